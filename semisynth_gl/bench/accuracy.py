@@ -30,13 +30,7 @@ from semisynth_gl.render.backends import Backend
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How much is measured.
-
-    Attributes:
-        pairs: number of pairs of the config.
-        rays: pixels compared with the oracle, of each eye of each pair.
-        repeats: how often each alternative takes its turn.
-    """
+    """How many pairs and rays to each eye of a pair are measured, and how often each alternative takes its turn."""
 
     pairs: int = 3
     rays: int = 20_000
@@ -46,18 +40,10 @@ class Effort:
 def measure(
     config: Config, seed: int, backend: Backend, effort: Effort, listener: Listener | None = None
 ) -> dict[str, Any]:
-    """Measure everything.
+    """Measure everything; the listener hears a message at the start of each part.
 
-    Args:
-        config: where the scenes are from.
-        seed: of scenes and of the choice of pixels.
-        backend: "auto", "egl" or "osmesa".
-        effort: how much.
-        listener: hears a message at the start of each part.
-
-    Returns:
-        The machine, the scenes, under "disparity" the renderer's error, and under "store", "images_store" and
-        "antialias" the default and a row of each alternative.
+    The report has the machine, the scenes, under "disparity" the renderer's error, and under "store", "images_store"
+    and "antialias" the default and a row of each alternative.
 
     Raises:
         SemisynthError: where the config or OpenGL cannot be used.
@@ -73,17 +59,14 @@ def measure(
     error = error_stats(np.concatenate(drawn), np.concatenate([part.disparity_px for part in truths]))
     listener.on_message("encodings of disparities")
     views = [frame.view(eye) for frame in frames for eye in EYES]
-    signed = config.disparity.signed
-    disparity_codecs = {name: Encodings.from_names(disparity=name, signed=signed) for name in DISPARITY_CODECS}
-    disparity_encodings, _ = usable_encodings({name: each.disparity for name, each in disparity_codecs.items()})
-    stored = measure_encodings(
-        [view.disparity for view in views], disparity_encodings, DEFAULT_DISPARITY_ENCODING, effort.repeats
-    )
+    signed, grey = config.disparity.signed, config.camera.colour == "grey"
+    maps = {name: Encodings.from_names(disparity=name, signed=signed).disparity for name in DISPARITY_CODECS}
+    usable, _ = usable_encodings(maps)
+    stored = measure_encodings([view.disparity for view in views], usable, DEFAULT_DISPARITY_ENCODING, effort.repeats)
     listener.on_message("encodings of images")
-    codecs = {name: Encodings.from_names(name) for name in IMAGE_CODECS}
-    if config.camera.colour == "grey":
-        codecs = {name: encodings.in_grey(three=False) for name, encodings in codecs.items()}
-    usable, left_out = usable_encodings({name: encodings.image for name, encodings in codecs.items()})
+    by_name = {name: Encodings.from_names(name) for name in IMAGE_CODECS}
+    images = {name: (each.in_grey(three=False) if grey else each).image for name, each in by_name.items()}
+    usable, left_out = usable_encodings(images)
     stored_images = measure_encodings([view.image for view in views], usable, DEFAULT_IMAGE_ENCODING, effort.repeats)
     listener.on_message("antialiasing")
     # Each turn opens a renderer anew, which takes long: half as many turns.
@@ -120,13 +103,7 @@ def scene_facts(
 
 
 def section(default: str, left_out: Mapping[str, str], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Put the rows of alternatives into JSON's types.
-
-    Args:
-        default: name of the row that the program uses unless another is asked for.
-        left_out: why other alternatives could not be measured, by name.
-        rows: a row of each alternative.
-    """
+    """Put the rows of alternatives into JSON's types, with the default's name and why others could not be measured."""
     return {"default": default, "left_out": dict(left_out), "rows": [plain(row) for row in rows]}
 
 

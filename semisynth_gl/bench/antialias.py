@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.bench.scenes import BenchScenes, grown
-from semisynth_gl.bench.summary import front
+from semisynth_gl.bench.summary import alternative_rows
 from semisynth_gl.bench.timing import compare_times, turns
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.frame import as_rgb
@@ -31,19 +31,19 @@ _REFERENCE_TEXT = "64 samples, averaged: the reference"
 def measure_modes(
     bench: BenchScenes, outlines: Sequence[NDArray[np.bool_]], backend: Backend, repeats: int
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
-    """Measure every mode that the driver can do.
+    """Measure every mode that the driver can do; each draws all scenes ``repeats`` times, in turns, the reference once.
 
     Args:
         bench: the scenes.
         outlines: (H, W) bool masks of both eyes of each scene, pixels that touch another instance.
         backend: "auto", "egl" or "osmesa".
-        repeats: how often each mode draws all scenes, in turns; the reference draws them once.
+        repeats: the number of turns.
 
     Returns:
-        A row of each mode and one of the reference, and the driver's reason for each mode that is left out. The time is
-        that to draw and read back both images with both disparities, without visibility. PSNRs are against the
-        reference: of all pixels, of those within 1 px of another instance, and of the rest. "on_front" says that no
-        other mode is both faster and nearer to the reference.
+        A row of each mode and one of the reference, and the driver's reason for each mode that is left out. A mode's
+        time is the time to draw and read back both images with both disparities, without visibility. PSNRs are against
+        the reference: of all pixels, of pixels within 1 px of another instance, and of the rest. The front weighs time
+        and PSNR of all pixels.
     """
     images, left_out = {}, {}
     for mode in (*MODES, REFERENCE):
@@ -60,24 +60,12 @@ def measure_modes(
     times = compare_times(seconds | {REFERENCE: reference_seconds.repeat(repeats)}, DEFAULT_MODE, len(bench.scenes))
     near = [grown(outline, 1) for outline in outlines]
     measured = {mode: _quality(images[mode], images[REFERENCE], near) for mode in seconds}
+    keys = ("psnr_db", "psnr_outline_db", "psnr_inside_db")
+    figures = {mode: dict(zip(keys, measured.get(mode, [None] * 3), strict=True)) for mode in images}
     # A front has smaller values as the better ones: mean squared error rather than PSNR.
-    best = front({mode: (times[mode].ratio, 10 ** (-psnr[0] / 10)) for mode, psnr in measured.items()})
-    rows = []
-    for mode in images:
-        psnr, outline_psnr, inside_psnr = measured.get(mode, (None, None, None))
-        rows.append(
-            {
-                "name": mode,
-                "text": MODES.get(mode, _REFERENCE_TEXT),
-                "seconds_per_pair": times[mode].seconds,
-                "time_ratio": times[mode].ratio,
-                "psnr_db": psnr,
-                "psnr_outline_db": outline_psnr,
-                "psnr_inside_db": inside_psnr,
-                "on_front": mode in best,
-            }
-        )
-    return rows, left_out
+    weighed = {mode: [10 ** (-psnr[0] / 10)] for mode, psnr in measured.items()}
+    texts = {mode: MODES.get(mode, _REFERENCE_TEXT) for mode in images}
+    return alternative_rows(texts, times, figures, weighed), left_out
 
 
 def _alternated_renderers(

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.bench.summary import error_stats, front
+from semisynth_gl.bench.summary import alternative_rows, error_stats
 from semisynth_gl.bench.timing import alternated, compare_times
 from semisynth_gl.codecs import Codec, Encodings
 from semisynth_gl.inputs.errors import InputError
@@ -26,14 +26,9 @@ _MEMORY = Path("memory")
 
 @dataclass(frozen=True, slots=True)
 class Encoding:
-    """An encoder with its decoder.
+    """An encoder with its decoder, which is told the array's shape.
 
-    Attributes:
-        name: short.
-        text: a description.
-        encode: (H, W) float32 disparity, inf where there is no truth, or (H, W, 3) uint8 RGB or (H, W) uint8 grey, to
-            bytes.
-        decode: bytes and the array's shape to the array.
+    Arrays are (H, W) float32 disparity, inf where there is no truth, (H, W, 3) uint8 RGB or (H, W) uint8 grey.
     """
 
     name: str
@@ -43,7 +38,7 @@ class Encoding:
 
 
 def usable_encodings(codecs: Mapping[str, Codec[Any]]) -> tuple[list[Encoding], dict[str, str]]:
-    """List the encodings of codecs that are installed and, by name, why the others cannot be measured here."""
+    """Return the encodings of codecs that are installed and, by name, why the others cannot be measured here."""
     usable: list[Encoding] = []
     left_out: dict[str, str] = {}
     for name, codec in codecs.items():
@@ -65,56 +60,43 @@ def _decode_file(codec: Codec[Any], data: bytes, _: tuple[int, ...]) -> NDArray[
 def measure_encodings(
     arrays: Sequence[NDArray[Any]], encodings: Sequence[Encoding], default: str, repeats: int
 ) -> list[dict[str, Any]]:
-    """Encode and decode arrays and compare the result with them.
+    """Encode and decode arrays in turns, and compare the result with them; return a row of each encoding.
+
+    "error" is that of decoded disparities, None for images. The front weighs time to write, time to read, bytes and
+    worst error.
 
     Args:
-        arrays: (H, W) float32 disparities or uint8 images, both of a pair one after the other.
+        arrays: both disparities or both images of a pair, one pair after the other.
         encodings: the alternatives.
-        default: name of the encoding whose time to write is 1.
-        repeats: how often each encoding encodes and decodes all arrays, in turns.
-
-    Returns:
-        A row of each encoding. "error" is that of decoded disparities, None for images; "on_front" says that no other
-        encoding dominates this one in time to write, time to read, bytes and worst error.
+        default: name of the encoding that times are relative to.
+        repeats: how often each encoding encodes and decodes all arrays.
     """
-    encoded = {encoding.name: [encoding.encode(array) for array in arrays] for encoding in encodings}
 
-    def encode(encoding: Encoding) -> None:
-        for array in arrays:
-            encoding.encode(array)
+    def encode(encoding: Encoding) -> list[bytes]:
+        return [encoding.encode(array) for array in arrays]
 
     def decode(encoding: Encoding) -> list[NDArray[Any]]:
         files = zip(encoded[encoding.name], arrays, strict=True)
         return [encoding.decode(data, array.shape) for data, array in files]
 
+    encoded = {encoding.name: encode(encoding) for encoding in encodings}
     pairs = len(arrays) / 2
-    seconds = alternated({encoding.name: partial(encode, encoding) for encoding in encodings}, repeats)
-    read_seconds = alternated({encoding.name: partial(decode, encoding) for encoding in encodings}, repeats)
-    writing, reading = compare_times(seconds, default, pairs), compare_times(read_seconds, default, pairs)
-    sizes = {name: sum(map(len, files)) / pairs for name, files in encoded.items()}
-    lossless, errors = {}, {}
-    for encoding in encodings:
-        decoded = decode(encoding)
-        lossless[encoding.name] = all(map(np.array_equal, decoded, arrays))
-        errors[encoding.name] = _error(decoded, arrays)
-    best = front(
-        {name: (writing[name].ratio, reading[name].ratio, sizes[name], _worst_px(errors[name])) for name in sizes}
+    writing, reading = (
+        compare_times(alternated({each.name: partial(work, each) for each in encodings}, repeats), default, pairs)
+        for work in (encode, decode)
     )
-    return [
-        {
-            "name": name,
-            "text": encoding.text,
-            "seconds_per_pair": writing[name].seconds,
-            "time_ratio": writing[name].ratio,
+    figures, weighed = {}, {}
+    for encoding in encodings:
+        name, decoded = encoding.name, decode(encoding)
+        size, error = sum(map(len, encoded[name])) / pairs, _error(decoded, arrays)
+        figures[name] = {
             "read_seconds_per_pair": reading[name].seconds,
-            "bytes_per_pair": sizes[name],
-            "lossless": lossless[name],
-            "error": errors[name],
-            "on_front": name in best,
+            "bytes_per_pair": size,
+            "lossless": all(map(np.array_equal, decoded, arrays)),
+            "error": error,
         }
-        for encoding in encodings
-        for name in [encoding.name]
-    ]
+        weighed[name] = reading[name].ratio, size, _worst_px(error)
+    return alternative_rows({each.name: each.text for each in encodings}, writing, figures, weighed)
 
 
 def _error(decoded: Sequence[NDArray[Any]], arrays: Sequence[NDArray[Any]]) -> dict[str, Any] | None:

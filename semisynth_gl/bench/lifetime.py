@@ -7,21 +7,19 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.bench.shards import LAYOUT, SPLIT, do_all, shard_job
+from semisynth_gl.bench.shards import LAYOUT, SPLIT, measure_pairs, shard_job
 from semisynth_gl.config import Config
-from semisynth_gl.engines.task import Task
+from semisynth_gl.dataset.contents import Shard
 from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.inputs.errors import SemisynthError
 from semisynth_gl.listener import Listener
+from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.backends import Backend
 
 _POLL_S = 0.002
@@ -38,25 +36,12 @@ class _Memory(NamedTuple):
     objects: dict[str, int]
 
 
-@dataclass(frozen=True, slots=True)
-class _MemoryJob:
-    """Makes pairs, removes each from the disk and reads the process's memory."""
-
-    job: ShardJob
-
-    @contextmanager
-    def open(self, worker: int) -> Iterator[Task[_Memory]]:
-        del worker
-        shards = self.job.plan.shards
-        with self.job.open_renderer(SPLIT) as renderer:
-
-            def make(number: int, listener: Listener) -> _Memory:
-                self.job.make(shards[number], lambda _: renderer, listener)
-                shutil.rmtree(self.job.place.path(""))
-                pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-                return _Memory(pages * os.sysconf("SC_PAGE_SIZE"), renderer.count_objects())
-
-            yield make
+def _memory_after(job: ShardJob, renderer: PairRenderer, shard: Shard) -> _Memory:
+    """Make the pair of a shard, remove it from the disk and read the process's memory; for `measure_pairs`."""
+    job.make(shard, lambda _: renderer, Listener())
+    shutil.rmtree(job.place.path(""))
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return _Memory(pages * os.sysconf("SC_PAGE_SIZE"), renderer.count_objects())
 
 
 def measure_memory(config: Config, seed: int, backend: Backend, pairs: int) -> dict[str, Any]:
@@ -68,9 +53,7 @@ def measure_memory(config: Config, seed: int, backend: Backend, pairs: int) -> d
         quarter; the number of OpenGL objects at the end by kind, and whether it is the number after that quarter,
         since some are made once a pair needs them.
     """
-    with tempfile.TemporaryDirectory() as scratch:
-        job = shard_job(config, seed, backend, pairs, 1, Path(scratch) / "out")
-        memory = do_all(_MemoryJob(job), range(pairs), 1)
+    memory = measure_pairs(_memory_after, config, seed, backend, pairs)
     rss, settled = np.array([after.rss_bytes for after in memory], np.float64), int(_SETTLING * pairs)
     slope, error = line_slope(rss[settled:])
     return {

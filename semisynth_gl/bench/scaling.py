@@ -85,10 +85,9 @@ def measure_scaling(bench: BenchScenes, seed: int, backend: Backend, repeats: in
         repeats: how often each row takes its turn.
 
     Returns:
-        By quantity: "text", "baseline" (a row's name), "left_out" (names with the driver's reason) and "rows". In a
-        row, instances, the wall included, and triangles in view are means over the scenes, pixels those of an image;
-        the time is that to draw and read back both eyes, and "ratio" the time relative to the baseline's: medians over
-        the repeats.
+        By quantity: "text", "baseline" (a row's name), "left_out" (names with the driver's reason) and "rows". A row
+        has the mean number of instances, the wall included, and of triangles in view, the pixels of an image, the
+        median time to draw and read back both eyes, and the median "ratio" of that time to the baseline's.
     """
     layers = bench.layers[:_LAYERS]
     balls = [marked_solid(ball(rings)) for rings in _RINGS]
@@ -219,13 +218,11 @@ def _option_group(
 
 
 def _group(text: str, cases: Mapping[str, _Case], repeats: int, *, baseline: str | None = None) -> dict[str, Any]:
-    """Time cases in turns; without a name, the first case is the baseline."""
+    """Time cases of equally many scenes in turns; without a name, the first case is the baseline."""
     baseline = next(iter(cases)) if baseline is None else baseline
     for case in cases.values():  # buffers grow once
         case.draw_all()
     seconds = alternated({name: case.draw_all for name, case in cases.items()}, repeats)
-    rows = []
-    for name, case in cases.items():
-        times = compare_times({name: seconds[name], baseline: seconds[baseline]}, baseline, len(case.scenes))[name]
-        rows.append(case.row(name, times.seconds, times.ratio))
+    times = compare_times(seconds, baseline, len(cases[baseline].scenes))
+    rows = [case.row(name, *times[name]) for name, case in cases.items()]
     return {"text": text, "baseline": baseline, "left_out": {}, "rows": rows}

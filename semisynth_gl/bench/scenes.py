@@ -30,14 +30,9 @@ _FROM_CREASE_PX = 1 / 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BenchScenes:
-    """The first pairs of a config.
+    """The scenes of a config's first pairs, the meshes that `Scene.model` counts, and the patch atlas.
 
-    Attributes:
-        config: their config.
-        models: the meshes that `Scene.model` counts.
-        layers: (L, P, P, 4) uint8, the patch atlas.
-        large_layers: (M, Q, Q, 4) uint8, its large patches; M may be 0.
-        scenes: one of each pair.
+    Layers are (L, P, P, 4) and (M, Q, Q, 4) uint8; M may be 0.
     """
 
     config: Config
@@ -59,23 +54,17 @@ class BenchScenes:
         )
 
     def open_renderer(self, backend: Backend, **options: Any) -> Renderer:  # noqa: ANN401 - options of a renderer
-        """Open a renderer of these models and patches as the config says, but for some options."""
+        """Open a renderer of these models and patches; options replace the config's."""
         large = self.large_layers if len(self.large_layers) else None
-        said = renderer_options(self.config) | options
-        return Renderer(self.models, self.layers, large_layers=large, backend=backend, **said)
+        options = renderer_options(self.config) | options
+        return Renderer(self.models, self.layers, large_layers=large, backend=backend, **options)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledTruth:
-    """True disparity at N pixels of one eye of one pair.
+    """The oracle's disparity at (N,) pixels of one eye of one scene; inf where no surface is hit.
 
-    Attributes:
-        scene: index of the scene.
-        eye: "left" or "right".
-        row: (N,) int64.
-        column: (N,) int64.
-        disparity_px: (N,) float64, the oracle's; inf where no surface is hit.
-        dropped: number of chosen pixels that are left out, near an edge.
+    ``dropped`` counts further chosen pixels, which are left out since they lie near an edge.
     """
 
     scene: int
@@ -110,12 +99,11 @@ def cast_truth(
     Args:
         bench: the scenes.
         frames: the scenes as drawn, with the output "instances".
-        rays: number of rays of each eye of each scene.
+        rays: how many to each eye of each scene.
         rng: chooses the pixels.
 
     Returns:
-        The truth of each eye of each scene, and of the same eyes (H, W) bool masks of pixels that touch another
-        instance.
+        Of each eye of each scene, the truth, and the (H, W) bool mask of pixels that touch another instance.
     """
     truths, outlines = [], []
     for number, (scene, frame) in enumerate(zip(bench.scenes, frames, strict=True)):

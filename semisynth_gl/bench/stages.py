@@ -1,11 +1,23 @@
-"""Costs of the stages of a pair, and the stage that limits how many pairs a machine can make."""
+"""Costs of the stages of a pair and of the passes that draw it, and the stage that limits how many pairs come a second.
 
+A pair's stages are timed one by one, the driver finishing each before the next begins, and so are its passes.
+"""
+
+import shutil
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from semisynth_gl.pairs.pipeline import PAIR_STAGES
+from semisynth_gl.bench.shards import SPLIT
+from semisynth_gl.dataset.contents import Shard
+from semisynth_gl.dataset.shard import ShardWriter
+from semisynth_gl.frame.camera import EYES
+from semisynth_gl.generation.shard_job import ShardJob
+from semisynth_gl.listener import Listener
+from semisynth_gl.pairs.pipeline import PAIR_STAGES, PairRenderer
+from semisynth_gl.render.pass_clock import PASSES, PassName, PassSeconds
 
 STAGES = (*PAIR_STAGES, "encode", "write")
 """The stages of a pair in a dataset, in order: the renderer's, then the handling of the arrays."""
@@ -19,17 +31,25 @@ STAGE_TEXTS: Mapping[str, str] = {
     "encode": "PNG and PFM in memory",
     "write": "files into the dataset's folder",
 }
+PASS_TEXTS: Mapping[PassName, str] = {
+    "draw": "colour, disparity and surfaces, one sample a pixel",
+    "edges": "outlines smoothed",
+    "samples": "colour once more, several samples a pixel",
+    "resolve": "one sample of several",
+    "masks": "what the other eye sees",
+    "correspondence": "where the other eye sees it, and whether, in pairs that are not rectified",
+    "moment": "depth and surfaces at the other moment",
+    "flow": "the way to the other moment",
+    "read": "into arrays",
+}
 _ON_THE_GPU = ("draw", "visibility", "readback")
 PROCESSOR = "processor"
 
 
 class Costs(NamedTuple):
-    """Costs of one stage of one pair.
+    """Costs of one stage of one pair, ``cpu_seconds`` of all threads of the process together.
 
-    Attributes:
-        seconds: from the stage's beginning to its end.
-        cpu_seconds: of all threads of the process together.
-        result_bytes: size of the stage's result; None where the result stays with the driver or is small.
+    ``result_bytes`` is None where the stage's result stays with the driver or is small.
     """
 
     seconds: float
@@ -37,13 +57,66 @@ class Costs(NamedTuple):
     result_bytes: int | None
 
 
-def stage_rows(pairs: Sequence[Mapping[str, Costs]], cores: int, *, software: bool) -> list[dict[str, Any]]:
-    """Average the costs of pairs.
+class PairTimes(NamedTuple):
+    """Times of one pair: costs by stage; the seconds, and those of each pass, without a wait between them.
 
-    Args:
-        pairs: costs of each pair by stage.
-        cores: number of cores that the machine has for them.
-        software: True where the processor draws.
+    ``queries`` says whether timer queries told the seconds of the passes; ``facts`` are those of `Renderer.facts`.
+    """
+
+    costs: Mapping[str, Costs]
+    seconds: float
+    passes: PassSeconds
+    queries: bool
+    facts: dict[str, str]
+
+
+class _StageClock(Listener):
+    """Adds up the time of each stage of a pair, on the clock and of the processor, s."""
+
+    def __init__(self) -> None:
+        self.seconds = dict.fromkeys(STAGES, 0.0)
+        self.cpu_seconds = dict.fromkeys(STAGES, 0.0)
+        self._last = time.perf_counter(), time.process_time()
+
+    def on_stage(self, stage: str) -> None:
+        last, self._last = self._last, (time.perf_counter(), time.process_time())
+        self.seconds[stage] += self._last[0] - last[0]
+        self.cpu_seconds[stage] += self._last[1] - last[1]
+
+
+def time_pair(job: ShardJob, renderer: PairRenderer, shard: Shard) -> PairTimes:
+    """Time the pair of a shard: as a whole, then its stages, then its passes; for `measure_pairs`."""
+    start = time.perf_counter()
+    _write(job, renderer, shard, Listener())
+    seconds = time.perf_counter() - start
+    renderer.listener = clock = _StageClock()
+    array_bytes, file_bytes = _write(job, renderer, shard, clock)
+    renderer.listener = None
+    renderer.clock.start()
+    renderer.render(shard.first)
+    passes = renderer.clock.stop()
+    sizes = {"readback": array_bytes, "encode": file_bytes, "write": file_bytes}
+    costs = {stage: Costs(clock.seconds[stage], clock.cpu_seconds[stage], sizes.get(stage)) for stage in STAGES}
+    return PairTimes(costs, seconds, passes, renderer.clock.queries, renderer.facts)
+
+
+def _write(job: ShardJob, renderer: PairRenderer, shard: Shard, listener: Listener) -> tuple[int, int]:
+    """Make a pair as `ShardJob.make` does; return the bytes of its arrays and of its files, which are removed."""
+    pair = renderer.render(shard.first)
+    with ShardWriter(job.place, shard, packed=job.plan.layout.packed, folder=job.plan.folder(SPLIT)) as writer:
+        listener.on_stage("write")
+        files, facts = job.encode(pair, SPLIT)
+        listener.on_stage("encode")
+        writer.add(files, facts | {"seconds": 0.0})
+        record = writer.finish({"split": SPLIT, "first": shard.first, "end": shard.end}, {})
+    # Beginning and end of a shard are part of writing, and take the less the more pairs it has.
+    listener.on_stage("write")
+    shutil.rmtree(job.place.path(""))
+    return sum(array.nbytes for array in pair.frame.arrays().values()), record["bytes"]
+
+
+def stage_rows(pairs: Sequence[Mapping[str, Costs]], cores: int, *, software: bool) -> list[dict[str, Any]]:
+    """Average the costs of pairs on a machine with a number of cores, which draws with a software renderer or a GPU.
 
     Returns:
         A row of each stage in their order, then the row of the processor's part of all stages. "share" is the stage's
@@ -76,10 +149,22 @@ def stage_rows(pairs: Sequence[Mapping[str, Costs]], cores: int, *, software: bo
     return [*rows, row(PROCESSOR, text, total, sum(processor), None, on_gpu=False)]
 
 
+def pass_rows(pairs: Sequence[PassSeconds]) -> list[dict[str, Any]]:
+    """Average the times of each pass of pairs: a row of each pass that ran, for each eye, in their order."""
+    rows = []
+    for name in PASSES:
+        for eye in EYES:
+            seconds = [pair[name, eye] for pair in pairs if (name, eye) in pair]
+            if seconds:
+                mean = float(np.sum(seconds)) / len(pairs)
+                rows.append({"name": name, "eye": eye, "text": PASS_TEXTS[name], "seconds": mean})
+    return rows
+
+
 def speed_limit(
     rows: Sequence[Mapping[str, Any]], cores: int, reached_per_second: float, shares: Sequence[float]
 ) -> dict[str, Any]:
-    """Name the limit of a run, and how near to it the run came.
+    """Name the limit of a run, and how near to the limit the run came.
 
     A pair goes through all stages: no run is faster than the narrowest stage allows alone, nor faster than the
     processor can do its part of all stages. Where the processor draws, the processor's limit is always less.

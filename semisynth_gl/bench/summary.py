@@ -12,15 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.bench.timing import Timing
+
 _PACKAGES = ("semisynth-gl", "moderngl", "numpy", "isal", "Pillow", "imagecodecs", "blosc2")
 
 
 def error_stats(values: NDArray[np.floating], truth: NDArray[np.float64]) -> dict[str, Any]:
     """Compare values of any shape, px, with the truth.
 
-    Returns:
-        "median_px", "p999_px" (the 99.9th percentile) and "worst_px" of the absolute errors of pixels that are finite
-        in both, NaN without such pixels; "missing", the number of pixels that are finite in one of both.
+    "median_px", "p999_px" (the 99.9th percentile) and "worst_px" are absolute errors of the pixels that are finite in
+    both, NaN without such pixels; "missing" counts pixels that are finite in one of both.
     """
     finite = np.isfinite(values) & np.isfinite(truth)
     error = np.abs(values[finite].astype(np.float64) - truth[finite])
@@ -30,14 +31,10 @@ def error_stats(values: NDArray[np.floating], truth: NDArray[np.float64]) -> dic
 
 
 def front(points: Mapping[str, Sequence[float]], tolerance: float = 0.05) -> set[str]:
-    """Return the names of the points that no point dominates.
+    """Return the names of the points, equally many values each, that no other point dominates; smaller is better.
 
     A point dominates another where it is smaller in some value by more than the tolerance, and larger in none by more
-    than the tolerance.
-
-    Args:
-        points: equally many values under each name; smaller is better.
-        tolerance: relative; 5 % is what repeated timings differ by.
+    than the tolerance. The tolerance is relative: repeated timings differ by 5 %.
     """
 
     def dominates(point: Sequence[float], rival: Sequence[float]) -> bool:
@@ -45,6 +42,31 @@ def front(points: Mapping[str, Sequence[float]], tolerance: float = 0.05) -> set
         return all(a <= b * (1 + tolerance) for a, b in pairs) and any(a * (1 + tolerance) < b for a, b in pairs)
 
     return {name for name, own in points.items() if not any(dominates(point, own) for point in points.values())}
+
+
+def alternative_rows(
+    texts: Mapping[str, str],
+    times: Mapping[str, Timing],
+    figures: Mapping[str, Mapping[str, Any]],
+    weighed: Mapping[str, Sequence[float]],
+) -> list[dict[str, Any]]:
+    """Return a row of each alternative, by name: its description, time for a pair and further figures.
+
+    "on_front" says that no other alternative dominates this one in time and in what else is ``weighed``; alternatives
+    that are not weighed are never on the front.
+    """
+    best = front({name: (times[name].ratio, *values) for name, values in weighed.items()})
+    return [
+        {
+            "name": name,
+            "text": text,
+            "seconds_per_pair": times[name].seconds,
+            "time_ratio": times[name].ratio,
+            **figures[name],
+            "on_front": name in best,
+        }
+        for name, text in texts.items()
+    ]
 
 
 def machine_facts() -> dict[str, object]:
@@ -62,10 +84,7 @@ def machine_facts() -> dict[str, object]:
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]], *, text_last: bool = True) -> str:
     """Lay out a Markdown table whose columns line up in plain text too.
 
-    Args:
-        head: names of the columns.
-        rows: cells of each row.
-        text_last: the last column is text and stands to the left, as the first column does; numbers stand to the right.
+    Numbers stand to the right; the first column, and the last one where it is text, stand to the left.
     """
     to_left = (0, len(head) - 1) if text_last else (0,)
     widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]

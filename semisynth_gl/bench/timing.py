@@ -9,12 +9,7 @@ from numpy.typing import NDArray
 
 
 class Timing(NamedTuple):
-    """Time of one alternative.
-
-    Attributes:
-        seconds: median over the repeats.
-        ratio: median over the repeats of its time divided by the baseline's in the same repeat.
-    """
+    """The time of one alternative: medians over the repeats of the seconds, and of the ratio to the baseline's time."""
 
     seconds: float
     ratio: float
@@ -28,11 +23,7 @@ def turns(names: Sequence[str], rounds: int) -> Iterator[tuple[int, str]]:
 
 
 def alternated(calls: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, NDArray[np.float64]]:
-    """Call all functions in turn, ``repeats`` times round; each round begins with the next function.
-
-    Returns:
-        (repeats,) float64 seconds of each function.
-    """
+    """Call all functions in `turns`; return the (repeats,) seconds of each."""
     seconds = {name: np.zeros(repeats) for name in calls}
     for number, name in turns(list(calls), repeats):
         start = time.perf_counter()
@@ -42,13 +33,7 @@ def alternated(calls: Mapping[str, Callable[[], object]], repeats: int) -> dict[
 
 
 def compare_times(seconds: Mapping[str, NDArray[np.float64]], baseline: str, pairs: float) -> dict[str, Timing]:
-    """Take medians of times and of their ratios to the baseline's.
-
-    Args:
-        seconds: (repeats,) of each alternative, for all pairs together.
-        baseline: one of the names.
-        pairs: number of pairs in a repeat; `Timing.seconds` is for one of them.
-    """
+    """Compare (repeats,) seconds of a number of pairs with a baseline's in the same repeat; seconds become per pair."""
     return {
         name: Timing(float(np.median(own)) / pairs, float(np.median(own / seconds[baseline])))
         for name, own in seconds.items()

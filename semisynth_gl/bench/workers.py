@@ -4,11 +4,10 @@ Everything runs in worker processes, as a dataset does, and writes the files tha
 """
 
 import os
-import shutil
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,20 +19,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from semisynth_gl.bench.passes import pass_rows
-from semisynth_gl.bench.shards import SPLIT, do_all, shard_job
-from semisynth_gl.bench.stages import STAGES, Costs, speed_limit, stage_rows
+from semisynth_gl.bench.shards import SPLIT, do_all, measure_pairs, shard_job
+from semisynth_gl.bench.stages import PairTimes, pass_rows, speed_limit, stage_rows, time_pair
 from semisynth_gl.bench.timing import turns
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.contents import Shard
 from semisynth_gl.dataset.places import Folder
-from semisynth_gl.dataset.shard import ShardWriter
 from semisynth_gl.engines.task import THREADS, Task, cores, threads_each
 from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.listener import Listener
-from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.backends import Backend, is_software
-from semisynth_gl.render.pass_clock import PassSeconds
 
 # Least number of pairs of each worker in a round.
 _PAIRS_EACH = 4
@@ -74,82 +68,6 @@ class _TimedShards:
             yield make
 
 
-class _StageClock(Listener):
-    """Adds up the time of each stage of a pair, on the clock and of the processor, s."""
-
-    def __init__(self) -> None:
-        self.seconds = dict.fromkeys(STAGES, 0.0)
-        self.cpu_seconds = dict.fromkeys(STAGES, 0.0)
-        self._last = time.perf_counter(), time.process_time()
-
-    def on_stage(self, stage: str) -> None:
-        last, self._last = self._last, (time.perf_counter(), time.process_time())
-        self.seconds[stage] += self._last[0] - last[0]
-        self.cpu_seconds[stage] += self._last[1] - last[1]
-
-
-class _PairTimes(NamedTuple):
-    """A task of `_TimedStages`.
-
-    Attributes:
-        costs: by stage.
-        seconds: without a wait between stages.
-        passes: seconds of each pass, without a wait between stages.
-        queries: whether timer queries told the seconds of the passes.
-        facts: about OpenGL.
-    """
-
-    costs: Mapping[str, Costs]
-    seconds: float
-    passes: PassSeconds
-    queries: bool
-    facts: dict[str, str]
-
-
-@dataclass(frozen=True, slots=True)
-class _TimedStages:
-    """Makes single pairs and times their stages; the driver finishes each before the next begins."""
-
-    job: ShardJob
-
-    @contextmanager
-    def open(self, worker: int) -> Iterator[Task[_PairTimes]]:
-        del worker
-        shards = self.job.plan.shards
-        with self.job.open_renderer(SPLIT) as renderer:
-            self._write(renderer, shards[0], Listener())
-            yield lambda number, _: self._time(renderer, shards[number])
-
-    def _time(self, renderer: PairRenderer, shard: Shard) -> _PairTimes:
-        start = time.perf_counter()
-        self._write(renderer, shard, Listener())
-        seconds = time.perf_counter() - start
-        renderer.listener = clock = _StageClock()
-        array_bytes, file_bytes = self._write(renderer, shard, clock)
-        renderer.listener = None
-        renderer.clock.start()
-        renderer.render(shard.first)
-        passes = renderer.clock.stop()
-        sizes = {"readback": array_bytes, "encode": file_bytes, "write": file_bytes}
-        costs = {stage: Costs(clock.seconds[stage], clock.cpu_seconds[stage], sizes.get(stage)) for stage in STAGES}
-        return _PairTimes(costs, seconds, passes, renderer.clock.queries, renderer.facts)
-
-    def _write(self, renderer: PairRenderer, shard: Shard, listener: Listener) -> tuple[int, int]:
-        """Make a pair as `ShardJob.make` does; return the bytes of its arrays and of its files, which are removed."""
-        plan, place = self.job.plan, self.job.place
-        pair = renderer.render(shard.first)
-        with ShardWriter(place, shard, packed=plan.layout.packed, folder=plan.folder(SPLIT)) as writer:
-            listener.on_stage("write")
-            files, facts = self.job.encode(pair, SPLIT)
-            listener.on_stage("encode")
-            writer.add(files, facts | {"seconds": 0.0})
-            record = writer.finish({"split": SPLIT, "first": shard.first, "end": shard.end}, {})
-        # Beginning and end of a shard are part of writing, and take the less the more pairs it has.
-        listener.on_stage("write")
-        shutil.rmtree(place.path(""))
-        return sum(array.nbytes for array in pair.frame.arrays().values()), record["bytes"]
-
-
 def measure_workers(
     config: Config, seed: int, backend: Backend, counts: Sequence[int], pairs: int, rounds: int
 ) -> tuple[dict[str, Any], dict[str, str]]:
@@ -174,26 +92,29 @@ def measure_workers(
     settings |= {str(count): (count, None) for count in sorted(set(counts))}
     pair_counts = {name: max(pairs, _PAIRS_EACH * count) for name, (count, _) in settings.items()}
     rates: dict[str, list[float]] = defaultdict(list)
-    times_by_round: list[list[_PairTimes]] = []
+    times_by_round: list[list[PairTimes]] = []
     for _, name in turns(["stages", *settings], rounds):
         if name == "stages":
-            times_by_round.append(_stage_times(config, seed, backend, pairs))
+            # Pairs after the first, with which shaders are compiled: the same pairs as the workers'.
+            with worker_threads("0"):
+                times_by_round.append(measure_pairs(time_pair, config, seed, backend, 1 + pairs)[1:])
         else:
             rates[name].append(_rate(config, seed, backend, *settings[name], pair_counts[name]))
     rows: list[dict[str, Any]] = [
         {
             "name": name,
             "workers": count,
-            "threads": _thread_count(count, threads),
+            # What the engine gives each worker.
+            "threads": int(threads or os.environ.get(THREADS) or threads_each(count)),
             "pairs": pair_counts[name],
             "pairs_per_second": float(np.median(rates[name])),
             "ratio": float(np.median(np.divide(rates[name], rates[_SINGLE]))),
         }
         for name, (count, threads) in settings.items()
     ]
-    facts = times_by_round[0][0].facts
-    rows_of = partial(stage_rows, cores=cores(), software=is_software(facts["renderer"]))
     times = [pair for by_pair in times_by_round for pair in by_pair]
+    facts = times[0].facts
+    rows_of = partial(stage_rows, cores=cores(), software=is_software(facts["renderer"]))
     stages = rows_of([pair.costs for pair in times])
     limits = [
         min(row["allows_per_second"] for row in rows_of([pair.costs for pair in by_pair])) for by_pair in times_by_round
@@ -222,18 +143,6 @@ def worker_threads(threads: str | None) -> Iterator[None]:
             os.environ.pop(THREADS)
             if before is not None:
                 os.environ[THREADS] = before
-
-
-def _thread_count(count: int, threads: str | None) -> int:
-    """Return the number of threads that the engine gives each worker."""
-    return int(threads or os.environ.get(THREADS) or threads_each(count))
-
-
-def _stage_times(config: Config, seed: int, backend: Backend, pairs: int) -> list[_PairTimes]:
-    with tempfile.TemporaryDirectory() as scratch, worker_threads("0"):
-        job = shard_job(config, seed, backend, 1 + pairs, 1, Path(scratch) / "out")
-        # Pairs after the first, which has been drawn on opening: the same as the workers'.
-        return do_all(_TimedStages(job), range(1, 1 + pairs), 1)
 
 
 def _rate(config: Config, seed: int, backend: Backend, count: int, threads: str | None, pairs: int) -> float:

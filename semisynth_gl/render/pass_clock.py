@@ -12,7 +12,7 @@ from semisynth_gl.frame.camera import Eye
 
 PassName = Literal["draw", "edges", "samples", "resolve", "masks", "correspondence", "moment", "flow", "read"]
 PASSES: tuple[PassName, ...] = get_args(PassName)
-"""What a renderer times, each for both eyes; see `semisynth_gl.bench.passes` for what they do."""
+"""What a renderer times, each for both eyes; see `semisynth_gl.bench.stages` for what they do."""
 
 PassSeconds = dict[tuple[PassName, Eye], float]
 """Seconds of each pass that ran."""

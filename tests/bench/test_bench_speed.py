@@ -12,12 +12,11 @@ from tiny_datasets import CLUTTER_ALONE, cheap
 
 from semisynth_gl.bench import scaling
 from semisynth_gl.bench.lifetime import line_slope
-from semisynth_gl.bench.passes import PASS_TEXTS, pass_rows
 from semisynth_gl.bench.scaling import ball, measure_scaling, measure_stress
 from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.bench.shards import LAYOUT
 from semisynth_gl.bench.speed import Effort, limit_text, measure, table, usual_workers
-from semisynth_gl.bench.stages import STAGES, Costs, speed_limit, stage_rows
+from semisynth_gl.bench.stages import PASS_TEXTS, STAGES, Costs, pass_rows, speed_limit, stage_rows
 from semisynth_gl.bench.workers import worker_threads
 from semisynth_gl.cli import main
 from semisynth_gl.config import load_config
