@@ -1,6 +1,5 @@
 """``semisynth-gl bench``: what the choices cost and gain on this machine."""
 
-import json
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -37,32 +36,25 @@ class _BenchOptions:
         output.check_beside(self.config_name, config)
         report = benchmark.measure(config, self.seed, self.backend, effort, _Parts())
         report["command"] = " ".join(["semisynth-gl", *sys.argv[1:]])
-        output.write(f"{json.dumps(report, indent=1)}\n".encode())
+        output.write_json(report)
         click.echo(f"{benchmark.headline(report)}\n\n{benchmark.table(report)}")
 
 
-def _bench_options(config: str) -> Callable[[Callback], Callback]:
-    """Add the options of both measurements, with a default config."""
-    return option_group(
+def _bench_options(command: str, config: str) -> Callable[[Callback], Callback]:
+    """Add the options of both measurements, with a default config, and the file of a measurement's report."""
+    options = option_group(
         "options",
         _BenchOptions,
         option(
-            "--config",
-            "config_name",
-            type=ConfigName(),
-            default=config,
-            help="Whose scenes: a name or a YAML file.",
+            "--config", "config_name", type=ConfigName(), default=config, help="Whose scenes: a name or a YAML file."
         ),
         set_option(),
         option("--seed", type=SEED, default=0, help="Other scenes."),
         option("--backend", type=click.Choice(BACKENDS), default="auto", help="As for generate."),
     )
-
-
-def _json_option(command: str) -> Callable[[Callback], Callback]:
-    """Add the option of a measurement's report."""
     kind = json_report(f"semisynth-gl bench {command}", config=str, machine=dict)
-    return output_option("--json", kind, help="Also write everything here.")
+    report = output_option("--json", kind, help="Also write everything here.")
+    return lambda callback: options(report(callback))
 
 
 class _Parts(Listener):
@@ -73,8 +65,7 @@ class _Parts(Listener):
 
 
 @bench.command(cls=Command)
-@_bench_options("eth3d")
-@_json_option("accuracy")
+@_bench_options("accuracy", "eth3d")
 @option("--pairs", type=COUNT, default=3, help="How many pairs.")
 @option("--rays", type=COUNT, default=20_000, help="Rays cast for each eye of a pair.")
 @option("--repeats", type=COUNT, default=7, help="Times each alternative is timed.")
@@ -104,8 +95,7 @@ def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[i
 
 
 @bench.command(cls=Command)
-@_bench_options("middlebury")
-@_json_option("speed")
+@_bench_options("speed", "middlebury")
 @option(
     "--pairs", type=COUNT, default=8, help="Pairs that each number of workers makes in a round; at least four each."
 )

@@ -2,13 +2,12 @@
 
 import re
 import shlex
-from collections.abc import Sequence
 from itertools import chain
-from pathlib import Path
+from typing import Any
 
 import click
 
-from semisynth_gl.calibration.calibrate import UNITS, Unit
+from semisynth_gl.calibration.calibrate import UNITS
 from semisynth_gl.calibration.calibrate import calibrate as calibrate_rig
 from semisynth_gl.calibration.config_text import PROPOSED_PAIRS
 from semisynth_gl.cli.options import NATURAL, FilesType, Number, above_0, images_option, map_options, option
@@ -58,7 +57,7 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
 @option("--unit", type=click.Choice(tuple(UNITS)), help="Unit of the translation in an OpenCV file, else metres.")
 @map_options(
     "to measure the histogram",
-    "Where one has another size than the rig's images, its disparities are scaled by the ratio of the widths.",
+    "Where one has another size than the rig's images, its disparities are scaled by the ratio of the widths. ",
 )
 @option(
     "--pairs",
@@ -82,18 +81,11 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
 def calibrate(
     images: tuple[str, ...],
     calib: tuple[str, ...],
-    focal_px: float | None,
-    baseline_m: float | None,
-    size: tuple[int, int] | None,
-    scale: float | None,
-    unit: Unit | None,
     disparity: tuple[str, ...],
     png_scale: float,
     pairs: tuple[tuple[str, str], ...],
-    range_px: tuple[float, float] | None,
-    other_camera: bool,
-    trials: int,
     output: Output,
+    **others: Any,  # noqa: ANN401 - arguments of the function that calibrates
 ) -> None:
     """Write a config for a rig: its camera, the disparities that it sees, and the photographs to cut patches from."""
     output.check((*calib, *disparity, *images, *chain.from_iterable(pairs)))
@@ -102,38 +94,24 @@ def calibrate(
         made = calibrate_rig(
             images,
             calib=calib,
-            focal_px=focal_px,
-            baseline_m=baseline_m,
-            size=size,
-            scale=scale,
-            unit=unit,
             disparity=disparity,
             png_scale=png_scale,
             pairs=pairs,
-            range_px=range_px,
-            other_camera=other_camera,
-            trials=trials,
             name=out.stem,
             listener=progress,
+            **others,
         )
     output.write(made.text.encode())
     for line in made.summary:
         say(line)
     for note in made.notes:
         click.echo(f"note: {in_options(note, click.get_current_context().command)}", err=True)
-    for line in _next_steps(made.config.name, out, images, disparity, png_scale):
-        say(line)
-
-
-def _next_steps(name: str, out: Path, images: Sequence[str], maps: Sequence[str], png_scale: float) -> list[str]:
-    config, data = shlex.quote(str(out)), shlex.quote(f"data/{name}")
+    config, data = shlex.quote(str(out)), shlex.quote(f"data/{made.config.name}")
     sources = [f"--images {shlex.quote(source)}" for source in images]
-    sources += [f"--disparity {shlex.quote(source)}" for source in maps]
-    if maps and png_scale != KITTI_DISPARITY.steps:
+    sources += [f"--disparity {shlex.quote(source)}" for source in disparity]
+    if disparity and png_scale != KITTI_DISPARITY.steps:
         sources.append(f"--png-scale {png_scale:g}")
-    return [
-        f"wrote {out}; next:",
-        f"  semisynth-gl preview --config {config}",
-        f"  semisynth-gl generate --config {config} --out {data} --pairs {PROPOSED_PAIRS}",
-        f"  semisynth-gl compare {data} {' '.join(sources)}",
-    ]
+    say(f"wrote {out}; next:")
+    say(f"  semisynth-gl preview --config {config}")
+    say(f"  semisynth-gl generate --config {config} --out {data} --pairs {PROPOSED_PAIRS}")
+    say(f"  semisynth-gl compare {data} {' '.join(sources)}")

@@ -1,12 +1,9 @@
 """``semisynth-gl compare``."""
 
-import json
-from pathlib import Path
-
 import click
 
-from semisynth_gl.cli.options import COUNT, FilesType, UserPath, images_option, map_options, option
-from semisynth_gl.cli.outputs import Output, ending_check, json_report, marked_png, output_option
+from semisynth_gl.cli.options import COUNT, FilesType, images_option, map_options, option
+from semisynth_gl.cli.outputs import Output, further_output_option, json_report, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.wording import Command
 from semisynth_gl.comparison.compare import Comparison, comparison_json, comparison_table
@@ -20,9 +17,6 @@ from semisynth_gl.seeds.splits import SPLITS, SplitName
 from semisynth_gl.textures.image_files import find_files
 from semisynth_gl.textures.images import image_extensions
 from semisynth_gl.textures.subjects import of_subjects
-
-_FIGURES = json_report("semisynth-gl compare", width_px=int, measures=list, profiles=list)
-_PLOTS = marked_png("semisynth-gl compare")
 
 
 @click.command(cls=Command)
@@ -41,13 +35,13 @@ _PLOTS = marked_png("semisynth-gl compare")
 )
 @option("--sample", type=COUNT, default=SAMPLE, help="How many pairs to measure, evenly spread.")
 @option("--split", type=click.Choice(SPLITS), help="Of this split alone.")
-@output_option("--json", _FIGURES, help="Also write all figures here, unrounded.")
-@option(
-    "--out",
-    "plots",
-    type=UserPath(),
-    callback=ending_check("--out", ".png"),
-    help="Also draw all distributions, as a PNG.",
+@output_option(
+    "--json",
+    json_report("semisynth-gl compare", width_px=int, measures=list, profiles=list),
+    help="Also write all figures here, unrounded.",
+)
+@further_output_option(
+    "--out", "picture", marked_png("semisynth-gl compare"), ".png", help="Also draw all distributions, as a PNG."
 )
 def compare(
     directory: str,
@@ -58,13 +52,12 @@ def compare(
     sample: int,
     split: SplitName | None,
     output: Output,
-    plots: Path | None,
+    picture: Output,
 ) -> None:
     """Compare a dataset's pairs with the place that it is made for, and say which keys of the config to change.
 
     Photographs alone tell textures and luminance; disparity maps add depth, occlusion and borders.
     """
-    picture = Output("--out", _PLOTS, plots, output.overwrite)
     for file in (output, picture):
         file.check([*disparity, *images], images)
     with Progress() as progress:
@@ -78,20 +71,13 @@ def compare(
             split=split,
             listener=progress,
         )
-    if output.path is not None:
-        text = json.dumps(comparison_json(comparison), indent=1, allow_nan=False)
-        output.write(f"{text}\n".encode())
-    if plots is not None:
+    output.write_json(comparison_json(comparison), allow_nan=False)
+    if picture.path is not None:
         # Imported here: matplotlib takes longer to load than many pairs to measure.
         from semisynth_gl.comparison.plots import comparison_png  # noqa: PLC0415
 
         picture.write(comparison_png(comparison, f"{directory}: {_counts(comparison)}"))
-    click.echo(_counts(comparison))
-    click.echo()
-    for line in comparison_table(comparison):
-        click.echo(line)
-    click.echo()
-    for line in _summary(comparison):
+    for line in (_counts(comparison), "", *comparison_table(comparison), "", *_summary(comparison)):
         click.echo(line)
     passed_over = left_out(find_files(images, image_extensions()), map_files(disparity))
     for note in filter(None, (passed_over, *_notes(comparison))):

@@ -1,7 +1,6 @@
 """``semisynth-gl evaluate``."""
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +21,6 @@ from semisynth_gl.seeds.splits import SPLITS, SplitName
 _PATH = UserPath()
 # Pairs with a row in a table.
 _WORST = 10
-_FIGURES = json_report("semisynth-gl evaluate", protocol=str, source=str, unit=str, average=str, pairs=int)
 _ERROR_MAP = marked_png("semisynth-gl evaluate")
 
 
@@ -45,7 +43,11 @@ _ERROR_MAP = marked_png("semisynth-gl evaluate")
 @option("--mask", "masks", type=_PATH, help="Folder of masks, 255 where not occluded, instead of --gt's.")
 @option("--split", type=click.Choice(SPLITS), help="Of this split of --gt alone.")
 @option("--partial", is_flag=True, help="Evaluate what is there, though predictions are missing.")
-@output_option("--json", _FIGURES, help="Also write all figures here, unrounded.")
+@output_option(
+    "--json",
+    json_report("semisynth-gl evaluate", protocol=str, source=str, unit=str, average=str, pairs=int),
+    help="Also write all figures here, unrounded.",
+)
 @option("--all", "show_all", is_flag=True, help=f"Print a row for every pair, and not for the {_WORST} worst alone.")
 @option("--maps", type=_PATH, help="Also write an error map per pair into this folder.")
 def evaluate(
@@ -81,9 +83,7 @@ def evaluate(
             # Without the map: the maps of a large set would fill the memory.
             evaluations.append(replace(evaluation, error_map=None))
             progress.advance()
-    if output.path is not None:
-        text = json.dumps(report_json(evaluations, protocol, files), indent=1, allow_nan=False)
-        output.write(f"{text}\n".encode())
+    output.write_json(report_json(evaluations, protocol, files), allow_nan=False)
     click.echo(f"{len(evaluations)} of {counted(len(truth_set.pairs), 'pair')} by the definitions of {protocol.source}")
     for region in REGIONS:
         if any((region,) in evaluation.scores for evaluation in evaluations):
@@ -92,15 +92,11 @@ def evaluate(
                 click.echo(line)
     if len(evaluations) > _WORST and not show_all:
         click.echo("\n--all prints a row for every pair, and --json writes all figures")
-    odd = [file.path for (_, file), each in zip(files.found, evaluations, strict=True) if each.negative]
-    _say_what_is_odd(odd, files.missing)
-
-
-def _say_what_is_odd(negative: Sequence[Path], missing: Sequence[str]) -> None:
+    negative = [file.path for (_, file), each in zip(files.found, evaluations, strict=True) if each.negative]
     if negative:
         click.echo(f"note: {len(negative)} of the predictions, such as {negative[0]}: {SIGN_HINT}", err=True)
-    if missing:
-        click.echo(f"No prediction for {counted(len(missing), 'pair')}: {abbreviate(missing)}", err=True)
+    if files.missing:
+        click.echo(f"No prediction for {counted(len(files.missing), 'pair')}: {abbreviate(files.missing)}", err=True)
 
 
 def _error_maps(maps: Path | None, truth_set: TrueSet, inputs: Mapping[str, str], output: Output) -> dict[str, Output]:

@@ -63,8 +63,7 @@ class UserPath(click.Path):
 class FilesType(click.types.StringParamType):
     """The type of an option that names files, folders, globs or an address; what they name is found later.
 
-    Args:
-        home: whether ``~`` in a path is made the home folder here, and not where the files are found.
+    With ``home``, ``~`` in a path is made the home folder here, and not where the files are found.
     """
 
     def __init__(self, *, home: bool = False) -> None:
@@ -116,12 +115,9 @@ def _shown(param: click.Parameter | None) -> str:
 
 
 def option_group(name: str, group: type, *options: Callable[[Callback], Callback]) -> Callable[[Callback], Callback]:
-    """Return a decorator that adds options to a command and gives it their values as one argument.
+    """Return a decorator that adds options to a command, which takes their values as one parameter.
 
-    Args:
-        name: the name of the command's parameter.
-        group: a dataclass with a field for the value of each option.
-        options: click's options, in the order of the help.
+    The values are fields of a dataclass, the ``group``; options stand in the order of the help.
     """
     names = [field.name for field in fields(group)]
 
@@ -162,20 +158,14 @@ set_option = partial(
 def map_options(use: str, note: str = "") -> Callable[[Callback], Callback]:
     """Return a decorator that adds the options of disparity maps, the parameters ``disparity`` and ``png_scale``.
 
-    Args:
-        use: whose maps they are or what for, for the help.
-        note: a further sentence for the help.
+    The help says whose maps they are or their ``use``, and a further sentence, which ends in a space.
     """
     files = option(
         "--disparity",
         type=FilesType(),
         multiple=True,
         metavar="PATH_OR_GLOB",
-        help=" ".join(
-            filter(
-                None, [f"Disparity maps {use}, true or predicted: .pfm, .npy, 16-bit .png.", note, "May be repeated."]
-            )
-        ),
+        help=f"Disparity maps {use}, true or predicted: .pfm, .npy, 16-bit .png. {note}May be repeated.",
     )
     scale = option(
         "--png-scale",

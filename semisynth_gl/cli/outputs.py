@@ -2,12 +2,12 @@
 
 import json
 import os
+import re
 import struct
 import zlib
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import wraps
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
@@ -24,18 +24,15 @@ from semisynth_gl.textures.reach import photograph_sources, reaching_source
 
 # More than a report of a million pairs.
 _MOST_BYTES = 1 << 30
-# PNG's signature and its first chunk.
-_PNG_HEAD = 33
+# Where click's context keeps the value of --overwrite.
+_OVERWRITE = "semisynth_gl.overwrite"
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """What a command writes, and how it is known again.
+    """What a command writes, by its name in messages, and how its files are told from others.
 
-    Attributes:
-        name: the words for it in messages.
-        recognises: returns whether a file's bytes are of this kind.
-        marked: returns the bytes of a new file so that they are recognised.
+    A new file's bytes go through ``marked``, so that ``recognises`` tells them.
     """
 
     name: str
@@ -56,37 +53,34 @@ def json_report(command: str, **values: type) -> Kind:
     return Kind(f"a report of {command}", recognises)
 
 
+def _marked(name: str, head: bytes, mark: bytes) -> Kind:
+    """Return the kind of a file with a mark behind its head, which is a pattern."""
+    pattern = re.compile(head, re.DOTALL)
+
+    def recognises(data: bytes) -> bool:
+        found = pattern.search(data, 0, 1 << 16)
+        return found is not None and data.startswith(mark, found.end())
+
+    return Kind(name, recognises, lambda data: pattern.sub(lambda found: found[0] + mark, data, count=1))
+
+
 def marked_png(command: str) -> Kind:
     """Return the kind of a PNG, whose first text says which command wrote it."""
     text = b"tEXtSoftware\0" + command.encode()
     chunk = struct.pack(">I", len(text) - 4) + text + struct.pack(">I", zlib.crc32(text))
-
-    def recognises(data: bytes) -> bool:
-        return data[_PNG_HEAD:].startswith(chunk)
-
-    return Kind(f"a picture of {command}", recognises, lambda data: data[:_PNG_HEAD] + chunk + data[_PNG_HEAD:])
+    # Behind the signature and the first chunk.
+    return _marked(f"a picture of {command}", rb"\A.{33}", chunk)
 
 
 def marked_html(command: str) -> Kind:
     """Return the kind of an HTML page, whose head says which command wrote it."""
-    tag = f'<meta name="generator" content="{command}">'.encode()
-    head = b"<head>\n"
-
-    def recognises(data: bytes) -> bool:
-        return head + tag in data[: 1 << 16]
-
-    return Kind(f"a page of {command}", recognises, lambda data: data.replace(head, head + tag + b"\n", 1))
+    return _marked(f"a page of {command}", rb"<head>\n", f'<meta name="generator" content="{command}">\n'.encode())
 
 
 def marked_ply(command: str) -> Kind:
     """Return the kind of a binary PLY, whose first comment says which command wrote it."""
-    head = b"ply\nformat binary_little_endian 1.0\n"
-    marked_head = head + f"comment {command}\n".encode()
-
-    def recognises(data: bytes) -> bool:
-        return data.startswith(marked_head)
-
-    return Kind(f"a point cloud of {command}", recognises, lambda data: data.replace(head, marked_head, 1))
+    head = rb"\Aply\nformat binary_little_endian 1\.0\n"
+    return _marked(f"a point cloud of {command}", head, f"comment {command}\n".encode())
 
 
 CONFIG = Kind("a config that may be replaced", lambda _: False)
@@ -95,13 +89,9 @@ CONFIG = Kind("a config that may be replaced", lambda _: False)
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """A file that an option names.
+    """A file that an option names; ``path`` is None where no file is asked for.
 
-    Attributes:
-        option: the option, for messages.
-        kind: what is written.
-        path: the file, or None where none is asked for.
-        overwrite: replace a file of another kind too; never a file of a dataset or an input.
+    ``overwrite`` lets it replace a file of another kind too, but never a file of a dataset or an input.
     """
 
     option: str
@@ -116,20 +106,11 @@ class Output:
             raise ValueError(f"{self.option} names no file")
         return self.path
 
-    def at(self, path: Path) -> "Output":
-        """Return the output in another file."""
-        return replace(self, path=path)
-
     def check(self, inputs: Sequence[str] = (), photographs: Sequence[str] = (), *, makes_folder: bool = False) -> None:
         """Refuse a file that cannot or must not be written or replaced; call it before anything is computed.
 
-        Args:
-            inputs: files, folders and globs that the command reads.
-            photographs: those that it takes photographs from.
-            makes_folder: whether the file's folder is made where it is missing.
-
-        Raises:
-            InputError: with the file, and what would be lost.
+        Inputs are files, folders and globs that the command reads; ``photographs`` name those with photographs.
+        ``makes_folder`` says that the file's folder is made where it is missing.
         """
         if self.path is None:
             return
@@ -183,6 +164,11 @@ class Output:
         finally:
             partial.unlink(missing_ok=True)
 
+    def write_json(self, values: object, *, allow_nan: bool = True) -> None:
+        """Write values as JSON."""
+        if self.path is not None:
+            self.write(f"{json.dumps(values, indent=1, allow_nan=allow_nan)}\n".encode())
+
 
 def _check_room(folder: Path, shown: str) -> None:
     """Refuse a folder that takes no new file: permissions do not tell, of a full disk or of the kernel's files."""
@@ -195,56 +181,39 @@ def _check_room(folder: Path, shown: str) -> None:
         raise InputError(f"{shown}: the folder {folder} cannot be written to: {error.strerror or error}") from None
 
 
-def ending_check(name: str, *endings: str) -> Callable[..., Path | None]:
-    """Return a callback for click that refuses files whose names end otherwise; see `output_option`."""
-
-    def check(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:
-        if path is not None and endings and path.suffix.lower() not in endings:
-            raise InputError(f"{name} {path}: expected a name that ends in {endings[0]}")
-        return path
-
-    return check
-
-
-def output_option(
-    name: str,
-    kind: Kind,
-    *endings: str,
-    help: str,  # noqa: A002 - click's word
-    default: str | None = None,
-    required: bool = False,
+def further_output_option(
+    name: str, parameter: str, kind: Kind, *endings: str, **settings: str | bool
 ) -> Callable[[Callback], Callback]:
-    """Return a decorator that adds an option for a file to write, and --overwrite, and gives the command an `Output`.
+    """Return a decorator for an option that names a further file to write, beside the `output_option` of the command.
 
-    Args:
-        name: the option.
-        kind: what is written.
-        *endings: the endings that the name may have; none for any.
-        help: of the option.
-        default: the file's name where the option is not given.
-        required: whether it has to be given.
+    A command's parameter takes the `Output`. The file's name has one of the endings, or any where there are none.
     """
 
-    def decorate(command: Callback) -> Callback:
-        @wraps(command)
-        def with_output(*, output_path: Path | None, overwrite: bool, **values: Any) -> Any:  # noqa: ANN401 - click's
-            return command(output=Output(name, kind, output_path, overwrite), **values)
+    def opened(ctx: click.Context, _: click.Parameter, path: Path | None) -> Output:
+        if path is not None and endings and path.suffix.lower() not in endings:
+            raise InputError(f"{name} {path}: expected a name that ends in {endings[0]}")
+        return Output(name, kind, path, ctx.meta[_OVERWRITE])
 
-        # An option whose default is said to be None counts as given, and would never be missed.
-        defaults: dict[str, Any] = {} if default is None else {"default": default}
-        flag = option("--overwrite", is_flag=True, help=f"Replace the file of {name} whatever it is, but for inputs.")
-        file = option(
-            name,
-            "output_path",
-            type=UserPath(),
-            callback=ending_check(name, *endings),
-            required=required,
-            **defaults,
-            help=help,
-        )
-        return file(flag(with_output))
+    attributes: dict[str, Any] = {"type": UserPath(), "callback": opened, **settings}
+    return option(name, parameter, **attributes)
 
-    return decorate
+
+def output_option(name: str, kind: Kind, *endings: str, **settings: str | bool) -> Callable[[Callback], Callback]:
+    """Return a decorator for a file to write, the command's parameter ``output``, and for --overwrite."""
+
+    def keep(ctx: click.Context, _: click.Parameter, overwrite: bool) -> None:
+        ctx.meta[_OVERWRITE] = overwrite
+
+    file = further_output_option(name, "output", kind, *endings, **settings)
+    flag = option(
+        "--overwrite",
+        is_flag=True,
+        is_eager=True,  # read before the files' names
+        expose_value=False,
+        callback=keep,
+        help=f"Replace the file of {name} whatever it is, but for inputs.",
+    )
+    return lambda command: file(flag(command))
 
 
 def _is_dataset(folder: Path) -> bool:

@@ -2,13 +2,12 @@
 
 import io
 from collections.abc import Sequence
-from pathlib import Path
 
 import click
 import numpy as np
 
-from semisynth_gl.cli.options import SceneOptions, UserPath, option, scene_options
-from semisynth_gl.cli.outputs import Output, ending_check, marked_ply, marked_png, output_option
+from semisynth_gl.cli.options import SceneOptions, option, scene_options
+from semisynth_gl.cli.outputs import Output, further_output_option, marked_ply, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.cli.wording import Command
@@ -19,18 +18,17 @@ from semisynth_gl.frame.frame import as_rgb
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.inputs.errors import counted
 
-_PLY = marked_ply("semisynth-gl preview")
 _FEWEST = 4
 
 
 @click.command(cls=Command)
 @scene_options
 @output_option("--out", marked_png("semisynth-gl preview"), ".png", default="preview.png", help="PNG to write.")
-@option(
+@further_output_option(
     "--ply",
-    "ply_path",
-    type=UserPath(),
-    callback=ending_check("--ply", ".ply"),
+    "cloud",
+    marked_ply("semisynth-gl preview"),
+    ".ply",
     metavar="FILE",
     help="Also write the left view of the first pair shown as a point cloud, in metres and with colours, to this PLY.",
 )
@@ -39,7 +37,7 @@ _FEWEST = 4
     type=click.IntRange(min=1, max=64),
     help=f"How many pairs to show.  [default: {_FEWEST}, or one of each recipe where there are more]",
 )
-def preview(scene: SceneOptions, output: Output, ply_path: Path | None, pairs: int | None) -> None:
+def preview(scene: SceneOptions, output: Output, cloud: Output, pairs: int | None) -> None:
     """Draw a contact sheet: a pair of each recipe, the dataset's first pairs, and their histogram against the config's.
 
     In the histogram each recipe counts by its share of the scenes.
@@ -50,7 +48,6 @@ def preview(scene: SceneOptions, output: Output, ply_path: Path | None, pairs: i
         from semisynth_gl.reporting.contact_sheet import draw_sheet  # noqa: PLC0415
 
     config = scene.config()
-    cloud = Output("--ply", _PLY, ply_path, output.overwrite)
     for file in (output, cloud):
         file.check_beside(scene.config_name, config)
     recipes = config.recipes()
@@ -90,13 +87,9 @@ def preview(scene: SceneOptions, output: Output, ply_path: Path | None, pairs: i
 
 
 def _about(recipe: Recipe, indices: Sequence[int], objects: float, covered: float) -> str:
-    """Return a line about a recipe: its share, the pairs that show it, and what is expected to float in a view.
+    """Return a line about a recipe: its share, the pairs that show it, and what floats in a left view in the mean.
 
-    Args:
-        recipe: the recipe.
-        indices: numbers of the pairs on the sheet that show it.
-        objects: mean number of floating objects in a left view.
-        covered: mean share of the view that these cover, 0 to 1.
+    ``covered`` is the share of the view that the floating ``objects`` cover, 0 to 1.
     """
     view = f"on average {counted(round(objects), 'floating object')} in view, covering {covered:.0%} of the image"
     if recipe.name is None:

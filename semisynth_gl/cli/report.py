@@ -1,6 +1,7 @@
 """``semisynth-gl report``."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -13,8 +14,6 @@ from semisynth_gl.cli.wording import Command
 from semisynth_gl.dataset.places import open_place
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.seeds.splits import SPLITS, SplitName
-
-_MEGA = 1e6
 
 
 @click.command(cls=Command)
@@ -43,7 +42,7 @@ def report(directory: str, output: Output, pairs: int, sample: int, split: Split
     from semisynth_gl.reporting.build import report as report_on  # noqa: PLC0415
 
     if output.path is None:
-        output = output.at(_default_path(directory))
+        output = replace(output, path=_default_path(directory))
     output.check()
     start = time.monotonic()
     with Progress() as progress:
@@ -54,7 +53,7 @@ def report(directory: str, output: Output, pairs: int, sample: int, split: Split
     size = f" at 1/{built.step} of their size" if built.step > 1 else ""
     say(
         f"{output.path}: {measured} of {counted(total, 'pair')} measured, {built.shown} shown{size}, "
-        f"{len(data) / _MEGA:.1f} MB, {time.monotonic() - start:.0f} s"
+        f"{len(data) / 1e6:.1f} MB, {time.monotonic() - start:.0f} s"
     )
 
 

@@ -19,11 +19,12 @@ class PrintError(SemisynthError):
     """Standard output takes no more."""
 
 
-class _Messages(io.FileIO):
-    """An open descriptor; what it does not take is dropped, and all that follows."""
+class _Stream(io.FileIO):
+    """An open descriptor; what it does not take is dropped, and all that follows. The first loss of results is told."""
 
-    def __init__(self, descriptor: int) -> None:
+    def __init__(self, descriptor: int, *, results: bool) -> None:
         super().__init__(descriptor, "w", closefd=False)
+        self._results = results
         self._lost = False
 
     def write(self, data: Any) -> int:  # noqa: ANN401 - any buffer
@@ -32,20 +33,11 @@ class _Messages(io.FileIO):
                 return super().write(data) or 0
             except OSError as error:
                 self._lost = True
-                self._lose(error)
+                if self._results:
+                    left = error.errno == errno.EPIPE
+                    why = "nobody reads standard output any more" if left else f"standard output: {error.strerror}"
+                    raise PrintError(f"{why}, so not all of it was printed") from None
         return memoryview(data).nbytes
-
-    def _lose(self, error: OSError) -> None:
-        pass
-
-
-class _Results(_Messages):
-    """The first loss is an error."""
-
-    def _lose(self, error: OSError) -> None:
-        if error.errno == errno.EPIPE:
-            raise PrintError("nobody reads standard output any more, so not all of it was printed") from None
-        raise PrintError(f"standard output: {error.strerror}, so not all of it was printed") from None
 
 
 def guard_streams() -> None:
@@ -59,8 +51,8 @@ def guard_streams() -> None:
             os.fstat(descriptor)
         except OSError:
             os.open(os.devnull, os.O_RDWR)
-    sys.stdout = _text(_Results(1), sys.stdout)
-    sys.stderr = _text(_Messages(2), sys.stderr)
+    sys.stdout = _text(_Stream(1, results=True), sys.stdout)
+    sys.stderr = _text(_Stream(2, results=False), sys.stderr)
 
 
 def say(text: str) -> None:

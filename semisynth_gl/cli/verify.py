@@ -1,6 +1,5 @@
 """``semisynth-gl verify``."""
 
-import json
 import time
 
 import click
@@ -13,14 +12,16 @@ from semisynth_gl.inputs.errors import counted
 from semisynth_gl.verification.verify import Verification
 from semisynth_gl.verification.verify import verify as verify_dataset
 
-_REPORT = json_report("semisynth-gl verify", pairs=int, findings=list, measures=dict)
-
 
 @click.command(cls=Command)
 @click.argument("directory", type=FilesType(), metavar="DIR_OR_ADDRESS")
 @option("--oracle", is_flag=True, help="Also make each scene again and compare with float64 rays.")
 @option("--pixels", type=COUNT, default=500, help="Rays per pair, with --oracle.")
-@output_option("--json", _REPORT, help="Also write findings and measures here.")
+@output_option(
+    "--json",
+    json_report("semisynth-gl verify", pairs=int, findings=list, measures=dict),
+    help="Also write findings and measures here.",
+)
 def verify(directory: str, oracle: bool, pixels: int, output: Output) -> None:
     """Read a dataset back as a stranger would, and tell what is wrong with it.
 
@@ -37,7 +38,7 @@ def verify(directory: str, oracle: bool, pixels: int, output: Output) -> None:
             on_finding=lambda finding: click.echo(str(finding)),
         )
     seconds = time.monotonic() - start
-    output.write(f"{json.dumps(found.values(), indent=1)}\n".encode())
+    output.write_json(found.values())
     if found.findings:
         suffix = " and in the dataset as a whole" if found.verdicts[0].findings else ""
         click.echo(

@@ -14,11 +14,9 @@ _PARAMETERS = {"textures.images": "images", "models.folders": "models", "overrid
 
 
 def in_options(text: str, command: click.Command) -> str:
-    """Return a message of the library with a command's options in it.
+    """Return a message of the library, such as "another folder for `out`", with a command's options in it.
 
-    Args:
-        text: the message, such as "choose another folder for `out`".
-        command: the command; what it has no option for stays as it is.
+    What the command has no option for stays as it is.
     """
     options = {param.name: max(param.opts, key=len) for param in command.params if isinstance(param, click.Option)}
     return _NAMED.sub(lambda found: options.get(_PARAMETERS.get(found[1], found[1]), found[0]), text)
@@ -28,11 +26,7 @@ class Command(click.Command):
     """A command whose errors name its options."""
 
     def invoke(self, ctx: click.Context) -> Any:  # noqa: ANN401 - click's signature
-        """Run the command.
-
-        Raises:
-            SemisynthError: the library's, with options in its message.
-        """
+        """Run the command; the library's errors leave it with options in their messages."""
         try:
             return super().invoke(ctx)
         except SemisynthError as error:

@@ -108,7 +108,7 @@ def test_each_option_and_argument_that_is_needed_is_missed_by_name(call, tmp_pat
             shown = missing.opts[0] if isinstance(missing, click.Option) else missing.human_readable_name
             refused(call(*given, cwd=tmp_path), "Missing", shown)
             needed.add((name, missing.name))
-    assert needed >= {("calibrate", "output_path"), ("evaluate", "predictions"), ("verify", "directory")}
+    assert needed >= {("calibrate", "output"), ("evaluate", "predictions"), ("verify", "directory")}
     assert list(tmp_path.iterdir()) == []
 
 

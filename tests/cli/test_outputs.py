@@ -107,7 +107,7 @@ def test_every_option_that_writes_a_file_is_in_the_table():
             for each in command.list_commands(None):
                 search(command.get_command(None, each), f"{name} {each}".strip())
         elif any(option.name == "overwrite" for option in command.params):
-            found.extend((name, option.opts[0]) for option in command.params if option.name == "output_path")
+            found.extend((name, option.opts[0]) for option in command.params if option.name == "output")
         else:
             words = " ".join(str(option.help) for option in command.params if hasattr(option, "help"))
             assert "write" not in words, name
