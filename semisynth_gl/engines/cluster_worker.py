@@ -66,13 +66,7 @@ class Post:
 
 
 def do_task(job: bytes, number: int, post: Any) -> Finished | NotBegun | Failed:  # noqa: ANN401 - an actor's handle has no type
-    """Do one task in a Ray worker process.
-
-    Args:
-        job: the job as pickled by the driver; it stays open for further tasks.
-        number: the task's number.
-        post: the actor.
-    """
+    """Do one task of a pickled job, which stays open for further tasks, in a Ray worker process; post is the actor."""
     if not _answer(post.begin.remote(number)):
         return NotBegun()
     try:
@@ -110,13 +104,12 @@ class _PostRelay(Relay):
 
 
 # The function and the resources of the open job, by the job's bytes and the GPUs of the process. Ray lends a worker
-# process to one task after the other.
+# process to one task after the other, and may give it another GPU for the next task.
 _open_jobs: dict[tuple[bytes, str | None], tuple[Task[Any], ExitStack]] = {}
 
 
 def _open(job: bytes) -> Task[Any]:
     """Return the job's function; open the job first unless it is open."""
-    # Ray may give the process another GPU for the next task.
     key = job, os.environ.get("CUDA_VISIBLE_DEVICES")
     if key not in _open_jobs:
         _close()

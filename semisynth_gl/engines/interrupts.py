@@ -56,10 +56,7 @@ def interrupts_stop(listener: "Listener") -> Iterator[None]:
     """Let Ctrl-C and SIGTERM ask a long function to stop, in the block.
 
     A second Ctrl-C raises KeyboardInterrupt, once. So does SIGTERM after `GRACE_S`, for whoever sends it kills the
-    process before long.
-
-    Args:
-        listener: asks for the stop, and hears a message about it.
+    process before long. The listener asks for the stop, and hears a message about it.
     """
 
     def ask(number: int, _: FrameType | None) -> None:

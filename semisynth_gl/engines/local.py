@@ -1,7 +1,8 @@
 """The engines of this machine: one works in this process, the other in worker processes.
 
-No pool of a library does: pebble's kills a worker after a time for a whole task. A shard takes any time, and hangs
-where no pair comes for long; its replacement goes on after the last pair.
+The pool is this module's own. The standard library's executors cannot say which worker has which task, nor replace a
+single worker; pebble's kills a worker after a time for a whole task. A shard takes any time, and hangs where no pair
+comes for long; its replacement goes on after the last pair.
 """
 
 import atexit
@@ -65,9 +66,6 @@ class SerialEngine:
 
 class LocalEngine:
     """Worker processes of this machine; a worker that dies or hangs is replaced, and its task done again.
-
-    The pool is this module's own: executors of the standard library and of its relatives cannot say which worker has
-    which task, nor kill and replace a single worker.
 
     Args:
         workers: the largest number of workers; there are never more workers than tasks.

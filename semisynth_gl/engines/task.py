@@ -19,12 +19,7 @@ class Task(Protocol[Result_co]):
     """The function that a worker calls with each task's number."""
 
     def __call__(self, number: int, listener: Listener, /) -> Result_co:
-        """Do one task.
-
-        Args:
-            number: the task's number.
-            listener: the listener of the engine's caller; each call also proves that the worker lives.
-        """
+        """Do one task; each call of the listener, the engine's caller's, also proves that the worker lives."""
 
 
 class Job(Protocol[Result_co]):
@@ -34,11 +29,7 @@ class Job(Protocol[Result_co]):
     """
 
     def open(self, worker: int) -> AbstractContextManager[Task[Result_co]]:
-        """Open the resources of the tasks.
-
-        Args:
-            worker: the worker's number, from 0; a worker that takes another's place has its number.
-        """
+        """Open the resources of the tasks; the worker's number is from 0, and its replacement has the same number."""
 
 
 @runtime_checkable
@@ -70,12 +61,7 @@ class Engine(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A call of a listener's method, on its way from a worker's process to the caller's.
-
-    Attributes:
-        method: the method's name.
-        argument: the method's argument, which can be pickled.
-    """
+    """A call of a listener's method, on its way from a worker's process to the caller's; it can be pickled."""
 
     method: str
     argument: Any
@@ -86,11 +72,7 @@ class Call:
 
 
 class Relay(Listener):
-    """The caller's listener as a worker's process has it.
-
-    Args:
-        send: takes each call.
-    """
+    """The caller's listener as a worker's process has it; a function sends each call on."""
 
     def __init__(self, send: Callable[[Call], object]) -> None:
         for name in dir(Listener):

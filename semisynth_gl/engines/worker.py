@@ -56,14 +56,7 @@ class Failed:
 
 
 def work(job: Job[Any], worker: int, connection: Connection, threads: int) -> None:
-    """Be a worker: the whole life of its process.
-
-    Args:
-        job: the work, opened once.
-        worker: the worker's number.
-        connection: the pipe to the process that started the worker.
-        threads: how many threads llvmpipe may have; 0 lets it draw in the calling thread.
-    """
+    """Be a worker: the whole life of its process; `threads_each` says what threads are."""
     # The terminal sends Ctrl-C to all processes, schedulers send SIGTERM to all. The first process decides about the
     # tasks in hand. It blocked both signals until here: see `interrupts_blocked`.
     for ending_signal in (signal.SIGINT, signal.SIGTERM):
@@ -102,15 +95,10 @@ def keep_freed_memory() -> None:
 
 
 def portable(error: BaseException, where: str) -> Exception:
-    """Make an error fit to be raised in another process, with the traceback as a note.
+    """Make the error that is being handled fit to be raised in another process.
 
-    Args:
-        error: the error that is being handled.
-        where: the process that met the error, for the note.
-
-    Returns:
-        The error itself, or a `WorkerError` with its text where pickling would not keep it, or where it would end the
-        other process rather than fail there.
+    That is the error itself, with its traceback and the process ``where`` it was met as a note, or a `WorkerError` with
+    its text where pickling would not keep it, or where it would end the other process rather than fail there.
     """
     if not isinstance(error, Exception):
         return WorkerError(f"{where} met {described(error)}")
