@@ -22,12 +22,7 @@ _FAR_BELOW = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Closed:
-    """What a scene promises of the disparities of all its pixels.
-
-    Attributes:
-        everywhere: whether each pixel has one.
-        least_px: none is smaller.
-    """
+    """What a scene promises: whether its pixels have a disparity ``everywhere``, and the least that any of them has."""
 
     everywhere: bool
     least_px: float
@@ -46,13 +41,7 @@ class Closed:
 
 
 def faults(frame: Frame, config: Config, closed: Closed) -> list[str]:
-    """Return the faults of a pair, each a clause with its numbers.
-
-    Args:
-        frame: the pair.
-        config: its config.
-        closed: what its scene promises of all pixels.
-    """
+    """Return the faults of a pair whose scene promises something of all pixels, each a clause with its numbers."""
     section, clauses, images = config.checks, [], (frame.left.image, frame.right.image)
     if not all(_surely_bright(image, section.min_brightness) for image in images):
         brightness = float(min(image.mean() for image in images))

@@ -19,11 +19,9 @@ _BLOCK = 1 << 17
 
 
 def moments(share: float, count: int) -> NDArray[np.float64]:
-    """Return the middles of ``count`` equal parts of an exposure, (count,), in times between frames from its middle.
+    """Return the middles of ``count`` equal parts of an exposure, (count,), counted from its own middle.
 
-    Args:
-        share: length of the exposure, in times between frames.
-        count: 1 or more.
+    They, and the exposure's length ``share``, are in times between frames.
     """
     return share * ((np.arange(count) + 0.5) / count - 0.5)
 

@@ -74,9 +74,9 @@ def apply_imperfections(
 
     Args:
         image: (H, W, 3) uint8, or (H, W) for an image of one channel.
-        drawn: what to put on it.
-        rng: the noise.
-        principal_point_px: x and y, of vignetting; by default the image's middle.
+        drawn: the imperfections.
+        rng: draws the noise.
+        principal_point_px: x and y of vignetting's middle; by default the image's.
     """
     if drawn == Imperfections():
         return image
@@ -202,10 +202,10 @@ def with_imperfections(
     Args:
         frame: as it was rendered.
         section: the ranges.
-        rng: of the scene, draws the left eye's lens blur, exposure, noise and gamma, and the noise itself, and those of
-            the right eye that sees the scene first.
-        further: the generator of any other key for an eye. No draw of a key shifts one of another.
-        right_rng: of the pair, in the place of ``rng`` for the right eye where another one has seen the scene before.
+        rng: of the scene; draws lens blur, exposure, noise and gamma, and the noise itself, of the left eye and of the
+            right eye that sees the scene first.
+        further: the generator of any other key for an eye. No draw of a key shifts a draw of another key.
+        right_rng: of the pair, instead of ``rng`` for the right eye where another one has seen the scene before.
         left_image: with a ``right_rng``, the left image of another pair of the scene, which this pair has too.
 
     Returns:

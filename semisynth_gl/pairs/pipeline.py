@@ -71,26 +71,20 @@ class _Settled:
 
 @dataclass(slots=True, eq=False)
 class _Shown:
-    """A scene whose pairs are asked for.
-
-    Attributes:
-        number: number of the scene.
-        sampled: the scene.
-        crop: the part of the images that is drawn; None for all of them.
-        shared: draws its pairs, where there are several.
-        frames: pairs that were drawn for the checks and not asked for yet, by right view.
-        left_image: the left image with imperfections, once one of the pairs has it.
-    """
+    """A scene whose pairs are asked for, and the part of the images that is drawn; None for all of them."""
 
     number: int
     sampled: SampledScene
     crop: Crop | None
+    # Draws the scene's pairs, where there are several.
     shared: SharedLeft | None
+    # Pairs that were drawn for the checks and not asked for yet, by right view.
     frames: dict[int, Frame] = field(default_factory=dict)
+    # With imperfections, once one of the pairs has it.
     left_image: NDArray[np.uint8] | None = None
 
     def shows(self, number: int, attempt: int, crop: Crop | None) -> bool:
-        """Return whether it has pairs of a scene, or shares a left view for them, of a crop; whole ones can be cut."""
+        """Return whether pairs of a scene wait here, whole ones which can be cut, or share a left view of a crop."""
         waits = self.crop is None and bool(self.frames)
         shares = self.shared is not None and self.crop == crop
         return (self.number, self.sampled.attempt) == (number, attempt) and (waits or shares)
@@ -267,7 +261,10 @@ class PairRenderer:
             return latest
         sampled = self.sampler.sample(number * self.config.views, attempt)
         self._report("sample")
-        self._shown = _Shown(number, sampled, crop, self._share(sampled, crop) if self.config.views > 1 else None)
+        shared = None
+        if self.config.views > 1:
+            shared = self._renderer.share_left(sampled.scene, sampled.views, crop, **self._motions(sampled))
+        self._shown = _Shown(number, sampled, crop, shared)
         return self._shown
 
     def _motions(self, sampled: SampledScene) -> dict[str, Motion | None]:
@@ -277,9 +274,6 @@ class PairRenderer:
             "future": self.sampler.motion(sampled, +1) if FUTURE_OUTPUTS.intersection(outputs) else None,
             "past": self.sampler.motion(sampled, -1) if PAST_OUTPUTS.intersection(outputs) else None,
         }
-
-    def _share(self, sampled: SampledScene, crop: Crop | None) -> SharedLeft:
-        return self._renderer.share_left(sampled.scene, sampled.views, crop, **self._motions(sampled))
 
     def _draw(self, shown: _Shown, view: int) -> Frame:
         """Draw a scene as one of its right views sees it, with its motion where an output needs it."""
