@@ -32,7 +32,7 @@ from semisynth_gl.bench.encodings import (
     usable_encodings,
 )
 from semisynth_gl.bench.scenes import BenchScenes, SampledTruth, cast_truth, sample_scenes
-from semisynth_gl.bench.summary import error_stats, front, machine_facts
+from semisynth_gl.bench.summary import alternative_rows, error_stats, machine_facts
 from semisynth_gl.bench.timing import alternated, compare_times
 from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS
 from semisynth_gl.config import Config, load_config
@@ -104,19 +104,12 @@ def measure_variants(
                 variants.disparity(scene, eye, variant)
 
     seconds = alternated({variant: partial(draw, variant) for variant in variants.usable}, repeats)
-    times = compare_times(seconds, RENDERERS_VARIANT, len(bench.scenes))
-    best = front({variant: (times[variant].ratio, errors[variant]["p999_px"]) for variant in variants.usable})
-    return [
-        {
-            "name": variant,
-            "text": VARIANT_TEXTS[variant],
-            "seconds_per_pair": times[variant].seconds,
-            "time_ratio": times[variant].ratio,
-            "error": errors[variant],
-            "on_front": variant in best,
-        }
-        for variant in variants.usable
-    ]
+    return alternative_rows(
+        {variant: VARIANT_TEXTS[variant] for variant in variants.usable},
+        compare_times(seconds, RENDERERS_VARIANT, len(bench.scenes)),
+        {variant: {"error": error} for variant, error in errors.items()},
+        {variant: [error["p999_px"]] for variant, error in errors.items()},
+    )
 
 
 def more_disparity_encodings() -> list[Encoding]:

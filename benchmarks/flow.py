@@ -7,8 +7,10 @@ docs/performance.md quote from them.
 """
 
 import json
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from functools import partial
+from itertools import count
 from typing import Any
 
 import click
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl import oracle
 from semisynth_gl.bench.summary import machine_facts, markdown
+from semisynth_gl.bench.timing import alternated
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.frame import Frame
@@ -120,19 +123,18 @@ def as_places(
 
 def cost(name: str, repeats: int, seed: int) -> dict[str, float]:
     """Seconds of a pair with each set of outputs, the median, taken turn by turn in one run; nothing is written."""
-    renderers = {title: PairRenderer(fast(name, outputs), seed) for title, outputs in _COSTS.items()}
-    seconds: dict[str, list[float]] = {title: [] for title in renderers}
-    try:
-        for index in range(repeats + 1):
-            for title, renderer in renderers.items():
-                start = time.perf_counter()
-                renderer.render(2 * index)
-                if index:
-                    seconds[title].append(time.perf_counter() - start)
-    finally:
-        for renderer in renderers.values():
-            renderer.release()
+    with ExitStack() as stack:
+        calls = {}
+        for title, outputs in _COSTS.items():
+            renderer = stack.enter_context(PairRenderer(fast(name, outputs), seed))
+            renderer.render(0)  # it compiles shaders
+            calls[title] = partial(_render, renderer, count(2, 2))
+        seconds = alternated(calls, repeats)
     return {title: float(np.median(values)) for title, values in seconds.items()}
+
+
+def _render(renderer: PairRenderer, numbers: Iterator[int]) -> None:
+    renderer.render(next(numbers))
 
 
 def errors_table(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -7,13 +7,15 @@ What counts is the processor's time, of all threads:
 
 import argparse
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from functools import partial
+from itertools import count
 
 import numpy as np
 
 from semisynth_gl import PairRenderer, load_config
+from semisynth_gl.bench.timing import alternated
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 
 _IMAGE = {
@@ -34,17 +36,6 @@ _IMAGE = {
 _SUB_FRAMES = (3, 7, 15)
 
 
-def turns(tasks: Mapping[str, Callable[[int], object]], count: int) -> dict[str, list[float]]:
-    """Run all tasks in turn, each with the number of the turn, and return the CPU seconds of each."""
-    seconds: dict[str, list[float]] = {name: [] for name in tasks}
-    for turn in range(count):
-        for name, task in tasks.items():
-            start = time.process_time()
-            task(turn)
-            seconds[name].append(time.process_time() - start)
-    return seconds
-
-
 def main() -> None:
     """Measure images, then pairs."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -55,8 +46,8 @@ def main() -> None:
         with ExitStack() as stack:
             clutter = ("scenes=[]", "textures.large_px=0", "camera.sway_m=0.02")
             blurred = {
-                f"motion blur, {count} sub-frames": (f"imperfections={{motion_blur: 0.5, sub_frames: {count}}}",)
-                for count in _SUB_FRAMES
+                f"motion blur, {frames} sub-frames": (f"imperfections={{motion_blur: 0.5, sub_frames: {frames}}}",)
+                for frames in _SUB_FRAMES
             }
             renderers = {
                 kind: stack.enter_context(PairRenderer(load_config(name, [*clutter, *keys]), 1))
@@ -65,34 +56,32 @@ def main() -> None:
             first = [renderer.render(0) for renderer in renderers.values()]  # it compiles shaders
             if name == options.configs[0]:
                 measure_images(first[0].frame.left.image, options.turns)
-            tasks = {kind: partial(_render, renderer) for kind, renderer in renderers.items()}
+            tasks = {kind: partial(_render, renderer, count(1)) for kind, renderer in renderers.items()}
             print(f"\nclutter of {name} whose camera sways, drawn by {renderers['no imperfections'].renderer_name}:")
-            say(turns(tasks, options.turns))
+            say(alternated(tasks, options.turns, time.process_time))
 
 
-def _render(renderer: PairRenderer, turn: int) -> None:
-    renderer.render(1 + turn)
+def _render(renderer: PairRenderer, numbers: Iterator[int]) -> None:
+    renderer.render(next(numbers))
 
 
-def measure_images(image: np.ndarray, count: int) -> None:
+def measure_images(image: np.ndarray, turns: int) -> None:
     """Print the milliseconds of each imperfection a megapixel."""
     megapixels = image.shape[0] * image.shape[1] / 1e6
-    print(f"an image of {image.shape[1]} x {image.shape[0]} pixels, {count} turns: CPU ms a megapixel, median (least)")
+    print(f"an image of {image.shape[1]} x {image.shape[0]} pixels, {turns} turns: CPU ms a megapixel, median (least)")
 
-    def put(drawn: Imperfections, turn: int) -> None:
-        apply_imperfections(image, drawn, np.random.default_rng(turn))
-
-    tasks = {name: partial(put, drawn) for name, drawn in _IMAGE.items()}
-    for name, seconds in turns(tasks, count).items():
-        each = 1e3 * np.array(seconds) / megapixels
+    rng = np.random.default_rng(0)
+    tasks = {name: partial(apply_imperfections, image, drawn, rng) for name, drawn in _IMAGE.items()}
+    for name, seconds in alternated(tasks, turns, time.process_time).items():
+        each = 1e3 * seconds / megapixels
         print(f"{name:43} {np.median(each):6.1f} ({each.min():.1f})")
 
 
-def say(seconds: Mapping[str, Sequence[float]]) -> None:
+def say(seconds: Mapping[str, np.ndarray]) -> None:
     """Print the seconds of pairs, and their ratios to those of the same pairs in the first row."""
-    plain = np.array(next(iter(seconds.values())))
+    plain = next(iter(seconds.values()))
     for name, each in seconds.items():
-        ratio = np.array(each) / plain
+        ratio = each / plain
         print(
             f"{name:28} {np.mean(each):.2f} s of CPU a pair, {np.median(ratio):.2f} times as much "
             f"({ratio.min():.2f} to {ratio.max():.2f})"

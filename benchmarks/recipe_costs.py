@@ -7,11 +7,15 @@ What counts is the processor's time, of all threads:
 
 import argparse
 import time
+from collections.abc import Iterator
 from contextlib import ExitStack
+from functools import partial
+from itertools import count, islice
 
 import numpy as np
 
 from semisynth_gl import PairRenderer, load_config
+from semisynth_gl.bench.timing import alternated
 
 _CLUTTER_ALONE = ("scenes=[]", "textures.large_px=0")
 
@@ -26,27 +30,25 @@ def main() -> None:
     mix = load_config(options.config)
     configs = {"clutter alone": load_config(options.config, _CLUTTER_ALONE), "the mix": mix}
     configs |= {f"recipe {recipe.name}": recipe.config for recipe in mix.recipes()}
-    times: dict[str, list[float]] = {name: [] for name in configs}
     with ExitStack() as stack:
         renderers = {name: stack.enter_context(PairRenderer(config, 1)) for name, config in configs.items()}
         for renderer in renderers.values():
             renderer.render(0)  # the first one compiles shaders
-        for turn in range(options.turns):
-            for name, renderer in renderers.items():
-                start = time.process_time()
-                for index in range(options.pairs):
-                    renderer.render(1 + turn * options.pairs + index)
-                times[name].append((time.process_time() - start) / options.pairs)
+        tasks = {name: partial(_render, renderer, count(1), options.pairs) for name, renderer in renderers.items()}
+        times = alternated(tasks, options.turns, time.process_time)
         drawn_by = next(iter(renderers.values())).renderer_name
-    clutter = np.array(times["clutter alone"])
     print(f"{options.config}, {drawn_by}: {options.turns} turns of {options.pairs} pairs each, in one process")
     for name, seconds in times.items():
-        ratio = np.array(seconds) / clutter
-        low, high = ratio.min(), ratio.max()
+        ratio = seconds / times["clutter alone"]
         print(
-            f"{name:20} {np.mean(seconds):.3f} s of CPU a pair, {ratio.mean():.2f} of clutter alone "
-            f"({low:.2f} to {high:.2f} in single turns)"
+            f"{name:20} {np.mean(seconds) / options.pairs:.3f} s of CPU a pair, {ratio.mean():.2f} of clutter alone "
+            f"({ratio.min():.2f} to {ratio.max():.2f} in single turns)"
         )
+
+
+def _render(renderer: PairRenderer, numbers: Iterator[int], pairs: int) -> None:
+    for number in islice(numbers, pairs):
+        renderer.render(number)
 
 
 if __name__ == "__main__":

@@ -33,11 +33,7 @@ def measure_modes(
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
     """Measure every mode that the driver can do; each draws all scenes ``repeats`` times, in turns, the reference once.
 
-    Args:
-        bench: the scenes.
-        outlines: (H, W) bool masks of both eyes of each scene, pixels that touch another instance.
-        backend: "auto", "egl" or "osmesa".
-        repeats: the number of turns.
+    Outlines are (H, W) bool masks of both eyes of each scene: pixels that touch another instance.
 
     Returns:
         A row of each mode and one of the reference, and the driver's reason for each mode that is left out. A mode's

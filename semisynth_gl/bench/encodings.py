@@ -62,14 +62,9 @@ def measure_encodings(
 ) -> list[dict[str, Any]]:
     """Encode and decode arrays in turns, and compare the result with them; return a row of each encoding.
 
-    "error" is that of decoded disparities, None for images. The front weighs time to write, time to read, bytes and
-    worst error.
-
-    Args:
-        arrays: both disparities or both images of a pair, one pair after the other.
-        encodings: the alternatives.
-        default: name of the encoding that times are relative to.
-        repeats: how often each encoding encodes and decodes all arrays.
+    Arrays are both disparities or both images of a pair, one pair after the other; times are relative to the default
+    encoding's. "error" is the error of decoded disparities, None for images. The front weighs time to write, time to
+    read, bytes and worst error.
     """
 
     def encode(encoding: Encoding) -> list[bytes]:

@@ -76,13 +76,8 @@ def measure_scaling(bench: BenchScenes, seed: int, backend: Backend, repeats: in
     """Measure all quantities.
 
     Instances, triangles and pixels are varied in scenes of balls before a wall, which cover the same part of the image
-    whatever their number; antialiasing and outputs in the config's scenes.
-
-    Args:
-        bench: the config's scenes; the image size of the first scene is the usual one.
-        seed: of the balls' places.
-        backend: "auto", "egl" or "osmesa".
-        repeats: how often each row takes its turn.
+    whatever their number; antialiasing and outputs in the config's scenes, whose first one has the usual image size.
+    The seed decides where balls are. Each row takes its turn ``repeats`` times.
 
     Returns:
         By quantity: "text", "baseline" (a row's name), "left_out" (names with the driver's reason) and "rows". A row

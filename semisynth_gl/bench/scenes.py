@@ -96,14 +96,8 @@ def cast_truth(
     Pixels within 2 px of a depth edge, and those where another triangle is seen within 1/16 px, are left out: an error
     there shows where the rasteriser puts an edge, and not how exact the disparity of a surface is.
 
-    Args:
-        bench: the scenes.
-        frames: the scenes as drawn, with the output "instances".
-        rays: how many to each eye of each scene.
-        rng: chooses the pixels.
-
-    Returns:
-        Of each eye of each scene, the truth, and the (H, W) bool mask of pixels that touch another instance.
+    The frames have the output "instances". Besides the truth, the (H, W) bool mask of pixels that touch another
+    instance is returned for each eye of each scene.
     """
     truths, outlines = [], []
     for number, (scene, frame) in enumerate(zip(bench.scenes, frames, strict=True)):

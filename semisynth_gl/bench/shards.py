@@ -54,12 +54,7 @@ def measure_pairs(
 ) -> list[Result]:
     """Measure a config's first pairs, one after the other in one worker process with an open renderer.
 
-    Args:
-        measure: makes the pair of a shard in the job's folder, which it removes; a function that can be pickled.
-        config: the config.
-        seed: of the pairs.
-        backend: "auto", "egl" or "osmesa".
-        pairs: how many.
+    The function, which is pickled, makes the pair of a shard in the job's folder, and removes the folder.
     """
     with TemporaryDirectory() as scratch:
         job = shard_job(config, seed, backend, pairs, 1, Path(scratch) / "out")

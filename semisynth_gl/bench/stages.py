@@ -169,11 +169,8 @@ def speed_limit(
     A pair goes through all stages: no run is faster than the narrowest stage allows alone, nor faster than the
     processor can do its part of all stages. Where the processor draws, the processor's limit is always less.
 
-    Args:
-        rows: result of `stage_rows`.
-        cores: number of cores.
-        reached_per_second: pairs per second from start to end.
-        shares: of each round, pairs per second divided by the limit of that round's stages.
+    Rows are those of `stage_rows`. A round's share is its pairs per second, from start to end, divided by the limit of
+    its stages.
     """
     limit = min(rows, key=lambda row: row["allows_per_second"])
     narrowest = min(rows[:-1], key=lambda row: row["allows_per_second"])  # the last row is the processor's

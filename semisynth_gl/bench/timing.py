@@ -22,13 +22,15 @@ def turns(names: Sequence[str], rounds: int) -> Iterator[tuple[int, str]]:
             yield number, names[(number + k) % len(names)]
 
 
-def alternated(calls: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, NDArray[np.float64]]:
-    """Call all functions in `turns`; return the (repeats,) seconds of each."""
+def alternated(
+    calls: Mapping[str, Callable[[], object]], repeats: int, clock: Callable[[], float] = time.perf_counter
+) -> dict[str, NDArray[np.float64]]:
+    """Call all functions in `turns`; return the (repeats,) seconds of each by a clock."""
     seconds = {name: np.zeros(repeats) for name in calls}
     for number, name in turns(list(calls), repeats):
-        start = time.perf_counter()
+        start = clock()
         calls[name]()
-        seconds[name][number] = time.perf_counter() - start
+        seconds[name][number] = clock() - start
     return seconds
 
 

@@ -73,13 +73,7 @@ def measure_workers(
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Measure all numbers of workers and the stages, in turns.
 
-    Args:
-        config: where the pairs are from.
-        seed: of the pairs.
-        backend: "auto", "egl" or "osmesa".
-        counts: numbers of workers.
-        pairs: pairs of each number of workers in each round, or four of each worker, if that is more.
-        rounds: how often each number takes its turn.
+    In each round each number of workers makes a number of pairs, or four for each worker, if that is more.
 
     Returns:
         Four sections of the report, and facts about OpenGL. "stages" has `stage_rows` and the seconds of a pair in one
