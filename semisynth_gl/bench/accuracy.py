@@ -69,8 +69,7 @@ def measure(
     usable, left_out = usable_encodings(images)
     stored_images = measure_encodings([view.image for view in views], usable, DEFAULT_IMAGE_ENCODING, effort.repeats)
     listener.on_message("antialiasing")
-    # Each turn opens a renderer anew, which takes long: half as many turns.
-    modes, modes_left_out = measure_modes(bench, outlines, backend, max(1, effort.repeats // 2))
+    modes, modes_left_out = measure_modes(bench, outlines, backend, effort.repeats)
     return {
         **scene_facts(bench, seed, effort, frames, truths),
         "machine": machine_facts() | driver,

@@ -1,7 +1,7 @@
 """Antialiasing modes: PSNR against a reference of 64 samples a pixel, and time."""
 
-import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 from semisynth_gl.bench.scenes import BenchScenes, grown
 from semisynth_gl.bench.summary import alternative_rows
-from semisynth_gl.bench.timing import compare_times, turns
+from semisynth_gl.bench.timing import alternated, compare_times
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.frame import as_rgb
 from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.backends import Backend
+from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.scene.scene import Scene
 
 MODES: Mapping[str, str] = {
     "none": "one sample at the pixel's centre",
@@ -41,18 +43,17 @@ def measure_modes(
         the reference: of all pixels, of pixels within 1 px of another instance, and of the rest. The front weighs time
         and PSNR of all pixels.
     """
-    images, left_out = {}, {}
-    for mode in (*MODES, REFERENCE):
-        try:
-            with bench.open_renderer(backend, outputs=(), antialias=mode) as renderer:
-                frames = [renderer.render(scene) for scene in bench.scenes]
-            images[mode] = [frame.view(eye).image for frame in frames for eye in EYES]
-        except BackendError as error:
-            if mode in (DEFAULT_MODE, REFERENCE):
-                raise
-            left_out[mode] = str(error)
-    seconds = _alternated_renderers(bench, [mode for mode in images if mode != REFERENCE], backend, repeats)
-    reference_seconds = _alternated_renderers(bench, [REFERENCE], backend, 1)[REFERENCE]
+    bench = bench.with_worn_patches()
+    options = {mode: {"outputs": (), "antialias": mode} for mode in (*MODES, REFERENCE)}
+    with bench.open_renderers(backend, options) as (renderers, left_out):
+        for mode in (DEFAULT_MODE, REFERENCE):
+            if mode in left_out:
+                raise BackendError(left_out[mode])
+        images = {mode: _images(renderer, bench.scenes) for mode, renderer in renderers.items()}
+        calls = {mode: partial(_images, renderer, bench.scenes) for mode, renderer in renderers.items()}
+        draw_reference = calls.pop(REFERENCE)
+        seconds = alternated(calls, repeats)
+        reference_seconds = alternated({REFERENCE: draw_reference}, 1)[REFERENCE]
     times = compare_times(seconds | {REFERENCE: reference_seconds.repeat(repeats)}, DEFAULT_MODE, len(bench.scenes))
     near = [grown(outline, 1) for outline in outlines]
     measured = {mode: _quality(images[mode], images[REFERENCE], near) for mode in seconds}
@@ -64,24 +65,9 @@ def measure_modes(
     return alternative_rows(texts, times, figures, weighed), left_out
 
 
-def _alternated_renderers(
-    bench: BenchScenes, modes: Sequence[str], backend: Backend, repeats: int
-) -> dict[str, NDArray[np.float64]]:
-    """Time modes in turns, each in a renderer that has drawn all scenes before; return (repeats,) seconds.
-
-    To open a context takes longer than to draw a pair, and so does the search for the edges of models at their first
-    use, which a dataset pays once: only what each pair costs is timed.
-    """
-    seconds = {mode: np.zeros(repeats) for mode in modes}
-    for number, mode in turns(modes, repeats):
-        with bench.open_renderer(backend, outputs=(), antialias=mode) as renderer:
-            for scene in bench.scenes:
-                renderer.render(scene)
-            start = time.perf_counter()
-            for scene in bench.scenes:
-                renderer.render(scene)
-            seconds[mode][number] = time.perf_counter() - start
-    return seconds
+def _images(renderer: Renderer, scenes: Sequence[Scene]) -> list[NDArray[np.uint8]]:
+    frames = [renderer.render(scene) for scene in scenes]
+    return [frame.view(eye).image for frame in frames for eye in EYES]
 
 
 def psnr_db(image: NDArray[np.uint8], reference: NDArray[np.uint8]) -> float:

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -17,7 +16,6 @@ from semisynth_gl.frame.frame import DEFAULT_OUTPUTS, FLOW_OUTPUTS
 from semisynth_gl.geometry.mesh import Mesh, without_degenerate
 from semisynth_gl.geometry.surfaces import lathe
 from semisynth_gl.geometry.topology import marked_solid
-from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.background import FACE
@@ -195,20 +193,10 @@ def _option_group(
 ) -> dict[str, Any]:
     """Time the config's scenes with several options of the renderer."""
     bench = bench.with_worn_patches()
-    scenes = bench.scenes
     triangles = np.array([len(mesh.triangles) for mesh in bench.models])
-    in_scene = float(np.mean([triangles[scene.model].sum() for scene in scenes]))
-    left_out: dict[str, str] = {}
-    cases = {}
-    with ExitStack() as stack:
-        for name, values in options.items():
-            try:
-                renderer = stack.enter_context(bench.open_renderer(backend, **values))
-                renderer.render(scenes[0])
-            except BackendError as error:
-                left_out[name] = str(error)
-                continue
-            cases[name] = _Case(scenes, in_scene, renderer.render)
+    in_scene = float(np.mean([triangles[scene.model].sum() for scene in bench.scenes]))
+    with bench.open_renderers(backend, options) as (renderers, left_out):
+        cases = {name: _Case(bench.scenes, in_scene, renderer.render) for name, renderer in renderers.items()}
         return _group("the config's pairs", cases, repeats, baseline=baseline) | {"left_out": left_out}
 
 

@@ -1,6 +1,7 @@
 """Scenes that are measured: the first pairs of a config, and their true disparity at pixels chosen at random."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -12,6 +13,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.pairs.pipeline import renderer_options
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.renderer import Renderer
@@ -58,6 +60,23 @@ class BenchScenes:
         large = self.large_layers if len(self.large_layers) else None
         options = renderer_options(self.config) | options
         return Renderer(self.models, self.layers, large_layers=large, backend=backend, **options)
+
+    @contextmanager
+    def open_renderers(
+        self, backend: Backend, options: Mapping[str, dict[str, Any]]
+    ) -> Iterator[tuple[dict[str, Renderer], dict[str, str]]]:
+        """Open a renderer for the options of each name; give them, and the driver's reason for each name it refuses."""
+        renderers, left_out = {}, {}
+        with ExitStack() as stack:
+            for name, values in options.items():
+                try:
+                    renderer = stack.enter_context(self.open_renderer(backend, **values))
+                    renderer.render(self.scenes[0])
+                except BackendError as error:
+                    left_out[name] = str(error)
+                else:
+                    renderers[name] = renderer
+            yield renderers, left_out
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -67,10 +67,6 @@ class _DatasetOptions:
     validation: int
     test: int
 
-    def counts(self) -> dict[SplitName, int]:
-        """Return the number of pairs of each split."""
-        return {"train": self.pairs, "validation": self.validation, "test": self.test}
-
     def settings(self) -> list[str]:
         """Return the options that override keys of the config, as --set takes them."""
         settings = [] if self.truth is None else [f"truth={self.truth}"]
@@ -236,7 +232,7 @@ def generate(
         if dataset.out is not None and not overwrite:
             read_resumed(open_place(dataset.out))  # the dataset there may know the package to install
         raise
-    counts = dataset.counts()
+    counts: dict[SplitName, int] = {"train": dataset.pairs, "validation": dataset.validation, "test": dataset.test}
     engine = workers.open_engine(sum(counts.values()))
     with _GenerationProgress() as progress:
         result = generate_dataset(
