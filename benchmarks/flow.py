@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from itertools import count
+from pathlib import Path
 from typing import Any
 
 import click
@@ -165,17 +166,15 @@ def _quantiles(parts: list[Floats], *at: float) -> list[float]:
 @click.option("--pixels", type=click.IntRange(1), default=10_000, show_default=True, help="Of each view and pair.")
 @click.option("--repeats", type=click.IntRange(1), default=5, show_default=True)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
-@click.option("--out", type=click.Path(), required=True)
-def main(pairs: int, pixels: int, repeats: int, seed: int, out: str) -> None:
+@click.option("--out", type=click.Path(path_type=Path), required=True)
+def main(pairs: int, pixels: int, repeats: int, seed: int, out: Path) -> None:
     """Measure the packaged configs, print tables, and write JSON."""
     rows = [measure(name, pairs, pixels, seed) for name in _FAST]
     click.echo(errors_table(rows))
     costs = cost("sceneflow", repeats, seed)
     click.echo(f"\n{costs_table(costs)}")
     report = {"machine": machine_facts(), "seed": seed, "pixels": pixels, "error": rows, "cost": {"sceneflow": costs}}
-    with open(out, "w", encoding="utf-8") as file:  # noqa: PTH123 - click gives a string
-        json.dump(report, file, indent=1)
-        file.write("\n")
+    out.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ smaller sensor.
 import json
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import click
@@ -116,16 +117,14 @@ def table(rows: Mapping[str, Mapping[str, Any]]) -> str:
 @click.option("--pairs", type=click.IntRange(1), default=200, show_default=True)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--config", "configs", multiple=True, help="Measure these, such as calibrate writes, and no others.")
-@click.option("--out", type=click.Path(), required=True)
-def main(pairs: int, seed: int, configs: tuple[str, ...], out: str) -> None:
+@click.option("--out", type=click.Path(path_type=Path), required=True)
+def main(pairs: int, seed: int, configs: tuple[str, ...], out: Path) -> None:
     """Measure all targets, print a table, and write JSON."""
     targets = {load_config(path).name: (path, {}) for path in configs} if configs else _TARGETS
     rows = {title: measure(name, sections, pairs, seed) for title, (name, sections) in targets.items()}
     click.echo(table(rows))
     report = {"machine": machine_facts(), "seed": seed, "targets": rows}
-    with open(out, "w", encoding="utf-8") as file:  # noqa: PTH123 - click gives a string
-        json.dump(report, file, indent=1)
-        file.write("\n")
+    out.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -112,8 +112,8 @@ def cast_truth(
 ) -> tuple[list[SampledTruth], list[NDArray[np.bool_]]]:
     """Cast float64 rays at randomly chosen pixels of both eyes of each scene.
 
-    Pixels within 2 px of a depth edge, and those where another triangle is seen within 1/16 px, are left out: an error
-    there shows where the rasteriser puts an edge, and not how exact the disparity of a surface is.
+    Pixels within 2 px of a depth edge, and pixels with another triangle within 1/16 px, are left out: an error there
+    shows where the rasteriser puts an edge, and not how exact the disparity of a surface is.
 
     The frames have the output "instances". Besides the truth, the (H, W) bool mask of pixels that touch another
     instance is returned for each eye of each scene.
@@ -131,7 +131,7 @@ def cast_truth(
             x, y = column.astype(np.float64), row.astype(np.float64)
             hits = cast_rays(scene, bench.models, eye, x, y)
             kept = far_from_edge[row, column] & (hits.instance == instance[row, column])
-            # All four in one cast, whose cost is mostly the number of instances.
+            # All four in one cast: most of its cost is the number of instances.
             seen = np.flatnonzero(kept)
             right, down = np.meshgrid(*[(-_FROM_CREASE_PX, _FROM_CREASE_PX)] * 2)
             around_x, around_y = np.add.outer(right.ravel(), x[seen]), np.add.outer(down.ravel(), y[seen])

@@ -1,4 +1,4 @@
-"""Costs of the stages of a pair and of the passes that draw it, and the stage that limits how many pairs come a second.
+"""Costs of a pair's stages and of the passes that draw it, and the stage that limits the pairs per second.
 
 A pair's stages are timed one by one, the driver finishing each before the next begins, and so are its passes.
 """
@@ -58,9 +58,9 @@ class Costs(NamedTuple):
 
 
 class PairTimes(NamedTuple):
-    """Times of one pair: costs by stage; the seconds, and those of each pass, without a wait between them.
+    """Times of one pair: its costs by stage, and, without waits in between, its seconds and the seconds of each pass.
 
-    ``queries`` says whether timer queries told the seconds of the passes; ``facts`` are those of `Renderer.facts`.
+    ``queries`` says whether timer queries timed the passes; ``facts`` come from `Renderer.facts`.
     """
 
     costs: Mapping[str, Costs]
@@ -169,8 +169,8 @@ def speed_limit(
     A pair goes through all stages: no run is faster than the narrowest stage allows alone, nor faster than the
     processor can do its part of all stages. Where the processor draws, the processor's limit is always less.
 
-    Rows are those of `stage_rows`. A round's share is its pairs per second, from start to end, divided by the limit of
-    its stages.
+    The rows come from `stage_rows`. A round's share is its pairs per second, from start to end, divided by the limit
+    of its stages.
     """
     limit = min(rows, key=lambda row: row["allows_per_second"])
     narrowest = min(rows[:-1], key=lambda row: row["allows_per_second"])  # the last row is the processor's

@@ -133,10 +133,9 @@ def worker_threads(threads: str | None) -> Iterator[None]:
     try:
         yield
     finally:
-        if threads is not None:
-            os.environ.pop(THREADS)
-            if before is not None:
-                os.environ[THREADS] = before
+        os.environ.pop(THREADS, None)
+        if before is not None:
+            os.environ[THREADS] = before
 
 
 def _rate(config: Config, seed: int, backend: Backend, count: int, threads: str | None, pairs: int) -> float:

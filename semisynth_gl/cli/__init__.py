@@ -63,7 +63,7 @@ def semisynth_gl() -> None:
 
 
 def _lacks_quotes(error: click.UsageError) -> bool:
-    """Return whether a command that takes patterns was given names too many, as a shell makes of them."""
+    """Return whether a command that takes patterns was given too many names, as a shell makes of a pattern."""
     patterns = error.ctx is not None and any(param.metavar == "PATH_OR_GLOB" for param in error.ctx.command.params)
     return patterns and "unexpected extra argument" in error.format_message()
 
@@ -89,11 +89,7 @@ def main() -> NoReturn:
 
 
 def _run() -> int:
-    """Run the command line; return its exit code.
-
-    Raises:
-        KeyboardInterrupt: at Ctrl-C.
-    """
+    """Run the command line; return its exit code. Ctrl-C raises KeyboardInterrupt."""
     logger = logging.getLogger("semisynth_gl")
     logger.addHandler(_ON_STDERR)
     logger.setLevel(logging.INFO)

@@ -49,7 +49,7 @@ def above_0(largest: float) -> Number:
 
 
 class UserPath(click.Path):
-    """The type of an option that names a file or folder; ``~`` is the home folder, and no name is no path."""
+    """The type of an option that names a file or folder; ``~`` is the home folder, and an empty name is refused."""
 
     def __init__(self) -> None:
         super().__init__(path_type=Path)
@@ -158,7 +158,7 @@ set_option = partial(
 def map_options(use: str, note: str = "") -> Callable[[Callback], Callback]:
     """Return a decorator that adds the options of disparity maps, the parameters ``disparity`` and ``png_scale``.
 
-    The help says whose maps they are or their ``use``, and a further sentence, which ends in a space.
+    The help says what the maps are for, their ``use``, and has a further sentence, which ends in a space.
     """
     files = option(
         "--disparity",

@@ -30,9 +30,9 @@ _OVERWRITE = "semisynth_gl.overwrite"
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """What a command writes, by its name in messages, and how its files are told from others.
+    """What a command writes: its name in messages, and how its files are told from others.
 
-    A new file's bytes go through ``marked``, so that ``recognises`` tells them.
+    A new file's bytes go through ``marked``, so that ``recognises`` finds them to be of this kind.
     """
 
     name: str
@@ -84,7 +84,7 @@ def marked_ply(command: str) -> Kind:
 
 
 CONFIG = Kind("a config that may be replaced", lambda _: False)
-"""The kind of a config: users write such files too, so none is replaced without being asked for."""
+"""The kind of a config: users write such files too, so a config is replaced only with --overwrite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +186,7 @@ def further_output_option(
 ) -> Callable[[Callback], Callback]:
     """Return a decorator for an option that names a further file to write, beside the `output_option` of the command.
 
-    A command's parameter takes the `Output`. The file's name has one of the endings, or any where there are none.
+    A parameter of the command takes the `Output`. The file's name has to end in one of the endings, if any are given.
     """
 
     def opened(ctx: click.Context, _: click.Parameter, path: Path | None) -> Output:

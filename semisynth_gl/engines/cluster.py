@@ -42,9 +42,6 @@ class RayEngine:
         address: ``host:port`` of a cluster that this machine is part of, or "auto" for a cluster that was started here;
             None takes RAY_ADDRESS or a cluster that was started here, or starts one and shuts it down at the end.
         gpus: GPUs of a node for each task, beside a CPU; 0.25 lets four tasks share a GPU.
-
-    Raises:
-        InputError: (from `run`) where Ray is missing or the cluster cannot be reached.
     """
 
     def __init__(self, address: str | None = None, gpus: float = 0) -> None:
@@ -59,7 +56,6 @@ class RayEngine:
         Raises:
             InputError: where Ray is missing or the cluster cannot be reached.
             WorkerError: where a task has ended four workers, or Ray fails otherwise.
-            Exception: the error of a task or of the job's opening. Other workers may finish their tasks first.
         """
         ray = _ray()
         with _connected(ray, self._address):

@@ -3,7 +3,7 @@
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from multiprocessing import resource_tracker
 from types import FrameType
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -17,32 +17,28 @@ GRACE_S = 5.0
 """How long the pairs in hand may take after SIGTERM, s."""
 
 
-@contextmanager
-def interrupts_raise() -> Iterator[None]:
+def interrupts_raise() -> AbstractContextManager[None]:
     """Let Ctrl-C raise KeyboardInterrupt in the block, once: after that it ends the process itself.
 
     An interrupt that comes while another one is dealt with could only become a traceback.
     """
-    with _handlers(_raise_once, (signal.SIGINT,)):
-        yield
+    return _handlers(_raise_once, (signal.SIGINT,))
 
 
-@contextmanager
-def interrupts_end() -> Iterator[None]:
+def interrupts_end() -> AbstractContextManager[None]:
     """Let Ctrl-C end the process itself in the block.
 
     Some packages catch every exception while they are imported, an interrupt too.
     """
-    with _handlers(signal.SIG_DFL, (signal.SIGINT,)):
-        yield
+    return _handlers(signal.SIG_DFL, (signal.SIGINT,))
 
 
 @contextmanager
 def interrupts_wait() -> Iterator[None]:
     """Let Ctrl-C take effect after the block.
 
-    Some packages catch every exception while they are imported: the interrupt would vanish, and the package would take
-    whatever it was about to import for absent.
+    Some packages catch every exception while they are imported: the interrupt would vanish, and the package would
+    think that what it was about to import is not installed.
     """
     pending: list[tuple[int, FrameType | None]] = []
     with _handlers(lambda *arguments: pending.append(arguments), (signal.SIGINT,)):
@@ -91,11 +87,9 @@ def interrupts_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-@contextmanager
-def interrupts_kept() -> Iterator[None]:
+def interrupts_kept() -> AbstractContextManager[None]:
     """Restore the handlers of both signals after a block that replaces them."""
-    with _handlers(None, _ENDING_SIGNALS):
-        yield
+    return _handlers(None, _ENDING_SIGNALS)
 
 
 def _raise_once(_: int, __: FrameType | None) -> NoReturn:

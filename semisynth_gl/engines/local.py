@@ -38,11 +38,7 @@ class SerialEngine:
     def run(
         self, job: Job[Result], tasks: Iterable[int], listener: Listener
     ) -> Generator[tuple[int, Result], None, None]:
-        """Do all tasks; see `Engine.run`.
-
-        Raises:
-            ContextLostError: where a task loses its context in every attempt.
-        """
+        """Do all tasks; see `Engine.run`. A task that loses its context in every attempt raises `ContextLostError`."""
         task: Task[Result] | None = None
         with ExitStack() as resources:
             for number in tasks:
@@ -79,12 +75,7 @@ class LocalEngine:
     def run(
         self, job: Job[Result], tasks: Iterable[int], listener: Listener
     ) -> Generator[tuple[int, Result], None, None]:
-        """Do all tasks; see `Engine.run`.
-
-        Raises:
-            WorkerError: where a task has ended three workers.
-            Exception: the error of a task or of the job's opening. Other workers may finish their tasks first.
-        """
+        """Do all tasks; see `Engine.run`. A task that has ended three workers raises `WorkerError`."""
         pool = _Pool(job, self._workers, self._timeout_s, listener)
         # At its end the interpreter waits for processes before it closes iterators that are still open.
         atexit.register(pool.kill)

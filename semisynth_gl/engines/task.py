@@ -55,7 +55,7 @@ class Engine(Protocol):
 
         Raises:
             WorkerError: where workers keep dying.
-            Exception: the error of a task or of the job's opening, of the same type.
+            Exception: the error of a task or of the job's opening, of the same type; others may end their tasks first.
         """
 
 

@@ -41,7 +41,7 @@ class Closed:
 
 
 def faults(frame: Frame, config: Config, closed: Closed) -> list[str]:
-    """Return the faults of a pair whose scene promises something of all pixels, each a clause with its numbers."""
+    """Return the faults of a pair, each a clause with its numbers; ``closed`` is what its scene promises."""
     section, clauses, images = config.checks, [], (frame.left.image, frame.right.image)
     if not all(_surely_bright(image, section.min_brightness) for image in images):
         brightness = float(min(image.mean() for image in images))
