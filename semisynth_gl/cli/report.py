@@ -42,7 +42,9 @@ def report(directory: str, output: Output, pairs: int, sample: int, split: Split
     from semisynth_gl.reporting.build import report as report_on  # noqa: PLC0415
 
     if output.path is None:
-        output = replace(output, path=_default_path(directory))
+        local = open_place(directory).local
+        name = local.resolve().name if local is not None else directory.rstrip("/").rpartition("/")[2]
+        output = replace(output, path=Path(f"{name}-report.html"))
     output.check()
     start = time.monotonic()
     with Progress() as progress:
@@ -55,9 +57,3 @@ def report(directory: str, output: Output, pairs: int, sample: int, split: Split
         f"{output.path}: {measured} of {counted(total, 'pair')} measured, {built.shown} shown{size}, "
         f"{len(data) / 1e6:.1f} MB, {time.monotonic() - start:.0f} s"
     )
-
-
-def _default_path(directory: str) -> Path:
-    local = open_place(directory).local
-    name = local.resolve().name if local is not None else directory.rstrip("/").rpartition("/")[2]
-    return Path(f"{name}-report.html")
