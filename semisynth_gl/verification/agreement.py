@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 from functools import reduce
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
-from semisynth_gl.verification.shares import most_share
-from semisynth_gl.verification.verdict import Verdict, format_vector
+from semisynth_gl.verification.verdict import Verdict, count_pixels, format_vector
 
 Floats = NDArray[np.floating]
 Where = NDArray[np.bool_]
@@ -20,22 +20,23 @@ _MEDIAN_PX = 0.01
 _MEDIAN_SHARE = 0.002
 _MASK_SHARE = 0.005
 _CLASS_SHARE = 0.05
+SEEN_PX = 0.05
+"""A point is seen where the difference is smaller."""
 MIN_PIXELS = 200
 """Below this number of pixels a median or a fit says nothing."""
 UNCERTAIN = 1
 """The value of an expected mask where either value of the mask may be right."""
+DEVIATIONS = 5.0
+"""So many standard deviations are not left by chance, in millions of pairs."""
+# Of a pixel and its neighbours, which see the same thin thing, all are wrong or none.
+_TOGETHER = 9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Points:
-    """The points of another image that correspond to N pixels of an image.
+    """N pixels (row, column) of an image, and the points (x, y) of another image that correspond to them.
 
-    Attributes:
-        row: (N,) int64, of the pixels.
-        column: (N,) int64, of the pixels.
-        x: (N,) float64 px, of the points.
-        y: (N,) float64 px, of the points.
-        on_rows: whether the points lie on the rows of their pixels.
+    With ``on_rows`` the points lie on the rows of their pixels.
     """
 
     row: NDArray[np.int64]
@@ -60,7 +61,7 @@ class Points:
 
 
 class Agreement:
-    """Vectors of an image's pixels against references: what another image's array has at the corresponding points.
+    """Vectors of an image's pixels (N, C) px against references: another image's array, interpolated at the points.
 
     Args:
         names: of the array that is judged, and of its reference with the place, for messages.
@@ -69,12 +70,6 @@ class Agreement:
         targets: N pixels and their points.
         error_px: the largest difference that encodings cause.
         scaled_from_px: shorter vectors are not judged by their relative difference.
-
-    Attributes:
-        vectors: (N, C) px, the image's array at the pixels.
-        corners: as given.
-        references: (N, C) px, the other image's array, interpolated at the points.
-        error_px: as given.
     """
 
     def __init__(
@@ -91,10 +86,8 @@ class Agreement:
         self.error_px = error_px
         self._names, self._targets, self._scaled_from_px = names, targets, scaled_from_px
         across, down = (targets.x - np.floor(targets.x))[:, None], (targets.y - np.floor(targets.y))[:, None]
-        lefts, rights = self.corners[::2], self.corners[1::2]
-        with np.errstate(invalid="ignore"):
-            above, *below = lefts * (1 - across) + rights * across
-            self.references: Floats = above * (1 - down) + below[0] * down if below else above
+        above, *below = corners[::2] * (1 - across) + corners[1::2] * across
+        self.references: Floats = above * (1 - down) + below[0] * down if below else above
 
     @property
     def known(self) -> Where:
@@ -104,21 +97,19 @@ class Agreement:
     @property
     def close(self) -> Where:
         """Where the pixels around the points have similar vectors, as on one surface, (N,) bool."""
-        with np.errstate(invalid="ignore"):
-            return all_components(np.ptp(self.corners, axis=0) < 1)
+        return all_components(np.ptp(self.corners, axis=0) < 1)
+
+    @property
+    def agree(self) -> Where:
+        """Where the vectors are so near their references that one point is seen twice, (N,) bool."""
+        return all_components(np.abs(self.vectors - self.references) < SEEN_PX + self.error_px)
 
     def check(self, check: str, measure: str, judged: Where, surface: Where, verdict: Verdict) -> None:
         """Judge the vectors by the share of outliers, and by the median of the difference.
 
-        Outliers lie outside the range of the pixels around the point. A constant error shifts the median difference, a
-        wrong factor shifts the median of the relative difference.
-
-        Args:
-            check: the name of the check.
-            measure: the first part of the measures' names.
-            judged: (N,) bool, the pixels to judge; an unknown reference is an outlier.
-            surface: (N,) bool, where pixel and point lie on one surface; medians are taken over these.
-            verdict: takes findings and measures.
+        Outliers lie outside the range of the pixels around the point; so do unknown references. A constant error shifts
+        the median difference, a wrong factor shifts the median of the relative difference. Medians are taken where
+        pixel and point lie on one ``surface``, (N,) as ``judged``. ``measure`` begins the measures' names.
         """
         if not judged.any():
             return
@@ -178,38 +169,55 @@ def check_mask_agreement(
     source: str,
     verdict: Verdict,
 ) -> None:
-    """Judge a mask by the share of its pixels that are not as expected.
+    """Judge a mask of any shape by the share of its pixels that are not as expected from the ``source`` of messages.
 
     Each class is judged by itself too: nearly everything is visible in most pairs, so the mask of another pair may be
-    right nearly everywhere.
-
-    Args:
-        check: the name of the check.
-        name: the mask's, for messages.
-        measure: the first part of the measure's name.
-        mask: uint8 of any shape.
-        expected: uint8 of the same shape, `UNCERTAIN` where the mask is not judged.
-        source: the arrays that ``expected`` follows from, for messages.
-        verdict: takes findings and measures.
+    right nearly everywhere. Where `UNCERTAIN` is expected, nothing is judged.
     """
     certain = expected != UNCERTAIN
     wrong = certain & (mask != expected)
     verdict.measures[f"{measure}_disagree_share"] = float(wrong.sum() / max(certain.sum(), 1))
-    classes = {"outside": OUTSIDE, "occluded": OCCLUDED, "visible": VISIBLE}
-    judged = {"certain": (certain, _MASK_SHARE)} | {
-        label: (expected == value, _CLASS_SHARE) for label, value in classes.items()
-    }
-    for label, (where, limit) in judged.items():
+    classes = (("outside", OUTSIDE), ("occluded", OCCLUDED), ("visible", VISIBLE))
+    judged = [("certain", certain, _MASK_SHARE), *((label, expected == each, _CLASS_SHARE) for label, each in classes)]
+    for label, where, limit in judged:
         pixels = int(where.sum())
-        if not pixels:
-            continue
-        share, most = float((wrong & where).sum() / pixels), most_share(limit, pixels)
+        share, most = float((wrong & where).sum() / max(pixels, 1)), most_share(limit, max(pixels, 1))
         if share > most:
-            verdict.add(
-                check,
-                f"{name}: {share:.2%} of {pixels} {label} pixels disagree with {source}; at most {most:.2%} may",
-            )
+            fault = f"{share:.2%} of {pixels} {label} pixels disagree with {source}; at most {most:.2%} may"
+            verdict.add(check, f"{name}: {fault}")
             return
+
+
+def check_visibility(
+    name: str, mask: NDArray[np.uint8], valid: Where, expected: NDArray[np.uint8], verdict: Verdict
+) -> None:
+    """Check a view's mask (H, W): its values, 0 without a ``valid`` disparity, and agreement with the expected mask."""
+    check_mask_values("mask", name, mask, verdict)
+    invalid = ~valid & (mask != OUTSIDE)
+    if invalid.any():
+        verdict.add("mask", f"{name}: expected 0 without a disparity, got other values in {count_pixels(invalid)}")
+    check_mask_agreement("mask", name, name, mask, expected, "the disparities", verdict)
+
+
+def most_share(limit: float, pixels: int) -> float:
+    """Return up to which share of pixels may be wrong: the limit, and what chance adds to it.
+
+    Of few pixels, more may be wrong by chance: of eleven, all where the limit is 5 %.
+    """
+    return limit + DEVIATIONS * sqrt(limit * (1 - limit) * _TOGETHER / pixels)
+
+
+def ends(vectors: Floats) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the points x and y (H, W) float64 px of the other image to which vectors (H, W, 2) px lead."""
+    height, width = vectors.shape[:2]
+    along, down = np.moveaxis(vectors.astype(np.float64), 2, 0)
+    return np.arange(width) + along, np.arange(height)[:, None] + down
+
+
+def inside_px(x: Floats, y: Floats) -> NDArray[np.float64]:
+    """Return how far points (H, W) lie inside an image of that size; its border is half a pixel beyond the centres."""
+    height, width = x.shape
+    return np.minimum(np.minimum(x, width - 1 - x), np.minimum(y, height - 1 - y)) + 0.5
 
 
 def spread_evenly(indices: NDArray[np.intp], most: int) -> NDArray[np.intp]:

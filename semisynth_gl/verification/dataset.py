@@ -1,11 +1,12 @@
 """All checks of a dataset, shard after shard and pair after pair."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+
+import numpy as np
 
 from semisynth_gl.dataset.reader import Index
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES
-from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.verification.correspondence import check_correspondence, check_deviating_views
 from semisynth_gl.verification.files import (
     StoredShard,
@@ -33,19 +34,18 @@ from semisynth_gl.verification.single_view import (
 from semisynth_gl.verification.verdict import DATASET, Verdict
 from semisynth_gl.verification.view_consistency import (
     check_left_right,
-    check_visibility,
+    check_matched_mask,
     match_views,
     one_surface,
     visible_pixels,
 )
 
+# Arrays hold inf or NaN where nothing is known, and no check judges what is computed from these.
+_UNKNOWN_VALUES = np.errstate(invalid="ignore", divide="ignore")
+
 
 def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
-    """Check a dataset.
-
-    Args:
-        index: the dataset, as `read_index` opened it.
-        oracle_pixels: the number of pixels of each pair through which rays are cast; with 0 no scene is sampled again.
+    """Check a dataset, with rays through so many pixels of each pair; with 0 no scene is sampled again.
 
     Yields:
         The verdict on the dataset itself, then one for each pair, in the order of the shards. The verdict on a shard's
@@ -54,9 +54,7 @@ def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
     Raises:
         InputError: where rays are asked for and the scenes cannot be sampled again.
     """
-    oracles: dict[SplitName, OracleCheck] = {}
-    if oracle_pixels:
-        oracles = {split: OracleCheck(index, split) for split in index.pairs}
+    oracles = {split: OracleCheck(index, split) for split in index.pairs} if oracle_pixels else {}
     verdict = Verdict(DATASET)
     present = frozenset(index.place.names())
     unmade = [unmade_pairs(index, shard, present) for shard in index.shards]
@@ -74,22 +72,15 @@ def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
             if number == shard.numbers.start:
                 shard.check(verdict)
             frame = read_pair(index, shard, number, verdict)
-            fits = frame is not None and _check_frame(frame, index, verdict)
-            if frame is not None and oracle_pixels:
-                oracles[shard.split].check(frame, oracle_pixels, verdict)
-            if frame is not None and fits:
-                _check_against(frame, recent, index, verdict)
-                recent[number] = frame
+            if frame is not None:
+                fits = _check_frame(frame, index, verdict)
+                if oracle_pixels:
+                    oracles[shard.split].check(frame, oracle_pixels, verdict)
+                if fits:
+                    _check_against(frame, recent, index, verdict)
+                    recent[number] = frame
             recent = {at: pair for at, pair in recent.items() if at in _still_needed(number, index)}
             yield verdict
-
-
-def damaged_index(faults: Iterable[str]) -> Verdict:
-    """Return the verdict on a dataset of which nothing can be checked: neither index nor plan can be used."""
-    verdict = Verdict(DATASET)
-    for fault in faults:
-        verdict.add("index", fault)
-    return verdict
 
 
 def _looked_back_at(number: int, index: Index) -> set[int]:
@@ -104,6 +95,7 @@ def _still_needed(number: int, index: Index) -> set[int]:
     return {at for later in range(number + 1, number + 1 + index.views) for at in _looked_back_at(later, index)}
 
 
+@_UNKNOWN_VALUES
 def _check_against(frame: StoredFrame, recent: Mapping[int, StoredFrame], index: Index, verdict: Verdict) -> None:
     """Compare a pair with the earlier pairs of its sequence or scene that have the same size."""
     sizes = frame.left.image.shape
@@ -124,6 +116,7 @@ def _same_textures(frame: StoredFrame, index: Index) -> bool:
     return not (index.imperfect or changing) and frame.encodings.image.lossless
 
 
+@_UNKNOWN_VALUES
 def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
     """Check a pair by itself; return whether all its arrays are of one size."""
     check_origin(frame, index, verdict)
@@ -156,10 +149,10 @@ def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
     signed = frame.encodings.signed
     match = match_views(disparity, right_disparity, -1, signed=signed)
     if "visibility" in left:
-        check_visibility("visibility_left", left["visibility"], match, verdict)
+        check_matched_mask("visibility_left", left["visibility"], match, verdict)
     if "visibility" in right:
         match_right = match_views(right_disparity, disparity, +1, signed=signed)
-        check_visibility("visibility_right", right["visibility"], match_right, verdict)
+        check_matched_mask("visibility_right", right["visibility"], match_right, verdict)
     visible = visible_pixels(match, left.get("visibility"))
     check_left_right(disparity, right_disparity, match, visible, verdict, signed=signed)
     surface = one_surface(match, visible)

@@ -24,17 +24,7 @@ _NEEDED = frozenset({"left", "right", "disparity_left", "provenance"})
 
 
 class StoredShard:
-    """One shard as it is stored.
-
-    Args:
-        index: the dataset.
-        shard: the shard.
-
-    Attributes:
-        split: the split of its pairs.
-        numbers: the numbers of its pairs in the split.
-        fault: why the shard's record could not be read, or None.
-    """
+    """One shard as it is stored: the numbers of its pairs in their split, and why its record could not be read."""
 
     def __init__(self, index: Index, shard: Shard) -> None:
         self.split = shard.split
@@ -48,9 +38,8 @@ class StoredShard:
             self._record = read_record(index.place, shard, packed=index.layout.packed)
             self._samples = {sample.pair: sample.files for sample in self._record.samples}
         except ReadError as error:
-            self.fault = (
-                f"{record_path(shard.name)} {error.reason}: the shard is not finished, or its record was changed"
-            )
+            why = "the shard is not finished, or its record was changed"
+            self.fault = f"{record_path(shard.name)} {error.reason}: {why}"
 
     def check(self, verdict: Verdict) -> None:
         """Check the record against the index, and the tar's digest and list of members against the record."""
@@ -93,27 +82,28 @@ class StoredShard:
             counts = f"{name} has {counted(len(members), 'file')}, its record lists {len(expected)}"
             verdict.add("shard", f"{counts}; the first difference is {first}")
 
-    def listed(self, number: int) -> set[str] | None:
-        """Return the names of a pair's files in the record; None without a record."""
-        files = self._samples.get(number)
-        return None if files is None else set(files)
+    def listed(self, number: int) -> Mapping[str, StoredFile] | None:
+        """Return a pair's files in the record, by name; None without a record."""
+        return self._samples.get(number)
 
     def read(self, number: int, name: str) -> bytes:
-        """Read a pair's file.
-
-        Args:
-            number: the pair's number in its split.
-            name: the file's, below the dataset's folder or inside the tar.
+        """Read a pair's file by its name below the dataset's folder or inside the tar.
 
         Raises:
             ReadError: where the file is missing or cut off.
         """
-        if self._index.layout.packed:
-            return self._member(number, name)
+        place = self._index.place
+        if not self._index.layout.packed:
+            try:
+                return read_whole(place, name)
+            except ReadError as error:
+                raise ReadError(Path(name), error.reason) from None
+        if self._record is None:
+            raise ReadError(Path(name), f"cannot be read from its shard: {self.fault}")
         try:
-            return read_whole(self._index.place, name)
+            return read_members(place, self._shard, self._record, number, [name])[name]
         except ReadError as error:
-            raise ReadError(Path(name), error.reason) from None
+            raise ReadError(Path(name), f"cannot be read from its shard: {error.path} {error.reason}") from None
 
     def check_digest(self, number: int, name: str, data: bytes, verdict: Verdict) -> None:
         """Compare the digest of a file outside tars with the record; a tar has one digest for all its files."""
@@ -123,14 +113,6 @@ class StoredShard:
         digest = hashlib.sha256(data).hexdigest()
         if digest != file.sha256:
             verdict.add("sha256", f"{name} has {digest[:12]}, its shard's record {file.sha256:.12}")
-
-    def _member(self, number: int, name: str) -> bytes:
-        if self._record is None:
-            raise ReadError(Path(name), f"cannot be read from its shard: {self.fault}")
-        try:
-            return read_members(self._index.place, self._shard, self._record, number, [name])[name]
-        except ReadError as error:
-            raise ReadError(Path(name), f"cannot be read from its shard: {error.path} {error.reason}") from None
 
 
 def unmade_pairs(index: Index, shard: Shard, present: AbstractSet[str]) -> range:
@@ -146,13 +128,9 @@ def unmade_pairs(index: Index, shard: Shard, present: AbstractSet[str]) -> range
 
 
 def check_index(index: Index, present: AbstractSet[str], unmade: int, verdict: Verdict) -> None:
-    """Check the index against itself, and the names of the files in the dataset's folder against the index.
+    """Check the index against itself, and the names of the present files against the index.
 
-    Args:
-        index: the dataset.
-        present: the names of its files.
-        unmade: number of pairs that are not made yet.
-        verdict: takes the findings.
+    ``unmade`` is the number of pairs that are not made yet.
     """
     if index.fault is not None:
         verdict.add("index", index.fault)
@@ -162,11 +140,13 @@ def check_index(index: Index, present: AbstractSet[str], unmade: int, verdict: V
     if digest != recorded:
         verdict.add("index", f"config_values have the digest {digest[:12]}, config_sha256 is {recorded:.12}")
     lists, links = _lists_and_links(index)
+    local = index.place.local
     # Loaders take whatever files they meet for a pair.
     foreign = sorted(
         name
         for name in present - _ABOUT - lists.keys() - _shard_files(index)
-        if not name.startswith(f"{PARTIAL}/") and not (name in links and _is_link(index, name))
+        if not name.startswith(f"{PARTIAL}/")
+        and not (name in links and local is not None and (local / name).is_symlink())
     )
     for name in foreign[:_SHOWN]:
         verdict.add("files", f"{name} does not belong here: the index lists no such file")
@@ -190,9 +170,8 @@ def _check_list(index: Index, name: str, expected: bytes, verdict: Verdict) -> N
         lines, expected_lines = data.decode("utf-8", "replace").splitlines(), expected.decode().splitlines()
         missing = sorted(set(expected_lines) - set(lines))
         example = f"; it lacks {missing[0]}" if missing else ""
-        verdict.add(
-            "files", f"{name} has {counted(len(lines), 'line')}, not the {len(expected_lines)} of its layout{example}"
-        )
+        counts = f"{counted(len(lines), 'line')}, not the {len(expected_lines)} of its layout"
+        verdict.add("files", f"{name} has {counts}{example}")
 
 
 def _lists_and_links(index: Index) -> tuple[dict[str, bytes], set[str]]:
@@ -217,30 +196,19 @@ def _shard_files(index: Index) -> set[str]:
     )
 
 
-def _is_link(index: Index, name: str) -> bool:
-    return index.place.local is not None and (index.place.local / name).is_symlink()
-
-
 def read_pair(index: Index, shard: StoredShard, number: int, verdict: Verdict) -> StoredFrame | None:
-    """Read a pair's files, and compare their names with the layout's and with the shard's record.
+    """Read a pair's files, and compare their names and digests with the layout and with the shard's record.
 
-    Args:
-        index: the dataset.
-        shard: the pair's shard, open.
-        number: the pair's number in its split.
-        verdict: takes findings.
-
-    Returns:
-        The pair; None where it cannot be judged further.
+    The result is None where the pair cannot be judged further.
     """
     if index.layout.packed and shard.fault is not None:
         return None  # the shard has the finding
     expected = index.files(shard.split, number)
     listed = shard.listed(number)
     if listed is not None:
-        for name in sorted(set(expected.values()) - listed):
+        for name in sorted(set(expected.values()) - listed.keys()):
             verdict.add("files", f"{name} is not in the shard's record, but layout and outputs ask for it")
-        for name in sorted(listed - set(expected.values())):
+        for name in sorted(listed.keys() - set(expected.values())):
             verdict.add("files", f"{name} does not belong to the pair, but the shard's record lists it")
     values: dict[str, Any] = {}
     for role, name in expected.items():

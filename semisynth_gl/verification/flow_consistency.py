@@ -10,14 +10,14 @@ from semisynth_gl.verification.agreement import (
     UNCERTAIN,
     Agreement,
     Points,
-    all_components,
     check_mask_agreement,
+    ends,
     spread_evenly,
 )
 from semisynth_gl.verification.photometry import check_flow_images
 from semisynth_gl.verification.single_view import OPPOSITE, has_flow
 from semisynth_gl.verification.verdict import Verdict
-from semisynth_gl.verification.view_consistency import HIDDEN_PX, SEEN_PX, SMOOTH_PX, ViewMatch
+from semisynth_gl.verification.view_consistency import HIDDEN_PX, SMOOTH_PX, ViewMatch
 
 Values = NDArray[np.float32]
 Where = NDArray[np.bool_]
@@ -31,21 +31,14 @@ def check_flow_views(frame: StoredFrame, match: ViewMatch, visible: Where, surfa
 
     The point at x - d moves to x + u - (d + change). So the right u is the left one less the change, and v and the
     change are the same. Backward there is no change to subtract, and v alone is judged.
-
-    Args:
-        frame: the pair as it was read.
-        match: of the left view.
-        visible: (H, W) bool, where both views see the point.
-        surface: (H, W) bool, see `one_surface`.
-        verdict: takes findings and measures.
+    For ``surface``, (H, W) as ``visible``, see `one_surface`.
     """
     left, right = frame.view("left"), frame.view("right")
     smooth = visible & match.smooth
     for channel in OPPOSITE.keys() & left.keys():
         smooth &= _is_smooth(left[channel])
     row, column = np.divmod(spread_evenly(np.flatnonzero(smooth), _MAX_PIXELS), visible.shape[1])
-    targets = Points(row, column, match.position[row, column], row.astype(np.float64), on_rows=True)
-    surface = surface[row, column]
+    targets, surface = match.points(row, column), surface[row, column]
 
     def check(check: str, measure: str, names: tuple[str, str], own: Values, other: Values, error_px: float) -> None:
         """Compare arrays (H, W, C) of the left view and of the right one."""
@@ -60,8 +53,7 @@ def check_flow_views(frame: StoredFrame, match: ViewMatch, visible: Where, surfa
         names = f"{channel}_left", f"{channel}_right"
         if channel == "flow" and change is not None:
             own = own.copy()
-            with np.errstate(invalid="ignore"):
-                own[..., 0] -= change
+            own[..., 0] -= change
             names = f"{names[0]} less disparity_change_left", names[1]
         else:
             own, other = own[..., 1:], other[..., 1:]
@@ -74,31 +66,22 @@ def check_flow_views(frame: StoredFrame, match: ViewMatch, visible: Where, surfa
 
 
 def follow_flow(flow: Values, disparity: Values) -> Points:
-    """Follow pixels along their flow, where it stays in the image and the surface goes on to all sides.
+    """Follow pixels along their flow (H, W, 2) px, where it stays in the image and the surface goes on to all sides.
 
     Of more than 200,000 pixels, as many are taken, evenly spread.
-
-    Args:
-        flow: (H, W, 2) float32 px.
-        disparity: (H, W) float32 px.
     """
     height, width = disparity.shape
     followed = has_flow(flow) & _is_smooth(disparity[..., None]) & _is_smooth(flow)
-    known = np.where(followed[..., None], flow, 0).astype(np.float64)
-    x, y = np.arange(width) + known[..., 0], np.arange(height)[:, None] + known[..., 1]
+    x, y = ends(np.where(followed[..., None], flow, 0))
     followed &= (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
     row, column = np.divmod(spread_evenly(np.flatnonzero(followed), _MAX_PIXELS), width)
     return Points(row, column, x[row, column], y[row, column])
 
 
 def check_frames(before: StoredFrame, after: StoredFrame, verdict: Verdict, *, images: bool) -> None:
-    """Check flow, its masks and changes of disparity between a frame and the next one of its sequence.
+    """Check flow, its masks and changes of disparity between a frame and the next one of its sequence, of one size.
 
-    Args:
-        before: the earlier pair as it was read.
-        after: the next one; of the same size.
-        verdict: takes findings and measures.
-        images: whether the images of both show the same textures, bit for bit but for resampling.
+    ``images`` says whether the images of both show the same textures, bit for bit but for resampling.
     """
     for eye in EYES:
         for channel in OPPOSITE:
@@ -118,8 +101,7 @@ def _check_direction(
     values = own[f"{channel}_visibility"][targets.row, targets.column]
     visible = values == VISIBLE
     corners = targets.corners(other_disparity[..., None])
-    with np.errstate(invalid="ignore"):
-        surface = np.ptp(corners, axis=0)[:, 0] < 1
+    surface = np.ptp(corners, axis=0)[:, 0] < 1
     agrees, hidden = np.ones_like(surface), np.zeros_like(surface)
     agreements: list[tuple[str, str, Agreement]] = []
 
@@ -144,14 +126,11 @@ def _check_direction(
         error_px = start.encodings.disparity.error_px + end.encodings.disparity.error_px
         agreement = Agreement(names, disparity[..., None], corners, targets, error_px)
         agreements.append(("change", f"{name}_change", agreement))
-        with np.errstate(invalid="ignore"):
-            nearer = agreement.corners.min(axis=0) > agreement.vectors + HIDDEN_PX + error_px
+        nearer = corners.min(axis=0) > agreement.vectors + HIDDEN_PX + error_px
         hidden = (nearer & np.isfinite(agreement.references))[:, 0]
 
     for check, measure, agreement in agreements:
-        with np.errstate(invalid="ignore"):
-            difference = np.abs(agreement.vectors - agreement.references)
-        agrees &= all_components(difference < SEEN_PX + agreement.error_px)
+        agrees &= agreement.agree
         # Points nearer than the near plane, and values beyond an encoding, have no reference.
         agreement.check(check, measure, visible & agreement.known, surface, verdict)
     if agreements:
@@ -172,7 +151,6 @@ def _is_smooth(values: Values) -> Where:
     inner = smooth[1:-1, 1:-1]
     inner[...] = True
     for channel in np.moveaxis(values, 2, 0):
-        with np.errstate(invalid="ignore"):
-            inner &= np.abs(np.diff(channel[1:-1], 2, axis=1)) < SMOOTH_PX
-            inner &= np.abs(np.diff(channel[:, 1:-1], 2, axis=0)) < SMOOTH_PX
+        inner &= np.abs(np.diff(channel[1:-1], 2, axis=1)) < SMOOTH_PX
+        inner &= np.abs(np.diff(channel[:, 1:-1], 2, axis=0)) < SMOOTH_PX
     return smooth

@@ -51,10 +51,6 @@ _MOTIONS = {"flow": (+1, ("flow", "disparity_change")), "flow_backward": (-1, ("
 class OracleCheck:
     """Judges the pairs of a split by float64 rays through their scenes, sampled again.
 
-    Args:
-        index: the dataset.
-        split: the split of the pairs.
-
     Raises:
         InputError: where its scenes cannot be sampled again; see `RebuiltScenes`.
     """
@@ -68,13 +64,7 @@ class OracleCheck:
             ) from None
 
     def check(self, frame: StoredFrame, pixels: int, verdict: Verdict) -> None:
-        """Compare disparities, normals, flow, changes of disparity and the sky with rays through random pixels.
-
-        Args:
-            frame: the pair as it was read.
-            pixels: the number of rays, half of them in each view.
-            verdict: takes findings and measures.
-        """
+        """Compare a pair's truth with rays through so many random pixels, half of them in each view."""
         sampled = self._scenes.sampled(frame)
         if sampled is None:
             verdict.add("oracle", "config and seed of the index give another scene than the pair's provenance has")

@@ -11,8 +11,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.verification.agreement import MIN_PIXELS, Points, spread_evenly
-from semisynth_gl.verification.shares import DEVIATIONS, most_share
+from semisynth_gl.verification.agreement import DEVIATIONS, MIN_PIXELS, Points, most_share, spread_evenly
 from semisynth_gl.verification.verdict import Verdict
 from semisynth_gl.verification.view_consistency import ViewMatch
 
@@ -45,23 +44,26 @@ _TAPS: tuple[int, ...] = (-1, 0, 1, 2)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Warp:
-    """N pixels of an image, to be compared with the points of another image that show the same.
-
-    Attributes:
-        levels: (N,) float64, grey levels of the pixels.
-        other: (H, W) float32, grey levels of the other image.
-        targets: the pixels and the points.
-    """
+    """N pixels of an image with their grey levels, and the points of another grey image (H, W) that show the same."""
 
     levels: Values
     other: NDArray[np.float32]
     targets: Points
 
+    @classmethod
+    def of(cls, image: Image, other: Image, targets: Points) -> "_Warp":
+        return cls(_grey(image)[targets.row, targets.column].astype(np.float64), _grey(other), targets)
+
+    @property
+    def still(self) -> Values:
+        """The direction (N, 2) of points that stay where they are."""
+        return np.zeros((len(self.levels), 2))
+
     def samples(self, step: float, direction: Values) -> tuple[Values, Values, Values]:
         """Read the pixels around the points, moved by a step along a direction (N, 2).
 
-        Returns:
-            One or four rows of four pixels, (R, 4, N); the points' fractions across and down between the inner pixels.
+        These are one or four rows of four pixels, (R, 4, N); with them come the points' fractions across and down
+        between the inner pixels.
         """
         height, width = self.other.shape
         targets = self.targets
@@ -92,14 +94,14 @@ def check_images(
     *,
     imperfect: bool = False,
 ) -> None:
-    """Check that the right image, resampled at x - d, is the left image.
+    """Check that the right image, resampled at x - d, is the left image, each (H, W, 3) or (H, W) uint8.
 
     First the share of pixels whose residual resampling explains; then, by least squares, the shift and the scale of the
     disparity at which the images fit best: both must be zero.
 
     Args:
-        left: (H, W, 3) or (H, W) uint8.
-        right: likewise.
+        left: the left image.
+        right: the right image.
         match: of the left view.
         surface: (H, W) bool, the pixels to judge: visible, on one surface.
         verdict: takes findings and measures.
@@ -111,7 +113,7 @@ def check_images(
     row, column = np.divmod(spread_evenly(np.flatnonzero(inside), _MAX_PIXELS), width)
     if len(row) < MIN_PIXELS:
         return
-    warp = _warp(left, right, Points(row, column, match.position[row, column], row.astype(np.float64), on_rows=True))
+    warp = _Warp.of(left, right, match.points(row, column))
     if imperfect:
         _check_correlation(warp, verdict)
         return
@@ -135,14 +137,7 @@ def check_flow_images(
 ) -> None:
     """Check that another image, resampled where flow or correspondence leads, is an image; as `check_images` does.
 
-    Args:
-        check: the name of the check.
-        name: of the flow, for messages.
-        measure: the first part of the measures' names.
-        images: the image and the other one, (H, W, 3) or (H, W) uint8.
-        targets: the pixels to judge, visible and on one surface, and the points that flow leads to.
-        verdict: takes findings and measures.
-        imperfect: see `check_images`.
+    The targets are visible and on one surface. ``name`` is the flow's, and ``measure`` begins the measures' names.
     """
     height, width = images[1].shape[:2]
     x, y = targets.x, targets.y
@@ -150,7 +145,7 @@ def check_flow_images(
     targets = targets.select(spread_evenly(np.flatnonzero(inside), _MAX_FLOW_PIXELS))
     if len(targets.x) < MIN_PIXELS:
         return
-    warp = _warp(*images, targets)
+    warp = _Warp.of(*images, targets)
     if imperfect:
         _check_correlation(warp, verdict)
         return
@@ -163,10 +158,6 @@ def check_flow_images(
     _check_warp(check, name, f"{measure}_", warp, fits, verdict)
 
 
-def _warp(image: Image, other: Image, targets: Points) -> _Warp:
-    return _Warp(_grey(image)[targets.row, targets.column].astype(np.float64), _grey(other), targets)
-
-
 def _check_warp(
     check: str, name: str, measure: str, warp: _Warp, fits: Mapping[str, tuple[str, Values]], verdict: Verdict
 ) -> None:
@@ -174,10 +165,9 @@ def _check_warp(
 
     ``fits`` has, by the end of the measure's name, a symbol for messages and the direction (N, 2) px of a step of 1.
     """
-    still = np.zeros((len(warp.levels), 2))
-    share = float(np.mean(_explained(warp.levels, warp.samples(0, still)[0])))
+    share = float(np.mean(_explained(warp.levels, warp.samples(0, warp.still)[0])))
     least = 1 - most_share(_UNEXPLAINED_SHARE, len(warp.levels))
-    median = float(np.median(np.abs(warp.levels - warp.interpolate(0, still)[0])))
+    median = float(np.median(np.abs(warp.levels - warp.interpolate(0, warp.still)[0])))
     verdict.measures[f"{measure}residual_median_levels"] = median
     verdict.measures[f"{measure}residual_explained_share"] = share
     if share < least:
@@ -193,18 +183,17 @@ def _check_warp(
             return
         step, deviation = best
         verdict.measures[f"{measure}best_{key}"] = step
-        # A factor that moves pixels by no more than the allowed shift cannot be told from one.
-        length = _length(direction)
         scaled = key == "scale_times"
-        bound = max(_SCALE if scaled else 0.0, _SHIFT_PX / max(length, _SHIFT_PX)) + DEVIATIONS * deviation
+        # A factor that moves pixels by no more than the allowed shift cannot be told from one.
+        allowed = _SHIFT_PX / max(_length(direction), _SHIFT_PX)
+        bound = max(_SCALE if scaled else 0.0, allowed) + DEVIATIONS * deviation
         if abs(step) > bound:
-            place = f"{symbol} times {1 + step:.4f}" if scaled else f"{symbol} {step:+.3f} px"
-            unit = "" if scaled else " px"
+            place, unit = (f"{symbol} times {1 + step:.4f}", "") if scaled else (f"{symbol} {step:+.3f} px", " px")
             verdict.add(check, f"{name}: the images fit best at {place}; a deviation of {bound:.4f}{unit} is allowed")
 
 
 def _check_correlation(warp: _Warp, verdict: Verdict) -> None:
-    warped = warp.interpolate(0, np.zeros((len(warp.levels), 2)))[0]
+    warped = warp.interpolate(0, warp.still)[0]
     if min(float(warp.levels.std()), float(warped.std())) < 1:
         return
     correlation = float(np.corrcoef(warp.levels, warped)[0, 1])
@@ -254,14 +243,12 @@ def _cubic(samples: Values, fraction: Values) -> tuple[Values, Values]:
 
 
 def _best_step(warp: _Warp, direction: Values) -> tuple[float, float] | None:
-    """Find the step along a direction (N, 2) at which the images fit best, by Gauss-Newton.
+    """Find the step along a direction (N, 2) at which the images fit best, by Gauss-Newton, and its deviation.
 
-    Residuals of one surface resemble each other, and so do those of pixels that are compared at one place between two
-    pixels of the other image: all of a wall that faces the camera. So the deviation is not taken from pixels, but from
-    tiles of the image and from such places, whichever gives more; of the second, no more than interpolation may cause.
-
-    Returns:
-        The step and its standard deviation, or None where there is no texture.
+    The result is None where there is no texture. Residuals of one surface resemble each other, and so do residuals of
+    pixels that are compared at one place between two pixels of the other image, as on a wall that faces the camera. So
+    the standard deviation is not taken from pixels, but from tiles of the image and from such places, whichever gives
+    more; from such places it is at most what interpolation may cause.
     """
     step = deviation = 0.0
     texture = _TEXTURE * (direction**2).sum()

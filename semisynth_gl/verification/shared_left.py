@@ -11,13 +11,7 @@ from semisynth_gl.verification.verdict import Verdict
 
 
 def check_lefts(frame: StoredFrame, other: StoredFrame, verdict: Verdict) -> None:
-    """Check the left view of a pair against that of another pair of the same scene.
-
-    Args:
-        frame: the pair as it was read.
-        other: the other one, of the same size; findings name it.
-        verdict: takes findings.
-    """
+    """Check the left view of a pair against the left view of another pair of the same scene and size."""
     own, camera = frame.camera.left_alone, other.camera.left_alone
     if own != camera:
         verdict.add("lefts", f"the left camera is not that of {other.name}: it is {own}, there {camera}")
@@ -40,23 +34,19 @@ def check_lefts(frame: StoredFrame, other: StoredFrame, verdict: Verdict) -> Non
 
 
 def _of_another_depth(frame: StoredFrame, other: StoredFrame) -> NDArray[np.bool_]:
-    """Return where a pair's left disparity is not that of the depth that another pair has there, (H, W) bool.
-
-    Where the other one has no disparity, nothing is said.
-    """
+    """Return where a pair's left disparity contradicts the depth that another pair has there, (H, W) bool."""
     disparity, its = frame.left.disparity, other.left.disparity.astype(np.float64)
     camera, its_camera = frame.camera, other.camera
     if not (camera.focal_baseline and its_camera.focal_baseline):
         return np.zeros(disparity.shape, bool)
     y_px, x_px = np.mgrid[: disparity.shape[0], : disparity.shape[1]].astype(np.float64)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        depth_m = its_camera.depth_at("left", x_px, y_px, its)
-        expected = -camera.correspondence("left", x_px, y_px, depth_m)[..., 0]
-        bound = FLOAT32 * (np.abs(its) + 2 * abs(its_camera.doffs_px)) + other.rounding_px(its)
-        bound *= camera.focal_baseline / its_camera.focal_baseline
-        bound += FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px)) + frame.rounding_px(disparity)
-        bound += 0.0 if camera.rectified and its_camera.rectified else 2 * DEVIATING_PX
-        missing = np.isfinite(its) & (expected > bound) & (expected < frame.encodings.disparity.limit_px - bound)
-        wrong = np.isfinite(its) & ~(np.abs(disparity - expected) <= bound)
+    depth_m = its_camera.depth_at("left", x_px, y_px, its)
+    expected = -camera.correspondence("left", x_px, y_px, depth_m)[..., 0]
+    bound = FLOAT32 * (np.abs(its) + 2 * abs(its_camera.doffs_px)) + other.rounding_px(its)
+    bound *= camera.focal_baseline / its_camera.focal_baseline
+    bound += FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px)) + frame.rounding_px(disparity)
+    bound += 0.0 if camera.rectified and its_camera.rectified else 2 * DEVIATING_PX
+    missing = np.isfinite(its) & (expected > bound) & (expected < frame.encodings.disparity.limit_px - bound)
+    wrong = np.isfinite(its) & ~(np.abs(disparity - expected) <= bound)
     result: NDArray[np.bool_] = np.where(np.isfinite(disparity), wrong, missing)
     return result

@@ -1,4 +1,7 @@
-"""Checks of one view by itself: disparity, calibration, depth, instances, normals, flow and change of disparity."""
+"""Checks of one view by itself: disparity, calibration, depth, instances, normals, flow and change of disparity.
+
+Each takes a pair as it was read, and adds findings and measures to the verdict.
+"""
 
 from collections.abc import Mapping
 from math import inf, isclose, isfinite
@@ -11,7 +14,7 @@ from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.frame import CHANNELS, OUTSIDE, SKY, Channel, View
 from semisynth_gl.inputs.errors import counted
-from semisynth_gl.verification.agreement import all_components, check_mask_values, dot
+from semisynth_gl.verification.agreement import all_components, check_mask_values, dot, ends, inside_px
 from semisynth_gl.verification.verdict import Verdict, count_pixels
 
 Where = NDArray[np.bool_]
@@ -32,17 +35,14 @@ DEVIATING_PX = 1e-3
 _UNIT_LENGTH = 1e-5
 # Rasterisers move edges by less than this, so that a pixel may show a surface that its own ray sees from behind.
 _EDGE_PX = 1 / 16
-LAST_VALID_PX = 2.0
-"""A surface that leaves the valid range passes through 0; between two pixels its disparity falls by at most this."""
+# A surface that leaves the valid range passes through 0; between two pixels its disparity falls by at most this.
+_LAST_VALID_PX = 2.0
 
 
 def check_disparity(frame: StoredFrame, largest_px: float | None, verdict: Verdict) -> None:
     """Check both disparities: no NaN, positive or, if signed, not beyond infinity, inf only where the rig allows it.
 
-    Args:
-        frame: the pair as it was read.
-        largest_px: the largest disparity that the config allows, or None.
-        verdict: takes findings and measures.
+    The config allows disparities up to ``largest_px``, or all.
     """
     invalid = pixels = 0
     for eye in EYES:
@@ -86,13 +86,7 @@ def _lacking(frame: StoredFrame, eye: Eye, infinite: Where) -> Where | None:
 
 
 def check_sky(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
-    """Check a view's mask of the sky: its values, its instances, and its depth and disparity, infinitely far away.
-
-    Args:
-        frame: the pair as it was read.
-        eye: the view.
-        verdict: takes findings and measures.
-    """
+    """Check a view's mask of the sky: its values, its instances, and its depth and disparity, infinitely far away."""
     view, name, doffs_px = frame.view(eye), f"sky_{eye}", frame.camera.doffs_px
     mask = view.get("sky")
     if mask is None:
@@ -110,8 +104,7 @@ def check_sky(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     if frame.encodings.signed or doffs_px < 0:
         bound = _SIX_DIGITS * abs(doffs_px) + frame.rounding_px(disparity)
         beyond = np.isinf(disparity) & (abs(doffs_px) > frame.encodings.disparity.limit_px)
-        with np.errstate(invalid="ignore"):
-            wrong = sky & ~beyond & ~(np.abs(disparity + doffs_px) <= bound)
+        wrong = sky & ~beyond & ~(np.abs(disparity + doffs_px) <= bound)
         verdict.add_pixels("sky", name, f"has another disparity than {-doffs_px:g} px", wrong)
     else:
         verdict.add_pixels("sky", name, "has a disparity", sky & np.isfinite(disparity))
@@ -127,33 +120,25 @@ def _check_infinite(
     beyond the encoding, only the number of inf can be judged.
     """
     name, doffs_px = f"disparity_{eye}", frame.camera.doffs_px
-    beyond = count_beyond(frame, View.disparity, eye)
+    beyond = _count_beyond(frame, View.disparity, eye)
     if beyond:
         count = int(infinite.sum())
         if count < beyond or (_always_valid(frame) and count != beyond):
-            verdict.add(
-                "disparity",
-                f"{name} is inf in {count_pixels(infinite)}, the provenance counts {beyond} beyond the encoding",
-            )
+            fault = f"is inf in {count_pixels(infinite)}, the provenance counts {beyond} beyond the encoding"
+            verdict.add("disparity", f"{name} {fault}")
         return
     if _always_valid(frame):
         why = "what is signed" if frame.encodings.signed else f"a doffs of {doffs_px:g} px"
         verdict.add_pixels("disparity", name, "is inf", infinite, f"; {why} rules that out")
         return
-    around = disparity[neighbours(infinite) & np.isfinite(disparity)]
-    if around.size and float(around.min()) > LAST_VALID_PX:
+    around = disparity[_neighbours(infinite) & np.isfinite(disparity)]
+    if around.size and float(around.min()) > _LAST_VALID_PX:
         least = f"; the disparities beside them are {float(around.min()):g} px or more"
         verdict.add_pixels("disparity", name, "is inf", infinite, least)
 
 
-def count_beyond(frame: StoredFrame, channel: Channel[Any], eye: Eye) -> int:
-    """Return how many values of a view were beyond the encoding, as the provenance counts them.
-
-    Args:
-        frame: the pair as it was read.
-        channel: the values' channel; where its codec stores everything, the number is 0.
-        eye: the view.
-    """
+def _count_beyond(frame: StoredFrame, channel: Channel[Any], eye: Eye) -> int:
+    """Return how many values of a view were beyond the encoding, as the provenance counts them."""
     counts = frame.provenance.get(channel.beyond_key)
     limited = isfinite(frame.encodings.codec(channel.codec).limit_px)
     count = counts.get(eye) if isinstance(counts, dict) and limited else 0
@@ -205,24 +190,18 @@ def check_depth(frame: StoredFrame, verdict: Verdict) -> None:
         if depth is None or disparity is None:
             continue
         seen = np.isfinite(depth) & (depth > 0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            expected = _disparity_of_depth(frame, eye, depth)
-            bound = FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px)) + frame.rounding_px(disparity)
-            bound += 0.0 if camera.rectified else DEVIATING_PX
-            encodable = np.abs(expected) < frame.encodings.disparity.limit_px - bound
-            missing = seen & ((expected > bound) | frame.encodings.signed) & encodable
-            wrong = np.where(np.isfinite(disparity), ~(np.abs(disparity - expected) <= bound), missing)
+        y, x = np.mgrid[: depth.shape[0], : depth.shape[1]].astype(np.float64)
+        way = camera.correspondence(eye, x, y, depth.astype(np.float64))
+        expected = way[..., 0] * (-1 if eye == "left" else 1)
+        bound = FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px)) + frame.rounding_px(disparity)
+        bound += 0.0 if camera.rectified else DEVIATING_PX
+        encodable = np.abs(expected) < frame.encodings.disparity.limit_px - bound
+        missing = seen & ((expected > bound) | frame.encodings.signed) & encodable
+        wrong = np.where(np.isfinite(disparity), ~(np.abs(disparity - expected) <= bound), missing)
         if wrong.any():
             y, x = np.argwhere(wrong)[0]
             values = f"{depth[y, x]:g} m or {expected[y, x]:g} px, and a disparity of {disparity[y, x]:g} px"
             verdict.add_pixels("depth", f"depth_{eye}", "is not that of the disparity", wrong, f", which has {values}")
-
-
-def _disparity_of_depth(frame: StoredFrame, eye: Eye, depth: NDArray[np.float32]) -> NDArray[np.float64]:
-    height, width = depth.shape
-    y, x = np.mgrid[:height, :width].astype(np.float64)
-    way = frame.camera.correspondence(eye, x, y, depth.astype(np.float64))
-    return way[..., 0] * (-1 if eye == "left" else 1)
 
 
 def check_instances(frame: StoredFrame, verdict: Verdict) -> None:
@@ -236,9 +215,8 @@ def check_instances(frame: StoredFrame, verdict: Verdict) -> None:
         if not isinstance(rows, list):
             verdict.add("instances", f"{name}: there are ids, but the pair's provenance has no list of instances")
         elif int(ids.max()) > len(rows):
-            verdict.add(
-                "instances", f"{name} reaches {ids.max()}, the provenance lists {counted(len(rows), 'instance')}"
-            )
+            listed = counted(len(rows), "instance")
+            verdict.add("instances", f"{name} reaches {ids.max()}, the provenance lists {listed}")
         verdict.add_pixels("instances", name, "is 0 in spite of a disparity", (ids == 0) & np.isfinite(disparity))
 
 
@@ -247,11 +225,6 @@ def check_normals(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
 
     Something is seen where a disparity, a depth or an id says so. The opposite follows only where the view has depth or
     ids, or where the rig and the encoding give every surface a disparity.
-
-    Args:
-        frame: the pair as it was read.
-        eye: the view.
-        verdict: takes findings and measures.
     """
     view, camera, name = frame.view(eye), frame.camera, f"normals_{eye}"
     normals, disparity, depth, ids = (view.get(key) for key in ("normals", "disparity", "depth", "instances"))
@@ -260,7 +233,7 @@ def check_normals(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     seen = np.isfinite(disparity)
     seen |= False if depth is None else np.isfinite(depth)
     seen |= False if ids is None else ids > 0
-    beyond, sky = count_beyond(frame, View.disparity, eye), frame.sky(eye)
+    beyond, sky = _count_beyond(frame, View.disparity, eye), frame.sky(eye)
     seen |= False if sky is None else sky
     always_disparity = _always_valid(frame) and camera.focal_baseline > 0 and beyond == 0
     nothing_known = sky is not None and (depth is not None or ids is not None or always_disparity)
@@ -269,9 +242,8 @@ def check_normals(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     verdict.add_pixels("normals", name, "is not 0 where nothing is seen", ~seen & ~zero & nothing_known)
     height, width = disparity.shape
     column, row = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
-    with np.errstate(invalid="ignore"):
-        length = np.sqrt(dot(normals, normals))
-        away = dot(normals, camera.rays_of_eye(eye, column, row)) > _UNIT_LENGTH + _EDGE_PX / camera.focal_px
+    length = np.sqrt(dot(normals, normals))
+    away = dot(normals, camera.rays_of_eye(eye, column, row)) > _UNIT_LENGTH + _EDGE_PX / camera.focal_px
     wrong = ~zero & ~(np.abs(length - 1) <= _UNIT_LENGTH)
     detail = f"; the lengths of these go up to {length[wrong].max():.6g}" if wrong.any() else ""
     verdict.add_pixels("normals", name, "is no unit vector", wrong, detail)
@@ -284,14 +256,9 @@ def has_flow(flow: NDArray[np.float32]) -> Where:
 
 
 def flow_bound_px(flow: NDArray[np.floating], encoding_px: float | NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the largest error of a component of flow, or of a change of disparity, after rendering and encoding.
+    """Return the largest error (...) px of finite flow or changes of disparity (..., C) after rendering and encoding.
 
-    Args:
-        flow: (..., C) px, finite.
-        encoding_px: the encoding's part, one for all or (...).
-
-    Returns:
-        (...) float64 px.
+    The encoding's part is one number for all, or (...).
     """
     return _FLOW_PX + _FLOW_SHARE * np.sqrt(dot(flow, flow)) + encoding_px
 
@@ -300,12 +267,6 @@ def check_flow(frame: StoredFrame, channel: str, eye: Eye, verdict: Verdict) -> 
     """Check a view's flow in one direction: no NaN, both components of a pixel or none, and the mask's zeros.
 
     Of a mask as it was read, `OUTSIDE` stands exactly where there is no flow, or the flow leads out of the image.
-
-    Args:
-        frame: the pair as it was read.
-        channel: "flow" or "flow_backward".
-        eye: the view.
-        verdict: takes findings and measures.
     """
     view, name = frame.view(eye), f"{channel}_{eye}"
     flow, mask = view.get(channel), view.get(f"{channel}_visibility")
@@ -315,11 +276,10 @@ def check_flow(frame: StoredFrame, channel: str, eye: Eye, verdict: Verdict) -> 
     verdict.add_pixels("flow", name, "is NaN or -inf", ~all_components(np.isfinite(flow) | infinite))
     verdict.add_pixels("flow", name, "is inf in one component alone", infinite[..., 0] != infinite[..., 1])
     missing = int((~has_flow(flow)).sum())
-    beyond = count_beyond(frame, CHANNELS[channel], eye)
+    beyond = _count_beyond(frame, CHANNELS[channel], eye)
     if missing < beyond:
-        verdict.add(
-            "flow", f"{name}: {missing} pixels without flow, the provenance counts {beyond} beyond the encoding"
-        )
+        fault = f"{missing} pixels without flow, the provenance counts {beyond} beyond the encoding"
+        verdict.add("flow", f"{name}: {fault}")
     verdict.measures[f"{name}_none_share"] = missing / infinite[..., 0].size
     if mask is not None:
         _check_outside(f"{channel}_visibility_{eye}", flow, mask, frame.encodings.flow.error_px, verdict)
@@ -331,31 +291,23 @@ def _check_outside(
     check_mask_values("flow-mask", name, mask, verdict)
     known = has_flow(flow)
     verdict.add_pixels("flow-mask", name, "is not 0 without flow", ~known & (mask != OUTSIDE))
-    height, width = mask.shape
     flow = np.where(known[..., None], flow, 0)
-    x = np.arange(width) + flow[..., 0].astype(np.float64)
-    y = np.arange(height)[:, None] + flow[..., 1].astype(np.float64)
-    # The image's border lies half a pixel beyond the last centres.
-    inside_px = np.minimum(np.minimum(x, width - 1 - x), np.minimum(y, height - 1 - y)) + 0.5
-    margin = flow_bound_px(flow, encoding_px)
-    for fault, wrong in (
-        ("is 0 for flow into the image", known & (inside_px > margin) & (mask == OUTSIDE)),
-        ("is neither 0 nor 128 for flow out of the image", known & (inside_px < -margin) & (mask != OUTSIDE)),
-    ):
-        if wrong.any():
-            row, column = np.argwhere(wrong)[0]
-            goal = f", which has {mask[row, column]} and goes to ({x[row, column]:.6g}, {y[row, column]:.6g})"
-            verdict.add_pixels("flow-mask", name, fault, wrong, goal)
+    x, y = ends(flow)
+    within, margin = inside_px(x, y), flow_bound_px(flow, encoding_px)
+
+    def goal(at: tuple[int, int]) -> str:
+        return f", which has {mask[at]} and goes to ({x[at]:.6g}, {y[at]:.6g})"
+
+    wrong = known & (within > margin) & (mask == OUTSIDE)
+    verdict.add_pixels("flow-mask", name, "is 0 for flow into the image", wrong, goal)
+    wrong = known & (within < -margin) & (mask != OUTSIDE)
+    verdict.add_pixels("flow-mask", name, "is neither 0 nor 128 for flow out of the image", wrong, goal)
 
 
 def check_change(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict: Verdict) -> None:
     """Check a view's change of disparity: finite exactly where disparity and flow are, and to a possible disparity.
 
-    Args:
-        frame: the pair as it was read.
-        eye: the view.
-        largest_px: the largest disparity that the config allows, or None.
-        verdict: takes findings and measures.
+    The config allows disparities up to ``largest_px``, or all.
     """
     view = frame.view(eye)
     change, disparity, flow = view.get("disparity_change"), view.get("disparity"), view.get("flow")
@@ -366,31 +318,33 @@ def check_change(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict
     verdict.add_pixels("change", name, "is NaN or -inf", ~(finite | infinite))
     known = finite & np.isfinite(disparity)
     verdict.add_pixels("change", name, "is finite without a disparity", finite & ~known)
-    with np.errstate(invalid="ignore"):
-        later = disparity.astype(np.float64) + change
+    later = disparity.astype(np.float64) + change
     bound = flow_bound_px(np.where(finite, later, 0)[..., None], frame.rounding_px(disparity))
     least_px = -frame.camera.doffs_px if frame.encodings.signed else 0.0
     impossible = known & ((later < least_px - bound) | (later > (inf if largest_px is None else largest_px) + bound))
-    if impossible.any():
-        row, column = np.argwhere(impossible)[0]
-        step = f", which goes from {disparity[row, column]:g} to {later[row, column]:g} px"
-        verdict.add_pixels("change", name, "leads to an impossible disparity", impossible, step)
+    verdict.add_pixels(
+        "change",
+        name,
+        "leads to an impossible disparity",
+        impossible,
+        lambda at: f", which goes from {disparity[at]:g} to {later[at]:g} px",
+    )
     if flow is None:
         return
     flows = has_flow(flow)
-    beyond = count_beyond(frame, View.flow, eye)
+    beyond = _count_beyond(frame, View.flow, eye)
     if int((known & ~flows).sum()) > beyond:
         detail = f"; the provenance counts {beyond} with flow beyond the encoding"
         verdict.add_pixels("change", name, "is finite without flow", known & ~flows, detail)
     missing = np.isfinite(disparity) & flows & infinite
     if missing.any():
         # A disparity that leaves the valid range passes through 0, which it can where doffs is positive.
-        around = later[neighbours(missing) & known]
-        if _always_valid(frame) or (around.size and float(around.min()) > LAST_VALID_PX):
+        around = later[_neighbours(missing) & known]
+        if _always_valid(frame) or (around.size and float(around.min()) > _LAST_VALID_PX):
             verdict.add_pixels("change", name, "is inf in spite of disparity and flow", missing)
 
 
-def neighbours(where: Where) -> Where:
+def _neighbours(where: Where) -> Where:
     """Return the neighbours in the row and the column of the pixels that are set, both (H, W) bool."""
     beside = np.zeros_like(where)
     beside[1:] |= where[:-1]

@@ -1,5 +1,6 @@
 """Findings: the faults that checks report, and the measurements behind them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -45,19 +46,23 @@ class Verdict:
         """Add a finding; line breaks become blanks."""
         self.findings.append(Finding(self.scene, check, " ".join(message.split())))
 
-    def add_pixels(self, check: str, array: str, fault: str, wrong: NDArray[np.bool_], detail: str = "") -> None:
-        """Add a finding with the number of an array's wrong pixels and the first of them, if there is any.
+    def add_pixels(
+        self,
+        check: str,
+        array: str,
+        fault: str,
+        wrong: NDArray[np.bool_],
+        detail: str | Callable[[tuple[int, int]], str] = "",
+    ) -> None:
+        """Add a finding with the number of an array's wrong pixels (H, W) and the first of them, if there is any.
 
-        Args:
-            check: the name of the check.
-            array: the name of the array.
-            fault: the sentence from its verb to "in 12 pixels", such as "is NaN".
-            wrong: (H, W) bool.
-            detail: the end of the message.
+        The fault is the sentence from its verb to "in 12 pixels", such as "is NaN". The detail ends the message; as a
+        function it gets row and column of the first wrong pixel.
         """
         if wrong.any():
-            y, x = np.argwhere(wrong)[0]
-            self.add(check, f"{array} {fault} in {count_pixels(wrong)}, the first at ({x}, {y}){detail}")
+            row, column = np.argwhere(wrong)[0].tolist()
+            end = detail if isinstance(detail, str) else detail((row, column))
+            self.add(check, f"{array} {fault} in {count_pixels(wrong)}, the first at ({column}, {row}){end}")
 
 
 def count_pixels(where: NDArray[np.bool_]) -> str:

@@ -8,8 +8,8 @@ from typing import Any
 from semisynth_gl.dataset.reader import DamagedIndexError, read_index
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.listener import FinishedPair, Listener
-from semisynth_gl.verification.dataset import damaged_index, verify_dataset
-from semisynth_gl.verification.verdict import Finding, Verdict
+from semisynth_gl.verification.dataset import verify_dataset
+from semisynth_gl.verification.verdict import DATASET, Finding, Verdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,21 +65,24 @@ def verify(
     """
     check_type("`dataset`", dataset, str | PathLike)
     pixels, listener = to_whole("`pixels`", pixels, least=1), listener or Listener()
-    pairs, verdicts = 0, list[Verdict]()
-    keys = iter(list[FinishedPair]())
+    keys: list[FinishedPair] = []
     try:
         index = read_index(dataset)
     except DamagedIndexError as error:
-        found: Iterable[Verdict] = [damaged_index(error.faults)]
+        damaged = Verdict(DATASET)
+        for fault in error.faults:
+            damaged.add("index", fault)
+        found: Iterable[Verdict] = [damaged]
     else:
-        pairs, found = sum(index.pairs.values()), verify_dataset(index, pixels if oracle else 0)
-        keys = iter([FinishedPair(each.split, n) for each in index.shards for n in range(each.first, each.end)])
-    listener.on_total(pairs)
+        found = verify_dataset(index, pixels if oracle else 0)
+        keys = [FinishedPair(each.split, n) for each in index.shards for n in range(each.first, each.end)]
+    listener.on_total(len(keys))
+    verdicts: list[Verdict] = []
     for verdict in found:
         if on_finding is not None:
             for finding in verdict.findings:
                 on_finding(finding)
         if verdicts:  # the first verdict is about the dataset, not about a pair
-            listener.on_pair(next(keys))
+            listener.on_pair(keys[len(verdicts) - 1])
         verdicts.append(verdict)
-    return Verification(pairs, verdicts)
+    return Verification(len(keys), verdicts)

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
-from semisynth_gl.verification.agreement import UNCERTAIN, Agreement, Points, check_mask_agreement, check_mask_values
-from semisynth_gl.verification.verdict import Verdict, count_pixels
+from semisynth_gl.verification.agreement import SEEN_PX, UNCERTAIN, Agreement, Points, check_visibility
+from semisynth_gl.verification.verdict import Verdict
 
 Values = NDArray[np.float32]
 Where = NDArray[np.bool_]
@@ -17,8 +17,6 @@ SMOOTH_PX = 0.25
 """A pixel and its neighbours are one surface where the second difference is smaller."""
 HIDDEN_PX = 0.25
 """A point is hidden where both pixels around it are nearer by more."""
-SEEN_PX = 0.05
-"""A point is seen where the difference is smaller."""
 _BORDER_PX = 1e-3
 
 
@@ -42,35 +40,25 @@ class ViewMatch:
     smooth: Where
     corners: Values
 
+    def points(self, row: NDArray[np.intp], column: NDArray[np.intp]) -> Points:
+        """Return pixels (N,) with their points in the other view."""
+        return Points(row, column, self.position[row, column], row.astype(np.float64), on_rows=True)
+
     @property
     def low(self) -> Values:
         """The smaller disparity of the two pixels, (H, W) float32."""
-        result: Values = np.minimum(self.corners[0], self.corners[1])
-        return result
+        return self.corners.min(axis=0)
 
     @property
-    def high(self) -> Values:
-        """The larger disparity of the two pixels, (H, W) float32."""
-        result: Values = np.maximum(self.corners[0], self.corners[1])
-        return result
-
-    @property
-    def reference(self) -> Values:
-        """The other view's disparity, interpolated at the column, (H, W) float32."""
-        fraction = (self.position - np.floor(self.position)).astype(np.float32)
-        with np.errstate(invalid="ignore"):
-            result: Values = self.corners[0] * (1 - fraction) + self.corners[1] * fraction
-        return result
+    def close(self) -> Where:
+        """Where the two pixels have similar disparities, as on one surface, (H, W) bool."""
+        return np.asarray(np.ptp(self.corners, axis=0) < 1)
 
 
 def match_views(own: Values, other: Values, direction: int, *, signed: bool = False) -> ViewMatch:
-    """Look each pixel of one view up in the other one by its disparity.
+    """Look each pixel of one view up in the other one by its disparity, (H, W) float32 px each.
 
-    Args:
-        own: (H, W) float32 px, the disparity of the view whose pixels are looked up.
-        other: (H, W) float32 px, the disparity of the other view.
-        direction: -1 for the left view (x_right = x_left - d), +1 for the right one.
-        signed: whether disparities of 0 and below are valid.
+    The direction is -1 for the left view (x_right = x_left - d), and +1 for the right one.
     """
     height, width = own.shape
     valid = np.isfinite(own) & (signed | (own > 0))
@@ -93,67 +81,42 @@ def match_views(own: Values, other: Values, direction: int, *, signed: bool = Fa
 
 def visible_pixels(match: ViewMatch, mask: NDArray[np.uint8] | None) -> Where:
     """Return where both views see a point, (H, W) bool: by the mask, or by the two disparities without one."""
-    if mask is not None:
-        seen: Where = match.inside & (mask == VISIBLE)
-        return seen
-    with np.errstate(invalid="ignore"):
-        not_hidden: Where = match.inside & (match.low <= match.disparity + HIDDEN_PX)
-    return not_hidden
+    seen = match.low <= match.disparity + HIDDEN_PX if mask is None else mask == VISIBLE
+    return np.asarray(match.inside & seen)
 
 
 def one_surface(match: ViewMatch, visible: Where) -> Where:
     """Return which of the visible pixels lie on a surface that goes on to both sides in both views, (H, W) bool."""
-    with np.errstate(invalid="ignore"):
-        return visible & match.smooth & (match.high - match.low < 1)
+    return visible & match.smooth & match.close
 
 
 def check_left_right(
     left: Values, right: Values, match: ViewMatch, visible: Where, verdict: Verdict, *, signed: bool = False
 ) -> None:
-    """Check the left disparity against the right one at x - d, in visible pixels.
+    """Check the left disparity against the right one at x - d, in visible pixels, (H, W) px each.
 
-    Disparity is linear along the row of a plane, so the right one, interpolated at x - d, is d again.
-
-    Args:
-        left: (H, W) float32 px, the left disparity.
-        right: (H, W) float32 px, the right one.
-        match: of the left view.
-        visible: (H, W) bool, where both views see the point.
-        verdict: takes findings and measures.
-        signed: whether disparities of 0 and below are valid; those about 0 have no relative difference.
+    Disparity is linear along the row of a plane, so the right one, interpolated at x - d, is d again. Signed
+    disparities about 0 have no relative difference.
     """
     row, column = np.nonzero(visible & match.smooth)
-    targets = Points(row, column, match.position[row, column], row.astype(np.float64), on_rows=True)
+    targets = match.points(row, column)
     names = "disparity_left", "disparity_right at x - d"
     corners = targets.corners(right[..., None])
     agreement = Agreement(names, left[..., None], corners, targets, 0.0, scaled_from_px=1.0 if signed else 0.0)
     agreement.check("left-right", "left_right", np.ones(len(row), bool), agreement.close, verdict)
 
 
-def check_visibility(name: str, mask: NDArray[np.uint8], match: ViewMatch, verdict: Verdict) -> None:
-    """Check a mask's values, and that it agrees with the disparities where they leave no doubt.
-
-    Args:
-        name: the mask's, for messages and measures.
-        mask: (H, W) uint8.
-        match: of the mask's view.
-        verdict: takes findings and measures.
-    """
-    check_mask_values("mask", name, mask, verdict)
-    invalid = ~match.valid & (mask != OUTSIDE)
-    if invalid.any():
-        verdict.add("mask", f"{name}: expected 0 without a disparity, got other values in {count_pixels(invalid)}")
+def check_matched_mask(name: str, mask: NDArray[np.uint8], match: ViewMatch, verdict: Verdict) -> None:
+    """Check a mask, and that it agrees with the disparities where they leave no doubt."""
     # Beside depth edges the mask depends on where between two pixels of the other view a surface ends.
     border = mask.shape[1] - 0.5
     within = (match.position >= -0.5 + _BORDER_PX) & (match.position <= border - _BORDER_PX)
     beyond = (match.position < -0.5 - _BORDER_PX) | (match.position > border + _BORDER_PX)
     judged = match.valid & within & match.smooth
-    with np.errstate(invalid="ignore"):
-        hidden = judged & (match.low > match.disparity + HIDDEN_PX)
-        close = np.abs(match.disparity - match.reference) < SEEN_PX
-        seen = judged & (match.high - match.low < 1) & close
+    fraction = (match.position - np.floor(match.position)).astype(np.float32)
+    reference = match.corners[0] * (1 - fraction) + match.corners[1] * fraction
     expected = np.full(mask.shape, UNCERTAIN, np.uint8)
     expected[~match.valid | beyond] = OUTSIDE
-    expected[hidden] = OCCLUDED
-    expected[seen] = VISIBLE
-    check_mask_agreement("mask", name, name, mask, expected, "the disparities", verdict)
+    expected[judged & (match.low > match.disparity + HIDDEN_PX)] = OCCLUDED
+    expected[judged & match.close & (np.abs(match.disparity - reference) < SEEN_PX)] = VISIBLE
+    check_visibility(name, mask, match.valid, expected, verdict)
