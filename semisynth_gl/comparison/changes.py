@@ -17,14 +17,11 @@ _KINDS = ("cuboid", "plane", "room", "street")
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A key, and the measures that follow it.
+    """A key of the config, section and name, and the keys of each `Measure` that more of it raises or lowers.
 
     Attributes:
-        key: section and name; of keys of the top level the name alone.
-        up: keys of the `Measure` that more of it raises.
-        down: those that more of it lowers.
-        kinds: weights of the section ``background``; the key counts in scenes that have one of these alone. Empty for
-            keys of all scenes.
+        kinds: weights of the section ``background``, of which a scene must have one for the key to count in it. Empty
+            for keys that count in all scenes.
         more: how to have more of it, where "raise KEY" does not say it.
         less: how to have less of it, where "lower KEY" does not say it.
     """
@@ -88,11 +85,8 @@ def moved_by(*keys: str) -> tuple[Measure, ...]:
 def advice(measure: Measure, recipes: Sequence[Mapping[str, Any]], *, more: bool) -> str:
     """Return what to change in a config for more of a measure, or for less; "" where no key moves it.
 
-    Args:
-        measure: the measure.
-        recipes: the values of each recipe's config in JSON's types, at least one. Keys that move nothing in the scenes
-            of any recipe are not named, nor what the values say already.
-        more: whether more of it is wanted.
+    Of the recipes, at least one, there are the values in JSON's types. Keys that move nothing in the scenes of any
+    recipe are not named, and neither are changes that the values have already.
     """
     changes = [change for change in CHANGES if _counts(change, recipes)]
     raised = [change for change in changes if measure.key in (change.up if more else change.down)]

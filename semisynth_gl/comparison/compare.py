@@ -11,15 +11,7 @@ from semisynth_gl.comparison.maps import map_files
 from semisynth_gl.comparison.measured_view import WORKING_WIDTH, working_width
 from semisynth_gl.comparison.measures import MEASURES, PROFILES, Measure, Profile
 from semisynth_gl.comparison.place import PlaceFiles, find_place
-from semisynth_gl.comparison.sides import (
-    FEWEST,
-    SAMPLE,
-    MeasuredPlace,
-    Side,
-    distance,
-    measure_dataset,
-    measure_place,
-)
+from semisynth_gl.comparison.sides import FEWEST, SAMPLE, MeasuredPlace, Side, distance, measure_dataset, measure_place
 from semisynth_gl.dataset.configs import recipe_values
 from semisynth_gl.dataset.reader import Dataset, open_dataset
 from semisynth_gl.inputs.arguments import to_real, to_whole
@@ -149,14 +141,7 @@ def compare_with_place(
     sample: int = SAMPLE,
     listener: Listener | None = None,
 ) -> Comparison:
-    """Measure a dataset and its place at one width.
-
-    Args:
-        dataset: the dataset, or one of its splits.
-        place: the photographs and maps, see `find_place`.
-        width_px: the width to which all images and maps are brought; by default the `working_width` of the pairs.
-        sample: number of pairs to measure, evenly spread, at least 1.
-        listener: hears the number of pairs, and each measured pair.
+    """Measure a dataset and its place at one width, by default the `working_width` of the pairs; see `compare`.
 
     Raises:
         InputError: where no photograph can be read, or a map does not fit its image or has no disparity.

@@ -16,12 +16,7 @@ from semisynth_gl.textures.image_files import KITTI_2012_MAPS, KITTI_2015_MAPS, 
 _IMAGE_OF_NAME = {"disp0GT": "im0.png", "disp0": "im0.png", "disp1GT": "im1.png", "disp1": "im1.png"}
 _IMAGE_OF_FOLDER = dict(zip(KITTI_2015_MAPS, ("image_2", "image_2", "image_3", "image_3"), strict=True))
 # Maps of a scene, of which the first counts: the left view's, and that with the pixels that one eye sees.
-_OF_ONE_SCENE = (
-    ("disp0GT", "disp1GT"),
-    ("disp0", "disp1"),
-    KITTI_2015_MAPS,
-    KITTI_2012_MAPS,
-)
+_OF_ONE_SCENE = (("disp0GT", "disp1GT"), ("disp0", "disp1"), KITTI_2015_MAPS, KITTI_2012_MAPS)
 _OF_RIGHT_VIEWS = frozenset({"disp1GT", "disp1", *KITTI_2015_MAPS[2:]})
 
 
@@ -29,9 +24,6 @@ def map_files(sources: Sequence[str | Path]) -> list[Path]:
     """Return the disparity maps of files, folders and globs: .pfm, .npy and 16-bit grey .png.
 
     In folders and globs, PNG files of other kinds are passed over: images and masks lie beside disparity maps.
-
-    Args:
-        sources: files, folders and globs.
 
     Raises:
         InputError: where a source matches no map.
@@ -62,15 +54,9 @@ def one_of_each_scene(maps: Sequence[Path]) -> list[Path]:
 
 
 def read_map(path: Path, png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np.float32]:
-    """Read a disparity map.
+    """Read a disparity map (H, W) px, nan where it has no value, from a PNG of so many levels per pixel of disparity.
 
-    Args:
-        path: .pfm or .npy, in which inf, nan, 0 and negative numbers stand for no value, or 16-bit grey .png, in which
-            0 does.
-        png_scale: levels of a PNG per pixel of disparity.
-
-    Returns:
-        (H, W) float32, px, nan where there is no value.
+    Inf, nan, 0 and negative numbers of .pfm and .npy stand for no value, and 0 in 16-bit grey .png.
 
     Raises:
         ReadError: where the file has another format, or not one value per pixel.

@@ -1,14 +1,20 @@
 """A view as it is measured: luminance, disparity and masks at the working width, so that resolutions compare."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TypeVar
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.comparison import quantities
+from semisynth_gl.comparison.quantities import (
+    gradients,
+    local_contrasts,
+    octave_contrasts,
+    region_sizes,
+    run_lengths,
+    slants,
+)
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.seeds.spread import centres
 from semisynth_gl.textures.crops import LUMINANCE_PARTS
@@ -18,15 +24,20 @@ WORKING_WIDTH = 512
 
 _DENSE = 0.5
 _STRIP_PIXELS = 1 << 20
-
-_Result = TypeVar("_Result")
+# Each quantity, and the array of a view that it is worked out from.
+_QUANTITIES: Mapping[str, tuple[Callable[[NDArray[np.float32]], NDArray[Any]], str]] = {
+    "run_lengths": (run_lengths, "surfaces"),
+    "region_sizes": (region_sizes, "surfaces"),
+    "slants": (slants, "surfaces"),
+    "gradients": (gradients, "luminance"),
+    "local_contrasts": (local_contrasts, "luminance"),
+    "octave_contrasts": (octave_contrasts, "luminance"),
+}
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredView:
     """What is known of one view, at the working width.
-
-    Its properties are the `quantities` of its arrays, each computed once, or None where the view lacks the array.
 
     Attributes:
         name: for messages.
@@ -37,6 +48,7 @@ class MeasuredView:
             where fewer than half of the pixels have a disparity, as of lidar: holes are then most of it.
         background: (H, W) bool, whether the pixel shows a wall, ground or other flat face; None where unknown.
         enlarged: whether the image is narrower than the working width, so that it lacks the finest detail.
+        worked_out: quantities of these arrays, by name; see `array`.
     """
 
     name: str
@@ -45,6 +57,18 @@ class MeasuredView:
     surfaces: NDArray[np.float32] | None = None
     background: NDArray[np.bool_] | None = None
     enlarged: bool = False
+    worked_out: dict[str, NDArray[Any] | None] = field(default_factory=dict, init=False)
+
+    def array(self, name: str) -> NDArray[Any] | None:
+        """Return an array or a quantity of the view by its name, worked out once; None where the view lacks it."""
+        if name not in _QUANTITIES:
+            own: NDArray[Any] | None = getattr(self, name)
+            return own
+        if name not in self.worked_out:
+            quantity, source = _QUANTITIES[name]
+            array = getattr(self, source)
+            self.worked_out[name] = None if array is None else quantity(array)
+        return self.worked_out[name]
 
     def with_image(self, image: NDArray[np.uint8]) -> "MeasuredView":
         """Return the view with another image, (H, W, 3) uint8 RGB or (H, W) grey in any size.
@@ -60,41 +84,12 @@ class MeasuredView:
         """Return the view with its luminance multiplied by 2 to this power."""
         factor = np.float32(2.0**stops)
         exposed = replace(self, luminance=None if self.luminance is None else self.luminance * factor)
-        for name in ("gradients", "local_contrasts", "octave_contrasts"):
-            levels = getattr(self, name)
-            # What is in levels grows along: to work it out again takes longer.
-            exposed.__dict__[name] = None if levels is None else levels * factor
+        for name, (_, source) in _QUANTITIES.items():
+            if source == "luminance":
+                levels = self.array(name)
+                # What is in levels grows along: to work it out again takes longer.
+                exposed.worked_out[name] = None if levels is None else levels * factor
         return exposed
-
-    @cached_property
-    def run_lengths(self) -> NDArray[np.int64] | None:
-        """(R,) int64 px."""
-        return _of(quantities.run_lengths, self.surfaces)
-
-    @cached_property
-    def region_sizes(self) -> NDArray[np.int64] | None:
-        """(R,) int64 px."""
-        return _of(quantities.region_sizes, self.surfaces)
-
-    @cached_property
-    def slants(self) -> quantities.Values | None:
-        """(N,) px per px."""
-        return _of(quantities.slants, self.surfaces)
-
-    @cached_property
-    def gradients(self) -> quantities.Values | None:
-        """(H - 1, W - 1) levels per px."""
-        return _of(quantities.gradients, self.luminance)
-
-    @cached_property
-    def local_contrasts(self) -> quantities.Values | None:
-        """(H - 8, W - 8) levels."""
-        return _of(quantities.local_contrasts, self.luminance)
-
-    @cached_property
-    def octave_contrasts(self) -> quantities.Values | None:
-        """(5,) levels."""
-        return _of(quantities.octave_contrasts, self.luminance)
 
 
 def working_width(width_px: int) -> int:
@@ -103,10 +98,6 @@ def working_width(width_px: int) -> int:
     It is `WORKING_WIDTH`, or the pairs' own where that is less: enlarged images lack the finest detail.
     """
     return min(WORKING_WIDTH, width_px)
-
-
-def _of(quantity: Callable[[NDArray[np.float32]], _Result], array: NDArray[np.float32] | None) -> _Result | None:
-    return None if array is None else quantity(array)
 
 
 def make_view(
@@ -120,16 +111,9 @@ def make_view(
 ) -> MeasuredView:
     """Bring the arrays of a view to the working width.
 
-    Images are averaged over areas. Of the others each pixel takes one value, that at its centre: a mean of two
-    surfaces would be a surface between them that nobody saw. Disparities shrink with the image.
-
-    Args:
-        name: for messages.
-        width_px: the working width.
-        image: (H, W, 3) uint8 RGB, or (H, W) grey.
-        disparity: (H, W) float32 px; no value is inf or nan, or, unless they are signed, 0 or below.
-        background: (H, W) bool, whether a pixel shows walls, ground or other flat faces.
-        signed: whether disparities of 0 and below are valid.
+    The image is (H, W, 3) uint8 RGB, or (H, W) grey, and is averaged over areas. From each other array a pixel takes
+    the value at its centre: a mean of two surfaces would be a surface between them that nobody saw. The disparity
+    (H, W) px shrinks with the image; inf, nan and, unless it is signed, 0 and below stand for no value.
 
     Raises:
         InputError: where the arrays differ in size.
@@ -158,36 +142,24 @@ def make_view(
 
 
 def mean_luminance(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.float32]:
-    """Return the luminance of an image in another size, in which each pixel is the mean over its area.
+    """Return the luminance of an image (H, W, 3) or (H, W) in another size (h, w): each pixel the mean over its area.
 
-    Args:
-        image: (H, W, 3) uint8 RGB, or (H, W) grey.
-        size: height and width of the result, (h, w).
-
-    Returns:
-        (h, w) float32 levels, by the weights of ITU-R BT.601; not rounded, so that images that keep their size compare
-        with those that are averaged.
+    The levels are float32, by the weights of ITU-R BT.601, and not rounded, so that images that keep their size
+    compare with averaged ones.
     """
     height, width = image.shape[:2]
     rows = max(1, _STRIP_PIXELS // width)
     # Columns first and in strips: of a large image they leave little.
-    strips = [_mean_along_rows(_luminance(image[top : top + rows]), size[1]) for top in range(0, height, rows)]
+    parts = (image[top : top + rows] for top in range(0, height, rows))
+    luminances = (part.astype(np.float64) if part.ndim == 2 else part @ LUMINANCE_PARTS for part in parts)
+    strips = [_mean_along_rows(luminance, size[1]) for luminance in luminances]
     return np.ascontiguousarray(_mean_along_rows(np.concatenate(strips).T, size[0]).T, np.float32)
 
 
-def _luminance(image: NDArray[np.uint8]) -> NDArray[np.float64]:
-    return image.astype(np.float64) if image.ndim == 2 else image @ LUMINANCE_PARTS
-
-
 def fill_holes(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Give each pixel without a value the smaller of the nearest values to its left and to its right.
+    """Give each nan pixel of (H, W) px the smaller of the nearest values to its left and to its right.
 
-    Args:
-        disparity: (H, W) float32, nan where there is no value, with at least one value. A row without any becomes the
-            nearest row that has some.
-
-    Returns:
-        (H, W) float32, all finite.
+    A row without any value becomes the nearest row that has some; there must be one.
     """
     rows = np.flatnonzero(np.isfinite(disparity).any(axis=1))
     nearest = rows[np.abs(rows[:, None] - np.arange(len(disparity))).argmin(axis=0)]

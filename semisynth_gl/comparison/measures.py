@@ -26,7 +26,7 @@ class _Quantity:
     Attributes:
         key: its name in JSON.
         name: its name in tables and plots.
-        of: the arrays and properties of a `MeasuredView` that it is computed from, by name.
+        of: the arrays and quantities of a `MeasuredView` that it is computed from, by name.
         fine: whether it depends on the finest detail, which images narrower than the working width lack.
     """
 
@@ -48,8 +48,8 @@ class _Quantity:
 
     def arrays(self, view: MeasuredView) -> list[NDArray[Any]] | None:
         """Return the arrays it needs; None where the view lacks one, or was enlarged and it measures fine detail."""
-        arrays = [getattr(view, name) for name in self.of]
-        return None if (self.fine and view.enlarged) or any(array is None for array in arrays) else arrays
+        arrays = [array for name in self.of if (array := view.array(name)) is not None]
+        return None if (self.fine and view.enlarged) or len(arrays) < len(self.of) else arrays
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,12 +170,7 @@ MEASURES: tuple[Measure, ...] = (
     ),
     Measure("largest_disparity", "disparity, largest", ("disparity",), "% of width", _largest),
     Measure(
-        "border_hardness",
-        "borders: step over contrast",
-        ("luminance", "surfaces"),
-        "ratio",
-        border_hardness,
-        fine=True,
+        "border_hardness", "borders: step over contrast", ("luminance", "surfaces"), "ratio", border_hardness, fine=True
     ),
     Measure(
         "flat",
@@ -186,12 +181,7 @@ MEASURES: tuple[Measure, ...] = (
         fine=True,
     ),
     Measure(
-        "octaves",
-        "contrast, finest over third octave",
-        ("octave_contrasts",),
-        "ratio",
-        _finest_over_third,
-        fine=True,
+        "octaves", "contrast, finest over third octave", ("octave_contrasts",), "ratio", _finest_over_third, fine=True
     ),
     Measure("gradient", "gradient, mean", ("gradients",), "levels per px", _mean, fine=True),
     Measure(
@@ -207,7 +197,6 @@ MEASURES: tuple[Measure, ...] = (
     Measure("background", "background in view", ("background",), "%", _percent),
 )
 """All measures, in the order of tables."""
-
 
 PROFILES: tuple[Profile, ...] = (
     Profile(
@@ -236,22 +225,8 @@ PROFILES: tuple[Profile, ...] = (
         lambda sizes, edges: _shares(100 * sizes / sizes.sum(), edges, weights=sizes),
         log=True,
     ),
-    Profile(
-        "slant",
-        "slant, % of smooth pixels",
-        ("slants",),
-        "px per px",
-        np.linspace(0, 0.4, 33),
-        _shares,
-    ),
-    Profile(
-        "luminance",
-        "luminance, % of pixels",
-        ("luminance",),
-        "levels",
-        np.linspace(0, 256, 33),
-        _shares,
-    ),
+    Profile("slant", "slant, % of smooth pixels", ("slants",), "px per px", np.linspace(0, 0.4, 33), _shares),
+    Profile("luminance", "luminance, % of pixels", ("luminance",), "levels", np.linspace(0, 256, 33), _shares),
     Profile(
         "gradient",
         "gradient, % of pixels",

@@ -35,10 +35,7 @@ def find_place(
 ) -> PlaceFiles:
     """Return a place of files as folders hold them: without masks, and with one map of each scene.
 
-    Args:
-        photographs: images; those that are no photographs are left out, see `beside_photographs`.
-        maps: disparity maps; all but one of a scene are left out, see `one_of_each_scene`.
-        png_scale: see `PlaceFiles`.
+    See `beside_photographs` and `one_of_each_scene`.
 
     Raises:
         InputError: where there is no photograph.
@@ -50,12 +47,7 @@ def find_place(
 
 
 def left_out(images: Sequence[Path], maps: Sequence[Path]) -> str:
-    """Return a sentence on the files that do not count among those found; "" where all do.
-
-    Args:
-        images: images, with those `beside_photographs`.
-        maps: disparity maps, see `map_files`.
-    """
+    """Return a sentence on the images and maps that `find_place` leaves out; "" where it takes all."""
     taken = set(one_of_each_scene(maps))
     beside = [path for path in images if beside_photographs(path)]
     files = list(dict.fromkeys([*beside, *(path for path in maps if path not in taken)]))
@@ -63,16 +55,8 @@ def left_out(images: Sequence[Path], maps: Sequence[Path]) -> str:
     return f"left out {counted(len(files), 'file')}, such as {files[0]}: {reason}" if files else ""
 
 
-def photograph_views(
-    photographs: Sequence[Path], skipped: list[Skipped], width_px: int = WORKING_WIDTH
-) -> Iterator[MeasuredView]:
-    """Yield photographs of a place.
-
-    Args:
-        photographs: the files.
-        skipped: a list that receives the files that cannot be read.
-        width_px: the working width.
-    """
+def photograph_views(photographs: Sequence[Path], skipped: list[Skipped], width_px: int) -> Iterator[MeasuredView]:
+    """Yield photographs at the working width; those that cannot be read go to ``skipped``."""
     for path in photographs:
         try:
             image = read_image(path)
@@ -83,11 +67,7 @@ def photograph_views(
 
 
 def map_views(place: PlaceFiles, width_px: int = WORKING_WIDTH) -> Iterator[MeasuredView]:
-    """Yield the maps, each with its image where there is one.
-
-    Args:
-        place: the place.
-        width_px: the working width.
+    """Yield the maps at the working width, each with its image where there is one.
 
     Raises:
         ReadError: where a map cannot be read.

@@ -19,15 +19,7 @@ _DATASET, _PLACE = "#d1730f", "#2a5fa5"
 
 
 def comparison_png(comparison: Comparison, title: str) -> bytes:
-    """Draw the profiles of both sides, with the range between their quartiles, above the values of all pictures.
-
-    Args:
-        comparison: the measures.
-        title: title of the picture.
-
-    Returns:
-        A PNG's bytes.
-    """
+    """Draw a PNG: the profiles of both sides with the range between their quartiles, above all pictures' values."""
     sides = ((comparison.place.side, _PLACE, "place"), (comparison.dataset, _DATASET, "dataset"))
     measures = [measure for measure in MEASURES if any(len(side.values[measure.key]) for side, _, _ in sides)]
     profiles = [profile for profile in PROFILES if any(len(side.profiles[profile.key]) for side, _, _ in sides)]

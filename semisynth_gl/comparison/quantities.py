@@ -28,25 +28,15 @@ Values = NDArray[np.float32] | NDArray[np.float64]
 
 
 def jumps(surfaces: NDArray[np.float32], axis: int, least_px: float = JUMP_PX) -> Mask:
-    """Return where neighbours along an axis lie on two surfaces.
+    """Return where neighbours in a column (axis 0) or a row (axis 1) lie on two surfaces, (H - 1, W) or (H, W - 1).
 
-    Args:
-        surfaces: (H, W) float32 px, all finite, as of a `Picture`; likewise below.
-        axis: 0 for neighbours in a column, 1 for those in a row.
-        least_px: a difference above this is a jump.
-
-    Returns:
-        (H - 1, W) or (H, W - 1) bool.
+    Surfaces are (H, W) float32 px, all finite, as of a `MeasuredView`, here and below.
     """
     return np.abs(np.diff(surfaces, axis=axis)) > least_px
 
 
 def run_lengths(surfaces: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Return the length of each smooth run: pixels of a row between two jumps, or between a jump and the border.
-
-    Returns:
-        (R,) int64 px, from the top row to the bottom row.
-    """
+    """Return the length of each smooth run, (R,) px: pixels of a row between two jumps, or a jump and the border."""
     height, width = surfaces.shape
     ends = np.ones((height, width), np.bool_)
     ends[:, :-1] = jumps(surfaces, 1)
@@ -54,11 +44,7 @@ def run_lengths(surfaces: NDArray[np.float32]) -> NDArray[np.int64]:
 
 
 def region_sizes(surfaces: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Return the number of pixels of each region: pixels that are connected along rows and columns without a jump.
-
-    Returns:
-        (R,) int64 px, each above 0.
-    """
+    """Return the pixels of each region, (R,) above 0: they are connected along rows and columns without a jump."""
     lengths = run_lengths(surfaces)
     run = np.repeat(np.arange(len(lengths)), lengths).reshape(surfaces.shape)
     upper, lower = run[:-1], run[1:]
@@ -105,13 +91,8 @@ def hidden(disparity: NDArray[np.float32]) -> Mask:
     """Return the pixels of a left view that the right view cannot show, judged by the left map alone.
 
     A pixel is hidden where a nearer one takes its place in the right view, or where that place is outside the image.
-    Pairs with a mask are judged so too: both sides of a comparison are to have one definition.
-
-    Args:
-        disparity: (H, W) float32 px, nan where unknown.
-
-    Returns:
-        (H, W) bool, false where there is no disparity.
+    Pairs with a mask are judged so too: both sides of a comparison are to have one definition. Pixels (H, W) whose
+    disparity is unknown, nan, are not hidden.
     """
     height, width = disparity.shape
     known = np.isfinite(disparity)
@@ -130,8 +111,7 @@ def hidden(disparity: NDArray[np.float32]) -> Mask:
 def slants(surfaces: NDArray[np.float32]) -> Values:
     """Return how fast disparity changes on surfaces: the length of its gradient, in px per px, over `SLANT_SPAN_PX`.
 
-    Returns:
-        (N,) of the pixels around which neither the row nor the column has a jump over that span.
+    It is measured at the N pixels around which neither the row nor the column has a jump over that span.
     """
     span, half = SLANT_SPAN_PX, SLANT_SPAN_PX // 2
     height, width = surfaces.shape
@@ -169,9 +149,7 @@ def octave_contrasts(luminance: NDArray[np.float32]) -> NDArray[np.float64]:
     """Return the contrast of each octave of detail, levels: the root mean square deviation within blocks of 2 x 2.
 
     The blocks are of pixels for the first, finest octave, and of the means of the previous octave's blocks for others.
-
-    Returns:
-        (5,), nan from the octave on for which the image is too small.
+    There are 5, nan from the octave on for which the image is too small.
     """
     contrasts = np.full(_OCTAVES, np.nan)
     levels = luminance.astype(np.float64)
@@ -188,14 +166,11 @@ def octave_contrasts(luminance: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 def border_steps(luminance: NDArray[np.float32], surfaces: NDArray[np.float32]) -> tuple[Values, Values]:
-    """Return the step of the image at each border of an object, and the contrast of what lies to both sides.
+    """Return the step of the image at each border of an object, and the contrast between its sides, (N,) levels each.
 
     Borders are high jumps in a row with five pixels of one surface to each side. The contrast is the difference between
     the means of the third to fifth pixels; the step is the largest between neighbours within one pixel of the jump,
     since measured maps are rarely better aligned with their images. Contrasts below 10 levels say nothing.
-
-    Returns:
-        steps and contrasts, (N,) each, levels, 0 or more.
     """
     reach = _MIXED + _PLAIN
     width = surfaces.shape[1]

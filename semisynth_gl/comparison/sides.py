@@ -2,13 +2,12 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.comparison.measured_view import WORKING_WIDTH, MeasuredView, make_view
-from semisynth_gl.comparison.measures import MEASURES, PROFILES, Measure, Profile
+from semisynth_gl.comparison.measures import MEASURES, PROFILES, Measure
 from semisynth_gl.comparison.place import PlaceFiles, map_views, photograph_views
 from semisynth_gl.dataset.reader import Dataset
 from semisynth_gl.dataset.sample import StoredFrame
@@ -90,10 +89,10 @@ def distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
     return float(np.abs(below[0] - below[1]) @ np.diff(places))
 
 
-def measure_views(
-    views: Iterable[MeasuredView], measures: Sequence[Measure] = MEASURES, profiles: Sequence[Profile] = PROFILES
-) -> Side:
-    """Measure views one by one; none is kept."""
+def measure_views(views: Iterable[MeasuredView], *, of_images: bool | None = None) -> Side:
+    """Measure views one by one, without keeping them: all measures and profiles, or those that are ``of_images``."""
+    measures = [each for each in MEASURES if of_images in (None, each.of_images)]
+    profiles = [each for each in PROFILES if of_images in (None, each.of_images)]
     values: dict[str, list[float]] = {measure.key: [] for measure in measures}
     shares: dict[str, list[NDArray[np.float64]]] = {profile.key: [] for profile in profiles}
     for view in views:
@@ -111,16 +110,8 @@ def measure_views(
     )
 
 
-def measure_dataset(
-    dataset: Dataset, width_px: int = WORKING_WIDTH, sample: int = SAMPLE, listener: Listener | None = None
-) -> Side:
-    """Measure left views of a dataset.
-
-    Args:
-        dataset: the dataset, or one of its splits.
-        width_px: the working width.
-        sample: number of pairs to measure, evenly spread, at least 1.
-        listener: hears the number of pairs, and each measured pair.
+def measure_dataset(dataset: Dataset, width_px: int, sample: int, listener: Listener | None = None) -> Side:
+    """Measure left views of a dataset at the working width, a sample of pairs evenly spread.
 
     Raises:
         ReadError: where a file of the dataset cannot be read.
@@ -149,7 +140,23 @@ def _one_sample_each(sides: Sequence[Side]) -> Side:
     )
 
 
-def measure_place(place: PlaceFiles, width_px: int = WORKING_WIDTH) -> MeasuredPlace:
+@dataclass(frozen=True, slots=True)
+class _Facts:
+    """What `MeasuredPlace` counts of a view: all views together would fill the memory."""
+
+    narrow: bool
+    with_image: bool
+    sparse: bool
+
+
+def _noted(views: Iterable[MeasuredView], facts: list[_Facts]) -> Iterator[MeasuredView]:
+    """Pass views on, and note the facts of each."""
+    for view in views:
+        facts.append(_Facts(view.enlarged, view.luminance is not None, view.surfaces is None))
+        yield view
+
+
+def measure_place(place: PlaceFiles, width_px: int) -> MeasuredPlace:
     """Measure a place's photographs, as many samples as they have subjects, and its maps.
 
     Raises:
@@ -157,39 +164,28 @@ def measure_place(place: PlaceFiles, width_px: int = WORKING_WIDTH) -> MeasuredP
         ReadError: where a map cannot be read.
     """
     skipped: list[Skipped] = []
-    narrow: list[bool] = []
-    with_image: list[bool] = []
-    sparse: list[bool] = []
-
-    def photographs(subject: Sequence[Path]) -> Iterator[MeasuredView]:
-        for view in photograph_views(subject, skipped, width_px):
-            narrow.append(view.enlarged)
-            yield view
-
-    def maps() -> Iterator[MeasuredView]:
-        for view in map_views(place, width_px):
-            with_image.append(view.luminance is not None)
-            sparse.append(view.surfaces is None)
-            yield view
-
-    def measured(views: Iterable[MeasuredView], *, images: bool) -> Side:
-        return measure_views(
-            views,
-            [each for each in MEASURES if each.of_images == images],
-            [each for each in PROFILES if each.of_images == images],
-        )
-
-    sides, subjects = list[Side](), 0
+    photographs: list[_Facts] = []
+    maps: list[_Facts] = []
+    sides: list[Side] = []
+    subjects = 0
     for subject in photographed_subjects(place.photographs):
-        before = len(narrow)
-        sides.append(measured(photographs(subject), images=True))
-        subjects += len(narrow) > before
-    of_images, of_maps = _one_sample_each(sides), measured(maps(), images=False)
-    if not narrow:
+        before = len(photographs)
+        views = photograph_views(subject, skipped, width_px)
+        sides.append(measure_views(_noted(views, photographs), of_images=True))
+        subjects += len(photographs) > before
+    of_images = _one_sample_each(sides)
+    of_maps = measure_views(_noted(map_views(place, width_px), maps), of_images=False)
+    if not photographs:
         raise InputError(f"none of {counted(len(skipped), 'photograph')} can be read; the first: {skipped[0]}")
-    side = Side(of_images.values | of_maps.values, of_images.profiles | of_maps.profiles)
     return MeasuredPlace(
-        side, len(narrow), subjects, sum(narrow), len(sparse), sum(with_image), sum(sparse), tuple(skipped)
+        Side(of_images.values | of_maps.values, of_images.profiles | of_maps.profiles),
+        photographs=len(photographs),
+        subjects=subjects,
+        narrow=sum(view.narrow for view in photographs),
+        maps=len(maps),
+        maps_with_image=sum(view.with_image for view in maps),
+        sparse_maps=sum(view.sparse for view in maps),
+        skipped=tuple(skipped),
     )
 
 

@@ -21,15 +21,9 @@ _GOOD, _BAD, _OCCLUDED, _UNKNOWN = (255, 255, 255), (0, 0, 0), (128, 128, 128), 
 def draw_error_map(
     comparison: PixelComparison, protocol: Protocol, visible: NDArray[np.bool_] | None = None
 ) -> NDArray[np.uint8]:
-    """Draw the errors of a prediction: with a ``map_px`` of the protocol bad pixels as ETH3D does, else as KITTI does.
+    """Draw the errors of a prediction, RGB: with a ``map_px`` of the protocol bad pixels as ETH3D, else as KITTI does.
 
-    Args:
-        comparison: the prediction against its truth.
-        protocol: the benchmark's definitions.
-        visible: (H, W) bool, where a pixel is not occluded; None where that is not known.
-
-    Returns:
-        (H, W, 3) uint8 RGB.
+    ``visible`` says where pixels are not occluded; None where that is not known.
     """
     if protocol.map_px is None:
         return _kitti_error_map(comparison, visible)

@@ -45,9 +45,8 @@ class Evaluation:
         name: the pair's.
         scores: by (region,); where the truth has a map of objects, also by (region, part), with the part
             ``background`` or ``foreground``.
-        error_map: (H, W, 3) uint8 RGB; None where it was not asked for.
-        negative: whether most values of the prediction are below 0, as in a flow to the right image, and
-            disparities of the truth are not.
+        error_map: RGB; None where it was not asked for.
+        negative: whether most values are below 0, as in a flow to the right image, but the truth's are not.
     """
 
     name: str
@@ -94,13 +93,7 @@ def evaluate(
 
 
 def evaluate_pair(pair: TruePair, prediction: Prediction, protocol: Protocol, *, draw: bool = False) -> Evaluation:
-    """Evaluate a prediction.
-
-    Args:
-        pair: the pair with its truth.
-        prediction: the file.
-        protocol: the benchmark's definitions.
-        draw: whether to draw an error map.
+    """Evaluate a prediction for a pair, and draw an error map where it is asked for.
 
     Raises:
         ReadError: where a file cannot be read, or the prediction has no disparity at all.
@@ -134,16 +127,9 @@ def evaluate_pair(pair: TruePair, prediction: Prediction, protocol: Protocol, *,
 
 
 def region_figures(evaluations: Sequence[Evaluation], region: str) -> dict[str, float]:
-    """Return the figures of pairs in a region, as their benchmark averages them; see `mean_figures`.
+    """Return the figures of pairs in one of `REGIONS`, by name; none where no pair has it. See `mean_figures`.
 
     With maps of objects there are also D1-bg and D1-fg, outliers in the background and elsewhere.
-
-    Args:
-        evaluations: of the pairs.
-        region: one of `REGIONS`.
-
-    Returns:
-        Figures by name; nothing where no pair has the region.
     """
     figures: dict[str, float] = {}
     for part, name in _PARTS.items():
@@ -155,13 +141,7 @@ def region_figures(evaluations: Sequence[Evaluation], region: str) -> dict[str, 
 
 
 def report_json(evaluations: Sequence[Evaluation], protocol: Protocol, predictions: Predictions) -> dict[str, Any]:
-    """Return all results in JSON's types; numbers that are not finite are None.
-
-    Args:
-        evaluations: of the pairs that have a prediction, in their order; at least one.
-        protocol: the benchmark's definitions.
-        predictions: those that the evaluations are of.
-    """
+    """Return the results for the predictions in JSON's types; numbers that are not finite are None."""
 
     def figures(pairs: Sequence[Evaluation]) -> dict[str, dict[str, float | None]]:
         regions = {region: values for region in REGIONS if (values := region_figures(pairs, region))}
@@ -195,12 +175,7 @@ def report_table(
 ) -> list[str]:
     """Return the lines of a table with the benchmark's own decimals: a row for each pair, and one for all together.
 
-    Args:
-        evaluations: at least one.
-        region: one of `REGIONS` that a pair has.
-        protocol: the benchmark's definitions.
-        most: the number of pairs with a row; of more pairs, the worst by `Protocol.headline` have one, the worst first.
-            None for all pairs.
+    Of more than ``most`` pairs, the worst by `Protocol.headline` have a row, the worst first.
     """
 
     def cell(value: float | None) -> str:

@@ -13,12 +13,7 @@ _SHOWN = 8
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """A file with a prediction.
-
-    Attributes:
-        path: .pfm, .npy or 16-bit .png.
-        png_scale: levels of a PNG per pixel of disparity.
-    """
+    """A file with a prediction, and the levels of a PNG per pixel of disparity."""
 
     path: Path
     png_scale: float
@@ -26,12 +21,7 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True)
 class Predictions:
-    """The predictions for the pairs of a set.
-
-    Attributes:
-        found: the pairs that have a prediction, in the set's order, each with its own.
-        missing: names of the pairs without one.
-    """
+    """The pairs of a set that have a prediction, in the set's order, and the names of the others."""
 
     found: Sequence[tuple[TruePair, Prediction]]
     missing: Sequence[str]
@@ -43,12 +33,7 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
     A prediction has one of the pair's names, see `TruePair`, and ends in .pfm, .npy or .png. In a scene's folder it may
     also be ``disp0<METHOD>.pfm``, as Middlebury wants it; the truth's own name counts only where there is no such file,
     since Middlebury's results lie beside the truth. Of several files, pictures are left out: networks write them beside
-    their results.
-
-    Args:
-        folder: the folder of the predictions.
-        pairs: the pairs.
-        partial: whether some predictions may be missing.
+    their results. With ``partial`` some predictions may be missing.
 
     Raises:
         InputError: where there is no such folder, a pair has several predictions, predictions are missing against

@@ -117,7 +117,7 @@ def _compare_middlebury(prediction: Disparity, truth: Disparity, limits: Limits)
     """
     scales = [scale for scale in (1, 2, 4) if tuple(scale * side for side in prediction.shape) == truth.shape]
     if not scales:
-        raise InputError(_sizes(prediction, truth, "expected the truth's size, or exactly half or a quarter of it"))
+        raise _wrong_size(prediction, truth, "expected the truth's size, or exactly half or a quarter of it")
     scale = scales[0]
     # Halves and quarters are exact in float32, as in the kit.
     values = np.repeat(np.repeat(prediction * np.float32(scale), scale, axis=0), scale, axis=1)
@@ -172,18 +172,11 @@ def _compare_paper(prediction: Disparity, truth: Disparity, limits: Limits) -> P
 
 
 def fill_holes(disparity: Disparity, valid: Where) -> Disparity:
-    """Fill holes of a prediction as KITTI's kit does.
+    """Fill holes of a prediction (H, W) px, where it is not valid, as KITTI's kit does.
 
     Source: ``interpolateBackground`` in io_disp.h of KITTI's development kit. Within a row a hole takes the smaller of
     its left and right neighbours; at the row's ends it takes the only one. Rows above the first row that has a value
-    take that row's, and rows below the last take the last's. Rows without any value between such rows stay unfilled.
-
-    Args:
-        disparity: (H, W) float32 px.
-        valid: (H, W) bool, False in the holes.
-
-    Returns:
-        (H, W) float32 px, `UNFILLED` where nothing could be filled in.
+    take that row's, and rows below the last take the last's. Rows without any value between such rows stay `UNFILLED`.
     """
     width = disparity.shape[1]
     columns = np.arange(width)
@@ -210,11 +203,11 @@ def _error(values: Disparity, truth: Disparity) -> Disparity:
 
 def _require_same_size(prediction: Disparity, truth: Disparity) -> None:
     if prediction.shape != truth.shape:
-        raise InputError(_sizes(prediction, truth, "expected the same size"))
+        raise _wrong_size(prediction, truth, "expected the same size")
 
 
-def _sizes(prediction: Disparity, truth: Disparity, expected: str) -> str:
-    return f"the prediction has {shown_size(prediction)} pixels, its truth {shown_size(truth)}: {expected}"
+def _wrong_size(prediction: Disparity, truth: Disparity, expected: str) -> InputError:
+    return InputError(f"the prediction has {shown_size(prediction)} pixels, its truth {shown_size(truth)}: {expected}")
 
 
 def shown_size(image: NDArray[np.generic]) -> str:

@@ -128,12 +128,7 @@ def score(
 
 
 def tally(comparison: PixelComparison, protocol: Protocol, mask: NDArray[np.bool_] | None = None) -> Score:
-    """Count the pixels of a comparison.
-
-    Args:
-        comparison: the prediction against its truth.
-        protocol: the benchmark's definitions.
-        mask: (H, W) bool, the pixels to count; None for all.
+    """Count the pixels of a comparison that are in a mask (H, W), or all.
 
     Raises:
         InputError: where the mask has another size than the truth.
@@ -170,10 +165,6 @@ def is_outlier(error: NDArray[np.float32], truth: NDArray[np.float32]) -> NDArra
 
     Source: ``disparityErrorsOutlier`` in evaluate_scene_flow.cpp of KITTI's development kit. The quotient is a float32
     and the bound a double, just below the float32 next to it: exactly 5 % is an outlier, exactly 3 px is none.
-
-    Args:
-        error: (N,) float32 px, absolute.
-        truth: (N,) float32 px.
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         quotient = error / np.abs(truth)
@@ -182,13 +173,10 @@ def is_outlier(error: NDArray[np.float32], truth: NDArray[np.float32]) -> NDArra
 
 
 def error_quantiles(error: NDArray[np.float32]) -> tuple[float, ...]:
-    """Return A50, A90, A95 and A99: number floor(n q), counted from 0, of the n errors in ascending order.
+    """Return A50, A90, A95 and A99: number floor(n q), counted from 0, of the n errors in ascending order, n above 0.
 
     Source: src/main.cc of github.com/ETH3D/two-view-evaluation, where n q is a float32. Middlebury's page reports the
     same figures, but its kit has none. NaN sorts last.
-
-    Args:
-        error: (N,) float32 px, at least one.
     """
     places = [min(int(np.floor(np.float32(error.size) * np.float32(q))), error.size - 1) for q in QUANTILES]
     return tuple(float(value) for value in np.partition(error, places)[places])
@@ -215,13 +203,10 @@ def pool(scores: Sequence[Score]) -> Score:
 
 
 def mean_figures(scores: Mapping[str, Score]) -> dict[str, float]:
-    """Return the figures of several images together, as their benchmark averages them.
+    """Return the figures of several images together, by name, as their benchmark averages them.
 
     KITTI pools the pixels of all images. The others average the images' figures; Middlebury halves the weight of five
     of its training pairs. An image without a judged pixel takes no part.
-
-    Args:
-        scores: by the image's name, at least one, all by one protocol.
     """
     protocol = next(iter(scores.values())).protocol
     counted = {name: score for name, score in scores.items() if score.judged} or scores

@@ -47,9 +47,9 @@ class Truth:
     """The truth of a pair's left view.
 
     Attributes:
-        disparity: (H, W) float32 px, inf where unknown.
-        visible: (H, W) bool, where the right view sees the point too; None where that is not known.
-        objects: (H, W) uint8, 0 in the background, as KITTI's obj_map; None where there is no such map.
+        disparity: (H, W) px, inf where unknown.
+        visible: (H, W), where the right view sees the point too; None where that is not known.
+        objects: (H, W), 0 in the background, as KITTI's obj_map; None where there is no such map.
         limits: of the disparities.
     """
 
@@ -61,14 +61,11 @@ class Truth:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruePair:
-    """A pair with a file of its truth.
+    """A pair, by a name that is unique in its set, with its truth; messages name the truth's file, the source.
 
     Attributes:
-        name: unique in its set.
-        source: the truth's file, for messages.
         stems: names that a prediction for the pair may have, below the folder of predictions and without their ending,
             the most specific first; each with the levels per pixel of disparity in a 16-bit PNG of that name.
-        read: a function that reads the truth.
         signed: whether disparities of 0 and below are valid; PNGs count 1/256 px from 32768 on then.
     """
 
@@ -81,12 +78,9 @@ class TruePair:
 
 @dataclass(frozen=True, slots=True)
 class TrueSet:
-    """The pairs of a set.
+    """The pairs of a set, and the benchmark whose form it has.
 
-    Attributes:
-        pairs: in their order.
-        protocol: the name of the benchmark whose form the set has.
-        local: the folder of a dataset of this program; None for other sets, and for datasets that are in no folder.
+    ``local`` is the folder of a dataset of this program; None for other sets, and for datasets that are in no folder.
     """
 
     pairs: Sequence[TruePair]
@@ -128,26 +122,25 @@ def _dataset_truths(dataset: Dataset, only_split: SplitName | None) -> TrueSet:
     codec = index.encodings.disparity
     png_steps = codec.steps if isinstance(codec, DisparityPng16) else _STEPS
     several = len(index.pairs) > 1
-    # The order of `Dataset`.
-    splits = {split: range(count) for split, count in index.pairs.items() if only_split in (None, split)}
-    keys = [(split, number) for split, numbers in splits.items() for number in numbers]
     pairs = []
-    for place, (split, number) in enumerate(keys):
+    for place in range(len(dataset)):
+        split, number = dataset.pair(place)
         scene = index.key(split, number).name
         path = index.files(split, number)["disparity_left"]
         stems: dict[str, float] = {f"{split}/{scene}": _STEPS} if several else {}
         stems |= {scene: _STEPS} | _path_stems(PurePosixPath(path), png_steps)
         name = f"{split}/{scene}" if several and only_split is None else scene
-        read = partial(_read_pair, dataset, place, split, number)
-        pairs.append(TruePair(name, str(index.place.path(path)), stems, read, index.signed))
+        pairs.append(
+            TruePair(name, str(index.place.path(path)), stems, partial(_read_pair, dataset, place), index.signed)
+        )
     return TrueSet(pairs, _PROTOCOL_OF_LAYOUT.get(index.layout_name, "middlebury"), index.place.local)
 
 
-def _read_pair(dataset: Dataset, place: int, split: SplitName, number: int) -> Truth:
+def _read_pair(dataset: Dataset, place: int) -> Truth:
     index, frame = dataset.about, dataset[place]
     disparity, visibility = frame.left.disparity, frame.left.get("visibility")
     # KITTI's map of objects is no array of a frame.
-    name = index.files(split, number).get(_OBJECTS_ROLE)
+    name = index.files(*dataset.pair(place)).get(_OBJECTS_ROLE)
     objects = None
     if name is not None:
         path = index.place.path(name)

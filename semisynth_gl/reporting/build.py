@@ -7,14 +7,7 @@ from os import PathLike
 from semisynth_gl.dataset.reader import Dataset, Index, read_index
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.listener import Listener
-from semisynth_gl.reporting.measure import (
-    QUANTITIES,
-    Measurement,
-    Outlier,
-    PairMeasures,
-    find_outliers,
-    measure,
-)
+from semisynth_gl.reporting.measure import QUANTITIES, Measurement, Outlier, PairMeasures, find_outliers, measure
 from semisynth_gl.reporting.page import ShownPair, render_page
 from semisynth_gl.reporting.pictures import make_pictures
 from semisynth_gl.reporting.redraws import read_redraws
@@ -68,25 +61,9 @@ def report(
 
 
 def build_report(
-    index: Index,
-    *,
-    pairs: int,
-    sample: int,
-    split: SplitName | None = None,
-    listener: Listener | None = None,
+    index: Index, *, pairs: int, sample: int, split: SplitName | None = None, listener: Listener | None = None
 ) -> Report:
-    """Measure a dataset and render its page. Equal datasets give equal pages.
-
-    Args:
-        index: the index of the dataset.
-        pairs: number of pairs to show, 0 or more; outliers come on top.
-        sample: number of pairs to measure, 1 or more; all shown pairs are measured.
-        split: a split of the dataset; None for all splits.
-        listener: hears the number of pairs to measure, and each measured pair.
-
-    Raises:
-        InputError: where the dataset is not finished, has no such split, or no pair of it can be read.
-    """
+    """Measure a dataset and render its page, see `report`. Equal datasets give equal pages."""
     dataset = Dataset(index, split)
     redraws = read_redraws(index, split)
     positions = spread(len(dataset), max(sample, pairs))

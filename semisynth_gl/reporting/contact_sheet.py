@@ -25,12 +25,8 @@ def draw_sheet(
 ) -> Figure:
     """Draw a row for each pair (left, right, left disparity with its scale in px) above the histogram of all pairs.
 
-    Args:
-        frames: the pairs, at least one.
-        target: distribution that the config asks for.
-        title: title of the sheet.
-        names: a name for each pair, which stands under its left image; none by default.
-        weights: how much each pair counts in the histogram; all alike by default.
+    The target is the distribution that the config asks for. Names stand under the pairs' left images. Weights say how
+    much each pair counts in the histogram, all alike by default.
     """
     first = frames[0].camera
     row_in = (_WIDTH_IN / 3.15) * first.height_px / first.width_px

@@ -1,7 +1,7 @@
 """A sample of a dataset's pairs measured from their files, and the pairs farthest from the others."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
 from typing import cast
@@ -41,14 +41,13 @@ class PairMeasures:
     Attributes:
         position: the pair's number in the sequence of all pairs.
         key: the pair's split, and its number in the split.
-        name: the pair's name, with the split in a dataset of several splits.
+        name: with the split in a dataset of several splits.
         median_px: median disparity of the left view; NaN where no pixel has a disparity.
         occluded: share of the left view's pixels that are hidden from the right eye; None without a mask.
         invalid: share of the left view's pixels without disparity.
-        texture: texture measure of the flatter stored image, in levels; the config's ``checks.min_texture`` takes the
-            same measure before imperfections.
+        texture: of the flatter stored image, levels; ``checks.min_texture`` takes it before imperfections.
         redraws: number of times that the pair was drawn again.
-        recipe: name of the recipe that the scene was made by; None where the config has no recipes.
+        recipe: None where the config has no recipes.
     """
 
     position: int
@@ -64,16 +63,9 @@ class PairMeasures:
 
 @dataclass(frozen=True, slots=True)
 class RecipeMeasures:
-    """The measures of a recipe's pairs, means over the sampled pairs.
+    """The measures of a recipe's sampled pairs: means of `PairMeasures`, None without any, and the sum of redraws.
 
-    Attributes:
-        name: the recipe's name.
-        wanted: the share of sequences that the config asks for; None where this version cannot read the config.
-        pairs: number of pairs.
-        median_px: see `PairMeasures`; None where no pair has a disparity.
-        occluded: see `PairMeasures`; None without masks.
-        texture: see `PairMeasures`.
-        redraws: number of times that the pairs were drawn again, in all.
+    The wanted share of sequences is the config's; None where this version cannot read the config.
     """
 
     name: str
@@ -92,7 +84,7 @@ class Measurement:
     Attributes:
         dataset_pairs: number of pairs of the dataset, or of the split that the sample is from.
         pairs: the measures of each readable pair of the sample.
-        recipes: the measures of each recipe, in the config's order; none where the config has no recipes.
+        recipes: the measures of each recipe, in the config's order.
         unread: the faults of the unreadable pairs of the sample.
         disparity: distribution over all pixels of the left views; None where no pixel has a disparity.
         target: distribution that the config asks for; None where this version cannot read the config.
@@ -122,13 +114,7 @@ def measure(
     redraws: Mapping[PairKey, Sequence[str]],
     listener: Listener | None = None,
 ) -> Measurement:
-    """Read pairs and measure them.
-
-    Args:
-        dataset: the dataset, or one of its splits.
-        positions: numbers of the pairs to measure.
-        redraws: faults of the failed attempts of pairs.
-        listener: hears the number of pairs, and each measured pair.
+    """Read pairs and measure them; ``redraws`` has the faults of their failed attempts.
 
     Raises:
         InputError: where no pair can be read.
@@ -162,9 +148,7 @@ def measure(
             spacing_px = max(1, round(sqrt(height * width / RAYS)))
             columns, rows = (np.arange(spacing_px // 2, side, spacing_px) for side in (width, height))
             x, y = np.tile(columns, len(rows)), np.repeat(rows, len(columns))
-            disparity = frame.left.disparity[y, x].astype(np.float64)
-            known = np.isfinite(disparity)
-            depths.append(_depth_m(frame, x[known], y[known], disparity[known]))
+            depths.append(_depth_m(frame, x, y))
             if position in with_rays:
                 try:
                     rays.append(caster.cast(frame, x, y))
@@ -172,10 +156,8 @@ def measure(
                     ray_faults[str(error)] += 1
         listener.on_pair(FinishedPair(*dataset.pair(position)))
     if not pairs:
-        raise InputError(
-            f"{index.place.address}: no pair could be read; "
-            + (f"the fault of the first: {unread[0]}" if unread else "the sample is empty")
-        )
+        fault = f"the fault of the first: {unread[0]}" if unread else "the sample is empty"
+        raise InputError(f"{index.place.address}: no pair could be read; {fault}")
     return Measurement(
         dataset_pairs=len(dataset),
         pairs=tuple(pairs),
@@ -191,15 +173,14 @@ def measure(
     )
 
 
-def _depth_m(
-    frame: StoredFrame, x_px: NDArray[np.int64], y_px: NDArray[np.int64], disparity_px: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _depth_m(frame: StoredFrame, x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return the left view's depths at pixels (R,), except where they may be infinite."""
+    disparity_px = frame.left.disparity[y, x].astype(np.float64)
+    known = np.isfinite(disparity_px)
+    x_px, y_px, disparity_px = x[known].astype(np.float64), y[known].astype(np.float64), disparity_px[known]
     beyond_px = frame.rounding_px(disparity_px) + _FLOAT32 * abs(frame.camera.doffs_px)
-    depth_m, farthest_m = (
-        frame.camera.depth_at("left", x_px.astype(np.float64), y_px.astype(np.float64), each)
-        for each in (disparity_px, disparity_px - beyond_px)
-    )
+    depth_m = frame.camera.depth_at("left", x_px, y_px, disparity_px)
+    farthest_m = frame.camera.depth_at("left", x_px, y_px, disparity_px - beyond_px)
     # A depth beyond infinity is negative.
     return depth_m[(farthest_m > 0) & np.isfinite(farthest_m)]
 
@@ -261,38 +242,30 @@ def _mean(values: Iterable[float | None]) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A quantity that pairs are compared by.
+    """A quantity that pairs are compared by: an attribute of `PairMeasures`, None or NaN without a value.
 
-    Attributes:
-        name: the quantity's name, with its unit.
-        value: returns its value in a pair; None or NaN where the pair has no value.
-        format: format specification of a value.
+    The name has the unit, and the format specification writes a value.
     """
 
     name: str
-    value: Callable[[PairMeasures], float | None]
+    attribute: str
     format: str = ".3g"
 
 
 QUANTITIES = (
-    Quantity("median disparity, px", lambda pair: pair.median_px, ".4g"),
-    Quantity("occluded pixels", lambda pair: pair.occluded, ".2%"),
-    Quantity("texture measure, levels", lambda pair: pair.texture),
-    Quantity("pixels without disparity", lambda pair: pair.invalid, ".3%"),
-    Quantity("times drawn again", lambda pair: pair.redraws, ".0f"),
+    Quantity("median disparity, px", "median_px", ".4g"),
+    Quantity("occluded pixels", "occluded", ".2%"),
+    Quantity("texture measure, levels", "texture"),
+    Quantity("pixels without disparity", "invalid", ".3%"),
+    Quantity("times drawn again", "redraws", ".0f"),
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Outlier:
-    """A pair that is far from the others.
+    """A pair whose value of a quantity is far from the typical one, the median over all measured pairs.
 
-    Attributes:
-        pair: the pair's measures.
-        quantity: the quantity in which the pair is far from the others.
-        value: the quantity's value in the pair.
-        typical: the median of the quantity over all measured pairs.
-        deviations: distance from the median, in standard deviations estimated by the median absolute deviation.
+    Its distance is in standard deviations, estimated by the median absolute deviation.
     """
 
     pair: PairMeasures
@@ -306,22 +279,19 @@ def find_outliers(pairs: Sequence[PairMeasures], quantity: Quantity, most: int =
     """Return the pairs that are farthest from the median of a quantity, the farthest first.
 
     Where more than half of all pairs have the same value, the mean absolute deviation takes the place of the median
-    absolute deviation.
-
-    Args:
-        pairs: the measured pairs.
-        quantity: the quantity to compare.
-        most: number of pairs to return; fewer where fewer pairs differ from the median.
+    absolute deviation. Pairs that do not differ from the median are left out.
     """
-    valued = [(pair, value) for pair in pairs if (value := quantity.value(pair)) is not None and np.isfinite(value)]
+    # As float64, None is NaN.
+    values = np.array([getattr(pair, quantity.attribute) for pair in pairs], np.float64)
+    known = np.isfinite(values)
+    valued, values = [pair for pair, has_value in zip(pairs, known, strict=True) if has_value], values[known]
     if not valued:
         return []
-    values = np.array([value for _, value in valued], np.float64)
     typical = float(np.median(values))
     distance = np.abs(values - typical)
     scale = _DEVIATION * float(np.median(distance)) or float(distance.mean())
     farthest = [number for number in np.argsort(-distance, kind="stable")[:most] if distance[number] > 0]
     return [
-        Outlier(valued[number][0], quantity, float(values[number]), typical, float(distance[number] / scale))
+        Outlier(valued[number], quantity, float(values[number]), typical, float(distance[number] / scale))
         for number in farthest
     ]

@@ -35,13 +35,9 @@ _OUTSIDE = (93, 58, 155)
 
 @dataclass(frozen=True, slots=True)
 class ShownPair:
-    """A pair that the page shows.
+    """A pair that the page shows: as an outlier for a reason, and as an evenly spread pair for None.
 
-    Attributes:
-        measures: the pair's measures.
-        label: the pair's number, with its split in a dataset of several splits.
-        picture: the embedded images and arrays.
-        reason: why the page shows an outlier; None for an evenly spread pair.
+    The label is the pair's number, with its split in a dataset of several splits.
     """
 
     measures: PairMeasures
@@ -61,21 +57,9 @@ class Chart:
 
 
 def render_page(
-    index: Index,
-    measurement: Measurement,
-    redraws: Redraws,
-    outliers: Sequence[Outlier],
-    shown: Sequence[ShownPair],
+    index: Index, measurement: Measurement, redraws: Redraws, outliers: Sequence[Outlier], shown: Sequence[ShownPair]
 ) -> str:
-    """Render the page.
-
-    Args:
-        index: the index of the dataset.
-        measurement: the measures of a sample.
-        redraws: the failed attempts of the dataset, or of the split that the sample is from.
-        outliers: outliers to list, in their order.
-        shown: pairs to show.
-    """
+    """Render the page of a dataset, or of the split that measurement and redraws are from."""
     assets = data_root("assets")
     environment = template_environment()
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
@@ -140,9 +124,9 @@ def _viewed(pair: ShownPair) -> dict[str, Any]:
         "step": picture.step,
         "low": picture.low_px,
         "high": picture.high_px,
-        "focal_baseline": picture.focal_baseline,
-        "doffs": picture.doffs_px,
-        "rectified": picture.rectified,
+        "focal_baseline": picture.camera.focal_baseline,
+        "doffs": picture.camera.doffs_px,
+        "rectified": picture.camera.rectified,
     }
 
 

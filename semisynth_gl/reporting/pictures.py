@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageFile
 
 from semisynth_gl.dataset.sample import StoredFrame
+from semisynth_gl.frame.camera import StereoCamera
 
 JPEG_QUALITY = 90
 MOST_BYTES = 22_000_000
@@ -39,9 +40,7 @@ class EncodedPair:
         low_px: disparity with 1 % of the left view's pixels below it, where the colours begin; None without
             disparities.
         high_px: disparity with 99 % of the left view's pixels below it, where the colours end.
-        focal_baseline: focal length times baseline, px m, in the pair's own pixels.
-        doffs_px: see `StereoCamera.doffs_px`.
-        rectified: whether the two say the depth exactly; see `StereoCamera.rectified`.
+        camera: the camera of the pair in its own pixels.
     """
 
     step: int
@@ -54,9 +53,7 @@ class EncodedPair:
     visibility: str | None
     low_px: float | None
     high_px: float | None
-    focal_baseline: float
-    doffs_px: float
-    rectified: bool
+    camera: StereoCamera
 
     @property
     def size(self) -> int:
@@ -65,12 +62,7 @@ class EncodedPair:
 
 
 def make_pictures(positions: Sequence[int], read: Callable[[int], StoredFrame]) -> list[EncodedPair]:
-    """Make pictures of pairs, all with the smallest step that fits them into `MOST_BYTES`.
-
-    Args:
-        positions: numbers of the pairs in the dataset.
-        read: returns the pair with this number.
-    """
+    """Make pictures of pairs, read by their numbers, with the smallest step that fits all into `MOST_BYTES`."""
     step = 1
     while True:
         pictures: list[EncodedPair] = []
@@ -110,9 +102,7 @@ def make_picture(frame: StoredFrame, step: int) -> EncodedPair:
         visibility=None if mask is None else _base64(zlib.compress(mask[grid].tobytes(), _DEFLATE_LEVEL)),
         low_px=low,
         high_px=high,
-        focal_baseline=frame.camera.focal_baseline,
-        doffs_px=frame.camera.doffs_px,
-        rectified=frame.camera.rectified,
+        camera=frame.camera,
     )
 
 

@@ -52,13 +52,7 @@ _STYLE: dict[Any, Any] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bars:
-    """Shares of values in bins.
-
-    Attributes:
-        edges: (K + 1,) float64, rising; above 0 on a logarithmic axis.
-        shares: (K,) float64.
-        log: whether the axis is logarithmic.
-    """
+    """Shares (K,) of values in bins with rising edges (K + 1,), above 0 on a logarithmic axis."""
 
     edges: NDArray[np.float64]
     shares: NDArray[np.float64]
@@ -66,12 +60,10 @@ class Bars:
 
 
 def count_bars(values: ArrayLike, *, log: bool = False, limits: tuple[float, float] | None = None) -> Bars:
-    """Count finite values in 8 to 48 bins, about twice the root of the number of values.
+    """Count finite values, at least one, in 8 to 48 bins, about twice the root of the number of values.
 
-    Args:
-        values: array of any shape with at least one finite value; a logarithmic axis ignores values of 0 or less.
-        log: whether bins have equal ratios, or equal widths.
-        limits: outer edges of the first and the last bin; by default the smallest and the largest value.
+    Bins have equal widths, or, on a logarithmic axis, equal ratios: it ignores values of 0 or less. The limits are the
+    outer edges, by default the smallest and the largest value.
     """
     array = np.asarray(values, np.float64).ravel()
     array = array[np.isfinite(array) & ((array > 0) | (not log))]
@@ -97,10 +89,10 @@ def draw_histogram(
     """Draw bars as an SVG element. Bars and marks have tooltips.
 
     Args:
-        name: name of the drawing; ids inside depend on it, so drawings of one page need different names.
+        name: ids inside depend on it, so drawings of one page need different names.
         bars: shares to draw.
-        label: label of the x axis, with its unit.
-        outline: (K,) float64, shares of another distribution in the same bins, drawn as a line over the bars.
+        label: of the x axis, with its unit.
+        outline: (K,) shares of another distribution in the same bins, drawn as a line over the bars.
         marks: values to mark on the x axis, each with its tooltip; values outside the axis are ignored.
     """
     file = io.StringIO()

@@ -55,11 +55,7 @@ class Rays:
 
 
 class RayCaster:
-    """Casts rays through the scenes of pairs, which it rebuilds.
-
-    Args:
-        index: the index of the dataset.
-    """
+    """Casts rays through the scenes of a dataset's pairs, which it rebuilds."""
 
     def __init__(self, index: Index) -> None:
         self._index = index
@@ -67,12 +63,7 @@ class RayCaster:
         self._scenes: dict[str, RebuiltScenes | str] = {}
 
     def cast(self, frame: StoredFrame, x: NDArray[np.int64], y: NDArray[np.int64]) -> Rays:
-        """Cast rays through the scene of a pair.
-
-        Args:
-            frame: the stored pair.
-            x: (R,) columns of the rays in the left view.
-            y: (R,) rows.
+        """Cast rays through the pixels (x, y), (R,) each, of a pair's left view.
 
         Raises:
             InputError: where the scene cannot be rebuilt, or differs from the stored pair.
@@ -140,15 +131,15 @@ def surfaces_at(
     Args:
         scene: the scene.
         models: the meshes that ``scene.model`` indexes.
-        patch_px: (N,) int64, side in texels of the patch that each instance wears.
-        x_px: (R,) float64, columns of the rays in the left view.
-        y_px: (R,) float64, rows.
+        patch_px: (N,) side in texels of the patch that each instance wears.
+        x_px: (R,) columns of the rays in the left view.
+        y_px: (R,) rows.
         hits: the R hits of the rays.
 
     Returns:
-        Angles in degrees between normals and rays, (R,) float64: 0 where a surface faces the camera, 90 where it is
-        seen edge on. Sides in texels of squares with the area of patch that a pixel sees, (R,) float64. NaN for a ray
-        that hits nothing or the sky.
+        Angles in degrees between normals and rays, (R,): 0 where a surface faces the camera, 90 where it is seen edge
+        on. Sides in texels of squares with the area of patch that a pixel sees, (R,). NaN for a ray that hits nothing
+        or the sky.
     """
     slant, texels = np.full(len(x_px), np.nan), np.full(len(x_px), np.nan)
     rays = scene.camera.rays("left", x_px, y_px)
@@ -180,12 +171,7 @@ def diameters_px(scene: Scene, models: Sequence[Mesh], instances: NDArray[np.int
     """Return the diameters on the screen of instances' bounding spheres before stretching, (N,) float64.
 
     Sizes in the config, such as ``particles.size_px``, mean this diameter: of the sphere about a model at the largest
-    of its three scales, seen at the depth of its centre.
-
-    Args:
-        scene: the scene.
-        models: the meshes that ``scene.model`` indexes.
-        instances: (N,) int64, indices of instances of the scene.
+    of its three scales, seen at the depth of its centre. The scene's models are indices of the meshes.
     """
     view_from_model = scene.camera_from_world @ scene.world_from_model[instances]
     scale = np.linalg.norm(view_from_model[:, :3, :3], axis=1).max(axis=1)

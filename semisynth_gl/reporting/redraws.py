@@ -13,12 +13,9 @@ PairKey = tuple[SplitName, int]
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A kind of fault for which pairs were drawn again.
+    """A kind of fault for which pairs were drawn again, such as ``too dark``, with the first message of this kind.
 
-    Attributes:
-        name: the message's part before the numbers, such as ``too dark``.
-        attempts: number of attempts with this fault; an attempt may have several faults.
-        example: the first message of this kind.
+    An attempt may have several faults, and counts in the ``attempts`` of each.
     """
 
     name: str
@@ -33,8 +30,7 @@ class Redraws:
     Attributes:
         pairs: number of pairs in the records.
         attempts: number of failed attempts.
-        messages: the messages about the failed attempts of a pair; pairs without failed attempts are absent. The
-            first frame of a sequence stands for all its frames.
+        messages: about each failed attempt of a pair, where it has any; the first frame of a sequence stands for all.
         faults: all kinds of faults, the most frequent first.
         unread: messages about unreadable records.
     """
@@ -47,12 +43,7 @@ class Redraws:
 
 
 def read_redraws(index: Index, split: SplitName | None = None) -> Redraws:
-    """Read the records of all shards, one after the other.
-
-    Args:
-        index: the index of the dataset.
-        split: a split of the dataset; None for all splits.
-    """
+    """Read the records of all shards, or of a split's, one after the other."""
     messages: dict[PairKey, tuple[str, ...]] = {}
     examples: dict[str, str] = {}
     counts: Counter[str] = Counter()

@@ -106,12 +106,7 @@ class TrainingProcess:
 
 
 class Worker(NamedTuple):
-    """A worker of a training process's loader; without workers, the process itself.
-
-    Attributes:
-        number: number of the worker within its process.
-        total: number of workers of each process.
-    """
+    """A worker of a training process's loader, of so many in each process; without workers, the process itself."""
 
     number: int = 0
     total: int = 1
@@ -121,11 +116,8 @@ class Worker(NamedTuple):
 class Dealing:
     """Samples first, first + 1 ... in blocks, which go to the workers of all processes in turn.
 
-    Attributes:
-        first: number of the first sample.
-        samples: number of samples; None for no end.
-        batch: number of samples in a batch.
-        frames: number of samples of each sequence. A block has complete batches and complete sequences.
+    A block has complete batches and complete sequences, of ``batch`` and ``frames`` samples. There are so many samples
+    in all, or, with None, samples without end.
     """
 
     first: int

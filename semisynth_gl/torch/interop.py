@@ -19,10 +19,7 @@ _MOST_DEVICES = 64
 
 
 class CudaReader:
-    """Reads attachments into CUDA tensors; see `semisynth_gl.render.readers.Reader`.
-
-    Args:
-        device: CUDA's device, with its number; the OpenGL context must be on the same GPU.
+    """Reads attachments into tensors on a numbered CUDA device, on whose GPU OpenGL draws; see `Reader` in `render`.
 
     Raises:
         InputError: where the bindings are not installed.

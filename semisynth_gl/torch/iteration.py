@@ -39,14 +39,7 @@ class Source(Protocol):
 class DealtDataset(IterableDataset[Any]):
     """The samples of a source, dealt out to the loader's workers and to the training processes.
 
-    Args:
-        source: makes the samples.
-        dealing: says who gets which.
-        process: the training process; by default the process that torch.distributed says.
-
-    Attributes:
-        source: as given.
-        dealing: as given.
+    Without a process, torch.distributed says which one this is.
     """
 
     def __init__(self, source: Source, dealing: Dealing, process: TrainingProcess | None) -> None:

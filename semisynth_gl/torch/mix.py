@@ -72,14 +72,9 @@ class StereoMix(DealtDataset):
 
 
 class MixedSamples:
-    """Samples of several sources as one `Source`.
+    """Samples of several sources as one `Source`, for arguments of `StereoMix`.
 
-    Args:
-        sources: see `StereoMix`.
-        seed: see there.
-
-    Attributes:
-        together: how many successive samples come from one source: as many as keep each source's together.
+    So many successive samples come from one source that each source's stay together.
 
     Raises:
         InputError: where an argument cannot be used.
@@ -141,11 +136,7 @@ class Turns:
 
     Turns are drawn in windows of 256. Over each window stand 256 points at equal distances, a source gets those that
     fall into its share, and the seed decides on their order. From window to window the points are shifted by the golden
-    section, so that what falls short in one window is made up for in another.
-
-    Args:
-        shares: of the sources; their sum is 1.
-        seed: 0 or more.
+    section, so that what falls short in one window is made up for in another. The sum of the shares is 1.
     """
 
     def __init__(self, shares: Sequence[Fraction], seed: int) -> None:

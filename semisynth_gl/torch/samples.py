@@ -85,12 +85,7 @@ def check_transform(transform: object) -> None:
 
 
 def check_crop(crop: Any, sides: tuple[int, int], whose: str) -> None:  # noqa: ANN401 - that is what it checks
-    """Check that a crop is (height, width) within images of ``sides``, (height, width).
-
-    Args:
-        crop: what a caller gave.
-        sides: height and width of the images, px.
-        whose: what has these sides, for the message.
+    """Check that a crop is (height, width) within images of ``sides``, likewise; the message says whose these are.
 
     Raises:
         InputError: where it is not.
@@ -104,14 +99,9 @@ def check_crop(crop: Any, sides: tuple[int, int], whose: str) -> None:  # noqa: 
 
 
 def draw_crop(crop: tuple[int, int], sides: tuple[int, int], seed: int, sequence: int, epoch: int = 0) -> Crop:
-    """Draw the place of a sequence's crop: all of its frames get one place, so that flow leads from one to the next.
+    """Draw the place of a crop, (height, width), in images of ``sides``, from the seed of the split.
 
-    Args:
-        crop: height and width, px.
-        sides: height and width of the images, px.
-        seed: of the split.
-        sequence: number of the sequence; without sequences, of the pair.
-        epoch: the places differ between epochs.
+    All frames of a sequence get one place, so that flow leads from one to the next. The places differ between epochs.
     """
     rng = generator(seed, Purpose.CROP, sequence, *([epoch] if epoch else []))
     height, width = crop

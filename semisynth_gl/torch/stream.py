@@ -110,19 +110,7 @@ class StereoStream(DealtDataset):
 
 
 class RenderedPairs:
-    """The pairs of a config and a seed as a `Source`: sample n is rendered when it is asked for.
-
-    Args:
-        config: see `StereoStream`, as for the others.
-        seed: see there.
-        selection: split and frames of the pairs.
-        hardware: see `StereoStream`.
-        crop: see there.
-        checked: see there.
-        transform: see there.
-
-    Attributes:
-        together: number of pairs of each sequence.
+    """The pairs of a config and a seed as a `Source`, rendered when they are asked for; see `StereoStream`.
 
     Raises:
         InputError: where an argument cannot be used.

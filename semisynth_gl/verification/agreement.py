@@ -217,7 +217,8 @@ def ends(vectors: Floats) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def inside_px(x: Floats, y: Floats) -> NDArray[np.float64]:
     """Return how far points (H, W) lie inside an image of that size; its border is half a pixel beyond the centres."""
     height, width = x.shape
-    return np.minimum(np.minimum(x, width - 1 - x), np.minimum(y, height - 1 - y)) + 0.5
+    nearest: NDArray[np.float64] = np.minimum(np.minimum(x, width - 1 - x), np.minimum(y, height - 1 - y))
+    return nearest + 0.5
 
 
 def spread_evenly(indices: NDArray[np.intp], most: int) -> NDArray[np.intp]:

@@ -47,7 +47,7 @@ class ViewMatch:
     @property
     def low(self) -> Values:
         """The smaller disparity of the two pixels, (H, W) float32."""
-        return self.corners.min(axis=0)
+        return np.asarray(self.corners.min(axis=0))
 
     @property
     def close(self) -> Where:
