@@ -141,12 +141,7 @@ def compare_with_place(
     sample: int = SAMPLE,
     listener: Listener | None = None,
 ) -> Comparison:
-    """Measure a dataset and its place at one width, by default the `working_width` of the pairs; see `compare`.
-
-    Raises:
-        InputError: where no photograph can be read, or a map does not fit its image or has no disparity.
-        ReadError: where a file of the dataset or a map cannot be read.
-    """
+    """Measure a dataset and its place at one width, by default the `working_width` of the pairs; see `compare`."""
     if width_px is None:
         configured = dataset.about.config.camera.width_px
         width_px = WORKING_WIDTH if configured is None else working_width(round(configured))

@@ -23,11 +23,8 @@ _OF_RIGHT_VIEWS = frozenset({"disp1GT", "disp1", *KITTI_2015_MAPS[2:]})
 def map_files(sources: Sequence[str | Path]) -> list[Path]:
     """Return the disparity maps of files, folders and globs: .pfm, .npy and 16-bit grey .png.
 
-    In folders and globs, PNG files of other kinds are passed over: images and masks lie beside disparity maps.
-
-    Raises:
-        InputError: where a source matches no map.
-        ReadError: where a PNG of a folder or glob cannot be read.
+    In folders and globs, PNG files of other kinds are passed over: images and masks lie beside disparity maps. A
+    source that matches no map raises InputError, and a PNG that cannot be read ReadError.
     """
     paths: dict[Path, None] = {}
     for source in sources:
@@ -57,9 +54,6 @@ def read_map(path: Path, png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np
     """Read a disparity map (H, W) px, nan where it has no value, from a PNG of so many levels per pixel of disparity.
 
     Inf, nan, 0 and negative numbers of .pfm and .npy stand for no value, and 0 in 16-bit grey .png.
-
-    Raises:
-        ReadError: where the file has another format, or not one value per pixel.
     """
     values = read_disparity_map(path, png_scale)
     return np.where(np.isfinite(values) & (values > 0), values, np.float32(np.nan))

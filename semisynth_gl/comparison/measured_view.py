@@ -7,14 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.comparison.quantities import (
-    gradients,
-    local_contrasts,
-    octave_contrasts,
-    region_sizes,
-    run_lengths,
-    slants,
-)
+from semisynth_gl.comparison import quantities
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.seeds.spread import centres
 from semisynth_gl.textures.crops import LUMINANCE_PARTS
@@ -26,12 +19,12 @@ _DENSE = 0.5
 _STRIP_PIXELS = 1 << 20
 # Each quantity, and the array of a view that it is worked out from.
 _QUANTITIES: Mapping[str, tuple[Callable[[NDArray[np.float32]], NDArray[Any]], str]] = {
-    "run_lengths": (run_lengths, "surfaces"),
-    "region_sizes": (region_sizes, "surfaces"),
-    "slants": (slants, "surfaces"),
-    "gradients": (gradients, "luminance"),
-    "local_contrasts": (local_contrasts, "luminance"),
-    "octave_contrasts": (octave_contrasts, "luminance"),
+    "run_lengths": (quantities.run_lengths, "surfaces"),
+    "region_sizes": (quantities.region_sizes, "surfaces"),
+    "slants": (quantities.slants, "surfaces"),
+    "gradients": (quantities.gradients, "luminance"),
+    "local_contrasts": (quantities.local_contrasts, "luminance"),
+    "octave_contrasts": (quantities.octave_contrasts, "luminance"),
 }
 
 
@@ -71,11 +64,7 @@ class MeasuredView:
         return self.worked_out[name]
 
     def with_image(self, image: NDArray[np.uint8]) -> "MeasuredView":
-        """Return the view with another image, (H, W, 3) uint8 RGB or (H, W) grey in any size.
-
-        Raises:
-            InputError: where it had no image.
-        """
+        """Return the view with another image, (H, W, 3) RGB or (H, W) grey in any size; it must have had one."""
         if self.luminance is None:
             raise InputError(f"{self.name}: expected a view with an image, got one without")
         return replace(self, luminance=mean_luminance(image, self.luminance.shape))
@@ -93,10 +82,7 @@ class MeasuredView:
 
 
 def working_width(width_px: int) -> int:
-    """Return the width that pairs and their place are brought to, unless the caller wants another.
-
-    It is `WORKING_WIDTH`, or the pairs' own where that is less: enlarged images lack the finest detail.
-    """
+    """Return `WORKING_WIDTH`, or the pairs' own width where that is less: enlarged images lack the finest detail."""
     return min(WORKING_WIDTH, width_px)
 
 
@@ -113,10 +99,8 @@ def make_view(
 
     The image is (H, W, 3) uint8 RGB, or (H, W) grey, and is averaged over areas. From each other array a pixel takes
     the value at its centre: a mean of two surfaces would be a surface between them that nobody saw. The disparity
-    (H, W) px shrinks with the image; inf, nan and, unless it is signed, 0 and below stand for no value.
-
-    Raises:
-        InputError: where the arrays differ in size.
+    (H, W) px shrinks with the image; inf, nan and, unless it is signed, 0 and below stand for no value. Arrays of
+    different sizes raise InputError.
     """
     shapes = {array.shape[:2] for array in (image, disparity, background) if array is not None}
     if len(shapes) != 1:

@@ -77,16 +77,14 @@ class Profile(_Quantity):
 
     Attributes:
         label: what its bins are of, with the unit.
-        edges: (K + 1,) float64, edges of the bins.
+        edges: (K + 1,) float64, edges of the bins; where the first is above 0, bins have equal ratios.
         values: (K,) from these arrays and the edges: the share of each bin in %, unless `name` says otherwise; nan
             where they do not have it.
-        log: whether the bins have equal ratios.
     """
 
     label: str
     edges: NDArray[np.float64]
     values: Callable[..., NDArray[np.float64]]
-    log: bool = False
 
     def measure(self, view: MeasuredView) -> NDArray[np.float64] | None:
         """Return the values of a view, (K,), or None where the view does not have them."""
@@ -103,9 +101,21 @@ def _percent(mask: NDArray[np.bool_]) -> float:
     return 100 * _mean(mask)
 
 
+def _percent_below(bound: float) -> Callable[[NDArray[Any]], float]:
+    return lambda values: _percent(values < bound)
+
+
 def _weighted_by_itself(sizes: NDArray[np.int64]) -> float:
     """Return the mean over pixels of the size of what each pixel is in."""
     return float(np.average(sizes.astype(np.float64), weights=sizes))
+
+
+def _percent_of_image(sizes: NDArray[np.int64]) -> float:
+    return 100 * _weighted_by_itself(sizes) / float(sizes.sum())
+
+
+def _occluded(disparity: NDArray[np.float32], _: NDArray[np.float32]) -> float:
+    return 100 * float(hidden(disparity).sum() / np.isfinite(disparity).sum())
 
 
 def _known(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -117,7 +127,11 @@ def _of_width(px: float, disparity: NDArray[np.float32]) -> float:
     return 100 * px / float(disparity.shape[1])
 
 
-def _largest(disparity: NDArray[np.float32]) -> float:
+def _mean_disparity(disparity: NDArray[np.float32]) -> float:
+    return _of_width(_mean(_known(disparity)), disparity)
+
+
+def _largest_disparity(disparity: NDArray[np.float32]) -> float:
     known = _known(disparity)
     return _of_width(float(np.quantile(known, _LARGEST)), disparity) if known.size else float("nan")
 
@@ -145,53 +159,23 @@ MEASURES: tuple[Measure, ...] = (
     Measure(
         "near_jumps", "near a jump above 2 px", ("surfaces",), "%", lambda surfaces: _percent(near_jumps(surfaces))
     ),
-    Measure(
-        "occluded",
-        "occluded, of known",
-        ("disparity", "surfaces"),
-        "%",
-        lambda disparity, _: 100 * float(hidden(disparity).sum() / np.isfinite(disparity).sum()),
-    ),
-    Measure(
-        "regions",
-        "size of regions",
-        ("region_sizes",),
-        "% of image",
-        lambda sizes: 100 * _weighted_by_itself(sizes) / float(sizes.sum()),
-    ),
+    Measure("occluded", "occluded, of known", ("disparity", "surfaces"), "%", _occluded),
+    Measure("regions", "size of regions", ("region_sizes",), "% of image", _percent_of_image),
     Measure("slant", "slant, mean", ("slants",), "px per px", _mean),
     Measure("steep", "slanted above 0.1 px per px", ("slants",), "%", lambda slants: _percent(slants > _STEEP)),
-    Measure(
-        "disparity",
-        "disparity, mean",
-        ("disparity",),
-        "% of width",
-        lambda disparity: _of_width(_mean(_known(disparity)), disparity),
-    ),
-    Measure("largest_disparity", "disparity, largest", ("disparity",), "% of width", _largest),
+    Measure("disparity", "disparity, mean", ("disparity",), "% of width", _mean_disparity),
+    Measure("largest_disparity", "disparity, largest", ("disparity",), "% of width", _largest_disparity),
     Measure(
         "border_hardness", "borders: step over contrast", ("luminance", "surfaces"), "ratio", border_hardness, fine=True
     ),
     Measure(
-        "flat",
-        "local contrast below 4 levels",
-        ("local_contrasts",),
-        "%",
-        lambda contrasts: _percent(contrasts < _FLAT_LEVELS),
-        fine=True,
+        "flat", "local contrast below 4 levels", ("local_contrasts",), "%", _percent_below(_FLAT_LEVELS), fine=True
     ),
     Measure(
         "octaves", "contrast, finest over third octave", ("octave_contrasts",), "ratio", _finest_over_third, fine=True
     ),
     Measure("gradient", "gradient, mean", ("gradients",), "levels per px", _mean, fine=True),
-    Measure(
-        "smooth",
-        "gradient below 2 levels",
-        ("gradients",),
-        "%",
-        lambda gradients: _percent(gradients < _SMOOTH_LEVELS),
-        fine=True,
-    ),
+    Measure("smooth", "gradient below 2 levels", ("gradients",), "%", _percent_below(_SMOOTH_LEVELS), fine=True),
     Measure("luminance", "luminance, mean", ("luminance",), "levels", _mean),
     Measure("contrast", "luminance, deviation", ("luminance",), "levels", lambda luminance: float(luminance.std())),
     Measure("background", "background in view", ("background",), "%", _percent),
@@ -214,7 +198,6 @@ PROFILES: tuple[Profile, ...] = (
         "length, % of width",
         np.geomspace(0.2, 100, 28),
         lambda lengths, surfaces, edges: _shares(100 * lengths / surfaces.shape[1], edges, weights=lengths),
-        log=True,
     ),
     Profile(
         "regions",
@@ -223,7 +206,6 @@ PROFILES: tuple[Profile, ...] = (
         "size, % of image",
         np.geomspace(0.001, 100, 26),
         lambda sizes, edges: _shares(100 * sizes / sizes.sum(), edges, weights=sizes),
-        log=True,
     ),
     Profile("slant", "slant, % of smooth pixels", ("slants",), "px per px", np.linspace(0, 0.4, 33), _shares),
     Profile("luminance", "luminance, % of pixels", ("luminance",), "levels", np.linspace(0, 256, 33), _shares),
@@ -234,7 +216,6 @@ PROFILES: tuple[Profile, ...] = (
         "levels per px",
         np.geomspace(0.5, 200, 20),
         _shares,
-        log=True,
         fine=True,
     ),
     Profile(
@@ -244,7 +225,6 @@ PROFILES: tuple[Profile, ...] = (
         "levels",
         np.geomspace(0.25, 128, 28),
         _shares,
-        log=True,
         fine=True,
     ),
     Profile(
@@ -254,7 +234,6 @@ PROFILES: tuple[Profile, ...] = (
         "size of detail, px",
         np.geomspace(1, 32, 6),
         lambda contrasts, _: contrasts,
-        log=True,
         fine=True,
     ),
 )

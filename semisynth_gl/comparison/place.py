@@ -16,13 +16,10 @@ from semisynth_gl.textures.images import ImageError, read_image
 
 @dataclass(frozen=True, slots=True)
 class PlaceFiles:
-    """Files that show the place that a dataset is made for.
+    """Photographs of the place that a dataset is made for, and its disparity maps, true or predicted.
 
-    Attributes:
-        photographs: images of any kind.
-        maps: disparity maps, true or predicted, of left views unless their name says otherwise. An image beside a map,
-            as Middlebury, ETH3D and KITTI name it, is read with it, to measure borders of objects.
-        png_scale: levels of a 16-bit PNG map per pixel of disparity.
+    Maps are of left views unless their name says otherwise. An image beside a map, as Middlebury, ETH3D and KITTI name
+    it, is read with it, to measure borders of objects. A 16-bit PNG has ``png_scale`` levels per pixel of disparity.
     """
 
     photographs: Sequence[Path]
@@ -33,13 +30,7 @@ class PlaceFiles:
 def find_place(
     photographs: Sequence[Path], maps: Sequence[Path], png_scale: float = KITTI_DISPARITY.steps
 ) -> PlaceFiles:
-    """Return a place of files as folders hold them: without masks, and with one map of each scene.
-
-    See `beside_photographs` and `one_of_each_scene`.
-
-    Raises:
-        InputError: where there is no photograph.
-    """
+    """Return a place of files as folders hold them: without what is `beside_photographs`, and `one_of_each_scene`."""
     images = [path for path in photographs if not beside_photographs(path)]
     if not images:
         raise InputError("no photographs to compare with: expected at least one image that is no mask")
@@ -67,12 +58,7 @@ def photograph_views(photographs: Sequence[Path], skipped: list[Skipped], width_
 
 
 def map_views(place: PlaceFiles, width_px: int = WORKING_WIDTH) -> Iterator[MeasuredView]:
-    """Yield the maps at the working width, each with its image where there is one.
-
-    Raises:
-        ReadError: where a map cannot be read.
-        InputError: where a map has no disparity, or another size than its image, or the image cannot be read.
-    """
+    """Yield the maps at the working width, each with its image where there is one."""
     for path in place.maps:
         disparity, beside = read_map(path, place.png_scale), image_beside(path)
         if not np.isfinite(disparity).any():

@@ -36,7 +36,7 @@ def comparison_png(comparison: Comparison, title: str) -> bytes:
             axes = figure.add_subplot(grid[divmod(number, _COLUMNS)])
             for side, colour, name in sides:
                 _draw_profile(axes, side, profile, colour, name)
-            axes.set(title=profile.name, xlabel=profile.label, xscale="log" if profile.log else "linear")
+            axes.set(title=profile.name, xlabel=profile.label, xscale="log" if profile.edges[0] > 0 else "linear")
             axes.set_ylim(bottom=0)
             if number == 0:
                 axes.legend(frameon=False)

@@ -111,11 +111,7 @@ def measure_views(views: Iterable[MeasuredView], *, of_images: bool | None = Non
 
 
 def measure_dataset(dataset: Dataset, width_px: int, sample: int, listener: Listener | None = None) -> Side:
-    """Measure left views of a dataset at the working width, a sample of pairs evenly spread.
-
-    Raises:
-        ReadError: where a file of the dataset cannot be read.
-    """
+    """Measure left views of a dataset at the working width, a sample of pairs evenly spread."""
     listener = listener or Listener()
     count = min(sample, len(dataset))
     listener.on_total(count)

@@ -131,13 +131,14 @@ def region_figures(evaluations: Sequence[Evaluation], region: str) -> dict[str, 
 
     With maps of objects there are also D1-bg and D1-fg, outliers in the background and elsewhere.
     """
-    figures: dict[str, float] = {}
-    for part, name in _PARTS.items():
-        scores = {pair.name: pair.scores[region, part] for pair in evaluations if (region, part) in pair.scores}
-        if scores:
-            figures[name] = mean_figures(scores)["D1-all"]
-    scores = {pair.name: pair.scores[region,] for pair in evaluations if (region,) in pair.scores}
-    return figures | mean_figures(scores) if scores else {}
+
+    def scores(*key: str) -> dict[str, Score]:
+        return {pair.name: pair.scores[key] for pair in evaluations if key in pair.scores}
+
+    whole = scores(region)
+    parts = {name: found for part, name in _PARTS.items() if (found := scores(region, part))}
+    figures = {name: mean_figures(found)["D1-all"] for name, found in parts.items()}
+    return figures | mean_figures(whole) if whole else {}
 
 
 def report_json(evaluations: Sequence[Evaluation], protocol: Protocol, predictions: Predictions) -> dict[str, Any]:

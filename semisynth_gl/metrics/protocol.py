@@ -178,16 +178,11 @@ def fill_holes(disparity: Disparity, valid: Where) -> Disparity:
     its left and right neighbours; at the row's ends it takes the only one. Rows above the first row that has a value
     take that row's, and rows below the last take the last's. Rows without any value between such rows stay `UNFILLED`.
     """
-    width = disparity.shape[1]
-    columns = np.arange(width)
-    before = np.maximum.accumulate(np.where(valid, columns, -1), axis=1)
-    after = np.minimum.accumulate(np.where(valid, columns, width)[:, ::-1], axis=1)[:, ::-1]
-    sides = (
-        np.where(exists, np.take_along_axis(disparity, np.clip(column, 0, width - 1), axis=1), np.float32(np.nan))
-        for column, exists in ((before, before >= 0), (after, after < width))
-    )
+    known, columns = np.where(valid, disparity, np.float32(np.nan)), np.arange(disparity.shape[1])
+    before = np.maximum.accumulate(np.where(valid, columns, 0), axis=1)
+    after = np.minimum.accumulate(np.where(valid, columns, columns[-1])[:, ::-1], axis=1)[:, ::-1]
     # At the ends of a row one of the sides is NaN, and fmin takes the other one.
-    filled = np.fmin(*sides)
+    filled = np.fmin(*(np.take_along_axis(known, column, axis=1) for column in (before, after)))
     rows = np.flatnonzero(valid.any(axis=1))
     if rows.size:
         filled[: rows[0]] = filled[rows[0]]
@@ -263,11 +258,7 @@ PROTOCOLS: Mapping[ProtocolName, Protocol] = {
 
 
 def find_protocol(name: ProtocolName | Protocol) -> Protocol:
-    """Return a benchmark's definitions by their name, or those that are given.
-
-    Raises:
-        InputError: where no protocol has that name.
-    """
+    """Return a benchmark's definitions by their name, or the given ones; an InputError lists the names."""
     if isinstance(name, Protocol):
         return name
     if not isinstance(name, str) or name not in PROTOCOLS:

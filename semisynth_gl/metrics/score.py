@@ -128,11 +128,7 @@ def score(
 
 
 def tally(comparison: PixelComparison, protocol: Protocol, mask: NDArray[np.bool_] | None = None) -> Score:
-    """Count the pixels of a comparison that are in a mask (H, W), or all.
-
-    Raises:
-        InputError: where the mask has another size than the truth.
-    """
+    """Count the pixels of a comparison that are in a mask (H, W) of the truth's size, or all."""
     judged, scored = comparison.judged, comparison.scored
     if mask is not None:
         if mask.shape != judged.shape:

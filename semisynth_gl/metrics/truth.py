@@ -44,13 +44,12 @@ _Values = TypeVar("_Values", bound=np.generic)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """The truth of a pair's left view.
+    """The truth of a pair's left view, (H, W) each.
 
     Attributes:
-        disparity: (H, W) px, inf where unknown.
-        visible: (H, W), where the right view sees the point too; None where that is not known.
-        objects: (H, W), 0 in the background, as KITTI's obj_map; None where there is no such map.
-        limits: of the disparities.
+        disparity: px, inf where unknown.
+        visible: where the right view sees the point too; None where that is not known.
+        objects: 0 in the background, as in KITTI's obj_map; None where there is no such map.
     """
 
     disparity: NDArray[np.float32]
@@ -89,14 +88,11 @@ class TrueSet:
 
 
 def find_truth(address: str, split: SplitName | None = None, masks: Path | None = None) -> TrueSet:
-    """Find the true disparities of a set.
+    """Find the true disparities of a set, with the masks of a folder instead of its own, 255 where not occluded.
 
-    Args:
-        address: a dataset of this program, in any layout, in a folder or at an address that fsspec knows; KITTI 2015's
-            ``training`` folder or the one above it; a folder with a disp0GT.pfm (or disp0.pfm) in each scene's folder,
-            as Middlebury and ETH3D have; or a folder of disparity maps, one a pair.
-        split: the split of a dataset of this program; None for all pairs.
-        masks: a folder of 8-bit masks, 255 where a pixel is not occluded, instead of the set's own masks.
+    The set is a dataset of this program, in any layout, in a folder or at an address that fsspec knows; KITTI 2015's
+    ``training`` folder or the one above it; a folder with a disp0GT.pfm (or disp0.pfm) in each scene's folder, as
+    Middlebury and ETH3D have; or a folder of disparity maps, one a pair.
 
     Raises:
         InputError: where there is no such set, names are not unique, or a mask is missing.
@@ -245,14 +241,7 @@ def _read_map(path: Path) -> Truth:
 
 
 def read_limits(path: Path) -> Limits:
-    """Read ndisp and isint of a calib.txt of Middlebury or ETH3D, which may lack either.
-
-    Args:
-        path: the file.
-
-    Raises:
-        ReadError: where they are no whole numbers, or ndisp is not above 0.
-    """
+    """Read ndisp and isint, whole numbers, of a calib.txt of Middlebury or ETH3D, which may lack either."""
     text = read_bytes(path, _LARGEST_CALIB).decode("utf-8", "replace")
     values = {key: value for key, value in calib_values(text).items() if key in ("ndisp", "isint")}
     try:

@@ -40,14 +40,12 @@ class PairMeasures:
 
     Attributes:
         position: the pair's number in the sequence of all pairs.
-        key: the pair's split, and its number in the split.
         name: with the split in a dataset of several splits.
         median_px: median disparity of the left view; NaN where no pixel has a disparity.
         occluded: share of the left view's pixels that are hidden from the right eye; None without a mask.
         invalid: share of the left view's pixels without disparity.
         texture: of the flatter stored image, levels; ``checks.min_texture`` takes it before imperfections.
         redraws: number of times that the pair was drawn again.
-        recipe: None where the config has no recipes.
     """
 
     position: int
@@ -83,14 +81,11 @@ class Measurement:
 
     Attributes:
         dataset_pairs: number of pairs of the dataset, or of the split that the sample is from.
-        pairs: the measures of each readable pair of the sample.
-        recipes: the measures of each recipe, in the config's order.
         unread: the faults of the unreadable pairs of the sample.
         disparity: distribution over all pixels of the left views; None where no pixel has a disparity.
         target: distribution that the config asks for; None where this version cannot read the config.
-        target_fault: why this version cannot read the config.
-        spacing_px: distance of neighbouring pixels of the grid.
-        depth_m: (D,) float64 planar depth of the grid's pixels, from the stored disparity; not of the sky.
+        spacing_px: distance of neighbouring pixels of a grid.
+        depth_m: (D,) planar depth of the grid's pixels, from the stored disparity; not of the sky.
         rays: rays through the grid's pixels, in at most 64 pairs.
         ray_faults: why pairs have no rays, with the number of pairs for each reason.
     """
@@ -114,11 +109,7 @@ def measure(
     redraws: Mapping[PairKey, Sequence[str]],
     listener: Listener | None = None,
 ) -> Measurement:
-    """Read pairs and measure them; ``redraws`` has the faults of their failed attempts.
-
-    Raises:
-        InputError: where no pair can be read.
-    """
+    """Read pairs, of which one must be readable, and measure them; ``redraws`` has the faults of failed attempts."""
     index = dataset.about
     listener = listener or Listener()
     listener.on_total(len(positions))

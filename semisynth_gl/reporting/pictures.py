@@ -30,17 +30,12 @@ class EncodedPair:
 
     Attributes:
         step: pixel (x, y) of the picture is the pair's pixel (x step + step // 2, y step + step // 2).
-        width_px: width of the picture.
-        height_px: height of the picture.
-        left: JPEG, averaged over step x step pixels.
-        right: likewise.
-        thumbnail: JPEG of the left image.
+        left: JPEG, averaged over step x step pixels, as ``right``.
         disparity: of the left view; see `pack_floats`.
         visibility: of the left view, bytes row by row, deflated; None without a mask.
-        low_px: disparity with 1 % of the left view's pixels below it, where the colours begin; None without
-            disparities.
+        low_px: disparity with 1 % of the left view's pixels below it, where the colours begin; None without any.
         high_px: disparity with 99 % of the left view's pixels below it, where the colours end.
-        camera: the camera of the pair in its own pixels.
+        camera: in the pair's own pixels.
     """
 
     step: int

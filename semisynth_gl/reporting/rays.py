@@ -25,15 +25,10 @@ _LEAST_AGREEING = 0.9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rays:
-    """Rays through the rebuilt scenes of one pair, or of several pairs together.
+    """The number of rays through the rebuilt scenes of so many pairs, and what the agreeing rays meet there.
 
-    Attributes:
-        pairs: number of pairs.
-        cast: number of rays.
-        agreeing: number of rays that give the stored disparity; the arrays are of these rays alone.
-        slant_deg: (R,) float64, at each agreeing ray; see `surfaces_at`.
-        texels_per_pixel: (R,) float64, likewise.
-        diameter_px: (I,) float64, of each object that a ray hits, once for each pair; see `diameters_px`.
+    Agreeing rays give the stored disparity. Of each there are the measures of `surfaces_at`, and of each object of a
+    pair that one hits its diameter, see `diameters_px`.
     """
 
     pairs: int

@@ -29,7 +29,6 @@ class Redraws:
 
     Attributes:
         pairs: number of pairs in the records.
-        attempts: number of failed attempts.
         messages: about each failed attempt of a pair, where it has any; the first frame of a sequence stands for all.
         faults: all kinds of faults, the most frequent first.
         unread: messages about unreadable records.

@@ -135,11 +135,7 @@ class DealtDataset(IterableDataset[Any]):
 
 
 def _position(state: object) -> tuple[int, Worker, Mapping[str, Any]]:
-    """Return how many samples a state has yielded, its worker, and its stream's identity.
-
-    Raises:
-        InputError: where it is no state of a stream.
-    """
+    """Return how many samples a state has yielded, its worker, and its stream's identity."""
     if not isinstance(state, Mapping) or not set(state) >= _STATE:
         raise InputError(
             f"expected what state_dict() of a stream has returned, with the keys {', '.join(sorted(_STATE))}, got "

@@ -75,9 +75,6 @@ class MixedSamples:
     """Samples of several sources as one `Source`, for arguments of `StereoMix`.
 
     So many successive samples come from one source that each source's stay together.
-
-    Raises:
-        InputError: where an argument cannot be used.
     """
 
     def __init__(self, sources: Sequence[tuple[Dataset[Any], float]], seed: int) -> None:
@@ -95,11 +92,7 @@ class MixedSamples:
 
     @property
     def identity(self) -> Mapping[str, Any]:
-        """All that decides what the samples are.
-
-        Raises:
-            InputError: where photographs, models or plug-ins of a stream cannot be used.
-        """
+        """All that decides what the samples are."""
         return {
             "seed": self._seed,
             "sources": {

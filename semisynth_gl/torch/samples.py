@@ -75,21 +75,13 @@ def collate(samples: Sequence[Sample]) -> Sample:
 
 
 def check_transform(transform: object) -> None:
-    """Check that a transform is a function, or None.
-
-    Raises:
-        InputError: where it is not.
-    """
+    """Check that a transform is a function, or None."""
     if transform is not None and not callable(transform):
         raise InputError(f"transform must be a function of a sample, got {shown(transform)}")
 
 
 def check_crop(crop: Any, sides: tuple[int, int], whose: str) -> None:  # noqa: ANN401 - that is what it checks
-    """Check that a crop is (height, width) within images of ``sides``, likewise; the message says whose these are.
-
-    Raises:
-        InputError: where it is not.
-    """
+    """Check that a crop is (height, width) within images of ``sides``, likewise; the message says whose these are."""
     whole = isinstance(crop, Sequence) and len(crop) == 2 and all(isinstance(side, Integral) for side in crop)
     if not whole or not all(1 <= side <= most for side, most in zip(crop, sides, strict=True)):
         raise InputError(

@@ -96,53 +96,32 @@ class StereoStream(DealtDataset):
         check_type("config", config, Config, "load_config(NAME_OR_PATH) reads one")
         seed = to_whole("a seed", seed, least=0)
         batch_size = to_whole("batch_size, the loader's,", batch_size, least=1)
-        for name, value, expected in (
-            ("selection", selection, Selection),
-            ("process", process, TrainingProcess),
-            ("hardware", hardware, Hardware),
-        ):
-            check_type(name, value, expected | None)
+        check_type("selection", selection, Selection | None)
+        check_type("process", process, TrainingProcess | None)
+        check_type("hardware", hardware, Hardware | None)
         selection = selection or Selection()
-        source = RenderedPairs(
-            config, seed, selection, hardware or Hardware(), crop=crop, checked=checked, transform=transform
-        )
+        source = RenderedPairs(config, seed, selection, hardware or Hardware(), crop, checked, transform)
         super().__init__(source, Dealing(selection.first, selection.pairs, batch_size, source.together), process)
 
 
+@dataclass(eq=False)
 class RenderedPairs:
-    """The pairs of a config and a seed as a `Source`, rendered when they are asked for; see `StereoStream`.
+    """The pairs of a config and a seed as a `Source`, rendered when they are asked for; see `StereoStream`."""
 
-    Raises:
-        InputError: where an argument cannot be used.
-    """
+    config: Config
+    seed: int
+    selection: Selection
+    hardware: Hardware
+    crop: tuple[int, int] | None
+    checked: bool
+    transform: Callable[[Sample], Any] | None
 
-    def __init__(
-        self,
-        config: Config,
-        seed: int,
-        selection: Selection,
-        hardware: Hardware,
-        *,
-        crop: tuple[int, int] | None,
-        checked: bool,
-        transform: Callable[[Sample], Any] | None,
-    ) -> None:
-        self._config = config
-        self._split = config.splits.split(selection.split, selection.splits, seed)
-        self._frames = selection.frames_in(config.sequence.length)
-        self._crop, self._checked, self._transform, self._hardware = crop, checked, transform, hardware
+    def __post_init__(self) -> None:
+        self._split = self.config.splits.split(self.selection.split, self.selection.splits, self.seed)
+        self._frames = self.selection.frames_in(self.config.sequence.length)
+        self._sides = self.config.camera.height_px, self.config.camera.width_px
         self._check()
-        self.together = len(self._frames) * config.views
-        self._settings = {
-            "config": config.name,
-            "config_sha256": config.digest(),
-            "seed": seed,
-            "split": selection.split,
-            "splits": list(selection.splits),
-            "frames": list(self._frames),
-            "crop": crop and [int(side) for side in crop],
-            "checked": checked,
-        }
+        self.together = len(self._frames) * self.config.views
         self._sources: Sources | None = None
         self._digests: Mapping[str, str] | None = None
 
@@ -152,41 +131,42 @@ class RenderedPairs:
 
     @property
     def identity(self) -> Mapping[str, Any]:
-        """All that decides what the samples are: arguments, digests of patches and models, versions of plug-ins.
-
-        Raises:
-            InputError: where photographs, models or plug-ins cannot be used.
-        """
+        """All that decides what the samples are: arguments, digests of patches and models, versions of plug-ins."""
         if self._digests is None:
             self._digests = self._prepared().digests()
-        plugins = plugin_records(self._config.used_plugins().values())
-        return {**self._settings, "sources": self._digests, "plugins": plugins}
+        return {
+            "config": self.config.name,
+            "config_sha256": self.config.digest(),
+            "seed": self.seed,
+            "split": self.selection.split,
+            "splits": list(self.selection.splits),
+            "frames": list(self._frames),
+            "crop": self.crop and [int(side) for side in self.crop],
+            "checked": self.checked,
+            "sources": self._digests,
+            "plugins": plugin_records(self.config.used_plugins().values()),
+        }
 
     @contextmanager
     def open(self, worker: Worker) -> Iterator[Callable[[int], Any]]:
-        """Open a worker's renderer; give a function from a sample's number to the sample.
-
-        Raises:
-            InputError: where workers shall yield CUDA tensors, or photographs or models cannot be used.
-            BackendError: where OpenGL cannot be used.
-        """
+        """Open a worker's renderer; give a function from a sample's number to the sample."""
         name = "the stream"
         if get_worker_info() is not None:
-            if self._hardware.device == "cuda":
+            if self.hardware.device == "cuda":
                 raise InputError(
                     "device='cuda' goes with num_workers=0 alone: tensors on a GPU do not leave their process"
                 )
             name = f"worker {worker.number} of {worker.total}"
             os.environ.setdefault(THREADS, str(threads_each(worker.total)))
-        gpus, backend = self._hardware.gpus, self._hardware.backend
+        gpus, backend = self.hardware.gpus, self.hardware.backend
         reader: CudaReader | None = None
-        if self._hardware.device == "cuda":
+        if self.hardware.device == "cuda":
             gpus = gpus or (torch.cuda.current_device(),)
             reader = CudaReader(torch.device("cuda", gpus[0]))
         device_index = egl_index_of_worker(tuple(gpus), worker.number)
         try:
             renderer = PairRenderer(
-                self._config, self._split, backend, device_index, reader or read_array, self._prepared()
+                self.config, self._split, backend, device_index, reader or read_array, self._prepared()
             )
         except BackendError as error:
             raise BackendError(f"{name} cannot render: {error}") from error
@@ -202,31 +182,27 @@ class RenderedPairs:
     def _prepared(self) -> Sources:
         """Return patches and models, which stay from the first question for them to the end of an iteration."""
         if self._sources is None:
-            self._sources = prepare_sources(self._config, self._split)
+            self._sources = prepare_sources(self.config, self._split)
             self._digests = None  # files may have changed since
         return self._sources
 
     def _render(self, renderer: PairRenderer, number: int) -> Any:  # noqa: ANN401 - what the transform returns
         sequence, rest = divmod(number, self.together)
-        frame, view = divmod(rest, self._config.views)
-        crop = None
-        if self._crop is not None:
-            camera = self._config.camera
-            sides = camera.height_px, camera.width_px
-            crop = draw_crop(self._crop, sides, self._split.seed, sequence)
-        index = (sequence * self._config.sequence.length + self._frames[frame]) * self._config.views + view
-        pair = renderer.render(index, crop=crop, checked=self._checked)
+        frame, view = divmod(rest, self.config.views)
+        crop = None if self.crop is None else draw_crop(self.crop, self._sides, self._split.seed, sequence)
+        index = (sequence * self.config.sequence.length + self._frames[frame]) * self.config.views + view
+        pair = renderer.render(index, crop=crop, checked=self.checked)
         sample = to_sample(pair.index, pair.frame)
-        return sample if self._transform is None else self._transform(sample)
+        return sample if self.transform is None else self.transform(sample)
 
     def _check(self) -> None:
-        camera, hardware = self._config.camera, self._hardware
-        check_transform(self._transform)
-        if self._crop is not None:
-            check_crop(self._crop, (camera.height_px, camera.width_px), "the config's camera")
+        hardware = self.hardware
+        check_transform(self.transform)
+        if self.crop is not None:
+            check_crop(self.crop, self._sides, "the config's camera")
         if hardware.device == "cpu":
             return
-        if self._checked or not self._config.imperfections.none():
+        if self.checked or not self.config.imperfections.none():
             raise InputError(
                 "device='cuda' needs checked=False and a config without imperfections, since checks and imperfections "
                 "work on arrays in the computer's memory: change that, or leave device out and let the loader pin "

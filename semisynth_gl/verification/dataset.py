@@ -20,17 +20,7 @@ from semisynth_gl.verification.flow_consistency import check_flow_views, check_f
 from semisynth_gl.verification.oracle_check import OracleCheck
 from semisynth_gl.verification.photometry import check_images
 from semisynth_gl.verification.shared_left import check_lefts
-from semisynth_gl.verification.single_view import (
-    OPPOSITE,
-    check_calibration,
-    check_change,
-    check_depth,
-    check_disparity,
-    check_flow,
-    check_instances,
-    check_normals,
-    check_sky,
-)
+from semisynth_gl.verification.single_view import check_calibration, check_single_views
 from semisynth_gl.verification.verdict import DATASET, Verdict
 from semisynth_gl.verification.view_consistency import (
     check_left_right,
@@ -124,16 +114,7 @@ def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
     if not is_of_one_size(frame):
         # The checks that follow compare pixel with pixel.
         return False
-    largest_px = index.config.disparity.max_px
-    check_disparity(frame, largest_px, verdict)
-    check_depth(frame, verdict)
-    check_instances(frame, verdict)
-    for eye in EYES:
-        check_sky(frame, eye, verdict)
-        check_normals(frame, eye, verdict)
-        for channel in OPPOSITE:
-            check_flow(frame, channel, eye, verdict)
-        check_change(frame, eye, largest_px, verdict)
+    check_single_views(frame, index.config.disparity.max_px, verdict)
     # Imperfections make the images of both views differ, as a real rig does.
     imperfect = index.imperfect or not frame.encodings.image.lossless
     for eye in EYES:

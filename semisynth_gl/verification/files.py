@@ -87,11 +87,7 @@ class StoredShard:
         return self._samples.get(number)
 
     def read(self, number: int, name: str) -> bytes:
-        """Read a pair's file by its name below the dataset's folder or inside the tar.
-
-        Raises:
-            ReadError: where the file is missing or cut off.
-        """
+        """Read a pair's file by its name below the dataset's folder or inside the tar, or raise ReadError."""
         place = self._index.place
         if not self._index.layout.packed:
             try:

@@ -49,11 +49,7 @@ _MOTIONS = {"flow": (+1, ("flow", "disparity_change")), "flow_backward": (-1, ("
 
 
 class OracleCheck:
-    """Judges the pairs of a split by float64 rays through their scenes, sampled again.
-
-    Raises:
-        InputError: where its scenes cannot be sampled again; see `RebuiltScenes`.
-    """
+    """Judges the pairs of a split by float64 rays through their scenes; an InputError says why these cannot be made."""
 
     def __init__(self, index: Index, split: SplitName) -> None:
         try:

@@ -50,15 +50,6 @@ class _Warp:
     other: NDArray[np.float32]
     targets: Points
 
-    @classmethod
-    def of(cls, image: Image, other: Image, targets: Points) -> "_Warp":
-        return cls(_grey(image)[targets.row, targets.column].astype(np.float64), _grey(other), targets)
-
-    @property
-    def still(self) -> Values:
-        """The direction (N, 2) of points that stay where they are."""
-        return np.zeros((len(self.levels), 2))
-
     def samples(self, step: float, direction: Values) -> tuple[Values, Values, Values]:
         """Read the pixels around the points, moved by a step along a direction (N, 2).
 
@@ -111,18 +102,13 @@ def check_images(
     width = left.shape[1]
     inside = surface & (match.position >= 1) & (match.position < width - 2.001)
     row, column = np.divmod(spread_evenly(np.flatnonzero(inside), _MAX_PIXELS), width)
-    if len(row) < MIN_PIXELS:
-        return
-    warp = _Warp.of(left, right, match.points(row, column))
-    if imperfect:
-        _check_correlation(warp, verdict)
-        return
     zero, disparity = np.zeros(len(row)), match.disparity[row, column].astype(np.float64)
     fits = {
         "shift_px": ("d", np.stack([zero - 1, zero], axis=1)),
         "scale_times": ("d", np.stack([-disparity, zero], axis=1)),
     }
-    _check_warp("images", "disparity_left", "", warp, fits, verdict)
+    targets = match.points(row, column)
+    _check_warp("images", "disparity_left", "", (left, right), targets, fits, verdict, imperfect=imperfect)
 
 
 def check_flow_images(
@@ -143,37 +129,47 @@ def check_flow_images(
     x, y = targets.x, targets.y
     inside = (x >= 1) & (x < width - 2.001) & (y >= 1) & (y < height - 2.001)
     targets = targets.select(spread_evenly(np.flatnonzero(inside), _MAX_FLOW_PIXELS))
-    if len(targets.x) < MIN_PIXELS:
-        return
-    warp = _Warp.of(*images, targets)
-    if imperfect:
-        _check_correlation(warp, verdict)
-        return
     zero = np.zeros_like(targets.x)
     fits = {
         "shift_x_px": ("x", np.stack([zero + 1, zero], axis=1)),
         "shift_y_px": ("y", np.stack([zero, zero + 1], axis=1)),
         "scale_times": ("flow", np.stack([targets.x - targets.column, targets.y - targets.row], axis=1)),
     }
-    _check_warp(check, name, f"{measure}_", warp, fits, verdict)
+    _check_warp(check, name, f"{measure}_", images, targets, fits, verdict, imperfect=imperfect)
 
 
 def _check_warp(
-    check: str, name: str, measure: str, warp: _Warp, fits: Mapping[str, tuple[str, Values]], verdict: Verdict
+    check: str,
+    name: str,
+    measure: str,
+    images: tuple[Image, Image],
+    targets: Points,
+    fits: Mapping[str, tuple[str, Values]],
+    verdict: Verdict,
+    *,
+    imperfect: bool,
 ) -> None:
-    """Judge the residual, and the steps along directions at which the images fit best.
+    """Judge the residual, and the steps along directions at which the images fit best; see `check_images`.
 
     ``fits`` has, by the end of the measure's name, a symbol for messages and the direction (N, 2) px of a step of 1.
     """
-    share = float(np.mean(_explained(warp.levels, warp.samples(0, warp.still)[0])))
-    least = 1 - most_share(_UNEXPLAINED_SHARE, len(warp.levels))
-    median = float(np.median(np.abs(warp.levels - warp.interpolate(0, warp.still)[0])))
+    if len(targets.x) < MIN_PIXELS:
+        return
+    levels = _grey(images[0])[targets.row, targets.column].astype(np.float64)
+    warp, still = _Warp(levels, _grey(images[1]), targets), np.zeros((len(levels), 2))
+    warped = warp.interpolate(0, still)[0]
+    if imperfect:
+        _check_correlation(levels, warped, verdict)
+        return
+    share = float(np.mean(_explained(levels, warp.samples(0, still)[0])))
+    least = 1 - most_share(_UNEXPLAINED_SHARE, len(levels))
+    median = float(np.median(np.abs(levels - warped)))
     verdict.measures[f"{measure}residual_median_levels"] = median
     verdict.measures[f"{measure}residual_explained_share"] = share
     if share < least:
         verdict.add(
             check,
-            f"{name}: resampling explains the residual in {share:.1%} of {len(warp.levels)} visible pixels, at least "
+            f"{name}: resampling explains the residual in {share:.1%} of {len(levels)} visible pixels, at least "
             f"{least:.1%} were expected; the median residual is {median:.1f} levels",
         )
         return
@@ -192,11 +188,10 @@ def _check_warp(
             verdict.add(check, f"{name}: the images fit best at {place}; a deviation of {bound:.4f}{unit} is allowed")
 
 
-def _check_correlation(warp: _Warp, verdict: Verdict) -> None:
-    warped = warp.interpolate(0, warp.still)[0]
-    if min(float(warp.levels.std()), float(warped.std())) < 1:
+def _check_correlation(levels: Values, warped: Values, verdict: Verdict) -> None:
+    if min(float(levels.std()), float(warped.std())) < 1:
         return
-    correlation = float(np.corrcoef(warp.levels, warped)[0, 1])
+    correlation = float(np.corrcoef(levels, warped)[0, 1])
     verdict.measures["image_correlation"] = correlation
     if correlation < _CORRELATION:
         verdict.add(

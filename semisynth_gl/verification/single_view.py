@@ -39,11 +39,21 @@ _EDGE_PX = 1 / 16
 _LAST_VALID_PX = 2.0
 
 
-def check_disparity(frame: StoredFrame, largest_px: float | None, verdict: Verdict) -> None:
-    """Check both disparities: no NaN, positive or, if signed, not beyond infinity, inf only where the rig allows it.
+def check_single_views(frame: StoredFrame, largest_px: float | None, verdict: Verdict) -> None:
+    """Check each view by itself; the config allows disparities up to ``largest_px``, or all."""
+    _check_disparity(frame, largest_px, verdict)
+    _check_depth(frame, verdict)
+    _check_instances(frame, verdict)
+    for eye in EYES:
+        _check_sky(frame, eye, verdict)
+        check_normals(frame, eye, verdict)
+        for channel in OPPOSITE:
+            _check_flow(frame, channel, eye, verdict)
+        check_change(frame, eye, largest_px, verdict)
 
-    The config allows disparities up to ``largest_px``, or all.
-    """
+
+def _check_disparity(frame: StoredFrame, largest_px: float | None, verdict: Verdict) -> None:
+    """Check both disparities: no NaN, positive or, if signed, not beyond infinity, inf only where the rig allows it."""
     invalid = pixels = 0
     for eye in EYES:
         disparity, name = frame.view(eye).get("disparity"), f"disparity_{eye}"
@@ -85,7 +95,7 @@ def _lacking(frame: StoredFrame, eye: Eye, infinite: Where) -> Where | None:
     return None if sky is None else infinite & ~sky
 
 
-def check_sky(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+def _check_sky(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     """Check a view's mask of the sky: its values, its instances, and its depth and disparity, infinitely far away."""
     view, name, doffs_px = frame.view(eye), f"sky_{eye}", frame.camera.doffs_px
     mask = view.get("sky")
@@ -181,7 +191,7 @@ def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:
         verdict.add("calib", f"ndisp {calibration.ndisp} is below the largest disparity, {largest:g} px")
 
 
-def check_depth(frame: StoredFrame, verdict: Verdict) -> None:
+def _check_depth(frame: StoredFrame, verdict: Verdict) -> None:
     """Check Z = f B / (d + doffs) where there are depth files, to the rounding of float32 and of the encoding."""
     camera = frame.camera
     for eye in EYES:
@@ -204,7 +214,7 @@ def check_depth(frame: StoredFrame, verdict: Verdict) -> None:
             verdict.add_pixels("depth", f"depth_{eye}", "is not that of the disparity", wrong, f", which has {values}")
 
 
-def check_instances(frame: StoredFrame, verdict: Verdict) -> None:
+def _check_instances(frame: StoredFrame, verdict: Verdict) -> None:
     """Check that instance ids count rows of pair.json's ``instances``, and that 0 stands where nothing is seen."""
     rows = frame.provenance.get("instances")
     for eye in EYES:
@@ -263,7 +273,7 @@ def flow_bound_px(flow: NDArray[np.floating], encoding_px: float | NDArray[np.fl
     return _FLOW_PX + _FLOW_SHARE * np.sqrt(dot(flow, flow)) + encoding_px
 
 
-def check_flow(frame: StoredFrame, channel: str, eye: Eye, verdict: Verdict) -> None:
+def _check_flow(frame: StoredFrame, channel: str, eye: Eye, verdict: Verdict) -> None:
     """Check a view's flow in one direction: no NaN, both components of a pixel or none, and the mask's zeros.
 
     Of a mask as it was read, `OUTSIDE` stands exactly where there is no flow, or the flow leads out of the image.
@@ -305,10 +315,7 @@ def _check_outside(
 
 
 def check_change(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict: Verdict) -> None:
-    """Check a view's change of disparity: finite exactly where disparity and flow are, and to a possible disparity.
-
-    The config allows disparities up to ``largest_px``, or all.
-    """
+    """Check a view's change of disparity: finite exactly where disparity and flow are, and to a possible disparity."""
     view = frame.view(eye)
     change, disparity, flow = view.get("disparity_change"), view.get("disparity"), view.get("flow")
     if change is None or disparity is None:

@@ -12,13 +12,7 @@ DATASET = "dataset"
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One fault.
-
-    Attributes:
-        scene: the scene's name, or `DATASET`.
-        check: the name of the check that reports it, a word or two.
-        message: what was expected and what came, with numbers, on one line.
-    """
+    """One fault of a scene, or of the `DATASET`: what a check expected and what came, with numbers, on one line."""
 
     scene: str
     check: str
@@ -30,12 +24,9 @@ class Finding:
 
 @dataclass(slots=True)
 class Verdict:
-    """The results of all checks of one scene, or of the dataset itself.
+    """The results of all checks of one scene, or of the `DATASET`.
 
-    Attributes:
-        scene: the scene's name, or `DATASET`.
-        findings: faults, in the order of the checks.
-        measures: measured numbers by name; the unit is part of the name.
+    Findings are in the order of the checks. Measures are numbers by name; the unit is part of the name.
     """
 
     scene: str

@@ -22,15 +22,13 @@ _BORDER_PX = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewMatch:
-    """The pixels of one view at their columns in the other view.
+    """The pixels (H, W) of one view at their positions in the other view, columns.
 
     Attributes:
-        disparity: (H, W) float32, px; 0 where it is invalid.
-        valid: (H, W) bool.
-        position: (H, W) float64, column in the other view.
-        inside: (H, W) bool, where both pixels around that column lie in the image.
-        smooth: (H, W) bool, where the pixel and its neighbours in the row are one surface.
-        corners: (2, H, W) float32, the other view's disparity in the two pixels around that column.
+        disparity: px, 0 where it is not valid.
+        inside: where both pixels around the position lie in the image.
+        smooth: where the pixel and its neighbours in the row are one surface.
+        corners: (2, H, W), the other view's disparity in the two pixels around the position.
     """
 
     disparity: Values
@@ -48,6 +46,12 @@ class ViewMatch:
     def low(self) -> Values:
         """The smaller disparity of the two pixels, (H, W) float32."""
         return np.asarray(self.corners.min(axis=0))
+
+    @property
+    def reference(self) -> Values:
+        """The other view's disparity, interpolated at the column, (H, W) float32."""
+        fraction = (self.position - np.floor(self.position)).astype(np.float32)
+        return np.asarray(self.corners[0] * (1 - fraction) + self.corners[1] * fraction)
 
     @property
     def close(self) -> Where:
@@ -113,10 +117,8 @@ def check_matched_mask(name: str, mask: NDArray[np.uint8], match: ViewMatch, ver
     within = (match.position >= -0.5 + _BORDER_PX) & (match.position <= border - _BORDER_PX)
     beyond = (match.position < -0.5 - _BORDER_PX) | (match.position > border + _BORDER_PX)
     judged = match.valid & within & match.smooth
-    fraction = (match.position - np.floor(match.position)).astype(np.float32)
-    reference = match.corners[0] * (1 - fraction) + match.corners[1] * fraction
     expected = np.full(mask.shape, UNCERTAIN, np.uint8)
     expected[~match.valid | beyond] = OUTSIDE
     expected[judged & (match.low > match.disparity + HIDDEN_PX)] = OCCLUDED
-    expected[judged & match.close & (np.abs(match.disparity - reference) < SEEN_PX)] = VISIBLE
+    expected[judged & match.close & (np.abs(match.disparity - match.reference) < SEEN_PX)] = VISIBLE
     check_visibility(name, mask, match.valid, expected, verdict)
