@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,23 +92,14 @@ def distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
 
 def measure_views(views: Iterable[MeasuredView], *, of_images: bool | None = None) -> Side:
     """Measure views one by one, without keeping them: all measures and profiles, or those that are ``of_images``."""
-    measures = [each for each in MEASURES if of_images in (None, each.of_images)]
-    profiles = [each for each in PROFILES if of_images in (None, each.of_images)]
-    values: dict[str, list[float]] = {measure.key: [] for measure in measures}
-    shares: dict[str, list[NDArray[np.float64]]] = {profile.key: [] for profile in profiles}
+    tables = [[each for each in table if of_images in (None, each.of_images)] for table in (MEASURES, PROFILES)]
+    found: list[dict[str, list[Any]]] = [{each.key: [] for each in table} for table in tables]
     for view in views:
-        for measure in measures:
-            value = measure.measure(view)
+        for each, values in ((each, values) for table, values in zip(tables, found, strict=True) for each in table):
+            value = each.measure(view)
             if value is not None:
-                values[measure.key].append(value)
-        for profile in profiles:
-            share = profile.measure(view)
-            if share is not None:
-                shares[profile.key].append(share)
-    return Side(
-        {key: np.array(each, np.float64) for key, each in values.items()},
-        {key: np.array(each, np.float64) for key, each in shares.items()},
-    )
+                values[each.key].append(value)
+    return Side(*({key: np.array(each, np.float64) for key, each in values.items()} for values in found))
 
 
 def measure_dataset(dataset: Dataset, width_px: int, sample: int, listener: Listener | None = None) -> Side:

@@ -165,11 +165,7 @@ def _folder_truths(folder: Path) -> TrueSet:
         if any(_ETH3D in path.absolute().parts for path in scenes):
             protocol = "eth3d"
     else:
-        pairs = [
-            TruePair(path.stem, str(path), {path.stem: _STEPS}, partial(_read_map, path))
-            for path in sorted(folder.iterdir())
-            if path.suffix.lower() in MAP_EXTENSIONS
-        ]
+        pairs = [_map_pair(path) for path in sorted(folder.iterdir()) if path.suffix.lower() in MAP_EXTENSIONS]
     if not pairs:
         raise InputError(
             f"`truth` {folder}: no true disparities there: expected a dataset of this program, KITTI's {_OCC}, a "
@@ -210,14 +206,11 @@ def _kitti_pair(root: Path, path: Path) -> TruePair:
 
 
 def _read_kitti(root: Path, path: Path) -> Truth:
-    disparity = read_disparity_map(path)
-    not_occluded, objects = root / _NOC / path.name, root / _OBJECTS / path.name
-    visible = object_map = None
+    disparity, not_occluded = read_disparity_map(path), root / _NOC / path.name
+    visible = None
     if not_occluded.is_file():
         visible = np.isfinite(_same_size(read_disparity_map(not_occluded), disparity, not_occluded, path))
-    if objects.is_file():
-        object_map = _same_size(GREY8.read(objects), disparity, objects, path)
-    return Truth(disparity, visible, object_map)
+    return Truth(disparity, visible, _grey_map(root / _OBJECTS / path.name, disparity, path))
 
 
 def _scene_pair(folder: Path, path: Path) -> TruePair:
@@ -230,10 +223,14 @@ def _scene_pair(folder: Path, path: Path) -> TruePair:
 
 
 def _read_scene(path: Path) -> Truth:
-    disparity = read_disparity_map(path)
-    mask, calibration = path.with_name(f"{_MASK}.png"), path.with_name("calib.txt")
-    visible = _same_size(GREY8.read(mask), disparity, mask, path) == VISIBLE if mask.is_file() else None
-    return Truth(disparity, visible, limits=read_limits(calibration) if calibration.is_file() else UNLIMITED)
+    disparity, calibration = read_disparity_map(path), path.with_name("calib.txt")
+    mask = _grey_map(path.with_name(f"{_MASK}.png"), disparity, path)
+    limits = read_limits(calibration) if calibration.is_file() else UNLIMITED
+    return Truth(disparity, None if mask is None else mask == VISIBLE, limits=limits)
+
+
+def _map_pair(path: Path) -> TruePair:
+    return TruePair(path.stem, str(path), {path.stem: _STEPS}, partial(_read_map, path))
 
 
 def _read_map(path: Path) -> Truth:
@@ -284,6 +281,11 @@ def _same_size(
         sizes = f"has {shown_size(values)} pixels, {beside} {shown_size(truth)}"
         raise ReadError(path, f"{sizes}: expected the same size")
     return values
+
+
+def _grey_map(path: Path, truth: NDArray[np.float32], beside: Path) -> NDArray[np.uint8] | None:
+    """Return the 8-bit map of a file, which has the truth's size; None where there is no such file."""
+    return _same_size(GREY8.read(path), truth, path, beside) if path.is_file() else None
 
 
 def _path_stems(path: PurePosixPath, png_scale: float = _STEPS) -> dict[str, float]:

@@ -3,10 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.gridspec import SubplotSpec
-from numpy.typing import NDArray
 
 from semisynth_gl.frame.frame import Frame, as_rgb
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation
@@ -40,46 +39,35 @@ def draw_sheet(
     least = min((float(values.min()) for values in valid if values.size), default=0.0)
     for row, frame in enumerate(frames):
         axes = [figure.add_subplot(grid[row, column]) for column in range(3)]
-        axes[0].imshow(as_rgb(frame.left.image))
-        axes[1].imshow(as_rgb(frame.right.image))
-        shown = axes[2].imshow(
-            np.ma.masked_invalid(frame.left.disparity),
-            cmap=COLOUR_MAP,
-            vmin=min(0.0, least),
-            vmax=largest,
-            interpolation="nearest",
-        )
-        axes[2].set_facecolor(_INVALID)
-        bar = figure.colorbar(shown, ax=axes[2], pad=0.01, fraction=0.04)
-        bar.set_label("px", fontsize=8)
-        bar.ax.tick_params(labelsize=8)
         for axis, label in zip(axes, ("left", "right", "disparity of the left view"), strict=True):
             axis.set(xticks=[], yticks=[])
             if row == 0:
                 axis.set_title(label, fontsize=9)
+        axes[0].imshow(as_rgb(frame.left.image))
+        axes[1].imshow(as_rgb(frame.right.image))
+        disparity = np.ma.masked_invalid(frame.left.disparity)
+        low = min(0.0, least)
+        shown = axes[2].imshow(disparity, cmap=COLOUR_MAP, vmin=low, vmax=largest, interpolation="nearest")
+        axes[2].set_facecolor(_INVALID)
+        bar = figure.colorbar(shown, ax=axes[2], pad=0.01, fraction=0.04)
+        bar.set_label("px", fontsize=8)
+        bar.ax.tick_params(labelsize=8)
         if names:
             axes[0].set_xlabel(names[row], fontsize=9)
-    _draw_histogram(figure, grid[len(frames), :], valid, [1.0] * len(frames) if weights is None else weights, target)
-    return figure
-
-
-def _draw_histogram(
-    figure: Figure,
-    place: SubplotSpec,
-    disparities_px: Sequence[NDArray[np.float32]],
-    weights: Sequence[float],
-    target: Histogram,
-) -> None:
-    axis = figure.add_subplot(place)
     counts = np.zeros(len(target.shares))
-    for disparity_px, weight in zip(disparities_px, weights, strict=True):
+    for disparity_px, weight in zip(valid, [1.0] * len(frames) if weights is None else weights, strict=True):
         count = PixelCount(target.edges_px)
         count.add(disparity_px)
         counts += weight * count.counts
-    if not counts.any():
+    achieved = Histogram.from_counts(target.edges_px, counts) if counts.any() else None
+    _draw_histogram(figure.add_subplot(grid[len(frames), :]), achieved, target)
+    return figure
+
+
+def _draw_histogram(axis: Axes, achieved: Histogram | None, target: Histogram) -> None:
+    if achieved is None:
         axis.set_title("no pixel has a disparity", fontsize=9)
         return
-    achieved = Histogram.from_counts(target.edges_px, counts)
     axis.stairs(achieved.shares, achieved.edges_px, fill=True, color="#d98a3d", label="achieved")
     axis.stairs(target.shares, target.edges_px, color="black", linewidth=1.5, label="wanted by the config")
     distance = total_variation(target, achieved)

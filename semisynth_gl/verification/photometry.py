@@ -85,19 +85,11 @@ def check_images(
     *,
     imperfect: bool = False,
 ) -> None:
-    """Check that the right image, resampled at x - d, is the left image, each (H, W, 3) or (H, W) uint8.
+    """Check that the right image, resampled at x - d, is the left image, in visible pixels on one surface, (H, W).
 
     First the share of pixels whose residual resampling explains; then, by least squares, the shift and the scale of the
-    disparity at which the images fit best: both must be zero.
-
-    Args:
-        left: the left image.
-        right: the right image.
-        match: of the left view.
-        surface: (H, W) bool, the pixels to judge: visible, on one surface.
-        verdict: takes findings and measures.
-        imperfect: whether exposure, noise, blur or a tone curve differ between the views: then levels cannot be
-            compared, and only the correlation of the two is judged.
+    disparity at which the images fit best: both must be zero. Of an imperfect rig, exposure, noise, blur or a tone
+    curve differ between the views: then levels cannot be compared, and only the correlation of the two is judged.
     """
     width = left.shape[1]
     inside = surface & (match.position >= 1) & (match.position < width - 2.001)
