@@ -43,13 +43,11 @@ def check_correspondence(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None
     # A disparity that was rounded says a little less about the depth.
     wrong = ~(error <= DEVIATING_PX + frame.rounding_px(disparity))
     verdict.measures[f"{name}_largest_y_px"] = float(error[~wrong].max(initial=0.0))
-    verdict.add_pixels(
-        "correspondence",
-        name,
-        "does not go down as the camera says",
-        wrong,
-        lambda at: f", which goes {way[at][1]:g} px down, and by the camera {expected[at][1]:g} px",
-    )
+
+    def descent(at: tuple[int, int]) -> str:
+        return f", which goes {way[at][1]:g} px down, and by the camera {expected[at][1]:g} px"
+
+    verdict.add_pixels("correspondence", name, "does not go down as the camera says", wrong, descent)
 
 
 def check_deviating_views(frame: StoredFrame, verdict: Verdict, *, imperfect: bool) -> None:

@@ -30,8 +30,7 @@ def check_flow_views(frame: StoredFrame, match: ViewMatch, visible: Where, surfa
     """Check the left view's flow and change of disparity against the right view's at x - d, where both see a point.
 
     The point at x - d moves to x + u - (d + change). So the right u is the left one less the change, and v and the
-    change are the same. Backward there is no change to subtract, and v alone is judged.
-    For ``surface``, (H, W) as ``visible``, see `one_surface`.
+    change are the same. Backward there is no change to subtract, and v alone is judged. See `one_surface`.
     """
     left, right = frame.view("left"), frame.view("right")
     smooth = visible & match.smooth

@@ -28,8 +28,7 @@ def check_lefts(frame: StoredFrame, other: StoredFrame, verdict: Verdict) -> Non
             at = np.array(float(x)), np.array(float(y))
             depths = [float(pair.camera.depth_at("left", *at, pair.left.disparity[y, x])) for pair in (one, two)]
             detail = f", which is {depths[1]:g} m away and not {depths[0]:g} m"
-            array = f"disparity_left of {one.name}"
-            verdict.add_pixels("lefts", array, f"is not that of {two.name}", wrong, detail)
+            verdict.add_pixels("lefts", f"disparity_left of {one.name}", f"is not that of {two.name}", wrong, detail)
             return
 
 

@@ -42,8 +42,9 @@ _LAST_VALID_PX = 2.0
 def check_single_views(frame: StoredFrame, largest_px: float | None, verdict: Verdict) -> None:
     """Check each view by itself; the config allows disparities up to ``largest_px``, or all."""
     _check_disparity(frame, largest_px, verdict)
-    _check_depth(frame, verdict)
-    _check_instances(frame, verdict)
+    for check in (_check_depth, _check_instances):
+        for eye in EYES:
+            check(frame, eye, verdict)
     for eye in EYES:
         _check_sky(frame, eye, verdict)
         check_normals(frame, eye, verdict)
@@ -191,43 +192,39 @@ def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:
         verdict.add("calib", f"ndisp {calibration.ndisp} is below the largest disparity, {largest:g} px")
 
 
-def _check_depth(frame: StoredFrame, verdict: Verdict) -> None:
-    """Check Z = f B / (d + doffs) where there are depth files, to the rounding of float32 and of the encoding."""
-    camera = frame.camera
-    for eye in EYES:
-        view = frame.view(eye)
-        disparity, depth = view.get("disparity"), view.get("depth")
-        if depth is None or disparity is None:
-            continue
-        seen = np.isfinite(depth) & (depth > 0)
-        y, x = np.mgrid[: depth.shape[0], : depth.shape[1]].astype(np.float64)
-        way = camera.correspondence(eye, x, y, depth.astype(np.float64))
-        expected = way[..., 0] * (-1 if eye == "left" else 1)
-        bound = FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px)) + frame.rounding_px(disparity)
-        bound += 0.0 if camera.rectified else DEVIATING_PX
-        encodable = np.abs(expected) < frame.encodings.disparity.limit_px - bound
-        missing = seen & ((expected > bound) | frame.encodings.signed) & encodable
-        wrong = np.where(np.isfinite(disparity), ~(np.abs(disparity - expected) <= bound), missing)
-        if wrong.any():
-            y, x = np.argwhere(wrong)[0]
-            values = f"{depth[y, x]:g} m or {expected[y, x]:g} px, and a disparity of {disparity[y, x]:g} px"
-            verdict.add_pixels("depth", f"depth_{eye}", "is not that of the disparity", wrong, f", which has {values}")
+def _check_depth(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+    """Check Z = f B / (d + doffs) where there is a depth file, to the rounding of float32 and of the encoding."""
+    view, camera = frame.view(eye), frame.camera
+    disparity, depth = view.get("disparity"), view.get("depth")
+    if depth is None or disparity is None:
+        return
+    y, x = np.mgrid[: depth.shape[0], : depth.shape[1]].astype(np.float64)
+    way = camera.correspondence(eye, x, y, depth.astype(np.float64))
+    expected = way[..., 0] * (-1 if eye == "left" else 1)
+    bound = FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px)) + frame.rounding_px(disparity)
+    bound += 0.0 if camera.rectified else DEVIATING_PX
+    encodable = np.abs(expected) < frame.encodings.disparity.limit_px - bound
+    missing = np.isfinite(depth) & (depth > 0) & ((expected > bound) | frame.encodings.signed) & encodable
+    wrong = np.where(np.isfinite(disparity), ~(np.abs(disparity - expected) <= bound), missing)
+
+    def values(at: tuple[int, int]) -> str:
+        return f", which has {depth[at]:g} m or {expected[at]:g} px, and a disparity of {disparity[at]:g} px"
+
+    verdict.add_pixels("depth", f"depth_{eye}", "is not that of the disparity", wrong, values)
 
 
-def _check_instances(frame: StoredFrame, verdict: Verdict) -> None:
+def _check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     """Check that instance ids count rows of pair.json's ``instances``, and that 0 stands where nothing is seen."""
-    rows = frame.provenance.get("instances")
-    for eye in EYES:
-        view, name = frame.view(eye), f"instances_{eye}"
-        ids, disparity = view.get("instances"), view.get("disparity")
-        if ids is None or disparity is None:
-            continue
-        if not isinstance(rows, list):
-            verdict.add("instances", f"{name}: there are ids, but the pair's provenance has no list of instances")
-        elif int(ids.max()) > len(rows):
-            listed = counted(len(rows), "instance")
-            verdict.add("instances", f"{name} reaches {ids.max()}, the provenance lists {listed}")
-        verdict.add_pixels("instances", name, "is 0 in spite of a disparity", (ids == 0) & np.isfinite(disparity))
+    view, name, rows = frame.view(eye), f"instances_{eye}", frame.provenance.get("instances")
+    ids, disparity = view.get("instances"), view.get("disparity")
+    if ids is None or disparity is None:
+        return
+    if not isinstance(rows, list):
+        verdict.add("instances", f"{name}: there are ids, but the pair's provenance has no list of instances")
+    elif int(ids.max()) > len(rows):
+        listed = counted(len(rows), "instance")
+        verdict.add("instances", f"{name} reaches {ids.max()}, the provenance lists {listed}")
+    verdict.add_pixels("instances", name, "is 0 in spite of a disparity", (ids == 0) & np.isfinite(disparity))
 
 
 def check_normals(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
@@ -329,13 +326,11 @@ def check_change(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict
     bound = flow_bound_px(np.where(finite, later, 0)[..., None], frame.rounding_px(disparity))
     least_px = -frame.camera.doffs_px if frame.encodings.signed else 0.0
     impossible = known & ((later < least_px - bound) | (later > (inf if largest_px is None else largest_px) + bound))
-    verdict.add_pixels(
-        "change",
-        name,
-        "leads to an impossible disparity",
-        impossible,
-        lambda at: f", which goes from {disparity[at]:g} to {later[at]:g} px",
-    )
+
+    def step(at: tuple[int, int]) -> str:
+        return f", which goes from {disparity[at]:g} to {later[at]:g} px"
+
+    verdict.add_pixels("change", name, "leads to an impossible disparity", impossible, step)
     if flow is None:
         return
     flows = has_flow(flow)
