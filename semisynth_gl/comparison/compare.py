@@ -10,10 +10,10 @@ from semisynth_gl.comparison.changes import advice
 from semisynth_gl.comparison.maps import map_files
 from semisynth_gl.comparison.measured_view import WORKING_WIDTH, working_width
 from semisynth_gl.comparison.measures import MEASURES, PROFILES, Measure, Profile
-from semisynth_gl.comparison.place import PlaceFiles, find_place
+from semisynth_gl.comparison.place import find_place
 from semisynth_gl.comparison.sides import FEWEST, SAMPLE, MeasuredPlace, Side, distance, measure_dataset, measure_place
 from semisynth_gl.dataset.configs import recipe_values
-from semisynth_gl.dataset.reader import Dataset, open_dataset
+from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.inputs.arguments import to_real, to_whole
 from semisynth_gl.inputs.user_files import Files, names_of
 from semisynth_gl.listener import Listener
@@ -129,25 +129,13 @@ def compare(
         width_px = to_whole("`width_px`", width_px, least=32, most=4096)
     sample, png_scale = to_whole("`sample`", sample, least=1), to_real("`png_scale`", png_scale)
     found, photographs = map_files(names_of("disparity", disparity)), find_images(names_of("images", images))
-    place = find_place(photographs, found, png_scale)
-    return compare_with_place(open_dataset(dataset, split), place, width_px=width_px, sample=sample, listener=listener)
-
-
-def compare_with_place(
-    dataset: Dataset,
-    place: PlaceFiles,
-    *,
-    width_px: int | None = None,
-    sample: int = SAMPLE,
-    listener: Listener | None = None,
-) -> Comparison:
-    """Measure a dataset and its place at one width, by default the `working_width` of the pairs; see `compare`."""
+    place, opened = find_place(photographs, found, png_scale), open_dataset(dataset, split)
     if width_px is None:
-        configured = dataset.about.config.camera.width_px
+        configured = opened.about.config.camera.width_px
         width_px = WORKING_WIDTH if configured is None else working_width(round(configured))
     measured = measure_place(place, width_px)
-    ours = measure_dataset(dataset, width_px, sample, listener)
-    return Comparison(width_px, ours, min(sample, len(dataset)), len(dataset), measured, recipe_values(dataset.about))
+    ours = measure_dataset(opened, width_px, sample, listener)
+    return Comparison(width_px, ours, min(sample, len(opened)), len(opened), measured, recipe_values(opened.about))
 
 
 def comparison_table(comparison: Comparison) -> list[str]:

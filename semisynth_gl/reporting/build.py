@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 
-from semisynth_gl.dataset.reader import Dataset, Index, read_index
+from semisynth_gl.dataset.reader import Dataset, read_index
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.listener import Listener
 from semisynth_gl.reporting.measure import QUANTITIES, Measurement, Outlier, PairMeasures, find_outliers, measure
@@ -43,7 +43,7 @@ def report(
     split: SplitName | None = None,
     listener: Listener | None = None,
 ) -> Report:
-    """Measure a dataset and render its page, as ``semisynth-gl report`` does.
+    """Measure a dataset and render its page, as ``semisynth-gl report`` does. Equal datasets give equal pages.
 
     Args:
         dataset: a folder, or an address that fsspec knows.
@@ -56,21 +56,15 @@ def report(
         InputError: where there is no dataset, it is not finished, has no such split, or no pair of it can be read.
     """
     check_type("`dataset`", dataset, str | PathLike)
-    counts = to_whole("`pairs`", pairs, least=0), to_whole("`sample`", sample, least=1)
-    return build_report(read_index(dataset), pairs=counts[0], sample=counts[1], split=split, listener=listener)
-
-
-def build_report(
-    index: Index, *, pairs: int, sample: int, split: SplitName | None = None, listener: Listener | None = None
-) -> Report:
-    """Measure a dataset and render its page, see `report`. Equal datasets give equal pages."""
-    dataset = Dataset(index, split)
+    pairs, sample = to_whole("`pairs`", pairs, least=0), to_whole("`sample`", sample, least=1)
+    index = read_index(dataset)
+    opened = Dataset(index, split)
     redraws = read_redraws(index, split)
-    positions = spread(len(dataset), max(sample, pairs))
-    measurement = measure(dataset, positions, redraws.messages, listener)
+    positions = spread(len(opened), max(sample, pairs))
+    measurement = measure(opened, positions, redraws.messages, listener)
     outliers = [outlier for quantity in QUANTITIES for outlier in find_outliers(measurement.pairs, quantity)]
     chosen = _choose(measurement.pairs, pairs, outliers)
-    pictures = make_pictures([pair.position for pair, _ in chosen], dataset.__getitem__)
+    pictures = make_pictures([pair.position for pair, _ in chosen], opened.__getitem__)
     shown = []
     for (pair, reason), picture in zip(chosen, pictures, strict=True):
         name, number = pair.key

@@ -25,7 +25,7 @@ from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8, GREY16, RGB8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.changes import CHANGES, advice, moved_by
-from semisynth_gl.comparison.compare import Comparison, compare_with_place
+from semisynth_gl.comparison.compare import Comparison, compare
 from semisynth_gl.comparison.maps import image_beside, map_files, one_of_each_scene
 from semisynth_gl.comparison.measured_view import fill_holes, make_view, mean_luminance
 from semisynth_gl.comparison.measures import MEASURES, PROFILES
@@ -577,13 +577,11 @@ def test_a_mix_of_extremes_with_the_mean_of_its_place_does_not_pass(factor, reci
 
 
 def test_a_sample_is_spread_over_the_dataset(dataset, photographs):
-    whole = compare_with_place(open_dataset(dataset), find_place(sorted(photographs.iterdir()), []), width_px=48)
-    part = compare_with_place(
-        open_dataset(dataset), find_place(sorted(photographs.iterdir()), []), width_px=48, sample=3
-    )
+    whole = compare(dataset, photographs, width_px=48)
+    part = compare(dataset, photographs, width_px=48, sample=3)
     assert (whole.pairs, part.pairs, part.dataset_pairs) == (5, 3, 5)
     # Narrow pairs are not enlarged, unless that is asked for.
-    narrow = compare_with_place(open_dataset(dataset), find_place(sorted(photographs.iterdir()), []), sample=1)
+    narrow = compare(dataset, photographs, sample=1)
     assert narrow.width_px == open_dataset(dataset)[0].left.image.shape[1] < 512
     assert len(narrow.dataset.values["gradient"]) == 1
     assert part.dataset.values["luminance"] == pytest.approx(whole.dataset.values["luminance"][[0, 2, 4]])

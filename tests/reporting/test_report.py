@@ -28,8 +28,7 @@ from semisynth_gl.generation.generate import generate
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.reporting import pictures
-from semisynth_gl.reporting.build import build_report
+from semisynth_gl.reporting import build, pictures
 from semisynth_gl.reporting.measure import QUANTITIES, PairMeasures, find_outliers, measure, read_config
 from semisynth_gl.reporting.page import render_page
 from semisynth_gl.reporting.pictures import make_picture, make_pictures, pack_floats
@@ -67,7 +66,7 @@ def measured(dataset):
 
 @pytest.fixture(scope="module")
 def page(dataset):
-    return build_report(read_index(dataset), pairs=3, sample=200).page
+    return build.report(dataset, pairs=3, sample=200).page
 
 
 def run_report(monkeypatch, capsys, *arguments):
@@ -258,7 +257,7 @@ def test_scenes_of_other_sizes_do_not_pass_for_these(changed):
 
 def test_a_config_of_another_version_leaves_out_target_and_scenes(changed):
     edit_json(changed / "index.json", lambda index: index["config_values"].update(of_the_future=1))
-    report = build_report(read_index(changed), pairs=2, sample=2)
+    report = build.report(changed, pairs=2, sample=2)
     assert report.measurement.target is None
     [(reason, count)] = report.measurement.ray_faults.items()
     assert "cannot be rebuilt" in reason
@@ -272,13 +271,13 @@ def test_a_config_of_another_version_leaves_out_target_and_scenes(changed):
 def test_an_unreadable_pair_is_reported(changed):
     broken = changed / "train" / "MiddEval3" / "trainingF" / "middlebury-000001" / "disp0GT.pfm"
     broken.write_bytes(broken.read_bytes()[:100])
-    report = build_report(read_index(changed), pairs=1, sample=6)
+    report = build.report(changed, pairs=1, sample=6)
     assert len(report.measurement.pairs) == 5
     assert "1 sampled pairs could not be read" in report.page
     assert "disp0GT.pfm" in report.page
     shutil.rmtree(changed / "train" / "MiddEval3" / "trainingF")
     with pytest.raises(InputError, match="no pair could be read"):
-        build_report(read_index(changed), pairs=1, sample=6, split="train")
+        build.report(changed, pairs=1, sample=6, split="train")
 
 
 @pytest.mark.parametrize("layout", ["webdataset", "kitti"])
@@ -286,7 +285,7 @@ def test_other_layouts_can_be_reported(layout, tmp_path):
     if backend_fault("auto"):
         pytest.skip("no OpenGL here")
     generate(config_of(), tmp_path / "set", 2, 0, layout=layout, shard_pairs=1)
-    report = build_report(read_index(tmp_path / "set"), pairs=1, sample=1)
+    report = build.report(tmp_path / "set", pairs=1, sample=1)
     assert report.measurement.ray_faults == {}
     assert report.measurement.rays.pairs == 1
     assert report.shown == 1
@@ -297,7 +296,7 @@ def test_a_dataset_at_an_address_can_be_reported(dataset, page, tmp_path, monkey
     memory = fsspec.filesystem("memory")
     memory.put(str(dataset), "/bucket/far-away", recursive=True)
     try:
-        assert build_report(read_index("memory://bucket/far-away"), pairs=3, sample=200).page == page
+        assert build.report("memory://bucket/far-away", pairs=3, sample=200).page == page
         monkeypatch.chdir(tmp_path)
         assert run_report(monkeypatch, capsys, "memory://bucket/far-away/", "--pairs", 0, "--sample", 1)[0] == 0
     finally:
@@ -326,7 +325,7 @@ def test_redraws_are_those_of_all_records(changed):
     assert redraws.faults[0].example == "too dark: mean 3.0 levels, at least 8 wanted"
     assert read_redraws(read_index(changed), "validation").attempts == 0
     # Pair 0 is not in the sample of one.
-    report = build_report(read_index(changed), pairs=0, sample=1)
+    report = build.report(changed, pairs=0, sample=1)
     assert "1 of 6 pairs" in report.page
     assert "too little texture: 0.50 levels" in report.page
     records[0].unlink()
@@ -456,7 +455,7 @@ def test_pictures_are_reduced_until_they_fit(dataset, monkeypatch):
     reduced = make_pictures(shown, read)
     assert {picture.step for picture in reduced} == {2}
     assert sum(picture.size for picture in reduced) <= most
-    report = build_report(read_index(dataset), pairs=2, sample=2)
+    report = build.report(dataset, pairs=2, sample=2)
     assert report.step == 2
     assert "reduced to 1/2 of their size" in report.page
     assert "every 2nd pixel" in report.page
@@ -506,7 +505,7 @@ def test_the_page_says_the_numbers(dataset, measured, page):
 
 
 def test_equal_datasets_have_equal_pages(dataset, page):
-    assert build_report(read_index(dataset), pairs=3, sample=200).page == page
+    assert build.report(dataset, pairs=3, sample=200).page == page
 
 
 def test_words_of_others_stay_words(changed):
@@ -515,7 +514,7 @@ def test_words_of_others_stay_words(changed):
         index["splits"]["train"]["left_out"] = ["<img src=x onerror=alert(2)>"]
 
     edit_json(changed / "index.json", spoil)
-    page = build_report(read_index(changed), pairs=1, sample=1).page
+    page = build.report(changed, pairs=1, sample=1).page
     assert "<script>alert" not in page
     assert "<img src=x" not in page
     assert "&lt;script&gt;alert(1)&lt;/script&gt;{{data}}" in page
@@ -748,7 +747,7 @@ def test_overlays_show_disparity_and_masks(opened, dataset):
 
 def test_keys_do_nothing_where_no_pair_is_shown(browser, dataset, tmp_path):
     path = tmp_path / "report.html"
-    path.write_text(build_report(read_index(dataset), pairs=0, sample=1).page, "utf-8")
+    path.write_text(build.report(dataset, pairs=0, sample=1).page, "utf-8")
     browser.get(path.as_uri())
     assert not element(browser, "viewer").is_displayed()
     for key in "npfoc":

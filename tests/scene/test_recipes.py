@@ -26,7 +26,7 @@ from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.histogram import PixelCount, total_variation
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.reporting.build import build_report
+from semisynth_gl.reporting import build
 from semisynth_gl.scene.mix import MixSampler, Shares
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.sources import recipe_libraries
@@ -384,13 +384,14 @@ def test_any_pair_and_any_crop_of_a_mix_can_be_rendered_first(dataset):
             np.testing.assert_array_equal(part.right.disparity, frame.cropped(crop).right.disparity)
 
 
-def test_the_report_has_a_table_of_recipes(dataset):
+def test_the_report_has_a_table_of_recipes(dataset, monkeypatch):
     index = read_index(dataset)
     # A recipe of weight 0 makes no pair, and counts nowhere.
     never = {"recipe": "never", "weight": 0.0, "textures": {"texels_per_pixel": 9.0}}
     values = index.config.values
     config = StoredConfig.model_validate({**values, "scenes": [*values["scenes"], never]})
-    report = build_report(replace(index, config=config), pairs=1, sample=6)
+    monkeypatch.setattr(build, "read_index", lambda _: replace(index, config=config))
+    report = build.report(dataset, pairs=1, sample=6)
     rows = {recipe.name: recipe for recipe in report.measurement.recipes}
     assert {name: recipe.wanted for name, recipe in rows.items()} == pytest.approx(dict.fromkeys(rows, 1 / 3))
     pairs = [open_dataset(dataset)[measured.position] for measured in report.measurement.pairs]
