@@ -19,11 +19,8 @@ _KINDS = ("cuboid", "plane", "room", "street")
 class Change:
     """A key of the config, section and name, and the keys of each `Measure` that more of it raises or lowers.
 
-    Attributes:
-        kinds: weights of the section ``background``, of which a scene must have one for the key to count in it. Empty
-            for keys that count in all scenes.
-        more: how to have more of it, where "raise KEY" does not say it.
-        less: how to have less of it, where "lower KEY" does not say it.
+    Where there are kinds, weights of the section ``background``, the key counts only in scenes that have one of them.
+    ``more`` and ``less`` say how to have more or less of it where "raise KEY" and "lower KEY" do not.
     """
 
     key: str

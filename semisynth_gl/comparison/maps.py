@@ -51,9 +51,10 @@ def one_of_each_scene(maps: Sequence[Path]) -> list[Path]:
 
 
 def read_map(path: Path, png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np.float32]:
-    """Read a disparity map (H, W) px, nan where it has no value, from a PNG of so many levels per pixel of disparity.
+    """Read a disparity map (H, W) px, nan where it has no value.
 
-    Inf, nan, 0 and negative numbers of .pfm and .npy stand for no value, and 0 in 16-bit grey .png.
+    Inf, nan, 0 and negative numbers of .pfm and .npy stand for no value, and 0 in 16-bit grey .png, which counts
+    ``png_scale`` levels per pixel of disparity.
     """
     values = read_disparity_map(path, png_scale)
     return np.where(np.isfinite(values) & (values > 0), values, np.float32(np.nan))

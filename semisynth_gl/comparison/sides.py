@@ -95,10 +95,11 @@ def measure_views(views: Iterable[MeasuredView], *, of_images: bool | None = Non
     tables = [[each for each in table if of_images in (None, each.of_images)] for table in (MEASURES, PROFILES)]
     found: list[dict[str, list[Any]]] = [{each.key: [] for each in table} for table in tables]
     for view in views:
-        for each, values in ((each, values) for table, values in zip(tables, found, strict=True) for each in table):
-            value = each.measure(view)
-            if value is not None:
-                values[each.key].append(value)
+        for table, values in zip(tables, found, strict=True):
+            for each in table:
+                value = each.measure(view)
+                if value is not None:
+                    values[each.key].append(value)
     return Side(*({key: np.array(each, np.float64) for key, each in values.items()} for values in found))
 
 

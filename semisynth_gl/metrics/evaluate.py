@@ -39,14 +39,10 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
-    """The result for a pair.
+    """The result for a pair, with the error map, RGB, where it was asked for.
 
-    Attributes:
-        name: the pair's.
-        scores: by (region,); where the truth has a map of objects, also by (region, part), with the part
-            ``background`` or ``foreground``.
-        error_map: RGB; None where it was not asked for.
-        negative: whether most values are below 0, as in a flow to the right image, but the truth's are not.
+    Scores are by (region,), and, where the truth has a map of objects, by (region, ``background`` or ``foreground``)
+    too. ``negative`` says that most predicted values are below 0, as in a flow to the right image, but no true one is.
     """
 
     name: str
@@ -95,9 +91,7 @@ def evaluate(
 def evaluate_pair(pair: TruePair, prediction: Prediction, protocol: Protocol, *, draw: bool = False) -> Evaluation:
     """Evaluate a prediction for a pair, and draw an error map where it is asked for.
 
-    Raises:
-        ReadError: where a file cannot be read, or the prediction has no disparity at all.
-        InputError: where sizes do not fit, or the truth has no disparity.
+    A prediction without any disparity raises ReadError; sizes that do not fit, and a truth without any, InputError.
     """
     truth = pair.read()
     values = read_disparity_map(prediction.path, prediction.png_scale, signed=pair.signed)

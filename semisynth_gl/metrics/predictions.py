@@ -33,12 +33,7 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
     A prediction has one of the pair's names, see `TruePair`, and ends in .pfm, .npy or .png. In a scene's folder it may
     also be ``disp0<METHOD>.pfm``, as Middlebury wants it; the truth's own name counts only where there is no such file,
     since Middlebury's results lie beside the truth. Of several files, pictures are left out: networks write them beside
-    their results. With ``partial`` some predictions may be missing.
-
-    Raises:
-        InputError: where there is no such folder, a pair has several predictions, predictions are missing against
-            ``partial``, or all are missing.
-        ReadError: where one of several files of a pair cannot be read.
+    their results. With ``partial`` some predictions may be missing, but never all.
     """
     if not folder.is_dir():
         raise InputError(f"`predictions` {folder}: {'is a file' if folder.exists() else 'there is no such folder'}")

@@ -47,14 +47,10 @@ UNLIMITED = Limits()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PixelComparison:
-    """A prediction against the truth, pixel by pixel.
+    """A prediction against the truth, px, pixel by pixel, (H, W) each.
 
-    Attributes:
-        truth: (H, W) float32 px.
-        error: (H, W) float32 px, absolute; without meaning where not `scored`.
-        judged: (H, W) bool, where the benchmark asks for a disparity.
-        estimated: (H, W) bool, where the prediction itself has a disparity.
-        scored: (H, W) bool, the judged pixels whose `error` counts.
+    The benchmark asks for a disparity where ``judged``, and the prediction itself has one where ``estimated``. The
+    absolute error counts where ``scored``, which is a part of judged, and means nothing elsewhere.
     """
 
     truth: Disparity

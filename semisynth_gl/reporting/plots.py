@@ -86,14 +86,10 @@ def draw_histogram(
     outline: NDArray[np.float64] | None = None,
     marks: Sequence[tuple[float, str]] = (),
 ) -> str:
-    """Draw bars as an SVG element. Bars and marks have tooltips.
+    """Draw bars as an SVG element, with an outline over them: shares of another distribution in the same bins.
 
-    Args:
-        name: ids inside depend on it, so drawings of one page need different names.
-        bars: shares to draw.
-        label: of the x axis, with its unit.
-        outline: (K,) shares of another distribution in the same bins, drawn as a line over the bars.
-        marks: values to mark on the x axis, each with its tooltip; values outside the axis are ignored.
+    Bars and marks have tooltips; marks are values on the x axis, and ignored outside it. Ids inside depend on the name,
+    so drawings of one page need different names.
     """
     file = io.StringIO()
     with mpl.rc_context(_STYLE | {"svg.hashsalt": name}):

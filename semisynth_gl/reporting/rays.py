@@ -25,10 +25,10 @@ _LEAST_AGREEING = 0.9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rays:
-    """The number of rays through the rebuilt scenes of so many pairs, and what the agreeing rays meet there.
+    """Rays that were cast through the rebuilt scenes of one pair or several, and what the agreeing rays meet there.
 
-    Agreeing rays give the stored disparity. Of each there are the measures of `surfaces_at`, and of each object of a
-    pair that one hits its diameter, see `diameters_px`.
+    An agreeing ray gives the stored disparity. Each has the measures of `surfaces_at`, and each object that one hits
+    has a diameter, once for each pair; see `diameters_px`.
     """
 
     pairs: int
@@ -123,18 +123,10 @@ def surfaces_at(
     geometric mean of its two singular values, the number of texels along the side of a pixel. For UV without
     stretching, of s patches per metre, this is patch_px s Z / (f sqrt(|n . r|)) with n of length 1.
 
-    Args:
-        scene: the scene.
-        models: the meshes that ``scene.model`` indexes.
-        patch_px: (N,) side in texels of the patch that each instance wears.
-        x_px: (R,) columns of the rays in the left view.
-        y_px: (R,) rows.
-        hits: the R hits of the rays.
-
-    Returns:
-        Angles in degrees between normals and rays, (R,): 0 where a surface faces the camera, 90 where it is seen edge
-        on. Sides in texels of squares with the area of patch that a pixel sees, (R,). NaN for a ray that hits nothing
-        or the sky.
+    ``patch_px`` (N,) has the side in texels of the patch that each instance wears. The first result has the angle in
+    degrees between normal and ray: 0 where a surface faces the camera, 90 where it is seen edge on. The second has the
+    side in texels of a square with the area of patch that a pixel sees. Both are (R,), and NaN for a ray that hits
+    nothing or the sky.
     """
     slant, texels = np.full(len(x_px), np.nan), np.full(len(x_px), np.nan)
     rays = scene.camera.rays("left", x_px, y_px)

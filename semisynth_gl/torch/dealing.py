@@ -106,7 +106,7 @@ class TrainingProcess:
 
 
 class Worker(NamedTuple):
-    """A worker of a training process's loader, of so many in each process; without workers, the process itself."""
+    """A worker's number in its training process, of a total in each process; without workers, the process itself."""
 
     number: int = 0
     total: int = 1
@@ -116,8 +116,8 @@ class Worker(NamedTuple):
 class Dealing:
     """Samples first, first + 1 ... in blocks, which go to the workers of all processes in turn.
 
-    A block has complete batches and complete sequences, of ``batch`` and ``frames`` samples. There are so many samples
-    in all, or, with None, samples without end.
+    A block has complete batches and complete sequences, of ``batch`` and ``frames`` samples. Without a number of
+    samples there is no end.
     """
 
     first: int

@@ -19,12 +19,7 @@ _MOST_DEVICES = 64
 
 
 class CudaReader:
-    """Reads attachments into tensors on a numbered CUDA device, on whose GPU OpenGL draws; see `Reader` in `render`.
-
-    Raises:
-        InputError: where the bindings are not installed.
-        BackendError: where CUDA refuses the device.
-    """
+    """Reads attachments into tensors on a numbered CUDA device, on whose GPU OpenGL draws; see `Reader` in `render`."""
 
     def __init__(self, device: torch.device) -> None:
         try:

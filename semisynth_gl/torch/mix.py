@@ -74,7 +74,7 @@ class StereoMix(DealtDataset):
 class MixedSamples:
     """Samples of several sources as one `Source`, for arguments of `StereoMix`.
 
-    So many successive samples come from one source that each source's stay together.
+    From one source come ``together`` successive samples: as many as keep each source's own together.
     """
 
     def __init__(self, sources: Sequence[tuple[Dataset[Any], float]], seed: int) -> None:

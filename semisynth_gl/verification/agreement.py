@@ -63,13 +63,9 @@ class Points:
 class Agreement:
     """Vectors of an image's pixels (N, C) px against references: another image's array, interpolated at the points.
 
-    Args:
-        names: of the array that is judged, and of its reference with the place, for messages.
-        own: (H, W, C) px, the array of the image.
-        corners: (2 or 4, N, C) px, the array of the other image around the points, as `Points.corners` gathers it.
-        targets: N pixels and their points.
-        error_px: the largest difference that encodings cause.
-        scaled_from_px: shorter vectors are not judged by their relative difference.
+    Messages name the array (H, W, C) that is judged, and its reference with the place. Of the other image there are the
+    ``corners`` around the points, see `Points.corners`. Encodings cause differences of up to ``error_px``, and vectors
+    shorter than ``scaled_from_px`` are not judged by their relative difference.
     """
 
     def __init__(

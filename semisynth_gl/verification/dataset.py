@@ -35,14 +35,10 @@ _UNKNOWN_VALUES = np.errstate(invalid="ignore", divide="ignore")
 
 
 def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
-    """Check a dataset, with rays through so many pixels of each pair; with 0 no scene is sampled again.
+    """Check a dataset, with rays through ``oracle_pixels`` pixels of each pair; with 0 no scene is sampled again.
 
-    Yields:
-        The verdict on the dataset itself, then one for each pair, in the order of the shards. The verdict on a shard's
-        first pair has the findings on the shard itself too.
-
-    Raises:
-        InputError: where rays are asked for and the scenes cannot be sampled again.
+    The first verdict is on the dataset itself, the others on each pair, in the order of the shards. The verdict on a
+    shard's first pair has the findings on the shard itself too. Scenes that cannot be sampled again raise InputError.
     """
     oracles = {split: OracleCheck(index, split) for split in index.pairs} if oracle_pixels else {}
     verdict = Verdict(DATASET)

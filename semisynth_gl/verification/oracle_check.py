@@ -60,7 +60,7 @@ class OracleCheck:
             ) from None
 
     def check(self, frame: StoredFrame, pixels: int, verdict: Verdict) -> None:
-        """Compare a pair's truth with rays through so many random pixels, half of them in each view."""
+        """Compare a pair's truth with rays through random pixels, half of them in each view."""
         sampled = self._scenes.sampled(frame)
         if sampled is None:
             verdict.add("oracle", "config and seed of the index give another scene than the pair's provenance has")

@@ -88,7 +88,7 @@ def check_images(
     """Check that the right image, resampled at x - d, is the left image, in visible pixels on one surface, (H, W).
 
     First the share of pixels whose residual resampling explains; then, by least squares, the shift and the scale of the
-    disparity at which the images fit best: both must be zero. Of an imperfect rig, exposure, noise, blur or a tone
+    disparity at which the images fit best: both must be zero. On an imperfect rig, exposure, noise, blur or a tone
     curve differ between the views: then levels cannot be compared, and only the correlation of the two is judged.
     """
     width = left.shape[1]
