@@ -59,12 +59,12 @@ def check_deviating_views(frame: StoredFrame, verdict: Verdict, *, imperfect: bo
         names = f"the way from the {eye} view", f"the reverse of that from the {other} view at its end"
         error_px = 2 * frame.encodings.disparity.error_px
         agreement = Agreement(names, ways[eye], -targets.corners(ways[other]), targets, error_px)
-        seen = agreement.close & agreement.agree
+        surface = agreement.close
+        seen = surface & agreement.agree
         mask = frame.view(eye).get("visibility")
         if mask is not None:
             _check_mask(frame, eye, ways[eye], targets, seen, verdict)
         visible = seen if mask is None else mask[targets.row, targets.column] == VISIBLE
-        surface = agreement.close
         agreement.check("left-right", f"left_right_{eye}", visible & agreement.known, surface, verdict)
         if eye == "left":
             images, judged = (frame.left["image"], frame.right["image"]), targets.select(visible & surface)

@@ -22,7 +22,7 @@ _BORDER_PX = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewMatch:
-    """The pixels (H, W) of one view at their positions in the other view, columns.
+    """The pixels (H, W) of one view, and their positions, which are columns of the other view.
 
     Attributes:
         disparity: px, 0 where it is not valid.
