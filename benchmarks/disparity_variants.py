@@ -143,9 +143,9 @@ class DisparityVariants:
             self._depth_m.framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
             self._draw(scene, eye, program)
             targets.framebuffer.use()
-            self._depth_m.bind("depth", 0)
+            self._depth_m.bind(depth=0)
             self._gl.enable_only(moderngl.NOTHING)
-            self._constants.write(camera, eye, scene.near_m)
+            self._constants.write(scene, eye)
             self._from_depth_vao.render(moderngl.TRIANGLES, 3)
             return np.asarray(targets.read("disparity"))
         if variant == "plane64":
@@ -190,7 +190,7 @@ class DisparityVariants:
         filled = self._models.fill(self._placing.place(scene), eye)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">" if projection is None else "<"
-        self._constants.write(scene.camera, eye, scene.near_m, projection=projection)
+        self._constants.write(scene, eye, projection=projection)
         for part in filled:
             self._models.draw(program, part)
 

@@ -37,7 +37,7 @@ from semisynth_gl.config import load_config
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.render import programs
 from semisynth_gl.render.model_buffers import Filled
-from semisynth_gl.render.placing import Placed
+from semisynth_gl.render.pair_targets import DrawnPair, PairTargets
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.scene import Scene
 
@@ -66,22 +66,22 @@ class Parts:
     """
 
     def __init__(self, renderer: Renderer) -> None:
-        self._renderer, self._drawing, self._models = renderer, renderer._drawing, renderer._models
-        self._gl = renderer._gl
+        self._renderer, self._drawing, self._loaded = renderer, renderer._drawing, renderer._loaded
+        self._gl, self._placing = renderer._gl, renderer._placing
         with self._gl, patch.object(programs, "shader_source", _without_patches(programs.shader_source)):
-            names = {name.upper(): number for number, name in enumerate(self._drawing._attachments["left"])}
+            names = {name.upper(): number for number, name in enumerate(self._loaded.wanted.attachments("left"))}
             bare = programs.link_program(renderer._context, "mesh.vert", "mesh.frag", names)
             self._samples = self._gl.query(samples=True)
-        self._bare = [bare] * len(self._drawing._anisotropies)
+        self._bare = [bare] * len(self._loaded.anisotropies)
 
     def seconds(self, scene: Scene) -> dict[str, float]:
         """Return the CPU seconds of each drawing of both eyes, and how often a pixel is shaded."""
         total = defaultdict(float)
         with self._gl:
-            self._renderer._resize((scene.camera.width_px, scene.camera.height_px), shared=False)
+            sized = self._renderer._sized(scene, shared=False)
             for eye in EYES:
-                self._draw_eye(self._placing.place(scene), eye)
-                for name, work in self._works(scene, eye):
+                self._draw_eye(scene, eye, sized)
+                for name, work in self._works(scene, eye, sized):
                     self._gl.finish()
                     start = time.process_time()
                     work()
@@ -90,12 +90,12 @@ class Parts:
                 total["shaded"] += self._samples.samples / (2 * scene.camera.width_px * scene.camera.height_px)
         return dict(total)
 
-    def _works(self, scene: Scene, eye: Eye) -> Iterator[tuple[str, Callable[[], Any]]]:
-        models, targets = self._models, self._drawing._targets[eye]
-        placed = models.place(scene)
-        yield "draw", lambda: self._draw_eye(placed, eye)
+    def _works(self, scene: Scene, eye: Eye, sized: PairTargets) -> Iterator[tuple[str, Callable[[], Any]]]:
+        models, targets = self._loaded.models, sized.eyes[eye]
+        placed = self._placing.place(scene)
+        yield "draw", lambda: self._draw_eye(scene, eye, sized)
         yield "read", lambda: [targets.read(name) for name in ("colour", "disparity")]
-        yield "place", lambda: models.fill(models.place(scene), eye)
+        yield "place", lambda: models.fill(self._placing.place(scene), eye)
         filled = models.fill(placed, eye)
         programs_of_eye = self._drawing._programs(targets.names)
         yield "clear", targets.clear
@@ -111,15 +111,16 @@ class Parts:
         yield "one pixel", lambda: self._draw(filled, programs_of_eye, ">")
         targets.limit(None)
 
-    def _draw_eye(self, placed: Placed, eye: Eye) -> None:
-        self._drawing._draw(placed, eye, None, None, self._drawing._targets[eye])
+    def _draw_eye(self, scene: Scene, eye: Eye, sized: PairTargets) -> None:
+        pair = DrawnPair(self._placing.place(scene), None, sized, sized.eyes, {eye: {} for eye in EYES})
+        self._drawing._draw(pair, eye, None)
 
     def _draw(self, filled: Sequence[Filled], own: Sequence[Any], test: str) -> None:
         self._gl.enable_only(self._gl.DEPTH_TEST)
         self._gl.depth_func = test
         for part in filled:
-            self._drawing._patches.use(part.atlas)
-            self._models.draw(own[part.atlas], part)
+            self._loaded.patches.use(part.atlas)
+            self._loaded.models.draw(own[part.atlas], part)
 
 
 def _without_patches(shader_source: Callable[..., str]) -> Callable[..., str]:

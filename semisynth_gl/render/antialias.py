@@ -1,83 +1,27 @@
 """Antialiased colour: its own framebuffers, beside the truth's, which stay single sample."""
 
-import re
-from dataclasses import dataclass
-from typing import Literal
-
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Crop
-from semisynth_gl.frame.frame import ANTIALIAS_PATTERN
-from semisynth_gl.inputs.errors import BackendError, InputError
-from semisynth_gl.render.context import GraphicsContext
+from semisynth_gl.inputs.errors import BackendError
+from semisynth_gl.render.loaded import Loaded
 from semisynth_gl.render.programs import link_program
-from semisynth_gl.render.readers import Reader
 from semisynth_gl.render.targets import window
 
 
-@dataclass(frozen=True, slots=True)
-class Antialias:
-    """How colour is antialiased.
-
-    Attributes:
-        kind: "none", "edges" (shares of pixels worked out along outlines), "msaa" (several coverage samples, one colour
-            a surface) or "ssaa" (a larger image, averaged).
-        factor: samples per pixel of "msaa"; how many times wider and higher "ssaa" draws; 1 for the others.
-    """
-
-    kind: Literal["none", "edges", "msaa", "ssaa"]
-    factor: int
-
-    @property
-    def redraws(self) -> bool:
-        """Whether colour is drawn once more, in a separate framebuffer."""
-        return self.kind in ("msaa", "ssaa")
-
-
-def parse_antialias(text: str) -> Antialias:
-    """Read "none", "edges", "msaa4", "ssaa2" and their like.
-
-    Raises:
-        InputError: where the text is another one.
-    """
-    if not re.fullmatch(ANTIALIAS_PATTERN, text):
-        raise InputError(f"antialias: expected none, edges, msaa2, msaa4, ... or ssaa2 to ssaa8, got {text}")
-    if text == "none":
-        return Antialias("none", 1)
-    if text == "edges":
-        return Antialias("edges", 1)
-    return Antialias("msaa" if text.startswith("msaa") else "ssaa", int(text[4:]))
-
-
 class ColourTargets:
-    """Where one image size is drawn with antialiasing, one eye after the other.
-
-    Args:
-        context: the open context.
-        image_size: width and height of the image, px.
-        antialias: "msaa" or "ssaa".
-        read: what takes pixels.
-        grey: whether colour has one component.
+    """Where one image size (width and height, px) is drawn with "msaa" or "ssaa", one eye after the other.
 
     Raises:
         BackendError: where the driver has fewer samples, or no image that large.
     """
 
-    def __init__(
-        self,
-        context: GraphicsContext,
-        image_size: tuple[int, int],
-        antialias: Antialias,
-        read: Reader,
-        *,
-        grey: bool = False,
-    ) -> None:
+    def __init__(self, loaded: Loaded, image_size: tuple[int, int]) -> None:
+        context, antialias = loaded.context, loaded.wanted.antialias
         gl, factor = context.gl, antialias.factor
-        self._gl = gl
-        self._read = read
-        self._antialias = antialias
+        self._gl, self._read = gl, loaded.read
         samples = factor if antialias.kind == "msaa" else 0
         scale = factor if antialias.kind == "ssaa" else 1
         if samples > gl.max_samples:
@@ -92,7 +36,7 @@ class ColourTargets:
                 f"{gl.info['GL_MAX_TEXTURE_SIZE']}: lower the factor or the image size"
             )
         # Formats of three components cannot be drawn into everywhere.
-        stored, self._components = (1, 1) if grey else (4, 3)
+        stored, self._components = (1, 1) if loaded.patches.grey else (4, 3)
         self._colour = gl.texture(size, stored) if not samples else gl.renderbuffer(size, stored, samples=samples)
         self._depth_buffer = gl.depth_renderbuffer(size, samples=samples)
         context.unbound.make_depth_float32(self._depth_buffer.glo, *size, samples)

@@ -4,21 +4,17 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.frame.camera import Eye, StereoCamera
+from semisynth_gl.frame.camera import Eye
 from semisynth_gl.render.projection import clip_from_view
 from semisynth_gl.render.structs import BLOCKS, CONSTANTS
+from semisynth_gl.scene.scene import Scene
 
 # Below every disparity: see LARGEST in common_constants.glsl.
 _LARGEST = 3e38
 
 
 class ConstantsBuffer:
-    """The uniform block's buffer.
-
-    Args:
-        gl: the context; the block stays bound in it.
-        signed: whether disparities of 0 and below are valid.
-    """
+    """The uniform block's buffer, which stays bound in its context."""
 
     def __init__(self, gl: moderngl.Context, *, signed: bool = False) -> None:
         self._least_px = -_LARGEST if signed else 0.0
@@ -26,17 +22,12 @@ class ConstantsBuffer:
         self._buffer.bind_to_uniform_block(BLOCKS["Constants"].binding)
         self._packed: bytes = b""
 
-    def write(
-        self, camera: StereoCamera, eye: Eye, near_m: float, *, projection: NDArray[np.float64] | None = None
-    ) -> None:
-        """Set the constants of the passes that follow.
+    def write(self, scene: Scene, eye: Eye, *, projection: NDArray[np.float64] | None = None) -> None:
+        """Set the constants of the passes that follow, for the eye that draws, or whose surfaces are followed.
 
-        Args:
-            camera: the camera.
-            eye: the eye that draws, or whose surfaces are followed.
-            near_m: depth of the near plane.
-            projection: (4, 4) float64 in the place of `clip_from_view`.
+        A (4, 4) ``projection`` takes the place of `clip_from_view`.
         """
+        camera, near_m = scene.camera, scene.near_of(eye)
         values = np.zeros((), CONSTANTS)
         matrix = clip_from_view(camera, eye, near_m) if projection is None else projection
         values["clip_from_view"] = matrix.T

@@ -63,6 +63,11 @@ class GraphicsContext:
         """Backend, renderer and version of OpenGL, as the driver calls them."""
         return {"backend": self.backend, "renderer": self.renderer, "opengl": str(self.gl.info["GL_VERSION"])}
 
+    @property
+    def software(self) -> bool:
+        """Whether the driver draws on the processor."""
+        return is_software(self.renderer)
+
     def check_owner(self) -> None:
         """Check that this is the process and the thread that opened the context.
 

@@ -1,18 +1,14 @@
 """Antialiasing along outlines alone: what lies beyond an edge, blended into the pixels that the edge passes."""
 
-from collections.abc import Sequence
-
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Crop, Eye
-from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.inputs.errors import BackendError
-from semisynth_gl.render.context import GraphicsContext
-from semisynth_gl.render.model_buffers import ModelBuffers, refill
+from semisynth_gl.render.loaded import Loaded
+from semisynth_gl.render.model_buffers import refill
 from semisynth_gl.render.outlines import Outlines
-from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.structs import BLOCKS, WEARER
@@ -28,41 +24,27 @@ _DRAWN = 2
 class EdgePass:
     """Blends along the outlines of one eye's image; see edges.geom and edges.frag.
 
-    Args:
-        context: the open context.
-        models: the meshes that `Scene.model` counts.
-        buffers: these on the GPU.
-        patches: the atlases.
-        anisotropies: of each atlas, most samples of a patch for a pixel.
-
     Raises:
         BackendError: where the driver does not let shaders look up buffers of that size.
     """
 
-    def __init__(
-        self,
-        context: GraphicsContext,
-        models: Sequence[Mesh],
-        buffers: ModelBuffers,
-        patches: PatchTextures,
-        anisotropies: Sequence[int],
-    ) -> None:
+    def __init__(self, loaded: Loaded) -> None:
+        context, models, self._patches = loaded.context, loaded.models, loaded.patches
         gl = context.gl
-        self._gl, self._patches, self._vertices = gl, patches, buffers.vertices
-        self._anisotropies = np.array(anisotropies)
-        self._outlines = Outlines(models, buffers.vertex_number)
+        self._gl, self._clock, self._vertices = gl, context.clock, models.vertices
+        self._anisotropies = np.array(loaded.anisotropies)
+        self._outlines = Outlines(models.meshes, models.vertex_number)
         size, limit = self._vertices.size, int(gl.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
         if size > limit:
             raise BackendError(
                 f"antialias: edges looks up vertices in a buffer, here of {size} bytes, but the driver goes up to "
                 f"{limit}: use fewer or smaller models, or another antialiasing"
             )
-        defines = {"LARGE": 1} if len(patches.ends) > 1 else {}
+        defines = {"LARGE": 1} if len(self._patches.ends) > 1 else {}
         program = link_program(context, "edges.vert", "edges.frag", defines, "edges.geom")
         self._wearers = gl.buffer(reserve=_FEWEST_INSTANCES * WEARER.itemsize, dynamic=True)
         self._strips = gl.buffer(reserve=_FEWEST_STRIPS * 16, dynamic=True)
         self._vao = gl.vertex_array(program, [])
-        self._clock = context.clock
 
     def draw(self, placed: Placed, eye: Eye, targets: EyeTargets, part: Crop | None) -> None:
         """Smooth the image of one eye's targets, or a part of it, whose depth is still that of the drawing."""
@@ -86,6 +68,7 @@ class EdgePass:
             self._vao.render(moderngl.POINTS, len(strips))
 
     def _worn(self, placed: Placed, eye: Eye) -> NDArray[np.void]:
+        """Return what edges.geom looks up of each instance, (N,) of `WEARER`."""
         scene, ends = placed.scene, self._patches.ends
         wearers = np.zeros(len(scene), WEARER)
         wearers["view_from_model"] = placed.rows(eye)

@@ -6,7 +6,6 @@ from math import ceil
 import numpy as np
 
 from semisynth_gl.frame.camera import Crop
-from semisynth_gl.render.backends import is_software
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.programs import link_compute
 
@@ -24,7 +23,7 @@ _MOST_PIXELS = 1 << 21
 
 def groups_of(context: GraphicsContext) -> int:
     """Return how many groups of invocations take turns through a list."""
-    return _GROUPS_ON_SOFTWARE if is_software(context.renderer) else _GROUPS_ON_GPU
+    return _GROUPS_ON_SOFTWARE if context.software else _GROUPS_ON_GPU
 
 
 class ListedSteps:

@@ -14,7 +14,6 @@ from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.topology import NO_NEIGHBOUR, neighbours
 from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.placing import Placed
-from semisynth_gl.render.projection import in_view
 from semisynth_gl.render.structs import COMMAND, DRAWN_INSTANCE, VERTEX, check_attributes, members
 
 _FEWEST_INSTANCES = 256
@@ -61,7 +60,7 @@ class ModelBuffers:
     def __init__(
         self, gl: moderngl.Context, models: Sequence[Mesh], atlas_ends: NDArray[np.int64], *, traced: bool
     ) -> None:
-        self._gl = gl
+        self._gl, self.meshes = gl, models
         self._atlas_ends = atlas_ends
         index_counts = np.array([mesh.triangles.size for mesh in models])
         vertex_counts = np.array([len(mesh.positions) for mesh in models])
@@ -106,15 +105,12 @@ class ModelBuffers:
         Returns:
             What to draw, one after the other.
         """
-        scene, view_from_model, radius_m = placed.scene, placed.rows(eye), placed.radius_m
-        centre_m = view_from_model[:, :, 3]
-        camera, near_m = scene.camera if part is None else scene.camera.cropped(part), scene.near_of(eye)
+        scene, view_from_model = placed.scene, placed.rows(eye)
         # No part of the sky is too near.
-        seen = np.flatnonzero(in_view(camera, eye, near_m, centre_m, radius_m) | scene.sky)
-        # What the near plane cuts open shows its backs.
-        fronts_only = placed.solid[seen] & (centre_m[seen, 2] - radius_m[seen] > near_m)
+        seen = np.flatnonzero(placed.in_view(eye, part) | scene.sky)
+        fronts_only = placed.fronts_only(eye)[seen]
         atlas = np.searchsorted(self._atlas_ends, scene.layer[seen], side="right")
-        farthest_m = np.where(scene.sky[seen], np.inf, centre_m[seen, 2] + radius_m[seen])
+        farthest_m = np.where(scene.sky[seen], np.inf, view_from_model[seen, 2, 3] + placed.radius_m[seen])
         order = np.lexsort((farthest_m, ~fronts_only, atlas))
         seen, atlas, fronts_only = seen[order], atlas[order], fronts_only[order]
         begin = np.concatenate([[0], self._atlas_ends])[atlas]

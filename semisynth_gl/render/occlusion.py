@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Crop, Eye
-from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.render.context import GraphicsContext
-from semisynth_gl.render.model_buffers import Filled, ModelBuffers
+from semisynth_gl.render.loaded import Loaded
+from semisynth_gl.render.model_buffers import Filled
 from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.targets import EyeTargets
@@ -37,11 +36,11 @@ _WHICH_END = np.indices((2, 2, 2)).reshape(3, 8).T
 
 @dataclass(frozen=True, slots=True)
 class _Runs:
-    """The triangles of all models in runs of a few, model by model.
+    """The triangles of all M models in R runs of a few, model by model.
 
     Attributes:
         corners: (R, 8, 3) float64, of their bounding boxes, in model units.
-        first_triangle: (R,) int64, of a model's.
+        first_triangle: (R,) int64, counted within the model.
         triangles: (R,) int64, how many.
         first: (M,) int64, the first run of each model.
         count: (M,) int64, how many runs each model has.
@@ -55,17 +54,11 @@ class _Runs:
 
 
 class Occlusion:
-    """Finds what is hidden.
+    """Finds what is hidden."""
 
-    Args:
-        context: the open context.
-        models: the meshes that `Scene.model` counts.
-        buffers: the same on the GPU.
-    """
-
-    def __init__(self, context: GraphicsContext, models: Sequence[Mesh], buffers: ModelBuffers) -> None:
-        self._gl, self._unbound = context.gl, context.unbound
-        self._models, self._buffers = models, buffers
+    def __init__(self, loaded: Loaded) -> None:
+        context, models = loaded.context, loaded.models.meshes
+        self._gl, self._unbound, self._models = context.gl, context.unbound, loaded.models
         self._triangles = np.array([len(mesh.triangles) for mesh in models])
         self._corners = np.stack([_corners(mesh.positions.min(axis=0), mesh.positions.max(axis=0)) for mesh in models])
         self._program = link_program(context, "mesh.vert", "mesh.frag", {})
@@ -73,7 +66,7 @@ class Occlusion:
     @cached_property
     def _runs(self) -> _Runs:
         corners, first_triangle, triangles = [], [], []
-        for mesh in self._models:
+        for mesh in self._models.meshes:
             begin = np.arange(0, max(1, len(mesh.triangles) - _RUN_TRIANGLES // 2), _RUN_TRIANGLES)
             positions = mesh.positions[mesh.triangles]
             low, high = (
@@ -90,19 +83,12 @@ class Occlusion:
     def without_hidden(
         self, placed: Placed, eye: Eye, part: Crop | None, targets: EyeTargets, filled: Sequence[Filled]
     ) -> Sequence[Filled]:
-        """Leave out what cannot be seen.
+        """Leave out what cannot be seen from all that `ModelBuffers.fill` returned.
 
-        Args:
-            placed: all instances of the scene.
-            eye: who looks; the constants of its drawing pass are bound.
-            part: the part of the image that is drawn, or None for all of it.
-            targets: what will be drawn to; its depth is drawn over.
-            filled: what `ModelBuffers.fill` returned for them, nothing of which was left out yet.
-
-        Returns:
-            What to draw, for `ModelBuffers.draw`: the same list where there is too little to leave out.
+        The constants of the eye's drawing pass are bound, and the depth of its targets is drawn over. Where there is
+        too little to leave out, the same list is returned.
         """
-        shown = self._buffers.filled
+        shown = self._models.filled
         model = placed.scene.model[shown]
         triangles = self._triangles[model]
         if triangles.sum() < _FEWEST_TRIANGLES:
@@ -112,7 +98,7 @@ class Occlusion:
         sky = placed.scene.sky[shown]
         hiding = _most_area(boxes, targets.size_of(part), triangles) & ~sky
         every = np.arange(len(shown))
-        self._draw_depth(targets, part, self._buffers.select(filled, every[hiding]))
+        self._draw_depth(targets, part, self._models.select(filled, every[hiding]))
         farthest = _farthest(targets.read_depth(part))
         visible = np.flatnonzero(~_hidden(farthest, targets.size_of(part), boxes) | sky)
         runs, own = self._runs, model[visible]
@@ -125,7 +111,7 @@ class Occlusion:
         # Runs that follow each other are drawn as one.
         begin = np.flatnonzero(np.diff(number, prepend=-1).astype(bool) | (np.diff(run, prepend=-1) != 1))
         drawn = np.add.reduceat(runs.triangles[run], begin) if len(begin) else runs.triangles[:0]
-        return self._buffers.select(filled, number[begin], runs.first_triangle[run[begin]], drawn)
+        return self._models.select(filled, number[begin], runs.first_triangle[run[begin]], drawn)
 
     def _draw_depth(self, targets: EyeTargets, part: Crop | None, filled: Sequence[Filled]) -> None:
         targets.use_depth(part)
@@ -135,7 +121,7 @@ class Occlusion:
         # What is drawn later must pass, the same surfaces too, and whichever of two at the same depth comes first.
         self._gl.polygon_offset = 0.0, _BEHIND_ULP
         for own in filled:
-            self._buffers.draw(self._program, own)
+            self._models.draw(self._program, own)
         self._gl.polygon_offset = 0.0, 0.0
 
 
@@ -150,8 +136,8 @@ def _boxes(
 ) -> NDArray[np.float64]:
     """Bound in the image what lies inside boxes, by (N, 3, 4) rows of view from model and (N, 8, 3) corners.
 
-    Returns:
-        (5, N), left, top, right and bottom, px of the part, and the largest depth, infinite where it is cut open.
+    The (5, N) result has left, top, right and bottom, px of the part, and the largest depth, infinite where a box is
+    cut open.
     """
     scene = placed.scene
     camera = scene.camera if part is None else scene.camera.cropped(part)

@@ -11,7 +11,6 @@ from semisynth_gl.frame.camera import Eye
 from semisynth_gl.geometry.edges import MeshEdges, find_edges
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.placing import Placed
-from semisynth_gl.render.projection import in_view
 
 # Edges of instances that are looked at together, for the memory that it takes.
 _MOST_AT_ONCE = 2**22
@@ -40,9 +39,8 @@ class Outlines:
             from and to, and of the one opposite.
         """
         scene, rows = placed.scene, placed.rows(eye)
-        in_sight = in_view(scene.camera, eye, scene.near_of(eye), rows[:, :, 3], placed.radius_m)
         # The sky ends nowhere: beyond it is nothing.
-        seen = np.flatnonzero(in_sight & ~scene.sky)
+        seen = np.flatnonzero(placed.in_view(eye) & ~scene.sky)
         # Outlines in front must cover outlines behind. The order, as in the drawing, follows the far ends of instances.
         seen = seen[np.argsort(-(rows[seen, 2, 3] + placed.radius_m[seen]), kind="stable")]
         eyes, solid, model = _eyes(rows[seen]), placed.solid[seen], scene.model[seen]

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.inputs.errors import BackendError, counted
-from semisynth_gl.render.backends import is_software
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.programs import link_program
 
@@ -56,8 +55,7 @@ def _upload(context: GraphicsContext, layers: NDArray[np.uint8], *, mirrored: bo
         )
     # moderngl, which has no room for levels, is only asked for a texture.
     atlas = context.gl.texture_array((1, 1, 1), 4)
-    software = is_software(context.renderer)
-    context.unbound.store_layers(atlas.glo, side.bit_length(), np.ascontiguousarray(layers), software=software)
+    context.unbound.store_layers(atlas.glo, side.bit_length(), np.ascontiguousarray(layers), software=context.software)
     _draw_levels(context, atlas, side, count)
     atlas.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
     if mirrored:

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.frame.camera import Eye
+from semisynth_gl.frame.camera import Crop, Eye
 from semisynth_gl.geometry.mesh import Centred, Mesh
 from semisynth_gl.inputs.arguments import LEAST, MOST, OTHER_UNITS
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.render.projection import in_view
 from semisynth_gl.scene.scene import Scene
 
 # A patch goes on in the same way after two of them, mirrored or not. Offsets of up to 16 stay as they are: their steps
@@ -47,6 +48,15 @@ class Placed:
         rows[:, 0, 3] -= self.scene.offset_m(eye)
         turn = self.scene.camera.turn(eye)
         return rows if turn is None else turn @ rows
+
+    def in_view(self, eye: Eye, part: Crop | None = None) -> NDArray[np.bool_]:
+        """Return which instances may reach into one eye's image, or a part of it, (N,) bool."""
+        camera = self.scene.camera if part is None else self.scene.camera.cropped(part)
+        return in_view(camera, eye, self.scene.near_of(eye), self.rows(eye)[:, :, 3], self.radius_m)
+
+    def fronts_only(self, eye: Eye) -> NDArray[np.bool_]:
+        """Return which instances show one eye no backs, (N,) bool: solid ones, unless the near plane cuts them open."""
+        return self.solid & (self.rows(eye)[:, 2, 3] - self.radius_m > self.scene.near_of(eye))
 
 
 class Placing:

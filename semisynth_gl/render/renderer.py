@@ -27,7 +27,9 @@ from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.drawing import Drawing
+from semisynth_gl.render.loaded import Loaded
 from semisynth_gl.render.model_buffers import ModelBuffers
+from semisynth_gl.render.pair_targets import PairTargets
 from semisynth_gl.render.pass_clock import PassClock
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.placing import Placing
@@ -107,22 +109,22 @@ class Renderer:
             if most not in range(1, 17):
                 raise InputError(f"{name} must be a whole number from 1 to 16, got {most}")
         self.listener: Listener | None = None
+        self._targets: PairTargets | None = None
         self._context = open_context(backend, device_index)
         try:
             self._gl = self._context.gl
             # Current from its opening on, which would keep what it holds alive after its release.
             with self._gl:
-                self._patches = PatchTextures(self._context, tuple(atlases.values()), mirrored=wrap == "mirror")
+                patches = PatchTextures(self._context, tuple(atlases.values()), mirrored=wrap == "mirror")
                 drawn = [centred(model) for model in models]
                 self._placing = Placing(drawn)
                 meshes = [model.mesh for model in drawn]
-                self._models = ModelBuffers(self._gl, meshes, self._patches.ends, traced=self._wanted.reads_triangles)
-                constants = ConstantsBuffer(self._gl, signed=signed)
+                buffers = ModelBuffers(self._gl, meshes, patches.ends, traced=self._wanted.reads_triangles)
                 anisotropies = (anisotropy, large_anisotropy)[: len(atlases)]
-                self._drawing = Drawing(
-                    self._context, meshes, self._models, self._patches, anisotropies, constants, self._wanted, read
-                )
-                self._reading = Reading(self._context, self._models, self._placing, constants, self._wanted, read)
+                constants = ConstantsBuffer(self._gl, signed=signed)
+                self._loaded = Loaded(self._context, buffers, patches, anisotropies, constants, self._wanted, read)
+                self._drawing = Drawing(self._loaded)
+                self._reading = Reading(self._loaded, self._placing)
                 reported = self._gl.error
         except BaseException:
             self._context.release()
@@ -265,9 +267,9 @@ class Renderer:
         if isinstance(eyes, str) or not set(eyes) <= set(EYES):
             raise InputError(f"eyes: expected some of {', '.join(EYES)}, got {eyes!r}")
         with self._current():
-            self._resize((scene.camera.width_px, scene.camera.height_px), shared=False)
+            sized = self._sized(scene, shared=False)
             placed = self._placing.place(scene)
-            return {eye: self._drawing.draw_image(placed, eye) for eye in eyes}
+            return {eye: self._drawing.draw_image(placed, eye, sized) for eye in eyes}
 
     def _draw_pair(
         self,
@@ -280,7 +282,10 @@ class Renderer:
         with self._current():
             frame = self._render(scene, crop, motions, shared)
         if shared is not None:
-            self._drawing.keep(shared, frame.left)
+            shared.keep(frame.left)
+            if self._wanted.antialias.redraws and "image" not in shared.channels:
+                # The right eye's colour was drawn over it.
+                self._forget_shared_left()
         return frame
 
     @contextmanager
@@ -290,12 +295,17 @@ class Renderer:
             try:
                 yield
             except moderngl.Error as error:
-                self._drawing.forget()
+                self._forget_shared_left()
                 raise self._fault(str(error)) from None
             reported = self._gl.error
             if reported != _NO_ERROR or self._context.unbound.is_lost():
-                self._drawing.forget()
+                self._forget_shared_left()
                 raise self._fault(reported)
+
+    def _forget_shared_left(self) -> None:
+        """Draw a shared left view anew at its next pair."""
+        if self._targets is not None:
+            self._targets.shared_left = None
 
     def _check_open(self) -> None:
         """Refuse what the driver would crash on, or wait for without end.
@@ -323,15 +333,14 @@ class Renderer:
                 self.listener.on_stage(stage)
 
         camera = scene.camera if crop is None else scene.camera.cropped(crop)
-        self._resize((scene.camera.width_px, scene.camera.height_px), shared=shared is not None)
-        placed = self._placing.place(scene)
-        targets, views = self._drawing.draw(placed, crop, shared)
+        sized = self._sized(scene, shared=shared is not None)
+        pair = self._drawing.draw(self._placing.place(scene), crop, sized, shared)
         finish("draw")
-        self._reading.find_visibility(placed, crop, targets)
+        self._reading.find_visibility(pair)
         finish("visibility")
-        self._reading.read(placed, crop, motions, targets, views)
+        self._reading.read(pair, motions)
         finish("readback")
-        return Frame(camera, View(views["left"]), View(views["right"]))
+        return Frame(camera, View(pair.views["left"]), View(pair.views["right"]))
 
     def release(self) -> None:
         """Free the context and all that it holds; a second call does nothing."""
@@ -342,7 +351,7 @@ class Renderer:
             raise InputError(
                 f"scene: its right camera deviates ({scene.camera.deviation}), which takes Renderer(rectified=False)"
             )
-        ranges = (("model", scene.model, len(self._models)), ("layer", scene.layer, len(self._patches)))
+        ranges = (("model", scene.model, len(self._loaded.models)), ("layer", scene.layer, len(self._loaded.patches)))
         for name, index, count in ranges:
             if len(index) and (int(index.min()) < 0 or int(index.max()) >= count):
                 raise InputError(
@@ -354,21 +363,28 @@ class Renderer:
                 f"to {_MOST_INSTANCE_IDS}: leave that output out"
             )
 
-    def _resize(self, size: tuple[int, int], *, shared: bool) -> None:
-        # For every pair; the lines below touch the driver.
-        if self._reading.fits(size) and self._drawing.fits(size, shared=shared):
-            return
-        # All or nothing: a size that the driver refuses leaves the renderer as it was.
+    def _sized(self, scene: Scene, *, shared: bool) -> PairTargets:
+        """Return the targets of a scene's image size; new ones where it, or what they are for, is new.
+
+        A size that the driver refuses leaves the renderer as it was.
+        """
+        outgrown, size = self._targets, (scene.camera.width_px, scene.camera.height_px)
+        if outgrown is not None and outgrown.size == size and (outgrown.shared is not None or not shared):
+            return outgrown
         self._gl.gc_mode = "auto"
         try:
-            self._drawing.resize(size, shared=shared)
-            self._reading.resize(size)
+            self._targets = PairTargets(self._loaded, size, shared=shared)
         except BaseException as error:
             # What was made so far goes with the frames that made it, as long as this context is current.
             clear_frames(error.__traceback__)
             raise
         finally:
             self._gl.gc_mode = None  # type: ignore[assignment]  # moderngl's own default
+        if outgrown is not None:
+            # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
+            self._targets.eyes["left"].framebuffer.use()
+            outgrown.release()
+        return self._targets
 
 
 def _check_atlases(atlases: Mapping[str, NDArray[np.uint8]]) -> None:

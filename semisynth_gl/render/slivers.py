@@ -10,10 +10,10 @@ from semisynth_gl.frame.camera import Eye
 from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.listed_steps import groups_of
-from semisynth_gl.render.model_buffers import ModelBuffers, refill
+from semisynth_gl.render.loaded import Loaded
+from semisynth_gl.render.model_buffers import refill
 from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.programs import link_compute
-from semisynth_gl.render.projection import in_view
 from semisynth_gl.render.structs import BLOCKS, RUN
 
 # Triangles of a run. A group of invocations takes one after the other, and they share the instance.
@@ -31,10 +31,6 @@ _OPEN_TEXTURES = 7, 8, 6
 
 class OpenPoints:
     """The points of one eye's view that the surfaces beside them leave open, by where the other eye would see them.
-
-    Args:
-        context: the open context.
-        size: width and height, px.
 
     Raises:
         BackendError: where the driver has no textures of that size.
@@ -76,18 +72,11 @@ class OpenPoints:
 
 
 class SliverPass:
-    """Three compute steps that cut the narrow triangles of the other eye's view along rows; see slivers.comp.
+    """Three compute steps that cut the narrow triangles of the other eye's view along rows; see slivers.comp."""
 
-    Args:
-        context: the open context.
-        models: the models on the GPU.
-
-    Raises:
-        BackendError: where the driver refuses the shader.
-    """
-
-    def __init__(self, context: GraphicsContext, models: ModelBuffers) -> None:
-        self._gl, self._models = context.gl, models
+    def __init__(self, loaded: Loaded) -> None:
+        context, self._models = loaded.context, loaded.models
+        self._gl = context.gl
         self._steps = [link_compute(context, "slivers.comp", {"STEP": step}) for step in range(3)]
         self._runs = context.gl.buffer(reserve=RUN.itemsize, dynamic=True)
         self._lists = {
@@ -96,15 +85,10 @@ class SliverPass:
         self._groups = groups_of(context)
 
     def draw(self, placed: Placed, other: Eye, points: OpenPoints) -> None:
-        """Hide points of an eye's view.
+        """Hide those points of an eye's view that lie behind slivers of the ``other`` eye's.
 
         Both eyes' disparities, the visibility to complete, the triangles and the constants are bound as for
         visibility.comp.
-
-        Args:
-            placed: the instances.
-            other: the other eye.
-            points: what visibility.comp left open.
         """
         runs = self._runs_of(placed, other)
         if not len(runs):
@@ -140,11 +124,9 @@ class SliverPass:
 
     def _runs_of(self, placed: Placed, eye: Eye) -> NDArray[np.void]:
         """Return the triangles of the instances that an eye may see, run by run: (R,) of `RUN`."""
-        scene, rows, near_m = placed.scene, placed.rows(eye), placed.scene.near_of(eye)
-        centre_m, radius_m = rows[:, :, 3], placed.radius_m
         # The sky hides nothing.
-        shown = np.flatnonzero(in_view(scene.camera, eye, near_m, centre_m, radius_m) & ~scene.sky)
-        first, triangles = self._models.triangles_of(scene.model[shown])
+        shown = np.flatnonzero(placed.in_view(eye) & ~placed.scene.sky)
+        first, triangles = self._models.triangles_of(placed.scene.model[shown])
         count = -(-triangles // _RUN_TRIANGLES)
         number = np.arange(len(shown)).repeat(count)
         begin = _RUN_TRIANGLES * (np.arange(len(number)) - (np.cumsum(count) - count).repeat(count))
@@ -152,6 +134,5 @@ class SliverPass:
         runs["instance"] = shown[number]
         runs["first_triangle"] = first[number] + begin
         runs["triangles"] = np.minimum(triangles[number] - begin, _RUN_TRIANGLES)
-        # As in the drawing: what the near plane cuts open shows its backs.
-        runs["fronts_only"] = (placed.solid[shown] & (centre_m[shown, 2] - radius_m[shown] > near_m))[number]
+        runs["fronts_only"] = placed.fronts_only(eye)[shown[number]]
         return runs

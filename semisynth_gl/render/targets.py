@@ -12,7 +12,7 @@ from semisynth_gl.frame.camera import Crop
 from semisynth_gl.frame.frame import CHANNELS, Pass
 from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.context import GraphicsContext
-from semisynth_gl.render.readers import Reader, read_array
+from semisynth_gl.render.readers import Reader, Viewport, read_array
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,6 @@ class Attachment:
 
 
 def _attachments(drawn_by: Pass) -> dict[str, Attachment]:
-    """Return the attachments of the channels that a pass draws, by name."""
     attachments = {}
     for channel in CHANNELS.values():
         if channel.drawn_by == drawn_by:
@@ -57,24 +56,16 @@ CORRESPONDENCE = {**_attachments("correspondence"), "disparity": DRAWING["dispar
 FLOW = _attachments("flow")
 
 
-def window(crop: Crop | None, size: tuple[int, int]) -> tuple[int, int, int, int]:
+def window(crop: Crop | None, size: tuple[int, int]) -> Viewport:
     """Return a crop of an image, or all of it, as OpenGL's rectangle; window y runs downwards with the image's."""
     return (0, 0, *size) if crop is None else (crop.x_px, crop.y_px, crop.width_px, crop.height_px)
 
 
 class Targets:
-    """A framebuffer of named attachments and a depth buffer.
+    """A framebuffer of named attachments, whose size is width and height in px, and a depth buffer.
 
-    Attributes:
-        framebuffer: with the attachments in the order given.
-        depth_buffer: 24-bit, unless it was handed in.
-
-    Args:
-        context: the open context.
-        size: width and height, px.
-        attachments: by name.
-        read: what takes pixels.
-        depth_buffer: one to share; by default a new one.
+    Without one to share, ``depth_buffer`` is a new one of 24 bits. Texture look-ups return a pixel itself, and beyond
+    the image the border's.
 
     Raises:
         BackendError: where the driver has no textures or framebuffers of that size.
@@ -88,9 +79,7 @@ class Targets:
         read: Reader,
         depth_buffer: moderngl.Renderbuffer | None = None,
     ) -> None:
-        self._unbound = context.unbound
-        self._read = read
-        self._attachments = attachments
+        self._unbound, self._read, self._attachments = context.unbound, read, attachments
         self._owns_depth = depth_buffer is None
         gl = context.gl
         try:
@@ -102,6 +91,9 @@ class Targets:
             self.framebuffer = gl.framebuffer(list(self._textures.values()), self.depth_buffer)
         except moderngl.Error as error:
             raise BackendError(f"{context.renderer} cannot draw {size[0]} x {size[1]} px: {error}") from error
+        for texture in self._textures.values():
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            texture.repeat_x = texture.repeat_y = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -112,19 +104,15 @@ class Targets:
         """Let the pass draw and clear inside a rectangle alone, until the next call; None is the whole image."""
         self.framebuffer.scissor = window(part, self.framebuffer.size)
 
-    def sample_nearest(self) -> None:
-        """Make texture look-ups return the pixel itself, and beyond the image the border's."""
-        for texture in self._textures.values():
-            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-            texture.repeat_x = texture.repeat_y = False
+    def bind(self, **units: int) -> None:
+        """Bind attachments' textures to texture units, as in ``bind(depth=0)``."""
+        for name, unit in units.items():
+            self._textures[name].use(unit)
 
-    def bind(self, name: str, unit: int) -> None:
-        """Bind an attachment's texture to a texture unit."""
-        self._textures[name].use(unit)
-
-    def bind_to_image(self, name: str, unit: int) -> None:
-        """Bind an attachment's texture to an image unit, for a compute shader to write and to read."""
-        self._textures[name].bind_to_image(unit, read=True, write=True)
+    def bind_to_images(self, **units: int) -> None:
+        """Bind attachments' textures to image units, for a compute shader to write and to read."""
+        for name, unit in units.items():
+            self._textures[name].bind_to_image(unit, read=True, write=True)
 
     def read(self, name: str, crop: Crop | None = None) -> Any:  # noqa: ANN401 - whatever the reader returns
         """Let the reader take an attachment, or a crop of it: by default an array (H, W[, C]), top row first."""
@@ -144,24 +132,14 @@ class Targets:
 class BlendTargets:
     """The colour of a drawing pass, which is blended into, and a copy of it to read from meanwhile.
 
-    Args:
-        context: the open context.
-        size: width and height, px.
-        colour: the drawing pass's attachment.
-        depth_buffer: the drawing pass's, which is read and not written.
+    The drawing pass's depth is read and not written.
 
     Raises:
         BackendError: where the driver has no texture of that size.
     """
 
-    def __init__(
-        self,
-        context: GraphicsContext,
-        size: tuple[int, int],
-        colour: moderngl.Texture,
-        depth_buffer: moderngl.Renderbuffer,
-    ) -> None:
-        self._gl = context.gl
+    def __init__(self, context: GraphicsContext, colour: moderngl.Texture, depth_buffer: moderngl.Renderbuffer) -> None:
+        self._gl, size = context.gl, colour.size
         try:
             self._copy = context.gl.texture(size, colour.components)
             self._copied = context.gl.framebuffer([self._copy])
@@ -179,7 +157,7 @@ class BlendTargets:
         self._framebuffer.use()
 
     def release(self) -> None:
-        """Free all of its OpenGL objects."""
+        """Free everything."""
         for resource in (self._framebuffer, self._copied, self._copy):
             resource.release()
 
@@ -187,19 +165,12 @@ class BlendTargets:
 class EyeTargets(Targets):
     """The targets of one eye's drawing pass, with a 32-bit float depth buffer, and of its visibility pass.
 
+    ``names`` are the attachments of the drawing pass, in the order of the shader's outputs.
+
     Attributes:
         visibility: targets of the visibility pass, or None.
         disparity: targets of the pass that makes disparities of 1 / Z, or None.
         blending: for a pass that blends into the colour, or None.
-
-    Args:
-        context: the open context.
-        size: width and height, px.
-        names: attachments of the drawing pass, in the order of the shader's outputs.
-        grey: whether colour has one component.
-        visibility: whether there is a visibility pass.
-        blended: whether a pass blends into the colour.
-        read: what takes pixels.
 
     Raises:
         BackendError: where the driver has no textures or framebuffers of that size.
@@ -232,23 +203,17 @@ class EyeTargets(Targets):
         self.disparity: Targets | None = None
         if "inverse_depth" in self._attachments:
             self.disparity = Targets(context, size, {"disparity": DRAWING["disparity"]}, read, self.depth_buffer)
-        self.blending: BlendTargets | None = None
-        if blended:
-            self.blending = BlendTargets(context, size, self._textures["colour"], self.depth_buffer)
-        for looked_up in (self, self.disparity):
-            if looked_up is not None:
-                looked_up.sample_nearest()
+        self.blending = BlendTargets(context, self._textures["colour"], self.depth_buffer) if blended else None
 
-    def bind(self, name: str, unit: int) -> None:
-        """Bind an attachment's texture to a texture unit, or that of the disparity that is made of 1 / Z."""
-        if name == "disparity" and self.disparity is not None:
-            self.disparity.bind(name, unit)
-        else:
-            super().bind(name, unit)
+    def bind(self, **units: int) -> None:
+        """Bind as `Targets.bind` does, also the disparity that is made of 1 / Z."""
+        if self.disparity is not None and "disparity" in units:
+            self.disparity.bind(disparity=units.pop("disparity"))
+        super().bind(**units)
 
     def read(self, name: str, crop: Crop | None = None) -> Any:  # noqa: ANN401 - whatever the reader returns
-        """Let the reader take an attachment, or the disparity that is made of 1 / Z; see `Targets.read`."""
-        if name == "disparity" and self.disparity is not None:
+        """Read as `Targets.read` does, also the disparity that is made of 1 / Z."""
+        if self.disparity is not None and name == "disparity":
             return self.disparity.read(name, crop)
         return super().read(name, crop)
 

@@ -1,12 +1,14 @@
 """What a renderer makes of every pair: which channels, of which views, and what has to be drawn for them."""
 
+import re
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.frame import (
+    ANTIALIAS_PATTERN,
     CHANNELS,
     FLOW_OUTPUTS,
     FUTURE_OUTPUTS,
@@ -19,22 +21,45 @@ from semisynth_gl.frame.frame import (
 )
 from semisynth_gl.inputs.arguments import check_one_of, check_type
 from semisynth_gl.inputs.errors import InputError, shown
-from semisynth_gl.render.antialias import Antialias, parse_antialias
 
 _OF_MOTIONS = {"future": FUTURE_OUTPUTS, "past": PAST_OUTPUTS}
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """What a renderer was opened for; the arguments of `Renderer` say what each of them means.
+@dataclass(frozen=True, slots=True)
+class Antialias:
+    """How colour is antialiased.
 
     Attributes:
-        outputs: what to make beside images and disparities.
-        truth_eyes: of which views disparity and outputs are made.
-        rectified: whether no right camera may deviate.
-        signed: whether disparities of 0 and below are valid.
-        antialias: how colour is antialiased.
+        kind: "none", "edges" (shares of pixels worked out along outlines), "msaa" (several coverage samples, one colour
+            a surface) or "ssaa" (a larger image, averaged).
+        factor: samples per pixel of "msaa"; how many times wider and higher "ssaa" draws; 1 for the others.
     """
+
+    kind: Literal["none", "edges", "msaa", "ssaa"]
+    factor: int = 1
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Read "none", "edges", "msaa4", "ssaa2" and their like.
+
+        Raises:
+            InputError: where the text is another one.
+        """
+        if not re.fullmatch(ANTIALIAS_PATTERN, text):
+            raise InputError(f"antialias: expected none, edges, msaa2, msaa4, ... or ssaa2 to ssaa8, got {text}")
+        if text in ("none", "edges"):
+            return cls("none" if text == "none" else "edges")
+        return cls("msaa" if text.startswith("msaa") else "ssaa", int(text[4:]))
+
+    @property
+    def redraws(self) -> bool:
+        """Whether colour is drawn once more, in a separate framebuffer."""
+        return self.kind in ("msaa", "ssaa")
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a renderer was opened for; the arguments of `Renderer` say what each attribute means."""
 
     outputs: frozenset[str]
     truth_eyes: tuple[Eye, ...]
@@ -61,7 +86,7 @@ class Wanted:
             )
         check_one_of("truth", truth, TRUTH_VIEWS)
         eyes: tuple[Eye, ...] = EYES if truth == "both" else ("left",)
-        return cls(frozenset(outputs), eyes, rectified, signed, parse_antialias(antialias))
+        return cls(frozenset(outputs), eyes, rectified, signed, Antialias.parse(antialias))
 
     @cached_property
     def channels(self) -> list[Channel[Any]]:
@@ -78,17 +103,17 @@ class Wanted:
 
     @property
     def visibility(self) -> bool:
-        """Whether it is asked which points the other eye sees."""
+        """Whether the visibility pass runs."""
         return "visibility" in self.outputs
 
     @property
     def flow(self) -> bool:
-        """Whether another moment is compared."""
+        """Whether the flow pass runs."""
         return bool(self.outputs & FLOW_OUTPUTS)
 
     @property
     def corresponds(self) -> bool:
-        """Whether it is asked where the other eye sees a point, in both directions of the image."""
+        """Whether the correspondence pass runs."""
         return not self.rectified or "correspondence" in self.outputs
 
     @property

@@ -37,7 +37,6 @@ from semisynth_gl import (
 from semisynth_gl.frame.frame import OUTPUTS
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.render.context import GraphicsContext
-from semisynth_gl.render.flow import FlowPass
 from semisynth_gl.render.targets import EyeTargets
 
 CONFIG = load_config(
@@ -335,11 +334,11 @@ def test_a_size_that_is_refused_midway_leaves_the_renderer_as_it_was(open_render
 
     with monkeypatch.context() as patch:
         if refused == "flow":
-            patch.setattr(FlowPass, "resize", refuse)
+            patch.setattr("semisynth_gl.render.pair_targets.Targets", refuse)
         else:
             made = count()
             patch.setattr(
-                "semisynth_gl.render.drawing.EyeTargets",
+                "semisynth_gl.render.pair_targets.EyeTargets",
                 lambda *args, **options: refuse() if next(made) else EyeTargets(*args, **options),
             )
         with pytest.raises(BackendError, match="no room"):

@@ -1,0 +1,118 @@
+"""What pairs of one image size are drawn to, and a pair while the passes work on it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol, TypeVar
+
+from semisynth_gl.frame.camera import EYES, Crop, Eye
+from semisynth_gl.render.antialias import ColourTargets
+from semisynth_gl.render.loaded import Loaded
+from semisynth_gl.render.placing import Placed
+from semisynth_gl.render.shared_left import SharedLeft
+from semisynth_gl.render.slivers import OpenPoints
+from semisynth_gl.render.targets import CORRESPONDENCE, FLOW, EyeTargets, Targets
+
+COLOUR = ("colour",)
+
+
+class _Freeable(Protocol):
+    def release(self) -> None: ...
+
+
+_Part = TypeVar("_Part", bound=_Freeable)
+
+
+class PairTargets:
+    """All that pairs of one image size (width and height, px) are drawn to, as far as their renderer needs it.
+
+    Attributes:
+        eyes: what each eye's drawing pass and visibility pass draw to.
+        shared: likewise for left views that several pairs share, with 1 / Z in the place of the disparity.
+        shared_left: the shared left view that `shared` shows.
+        samples: what colour is drawn to in several samples a pixel.
+        open_points: what the visibility pass leaves open.
+        correspondence: what the correspondence pass writes.
+        then: what the flow pass draws the other moment to.
+        flow: what the flow pass writes.
+
+    Raises:
+        BackendError: where the driver refuses the size.
+    """
+
+    def __init__(self, loaded: Loaded, size: tuple[int, int], *, shared: bool) -> None:
+        self._loaded, self.size = loaded, size
+        self._parts: list[_Freeable] = []
+        context, wanted, read = loaded.context, loaded.wanted, loaded.read
+        self.samples = self._keep(ColourTargets(loaded, size)) if wanted.antialias.redraws else None
+        visible: dict[Eye, bool] = {eye: wanted.visibility and eye in wanted.truth_eyes for eye in EYES}
+        # A comprehension would hold on to `self` after a failure, and with it to what was made before.
+        self.eyes: dict[Eye, EyeTargets] = {}
+        for eye in EYES:
+            self.eyes[eye] = self._drawn_to(wanted.attachments(eye), visibility=visible[eye])
+        self.shared: EyeTargets | None = None
+        self.shared_left: SharedLeft | None = None
+        if shared:
+            names = ("inverse_depth" if name == "disparity" else name for name in wanted.attachments("left"))
+            self.shared = self._drawn_to(tuple(names), visibility=visible["left"])
+        self.open_points = self._keep(OpenPoints(context, size)) if wanted.visibility else None
+        self.correspondence: Targets | None = None
+        if wanted.corresponds:
+            self.correspondence = self._keep(Targets(context, size, CORRESPONDENCE, read))
+        self.then: EyeTargets | None = None
+        self.flow: Targets | None = None
+        if wanted.flow:
+            self.then = self._keep(EyeTargets(context, size, ("depth", "surface"), visibility=False))
+            # No pass reads or writes depth there, so it shares the other moment's depth buffer.
+            self.flow = self._keep(Targets(context, size, FLOW, read, self.then.depth_buffer))
+
+    @cached_property
+    def image(self) -> EyeTargets:
+        """What one eye's image alone is drawn to."""
+        return self._drawn_to(COLOUR, visibility=False)
+
+    def release(self) -> None:
+        """Free everything."""
+        for part in reversed(self._parts):
+            part.release()
+
+    def _drawn_to(self, names: tuple[str, ...], *, visibility: bool) -> EyeTargets:
+        loaded = self._loaded
+        return self._keep(
+            EyeTargets(
+                loaded.context,
+                self.size,
+                names,
+                visibility=visibility,
+                grey=loaded.patches.grey,
+                blended=loaded.wanted.antialias.kind == "edges",
+                read=loaded.read,
+            )
+        )
+
+    def _keep(self, part: _Part) -> _Part:
+        self._parts.append(part)
+        return part
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnPair:
+    """A pair whose drawing passes are done.
+
+    Attributes:
+        placed: the instances.
+        crop: the part that the caller wants, or None for all of it.
+        sized: the targets of its image size.
+        eyes: of these, what each eye's view was drawn to.
+        views: the channels of each eye that were read already.
+    """
+
+    placed: Placed
+    crop: Crop | None
+    sized: PairTargets
+    eyes: dict[Eye, EyeTargets]
+    views: dict[Eye, dict[str, Any]]
+
+    @property
+    def area(self) -> Crop:
+        """The part that the caller wants, as a rectangle."""
+        return self.crop or Crop(0, 0, *self.sized.size)
