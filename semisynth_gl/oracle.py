@@ -22,16 +22,10 @@ _SAME_POINT = 1e-9
 
 
 def disparity_px(camera: StereoCamera, hits: Hits, *, signed: bool = False) -> NDArray[np.float64]:
-    """Return the disparities of hits.
+    """Return the disparities of R hits, (R,) float64 px.
 
-    Args:
-        camera: the camera of the rays.
-        hits: R hits.
-        signed: whether disparities of 0 and below are valid.
-
-    Returns:
-        (R,) float64 px, -doffs where the sky is hit; inf where nothing is hit, or, unless they are signed, the
-        disparity f B / Z - doffs is not positive.
+    They are -doffs where the sky is hit, and inf where nothing is hit or, unless they are ``signed``, where f B / Z -
+    doffs is not positive.
     """
     disparity = camera.disparity_px(hits.depth_m)
     return np.where((hits.instance >= 0) & _is_valid(disparity, signed=signed), disparity, np.inf)
@@ -51,13 +45,13 @@ def correspondence_px(
     *,
     signed: bool = False,
 ) -> NDArray[np.float64]:
-    """Return the way from each hit of one eye's rays to where the other eye would see it.
+    """Return the way from each of R hits of one eye's rays to where the other eye would see it.
 
     Args:
         camera: the camera of the rays.
         eye: the eye of the rays.
-        x_px: (R,) float64, columns of the rays.
-        y_px: (R,) float64, rows of the rays.
+        x_px: (R,) columns of the rays.
+        y_px: (R,) rows of the rays.
         hits: the R hits.
         signed: whether disparities of 0 and below are valid.
 
@@ -88,14 +82,7 @@ def visibility(
 ) -> NDArray[np.uint8]:
     """Return whether the other eye sees the hit points, by a second ray to each point from there.
 
-    Args:
-        scene: the scene of the hits.
-        models: the meshes, in the order of the indices in ``scene.model``.
-        eye: the eye of the first rays.
-        x_px: (R,) float64, columns of the first rays.
-        y_px: (R,) float64, rows of the first rays.
-        hits: the R hits of the first rays.
-        signed: whether disparities of 0 and below are valid.
+    Takes the scene with its models and one eye's R rays; see `correspondence_px`.
 
     Returns:
         (R,) uint8: VISIBLE, OCCLUDED or OUTSIDE of `semisynth_gl.frame.frame`.
@@ -150,17 +137,10 @@ def flow(
     *,
     signed: bool = False,
 ) -> Flows:
-    """Follow hit points to another moment, each on its own instance; the sky turns with the camera alone.
+    """Follow hit points of one eye's R rays to another moment, each on its own instance.
 
-    Args:
-        scene: the scene of the hits.
-        models: the meshes, in the order of the indices in ``scene.model``.
-        motion: the scene at the other moment, and the pose of each instance there.
-        eye: the eye of the rays.
-        x_px: (R,) float64, columns of the rays.
-        y_px: (R,) float64, rows of the rays.
-        hits: the R hits of the rays.
-        signed: whether disparities of 0 and below are valid.
+    The sky turns with the camera alone. ``motion`` has the scene at the other moment, and the pose of each instance
+    there; see `correspondence_px` for the other arguments.
     """
     camera = scene.camera
     x, y = np.asarray(x_px, np.float64), np.asarray(y_px, np.float64)
@@ -173,8 +153,7 @@ def flow(
     turn = camera.turn(eye)
     for number in np.unique(hits.instance[hits.instance >= 0]):
         rays = np.flatnonzero(hits.instance == number)
-        now_from_model = scene.view_from_model(number)
-        later_from_model = then.view_from_model(number)
+        now_from_model, later_from_model = scene.view_from_model(number), then.view_from_model(number)
         eye_offset = np.array([scene.offset_m(eye, number), 0.0, 0.0])
         point = camera.rays(eye, x[rays], y[rays]) * depth_m[rays, None] + eye_offset
         # By the triangle's corners and the point's place among them: flat models have no inverse matrix.
@@ -209,13 +188,7 @@ def flow(
 
 
 def normals(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -> NDArray[np.float64]:
-    """Work out the normals of the triangles that rays hit.
-
-    Args:
-        scene: what stands where.
-        models: the meshes that ``scene.model`` counts.
-        eye: whose rays they were; normals point to this eye's side.
-        hits: what they see.
+    """Return the normals of the triangles that one eye's R rays hit, on the side of this eye.
 
     Returns:
         (R, 3) float64 unit vectors in the eye's frame; 0 where a ray hits nothing.
@@ -259,17 +232,9 @@ def _place_among(corners: NDArray[np.float64], point: NDArray[np.float64]) -> ND
 def depth_on_planes(
     scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64], hits: Hits
 ) -> NDArray[np.float64]:
-    """Return the depth, at pixel positions, of the planes of triangles that were hit elsewhere.
+    """Return the depth, at R pixel positions, of the planes of triangles that rays through other positions hit.
 
     Beside an edge it tells on which surface a pixel lies: the tests of hard cases ask for that.
-
-    Args:
-        scene: the scene of the hits.
-        models: the meshes, in the order of the indices in ``scene.model``.
-        eye: the eye of the rays and of the pixels.
-        x_px: (R,) float64, columns of the pixels.
-        y_px: (R,) float64, rows of the pixels.
-        hits: R hits of rays through other positions.
 
     Returns:
         (R,) float64 m; inf where there is no hit.

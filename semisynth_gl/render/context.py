@@ -88,11 +88,9 @@ class GraphicsContext:
 
 
 def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsContext:
-    """Open a headless context.
+    """Open a headless context; "auto" takes EGL and falls back on OSMesa.
 
-    Args:
-        backend: "egl", "osmesa", or "auto", which takes EGL and falls back on OSMesa.
-        device_index: EGL's number of the device, in the order that ``semisynth-gl doctor`` lists.
+    ``device_index`` is EGL's number of the device, in the order that ``semisynth-gl doctor`` lists.
 
     Raises:
         BackendError: where no such context can be had, with each reason and what to install.
@@ -152,8 +150,7 @@ def _set_up(raw: Any, backend: Backend) -> GraphicsContext:  # noqa: ANN401 - ei
     except BackendError:
         gl.release()
         raise
-    unbound.use_zero_to_one_depth()
-    unbound.disable_dither()
+    unbound.set_up()
     # moderngl asks for more limits than every driver knows.
     gl.clear_errors()
     clock = PassClock(gl, queries=not is_software(renderer))

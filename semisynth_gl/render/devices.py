@@ -20,10 +20,10 @@ from semisynth_gl.render.load_order import load_before_driver
 from semisynth_gl.render.osmesa import OSMESA_LIBRARIES
 
 _EGL_EXTENSIONS = 0x3055
-_EGL_DRM_DEVICE_FILE_EXT = 0x3233
 _EGL_CUDA_DEVICE_NV = 0x323A
 _EGL_DEVICE_UUID_EXT = 0x335C
-_EGL_RENDERER_EXT = 0x335F
+# EGL_RENDERER_EXT and EGL_DRM_DEVICE_FILE_EXT, by the extensions that have them.
+_NAMES = {"EGL_EXT_device_query_name": 0x335F, "EGL_EXT_device_drm": 0x3233}
 _MOST_DEVICES = 64
 _UUID_BYTES = 16
 _VISIBLE = "CUDA_VISIBLE_DEVICES"
@@ -64,14 +64,7 @@ class Device:
 
 @dataclass(frozen=True, slots=True)
 class ContextFacts:
-    """What an opened context says of itself.
-
-    Attributes:
-        backend: "egl" or "osmesa".
-        renderer: GL_RENDERER.
-        version: GL_VERSION.
-        limits: names and values worth knowing.
-    """
+    """What an opened context says of itself; ``limits`` are names and values worth knowing."""
 
     backend: Backend
     renderer: str
@@ -135,12 +128,10 @@ def egl_devices() -> list[Device]:
 
 
 def egl_index_of_worker(gpus: Sequence[int], worker: int) -> int:
-    """Find the EGL device of a worker, by its number, where workers take turns on GPUs.
+    """Return the EGL number of the device on which a worker draws, where workers take turns on GPUs.
 
-    Args:
-        gpus: CUDA's numbers of them; none for the first GPU that CUDA_VISIBLE_DEVICES shows, or for the first device of
-            EGL where that is not set or EGL has no GPU of CUDA's.
-        worker: the worker's number, from 0.
+    ``gpus`` are CUDA's numbers. Without any, it is the first GPU that CUDA_VISIBLE_DEVICES shows, or EGL's first device
+    where that is not set or EGL has no GPU of CUDA's.
 
     Raises:
         InputError: where there is no such GPU, or it cannot be told which one it is.
@@ -155,15 +146,10 @@ def egl_index_of_worker(gpus: Sequence[int], worker: int) -> int:
 
 
 def egl_index_of_gpu(gpu: int, devices: Sequence[Device], visible: str | None) -> int:
-    """Find the EGL device of a GPU that is numbered as CUDA numbers it here.
+    """Return the EGL number of a GPU.
 
-    Args:
-        gpu: CUDA's number of it, counted within CUDA_VISIBLE_DEVICES where that is set.
-        devices: as `egl_devices` lists them.
-        visible: value of CUDA_VISIBLE_DEVICES, None where it is not set: numbers, or UUIDs or their beginnings.
-
-    Returns:
-        EGL's number of the device.
+    ``gpu`` is CUDA's number of it, counted within ``visible``, the value of CUDA_VISIBLE_DEVICES: numbers, or UUIDs or
+    their beginnings; None where it is not set.
 
     Raises:
         InputError: where there is no such GPU, or it cannot be told which one it is.
@@ -174,9 +160,10 @@ def egl_index_of_gpu(gpu: int, devices: Sequence[Device], visible: str | None) -
             f"`gpus` {gpu}: none of EGL's devices says which GPU of CUDA's it is. `semisynth-gl doctor` lists them; "
             "NVIDIA's driver tells where its libEGL is installed"
         )
+    there = _gpus(sorted(by_cuda))
     if visible is None:
         if gpu not in by_cuda:
-            raise InputError(f"`gpus` {gpu}: CUDA sees {_gpus(sorted(by_cuda))}")
+            raise InputError(f"`gpus` {gpu}: CUDA sees {there}")
         return by_cuda[gpu].index
     entries = _visible_entries(visible)
     if not 0 <= gpu < len(entries):
@@ -184,7 +171,7 @@ def egl_index_of_gpu(gpu: int, devices: Sequence[Device], visible: str | None) -
     entry = entries[gpu]
     if entry.isdigit():
         if int(entry) not in by_cuda:
-            raise InputError(f"`gpus` {gpu}: {_VISIBLE}={visible} names {entry}, but there is {_gpus(sorted(by_cuda))}")
+            raise InputError(f"`gpus` {gpu}: {_VISIBLE}={visible} names {entry}, but there is {there}")
         return by_cuda[int(entry)].index
     matching = [device for device in by_cuda.values() if (device.uuid or "").lower().startswith(entry.lower())]
     if len(matching) != 1:
@@ -251,11 +238,10 @@ def query_devices() -> list[Device]:
         extensions = (ask(device, _EGL_EXTENSIONS) or b"").decode().split()
         software = "EGL_MESA_device_software" in extensions
         name = b""
-        # Asking for a string whose extension is absent is an error in EGL.
-        if "EGL_EXT_device_query_name" in extensions:
-            name = ask(device, _EGL_RENDERER_EXT) or b""
-        if not name and "EGL_EXT_device_drm" in extensions:
-            name = ask(device, _EGL_DRM_DEVICE_FILE_EXT) or b""
+        for extension, asked in _NAMES.items():
+            # Asking for a string whose extension is absent is an error in EGL.
+            if not name and extension in extensions:
+                name = ask(device, asked) or b""
         cuda, uuid = ctypes.c_ssize_t(-1), ctypes.create_string_buffer(_UUID_BYTES)
         has_cuda = (
             "EGL_NV_device_cuda" in extensions

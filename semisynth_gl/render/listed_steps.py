@@ -30,15 +30,7 @@ class ListedSteps:
     """A compute shader in steps: the first judges tiles of the image, later ones what the lists have.
 
     The shader knows its step as STEP, and what is judged now as `band`: left column, first row, width and height, in
-    tiles.
-
-    Args:
-        context: the open context.
-        shader: its file.
-        steps: how many.
-        tile_px: side of a tile.
-        entries: most entries of all lists together for a tile.
-        defines: further names that the shader is compiled with.
+    tiles. All lists together have at most ``entries`` for a tile.
 
     Raises:
         BackendError: where the driver refuses the shader.

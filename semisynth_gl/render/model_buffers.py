@@ -25,14 +25,7 @@ _TEXELS = {_TRIANGLES: 3, _TRACED: 3}
 
 @dataclass(frozen=True, slots=True)
 class Filled:
-    """Instances that await drawing: first the instances that show only fronts, then the others.
-
-    Attributes:
-        atlas: the atlas that they wear.
-        first: number of the first one.
-        fronts: number of those that show fronts alone.
-        both_sides: number of the others.
-    """
+    """Instances that await drawing, from number ``first`` on: those that show only fronts, then the others."""
 
     atlas: int
     first: int
@@ -43,17 +36,13 @@ class Filled:
 class ModelBuffers:
     """The models of a renderer on the GPU, and room for the instances of one eye's draw.
 
+    The meshes, at least one, are as they are drawn: see `centred`. ``atlas_ends`` are those of `PatchTextures`. Shaders
+    can look up triangles (`bind_triangles`) where the models are ``traced``.
+
     Attributes:
+        meshes: the meshes.
         vertices: x y z u v of each vertex, float32.
         vertex_number: (V,) uint32, where each vertex of the models, counted through, stands there.
-
-    Args:
-        gl: the context.
-        models: at least one, as they are drawn: see `centred`.
-        atlas_ends: (A,) int64, see `PatchTextures.ends`.
-        traced: whether shaders will look up triangles (`bind_triangles`).
-
-    Attributes:
         filled: (N,) int64, which instances of the scene `fill` uploaded, in the order of drawing.
     """
 
@@ -93,17 +82,10 @@ class ModelBuffers:
         return len(self._model_commands)
 
     def fill(self, placed: Placed, eye: Eye, part: Crop | None = None) -> list[Filled]:
-        """Upload the instances that one eye may see, atlas by atlas.
+        """Upload the instances that one eye may see in a part of its image, or all of it; return what to draw in turn.
 
-        Near ones come first: what they hide is then not shaded. Large patches come last, since walls hide least.
-
-        Args:
-            placed: the instances.
-            eye: who looks.
-            part: the part of the image that counts, or None for all of it.
-
-        Returns:
-            What to draw, one after the other.
+        Atlases follow each other, with large patches last, since walls hide least. In each, near instances come first:
+        what they hide is then not shaded.
         """
         scene, view_from_model = placed.scene, placed.rows(eye)
         # No part of the sky is too near.
@@ -140,16 +122,10 @@ class ModelBuffers:
         first_triangle: NDArray[np.int64] | None = None,
         triangles: NDArray[np.int64] | None = None,
     ) -> list[Filled]:
-        """Choose from what `fill` uploaded, until it is called again.
+        """Choose from what `fill` uploaded and returned, until it is called again; return what to draw in its place.
 
-        Args:
-            filled: what it returned.
-            numbers: (S,) which instances, by their place in the order of drawing; ascending.
-            first_triangle: (S,) from which of a model's triangles; None for all triangles.
-            triangles: (S,) how many of them.
-
-        Returns:
-            What to draw in the place of ``filled``.
+        ``numbers``, (S,) and ascending, are the places of instances in the order of drawing. Of a model's triangles,
+        draw ``triangles`` (S,) from ``first_triangle`` (S,) on; None for all.
         """
         commands = self._filled_commands[numbers]
         if first_triangle is not None and triangles is not None:
@@ -250,10 +226,6 @@ def _by_last_corner(triangles: NDArray[np.int64], vertices: int) -> tuple[NDArra
 
     A vertex shader then knows the triangle, since flat outputs are the last vertex's. gl_PrimitiveID says it too, but
     for that llvmpipe takes all triangles apart.
-
-    Args:
-        triangles: (T, 3), which vertices they have.
-        vertices: how many there are.
 
     Returns:
         (V,) which of the vertices each new one is, and (T, 3), the same triangles in the same order.

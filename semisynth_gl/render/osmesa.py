@@ -11,14 +11,10 @@ from typing import Self
 from semisynth_gl.inputs.errors import BackendError
 
 # Names and values from Mesa's GL/osmesa.h.
-_OSMESA_RGBA = 0x1908
-_OSMESA_FORMAT = 0x22
-_OSMESA_DEPTH_BITS = 0x30
-_OSMESA_STENCIL_BITS = 0x31
-_OSMESA_PROFILE = 0x33
-_OSMESA_CORE_PROFILE = 0x34
-_OSMESA_CONTEXT_MAJOR_VERSION = 0x36
-_OSMESA_CONTEXT_MINOR_VERSION = 0x37
+_OSMESA_FORMAT, _OSMESA_RGBA = 0x22, 0x1908
+_OSMESA_DEPTH_BITS, _OSMESA_STENCIL_BITS = 0x30, 0x31
+_OSMESA_PROFILE, _OSMESA_CORE_PROFILE = 0x33, 0x34
+_OSMESA_CONTEXT_MAJOR_VERSION, _OSMESA_CONTEXT_MINOR_VERSION = 0x36, 0x37
 _GL_UNSIGNED_BYTE = 0x1401
 
 # The first that is there is taken.
@@ -53,13 +49,9 @@ class OSMesaContext:
         library.OSMesaMakeCurrent.restype = ctypes.c_ubyte
         library.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
         attributes = [
-            *(_OSMESA_FORMAT, _OSMESA_RGBA),
-            *(_OSMESA_DEPTH_BITS, 0),
-            *(_OSMESA_STENCIL_BITS, 0),
+            *(_OSMESA_FORMAT, _OSMESA_RGBA, _OSMESA_DEPTH_BITS, 0, _OSMESA_STENCIL_BITS, 0),
             *(_OSMESA_PROFILE, _OSMESA_CORE_PROFILE),
-            *(_OSMESA_CONTEXT_MAJOR_VERSION, major),
-            *(_OSMESA_CONTEXT_MINOR_VERSION, minor),
-            *(0, 0),
+            *(_OSMESA_CONTEXT_MAJOR_VERSION, major, _OSMESA_CONTEXT_MINOR_VERSION, minor, 0, 0),
         ]
         self._library = library
         self._pixel = (ctypes.c_ubyte * 4)()
@@ -81,7 +73,7 @@ class OSMesaContext:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave the context current: whoever draws with another makes that one current. moderngl gives no arguments."""
+        """Leave the context current: whoever draws with another makes that one current."""
 
     def release(self) -> None:
         """Destroy the context; a second call does nothing."""

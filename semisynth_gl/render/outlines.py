@@ -17,11 +17,9 @@ _MOST_AT_ONCE = 2**22
 
 
 class Outlines:
-    """Finds the outlines of scenes.
+    """Finds the outlines of scenes that are made of these models.
 
-    Args:
-        models: the meshes that `Scene.model` counts.
-        vertex_number: (V,) uint32, the number that each of their vertices, counted through, has in what is found.
+    In what is found, the models' vertices, counted through, have the numbers ``vertex_number``, (V,) uint32.
     """
 
     def __init__(self, models: Sequence[Mesh], vertex_number: NDArray[np.uint32]) -> None:
@@ -34,9 +32,8 @@ class Outlines:
     def find(self, placed: Placed, eye: Eye) -> NDArray[np.uint32]:
         """Find the outlines that one eye may see, far instances first.
 
-        Returns:
-            (N, 4) uint32: the instance, and of the triangle in front the numbers of the vertices that the edge goes
-            from and to, and of the one opposite.
+        A row of the (N, 4) uint32 result is the instance, and of the triangle in front the numbers of the vertices that
+        the edge goes from and to, and of the one opposite.
         """
         scene, rows = placed.scene, placed.rows(eye)
         # The sky ends nowhere: beyond it is nothing.
@@ -49,11 +46,8 @@ class Outlines:
             alike, edges = np.flatnonzero(model == shown), self._edges_of(int(shown))
             for own in np.array_split(alike, ceil(len(alike) * len(edges.border) / _MOST_AT_ONCE)):
                 for corners, (number, edge) in zip(edges.corners, _shown(edges, eyes[own], solid[own]), strict=True):
-                    part = np.empty((len(edge), 4), np.uint32)
-                    part[:, 1:] = corners[edge]
                     place = own[number]
-                    part[:, 0] = seen[place]
-                    parts.append(part)
+                    parts.append(np.column_stack([seen[place].astype(np.uint32), corners[edge]]))
                     places.append(place)
         return np.concatenate(parts)[np.argsort(np.concatenate(places), kind="stable")]
 
@@ -68,7 +62,7 @@ _Chosen = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 def _eyes(rows: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Find the eye from (M, 3, 4) rows of view from model: (M, 4) float32, in model units, w times, and w.
+    """Find the eye from (M, 3, 4) rows of view from model: (M, 4) float32, its place in model units times w, and w.
 
     A matrix that flattens a flat model is then no special case.
     """
@@ -85,16 +79,10 @@ def _cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[n
 
 
 def _shown(edges: MeshEdges, eyes: NDArray[np.float32], solid: NDArray[np.bool_]) -> tuple[_Chosen, _Chosen]:
-    """Choose the edges of M instances of a mesh that are outlines to the eye.
+    """Choose the edges of M instances of a mesh that are outlines to the ``eyes``, (M, 4) of `_eyes`.
 
-    Args:
-        edges: of the mesh.
-        eyes: (M, 4) float32, see `_eyes`.
-        solid: (M,) bool, whether fronts alone are drawn.
-
-    Returns:
-        The numbers of instances and edges, (N,) int64 each, that have their first side in front, and those that have
-        the second one.
+    Of ``solid`` instances, (M,), fronts alone are drawn. The numbers of instances and edges, (N,) int64 each, are
+    returned for edges that have their first side in front, and for those that have the second one.
     """
     # Whether the eye lies where n . x < n . p of either side, or where it does not if w is negative.
     homogeneous = eyes * np.array([-1, -1, -1, 1], np.float32)

@@ -21,16 +21,9 @@ PassSeconds = dict[tuple[PassName, Eye], float]
 class PassClock:
     """Times passes from `start` to `stop`; at any other time it does nothing, and asks the driver for nothing.
 
-    Timer queries tell how long a GPU is at a pass, and no pass waits for them. Those of llvmpipe are not to be trusted:
-    where it was made to finish, they say 0, or all that 32 bits hold. So software is made to finish before and after
-    each pass, and the CPU time between counts.
-
-    Attributes:
-        queries: whether timer queries tell the time.
-
-    Args:
-        gl: the context.
-        queries: whether to trust its timer queries.
+    With ``queries``, timer queries tell how long a GPU is at a pass, and no pass waits for them. Those of llvmpipe are
+    not to be trusted: where it was made to finish, they say 0, or all that 32 bits hold. So software is made to finish
+    before and after each pass, and the CPU time between counts.
     """
 
     def __init__(self, gl: moderngl.Context, *, queries: bool) -> None:

@@ -14,12 +14,9 @@ _UNIT = 0  # of the sampler in mesh.frag
 
 
 class PatchTextures:
-    """The patch atlas of a renderer.
+    """The patch atlases of a renderer: (L, P, P, 4) uint8 RGBA each, or (L, P, P) uint8 grey each; row 0 is the top.
 
-    Args:
-        context: the open context.
-        atlases: (L, P, P, 4) uint8 RGBA each, or (L, P, P) uint8 grey each; row 0 is the top.
-        mirrored: whether a patch's mirror image lies beyond its border; else the patch again.
+    Beyond a patch's border lies its mirror image where they are ``mirrored``, else the patch again.
 
     Attributes:
         grey: whether they are grey: shaders then see them in the first component.
@@ -64,7 +61,7 @@ def _upload(context: GraphicsContext, layers: NDArray[np.uint8], *, mirrored: bo
 
 
 def _draw_levels(context: GraphicsContext, atlas: moderngl.TextureArray, side: int, count: int) -> None:
-    """Fill the smaller levels of an atlas of so many patches, each from the one before.
+    """Fill the smaller levels of an atlas, each from the one before.
 
     The bytes equal llvmpipe's own mipmaps, for which it compiles code in each new context. That takes longer than all
     else that opens a renderer; these shaders come from its cache.

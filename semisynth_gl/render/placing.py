@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Crop, Eye
-from semisynth_gl.geometry.mesh import Centred, Mesh
+from semisynth_gl.geometry.mesh import Centred
 from semisynth_gl.inputs.arguments import LEAST, MOST, OTHER_UNITS
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render.projection import in_view
@@ -26,7 +26,7 @@ _LEAST_M = LEAST**2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """A scene's instances as both eyes see them.
+    """A scene's N instances as both eyes see them.
 
     Attributes:
         scene: the scene.
@@ -60,10 +60,7 @@ class Placed:
 
 
 class Placing:
-    """Places the instances of scenes.
-
-    Args:
-        models: the models that `Scene.model` counts, as they are drawn.
+    """Places the instances of scenes that are made of these models.
 
     Raises:
         InputError: where a model is too small or too large for float32.
@@ -76,7 +73,11 @@ class Placing:
         self._radius = np.array([model.mesh.radius for model in models])
         self._solid = np.array([model.mesh.solid for model in models])
         for model, radius in zip(models, self._radius, strict=True):
-            _check_size(model.mesh, radius)
+            if not (radius == 0 or LEAST <= radius <= MOST):
+                raise InputError(
+                    f"mesh {model.mesh.name}: must reach {LEAST:g} to {MOST:g} from its middle, got {radius:g}: "
+                    f"{OTHER_UNITS}"
+                )
 
     def place(self, scene: Scene) -> Placed:
         """Compose the poses of a scene's instances, for both eyes.
@@ -113,13 +114,6 @@ class Placing:
         offset = scene.uv_offset + self._uv_origin[scene.model] * scene.uv_scale
         offset = np.where(np.abs(offset) > _NEAR_PATCHES, offset % _PERIOD, offset)
         return np.concatenate([scene.uv_scale, offset], axis=1)
-
-
-def _check_size(mesh: Mesh, radius: float) -> None:
-    if not (radius == 0 or LEAST <= radius <= MOST):
-        raise InputError(
-            f"mesh {mesh.name}: must reach {LEAST:g} to {MOST:g} from its middle, got {radius:g}: {OTHER_UNITS}"
-        )
 
 
 def _refuse(metres: NDArray[np.float64], wrong: NDArray[np.bool_], what: str) -> None:

@@ -16,14 +16,9 @@ _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 def link_program(
     context: GraphicsContext, vertex: str, fragment: str, defines: Mapping[str, int], geometry: str | None = None
 ) -> moderngl.Program:
-    """Compile and link shaders, and check the blocks that numpy packs for them.
+    """Compile and link shaders (see `shader_source`), and check the blocks that numpy packs for them.
 
-    Args:
-        context: the open context.
-        vertex: file of the vertex shader; see `shader_source`.
-        fragment: file of the fragment shader, likewise.
-        defines: for the fragment shader.
-        geometry: file of the geometry shader; None for none.
+    ``defines`` are for the fragment shader.
 
     Raises:
         BackendError: where the driver refuses the shaders, with its message, or lays out a block in another way.
@@ -42,7 +37,7 @@ def link_program(
 
 
 def link_compute(context: GraphicsContext, compute: str, defines: Mapping[str, int]) -> moderngl.ComputeShader:
-    """Compile and link a compute shader, and check the blocks that numpy packs for it; as `link_program` does.
+    """Compile and link a compute shader, and check its blocks, as `link_program` does.
 
     Raises:
         BackendError: where the driver refuses the shader, with its message, or lays out a block in another way.

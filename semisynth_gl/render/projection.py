@@ -28,17 +28,9 @@ def clip_from_view(camera: StereoCamera, eye: Eye, near_m: float) -> NDArray[np.
 def in_view(
     camera: StereoCamera, eye: Eye, near_m: float, centre_m: NDArray[np.float64], radius_m: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return which bounding spheres may reach into one eye's image.
+    """Return which bounding spheres, of N centres (N, 3) in an eye's view frame, may reach into its image, (N,) bool.
 
-    Args:
-        camera: the camera.
-        eye: whose view frame the centres are in.
-        near_m: depth of the near plane.
-        centre_m: (N, 3) float64.
-        radius_m: (N,) float64.
-
-    Returns:
-        (N,) bool; false only where a sphere certainly lies outside the frustum.
+    It is false only where a sphere certainly lies outside the frustum.
     """
     cx, cy, f = camera.lens_px(eye)
     x0, x1 = -0.5 - cx, camera.width_px - 0.5 - cx

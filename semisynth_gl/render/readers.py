@@ -16,14 +16,10 @@ class Reader(Protocol):
     def __call__(
         self, framebuffer: moderngl.Framebuffer, viewport: Viewport, attachment: int, kind: str, components: int, /
     ) -> Any:  # noqa: ANN401 - whatever the caller works with
-        """Take a rectangle of an attachment.
+        """Take a rectangle of an attachment of a framebuffer whose context is current.
 
-        Args:
-            framebuffer: its context is current.
-            viewport: which rectangle.
-            attachment: which attachment.
-            kind: what moderngl calls the type of a component: "f1", "u1", "u2", "f4" ...
-            components: C, or 1 for (H, W).
+        ``kind`` is what moderngl calls the type of a component: "f1", "u1", "u2", "f4" ...; ``components`` is C, or 1
+        for (H, W).
         """
 
 

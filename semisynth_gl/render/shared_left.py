@@ -82,7 +82,7 @@ class SharedLeft:
     def keep(self, left: Mapping[str, Any]) -> None:
         """Keep what all pairs have of a left view's channels: arrays, since a reader may reuse what else it makes.
 
-        Arrays become read-only: several frames have them.
+        Arrays become read-only, since several frames have them.
         """
         for name, array in left.items():
             if CHANNELS[name].of_own_view and isinstance(array, np.ndarray):

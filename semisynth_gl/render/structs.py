@@ -55,12 +55,9 @@ COMMAND = np.dtype(
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A block of shaders that numpy packs.
+    """A block of shaders whose elements numpy packs.
 
-    Attributes:
-        binding: of its buffer.
-        dtype: one element.
-        array: name of the array of elements that a storage block holds; "" for a uniform block of one element.
+    A storage block holds an ``array`` of elements; a uniform block, which has "" there, is one element.
     """
 
     binding: int
@@ -112,11 +109,9 @@ def check_blocks(context: GraphicsContext, program: moderngl.Program | moderngl.
 
 
 def check_attributes(program: moderngl.Program, dtype: np.dtype[Any]) -> None:
-    """Compare a program's vertex attributes with the struct that numpy packs for them.
+    """Compare a linked program's vertex attributes with the struct that numpy packs for them.
 
-    Args:
-        program: linked; attributes that the compiler removed are passed over.
-        dtype: the struct.
+    Attributes that the compiler removed are passed over.
 
     Raises:
         BackendError: where an attribute has another type or number of components, with both.

@@ -36,10 +36,7 @@ _FLOATS, _UINTS = ctypes.POINTER(ctypes.c_float), ctypes.POINTER(ctypes.c_uint)
 
 
 class UnboundCalls:
-    """OpenGL functions of one context.
-
-    Args:
-        load: returns the address of an OpenGL function, 0 where the driver has none.
+    """OpenGL functions of one context; ``load`` returns the address of one, 0 where the driver has none.
 
     Raises:
         BackendError: where the driver lacks one of them.
@@ -66,20 +63,17 @@ class UnboundCalls:
         self._attach_level = function("glNamedFramebufferTexture", _UINT, _UINT, _UINT, _INT)
         self._reset_status = function("glGetGraphicsResetStatus", result=_UINT)
         self._resource_index = function("glGetProgramResourceIndex", _UINT, _UINT, ctypes.c_char_p, result=_UINT)
-        self._resource = function(
-            "glGetProgramResourceiv", _UINT, _UINT, _UINT, _INT, _UINTS, _INT, ctypes.c_void_p, _INTS
-        )
+        resource_types = _UINT, _UINT, _UINT, _INT, _UINTS, _INT, ctypes.c_void_p, _INTS
+        self._resource = function("glGetProgramResourceiv", *resource_types)
         self._is_kind = {kind: function(f"glIs{kind}", _UINT, result=ctypes.c_ubyte) for kind in _KINDS}
 
-    def use_zero_to_one_depth(self) -> None:
-        """Map clip z to [0, 1] instead of [-1, 1].
+    def set_up(self) -> None:
+        """Map clip z to [0, 1] instead of [-1, 1], and keep colours as they are.
 
         With [-1, 1] the hardware adds 0.5 on the way to the depth buffer, which throws away what reversed Z gains.
+        OpenGL allows drivers to dither by default.
         """
         self._clip_control(_GL_LOWER_LEFT, _GL_ZERO_TO_ONE)
-
-    def disable_dither(self) -> None:
-        """Keep colours as they are; OpenGL allows drivers to dither by default."""
         self._disable(_GL_DITHER)
 
     def clear_float(self, attachment: int, value: float) -> None:
@@ -99,13 +93,8 @@ class UnboundCalls:
     ) -> tuple[dict[str, int], int] | None:
         """Return how the driver lays out a block of a linked program, or None where the program has no such block.
 
-        The layout is the offset of each member, and the size of the block or of one element of its array, in bytes.
-
-        Args:
-            program: OpenGL's name of it.
-            block: the block's name.
-            members: names of its members, or of the members of its array's elements.
-            array: the array that a storage block holds; "" for a uniform block.
+        The layout is the offset of each member, and the size of the block or of one element of its array, in bytes. A
+        storage block holds an ``array``, to whose elements the members belong; a uniform block has "" there.
         """
         kind, variables = (_GL_SHADER_STORAGE_BLOCK, _GL_BUFFER_VARIABLE) if array else (_GL_UNIFORM_BLOCK, _GL_UNIFORM)
         index = self._resource_index(program, kind, block.encode())
