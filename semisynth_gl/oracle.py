@@ -65,6 +65,12 @@ def correspondence_px(
         return np.where(((hits.instance >= 0) & _is_valid(disparity, signed=signed))[:, None], way, np.inf)
 
 
+def _in_image(camera: StereoCamera, place_px: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which columns and rows (R, 2) lie in a pixel of the image, (R,) bool."""
+    inside = (place_px >= -0.5) & (place_px < np.array([camera.width_px, camera.height_px]) - 0.5)
+    return np.asarray(inside.all(axis=1))
+
+
 def disparity_of(eye: Eye, way: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the disparities x_left - x_right (R,) of ways (R, 2) from one eye's view; inf for inf."""
     return way[:, 0] if eye == "right" else np.where(np.isinf(way[:, 0]), np.inf, -way[:, 0])
@@ -92,11 +98,8 @@ def visibility(
     way = correspondence_px(camera, eye, own[:, 0], own[:, 1], hits, signed=signed)
     known = np.isfinite(way[:, 0])
     place = own + np.where(known[:, None], way, 0)
-    in_frame = (
-        known & (place >= -0.5).all(axis=1) & (place < np.array([camera.width_px, camera.height_px]) - 0.5).all(1)
-    )
     result = np.full(len(own), OUTSIDE, np.uint8)
-    where = np.flatnonzero(in_frame)
+    where = np.flatnonzero(known & _in_image(camera, place))
     second = cast_rays(scene, models, other, place[where, 0], place[where, 1])
     # Each eye's depths are in its own camera frame.
     is_far = np.isinf(hits.depth_m[where])
@@ -171,10 +174,8 @@ def flow(
         position = focal * later[:, :2] / later[:, 2:] + (cx, cy)
         later_m = np.where(is_sky, np.inf, later[:, 2])
         disparity, later_disparity = camera.disparity_px(hits.depth_m), camera.disparity_px(later_m)
-    inside = seen & (position >= -0.5).all(axis=1)
-    inside &= (position[:, 0] < camera.width_px - 0.5) & (position[:, 1] < camera.height_px - 0.5)
     visibility = np.full(len(x), OUTSIDE, np.uint8)
-    where = np.flatnonzero(inside)
+    where = np.flatnonzero(seen & _in_image(camera, position))
     later_hits = cast_rays(motion.scene, models, eye, position[where, 0], position[where, 1])
     gone = motion.instance[hits.instance[where]] < 0
     hidden = gone | (later_hits.depth_m < later_m[where] * (1 - _SAME_POINT))

@@ -102,7 +102,6 @@ RECTIFIED = Deviation()
 
 # OpenGL counts pixels in 32 bits.
 _MOST_PX = 2**31 - 1
-_DEVIATION = "deviation"
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,8 +162,8 @@ class StereoCamera:
         Raises:
             KeyError, TypeError, InputError: where values are missing or wrong.
         """
-        deviation = Deviation(**values[_DEVIATION]) if _DEVIATION in values else RECTIFIED
-        return cls(**{key.name: values[key.name] for key in fields(cls) if key.name != _DEVIATION}, deviation=deviation)
+        known = {key.name: values[key.name] for key in fields(cls) if key.name != "deviation"}
+        return cls(**known, deviation=Deviation(**values["deviation"]) if "deviation" in values else RECTIFIED)
 
     def values(self, *, deviation: bool = False) -> dict[str, Any]:
         """Return the camera in JSON's types, doffs too.
@@ -172,9 +171,10 @@ class StereoCamera:
         Args:
             deviation: whether to state the zero deviation of a rectified pair, too.
         """
-        values = {key.name: getattr(self, key.name) for key in fields(self) if key.name != _DEVIATION}
+        values = asdict(self)
+        stated = values.pop("deviation")
         values["doffs_px"] = self.doffs_px
-        return values | {_DEVIATION: asdict(self.deviation)} if deviation or not self.rectified else values
+        return values | {"deviation": stated} if deviation or not self.rectified else values
 
     def cropped(self, crop: Crop) -> "StereoCamera":
         """Return the camera of a crop of both images; disparities stay the same.

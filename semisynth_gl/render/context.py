@@ -38,16 +38,10 @@ def as_root(command: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class GraphicsContext:
-    """An open context, made current and set up for reversed Z in [0, 1].
+    """An open context, made current and set up for reversed Z in [0, 1], and what opened it.
 
-    Attributes:
-        gl: moderngl's context.
-        unbound: the calls that moderngl lacks.
-        clock: times the passes that are drawn here, while it runs.
-        backend: "egl" or "osmesa".
-        renderer: what the driver calls itself, for the provenance of every pair.
-        process: the process that opened it.
-        thread: the thread that opened it.
+    ``renderer`` is what the driver calls itself, for the provenance of every pair; ``clock`` times the passes that are
+    drawn here, while it runs.
     """
 
     gl: moderngl.Context
@@ -69,11 +63,7 @@ class GraphicsContext:
         return is_software(self.renderer)
 
     def check_owner(self) -> None:
-        """Check that this is the process and the thread that opened the context.
-
-        Raises:
-            BackendError: where it is not.
-        """
+        """Raise BackendError unless this process and this thread opened the context."""
         if self.process != os.getpid():
             raise BackendError(f"this process was forked from the one that opened {self.renderer}: {_AFTER_FORK}")
         if self.thread != get_ident():

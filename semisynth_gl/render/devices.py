@@ -79,10 +79,9 @@ def missing_libraries() -> dict[str, str]:
 
 
 def check_libraries(backend: Backend) -> None:
-    """Check that a backend's libraries are there, in no time: before patches and models are made for it.
+    """Raise BackendError, as `open_context` does, where a backend's libraries are missing.
 
-    Raises:
-        BackendError: where they are not; see `open_context`.
+    It takes no time, so that patches and models need not be made before.
     """
     check_one_of("backend", backend, BACKENDS)
     load_before_driver()
@@ -271,11 +270,7 @@ def uuid_text(uuid: bytes) -> str:
 
 
 def context_facts(backend: Backend, device_index: int = 0) -> ContextFacts:
-    """Open a context, ask it, close it.
-
-    Raises:
-        BackendError: where it cannot be opened.
-    """
+    """Open a context, ask it, close it."""
     context = open_context(backend, device_index)
     try:
         info = context.gl.info

@@ -31,9 +31,6 @@ class ListedSteps:
 
     The shader knows its step as STEP, and what is judged now as `band`: left column, first row, width and height, in
     tiles. All lists together have at most ``entries`` for a tile.
-
-    Raises:
-        BackendError: where the driver refuses the shader.
     """
 
     def __init__(

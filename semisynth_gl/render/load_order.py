@@ -12,27 +12,16 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-_LIBRARIES = {"triton": "_C/libtriton*.so"}
-"""Packages that may be installed, and their libraries in them."""
-
 
 @cache
 def load_before_driver() -> None:
-    """Load the libraries that do not survive to be loaded after Mesa's driver, of the packages that are installed here.
-
-    The packages themselves are not imported. Call it before whatever may load a driver.
-    """
-    for package, library in _LIBRARIES.items():
-        for path in sorted(found for folder in _folders(package) for found in folder.glob(library)):
-            # One that cannot be loaded now cannot be imported later either: then it does no harm.
-            with suppress(OSError):
-                ctypes.CDLL(str(path), ctypes.RTLD_LOCAL)
-
-
-def _folders(package: str) -> list[Path]:
-    """Return the folders of an installed package; none where there is no such package."""
+    """Load triton's libraries, where it is installed, without importing it. Call it before what may load a driver."""
+    spec = None
     # A module of that name that somebody has made up in this process has no specification.
     with suppress(ValueError):
-        spec = find_spec(package)
-        return [Path(folder) for folder in (spec and spec.submodule_search_locations) or ()]
-    return []
+        spec = find_spec("triton")
+    for folder in (spec and spec.submodule_search_locations) or ():
+        for library in sorted(Path(folder).glob("_C/libtriton*.so")):
+            # One that cannot be loaded now cannot be imported later either: then it does no harm.
+            with suppress(OSError):
+                ctypes.CDLL(str(library), ctypes.RTLD_LOCAL)

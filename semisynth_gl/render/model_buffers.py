@@ -17,10 +17,10 @@ from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.structs import COMMAND, DRAWN_INSTANCE, VERTEX, check_attributes, members
 
 _FEWEST_INSTANCES = 256
-# Texture units of common_triangles.glsl, and how many triangles or instances stand in a row there.
+# Texture units of common_triangles.glsl, how many triangles or instances stand in a row there, and texels of each.
 _TRIANGLES, _TRACED = 4, 5
 _PER_ROW = 1024
-_TEXELS = {_TRIANGLES: 3, _TRACED: 3}
+_TEXELS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ class ModelBuffers:
         self.vertex_number = np.empty(vertex_counts.sum(), np.uint32)
         self.vertex_number[order] = np.arange(len(order))
         self._indices = gl.buffer(triangles.astype("<u4", order="C"))
-        self._triangles = self._texture(_TRIANGLES, _corners(models)) if traced else None
+        self._triangles = self._texture(_corners(models)) if traced else None
         self._traced: moderngl.Texture | None = None
         self._model_commands = np.zeros(len(models), COMMAND)
         self._model_commands["count"] = index_counts
@@ -162,19 +162,19 @@ class ModelBuffers:
         if self._triangles is None:
             raise RuntimeError("these models were uploaded without their neighbours")
         scene = placed.scene
-        texels = placed.rows(eye).astype("<f4").view("<u4").reshape(-1, 4 * _TEXELS[_TRACED])
+        texels = placed.rows(eye).astype("<f4").view("<u4").reshape(-1, 4 * _TEXELS)
         rows = max(1, ceil(len(scene) / _PER_ROW))
         if self._traced is None or self._traced.height < rows:
             if self._traced is not None:
                 self._traced.release()
-            self._traced = self._texture(_TRACED, np.concatenate([texels, texels]))
+            self._traced = self._texture(np.concatenate([texels, texels]))
         else:
-            self._traced.write(_whole_rows(_TRACED, texels), (0, 0, self._traced.width, rows))
+            self._traced.write(_whole_rows(texels), (0, 0, self._traced.width, rows))
         self._triangles.use(_TRIANGLES)
         self._traced.use(_TRACED)
 
-    def _texture(self, unit: int, numbers: NDArray[np.uint32]) -> moderngl.Texture:
-        """Make a texture of (N, 4 * _TEXELS[unit]) uint32.
+    def _texture(self, numbers: NDArray[np.uint32]) -> moderngl.Texture:
+        """Make a texture of (N, 4 * _TEXELS) uint32.
 
         Raises:
             BackendError: where the driver has no textures of that size.
@@ -186,7 +186,7 @@ class ModelBuffers:
                 f"{len(numbers)}, but the driver goes up to {limit * _PER_ROW}: use fewer or smaller models, or leave "
                 "these outputs out"
             )
-        texture = self._gl.texture((_PER_ROW * _TEXELS[unit], rows), 4, _whole_rows(unit, numbers), dtype="u4")
+        texture = self._gl.texture((_PER_ROW * _TEXELS, rows), 4, _whole_rows(numbers), dtype="u4")
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         return texture
 
@@ -203,9 +203,9 @@ class ModelBuffers:
         return self._vaos[program.glo]
 
 
-def _whole_rows(unit: int, numbers: NDArray[np.uint32]) -> NDArray[np.uint32]:
+def _whole_rows(numbers: NDArray[np.uint32]) -> NDArray[np.uint32]:
     """Fill the last row of what goes into a texture of `ModelBuffers` up; there is a row at least."""
-    rows = np.zeros((max(1, ceil(len(numbers) / _PER_ROW)) * _PER_ROW, 4 * _TEXELS[unit]), np.uint32)
+    rows = np.zeros((max(1, ceil(len(numbers) / _PER_ROW)) * _PER_ROW, 4 * _TEXELS), np.uint32)
     rows[: len(numbers)] = numbers
     return rows
 

@@ -18,7 +18,7 @@ from semisynth_gl.render.loaded import Loaded
 from semisynth_gl.render.model_buffers import Filled
 from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.programs import link_program
-from semisynth_gl.render.targets import EyeTargets
+from semisynth_gl.render.targets import EyeTargets, window
 
 # Fewer triangles in view are drawn sooner than hidden ones are found.
 _FEWEST_TRIANGLES = 150_000
@@ -96,17 +96,18 @@ class Occlusion:
         rows = placed.rows(eye)[shown]
         boxes = _boxes(placed, eye, part, rows, self._corners[model])
         sky = placed.scene.sky[shown]
-        hiding = _most_area(boxes, targets.size_of(part), triangles) & ~sky
+        size = window(part, targets.framebuffer.size)[2:]
+        hiding = _most_area(boxes, size, triangles) & ~sky
         every = np.arange(len(shown))
         self._draw_depth(targets, part, self._models.select(filled, every[hiding]))
         farthest = _farthest(targets.read_depth(part))
-        visible = np.flatnonzero(~_hidden(farthest, targets.size_of(part), boxes) | sky)
+        visible = np.flatnonzero(~_hidden(farthest, size, boxes) | sky)
         runs, own = self._runs, model[visible]
         count = runs.count[own]
         number = visible.repeat(count)
         run = np.arange(count.sum()) + (runs.first[own] - (np.cumsum(count) - count)).repeat(count)
         boxes = _boxes(placed, eye, part, rows[number], runs.corners[run])
-        seen = ~_hidden(farthest, targets.size_of(part), boxes) | sky[number]
+        seen = ~_hidden(farthest, size, boxes) | sky[number]
         number, run = number[seen], run[seen]
         # Runs that follow each other are drawn as one.
         begin = np.flatnonzero(np.diff(number, prepend=-1).astype(bool) | (np.diff(run, prepend=-1) != 1))

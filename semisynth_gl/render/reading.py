@@ -15,11 +15,7 @@ from semisynth_gl.scene.scene import Motion
 
 
 class Reading:
-    """Runs the visibility, correspondence and flow passes, and reads the channels of a pair.
-
-    Raises:
-        BackendError: where the driver refuses a program.
-    """
+    """Runs the visibility, correspondence and flow passes, and reads the channels of a pair."""
 
     def __init__(self, loaded: Loaded, placing: Placing) -> None:
         wanted = loaded.wanted

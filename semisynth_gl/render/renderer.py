@@ -279,13 +279,27 @@ class Renderer:
         shared: SharedLeft | None = None,
     ) -> Frame:
         """Draw one pair, and raise what the driver reports."""
+        camera = scene.camera if crop is None else scene.camera.cropped(crop)
+
+        def finish(stage: RenderStage) -> None:
+            if self.listener is not None:
+                self._gl.finish()
+                self.listener.on_stage(stage)
+
         with self._current():
-            frame = self._render(scene, crop, motions, shared)
+            sized = self._sized(scene, shared=shared is not None)
+            pair = self._drawing.draw(self._placing.place(scene), crop, sized, shared)
+            finish("draw")
+            self._reading.find_visibility(pair)
+            finish("visibility")
+            self._reading.read(pair, motions)
+            finish("readback")
+            frame = Frame(camera, View(pair.views["left"]), View(pair.views["right"]))
         if shared is not None:
             shared.keep(frame.left)
             if self._wanted.antialias.redraws and "image" not in shared.channels:
                 # The right eye's colour was drawn over it.
-                self._forget_shared_left()
+                sized.shared_left = None
         return frame
 
     @contextmanager
@@ -295,52 +309,28 @@ class Renderer:
             try:
                 yield
             except moderngl.Error as error:
-                self._forget_shared_left()
                 raise self._fault(str(error)) from None
             reported = self._gl.error
             if reported != _NO_ERROR or self._context.unbound.is_lost():
-                self._forget_shared_left()
                 raise self._fault(reported)
 
-    def _forget_shared_left(self) -> None:
-        """Draw a shared left view anew at its next pair."""
-        if self._targets is not None:
-            self._targets.shared_left = None
-
     def _check_open(self) -> None:
-        """Refuse what the driver would crash on, or wait for without end.
+        """Raise BackendError where the renderer was released, or this is not the process or thread that made it.
 
-        Raises:
-            BackendError: where the renderer was released, or this is not the process or thread that made it.
+        The driver would crash on the use of either, or wait without end.
         """
         if not self._free.alive:
             raise BackendError("this renderer was released: open another one")
         self._context.check_owner()
 
     def _fault(self, error: str) -> BackendError:
-        """Return the error of a drawing that failed."""
+        """Return the error of a drawing that failed, after which a shared left view is drawn anew."""
+        if self._targets is not None:
+            self._targets.shared_left = None
         # moderngl knows the errors of a context that lives; any other one is that it does not.
         if self._context.unbound.is_lost() or _UNKNOWN_ERROR in (self._gl.error, error):
             return ContextLostError(f"{self.renderer_name} lost its context while it drew a pair: was the GPU reset?")
         return BackendError(f"{self.renderer_name} reported {error} while drawing a pair")
-
-    def _render(
-        self, scene: Scene, crop: Crop | None, motions: Mapping[str, Motion | None], shared: SharedLeft | None
-    ) -> Frame:
-        def finish(stage: RenderStage) -> None:
-            if self.listener is not None:
-                self._gl.finish()
-                self.listener.on_stage(stage)
-
-        camera = scene.camera if crop is None else scene.camera.cropped(crop)
-        sized = self._sized(scene, shared=shared is not None)
-        pair = self._drawing.draw(self._placing.place(scene), crop, sized, shared)
-        finish("draw")
-        self._reading.find_visibility(pair)
-        finish("visibility")
-        self._reading.read(pair, motions)
-        finish("readback")
-        return Frame(camera, View(pair.views["left"]), View(pair.views["right"]))
 
     def release(self) -> None:
         """Free the context and all that it holds; a second call does nothing."""
@@ -388,17 +378,13 @@ class Renderer:
 
 
 def _check_atlases(atlases: Mapping[str, NDArray[np.uint8]]) -> None:
-    for name, atlas in atlases.items():
-        _check_atlas(name, atlas)
+    for name, layers in atlases.items():
+        check_type(name, layers, np.ndarray)
+        side = layers.shape[1] if layers.ndim > 1 else 0
+        if layers.shape[1:] not in ((side, side, 4), (side, side)) or layers.dtype != np.uint8:
+            raise InputError(f"{name} must be (L, P, P, 4) or (L, P, P) uint8, got {layers.shape} {layers.dtype}")
+        if len(layers) == 0 or layers.shape[1] == 0:
+            raise InputError(f"{name}: the patch atlas is empty")
     if len({atlas.ndim for atlas in atlases.values()}) > 1:
         shapes = " and ".join(f"{name} {atlas.shape}" for name, atlas in atlases.items())
         raise InputError(f"layers and large_layers must both be RGBA or both be grey, got {shapes}")
-
-
-def _check_atlas(name: str, layers: NDArray[np.uint8]) -> None:
-    check_type(name, layers, np.ndarray)
-    side = layers.shape[1] if layers.ndim > 1 else 0
-    if layers.shape[1:] not in ((side, side, 4), (side, side)) or layers.dtype != np.uint8:
-        raise InputError(f"{name} must be (L, P, P, 4) or (L, P, P) uint8, got {layers.shape} {layers.dtype}")
-    if len(layers) == 0 or layers.shape[1] == 0:
-        raise InputError(f"{name}: the patch atlas is empty")

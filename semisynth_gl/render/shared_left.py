@@ -19,17 +19,9 @@ class SharedLeft:
     The pair of each is what `Renderer.render` gives of the scene with that camera, bit for bit. What the left views
     have in common is one array object in all of them, which is read-only therefore.
 
-    Args:
-        draw: draws the pair of the camera of a number.
-        scene: the scene.
-        cameras: at least one; in the left eye all are the scene's.
-        crop: see `Renderer.render`, as for the others.
-        future: see there.
-        past: see there.
-
     Attributes:
         scenes: the scene with each of the cameras.
-        crop: as given.
+        crop: as in `Renderer.render`.
         motions: the motions, "future" and "past", to another moment seen by the scene's own camera.
         channels: what was read of the left view and belongs to all pairs; see `keep`.
 

@@ -30,11 +30,7 @@ _OPEN_TEXTURES = 7, 8, 6
 
 
 class OpenPoints:
-    """The points of one eye's view that the surfaces beside them leave open, by where the other eye would see them.
-
-    Raises:
-        BackendError: where the driver has no textures of that size.
-    """
+    """The points of one eye's view that the surfaces beside them leave open, by where the other eye would see them."""
 
     def __init__(self, context: GraphicsContext, size: tuple[int, int]) -> None:
         self._unbound = context.unbound

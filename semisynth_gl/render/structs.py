@@ -93,11 +93,7 @@ def members(dtype: np.dtype[Any]) -> Iterator[tuple[str, int, int, str]]:
 
 
 def check_blocks(context: GraphicsContext, program: moderngl.Program | moderngl.ComputeShader) -> None:
-    """Compare the blocks of a linked program with the structs that numpy packs for them.
-
-    Raises:
-        BackendError: where the driver lays a block out otherwise, with both layouts.
-    """
+    """Raise BackendError, with both layouts, where a linked program lays a block out otherwise than numpy packs it."""
     for name, block in BLOCKS.items():
         expected = {member: offset for member, offset, _, _ in members(block.dtype)}
         actual = context.unbound.block_layout(program.glo, name, list(expected), block.array)
@@ -109,12 +105,9 @@ def check_blocks(context: GraphicsContext, program: moderngl.Program | moderngl.
 
 
 def check_attributes(program: moderngl.Program, dtype: np.dtype[Any]) -> None:
-    """Compare a linked program's vertex attributes with the struct that numpy packs for them.
+    """Raise BackendError where numpy packs a vertex attribute with another type or size than a linked program takes.
 
     Attributes that the compiler removed are passed over.
-
-    Raises:
-        BackendError: where an attribute has another type or number of components, with both.
     """
     for name, _, *expected in members(dtype):
         attribute = program.get(name, None)

@@ -17,19 +17,19 @@ from semisynth_gl.render.readers import Reader, Viewport, read_array
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """A texture that a pass draws into.
+    """A texture that a pass draws into, with the components that are read back.
 
-    Attributes:
-        texture_components: components of the texture; formats of three cannot be drawn into everywhere.
-        components: components that are read back.
-        kind: moderngl's name of the components' type.
-        nothing: value where nothing is drawn.
+    ``kind`` is moderngl's name of the components' type, ``nothing`` their value where nothing is drawn.
     """
 
-    texture_components: int
     components: int
     kind: str
     nothing: float
+
+    @property
+    def texture_components(self) -> int:
+        """Components of the texture; formats of three cannot be drawn into everywhere."""
+        return 4 if self.components == 3 else self.components
 
 
 def _attachments(drawn_by: Pass) -> dict[str, Attachment]:
@@ -38,18 +38,17 @@ def _attachments(drawn_by: Pass) -> dict[str, Attachment]:
         if channel.drawn_by == drawn_by:
             # Colours are stored as fractions of one, since the driver filters and averages them.
             kind = "f1" if channel.attachment == "colour" else f"{channel.dtype.kind}{channel.dtype.itemsize}"
-            texture_components = 4 if channel.components == 3 else channel.components
-            attachments[channel.attachment] = Attachment(texture_components, channel.components, kind, channel.nothing)
+            attachments[channel.attachment] = Attachment(channel.components, kind, channel.nothing)
     return attachments
 
 
 DRAWING = {
     **_attachments("drawing"),
-    "inverse_depth": Attachment(1, 1, "f4", -1),
-    "surface": Attachment(2, 2, "u4", 0xFFFFFFFF),
+    "inverse_depth": Attachment(1, "f4", -1),
+    "surface": Attachment(2, "u4", 0xFFFFFFFF),
 }
 """Attachments of the drawing pass: its channels, 1 / Z, and the instance and triangle of each pixel."""
-_GREY = Attachment(1, 1, "f1", 0)
+_GREY = Attachment(1, "f1", 0)
 VISIBILITY = _attachments("visibility")
 CORRESPONDENCE = {**_attachments("correspondence"), "disparity": DRAWING["disparity"], **VISIBILITY}
 """Attachments of the correspondence pass, which finds the disparity and the visibility of a pair that deviates too."""
@@ -133,9 +132,6 @@ class BlendTargets:
     """The colour of a drawing pass, which is blended into, and a copy of it to read from meanwhile.
 
     The drawing pass's depth is read and not written.
-
-    Raises:
-        BackendError: where the driver has no texture of that size.
     """
 
     def __init__(self, context: GraphicsContext, colour: moderngl.Texture, depth_buffer: moderngl.Renderbuffer) -> None:
@@ -165,15 +161,9 @@ class BlendTargets:
 class EyeTargets(Targets):
     """The targets of one eye's drawing pass, with a 32-bit float depth buffer, and of its visibility pass.
 
-    ``names`` are the attachments of the drawing pass, in the order of the shader's outputs.
-
-    Attributes:
-        visibility: targets of the visibility pass, or None.
-        disparity: targets of the pass that makes disparities of 1 / Z, or None.
-        blending: for a pass that blends into the colour, or None.
-
-    Raises:
-        BackendError: where the driver has no textures or framebuffers of that size.
+    ``names`` are the attachments of the drawing pass, in the order of the shader's outputs. Besides `Targets`, it may
+    have some for the ``visibility`` pass, for the pass that makes ``disparity`` of 1 / Z, and for ``blending`` into the
+    colour.
     """
 
     def __init__(
@@ -227,11 +217,6 @@ class EyeTargets(Targets):
                 self._unbound.clear_float(number, attachment.nothing)
         if depth:
             self._unbound.clear_depth(0.0)
-
-    def size_of(self, part: Crop | None) -> tuple[int, int]:
-        """Return width and height of a part of the image, or of all of it, px."""
-        width, height = window(part, self.framebuffer.size)[2:]
-        return width, height
 
     def use_depth(self, part: Crop | None) -> None:
         """Bind a framebuffer of the drawing pass's depth alone, for a part of the image or all of it."""
