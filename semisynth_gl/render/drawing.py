@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Crop, Eye
 from semisynth_gl.render.antialias import ColourTargets
-from semisynth_gl.render.disparity import DisparityPass
 from semisynth_gl.render.edges import EdgePass
 from semisynth_gl.render.loaded import Loaded
 from semisynth_gl.render.model_buffers import Filled
@@ -58,7 +57,7 @@ class Drawing:
             if sized.shared_left is not shared:
                 self._draw(pair, "left", parts["left"])
                 sized.shared_left = shared
-            self._disparity.draw(placed.scene, sized.shared, parts["left"])
+            self._draw_disparity(placed.scene, sized.shared, parts["left"])
             pair.views["left"].update(shared.channels)
         self._draw(pair, "right", parts["right"])
         return pair
@@ -79,8 +78,23 @@ class Drawing:
         return image
 
     @cached_property
-    def _disparity(self) -> DisparityPass:
-        return DisparityPass(self._loaded)
+    def _disparity_pass(self) -> moderngl.VertexArray:
+        return self._gl.vertex_array(link_program(self._loaded.context, "whole_image.vert", "disparity.frag", {}), [])
+
+    def _draw_disparity(self, scene: Scene, targets: EyeTargets, part: Crop | None) -> None:
+        """Fill the disparity of a shared left view, or a part of it, for the scene's camera.
+
+        It is made of 1 / Z by the drawing pass's own formula, so that it is the same bit for bit.
+        """
+        if targets.disparity is None:
+            raise RuntimeError("these targets were made without 1 / Z")
+        self._loaded.constants.write(scene, "left")
+        targets.bind(inverse_depth=0)
+        targets.disparity.limit(part)
+        with self._clock.timed("draw", "left"):
+            targets.disparity.framebuffer.use()
+            self._gl.enable_only(moderngl.NOTHING)
+            self._disparity_pass.render(moderngl.TRIANGLES, 3)
 
     def _programs(self, names: tuple[str, ...]) -> list[moderngl.Program]:
         """Return the programs that draw some attachments, one for each atlas; link those that are missing."""

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from semisynth_gl.frame.camera import EYES, Crop, Eye
 from semisynth_gl.render.antialias import ColourTargets
@@ -15,11 +15,7 @@ from semisynth_gl.render.targets import CORRESPONDENCE, FLOW, EyeTargets, Target
 COLOUR = ("colour",)
 
 
-class _Freeable(Protocol):
-    def release(self) -> None: ...
-
-
-_Part = TypeVar("_Part", bound=_Freeable)
+_Part = TypeVar("_Part", ColourTargets, EyeTargets, OpenPoints, Targets)
 
 
 class PairTargets:
@@ -41,7 +37,7 @@ class PairTargets:
 
     def __init__(self, loaded: Loaded, size: tuple[int, int], *, shared: bool) -> None:
         self._loaded, self.size = loaded, size
-        self._parts: list[_Freeable] = []
+        self._parts: list[ColourTargets | OpenPoints | Targets] = []
         context, wanted, read = loaded.context, loaded.wanted, loaded.read
         self.samples = self._keep(ColourTargets(loaded, size)) if wanted.antialias.redraws else None
         visible: dict[Eye, bool] = {eye: wanted.visibility and eye in wanted.truth_eyes for eye in EYES}
