@@ -189,7 +189,7 @@ def flow(
 
 
 def normals(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -> NDArray[np.float64]:
-    """Return the normals of the triangles that one eye's R rays hit, on the side of this eye.
+    """Return the normals of the triangles that one eye's R rays hit, which point to this eye's side.
 
     Returns:
         (R, 3) float64 unit vectors in the eye's frame; 0 where a ray hits nothing.

@@ -81,7 +81,7 @@ def missing_libraries() -> dict[str, str]:
 def check_libraries(backend: Backend) -> None:
     """Raise BackendError, as `open_context` does, where a backend's libraries are missing.
 
-    It takes no time, so that patches and models need not be made before.
+    It takes no time, so that a caller learns of them before it makes patches and models.
     """
     check_one_of("backend", backend, BACKENDS)
     load_before_driver()
@@ -129,8 +129,8 @@ def egl_devices() -> list[Device]:
 def egl_index_of_worker(gpus: Sequence[int], worker: int) -> int:
     """Return the EGL number of the device on which a worker draws, where workers take turns on GPUs.
 
-    ``gpus`` are CUDA's numbers. Without any, it is the first GPU that CUDA_VISIBLE_DEVICES shows, or EGL's first device
-    where that is not set or EGL has no GPU of CUDA's.
+    ``gpus`` are CUDA's numbers. Without any, all workers draw on the first GPU that CUDA_VISIBLE_DEVICES shows, or on
+    EGL's first device where that is not set or EGL has no GPU of CUDA's.
 
     Raises:
         InputError: where there is no such GPU, or it cannot be told which one it is.

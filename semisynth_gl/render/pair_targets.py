@@ -14,7 +14,6 @@ from semisynth_gl.render.targets import CORRESPONDENCE, FLOW, EyeTargets, Target
 
 COLOUR = ("colour",)
 
-
 _Part = TypeVar("_Part", ColourTargets, EyeTargets, OpenPoints, Targets)
 
 
