@@ -12,9 +12,10 @@ from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.wording import Command
 from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.inputs.errors import InputError, abbreviate, counted
+from semisynth_gl.metrics.confirmation import evaluate_views
 from semisynth_gl.metrics.evaluate import REGIONS, SIGN_HINT, Evaluation, evaluate_pair, report_json, report_table
-from semisynth_gl.metrics.predictions import find_predictions
-from semisynth_gl.metrics.protocol import PROTOCOL_NAMES, PROTOCOLS, ProtocolName
+from semisynth_gl.metrics.predictions import Predictions, find_predictions
+from semisynth_gl.metrics.protocol import PROTOCOL_NAMES, PROTOCOLS, Protocol, ProtocolName
 from semisynth_gl.metrics.truth import TrueSet, find_truth
 from semisynth_gl.seeds.splits import SPLITS, SplitName
 
@@ -30,9 +31,14 @@ _ERROR_MAP = marked_png("semisynth-gl evaluate")
     "--gt",
     "truth",
     type=FilesType(home=True),
-    required=True,
     metavar="DIR_OR_ADDRESS",
     help="Their truth: a dataset of this program, or a folder of Middlebury, ETH3D or KITTI.",
+)
+@option(
+    "--pred-right",
+    "predictions_right",
+    type=_PATH,
+    help="Without truth: folder of predictions for the right views, which tell how far they confirm those of --pred.",
 )
 @option(
     "--protocol",
@@ -45,14 +51,15 @@ _ERROR_MAP = marked_png("semisynth-gl evaluate")
 @option("--partial", is_flag=True, help="Evaluate what is there, though predictions are missing.")
 @output_option(
     "--json",
-    json_report("semisynth-gl evaluate", protocol=str, source=str, unit=str, average=str, pairs=int),
+    json_report("semisynth-gl evaluate", pairs=int, mean=dict, images=list),
     help="Also write all figures here, unrounded.",
 )
 @option("--all", "show_all", is_flag=True, help=f"Print a row for every pair, and not for the {_WORST} worst alone.")
 @option("--maps", type=_PATH, help="Also write an error map per pair into this folder.")
 def evaluate(
     predictions: Path,
-    truth: str,
+    truth: str | None,
+    predictions_right: Path | None,
     protocol_name: ProtocolName | None,
     masks: Path | None,
     split: SplitName | None,
@@ -67,6 +74,13 @@ def evaluate(
 
     Predictions are .pfm, .npy or 16-bit .png, under the pair's name or under the truth's.
     """
+    if predictions_right is not None:
+        of_truth = {"--gt": truth, "--protocol": protocol_name, "--mask": masks, "--split": split, "--maps": maps}
+        refused = [name for name, value in {**of_truth, "--partial": partial or None}.items() if value is not None]
+        _evaluate_views(predictions, predictions_right, refused, output, show_all=show_all)
+        return
+    if truth is None:
+        raise InputError("expected --gt, the truth, or --pred-right, which judges without truth")
     truth_set = find_truth(truth, split, masks)
     inputs = {"--pred": str(predictions), "--gt": truth} | ({} if masks is None else {"--mask": str(masks)})
     output.check([*inputs.values()])
@@ -85,18 +99,40 @@ def evaluate(
             progress.advance()
     output.write_json(report_json(evaluations, protocol, files), allow_nan=False)
     click.echo(f"{len(evaluations)} of {counted(len(truth_set.pairs), 'pair')} by the definitions of {protocol.source}")
+    _print_tables(evaluations, files, protocol, None if show_all else _WORST)
+    if files.missing:
+        click.echo(f"No prediction for {counted(len(files.missing), 'pair')}: {abbreviate(files.missing)}", err=True)
+
+
+def _print_tables(evaluations: list[Evaluation], files: Predictions, protocol: Protocol, most: int | None) -> None:
+    """Print a table for each region, with ``most`` pairs at the most, and what is odd about the predictions."""
     for region in REGIONS:
         if any((region,) in evaluation.scores for evaluation in evaluations):
             click.echo()
-            for line in report_table(evaluations, region, protocol, None if show_all else _WORST):
+            for line in report_table(evaluations, region, protocol, most):
                 click.echo(line)
-    if len(evaluations) > _WORST and not show_all:
+    if most is not None and len(evaluations) > most:
         click.echo("\n--all prints a row for every pair, and --json writes all figures")
     negative = [file.path for (_, file), each in zip(files.found, evaluations, strict=True) if each.negative]
     if negative:
         click.echo(f"note: {len(negative)} of the predictions, such as {negative[0]}: {SIGN_HINT}", err=True)
-    if files.missing:
-        click.echo(f"No prediction for {counted(len(files.missing), 'pair')}: {abbreviate(files.missing)}", err=True)
+
+
+def _evaluate_views(
+    predictions: Path, predictions_right: Path, refused: list[str], output: Output, *, show_all: bool
+) -> None:
+    """Print what the predictions for the right views do not confirm, the worst pairs first."""
+    if refused:
+        raise InputError(f"--pred-right judges without truth: leave {', '.join(refused)} out")
+    output.check([str(predictions), str(predictions_right)])
+    report = evaluate_views(predictions, predictions_right)
+    output.write_json(report, allow_nan=False)
+    click.echo(f"{counted(report['pairs'], 'pair')} without truth: % of pixels that the right view does not confirm\n")
+    images = sorted(report["images"], key=lambda image: -image["unconfirmed"])
+    rows = [(image["name"], image["unconfirmed"]) for image in (images if show_all else images[:_WORST])]
+    rows.append(("mean", report["mean"]["unconfirmed"]))
+    for name, share in rows:
+        click.echo(f"{name.ljust(max(len(name) for name, _ in rows))}  {share:11.2f}")
 
 
 def _error_maps(maps: Path | None, truth_set: TrueSet, inputs: Mapping[str, str], output: Output) -> dict[str, Output]:

@@ -15,6 +15,7 @@ import semisynth_gl
 
 PACKAGE = Path(semisynth_gl.__file__).resolve().parent
 DOCS = Path(__file__).resolve().parents[2] / "docs"
+sys.path.insert(0, str(DOCS))  # make_rooms.py imports a module that lies beside it
 ROOMS = {room["name"]: room for room in tomllib.loads((DOCS / "rooms.toml").read_text("utf-8"))["room"]}
 
 OPENGL = ("moderngl", "glcontext", "OpenGL")

@@ -1,0 +1,98 @@
+"""Predictions judged without truth: the share of a left view's disparities that the right view's do not confirm."""
+
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map, read_disparity_map
+from semisynth_gl.inputs.arguments import check_type
+from semisynth_gl.inputs.errors import InputError, counted
+from semisynth_gl.inputs.user_files import expanded
+from semisynth_gl.metrics.protocol import shown_size
+
+CONFIRMED_PX = 1.0
+"""The largest difference between the disparities of a point that confirm each other, as in the benchmarks' bad-1."""
+
+
+def unconfirmed(left: NDArray[np.float32], right: NDArray[np.float32]) -> float:
+    """Return the share of a left view's pixels, in percent, whose disparity the right view's does not confirm.
+
+    The right view's disparity is taken at the nearest pixel to x - d. Pixels without a disparity are not confirmed, and
+    pixels whose point lies outside of the right image do not count. Occluded pixels do count, since only a truth could
+    tell them from wrong ones; they are about the same share for every network.
+
+    Args:
+        left: (H, W) float32 px, predicted for the left view; not finite where there is no disparity.
+        right: (H, W) float32 px, predicted for the right view.
+
+    Raises:
+        InputError: where the sizes differ, or no pixel counts.
+    """
+    if left.shape != right.shape:
+        raise InputError(f"the left view has {shown_size(left)}, the right one {shown_size(right)}: expected one size")
+    known, width = np.isfinite(left), left.shape[1]
+    columns = np.rint(np.arange(width) - np.where(known, left, 0)).astype(np.int64)
+    inside = (columns >= 0) & (columns < width)
+    if not (known & inside).any():
+        raise InputError("no disparity leads into the right image: expected x_left - x_right in px, which is positive")
+    there = np.take_along_axis(right, np.clip(columns, 0, width - 1), axis=1)
+    with np.errstate(invalid="ignore"):
+        confirmed = known & (np.abs(left - there) <= CONFIRMED_PX)
+    return float(100 * (1 - np.mean(confirmed[inside])))
+
+
+def evaluate_views(predictions: str | PathLike[str], predictions_right: str | PathLike[str]) -> dict[str, Any]:
+    """Judge predictions for both views of some pairs, as ``semisynth-gl evaluate --pred-right`` does.
+
+    Args:
+        predictions: a folder of .pfm, .npy or 16-bit .png, one for each pair's left view, also in folders below it.
+        predictions_right: a folder of predictions for the right views, under the same names but for the ending.
+
+    Returns:
+        What ``--json`` writes, in JSON's types: ``mean`` has the mean of the pairs, and ``images`` has each pair's
+        ``name``, both files, and ``unconfirmed`` in percent; see `unconfirmed`.
+
+    Raises:
+        InputError: where folders, names or sizes do not fit.
+        ReadError: where a file cannot be read.
+    """
+    lefts, rights = _maps("predictions", predictions), _maps("predictions_right", predictions_right)
+    missing = sorted(lefts.keys() ^ rights.keys())
+    if missing:
+        side = "right" if missing[0] in lefts else "left"
+        raise InputError(
+            f"{counted(len(missing), 'pair')} with a prediction for one view alone: {missing[0]} has none for the "
+            f"{side} view, for example; expected the same names in `predictions` and `predictions_right`"
+        )
+    images = []
+    for name in sorted(lefts):
+        maps = (read_disparity_map(files[name]) for files in (lefts, rights))
+        try:
+            share = unconfirmed(*maps)
+        except InputError as error:
+            raise InputError(f"{lefts[name]}: {error}") from None
+        images.append({"name": name, "left": str(lefts[name]), "right": str(rights[name]), "unconfirmed": share})
+    mean = float(np.mean([image["unconfirmed"] for image in images]))
+    return {"confirmed_px": CONFIRMED_PX, "pairs": len(images), "mean": {"unconfirmed": mean}, "images": images}
+
+
+def _maps(name: str, folder: str | PathLike[str]) -> dict[str, Path]:
+    """Return the disparity maps of a folder by their paths below it, without the ending."""
+    check_type(name, folder, str | PathLike)
+    root = expanded(fspath(folder))
+    if not root.is_dir():
+        raise InputError(f"`{name}` {folder}: {'is a file' if root.exists() else 'there is no such folder'}")
+    maps: dict[str, Path] = {}
+    for path in sorted(path for path in root.rglob("*") if path.suffix.lower() in MAP_EXTENSIONS and path.is_file()):
+        stem = path.relative_to(root).with_suffix("").as_posix()
+        if not is_disparity_map(path):
+            continue
+        if stem in maps:
+            raise InputError(f"`{name}` {folder}: {maps[stem].name} and {path.name} are of one pair: keep one file")
+        maps[stem] = path
+    if not maps:
+        raise InputError(f"`{name}` {folder}: has no disparity map: expected {', '.join(MAP_EXTENSIONS)}")
+    return maps

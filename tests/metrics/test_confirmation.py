@@ -1,0 +1,125 @@
+"""Predictions judged without truth, on views whose disparities are known, and on files."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+from tiny_datasets import cheap
+
+from semisynth_gl import render_pair
+from semisynth_gl.cli import semisynth_gl
+from semisynth_gl.codecs.pfm import PFM
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.metrics import evaluate_views, unconfirmed
+
+INF = np.float32(np.inf)
+
+
+def walls():
+    """True disparities of both views of a wall 4 px before which another one stands, at 10 px."""
+    left, right = (np.full((6, 60), 4, np.float32) for _ in range(2))
+    left[:, 30:40] = right[:, 20:30] = 10
+    return left, right
+
+
+def test_the_truth_is_confirmed_but_where_one_eye_alone_sees():
+    left, right = walls()
+    # Columns 24 to 29 of the left view are hidden; the first four lie outside of the right one.
+    assert unconfirmed(left, right) == pytest.approx(100 * 6 / 56)
+    assert unconfirmed(left[:, :20], right[:, :20]) == 0
+
+
+@pytest.mark.parametrize(("off", "counts"), [(0.9, False), (1.1, True), (-1.1, True), (INF, True), (np.nan, True)])
+def test_what_is_off_by_more_than_a_pixel_is_not_confirmed(off, counts):
+    left, right = walls()
+    left[:3, 45:50] += np.float32(off)
+    assert unconfirmed(left, right) == pytest.approx(100 * (6 + 2.5 * counts) / 56)
+    left, right = walls()
+    right[:3, 41:46] += np.float32(off)  # the same points, in the other view
+    assert unconfirmed(left, right) == pytest.approx(100 * (6 + 2.5 * counts) / 56)
+
+
+@given(st.floats(0, 20), st.integers(1, 30))
+def test_a_mirrored_pair_is_confirmed_alike(disparity, width):
+    flat = np.full((2, width + 25), disparity, np.float32)
+    assert unconfirmed(flat, flat) == unconfirmed(flat[:, ::-1], flat[:, ::-1]) == 0
+
+
+def test_a_rendered_pair_confirms_itself_but_for_what_it_hides():
+    frame = render_pair(cheap(), 0)
+    left, right = frame.left, frame.right
+    inside = np.arange(left.disparity.shape[1]) - left.disparity > -0.5
+    hidden = 100 * np.mean((left.visibility == 128)[inside])
+    # At borders of models the nearest pixel may show the other side of the border.
+    assert hidden - 0.5 < unconfirmed(left.disparity, right.disparity) < hidden + 4
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "words"),
+    [
+        (np.ones((2, 3)), np.ones((2, 4)), "the left view has 3 x 2, the right one 4 x 2: expected one size"),
+        (np.full((2, 3), INF), np.ones((2, 3)), "no disparity leads into the right image"),
+        (np.full((2, 3), 9.0), np.ones((2, 3)), "no disparity leads into the right image"),
+    ],
+)
+def test_views_that_cannot_be_compared_are_refused(left, right, words):
+    with pytest.raises(InputError, match=words):
+        unconfirmed(left.astype(np.float32), right.astype(np.float32))
+
+
+# --- files ---
+
+
+@pytest.fixture
+def folders(tmp_path):
+    """Predictions for two pairs, one of them in a folder; the second one's are PFM and an array."""
+    left, right = walls()
+    for side in ("left", "right"):
+        (tmp_path / side / "b").mkdir(parents=True)
+    np.save(tmp_path / "left" / "a.npy", left[:, :20])
+    np.save(tmp_path / "right" / "a.npy", right[:, :20])
+    (tmp_path / "left" / "b" / "c.pfm").write_bytes(PFM.encode(left))
+    np.save(tmp_path / "right" / "b" / "c.npy", right)
+    return tmp_path / "left", tmp_path / "right"
+
+
+def run(*arguments):
+    return CliRunner().invoke(semisynth_gl, ["evaluate", *map(str, arguments)], standalone_mode=False)
+
+
+def test_the_command_prints_and_writes_what_python_returns(folders, tmp_path):
+    done = run("--pred", folders[0], "--pred-right", folders[1], "--json", tmp_path / "out.json")
+    assert [line.split() for line in done.output.splitlines()[2:]] == [
+        ["b/c", "10.71"],
+        ["a", "0.00"],
+        ["mean", "5.36"],
+    ]
+    assert json.loads((tmp_path / "out.json").read_text()) == evaluate_views(*folders)
+    # A report of the command is replaced, whichever way it judged.
+    assert run("--pred", folders[0], "--pred-right", folders[1], "--json", tmp_path / "out.json").exception is None
+
+
+def test_folders_that_do_not_fit_are_refused(folders, tmp_path):
+    left, right = folders
+    for arguments, words in (
+        ((left,), "expected --gt, the truth, or --pred-right"),
+        ((left, "--pred-right", right, "--gt", left, "--partial"), "leave --gt, --partial out"),
+        ((left, "--pred-right", tmp_path / "none"), "--pred-right .*none: there is no such folder"),
+    ):
+        with pytest.raises(InputError, match=words):
+            raise run("--pred", *arguments).exception
+    (right / "a.npy").rename(right / "d.npy")
+    with pytest.raises(InputError, match="2 pairs with a prediction for one view alone: a has none for the right view"):
+        evaluate_views(left, right)
+    (right / "d.npy").unlink()
+    (left / "a.npy").rename(left / "b" / "c.npy")
+    with pytest.raises(InputError, match=r"c\.npy and c\.pfm are of one pair"):
+        evaluate_views(left, right)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="has no disparity map"):
+        evaluate_views(tmp_path / "empty", right)
+    with pytest.raises(InputError, match="predictions must be a str or PathLike, got 3"):
+        evaluate_views(3, right)
