@@ -1,4 +1,4 @@
-"""Write the table of rooms into docs/architecture.md, from docs/rooms.toml.
+"""Write the list of rooms into docs/architecture.md, from docs/rooms.toml.
 
 python docs/make_rooms.py
 """
@@ -10,21 +10,21 @@ from marked import replaced
 
 DOCS = Path(__file__).resolve().parent
 PACKAGE = DOCS.parent / "semisynth_gl"
-BEGIN = "<!-- The table comes from rooms.toml: python docs/make_rooms.py -->\n"
+BEGIN = "<!-- The list comes from rooms.toml: python docs/make_rooms.py -->\n"
 
 
-def rooms_table() -> str:
-    """Return the rooms as the rows of a Markdown table."""
-    rows = ["| room | idea |", "|---|---|"]
+def rooms_list() -> str:
+    """Return the rooms as the items of a Markdown list."""
+    items = []
     for room in tomllib.loads((DOCS / "rooms.toml").read_text("utf-8"))["room"]:
         suffix = "/" if (PACKAGE / room["name"]).is_dir() else ".py"
-        rows.append(f"| `{room['name']}{suffix}` | {room['idea']} |")
-    return "\n".join(rows) + "\n"
+        items.append(f"- `{room['name']}{suffix}`: {room['idea']}")
+    return "\n".join(items) + "\n"
 
 
 def page_with_rooms(page: str) -> str:
-    """Return the page with the table of rooms between its two markers."""
-    return replaced(page, BEGIN, rooms_table())
+    """Return the page with the list of rooms between its two markers."""
+    return replaced(page, BEGIN, rooms_list())
 
 
 if __name__ == "__main__":
