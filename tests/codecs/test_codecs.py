@@ -14,6 +14,7 @@ from hypothesis.extra import numpy as hnp
 from isal import isal_zlib
 from PIL import Image
 from pydantic import ValidationError
+from tiny_datasets import cheap
 
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings, by_imagecodecs
 from semisynth_gl.codecs.calib import MIDDLEBURY_CALIB, Calibration
@@ -74,15 +75,13 @@ def test_a_config_chooses_codecs_by_their_names():
     for section, codecs in (("image", IMAGE_CODECS), ("disparity", DISPARITY_CODECS), ("flow", FLOW_CODECS)):
         for name, entry in codecs.items():
             assert entry.name == name
-            assert getattr(FilesSection(**{section: name}).encodings, section) is entry
+            assert getattr(cheap(files={section: name}).encodings, section) is entry
             assert getattr(Encodings.from_names(**{section: name}), section) is entry
         with pytest.raises(ValidationError, match=f"expected one of {', '.join(codecs)} "):
             FilesSection(**{section: "webp"})
         with pytest.raises(KeyError, match="webp"):
             Encodings.from_names(**{section: "webp"})
-    assert (
-        Encodings() == Encodings.from_names() == Encodings.from_names("png", "pfm", "flo") == FilesSection().encodings
-    )
+    assert Encodings() == Encodings.from_names() == Encodings.from_names("png", "pfm", "flo") == cheap().encodings
     chosen = Encodings.from_names("jxl", "png16")
     assert (chosen.image.suffix, chosen.disparity.suffix) == (".jxl", ".png")
 
