@@ -1,8 +1,9 @@
-"""Write the table of all keys into docs/config.md, from the docstrings that ``semisynth-gl configs NAME`` prints.
+"""Write the list of all keys into docs/config.md, from the docstrings that ``semisynth-gl configs NAME`` prints.
 
 python docs/make_config.py
 """
 
+import textwrap
 from pathlib import Path
 
 from marked import replaced
@@ -10,25 +11,35 @@ from marked import replaced
 from semisynth_gl.config.explain import ExplainedKey, explained_keys
 
 DOCS = Path(__file__).resolve().parent
-BEGIN = "<!-- The table comes from the docstrings of the config's sections: python docs/make_config.py -->\n"
+BEGIN = "<!-- The keys come from the docstrings of the config's sections: python docs/make_config.py -->\n"
+_COLUMNS = 120
 
 
-def keys_table() -> str:
-    """Return all keys as the rows of a Markdown table, a bold row before each section's."""
-    rows = ["| key | default | meaning |", "|---|---|---|", *map(_row, explained_keys())]
-    return "\n".join(rows) + "\n"
+def keys_list() -> str:
+    """Return all keys as Markdown's lists, one per section, with the section's name and meaning in front."""
+    lines = list[str]()
+    for key in explained_keys():
+        lines += ["", *_wrapped(_section(key), ""), ""] if key.is_section else _wrapped(_item(key), "  ")
+    return "\n".join(lines) + "\n\n"
 
 
-def _row(key: ExplainedKey) -> str:
-    name = f"**`{key.dotted}`**" if key.is_section else f"`{key.dotted.rpartition('.')[2]}`"
-    name += ", range" if key.is_range else ""
-    default, meaning = (text.replace("``", "`").replace("|", "\\|") for text in (key.default, key.meaning))
-    return f"| {name} | {default} | {meaning} |"
+def _section(key: ExplainedKey) -> str:
+    return f"**`{key.dotted}`**: {key.meaning.replace('``', '`')}"
+
+
+def _item(key: ExplainedKey) -> str:
+    notes = ", ".join(filter(None, ("range" if key.is_range else "", key.default)))
+    name = f"- `{key.dotted.rpartition('.')[2]}`" + (f" ({notes})" if notes else "")
+    return f"{name}: {key.meaning.replace('``', '`')}"
+
+
+def _wrapped(text: str, indent: str) -> list[str]:
+    return textwrap.wrap(text, _COLUMNS, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def page_with_keys(page: str) -> str:
-    """Return the page with the table between its two markers."""
-    return replaced(page, BEGIN, keys_table())
+    """Return the page with the list between its two markers."""
+    return replaced(page, BEGIN, keys_list())
 
 
 if __name__ == "__main__":

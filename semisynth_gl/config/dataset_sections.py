@@ -38,7 +38,7 @@ _Licence = Annotated[str, Field(max_length=_LONGEST_LICENCE)]
 
 
 class RigSection(Section):
-    """How the right camera deviates from the rectified one, drawn per sequence. By default it does not.
+    """How the right camera deviates from the rectified one, drawn per sequence.
 
     Truth stays exact: the output ``correspondence`` has the way from each pixel to the same point in the other view,
     and disparity is x_left - x_right. ``disparity`` and ``background`` speak of the rectified pair.
@@ -48,8 +48,7 @@ class RigSection(Section):
         right_pitch_deg: rotation about the x axis; above 0 moves the image upwards.
         right_y_px: how much lower the right principal point lies.
         focal_ratio: right focal length over the left one.
-        twin: show each scene to the rectified camera too: pair 2 i deviates, pair 2 i + 1 does not, and both have one
-            left image.
+        twin: show each scene to the rectified camera too: pair 2 i deviates, pair 2 i + 1 does not.
     """
 
     right_roll_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = ZERO
@@ -68,7 +67,7 @@ class RigSection(Section):
 
 
 class ImperfectionsSection(Section):
-    """Imperfections of a real rig's images, drawn per pair and eye. By default there are none.
+    """Imperfections of a real rig's images, drawn per pair and eye.
 
     Attributes:
         exposure_stops: the image is multiplied by 2 to this power.
@@ -77,10 +76,10 @@ class ImperfectionsSection(Section):
         blur_px: standard deviation of the lens blur.
         motion_blur: exposure time, as a share of the time between frames.
         sub_frames: moments of the exposure that are averaged.
-        vignetting: share of light missing half the image's diagonal from the principal point.
+        vignetting: share of light that is missing at half an image diagonal from the principal point.
         white_balance: red and blue are each multiplied by 2 to such a power.
         sharpening: amount of the unsharp mask.
-        jpeg_quality: send the image through JPEG of this quality, 1 to 100.
+        jpeg_quality: quality of a JPEG that the image is sent through, 1 to 100.
     """
 
     exposure_stops: Annotated[RangeField, at_most(20), at_least(-20)] = ZERO
@@ -110,12 +109,12 @@ class ImperfectionsSection(Section):
 
 
 class ChecksSection(Section):
-    """Conditions on a pair, or a sequence's first frame; what fails one is drawn again from the next sub-seed.
+    """Conditions on a pair, or on a sequence's first frame; what fails one is drawn again.
 
     Attributes:
         min_brightness: smallest mean of the darker image, 8-bit levels.
-        min_texture: smallest texture measure of the flatter image, 8-bit levels.
-        min_valid: smallest share of pixels with a valid disparity, in each view.
+        min_texture: smallest texture of the flatter image, 8-bit levels.
+        min_valid: smallest share of pixels with a valid disparity in each view.
         attempts: attempts before a pair is an error.
     """
 
@@ -138,13 +137,12 @@ class SequenceSection(Section):
 
 
 class FilesSection(Section):
-    """Encodings; masks and ids are PNG, and depth, normals and change of disparity PFM in any case.
+    """Encodings of files.
 
     Attributes:
-        image: ``png``, ``qoi`` or ``jxl``, lossless; the latter two need the extra ``codecs``.
-        disparity: ``pfm``; ``tiff``, smaller; or KITTI's ``png16``: 1/256 px, up to 256 px, or, signed, 128 px either
-            way.
-        flow: Middlebury's ``flo``; SceneFlow's ``pfm``; or KITTI's ``png16``: 1/64 px, up to 512 px.
+        image: ``png``, ``qoi`` or ``jxl``, all lossless; the latter two need the extra ``codecs``.
+        disparity: ``pfm``, ``tiff`` (smaller), or KITTI's ``png16`` (up to 256 px; signed, 128 px either way).
+        flow: Middlebury's ``flo``, SceneFlow's ``pfm``, or KITTI's ``png16`` (up to 512 px).
     """
 
     image: Annotated[str, one_of(IMAGE_CODECS)] = "png"
@@ -153,7 +151,7 @@ class FilesSection(Section):
 
 
 class SplitsSection(Section):
-    """What is held out of training, where a dataset has validation or test pairs.
+    """What is held out of training for validation and test pairs.
 
     Attributes:
         validation: share of the photographs' subjects for validation alone, at least one.
@@ -177,10 +175,10 @@ class SplitsSection(Section):
 
 
 class LicencesSection(Section):
-    """Licences for index, card and Croissant file; only you know what your photographs and models allow.
+    """Licences for index, card and Croissant file.
 
     Attributes:
-        dataset: the dataset's, under the name that the hubs use.
+        dataset: the dataset's, under the name that hubs use.
         images: your photographs', and a plug-in's pictures'.
         models: your models', and a plug-in's.
     """

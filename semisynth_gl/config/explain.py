@@ -40,7 +40,7 @@ def explain(name_or_path: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ExplainedKey:
-    """A key of a config, for a table; ``default`` is YAML, "required", or "" where there is none."""
+    """A key of a config, for a list of all; ``default`` is YAML, "required", or "" where there is none."""
 
     dotted: str
     meaning: str

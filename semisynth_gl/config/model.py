@@ -127,13 +127,13 @@ class Config(Section):
 
     Attributes:
         name: first part of every sample's name; letters, digits and hyphens.
-        layout: layout where the command names none; by default ``middlebury``, or ``webdataset`` from 10,000 pairs on.
-        scenes: recipes. Each sequence takes one, by weight; its keys override the config's.
+        layout: layout without ``--layout``; by default ``middlebury``, or ``webdataset`` from 10,000 pairs on.
+        scenes: recipes, of which each sequence takes one, by weight.
         outputs: outputs beside images and disparities: ``visibility``, ``correspondence``, ``instances``, ``depth``,
             ``sky``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``.
         truth: views whose disparity and outputs are written: ``both`` or ``left``.
-        antialias: of colour: ``none``, ``edges``, ``msaa4`` (or another number of samples that the driver offers),
-            ``ssaa2`` to ``ssaa8``.
+        antialias: antialiasing of colour: ``none``, ``edges``, ``msaa4`` (or another number of samples that the driver
+            offers), ``ssaa2`` to ``ssaa8``.
     """
 
     name: Name

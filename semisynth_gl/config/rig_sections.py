@@ -31,25 +31,24 @@ _Side = Annotated[int, count(_WIDEST_PX)]
 
 
 class CameraSection(Section):
-    """The rectified pair of cameras. Every range is drawn once per sequence.
+    """The rectified pair of cameras.
 
     Attributes:
         width_px: image width.
         height_px: image height.
-        focal_px: focal length in pixels; or give the next two keys.
-        focal_mm: focal length in millimetres.
+        focal_px: focal length; or give the next two keys.
+        focal_mm: focal length.
         sensor_width_mm: width of the sensor under the image.
         baseline_m: distance between the cameras.
-        baselines: number of right cameras per scene, each with a draw of ``baseline_m``, or a list of metres. Pair i
-            shows scene i // N with baseline i % N and the same left image; the scene is made for its longest baseline.
-        cx_left_px: x of the left principal point; by default both are even about the centre.
+        baselines: number of right cameras per scene, each with a draw of ``baseline_m``; or a list of metres.
+        cx_left_px: x of the left principal point; by default both are symmetric about the centre.
         cx_right_px: x of the right one, instead of ``doffs_px``.
         cy_px: y of both; by default the centre, (height - 1) / 2.
-        doffs_px: cx_right - cx_left, by default 0; of several baselines the longest one's, the others' in proportion.
+        doffs_px: cx_right - cx_left, by default 0; of several baselines, the longest one's.
         sway_m: amplitude of the rig's sway along each axis.
         sway_deg: amplitude of its rotation about each axis.
         sway_s: periods of both.
-        colour: ``rgb``, or ``grey`` for monochrome cameras (one channel).
+        colour: ``rgb``, or ``grey`` for monochrome cameras.
     """
 
     width_px: _Side
@@ -137,14 +136,14 @@ class CameraSection(Section):
 
 
 class DisparitySection(Section):
-    """The disparities of a dataset, in pixels.
+    """The disparities of a dataset.
 
     Attributes:
-        signed: allow 0 and below, which rigs with different principal points see far away.
-        min_px: walls and particles keep to this or more; far planes may have less.
-        max_px: no pixel exceeds it: it sets the near plane.
-        target: wanted distribution, by its ``form``: ``uniform``, ``uniform-depth``, ``gamma``, ``histogram``,
-            ``mixture``, or ``file`` with a ``path``.
+        signed: allow disparities of 0 and below.
+        min_px: smallest disparity of walls and particles; far planes may have less.
+        max_px: largest disparity of any pixel; it sets the near plane.
+        target: wanted distribution; ``uniform`` (the default), ``uniform-depth``, ``gamma``, ``histogram``, ``mixture``
+            or ``file``.
     """
 
     signed: bool = False

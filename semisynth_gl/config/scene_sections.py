@@ -53,13 +53,14 @@ class BackgroundSection(Section):
     """What closes the view.
 
     Attributes:
-        cuboid: weight of rooms of bare walls.
-        plane: weight of outdoor scenes before a bare plane.
+        cuboid: weight of bare rooms.
+        plane: weight of bare outdoor scenes.
         room: weight of furnished rooms.
-        street: weight of furnished open scenes.
-        wall_disparity_px: disparity of the back wall at the image centre; by default the smallest.
-        wall_turn_deg: largest rotation of a cuboid about each axis; rooms turn sideways alone, up to twice as far.
-        plane_disparity_px: disparity of far plane or backdrop; before a sky, the ground ends there.
+        street: weight of streets.
+        wall_disparity_px: disparity of the back wall at the image centre; by default ``min_px``.
+        wall_turn_deg: largest rotation of a bare room about each axis; furnished ones turn sideways alone, up to twice
+            as far.
+        plane_disparity_px: disparity of the far plane or backdrop; before a sky, the ground ends there.
         sky: share of outdoor scenes whose plane or backdrop is infinitely far away.
     """
 
@@ -91,17 +92,17 @@ class BackgroundSection(Section):
 
 
 class RoomSection(Section):
-    """What rooms hold, and how the camera looks into them.
+    """Furnished rooms, and the camera in them.
 
     A metre is one where the far wall is 2.5 to 9 m away; nearer and farther rooms are scaled with all they hold.
 
     Attributes:
-        camera_height_m: height of the cameras above the floor.
-        floor_row: row where floor and far wall meet, as a share of the image's height; above 1 the floor may be out of
+        camera_height_m: height above the floor.
+        floor_row: row where the floor meets the far wall, over the image's height; above 1 the floor may be out of
             view.
         roll_deg: standard deviation of the camera's roll.
         furniture: number of things on the floor.
-        small: number of small things, on furniture and floor.
+        small: number of small things on furniture and floor.
         pictures: number of pictures and other things on walls.
         doorway: share of walls with a doorway into a second room.
         niche: share of walls with a niche for small things.
@@ -124,18 +125,18 @@ class RoomSection(Section):
 
 
 class StreetSection(Section):
-    """Streets: a road, what stands along it, a far backdrop.
+    """Streets: a road, things along it, a far backdrop.
 
     A metre is one where the backdrop is 25 m away or more; nearer scenes are scaled with all they hold.
 
     Attributes:
-        camera_height_m: height of the cameras above the ground.
+        camera_height_m: height above the ground.
         yaw_deg: standard deviation of the angle between view and road.
         tilt_deg: standard deviation of the camera's pitch and roll.
         road_width_m: width of the road.
         pavement: share of roadsides with a raised pavement.
         houses: share of plots along the road with a house.
-        fences: share of plots with a fence; the rest is open.
+        fences: share of plots with a fence; the rest are open.
         vehicles: number of cars and bicycles.
         tall: number of trees, lamps, signs and scaffolds.
         low: number of people, animals, benches and bins.
@@ -154,18 +155,18 @@ class StreetSection(Section):
 
 
 class StructuresSection(Section):
-    """Large still things between background and particles. By default there are none.
+    """Large still things between background and particles.
 
     Attributes:
         ground: share of scenes with a ground plane.
-        ground_height_m: height of the cameras above the ground.
-        ground_disparity_px: instead, for rigs of any baseline: disparity of a level ground at the image's lower border.
+        ground_height_m: height of the camera above the ground.
+        ground_disparity_px: instead of ``ground_height_m``: disparity of a level ground at the image's lower border.
         ground_tilt_deg: largest roll and pitch of the ground.
-        panels: number of free-standing walls, slanted rectangles.
+        panels: number of free-standing slanted rectangles.
         panel_disparity_px: disparity of a panel's middle; by default the farther half of the range.
         panel_size_px: width and height of a panel that faces the camera.
-        panel_slant_deg: angle between a panel's normal and the view, to any side.
-        panel_curved: share of panels bent as a third of a cylinder.
+        panel_slant_deg: angle between a panel's normal and the view.
+        panel_curved: share of panels bent into a third of a cylinder.
     """
 
     ground: Share = 0.0
@@ -205,19 +206,18 @@ class ParticlesSection(Section):
     """The falling models.
 
     Attributes:
-        layers: depth layers with numbers of particles; by default solved from ``disparity.target``.
-        clutter: further depth layers, such as small things far away: a list of ``{disparity_px, count, size_px}``,
-            ranges.
-        density: number of objects: ``default`` keeps the sizes, ``sparse`` has a third as many, larger ones, ``dense``
-            three times as many, smaller ones; or their mean number in the left view, drawn per sequence.
-        size_px: diameter of a model's bounding sphere, uniform in its logarithm.
+        layers: depth layers, listed as in ``clutter``; by default solved from ``disparity.target``.
+        clutter: further depth layers: a list of ``{disparity_px, count, size_px}``, all ranges.
+        density: number of particles: ``default``, ``sparse`` (a third as many, larger ones), ``dense`` (three times as
+            many, smaller ones), or the mean number in the left view.
+        size_px: diameter of a model's bounding sphere, log-uniform.
         size_m: the same in metres, instead of ``size_px``.
-        stretch: scale along each of a model's axes, relative to the largest.
-        thinness: further scale along one axis, uniform in its logarithm; 0.05 is a sheet.
+        stretch: scale along each axis of a model, relative to the largest.
+        thinness: further scale along one axis, log-uniform; 0.05 makes sheets.
         fall_m_s: speed downwards.
-        drift: speed in a random horizontal direction, relative to that.
+        drift: speed in a random horizontal direction, relative to ``fall_m_s``.
         spin_deg_s: angular speed about a random axis.
-        resting: share of models that lie on what is below them, if they can, instead of falling.
+        resting: share of models that lie at rest, where they can, instead of falling.
         most: most particles of a scene.
     """
 
@@ -268,22 +268,21 @@ class ModelsSection(Section):
 
 
 class TexturesSection(Section):
-    """The patches: source, selection, and mapping onto models.
+    """The patches, and how models wear them.
 
     Attributes:
-        source: ``images`` (yours), ``builtin`` (drawn pictures and scikit-image's photographs), ``photographs`` (those
-            alone), ``procedural``, or a plug-in's name.
+        source: ``images`` (yours), ``builtin`` (drawn pictures, and scikit-image's photographs), ``photographs`` (the
+            latter alone), ``procedural``, or a plug-in's name.
         images: files, folders and globs of the source ``images``.
         patch_px: side of a patch in the atlas.
-        scales: sides of the squares cut from images, in units of ``patch_px``.
-        min_texture: least texture (`semisynth_gl.textures.crops.texture_measure`) of a crop, but for ``flat_share``.
-        min_sharpness: least sharpness (`semisynth_gl.textures.crops.sharpness_measure`) of a crop.
-        min_difference: least difference of two crops (`semisynth_gl.textures.crops.fingerprint`); 0 keeps all.
-        flat_share: share of surfaces with flat patches: flat crops, or others with less contrast.
+        scales: sides of the squares cut from images, over ``patch_px``.
+        min_texture: least texture of a patch that is not flat, 8-bit levels.
+        min_sharpness: least sharpness of a patch.
+        min_difference: least difference of two patches; 0 keeps all.
+        flat_share: share of surfaces with flat patches.
         max_patches: most patches.
-        large_px: side of large patches, for walls, grounds and other large surfaces, each an image's largest square; 0
-            for none.
-        texels_per_pixel: 1 shows a patch at its own resolution, above 1 smaller, below 1 blown up.
+        large_px: side of large patches, for walls, grounds and other large surfaces; 0 for none.
+        texels_per_pixel: texels of a patch per pixel: above 1 it looks smaller, below 1 blown up.
         anisotropy: most samples of a patch per pixel at a grazing angle; 1 blurs there.
         large_anisotropy: the same for large patches.
         wrap: what continues a patch beyond its border: its ``mirror`` image, or a ``repeat``.
