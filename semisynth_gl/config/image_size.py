@@ -13,7 +13,7 @@ from semisynth_gl.config.model import Config
 Values = dict[str, Any]
 
 # The sections whose keys count pixels of an image; other sections count pixels of patches.
-_OF_IMAGES = ("camera", "disparity", "background", "structures", "particles", "imperfections")
+_OF_IMAGES = ("camera", "disparity", "background", "structures", "particles", "rig", "imperfections")
 _TEXELS = "texels_per_pixel"
 _SIDES = ("width_px", "height_px")
 _POINTS = {"cx_left_px": "width_px", "cx_right_px": "width_px", "cy_px": "height_px"}

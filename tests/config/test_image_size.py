@@ -24,6 +24,7 @@ disparity:
   target:
     form: mixture
     parts: [{target: {form: gamma, mean_px: 20, spread_px: 6}}, {target: {form: uniform, high_px: 70}}]
+rig: {right_y_px: [-2, 4], right_roll_deg: [0, 1]}
 scenes:
 - {recipe: a, particles: {size_px: [30, 40]}, textures: {texels_per_pixel: 2}, camera: {cx_left_px: 320}}
 - {recipe: b, disparity: {target: {form: histogram, bin_px: 4, first_px: 8, shares: [1, 2]}}}
