@@ -20,7 +20,7 @@ from typing import Any
 import click
 import torch
 from matching_network import MatchingNetwork
-from real_pairs import judge, read_pairs, semi_global
+from real_pairs import judge, judge_without_truth, plainness, read_pairs, semi_global
 from stereo_evaluation import View
 from train_stereo import find_device
 from trainer import (
@@ -47,7 +47,7 @@ from semisynth_gl.inputs.errors import InputError, SemisynthError
 BUDGETS: Mapping[str, Budget] = {
     # Sizes at which a run takes minutes on one thread.
     "cpu": Budget(
-        steps=2000, batch=2, crop_px=(96, 160), factor=2, max_disparity_px=40, width=1, pairs=192, minutes=None
+        steps=6000, batch=2, crop_px=(96, 160), factor=2, max_disparity_px=40, width=1, pairs=576, minutes=None
     ),
     # Whole sizes, and new pairs all the time.
     "gpu": Budget(
@@ -154,9 +154,13 @@ def compare(
         except TimeUpError:
             missing.append(f"{name}, seed {seed}")
             continue
-        pairs, mean = judge(sources.views, predictor(network, hardware))
+        predict = predictor(network, hardware)
+        pairs, mean = judge(sources.views, predict)
+        unconfirmed = judge_without_truth(sources.views, predict)
         seconds = time.perf_counter() - start
-        kept.append({"set": name, "seed": seed, "mean": mean, "pairs": pairs, "seconds": seconds})
+        kept.append({
+            "set": name, "seed": seed, "mean": mean, "pairs": pairs, "unconfirmed": unconfirmed, "seconds": seconds
+        })  # fmt: skip
         _tell(name, seed, f"bad-1 {mean:.2f} %")
         save()
     return missing
@@ -190,7 +194,7 @@ def kept_runs(path: Path, setup: Mapping[str, Any]) -> list[dict[str, Any]]:
     multiple=True,
     help="Train on this. May be repeated.  [default: all]",
 )
-@click.option("--seeds", type=click.IntRange(1), default=2, show_default=True, help="Runs of each set.")
+@click.option("--seeds", type=click.IntRange(1), default=3, show_default=True, help="Runs of each set.")
 @click.option("--steps", type=click.IntRange(1), help="Instead of the budget's.")
 @click.option("--pairs", type=click.IntRange(1), help="In each dataset, instead of the budget's; not for gpu.")
 @click.option(
@@ -263,6 +267,7 @@ def run(
         "budget": json.loads(json.dumps(asdict(replace(budget, minutes=None)))),
         "images": list(images),
         "pairs": list(views),
+        "plainness": {name: plainness(view) for name, view in views.items()},
     }
     runs = kept_runs(out, setup) if go_on and out is not None else []
     by_pair, mean = judge(views, semi_global(budget.max_disparity_px))

@@ -111,6 +111,39 @@ def judge(pairs: Mapping[str, View], predict: Predictor) -> tuple[dict[str, floa
     return {name: each.figures()[FIGURE] for name, each in scores.items()}, mean_figures(scores)[FIGURE]
 
 
+def mirrored(view: View) -> View:
+    """Swap the eyes of a pair and mirror both: a network's disparities of it are the right view's, mirrored."""
+    return replace(view, left=view.right[:, ::-1], right=view.left[:, ::-1])
+
+
+def unconfirmed(left: NDArray[np.float32], right: NDArray[np.float32]) -> float:
+    """Return the share of pixels, in %, whose disparity the other view's does not confirm within 1 px.
+
+    No truth is needed. Pixels whose point lies outside of the right image do not count; occluded ones do, since nothing
+    tells them from wrong ones.
+
+    Args:
+        left: (H, W) px, predicted for the left view.
+        right: (H, W) px, predicted for the right view.
+    """
+    columns = np.rint(np.arange(left.shape[1]) - left).astype(int)
+    inside = (columns >= 0) & (columns < left.shape[1])
+    other = np.take_along_axis(right, np.clip(columns, 0, left.shape[1] - 1), 1)
+    return float(100 * np.mean(np.abs(left - other)[inside] > 1))
+
+
+def judge_without_truth(pairs: Mapping[str, View], predict: Predictor) -> dict[str, float]:
+    """Return what share of each pair's pixels the predictions of its other view do not confirm, %."""
+    return {name: unconfirmed(predict(view), predict(mirrored(view))[:, ::-1]) for name, view in pairs.items()}
+
+
+def plainness(view: View) -> float:
+    """Return the share of the left image, in %, whose 9 x 9 windows vary by less than 4 levels."""
+    grey = view.left.astype(np.float64).mean(axis=2)
+    mean, square = (cv2.blur(values, (9, 9)) for values in (grey, grey**2))
+    return float(100 * np.mean(np.sqrt(np.maximum(square - mean**2, 0)) < 4))
+
+
 def semi_global(max_disparity: int) -> Predictor:
     """OpenCV's semi-global block matching, of all colours, holes filled with the farther of what lies beside them."""
     of_block = 3 * _SGBM_BLOCK**2

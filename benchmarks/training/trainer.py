@@ -16,7 +16,7 @@ from torch.utils.data import DataLoader
 
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.reader import open_dataset
-from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.inputs.errors import InputError, SemisynthError
 from semisynth_gl.torch import Selection, StereoStream
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "examples"))
@@ -162,6 +162,7 @@ def train(
 
     Raises:
         TimeUpError: at the end.
+        SemisynthError: where the loss is no longer finite, as bfloat16 has it on some processors.
     """
     torch.manual_seed(seed)
     device, steps = hardware.device, budget.steps
@@ -188,6 +189,9 @@ def train(
         losses.append(loss.detach())
         if step % STEPS_SHOWN == 0 or step == steps:
             recent = float(torch.stack(losses[-STEPS_SHOWN:]).mean())
+            if not np.isfinite(recent):
+                precision = str(hardware.precision).removeprefix("torch.")
+                raise SemisynthError(f"the loss is {recent} at step {step}, in {precision}: train in float32")
             tell(f"step {step} of {steps}: loss {recent:.2f}, {(time.perf_counter() - start) / step:.3f} s a step")
     return network
 

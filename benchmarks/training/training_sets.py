@@ -38,6 +38,7 @@ class TrainingSet:
         of_place: whether it needs photographs of the place.
         trials: of the `calibrate` that writes the config, for the same rig and disparities; None where it does not.
         share: of the pairs that the other sets have.
+        packaged: name of the packaged config whose scenes it has, scaled to the rig's width.
     """
 
     what: str
@@ -45,9 +46,11 @@ class TrainingSet:
     of_place: bool = False
     trials: int | None = None
     share: float = 1.0
+    packaged: str = ""
 
 
 _ROOM = {"background": {"cuboid": 0, "room": 1}, "particles": {"layers": [{"disparity_px": [8, 70], "count": [2, 10]}]}}
+_CROWDED = _ROOM | {"particles": {"layers": [{"disparity_px": [20, 74], "count": [12, 40]}]}}
 _LARGE = {
     "structures": {"ground": 0.5, "panels": [1, 4], "panel_disparity_px": [6, 30], "panel_size_px": [70, 280]},
     "particles": {"density": "sparse", "size_px": [60, 200]},
@@ -60,6 +63,15 @@ SETS: Mapping[str, TrainingSet] = {
         "rooms, clutter and few large models, a third each",
         {"scenes": [{"recipe": "room", **_ROOM}, {"recipe": "clutter"}, {"recipe": "large", **_LARGE}]},
     ),
+    "halves": TrainingSet(
+        "clutter, and few large models with panels and grounds, half each",
+        {"scenes": [{"recipe": "clutter"}, {"recipe": "large", **_LARGE}]},
+    ),
+    "crowded": TrainingSet(
+        "the mix, with 12 to 40 floating models in the rooms",
+        {"scenes": [{"recipe": "room", **_CROWDED}, {"recipe": "clutter"}, {"recipe": "large", **_LARGE}]},
+    ),
+    "packaged": TrainingSet("the scenes of the packaged config `middlebury`", packaged="middlebury"),
     "room": TrainingSet("furnished rooms", _ROOM),
     "calibrated": TrainingSet("what `calibrate` writes from the photographs", of_place=True, trials=3),
     "large": TrainingSet("few large models, panels and grounds", _LARGE),
@@ -92,23 +104,32 @@ def config_of(name: str, images: tuple[str, ...], scratch: Path) -> Config:
     row = SETS[name]
     base = load_config(RIG)
     worn: dict[str, Any] = {"textures.source": "images", "textures.images": list(images)} if images else {}
-    if row.trials is None:
+    if row.trials is None and not row.packaged:
         return load_config(RIG, {**worn, **row.overrides, "name": name})
+    scratch.mkdir(parents=True, exist_ok=True)
+    written = scratch / f"{name}.yaml"
+    if row.packaged:
+        scale = base.camera.width_px / load_config(row.packaged).camera.width_px
+        written.write_text(f"extends: {row.packaged}\nname: {name}\nscale: {scale}\n", encoding="utf-8")
+    else:
+        written.write_text(_calibrated(name, row.trials, images, base), encoding="utf-8")
+    # A calibration has maps to measure, or a guess: here all rows are wanted to show the same.
+    values = base.model_dump(mode="json")
+    return load_config(written, worn | {key: values[key] for key in ("camera", "disparity", "truth", "outputs")})
+
+
+def _calibrated(name: str, trials: int | None, images: tuple[str, ...], base: Config) -> str:
+    """Return what `calibrate` writes for the rig and photographs, by so many trials."""
     camera, wanted = base.camera, base.disparity
     ranges = camera.focal_px, camera.baseline_m, camera.doffs_px
     rigs = [_rig(base, *(each.low for each in ranges)), _rig(base, *(each.high for each in ranges))]
     source = DisparitySource((), KITTI_DISPARITY.steps, (wanted.min_px, wanted.max_px))
     facts = config_facts(rigs, images, source, other_camera=True)
     style = untried_style(facts.recipes)
-    if row.trials:
+    if trials:
         place = measure_place(find_place(find_images(images), ()), working_width(facts.size.width_px))
-        style = tried_style(facts, place.side, row.trials, Listener())
-    scratch.mkdir(parents=True, exist_ok=True)
-    written = scratch / f"{name}.yaml"
-    written.write_text(config_text(name, facts, style), encoding="utf-8")
-    # A calibration has maps to measure, or a guess: here all rows are wanted to show the same.
-    values = base.model_dump(mode="json")
-    return load_config(written, {key: values[key] for key in ("camera", "disparity", "truth", "outputs")})
+        style = tried_style(facts, place.side, trials, Listener())
+    return config_text(name, facts, style)
 
 
 def _rig(config: Config, focal_px: float, baseline_m: float, doffs_px: float) -> Rig:

@@ -21,7 +21,17 @@ sys.path.insert(0, str(ROOT / "benchmarks" / "training"))
 import real_pairs  # noqa: E402 - found by the line above
 import training_report  # noqa: E402
 import training_sets  # noqa: E402
-from real_pairs import View, judge, seen_by_both, semi_global, shrunk, shrunk_disparity  # noqa: E402
+from real_pairs import (  # noqa: E402
+    View,
+    judge,
+    judge_without_truth,
+    plainness,
+    seen_by_both,
+    semi_global,
+    shrunk,
+    shrunk_disparity,
+    unconfirmed,
+)
 from training_sets import REAL, SETS, config_of  # noqa: E402
 
 INF = np.inf
@@ -130,6 +140,36 @@ def test_semi_global_matching_finds_a_shift():
     assert (np.abs(found - 7) < 0.5)[:, 10:].mean() > 0.95
 
 
+def test_what_the_other_view_confirms_is_right_or_alike_wrong():
+    """A wall before another one: true disparities of both views confirm each other but where one eye alone sees."""
+    left = np.full((4, 60), 4, np.float32)
+    left[:, 30:40] = 10
+    right = np.full((4, 60), 4, np.float32)
+    right[:, 20:30] = 10
+    # Columns 24 to 29 are hidden, and the first four have their points outside of the right image.
+    assert unconfirmed(left, right) == pytest.approx(100 * 6 / 56)
+    wrong = left.copy()
+    wrong[:2, 45:50] += 1.5
+    assert unconfirmed(wrong, right) == pytest.approx(100 * (6 + 2.5) / 56)
+
+
+def test_a_network_is_judged_without_truth_by_the_mirrored_pair():
+    shift = 5
+    wide = textured(40, 130)
+    pair = View(wide[:, :120], wide[:, shift : 120 + shift], Truth(np.full((40, 120), shift, np.float32)))
+    found = judge_without_truth({"wall": pair}, lambda view: semi_global(32)(view)[:, 10:-10])
+    assert found["wall"] < 3
+    noisy = np.random.default_rng(0)
+    assert judge_without_truth({"wall": pair}, lambda view: noisy.uniform(0, 30, view.left.shape[:2]))["wall"] > 80
+
+
+def test_a_wall_of_one_colour_is_plainer_than_noise():
+    half = textured(60, 60)
+    half[:, :30] = 128
+    assert plainness(View(textured(60, 60), half, Truth(np.ones((60, 60))))) == 0
+    assert 40 < plainness(View(half, half, Truth(np.ones((60, 60))))) < 50
+
+
 # --- the sets ---
 
 
@@ -167,12 +207,20 @@ def report(**runs):
         "setup": {
             "budget": {"crop_px": [96, 160], "pairs": 96, "steps": 2000, "batch": 2, "max_disparity_px": 40},
             "pairs": ["Cones", "Vase"],
+            "plainness": {"Cones": 2.0, "Vase": 30.0},
         },
         "parameters": 200000,
         "sets": {name: row.what for name, row in SETS.items()} | {REAL: "the judged pairs themselves"},
         "semi_global": {"mean": 4.0, "pairs": {"Cones": 3.0, "Vase": 5.0}},
         "runs": [
-            {"set": name, "seed": seed, "mean": mean, "pairs": {"Cones": mean - 1, "Vase": mean + 1}, "seconds": 90}
+            {
+                "set": name,
+                "seed": seed,
+                "mean": mean,
+                "pairs": {"Cones": mean - 1, "Vase": mean + 1},
+                "unconfirmed": {"Cones": 2 * mean, "Vase": 2 * mean + 6},
+                "seconds": 90,
+            }
             for name, means in runs.items()
             for seed, mean in enumerate(means)
         ],
@@ -183,7 +231,7 @@ def report(**runs):
 def test_the_table_has_mean_and_spread_of_each_set():
     lines = training_report.table(report(clutter=[9, 11], real=[5.0], procedural=[14, 12])).splitlines()
     cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if line.startswith("|")]
-    assert cells[2][:5] == ["real", "5.0", "5.00", "-", "1.5"]
+    assert cells[2][:8] == ["real", "5.0", "5.00", "-", "4.0", "6.0", "13.0", "1.5"]
     assert cells[3][:4] == ["clutter", "9.0, 11.0", "10.00", "1.41"]
     assert [row[0] for row in cells[2:6]] == ["real", "clutter", "procedural", "SGBM"]
     assert cells[8:] == [["real", "4.0", "6.0"], ["clutter", "9.0", "11.0"], ["procedural", "12.0", "14.0"],
