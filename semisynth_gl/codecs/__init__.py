@@ -1,4 +1,4 @@
-"""Codecs: one module and one class per file format, and the tables of the formats that a config may choose."""
+"""Codecs: one module and one class for each file format, and tables of the formats that a config can choose."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ DISPARITY_CODECS = _by_name(PFM, KITTI_DISPARITY, Tiff())
 FLOW_CODECS = _by_name(Flo(), FlowPfm(), FlowPng16())
 """Codecs of (H, W, 2) float32 px for ``files.flow``; all store inf as "no flow"."""
 
-# The codec of grey images by that of RGB images. QOI has no grey.
+# Codec of grey images for each codec of RGB images that has one; QOI has no grey.
 _GREY_CODECS: Mapping[Codec[Any], Codec[Any]] = {RGB8: GREY_IMAGE, JXL: JXL_GREY, Jpeg(): Jpeg(grey=True)}
 
 _FIXED: Mapping[str, Codec[Any]] = {
@@ -44,9 +44,9 @@ _FIXED: Mapping[str, Codec[Any]] = {
 
 @dataclass(frozen=True, slots=True)
 class Encodings:
-    """The codecs of a dataset's files: of both images, both disparities, and flow to the next and the previous frame.
+    """The codecs of a dataset's images, disparities and flow.
 
-    It also says whether disparities are signed, so that 0 and below are valid.
+    ``signed`` says whether disparities are signed, so that 0 and below are valid.
     """
 
     image: Codec[Any] = IMAGE_CODECS["png"]
@@ -58,15 +58,15 @@ class Encodings:
     def from_names(
         cls, image: str = "png", disparity: str = "pfm", flow: str = "flo", *, signed: bool = False
     ) -> "Encodings":
-        """Return the codecs that a config names; raises KeyError for an unknown name."""
+        """Return the codecs with these names in a config; raises KeyError for an unknown name."""
         # Signed disparities have a codec of their own in place of one that cannot store 0 and below.
         disparity_codecs = DISPARITY_CODECS | (_by_name(SIGNED_DISPARITY) if signed else {})
         return cls(IMAGE_CODECS[image], disparity_codecs[disparity], FLOW_CODECS[flow], signed)
 
     def in_grey(self, *, three: bool) -> "Encodings":
-        """Return the same formats for the images of monochrome cameras, (H, W) uint8.
+        """Return the same formats for images of monochrome cameras, which are (H, W) uint8.
 
-        Images get three equal channels if ``three`` asks for them, or where their format knows no grey.
+        If ``three``, or where their format has no grey, image files get three equal channels.
         """
         grey = None if three else _GREY_CODECS.get(self.image)
         return replace(self, image=grey or ThreeEqual(self.image))
@@ -79,11 +79,11 @@ class Encodings:
         return "grey" if self.image in _GREY_CODECS.values() else "RGB"
 
     def codec(self, name: str) -> Codec[Any]:
-        """Return the codec that a channel or a role names.
+        """Return the codec with the name that a channel or a role has for it.
 
-        ``image``, ``disparity`` and ``flow`` are the dataset's. ``png`` is for images that are PNG in any case, of the
-        same channels as all others. ``grey8`` and ``grey16`` (PNG), ``float`` (PFM), ``vector`` (PFM of three channels)
-        and ``shift`` (Middlebury's .flo) are the same in all datasets.
+        ``image``, ``disparity`` and ``flow`` are the dataset's codecs. ``png`` is for images that are always PNG, with
+        the channels of the other images. ``grey8`` and ``grey16`` (PNG), ``float`` (PFM), ``vector`` (PFM of three
+        channels) and ``shift`` (Middlebury's .flo) are the same in all datasets. Raises KeyError for other names.
         """
         if name == "png":
             png = GREY_IMAGE if self.image in _GREY_CODECS.values() else RGB8

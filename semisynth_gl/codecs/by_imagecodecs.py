@@ -1,4 +1,4 @@
-"""QOI and JPEG XL, through imagecodecs, which is an extra because its wheel of all codecs has 26 MB."""
+"""QOI and JPEG XL, through imagecodecs, which is an extra since its wheel with many more codecs has 26 MB."""
 
 from importlib import import_module
 from pathlib import Path
@@ -16,9 +16,9 @@ _JXL_EFFORT = 1
 
 
 class ByImagecodecs(Codec[NDArray[np.uint8]]):
-    """A format of (H, W, 3) uint8 RGB, or of (H, W) uint8 grey, that imagecodecs encodes and decodes in one thread.
+    """A format that imagecodecs encodes and decodes in one thread: (H, W, 3) uint8 RGB or, if ``grey``, (H, W) uint8.
 
-    ``function`` is imagecodecs' name of the format, ``options`` go to its encoder, and `Codec` explains the rest.
+    ``function`` is imagecodecs' name for the format, and ``options`` go to its encoder; `Codec` explains the rest.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class ByImagecodecs(Codec[NDArray[np.uint8]]):
 
     def decode(self, data: bytes, path: Path) -> NDArray[np.uint8]:
         """Decode an image; see `Codec.decode`."""
-        # Decoders of QOI invent pixels where the end is missing.
+        # QOI decoders invent pixels where the end of the file is missing.
         if data[:4] == b"qoif" and not data.endswith(_QOI_END):
             raise ReadError(path, "does not end as a QOI does: cut off, or something follows")
         decode = getattr(self._library(), f"{self._function}_decode")
@@ -79,7 +79,7 @@ JXL, JXL_GREY = (
         "image/jxl",
         f"JPEG XL, 8-bit {'grey' if grey else 'RGB'}, lossless",
         "jpegxl",
-        is_image=False,  # Pillow knows it by plugins alone
+        is_image=False,  # Pillow reads it only with a plug-in
         grey=grey,
         lossless=True,
         effort=_JXL_EFFORT,

@@ -8,17 +8,18 @@ from semisynth_gl.codecs.codec import Codec
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.errors import InputError, ReadError
 
-# HSM counts lines instead of reading names (its ndisp is line 7), so the order matters.
+# HSM takes lines by their position, such as ndisp from line 7, so the order matters.
 _KEYS = ("cam0", "cam1", "doffs", "baseline", "width", "height", "ndisp", "isint", "vmin", "vmax", "dyavg", "dymax")
-# Spaces around values are taken off afterwards: a pattern for them would try again at each space.
+# Spaces around values are stripped afterwards, since a pattern for them would backtrack at each space.
 _LINE = re.compile(r"^[ \t]*(\w+)[ \t]*=(.*)$", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """The content of a calib.txt: both cameras, and ``doffs``, which should be the camera's.
+    """The content of a calib.txt. ``doffs_px`` is the file's own value, which should agree with the camera's.
 
-    ``ndisp`` bounds the disparities, in whole pixels; ``vmin`` and ``vmax`` are the left view's smallest and largest.
+    ``ndisp`` is an upper bound of the disparities in whole pixels; ``vmin_px`` and ``vmax_px`` are the smallest and the
+    largest disparity of the left view.
     """
 
     camera: StereoCamera
@@ -29,7 +30,7 @@ class Calibration:
 
 
 class MiddleburyCalib(Codec[Calibration]):
-    """Middlebury's calib.txt; the baseline in millimetres."""
+    """Middlebury's calib.txt, with the baseline in millimetres."""
 
     name = "txt"
     media_type = "text/plain"
@@ -37,7 +38,7 @@ class MiddleburyCalib(Codec[Calibration]):
     is_image = False
 
     def encode(self, value: Calibration) -> bytes:
-        """Encode a calibration in Middlebury's order."""
+        """Encode a calibration, with the lines in Middlebury's order."""
         camera = value.camera
         f, cy = float(camera.focal_px), float(camera.cy_px)
         lines = [
@@ -57,7 +58,7 @@ class MiddleburyCalib(Codec[Calibration]):
         return ("\n".join(lines) + "\n").encode()
 
     def decode(self, data: bytes, path: Path) -> Calibration:
-        """Decode a calibration; raises ReadError too where lines are missing or in another order."""
+        """Decode a calibration; raises ReadError also where lines are missing or in another order."""
         text = _text(data, path)
         lines = [line.partition("=") for line in text.splitlines()]
         keys = tuple(key for key, _, _ in lines)
@@ -88,7 +89,7 @@ class MiddleburyCalib(Codec[Calibration]):
 
 
 class KittiCalib(Codec[StereoCamera]):
-    """Size, rotation and projection of both colour cameras as KITTI's calib_cam_to_cam.txt has them; metres."""
+    """KITTI's calib_cam_to_cam.txt: size, rotation and projection of both colour cameras, with lengths in metres."""
 
     name = "txt"
     media_type = "text/plain"
@@ -138,14 +139,14 @@ MIDDLEBURY_CALIB, KITTI_CALIB = MiddleburyCalib(), KittiCalib()
 
 
 def calib_values(text: str) -> dict[str, str]:
-    """Return the lines ``name=value`` of any calib.txt by name: in any order, among other lines, with spaces around."""
+    """Return the values of ``name=value`` lines by name; they may stand in any order, with other lines and spaces."""
     return {key: value.strip(" \t\r") for key, value in _LINE.findall(text)}
 
 
 def calib_matrix(text: str) -> list[float]:
-    """Return the nine numbers of ``[a b c; d e f; g h i]``, row by row; raises ValueError where it finds others.
+    """Return the nine numbers of ``[a b c; d e f; g h i]``, row by row.
 
-    Commas may stand between the numbers, and semicolons may be missing.
+    Commas may stand between the numbers, and semicolons may be missing. Raises ValueError for any other text.
     """
     rows = [row.replace(",", " ").split() for row in text.strip().removeprefix("[").removesuffix("]").split(";")]
     if [len(row) for row in rows] not in ([3, 3, 3], [9]):

@@ -12,27 +12,27 @@ from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.inputs.user_files import read_file
 
 PHOTOGRAPH_PIXEL_BYTES = 1.8
-"""`Codec.pixel_bytes` of RGB images: photographs as PNG, measured over the packaged configs."""
+"""`Codec.pixel_bytes` of RGB images: measured on the packaged configs' images as PNG."""
 GREY_PIXEL_BYTES = 0.64
-"""`Codec.pixel_bytes` of grey images, measured likewise."""
+"""`Codec.pixel_bytes` of grey images: measured on the packaged configs' images as grey PNG."""
 
 Value = TypeVar("Value")
 
 
 class Codec(ABC, Generic[Value]):
-    """One file format: `encode` makes a file's bytes of a value, and `decode` makes the value of the bytes.
+    """One file format: `encode` makes a file's bytes from a value, and `decode` makes the value from the bytes.
 
     Attributes:
-        name: the codec's name in a config; also the ending of its files, unless `suffix` says otherwise.
+        name: the codec's name in a config, and the ending of its files unless `suffix` differs.
         media_type: the format's media type, or the address of its specification where it has none.
         description: the format in a few words.
-        nothing: how the format stores "no value".
-        error_px: largest rounding error of a stored value.
-        limit_px: largest magnitude of a stored value.
+        nothing: how the format stores "no value", in words.
+        error_px: largest rounding error of a stored value, px.
+        limit_px: largest magnitude of a stored value, px.
         signed: whether values of 0 and below can be stored.
-        is_image: whether readers of images return the value unchanged.
-        lossless: whether `decode` returns what `encode` was given, bit for bit.
-        pixel_bytes: estimated size of a file per pixel; 0 for files without pixels. The size of shards follows from it.
+        is_image: whether common image readers, such as Pillow, return the value unchanged.
+        lossless: whether `decode` returns the encoded value bit for bit.
+        pixel_bytes: estimated bytes of a file per pixel, for the size of shards; 0 for files without pixels.
     """
 
     name: str
@@ -59,31 +59,31 @@ class Codec(ABC, Generic[Value]):
 
     @abstractmethod
     def encode(self, value: Value) -> bytes:
-        """Return the bytes of a file that holds the value; raises InputError where `check_installed` does."""
+        """Return the bytes of a file that holds the value; raises InputError as `check_installed` does."""
 
     @abstractmethod
     def decode(self, data: bytes, path: Path) -> Value:
         """Return the value that a file's bytes hold; the path is for messages.
 
         Raises:
-            ReadError: where the bytes are cut off, or are not this format.
-            InputError: where `check_installed` raises it.
+            ReadError: where the bytes are cut off, or have another format.
+            InputError: as `check_installed` does.
         """
 
     def exceeds_limit(self, value: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Return where the format cannot hold a finite value, (H, W) bool."""
+        """Return where a value, (H, W) or (H, W, C), is finite but the format cannot store it, (H, W) bool."""
         return np.zeros(value.shape[:2], np.bool_)
 
     def check_installed(self) -> None:
         """Raise InputError where the format needs a package that is not installed."""
 
     def read(self, path: Path) -> Value:
-        """Read and decode a file; raises ReadError where the file is missing, too."""
+        """Read and decode a file; raises ReadError also where the file cannot be read."""
         return self.decode(read_bytes(path), path)
 
 
 def read_bytes(path: Path, most_bytes: int | None = None) -> bytes:
-    """Return a file's bytes; raises ReadError where it is missing, no regular file, too large or cannot be read."""
+    """Return a file's bytes; raises ReadError where it is missing, irregular, above ``most_bytes`` or unreadable."""
     try:
         return read_file(path, most_bytes)
     except FileNotFoundError:
@@ -93,7 +93,7 @@ def read_bytes(path: Path, most_bytes: int | None = None) -> bytes:
 
 
 def check_image(image: NDArray[Any], path: Path, *, grey: bool) -> NDArray[np.uint8]:
-    """Return a decoded image; raises ReadError where it is not (H, W, 3) uint8, or (H, W) uint8 if it is to be grey."""
+    """Return a decoded image; raises ReadError where it is not (H, W, 3) uint8 or, if ``grey``, (H, W) uint8."""
     if image.dtype != np.uint8 or image.shape[2:] != (() if grey else (3,)):
         kind = "grey" if grey else "RGB"
         raise ReadError(path, f"expected 8-bit {kind}, got {image.dtype} of shape {image.shape}")
@@ -101,7 +101,7 @@ def check_image(image: NDArray[Any], path: Path, *, grey: bool) -> NDArray[np.ui
 
 
 def check_size(data: bytes, header_bytes: int, pixel_bytes: int, width: int, height: int, path: Path) -> None:
-    """Raise ReadError where a header's size is empty, or other than the number of bytes that follow the header."""
+    """Raise ReadError where width or height is below 1, or too few or too many bytes for them follow the header."""
     if width < 1 or height < 1:
         raise ReadError(path, f"expected a width and height of 1 or more, got {width} x {height}")
     expected, present = pixel_bytes * width * height, len(data) - header_bytes
@@ -112,7 +112,7 @@ def check_size(data: bytes, header_bytes: int, pixel_bytes: int, width: int, hei
 
 
 def check_numbers(values: NDArray[np.float32], path: Path) -> None:
-    """Raise ReadError where a pixel of (H, W, C) values is not a number; inf stands for "nothing"."""
+    """Raise ReadError where (H, W, C) values have a NaN; inf is allowed, and stands for "no value"."""
     wrong = int(np.isnan(values).any(axis=2).sum())
     if wrong:
-        raise ReadError(path, f"expected a number, or inf for none, of each pixel, got NaN at {wrong} pixels")
+        raise ReadError(path, f"expected a number at each pixel, or inf for none, got NaN at {wrong} pixels")

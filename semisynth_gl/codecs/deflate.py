@@ -1,4 +1,4 @@
-"""Deflate by ISA-L."""
+"""Deflate with ISA-L."""
 
 import zlib
 
@@ -6,18 +6,18 @@ import numpy as np
 from isal import isal_zlib
 from numpy.typing import NDArray
 
-# ISA-L's fastest but one.
+# ISA-L's second fastest level.
 _LEVEL = 1
-# ISA-L keeps so many bytes ahead of those that it works on.
+# Number of bytes that ISA-L buffers ahead of the position at which it works.
 _AHEAD = 288
 
 
 def deflate(content: NDArray[np.uint8]) -> bytes:
-    """Compress a contiguous array's bytes as a zlib stream, the same ones wherever the stream is in memory.
+    """Compress a contiguous array's bytes as a zlib stream, whose bytes do not depend on addresses in memory.
 
-    Behind the first byte of a stream, ISA-L 2.32 takes the hash of the third one from a register that holds the
-    stream's address, and then finds matches with it or not. So it gets the first byte alone, after which it reads all
-    registers anew; content too short for that is stored.
+    After the first byte of a stream, ISA-L 2.32 takes the hash of the third byte from a register that holds the
+    stream's address, so the address decides whether it finds a match. Therefore the first call lets ISA-L compress only
+    the first byte, and the second call reads all registers anew. Content too short for that is stored uncompressed.
     """
     flat = content.reshape(-1)
     if len(flat) <= _AHEAD:

@@ -1,4 +1,4 @@
-"""Disparity maps from any source: PFM of any kind, NumPy's arrays, 16-bit PNG."""
+"""Disparity maps from any source: PFM of any kind, NumPy arrays, 16-bit PNG."""
 
 import io
 from pathlib import Path
@@ -14,19 +14,19 @@ from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.inputs.user_files import NotOnDiskError, open_file
 
 MAP_EXTENSIONS = (".pfm", ".npy", ".png")
-"""Endings of the names of disparity maps."""
+"""Endings of the files that may be disparity maps."""
 
 
 def read_disparity_map(
     path: Path, png_steps: float = KITTI_DISPARITY.steps, *, signed: bool = False
 ) -> NDArray[np.float32]:
-    """Read a PFM, NumPy array or 16-bit grey PNG, told apart by its first bytes, as (H, W) float32 px.
+    """Read a disparity map as (H, W) float32 px; the first bytes tell PFM, NumPy array and 16-bit grey PNG apart.
 
-    A PNG has ``png_steps`` values per pixel of disparity, or signed disparities, 1/256 px from 32768 on. Its 0 becomes
-    inf; which other values mean "none" is for the caller to say.
+    A PNG counts steps of 1/``png_steps`` px or, if ``signed``, steps of 1/256 px from 32768 on; its 0 becomes inf. The
+    caller has to know which other values mean "no disparity".
 
     Raises:
-        ReadError: where the file has another format, or not one value per pixel.
+        ReadError: where the file cannot be read, has another format, or does not have one value per pixel.
     """
     data = read_bytes(path)
     if data.startswith(b"\x93NUMPY"):
@@ -37,9 +37,9 @@ def read_disparity_map(
 
 
 def is_disparity_map(path: Path) -> bool:
-    """Return whether a file of `MAP_EXTENSIONS` may be a disparity map; raises ReadError where it cannot be read.
+    """Return whether a file with an ending of `MAP_EXTENSIONS` may be a disparity map.
 
-    Only a PNG is opened to tell: a picture, which is not 16-bit grey, is no disparity map, nor is a pipe.
+    Only a PNG is opened, and has to be a regular file of 16-bit grey. Raises ReadError where it cannot be read.
     """
     if path.suffix.lower() != ".png":
         return True
@@ -60,7 +60,7 @@ def _read_npy(data: bytes, path: Path) -> NDArray[np.float32]:
     shape = values.shape
     if values.dtype.kind not in "fiu":
         raise ReadError(path, f"expected numbers, got {values.dtype}")
-    # Networks keep axes of batch and channel.
+    # Arrays saved by networks may still have axes of batch and channel.
     while values.ndim > 2 and 1 in (values.shape[0], values.shape[-1]):
         values = values[0] if values.shape[0] == 1 else values[..., 0]
     if values.ndim != 2 or values.size == 0:

@@ -1,4 +1,4 @@
-"""Middlebury's .flo."""
+"""Middlebury's .flo, for flow."""
 
 import struct
 from pathlib import Path
@@ -16,7 +16,7 @@ _UNKNOWN = np.float32(1e10)
 
 
 class Flo(Codec[NDArray[np.float32]]):
-    """Flow, (H, W, 2) float32 px: tag, width, height, then u and v of each pixel, little-endian; 1e10 for inf."""
+    """Flow, (H, W, 2) float32 px: tag, width, height, then u and v of each pixel, little-endian; 1e10 means inf."""
 
     name = "flo"
     media_type = "https://vision.middlebury.edu/flow/code/flow-code/README.txt"
@@ -26,14 +26,14 @@ class Flo(Codec[NDArray[np.float32]]):
     pixel_bytes = 8.0
 
     def encode(self, value: NDArray[np.float32]) -> bytes:
-        """Encode a flow; both components become 1e10 where either is not finite, or above 1e9 as no reader takes it."""
+        """Encode a flow; both components become 1e10 where either is not finite or above 1e9, which means unknown."""
         height, width = value.shape[:2]
         known = (np.abs(value) <= np.float32(_LARGEST)).all(axis=2, keepdims=True)
         header = _TAG + struct.pack("<ii", width, height)
         return header + np.where(known, value, _UNKNOWN).astype("<f4").tobytes()
 
     def decode(self, data: bytes, path: Path) -> NDArray[np.float32]:
-        """Decode a flow, both components inf where either is above 1e9; see `Codec.decode`."""
+        """Decode a flow, with inf in both components where either is above 1e9; see `Codec.decode`."""
         if len(data) < _HEADER_BYTES or data[:4] != _TAG:
             raise ReadError(path, f"expected a .flo (it begins with {_TAG!r}, width and height), got {data[:12]!r}")
         width, height = struct.unpack("<ii", data[4:_HEADER_BYTES])

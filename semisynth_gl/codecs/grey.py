@@ -1,4 +1,4 @@
-"""Images of monochrome cameras in formats and for loaders that want three channels."""
+"""Images of monochrome cameras, for formats and loaders that need three channels."""
 
 from pathlib import Path
 
@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from semisynth_gl.codecs.codec import Codec
 from semisynth_gl.inputs.errors import ReadError
 
-# What three equal channels take of the bytes of three different ones, measured over the packaged configs.
+# Size of images with three equal channels over that of RGB images, measured over the packaged configs.
 _SHARE_OF_BYTES = 0.65
 
 
 class ThreeEqual(Codec[NDArray[np.uint8]]):
-    """(H, W) uint8 grey as an image of the codec ``rgb`` whose three channels are equal; one of them is read back."""
+    """(H, W) uint8 grey, stored by the codec ``rgb`` as three equal channels; `decode` returns one of them."""
 
     def __init__(self, rgb: Codec[NDArray[np.uint8]]) -> None:
         self.rgb = rgb

@@ -1,4 +1,4 @@
-"""JPEG that loses as little as JPEG can, for CREStereo's loaders."""
+"""JPEG of the highest quality, for CREStereo's loaders."""
 
 import io
 from pathlib import Path
@@ -14,7 +14,7 @@ _BEGIN, _END = b"\xff\xd8", b"\xff\xd9"
 
 
 class Jpeg(Codec[NDArray[np.uint8]]):
-    """JPEG of (H, W, 3) uint8 RGB, or of (H, W) uint8 grey: quality 100, colour at full size."""
+    """JPEG of (H, W, 3) uint8 RGB or, if ``grey``, (H, W) uint8: quality 100, colour at full resolution."""
 
     name = "jpg"
     media_type = "image/jpeg"

@@ -9,12 +9,12 @@ from typing import Any
 from semisynth_gl.codecs.codec import Codec
 from semisynth_gl.inputs.errors import ReadError, shown
 
-# Whatever is larger is no float64.
+# Limit of whole numbers, so that each of them fits into a float64.
 _LARGEST = 10**300
 
 
 class JsonObject(Codec[Mapping[str, Any]]):
-    """A mapping in JSON's types, readable, with a line break at the end."""
+    """A mapping in JSON's types, indented, with a line break at the end."""
 
     name = "json"
     media_type = "application/json"
@@ -26,7 +26,7 @@ class JsonObject(Codec[Mapping[str, Any]]):
         return (json.dumps(value, indent=1) + "\n").encode()
 
     def decode(self, data: bytes, path: Path) -> dict[str, Any]:
-        """Decode a mapping whose keys stand once and whose numbers are finite; see `Codec.decode`."""
+        """Decode a mapping; raises ReadError also where a key occurs twice or a number is not finite."""
         try:
             values = json.loads(data, object_pairs_hook=_object)
         except ValueError as error:
@@ -42,14 +42,14 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     values = dict(pairs)
     if len(values) < len(pairs):
         keys = [key for key, _ in pairs]
-        raise ValueError(f"the key {next(key for key in keys if keys.count(key) > 1)!r} stands twice in one object")
+        raise ValueError(f"the key {next(key for key in keys if keys.count(key) > 1)!r} occurs twice in one object")
     for key, value in pairs:
         _check_numbers(key, value)
     return values
 
 
 def _check_numbers(key: str, value: object) -> None:
-    """Raise ValueError where a value, or an item of a list, is no finite float64; objects have been checked before."""
+    """Raise ValueError where a number, also in a list, is no finite float64; inner objects are already checked."""
     if isinstance(value, float | int):
         if not (isfinite(value) if isinstance(value, float) else -_LARGEST < value < _LARGEST):
             raise ValueError(f"expected a finite number at the key {key!r}, got {shown(value)}")

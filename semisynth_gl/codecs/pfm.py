@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 from semisynth_gl.codecs.codec import Codec, check_numbers, check_size
 from semisynth_gl.inputs.errors import ReadError
 
-# Every loader of the field reads the strict form: with CRLF OpenCV returns nothing.
+# All stereo loaders read the strict form; OpenCV, for one, returns nothing where lines end in CRLF.
 _STRICT = re.compile(rb"P[Ff]\n([0-9]{1,9}) ([0-9]{1,9})\n(-1\.0)\n")
 _TOLERANT = re.compile(rb"P[Ff]\s+([0-9]{1,9})\s+([0-9]{1,9})\s+([-+0-9.eE]{1,32})(?:\r\n|\s)")
 
 
 class Pfm(Codec[NDArray[np.float32]]):
-    """PFM of (H, W) or (H, W, 3) float32, by the number of components; inf stands for "nothing".
+    """PFM of (H, W) float32, or of (H, W, 3) float32 with 3 ``components``; inf stands for "no value".
 
-    The header must be the type, ``W H`` and ``-1.0``, a line each. A tolerant codec decodes other people's PFM too:
-    big-endian, any scale (its magnitude is ignored, as benchmarks do) and any white space in the header.
+    The header must have three lines: the type, ``W H`` and ``-1.0``. A tolerant codec also decodes other people's PFM:
+    big-endian, any scale, whose magnitude is ignored as benchmarks do, and any white space in the header.
     """
 
     name = "pfm"
@@ -33,13 +33,13 @@ class Pfm(Codec[NDArray[np.float32]]):
         self._tolerant = tolerant
 
     def encode(self, value: NDArray[np.float32]) -> bytes:
-        """Encode an image: little-endian, rows from bottom to top, as all readers of the field expect.
+        """Encode an image: little-endian, rows from bottom to top, as all stereo loaders expect.
 
-        The scale is -1.0: its sign means little-endian, and OpenCV multiplies by its magnitude.
+        The scale is -1.0: its sign means little-endian, and its magnitude is 1 since OpenCV multiplies by it.
         """
         height, width = value.shape[:2]
         header = f"{self._type}\n{width} {height}\n-1.0\n".encode()
-        # Rows one by one, so that the pixels are copied once.
+        # Join the rows one by one, so that the pixels are copied only once.
         return b"".join([header, *np.ascontiguousarray(value, "<f4")[::-1]])
 
     def decode(self, data: bytes, path: Path) -> NDArray[np.float32]:
@@ -60,7 +60,7 @@ class Pfm(Codec[NDArray[np.float32]]):
 
 
 class FlowPfm(Codec[NDArray[np.float32]]):
-    """SceneFlow's flow as PFM of three channels, (H, W, 2) float32 px: u, v and 0; inf stands for none."""
+    """SceneFlow's flow as PFM of three channels u, v and 0, from (H, W, 2) float32 px; inf stands for no flow."""
 
     name = "pfm"
     media_type = Pfm.media_type
@@ -73,13 +73,13 @@ class FlowPfm(Codec[NDArray[np.float32]]):
         return PFM3.encode(np.concatenate([value, np.zeros_like(value[..., :1])], axis=2))
 
     def decode(self, data: bytes, path: Path) -> NDArray[np.float32]:
-        """Decode a flow; raises ReadError too where the third channel is not 0 or a value is not a number."""
+        """Decode a flow; raises ReadError also where the third channel is not 0 or a value is NaN."""
         channels = PFM3.decode(data, path)
         check_numbers(channels, path)
         nonzero = int(np.count_nonzero(channels[..., 2]))
         if nonzero:
             raise ReadError(
-                path, f"expected u, v and 0 of each pixel, got a third value that is not 0 at {nonzero} pixels"
+                path, f"expected u, v and 0 at each pixel, got a third value that is not 0 at {nonzero} pixels"
             )
         return np.ascontiguousarray(channels[..., :2])
 

@@ -1,4 +1,4 @@
-"""Point clouds as binary PLY, for other programs: written, never read back."""
+"""Point clouds as binary PLY, written for other programs and never read back."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ _PROPERTIES = "".join(
 
 
 def encode_points(points: NDArray[np.floating[Any]], colours: NDArray[np.uint8]) -> bytes:
-    """Return points, (N, 3), stored as float32, with their RGB colours, (N, 3), as a little-endian PLY."""
+    """Return the bytes of a little-endian PLY of points, (N, 3), stored as float32, with RGB colours, (N, 3) uint8."""
     values = np.empty(len(points), _POINT)
     values["position"], values["colour"] = points, colours
     head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n{_PROPERTIES}end_header\n"

@@ -1,4 +1,4 @@
-"""PNG of exactly one kind: a loader that gets another kind reads nonsense without a word."""
+"""PNG of exactly one kind: a loader that gets another kind returns wrong values without an error."""
 
 import io
 import struct
@@ -15,23 +15,23 @@ from semisynth_gl.codecs.codec import GREY_PIXEL_BYTES, PHOTOGRAPH_PIXEL_BYTES, 
 from semisynth_gl.codecs.deflate import deflate
 from semisynth_gl.inputs.errors import ReadError
 
-# Difference to the pixel above. With one filter for all rows, a 1500 x 1000 pair takes a seventh of the time of
-# Pillow's fastest level, at the same size.
+# PNG's filter that takes the difference to the pixel above. With one filter for all rows, a 1500 x 1000 pair takes a
+# seventh of the time of Pillow's fastest level, at the same file size.
 _FILTER_UP = 2
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 HEAD_BYTES = 26
-"""The first bytes of a PNG, up to its number of bits and its components."""
+"""Number of first bytes of a PNG, up to its bits and colour type, that `Png.is_kind_of` needs."""
 _END = b"\x00\x00\x00\x00IEND\xaeB\x60\x82"
-# Masks and ids, which are the same over large parts of an image.
+# Estimate for masks and ids, which are constant over large parts of an image.
 _MAP_PIXEL_BYTES = 0.05
 _GREY, _RGB = 0, 2  # colour types of the PNG specification
 _COLOURS = {_GREY: "grey", _RGB: "RGB", 3: "palette", 4: "grey with alpha", 6: "RGB with alpha"}
-# Pillow's own limit: far above any camera, and far below what fills the memory when a header lies.
+# Pillow's own limit: far above any camera's number of pixels, and far below what fills the memory.
 _MOST_PIXELS = 178_956_970
 
 
 class Png(Codec[NDArray[Any]]):
-    """PNG of uint8 or uint16: (H, W) grey, of one component, or (H, W, 3) RGB, of three."""
+    """PNG of uint8 or uint16: (H, W) grey with 1 of ``components``, or (H, W, 3) RGB with 3."""
 
     name = "png"
     media_type = "image/png"
@@ -43,7 +43,7 @@ class Png(Codec[NDArray[Any]]):
         self.description = f"{self._bits}-bit {_COLOURS[self._colour]} PNG"
 
     def encode(self, value: NDArray[Any]) -> bytes:
-        """Encode an image, lossless."""
+        """Encode an image without loss."""
         height, width = value.shape[:2]
         # PNG stores the high byte first.
         rows = np.ascontiguousarray(value, value.dtype.newbyteorder(">")).reshape(height, -1).view(np.uint8)
@@ -56,7 +56,7 @@ class Png(Codec[NDArray[Any]]):
         return b"".join([_SIGNATURE, *_chunk(b"IHDR", header), *_chunk(b"IDAT", content), *_chunk(b"IEND", b"")])
 
     def is_kind_of(self, data: bytes) -> bool:
-        """Return whether the first `HEAD_BYTES` of a PNG, or more, say that it has these bits and components."""
+        """Return whether a file is a PNG of these bits and components; ``data`` is its first `HEAD_BYTES` or more."""
         return data[:8] == _SIGNATURE and data[24:26] == bytes((self._bits, self._colour))
 
     def decode(self, data: bytes, path: Path) -> NDArray[Any]:
@@ -64,9 +64,9 @@ class Png(Codec[NDArray[Any]]):
         if self._bits == 8:
             return self._pixels(data, path)
         if self._colour == _GREY:
-            # Pillow opens 16-bit grey as 16 or 32-bit integers, depending on its version.
+            # Pillow's version decides whether it opens 16-bit grey as 16-bit or 32-bit integers.
             return self._pixels(data, path).astype(np.uint16)
-        # Pillow keeps the higher byte of each RGB value; where it takes the bytes to be swapped, the lower one.
+        # Pillow keeps only the high byte of each 16-bit RGB value, or the low byte if told that bytes are swapped.
         high, low = (self._pixels(data, path, mode).astype(np.uint16) for mode in ("RGB;16B", "RGB;16L"))
         return (high << np.uint16(8)) | low
 
@@ -97,5 +97,5 @@ GREY_IMAGE = Png(np.uint8, 1, GREY_PIXEL_BYTES)
 
 
 def _chunk(kind: bytes, data: bytes) -> tuple[bytes, ...]:
-    """Return a chunk in parts, so that its data is copied once, into the file."""
+    """Return a chunk in parts, so that its data is copied only once, into the file."""
     return struct.pack(">I", len(data)), kind, data, struct.pack(">I", isal_zlib.crc32(data, isal_zlib.crc32(kind)))

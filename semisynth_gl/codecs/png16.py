@@ -15,7 +15,7 @@ _KITTI_STEPS = 256
 
 
 class DisparityPng16(Codec[NDArray[np.float32]]):
-    """Disparity as 16-bit grey PNG that counts steps of a pixel, (H, W) float32 px; 0 stands for inf."""
+    """Disparity, (H, W) float32 px, as 16-bit grey PNG that counts steps of 1/``steps`` px; 0 stands for inf."""
 
     suffix = ".png"
     media_type = "image/png"
@@ -32,9 +32,9 @@ class DisparityPng16(Codec[NDArray[np.float32]]):
         self.description = f"16-bit PNG that counts 1/{steps} px"
 
     def encode(self, value: NDArray[np.float32]) -> bytes:
-        """Encode a disparity, rounded to a step; a value that is not positive, not finite or too large becomes 0.
+        """Encode a disparity, rounded to whole steps; values that are not positive, not finite or too large become 0.
 
-        A disparity below half a step is stored as one step, as KITTI's own tools do, since 0 stands for none.
+        A disparity below half a step is stored as one step, as KITTI's own tools do, since 0 means "no disparity".
         """
         valid = (value > 0) & (value < self._end_px)
         counts = np.rint(np.where(valid, value * np.float32(self.steps), np.float32(0)))
@@ -46,7 +46,7 @@ class DisparityPng16(Codec[NDArray[np.float32]]):
         return np.where(counts > 0, counts / np.float32(self.steps), np.float32(np.inf))
 
     def exceeds_limit(self, value: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Return where a finite disparity rounds to more than 16 bits hold, (H, W) bool."""
+        """Return where a finite disparity is too large for 16 bits, (H, W) bool."""
         exceeding: NDArray[np.bool_] = np.isfinite(value) & (value >= self._end_px)
         return exceeding
 
@@ -56,7 +56,7 @@ class DisparityPng16(Codec[NDArray[np.float32]]):
 
 
 class _AboutMiddle(Codec[NDArray[np.float32]]):
-    """Signed values as 16-bit PNG, (H, W) or (H, W, C) float32 px: steps times the value, plus 2^15."""
+    """Signed values, (H, W) or (H, W, C) float32 px, as 16-bit PNG: steps per pixel times the value, plus 2^15."""
 
     name = "png16"
     suffix = ".png"
@@ -67,12 +67,12 @@ class _AboutMiddle(Codec[NDArray[np.float32]]):
     _least_count: ClassVar[int]
 
     def exceeds_limit(self, value: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Return where all components are finite and one rounds to a count that the format lacks, (H, W) bool."""
+        """Return where all components are finite, but one of them is out of the format's range, (H, W) bool."""
         exceeding: NDArray[np.bool_] = _all_components(np.isfinite(value)) & ~self._fits(self._counts(value))
         return exceeding
 
     def _counts(self, value: NDArray[np.float32]) -> NDArray[np.float64]:
-        # The sum is exact in float64, so it is rounded once.
+        # The sum is exact in float64, so `rint` is the only rounding.
         counts: NDArray[np.float64] = np.rint(value.astype(np.float64) * self._steps + _MIDDLE)
         return counts
 
@@ -85,7 +85,7 @@ class _AboutMiddle(Codec[NDArray[np.float32]]):
 
 
 class SignedDisparityPng16(_AboutMiddle):
-    """Signed disparity as 16-bit grey PNG, (H, W) float32 px: 256 d + 2^15; 0 stands for inf."""
+    """Signed disparity d, (H, W) float32 px, as 16-bit grey PNG of 256 d + 2^15; 0 stands for inf."""
 
     description = "16-bit PNG that counts 1/256 px from 32768 on"
     nothing = "0"
@@ -97,7 +97,7 @@ class SignedDisparityPng16(_AboutMiddle):
     _least_count = 1
 
     def encode(self, value: NDArray[np.float32]) -> bytes:
-        """Encode a disparity, rounded to 1/256 px; a value that is not finite or too large becomes 0."""
+        """Encode a disparity, rounded to 1/256 px; values that are not finite or out of range become 0."""
         counts = self._counts(value)
         return GREY16.encode(np.where(self._fits(counts), counts, 0).astype(np.uint16))
 
@@ -108,7 +108,7 @@ class SignedDisparityPng16(_AboutMiddle):
 
 
 class FlowPng16(_AboutMiddle):
-    """KITTI's flow as 16-bit RGB PNG, (H, W, 2) float32 px: 64 u + 2^15, 64 v + 2^15 and 1; three zeros for inf."""
+    """KITTI's flow, (H, W, 2) float32 px, as 16-bit RGB PNG: 64 u + 2^15, 64 v + 2^15 and 1; three zeros mean inf."""
 
     description = "16-bit RGB PNG of 64 u + 32768, 64 v + 32768 and 1"
     nothing = "0 in the third channel"
@@ -121,7 +121,7 @@ class FlowPng16(_AboutMiddle):
     _least_count = 0
 
     def encode(self, value: NDArray[np.float32]) -> bytes:
-        """Encode a flow, rounded to 1/64 px; three zeros where either component is not finite or too large."""
+        """Encode a flow, rounded to 1/64 px; three zeros where either component is not finite or out of range."""
         counts = self._counts(value)
         valid = self._fits(counts)[..., None]
         return RGB16.encode(np.concatenate([np.where(valid, counts, 0), valid], axis=2).astype(np.uint16))
@@ -133,7 +133,7 @@ class FlowPng16(_AboutMiddle):
 
 
 def _all_components(where: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return where all components of a pixel are true, (H, W) bool."""
+    """Return where all components of a pixel are true, (H, W), from (H, W) or (H, W, C) bool."""
     return np.all(where, axis=2) if where.ndim > 2 else where
 
 

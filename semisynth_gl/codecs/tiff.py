@@ -1,7 +1,7 @@
-"""TIFF of one channel of float32: lossless, deflated behind the floating point predictor.
+"""TIFF of one channel of float32: lossless, with the floating point predictor before deflate.
 
-The predictor, number 3 of Adobe's technical note 3, puts the high bytes of a row first, then the next ones and so on,
-and takes differences along the row: neighbouring disparities are alike in their high bytes. With ISA-L's deflate this
+The predictor, number 3 of Adobe's technical note 3, puts the high bytes of a row first, then the next lower ones and so
+on, and takes differences along the row: neighbouring disparities have similar high bytes. With ISA-L's deflate this
 takes a quarter of the time of libtiff's fastest level, at the same size.
 """
 
@@ -24,7 +24,7 @@ _STRIP_OFFSETS, _STRIP_SIZES = 273, 279  # tags
 
 
 class Tiff(Codec[NDArray[np.float32]]):
-    """TIFF of (H, W) float32, little-endian, one strip, which ends the file; inf stands for "nothing"."""
+    """TIFF of (H, W) float32, little-endian, in one strip at the end of the file; inf stands for "no value"."""
 
     name = "tiff"
     media_type = "image/tiff"
@@ -64,7 +64,7 @@ class Tiff(Codec[NDArray[np.float32]]):
             with Image.open(io.BytesIO(data), formats=["TIFF"]) as image:
                 if image.mode != "F":
                     raise ReadError(path, f"expected one channel of float32, got mode {image.mode}")
-                # libtiff is content with a strip whose check sum is missing.
+                # libtiff accepts a strip whose checksum is cut off.
                 strips = zip(image.tag_v2[_STRIP_OFFSETS], image.tag_v2[_STRIP_SIZES], strict=True)  # type: ignore[attr-defined]
                 if any(begin + size > len(data) for begin, size in strips):
                     raise ReadError(path, "ends before its last strip does")

@@ -1,1 +1,1 @@
-"""A dataset on disk: what it shall be, its files, and how it is read."""
+"""A dataset on disk: its plan, its files, and its readers."""

@@ -1,4 +1,4 @@
-"""A dataset and what it is made from lie apart: else its own files become photographs or models of the next run."""
+"""Check that a dataset lies apart from its sources: else a next run would use its files as photographs or models."""
 
 import os
 from pathlib import Path
@@ -13,14 +13,14 @@ from semisynth_gl.textures.reach import photograph_sources, reaching_source
 
 
 def check_apart(place: Place, plan: Plan) -> None:
-    """Raise InputError for a dataset's folder that lies where its photographs or models are sought, or holds some."""
+    """Raise InputError if the dataset's folder lies where photographs or models are sought, or holds any of them."""
     if place.local is None:
         return
     config, folder, real = plan.config, place.local, Path(os.path.realpath(place.local))
     advice = "Choose a folder apart from it for `out`"
     sources, extensions = photograph_sources(config.textures), image_extensions()
     if sources:
-        # Besides any file, since the next dataset in this folder may have other names.
+        # "file" stands for any name, since the next dataset in this folder may have other names.
         paths = [name for split in plan.splits for name in plan.files(split, 0).values()]
         source = reaching_source(folder / "file", sources)
         files = (reaching_source(folder / name, sources, extensions) for name in paths)

@@ -20,9 +20,13 @@ from semisynth_gl.plugins import MissingPluginError, require_plugins
 
 
 def read_beginning(place: Place) -> PlanDocument | None:
-    """Return what a dataset was begun as, from its index, else from its plan; None without either.
+    """Return a dataset's index, or else its plan; None where the place has neither.
 
-    A file that is cut off counts as missing: a run writes it again. Values that no dataset has raise ReadError.
+    A file that is cut off, or of another program, counts as missing.
+
+    Raises:
+        ReadError: where a file has values that no dataset has; the message has advice.
+        NewerFormatError: where a newer program wrote the dataset.
     """
     for name in (INDEX, PLAN):
         values = read_object(place, name)
@@ -36,7 +40,7 @@ def read_beginning(place: Place) -> PlanDocument | None:
 
 
 def read_resumed(place: Place) -> PlanDocument | None:
-    """Return the plan that a run resumes, as `read_beginning` does; raises MissingPluginError for a missing plug-in."""
+    """Return the document that `read_beginning` returns; raises MissingPluginError where a plug-in is not installed."""
     beginning = read_beginning(place)
     if beginning is not None:
         try:
@@ -49,8 +53,8 @@ def read_resumed(place: Place) -> PlanDocument | None:
 def complete_record(place: Place, shard: Shard) -> RecordDocument | None:
     """Return a shard's record, or None where the shard must be made again.
 
-    A record counts only if it is whole and this shard's, and all files are there in the sizes that it says. A link or a
-    folder in the place of a file raises ReadError.
+    A record counts only if it is not cut off, is this shard's, and all its files are there with the sizes that it says.
+    Raises ReadError where a link or a folder stands in the place of a file.
     """
     name = record_path(shard.name)
     values = read_object(place, name)
@@ -64,7 +68,7 @@ def complete_record(place: Place, shard: Shard) -> RecordDocument | None:
 
 
 def plan_of(document: PlanDocument) -> Plan:
-    """Return the plan of a dataset that was begun; raises InputError where this version does not know the config."""
+    """Return the plan in an index or a plan.json; raises InputError where this version does not know its config."""
     try:
         config = Config.model_validate(document.config_values.values)
     except ValidationError as error:
@@ -75,15 +79,16 @@ def plan_of(document: PlanDocument) -> Plan:
 
 
 def plan_document(plan: Plan, beginning: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what plan.json says of a dataset that began with an index or a plan.json of these values."""
+    """Return the content of plan.json for a dataset whose index or plan.json has the values ``beginning``."""
     return {key: beginning[key] for key in (*plan.values(), "sources") if key in beginning}
 
 
 def lost_files(place: Place, plan: Plan) -> list[str]:
-    """Return which files, links and folders about the whole dataset are missing, cut off, or not its plan's.
+    """Return the names of files, links and folders about the whole dataset that are missing or differ from the plan's.
 
-    A card or a Croissant file with other contents is not lost: users add to them. Nor is a folder in the place of
-    a link, as a copy without links has it. A link or a folder in the place of a file raises ReadError.
+    A card or a Croissant file with other contents is not lost, since users add to them. A folder in the place of a link
+    is not lost either, since copies of datasets may have folders there. Raises ReadError where a link or a folder
+    stands in the place of a file.
     """
     index = read_object(place, INDEX)
     if index is None:
@@ -101,7 +106,7 @@ def lost_files(place: Place, plan: Plan) -> list[str]:
 
 
 def read_object(place: Place, name: str) -> dict[str, Any] | None:
-    """Return the object in a JSON file; None where the file is missing, cut off or something else."""
+    """Return the object in a JSON file; None where the file is missing, cut off or no JSON object."""
     try:
         data = place.read(name)
     except (FileNotFoundError, NotADirectoryError):

@@ -21,7 +21,7 @@ from semisynth_gl.plugins import NOUNS
 from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.textures.sources import describe_source
 
-# The names in the documentation of Hugging Face's hub; any other licence is "other" with a name.
+# The names in the documentation of Hugging Face's hub; any other licence becomes "other" with a name.
 _LICENCES = frozenset(
     """
     apache-2.0 mit openrail bigscience-openrail-m creativeml-openrail-m bigscience-bloom-rail-1.0 bigcode-openrail-m
@@ -31,7 +31,7 @@ _LICENCES = frozenset(
     cdla-permissive-2.0 wtfpl ecl-2.0 epl-1.0 epl-2.0 etalab-2.0 eupl-1.1 agpl-3.0 gfdl gpl gpl-2.0 gpl-3.0 lgpl
     lgpl-2.1 lgpl-3.0 isc lppl-1.3c ms-pl mpl-2.0 odc-by odbl openrail++ osl-3.0 postgresql ofl-1.1 ncsa unlicense zlib
     pddl lgpl-lr unknown other
-    """.split()  # noqa: SIM905 - so many words read better without quotes
+    """.split()  # noqa: SIM905 - a long list reads better without quotes
 )
 _SIZE_NAMES = ("1K", "10K", "100K", "1M", "10M", "100M", "1B", "10B", "100B", "1T")
 _UNITS = ("kB", "MB", "GB", "TB")
@@ -41,7 +41,7 @@ _MAIN_ROLE = "left"
 
 
 def encode_card(index: IndexDocument) -> bytes:
-    """Encode a dataset's README.md from its index: YAML between two lines of dashes, and Markdown."""
+    """Encode a dataset's README.md from its index: YAML between two lines of dashes, then Markdown."""
     plan = plan_of(index)
     environment = template_environment()
     environment.filters |= {"bytes": _bytes, "counted": counted, "one_line": _one_line, "plain": _escaped}
@@ -85,7 +85,7 @@ def _front(plan: Plan, index: IndexDocument) -> str:
 
 
 def _config(role: str, file_sets: Sequence[FileSet]) -> dict[str, Any]:
-    """Return the config of a role's images; without configs hubs take whatever they find, such as shards' records."""
+    """Return the hub's config for a role's images; without configs, hubs load any file, such as shards' records."""
     return {
         "config_name": role,
         **({"default": True} if role == _MAIN_ROLE else {}),
@@ -95,7 +95,7 @@ def _config(role: str, file_sets: Sequence[FileSet]) -> dict[str, Any]:
 
 
 def _image_sets(plan: Plan) -> dict[str, list[FileSet]]:
-    """Return the file sets of images in folders by role, one for each split; the left image's in any format."""
+    """Return the file sets that hubs show as images, by role, one for each split; left images in any format."""
     found: dict[str, list[FileSet]] = {}
     for split in plan.splits:
         for each in list_file_sets(plan, split):
@@ -112,7 +112,7 @@ def _licence(name: str) -> dict[str, str]:
 
 
 def _quoted(text: str) -> str:
-    # YAML 1.1, which hubs read, takes more words for numbers, dates and truth values than YAML 1.2 does.
+    # Hubs read YAML 1.1, in which more unquoted texts are numbers, dates or truth values than in YAML 1.2.
     quoted: str = DoubleQuotedScalarString(text)
     return quoted
 
@@ -129,7 +129,7 @@ def _size_category(pairs: int) -> str:
 def _tars(index: IndexDocument, split: SplitName) -> tuple[str, str]:
     """Return a glob for the tars of a split, and their range in braces, which the webdataset package expands.
 
-    Both have the names' beginning: a config's name may contain a split's.
+    Both keep the whole beginning of the names, since a config's name may contain the name of another split.
     """
     tars = [shard.tar.removesuffix(".tar") for shard in index.shards if shard.split == split and shard.tar is not None]
     (begin, _, first), last = tars[0].rpartition("-"), tars[-1].rpartition("-")[2]
@@ -137,7 +137,7 @@ def _tars(index: IndexDocument, split: SplitName) -> tuple[str, str]:
 
 
 def _loadable(plan: Plan) -> dict[str, Any]:
-    """Return the roles that the package datasets loads from folders, and the others by what their files are."""
+    """Return the roles that the package datasets loads from folders, and all other roles by codec description."""
     images = [role for role, (first, *_) in _image_sets(plan).items() if first.pattern.endswith(_IMAGE_ENDINGS)]
     others: dict[str, list[str]] = {}
     for each in list_file_sets(plan, plan.splits[0]):
@@ -147,7 +147,7 @@ def _loadable(plan: Plan) -> dict[str, Any]:
 
 
 def _rights(plan: Plan, index: IndexDocument) -> list[tuple[str, str]]:
-    """Return how many photographs and models the dataset was made of, by licence."""
+    """Return the counts of photographs and of models, as text, each with its licence."""
     rows: list[tuple[str, str]] = []
     photographs = describe_source(plan.config.textures.source).noun
     for noun, key in ((photographs, "photographs"), ("kind of model", "models")):
@@ -162,7 +162,7 @@ def _has_flow(plan: Plan) -> bool:
 
 
 def _escaped(text: str) -> str:
-    """Return a text on one line without Markdown's meaning of its characters."""
+    """Return a text on one line, with Markdown's special characters escaped."""
     return re.sub(r"([\\`*_\[\]<>|#~$])", r"\\\1", _one_line(text))
 
 

@@ -11,7 +11,7 @@ from semisynth_gl.inputs.errors import InputError
 
 
 def read_config(index: Index) -> Config:
-    """Return a dataset's config; raises InputError where the config in the index is not one of this version."""
+    """Return a dataset's config; raises InputError where this version does not know the config in the index."""
     try:
         return Config.model_validate(index.config.values)
     except ValidationError as error:
@@ -20,7 +20,7 @@ def read_config(index: Index) -> Config:
 
 
 def recipe_values(index: Index) -> list[Mapping[str, Any]]:
-    """Return the values of each recipe's config in JSON's types; the config's own where it has no recipes."""
+    """Return the config of each recipe in JSON's types; without recipes, or from another version, the config itself."""
     try:
         return [recipe.config.model_dump(mode="json") for recipe in read_config(index).recipes()]
     except InputError:  # a config of another version

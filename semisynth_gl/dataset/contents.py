@@ -19,9 +19,10 @@ _Value = TypeVar("_Value")
 
 @dataclass(frozen=True, slots=True)
 class Shard:
-    """A fixed range of a split's pairs, from ``first`` to ``end`` - 1, on disk complete or not at all.
+    """A fixed range of a split's pairs, from ``first`` to ``end`` - 1, with one record once all pairs are written.
 
-    Tasks and ``--shards`` count shards by their number in the dataset; files have the shard's name before their ending.
+    ``number`` counts the shards of the whole dataset from 0, for tasks and ``--shards``. ``name`` is the name of the
+    shard's own files without their endings.
     """
 
     number: int
@@ -36,8 +37,8 @@ class Contents:
     """The contents of a dataset, planned or read.
 
     Attributes:
-        config: the config that the dataset is made with, or what an index says of it.
-        layout_name: see `semisynth_gl.layouts`.
+        config: the config that the dataset is made with, or the part of it that readers take from an index.
+        layout_name: the name of the files' layout; see `semisynth_gl.layouts`.
         pairs: number of pairs of each split; splits without pairs are left out.
         shard_pairs: number of pairs in a shard; the last shard of a split may have fewer.
         views: number of pairs that show each scene.
@@ -51,17 +52,17 @@ class Contents:
 
     @property
     def layout(self) -> Layout:
-        """The layout of the files."""
+        """The layout of `layout_name`."""
         return find_layout(self.layout_name)
 
     @property
     def encodings(self) -> Encodings:
-        """The encodings of the files."""
+        """The codecs of the files in this layout."""
         return self.layout.encodings_of(self.config.encodings, self.config.camera.colour)
 
     @property
     def splits(self) -> tuple[SplitName, ...]:
-        """The splits of the dataset."""
+        """The splits that have pairs: train, validation, test in this order."""
         return tuple(name for name in SPLITS if self.pairs.get(name))
 
     def folder(self, split: SplitName) -> str:
@@ -85,11 +86,11 @@ class Contents:
         return {role: f"{folder}{path}" for role, path in files.items()}
 
     def lists(self, keys: Sequence[Key]) -> dict[str, bytes]:
-        """Return the layout's lists about pairs of one split, by path below the dataset's folder."""
+        """Return the layout's lists about these pairs of one split: bytes by path below the dataset's folder."""
         return self._below_folder(keys[0].split, self.layout.lists(keys, self.encodings))
 
     def links(self, keys: Sequence[Key]) -> dict[str, str]:
-        """Return the layout's links for pairs of one split: path below the dataset's folder, and relative target."""
+        """Return the layout's links for these pairs of one split: relative target by path below the dataset."""
         return self._below_folder(keys[0].split, self.layout.links(keys))
 
     @property
@@ -104,11 +105,11 @@ class Contents:
 
     @property
     def folders(self) -> list[str]:
-        """The folders below the dataset's that loaders list though they may be empty."""
+        """The folders below the dataset's that loaders list, even where they are empty."""
         return [f"{self.folder(split)}{path}" for split in self.splits for path in self.layout.folders()]
 
     def images_folder(self) -> str:
-        """Return the folder below the dataset's that holds all images, or all tars where shards are packed."""
+        """Return the deepest folder below the dataset's that holds all images, or all tars where shards are packed."""
         if self.layout.packed:
             return RECORDS
         images = (

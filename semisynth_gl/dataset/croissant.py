@@ -1,8 +1,8 @@
 """Croissant 1.1: a description of a dataset and its files, as JSON-LD for hubs and search engines.
 
 Files of the same role and split make a file set. Where mlcroissant returns their content unchanged, they also make a
-record set with a record for each pair: the pair's key, the split, and the file's content. Records of one key belong
-together.
+record set with a record for each pair: the pair's key, the split, and the file's content. Records with the same key
+belong to the same pair.
 """
 
 import re
@@ -28,7 +28,7 @@ _TERMS = """
     examples extract field fileProperty fileObject fileSet format includes isArray isLiveDataset jsonPath key
     md5 name parentField path recordSet references regex repeated replace samplingRate sc separator source
     subField transform
-    """.split()  # noqa: SIM905 - so many words read better without quotes
+    """.split()  # noqa: SIM905 - a long list reads better without quotes
 # The context in Croissant's specification: readers compare it key by key.
 _CONTEXT: Mapping[str, Any] = {
     "@language": "en",
@@ -50,15 +50,15 @@ _SPLITS: Mapping[SplitName, str] = {
     "validation": "cr:ValidationSplit",
     "test": "cr:TestSplit",
 }
-# What mlcroissant returns unchanged of files in folders: it makes 8-bit RGB of every image, and fails at formats that
-# it does not know. Of files in tars it returns the bytes, or what Pillow makes of them.
+# Codecs of files in folders that mlcroissant returns unchanged: it converts every image to 8-bit RGB, and fails at
+# formats that it does not know. From a tar it returns a file's bytes, or the image that Pillow reads.
 _READ_IN_FOLDERS: tuple[Codec[Any], ...] = (RGB8, ThreeEqual(RGB8), Jpeg(), MIDDLEBURY_CALIB, KITTI_CALIB)
 
 
 def encode_croissant(index: IndexDocument) -> bytes:
     """Encode a dataset's croissant.json from its index.
 
-    The index does not know the publisher, the date, the address and the citation of the dataset: they are left out.
+    Publisher, date, address and citation are left out, since the index does not know them.
     """
     plan = plan_of(index)
     tars = [shard for shard in index.shards if shard.tar is not None]
@@ -152,7 +152,7 @@ def _field(name: str, data_type: object = "sc:Text", **properties: object) -> di
 
 
 def _key_regexes(pattern: str) -> list[str]:
-    """Return a regex for each star of a glob that captures the star's text; readers may put folders in front."""
+    """Return a regex for each star of a glob, which captures the star's text; folders may stand before the path."""
     parts = [re.escape(part) for part in pattern.split("*")]
     return [
         f"^(?:.*/)?{'[^/]+'.join(parts[:star])}([^/]+){'[^/]+'.join(parts[star:])}$" for star in range(1, len(parts))

@@ -1,7 +1,7 @@
 """The JSON files about a dataset, typed: index, plan, and the records and journals of shards.
 
-What a file says is checked here, before anything is opened or allocated by it. Keys that this version does not know are
-left alone: another version may have written them. A document of a newer format than this program's is refused.
+The values of a file are checked here, before a path is opened or memory allocated by them. Keys that this version does
+not know are ignored: another version may have written them. Documents of a newer format are refused.
 """
 
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ from semisynth_gl.seeds.splits import SPLITS, SplitName
 from semisynth_gl.textures.atlas import Patch
 
 CHANGED_INDEX = f"somebody changed it; without {INDEX}, the dataset's generate command goes on from {PLAN}"
-"""What to do where an index has values that no dataset has."""
+"""Advice in messages about an index with values that no dataset has."""
 
 # Larger than any dataset, and small enough to count with.
 _MOST_BYTES = 2**62
@@ -57,7 +57,7 @@ _Text = InstanceOf[str]
 
 
 class _Package(StoredObject):
-    """Messages have both in a command to be copied."""
+    """Name and version of a plug-in's package; their patterns are strict since messages put both into a command."""
 
     package: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)]
     version: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._+!-]*$", max_length=100)]
@@ -106,7 +106,7 @@ class PlanDocument(StoredDocument):
 
     @property
     def contents(self) -> Contents:
-        """The pairs, shards and files."""
+        """The dataset's pairs, shards and files."""
         pairs = {name: self.pairs[name] for name in SPLITS if name in self.pairs}
         return Contents(self.config_values, self.layout, pairs, self.shard_pairs, self.views)
 
@@ -171,7 +171,7 @@ class IndexDocument(PlanDocument):
 
 @dataclass(frozen=True, slots=True)
 class StoredFile:
-    """A file of a pair: its size, and its digest, or its place in a tar. Not a model: datasets have millions."""
+    """A file of a pair: its size, and its digest or offset in a tar. Models of millions would take too much memory."""
 
     bytes: _Bytes
     sha256: _Sha256 | None = None
@@ -212,7 +212,7 @@ class RecordDocument(ShardEntry):
 
     @property
     def sizes(self) -> dict[str, int]:
-        """The sizes of the files that the shard consists of, its tar or the files of its pairs, by name."""
+        """The size in bytes, by name, of the shard's tar or of each file of its pairs."""
         if self.tar is not None:
             return {self.tar: self.bytes}
         return {name: file.bytes for sample in self.samples for name, file in sample.files.items()}
@@ -222,8 +222,8 @@ def parse_document(values: Mapping[str, Any], model: type[_Document], path: Path
     """Check the values of a document, in JSON's types, and return them typed; the path is for messages.
 
     Raises:
-        NewerFormatError: where a newer program wrote it.
-        ReadError: with the keys that are wrong or missing, what was expected, and what came.
+        NewerFormatError: where a newer program wrote the document.
+        ReadError: where keys are wrong or missing; the message has the expected and the found values.
         MissingPluginError: where the layout is a plug-in's that is not installed.
     """
     number = values.get("format")
@@ -247,9 +247,9 @@ def parse_document(values: Mapping[str, Any], model: type[_Document], path: Path
 
 
 def parse_index(values: Mapping[str, Any], path: Path) -> IndexDocument:
-    """Parse an index, whose shards must be those of its numbers of pairs; raises what `parse_document` raises."""
+    """Parse an index; raises as `parse_document` does, and ReadError where pairs and list of shards disagree."""
     index = parse_document(values, IndexDocument, path)
-    # Counted first: a wrong number may ask for a list that no memory holds.
+    # Compare the counts first: a wrong number of pairs may make a list of shards that no memory holds.
     count = sum(-(-number // index.shard_pairs) for number in index.pairs.values())
     if count != len(index.shards):
         raise ReadError(path, f"shards: expected {count} by pairs and shard_pairs, got {len(index.shards)}")
@@ -259,22 +259,24 @@ def parse_index(values: Mapping[str, Any], path: Path) -> IndexDocument:
 
 
 def parse_beginning(values: Mapping[str, Any], name: str, path: Path) -> PlanDocument:
-    """Parse what a dataset began with, its index or its plan by the file's name; see `parse_index`."""
+    """Parse the index or the plan of a dataset; ``name`` is `INDEX` or `PLAN`. Raises as `parse_index` does."""
     return parse_index(values, path) if name == INDEX else parse_document(values, PlanDocument, path)
 
 
 def parse_record(values: Mapping[str, Any], shard: Shard, path: Path, *, packed: bool) -> RecordDocument:
     """Parse the record of a shard, in JSON's types; the path is for messages.
 
-    Its pairs must be the shard's. In a packed shard, the files must stand in the tar where their sizes put them. Raises
-    ReadError as `parse_document` does.
+    In a packed shard, the files' offsets in the tar must agree with their sizes.
+
+    Raises:
+        ReadError: where a value is wrong, or the record lists other pairs than the shard's.
     """
     record = parse_document(values, RecordDocument, path)
     _check_shard(record, shard, "", path)
     expected, came = list(range(shard.first, shard.end)), [sample.pair for sample in record.samples]
     if came != expected:
         pairs = f"{counted(len(came), 'pair')} ({shown(came)})"
-        raise ReadError(path, f"samples: expected the pairs {shard.first} to {shard.end - 1}, its record lists {pairs}")
+        raise ReadError(path, f"samples: expected the pairs {shard.first} to {shard.end - 1}, the record lists {pairs}")
     if not packed:
         return record
     if record.tar != tar_path(shard.name):

@@ -1,4 +1,4 @@
-"""A dataset's files as patterns: one for each role in each split, for readers that know globs and no layouts."""
+"""A dataset's files as patterns: one for each role in each split, for readers that understand globs but not layouts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,15 +10,15 @@ from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.seeds.splits import SplitName
 
 _DIGITS = "0123456789"
-# Numbers of sequences whose names differ wherever the names of any two sequences can.
+# Numbers of a few sequences whose names differ in every place in which names of sequences can differ.
 _SEQUENCES = (0, 1, 3, 123_456)
 
 
 @dataclass(frozen=True, slots=True)
 class FileSet:
-    """The files of a role (see `semisynth_gl.layouts.roles`) and a split, and what they hold in a few words.
+    """The files of one role (see `semisynth_gl.layouts.roles`) in one split; ``meaning`` is their content in words.
 
-    The pattern is a glob of the paths, below the dataset's folder or inside a tar, whose stars stand for the pair.
+    ``pattern`` is a glob of the paths, below the dataset's folder or inside a tar, whose stars stand for the pair.
     """
 
     split: SplitName
@@ -45,7 +45,7 @@ def list_file_sets(plan: Plan, split: SplitName) -> list[FileSet]:
 
 
 def _pattern(paths: Sequence[str]) -> str:
-    """Return the paths with a star where the names of files or folders differ; numbers are not cut in two."""
+    """Return the paths as one, with a star where names of files or folders differ; a star takes a number as a whole."""
     parts = []
     for names in zip(*(path.split("/") for path in paths), strict=True):
         turned = [name[::-1] for name in names]

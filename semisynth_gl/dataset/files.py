@@ -32,17 +32,17 @@ _QUESTIONS = 16
 class DatasetFiles:
     """The files of a dataset, new or resumed. Nothing on disk changes before `open`.
 
-    With ``overwrite``, an earlier dataset of this program is replaced, and an unfinished one of the same plan resumed.
-    Other people's files are never deleted.
+    With ``overwrite``, an earlier dataset of this program is replaced, and an unfinished dataset of the same plan is
+    resumed. Other people's files are never deleted.
 
     Attributes:
-        begun: whether there is a dataset already.
-        lost: which files, links and folders about the whole dataset a finished one lacks; see `lost_files`.
-        complete: whether the dataset is complete already.
+        begun: whether the place already holds a dataset, finished or not.
+        lost: the files, links and folders about the whole dataset that a finished dataset lacks; see `lost_files`.
+        complete: whether the dataset is already complete.
 
     Raises:
         InputError: where the place is a file, holds other people's files, or holds a dataset of another plan; the
-            message names the keys that differ. Also where a link would lead writes out of the folder.
+            message names the keys that differ. Also where a link would lead files out of the folder.
     """
 
     def __init__(self, place: Place, plan: Plan, *, overwrite: bool) -> None:
@@ -60,7 +60,7 @@ class DatasetFiles:
             if names and read_beginning(place) is None:
                 advice = "`overwrite` replaces only what this program wrote. " if overwrite else ""
                 raise InputError(
-                    f"{place.address}: the folder is not empty (it holds {abbreviate(names, 3)}), and no dataset of "
+                    f"{place.address}: the folder is not empty (it holds {abbreviate(names, 3)}), and is no dataset of "
                     f"this program. {advice}Choose another for `out`"
                 )
         elif overwrite:
@@ -79,15 +79,16 @@ class DatasetFiles:
         """Return whether `open`, with these digests of patches and models by split, will delete an earlier dataset."""
         if not self._overwrite or self._beginning is None:
             return False
-        # What a run that overwrites began before it was killed is no earlier dataset: it goes on there.
+        # An unfinished dataset with equal plan and sources is no earlier dataset: a killed run with `overwrite` began
+        # it, and this run goes on with it.
         return self._place.size(INDEX) is not None or read_object(self._place, PLAN) != self._values(sources)
 
     def open(self, sources: Mapping[SplitName, Mapping[str, str]]) -> None:
-        """Begin or resume the dataset, whose patches and models have these digests by split.
+        """Begin or resume the dataset; ``sources`` are the digests of its patches and models, by name in each split.
 
         Raises:
             InputError: where the place cannot be written to, the dataset was begun with other sources, or another run
-                writes to a dataset that is to be replaced.
+                writes to the dataset that this run would replace, or is replacing it.
         """
         values, place, replaces = self._values(sources), self._place, self.replaces(sources)
         try:
@@ -104,7 +105,7 @@ class DatasetFiles:
                         f"{place.address}: photographs or models are not those that the dataset was begun with: "
                         f"{abbreviate(changed)}. Give the same again, or choose another folder for `out`"
                     )
-            # The index goes first: from here on the folder does not claim to be finished. It never goes without a plan.
+            # Remove the index first, so that the dataset no longer claims to be finished; but never without a plan.
             if place.size(INDEX) is not None:
                 if self._beginning is not None and read_object(place, PLAN) is None:
                     place.write(PLAN, JSON_OBJECT.encode(plan_document(self._plan, self._beginning.values)))
@@ -122,20 +123,20 @@ class DatasetFiles:
             raise InputError(f"{place.address}: the folder cannot be written to: {error.strerror or error}") from None
 
     def missing(self, shards: Iterable[Shard], *, quick: bool = False) -> list[Shard]:
-        """Return the shards that `complete_record` finds no record of; if ``quick``, the first of them alone."""
+        """Return the shards for which `complete_record` finds no record; if ``quick``, only the first one."""
         read_record = partial(complete_record, self._place)
         if self._place.local is not None or quick:
             missing = (shard for shard in shards if read_record(shard) is None)
             return list(islice(missing, 1 if quick else None))
-        # Stores answer each question late, and many at once.
+        # Stores answer slowly, but many requests at once.
         with ThreadPoolExecutor(_QUESTIONS) as pool:
             shards = list(shards)
             return [shard for shard, record in zip(shards, pool.map(read_record, shards), strict=True) if not record]
 
     def finish(self, index: IndexDocument, files: Mapping[str, bytes]) -> None:
-        """Write the files about the whole dataset: last of all the index, which says that the dataset is complete.
+        """Write the files about the whole dataset, and finally the index, which says that the dataset is complete.
 
-        ``files`` are the contents of the card and the Croissant file by path.
+        ``files`` are the card and the Croissant file, by path.
         """
         place = self._place
         for name, data in (self._plan.all_lists | dict(files)).items():
@@ -150,7 +151,7 @@ class DatasetFiles:
             remove_unfinished(place)
 
     def close(self) -> None:
-        """Unlock the dataset, and remove a folder that this run created and that holds no pair."""
+        """Unlock the dataset, and remove its folder if this run created it and it holds no pair."""
         place = self._place
         if self._created and isinstance(place, Folder) and self._is_alone():
             with suppress(OSError):
@@ -166,7 +167,7 @@ class DatasetFiles:
             self._lock = None
 
     def _check_same(self, beginning: PlanDocument) -> None:
-        """Raise InputError where the dataset was begun with another plan; it may have been smaller."""
+        """Raise InputError where the dataset was begun with another plan; only its numbers of pairs may be smaller."""
         address, values, began = self._place.address, self._plan.values(), beginning.version
         if began != values["version"]:
             raise InputError(
@@ -194,13 +195,13 @@ class DatasetFiles:
             )
 
     def _values(self, sources: Mapping[SplitName, Mapping[str, str]]) -> dict[str, Any]:
-        """Return the plan and what it is made from, in JSON's types."""
+        """Return the content of plan.json: the plan with its sources, in JSON's types."""
         return self._plan.values() | {"sources": {split: dict(digests) for split, digests in sources.items()}}
 
     def _take_lock(self, *, alone: bool) -> None:
-        """Lock the dataset: exclusively where this run begins or replaces it, else beside other runs.
+        """Lock the dataset: exclusively where this run begins or replaces it, else together with other runs.
 
-        Of two runs that begin a dataset at once, one waits until the other has written the plan.
+        If two runs begin a dataset at the same time, one waits until the other has written the plan.
         """
         place = self._place
         if isinstance(place, Folder):
@@ -208,7 +209,7 @@ class DatasetFiles:
             self._lock = open_locked(path, lambda: not alone and read_beginning(place) is not None, patient=not alone)
 
     def _is_alone(self) -> bool:
-        """Return whether it is known that no other run works on the dataset; if so, no other run will until `close`."""
+        """Return True only where no other run works on the dataset; none can then begin to before `close`."""
         if self._lock is None:
             return True
         try:

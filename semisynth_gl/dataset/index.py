@@ -24,7 +24,7 @@ _OWN_LICENCE = "MIT"
 def describe_dataset(
     plan: Plan, sources: Mapping[SplitName, Sources], records: Sequence[RecordDocument]
 ) -> IndexDocument:
-    """Return a dataset's index, from the patches and models of each split and the records of all shards by number."""
+    """Return a dataset's index, from the sources of each split and the records of all shards in order."""
     values = plan.values() | {
         "sources": {split: split_sources.digests() for split, split_sources in sources.items()},
         "renderers": sorted({renderer for record in records for renderer in record.renderers}),
@@ -57,12 +57,12 @@ def _describe_split(plan: Plan, split: SplitName, sources: Sources) -> dict[str,
             for name in sorted({patch.source for patch in sources.atlas.patches})
         ],
         "patches": patches,
-        # Variants of a built-in kind have the same name, and a digest each.
+        # Variants of a built-in kind share a name, but have different digests.
         "models": [
             {
                 "name": mesh.name,
                 "sha256": _sha256(mesh.positions, mesh.uv, mesh.triangles),
-                # Names of the user's models are names of files and have an ending; models of plug-ins have a slash.
+                # Models of users are named after files, with an ending, and those of plug-ins have a slash in the name.
                 "licence": _OWN_LICENCE if mesh.name in own_kinds else config.licences.models,
             }
             for mesh in sources.models
@@ -79,7 +79,7 @@ def _sha256(*arrays: np.ndarray[Any, Any]) -> str:
 
 
 def _file_sha256(path: Path | None) -> str | None:
-    """Return the digest of a photograph; None where it has no file, or the file is gone."""
+    """Return the SHA-256 of a photograph's file; None where it has no file, or the file cannot be read."""
     if path is None:
         return None
     try:

@@ -1,4 +1,4 @@
-"""Locks between runs that work on one folder. A lock ends with its process, however that ends."""
+"""Locks between runs that work on one folder. A lock ends with its process, even if the process is killed."""
 
 import fcntl
 import os
@@ -13,9 +13,10 @@ _PATIENCE_S = 30.0
 
 
 def lock(descriptor: int, *, shared: bool) -> bool:
-    """Lock an open file, and return whether it is locked: some network file systems have no locks.
+    """Lock an open file, and return whether that worked: some network file systems have no locks.
 
-    Raises BlockingIOError where another process holds the lock.
+    A shared lock keeps exclusive ones out, and an exclusive lock keeps out all others. Raises BlockingIOError where
+    another process holds a lock that keeps this one out.
     """
     try:
         fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
@@ -29,9 +30,15 @@ def lock(descriptor: int, *, shared: bool) -> bool:
 def open_locked(path: Path, shared: Callable[[], bool], *, patient: bool) -> BinaryIO:
     """Open and lock a file, which other runs may remove when they end; close it to unlock it.
 
-    A missing file is created, and its folder too. ``shared`` is asked before each try whether to lock beside other
-    runs. A patient run waits up to half a minute for another run's unlocking. See `lock` on file systems without locks,
-    and on the error where another run holds the lock.
+    A missing file and its folder are created. On file systems without locks, the file is returned unlocked.
+
+    Args:
+        path: the file.
+        shared: called before each try; returns whether to share the lock with other runs.
+        patient: whether to wait up to half a minute while another run holds the lock.
+
+    Raises:
+        BlockingIOError: where another run holds the lock, for a patient run after its wait.
     """
     deadline = time.monotonic() + (_PATIENCE_S if patient else 0.0)
     while True:
@@ -40,7 +47,7 @@ def open_locked(path: Path, shared: Callable[[], bool], *, patient: bool) -> Bin
             file = unless_locked.enter_context(path.open("a+b"))
             try:
                 lock(file.fileno(), shared=shared())
-                # A lock of a file that was removed in the meantime keeps nobody out.
+                # If the file was removed in the meantime, its lock keeps nobody out.
                 if os.path.samestat(os.fstat(file.fileno()), path.stat()):
                     unless_locked.pop_all()
                     return file

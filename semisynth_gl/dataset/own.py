@@ -1,7 +1,7 @@
-"""Which files in a folder are a dataset's: no others are replaced or removed, and no link leads a run out of there.
+"""Which files in a folder are a dataset's: a run replaces and removes only these, and follows no link.
 
-A folder is the program's where its index or plan says so. In such a folder, `own_names` and the names of unfinished
-files (`semisynth_gl.dataset.schema`) are the dataset's, and all other files are somebody else's.
+A folder is the program's if its index or plan says so. In such a folder, files with the names of `own_names` or of
+unfinished files (`semisynth_gl.dataset.schema`) are the dataset's. All other files are somebody else's.
 """
 
 import os
@@ -50,10 +50,12 @@ def own_names(plan: Plan) -> Iterator[str]:
 
 
 def check_ways(place: Place, plan: Plan) -> None:
-    """Refuse a folder in which a link would lead writes, renames or removals out of it.
+    """Check that no link would lead a run out of the dataset's folder when it writes, renames or removes files.
 
-    The folders of single pairs are looked at when their pairs are written. Anything else in the place of the dataset's
-    folders and links is refused too.
+    Folders of single pairs are checked later, when their pairs are written.
+
+    Raises:
+        InputError: where a link stands in the place of a folder, or anything else in the place of a folder or link.
     """
     if not isinstance(place, Folder):
         return
@@ -74,9 +76,10 @@ def check_ways(place: Place, plan: Plan) -> None:
 
 
 def foreign_names(place: Place) -> list[str]:
-    """Return what others have put into a place without a plan.
+    """Return the names of files and folders that others have put into a place without a plan.
 
-    A run that is killed before it has written its plan leaves a lock, unfinished plans and empty folders there.
+    A lock, unfinished plans and empty folders are not among them: a run that was killed before it wrote its plan may
+    have left these.
     """
     if not isinstance(place, Folder):
         return sorted({name.partition("/")[0] for name in place.names()})
@@ -97,11 +100,11 @@ def foreign_names(place: Place) -> list[str]:
 
 
 def own_files(place: Place, plan: Plan) -> list[str]:
-    """Return the names of a dataset's files in its place; raises InputError where a file there is somebody else's."""
+    """Return the names of all files in a dataset's place; raises InputError where a file there is somebody else's."""
     files = place.names()
     foreign = {name for name in files if not is_unfinished_file(name)}
     for name in own_names(plan):
-        # A dataset that was hardly begun need not be gone through to its end.
+        # If few files of a large dataset exist, this saves listing the other names.
         if not foreign:
             break
         foreign.discard(name)
@@ -114,10 +117,10 @@ def own_files(place: Place, plan: Plan) -> list[str]:
 
 
 def remove_dataset(place: Place, beginning: PlanDocument) -> None:
-    """Remove an earlier dataset but for its plan, so that a run that is ended in between can be overwritten too.
+    """Remove an earlier dataset except for its plan, so that `overwrite` still works if this run is ended midway.
 
-    First of all the plan says that the dataset is being replaced: else a run with an equal plan would take the rest for
-    its own work. Raises InputError as `own_files` does, before anything is removed.
+    The plan is first marked with `REPLACED`: otherwise a run with an equal plan would take the remaining files for its
+    own. Raises InputError as `own_files` does, before anything is removed.
     """
     plan = plan_of(beginning)
     names = own_files(place, plan)
@@ -126,13 +129,13 @@ def remove_dataset(place: Place, beginning: PlanDocument) -> None:
         if name not in (PLAN, LOCK):
             place.remove(name)
     if isinstance(place, Folder):
-        # Of all files that there may have been: an earlier run may have removed them, and not their folders.
+        # The folders of all files of the plan: an earlier run may have removed files, but not their folders.
         remove_folders(place, plan)
         _remove_partial_folders(place)
 
 
 def remove_folders(place: Folder, plan: Plan) -> None:
-    """Remove the folders of a dataset's files in which nothing is left."""
+    """Remove the folders of a dataset's files that are empty."""
     there = {folder for folder in place.folders() if folder.partition("/")[0] != PARTIAL}
     own: set[str] = set()
     for folder in chain(plan.folders, (str(PurePosixPath(name).parent) for name in own_names(plan))):
@@ -143,7 +146,7 @@ def remove_folders(place: Folder, plan: Plan) -> None:
 
 
 def remove_unfinished(place: Folder) -> None:
-    """Remove the unfinished files that this program left, the lock last; files of others stay."""
+    """Remove the unfinished files of this program, the lock last; other people's files stay."""
     with suppress(OSError):
         for name in filter(is_unfinished_file, place.names(PARTIAL)):
             if name != LOCK:

@@ -1,7 +1,7 @@
-"""The root of a dataset, wherever it is: what can be asked of it and done to it.
+"""The root of a dataset, in a folder or elsewhere: how its files are read, listed, written and removed.
 
-A file appears when it is complete. Names are paths below the place, with slashes. Files are read without any state that
-processes or threads could share: each reading opens what it needs.
+A file appears only when it is complete. Names are paths below the place, with slashes. Processes and threads may share
+a place: each read opens the file anew.
 """
 
 from abc import ABC, abstractmethod
@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 
 class Place(ABC):
-    """A dataset's root, at the address that the user gave; ``local`` is its folder, None if not on this machine."""
+    """A dataset's root, at the address that the user gave; ``local`` is its folder, or None on another machine."""
 
     address: str
     local: Path | None
@@ -20,20 +20,20 @@ class Place(ABC):
         """Read a file; raises FileNotFoundError where it is missing, and OSError where it cannot be read.
 
         Raises:
-            ReadError: where the name, or a link, leads out of the place, or the file is no plain file.
+            ReadError: where the name leads out of the place or through a link, or names no plain file.
         """
 
     @abstractmethod
     def read_part(self, name: str, offset: int, length: int) -> bytes:
-        """Read ``length`` bytes from ``offset`` on, fewer where the file ends before; raises like `read`."""
+        """Read ``length`` bytes from ``offset`` on, fewer where the file ends earlier; raises like `read`."""
 
     @abstractmethod
     def open(self, name: str) -> BinaryIO:
-        """Open a file for reading anywhere in it; raises like `read`."""
+        """Open a file for reading, with seeking; raises like `read`."""
 
     @abstractmethod
     def size(self, name: str) -> int | None:
-        """Return a file's size in bytes, or None where the file is missing; else raises like `read`."""
+        """Return a file's size in bytes, or None where the file is missing; raises `read`'s other errors."""
 
     @abstractmethod
     def names(self, folder: str = "") -> list[str]:
@@ -44,17 +44,18 @@ class Place(ABC):
         """Write or replace a file atomically; raises OSError where it cannot be written.
 
         Raises:
-            InputError: where a link, or what else stands in the place of a folder, may lead the file out of the place.
+            InputError: where a link stands on the file's way, which may lead out of the place, or where anything else
+                stands in the place of a folder.
         """
 
     @abstractmethod
     def put(self, name: str, file: Path) -> None:
-        """Move a file of this machine to the place atomically; raises like `write`."""
+        """Move a file of this machine to ``name`` in the place atomically; raises like `write`."""
 
     @abstractmethod
     def remove(self, name: str) -> None:
-        """Remove a file, if it is there; raises InputError like `write`."""
+        """Remove a file, or do nothing where it is missing; raises InputError like `write`."""
 
     def path(self, name: str) -> Path:
-        """Return a file's path, for messages and where the place is local."""
+        """Return a file's path, for messages; only a local place's path can be opened."""
         return Path(self.address) / name

@@ -1,4 +1,4 @@
-"""The root of a dataset by its address: a folder of this machine, or what fsspec knows."""
+"""The root of a dataset by its address: a folder of this machine, or an address that fsspec knows."""
 
 import os
 import re
@@ -37,7 +37,7 @@ class Folder(Place):
     def read_part(self, name: str, offset: int, length: int) -> bytes:
         """Read a part of a file."""
         with self.open(name) as file:
-            # At most the file's size: a wrong length must not ask for memory.
+            # At most the rest of the file, so that a wrong length allocates no memory.
             length = max(0, min(length, os.fstat(file.fileno()).st_size - offset))
             file.seek(offset)
             return file.read(length)
@@ -45,7 +45,7 @@ class Folder(Place):
     def open(self, name: str) -> BinaryIO:
         """Open a file for reading."""
         self._find(name)
-        # Whatever has taken the file's place since: no link is followed, and no pipe waited for.
+        # Something else may have taken the file's place since: follow no link, and wait for no pipe.
         descriptor = os.open(self.local / name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
         return os.fdopen(descriptor, "rb")
 
@@ -57,7 +57,7 @@ class Folder(Place):
             return None
 
     def _find(self, name: str) -> os.stat_result:
-        """Return the status of a plain file, which stands in this folder without any link on the way to it."""
+        """Return the status of a plain file in this folder; raises ReadError for a link, anywhere on the way to it."""
         parts = PurePosixPath(name).parts
         if not parts or ".." in parts or PurePosixPath(name).is_absolute():
             raise ReadError(self.local / name, f"{name!r} is no path below {self.local}")
@@ -82,7 +82,7 @@ class Folder(Place):
         return sorted(path.relative_to(self.local).as_posix() for path in entries_below(self.local / folder))
 
     def write(self, name: str, data: bytes) -> None:
-        """Write a file under another name, and rename it."""
+        """Write a file under an unfinished name, and rename it."""
         new = self._create(name)
         partial = Path(new.name)
         try:
@@ -94,17 +94,17 @@ class Folder(Place):
         except BaseException:
             partial.unlink(missing_ok=True)
             raise
-        # Not above: from the renaming on, the unfinished name may be another run's.
+        # Outside the try block: once the file is renamed, another run may use the unfinished name.
         sync(self.path(name).parent)
 
     def put(self, name: str, file: Path) -> None:
-        """Rename a file, which has to lie on the same file system."""
+        """Rename a file, which must be on the same file system."""
         sync(file)
         self._rename(file, name)
         sync(self.path(name).parent)
 
     def remove(self, name: str) -> None:
-        """Remove a file or a link; never a folder, which may hold what others put there."""
+        """Remove a file or a link, but never a folder, which may hold other people's files."""
         self.own_path(name).unlink(missing_ok=True)
 
     def folders(self) -> list[str]:
@@ -124,11 +124,11 @@ class Folder(Place):
                 self.own_path(str(path)).rmdir()
 
     def make_folder(self, name: str) -> None:
-        """Make a folder, and those above it."""
+        """Make a folder, with its parents."""
         self.own_path(f"{name}/*").parent.mkdir(parents=True, exist_ok=True)
 
     def link(self, name: str, target: str) -> None:
-        """Make a symbolic link to a target relative to the link's folder, in place of one that leads elsewhere."""
+        """Make a symbolic link, whose target is relative to its folder; a link that leads elsewhere is replaced."""
         path = self.own_path(name)
         if path.is_symlink():
             if os.readlink(path) == target:  # noqa: PTH115 - a Path would drop dots
@@ -138,11 +138,11 @@ class Folder(Place):
         path.symlink_to(target)
 
     def own_path(self, name: str, *, in_place: bool = False) -> Path:
-        """Return the path of a file to write, rename or remove, or of one to open for writing in its place.
+        """Return the path of a file to create, replace or remove; or, if ``in_place``, of a file to open for writing.
 
         Raises:
-            InputError: where a link, which may lead out of this folder, or anything else stands where a folder on the
-                way should be, or the file that is opened.
+            InputError: where a folder on the way is a link, which may lead out of this folder, or something else. If
+                ``in_place``, also where the file itself is a link or something else.
         """
         path, *ways = self.local / name, *map(str, reversed(PurePosixPath(name).parents[:-1]))
         for way in (*ways, name) if in_place else ways:
@@ -178,7 +178,8 @@ def open_place(address: str | os.PathLike[str]) -> Place:
     """Return the place of an address: a path, in which ``~`` is the home folder, or ``protocol://...`` for fsspec.
 
     Raises:
-        InputError: where the address is empty or lacks its bucket, or the protocol's package is not installed.
+        InputError: where the address is empty, has one slash for two or lacks its bucket, or the protocol is unknown or
+            its package not installed.
     """
     text = os.fspath(address)
     path = text.removeprefix("file://").removeprefix("local://")
@@ -189,7 +190,7 @@ def open_place(address: str | os.PathLike[str]) -> Place:
     protocol = path.partition("/")[0]
     if _ONE_SLASH.match(path) and not Path(protocol).exists():
         raise InputError(
-            f"{text}: expected a folder or an address such as {protocol}//bucket/name, got one slash behind the colon; "
+            f"{text}: expected a folder or an address such as {protocol}//bucket/name, got one slash after the colon; "
             f"for a folder of this name give ./{text}"
         )
     return Folder(expanded(path))
@@ -203,7 +204,7 @@ def entries_below(folder: Path) -> Iterator[Path]:
 
 
 def sync(path: Path) -> None:
-    """Wait until a file or folder is on the disk, as far as the file system tells."""
+    """Wait until the file system says that a file or folder is on the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

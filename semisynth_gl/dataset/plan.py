@@ -18,17 +18,17 @@ from semisynth_gl.layouts.key import sequence_length
 from semisynth_gl.plugins import Records, plugin_records
 from semisynth_gl.seeds.splits import SPLITS, Split, SplitName
 
-# Shards usually have about 1 GB; a small dataset has smaller ones so that workers can share it.
+# Shards usually have about 1 GB; small datasets have smaller shards, so that workers can share the dataset.
 _SHARD_BYTES = 1_000_000_000
 _FEWEST_SHARDS = 8
-# Each is a few files, and a line of the index.
+# Each shard adds a few files, and a row of the index.
 _MOST_SHARDS = 1_000_000
 _OF_EVERY_DATASET = (INDEX, CARD, CROISSANT, RECORDS, PARTIAL)
 
 
 @dataclass(frozen=True, slots=True)
 class Plan(Contents):
-    """The plan of a dataset; ``plugins`` are the packages of the plug-ins that the dataset is made with."""
+    """The plan of a dataset; ``plugins`` are the packages of its plug-ins, see `semisynth_gl.plugins`."""
 
     config: Config
     seed: int
@@ -40,11 +40,11 @@ class Plan(Contents):
 
     @property
     def kind(self) -> str:
-        """What the pairs are, in a word or two."""
+        """The kind of the pairs, in a word or two."""
         return "rectified stereo" if self.config.rig.none() else "stereo"
 
     def values(self) -> dict[str, Any]:
-        """Return the plan in JSON's types."""
+        """Return the content of plan.json without its sources, in JSON's types."""
         return {
             "program": PROGRAM,
             "version": version(PROGRAM),
@@ -64,12 +64,18 @@ class Plan(Contents):
 def make_plan(
     config: Config, seed: int, layout_name: str, pairs: Mapping[SplitName, int], shard_pairs: int | None = None
 ) -> Plan:
-    """Make a plan; outputs that the layout needs are added to the config.
+    """Make the plan of a dataset; outputs that the layout needs are added to the config.
 
-    Without ``shard_pairs``, a shard has as many pairs as make about 1 GB, and fewer in small datasets.
+    Args:
+        config: the config of the pairs.
+        seed: 0 or more.
+        layout_name: the name of a layout, built-in or a plug-in's.
+        pairs: number of pairs of each split; 0 leaves a split out.
+        shard_pairs: pairs in a shard; by default about 1 GB of them, and fewer in small datasets.
 
     Raises:
-        InputError: where there is no such layout, or the numbers or the config's encodings do not go with it.
+        InputError: where a number is out of range, there is no such layout, or the layout cannot hold the config's
+            outputs, encodings or sequences.
     """
     check_type("config", config, Config, "load_config(NAME_OR_PATH) reads one")
     layout = find_layout(layout_name)
@@ -122,7 +128,7 @@ def make_plan(
 
 
 def used_plugins(config: Config, layout_name: str) -> Records:
-    """Return the packages of a dataset's plug-ins as installed here; raises InputError where one is not installed."""
+    """Return the installed packages of a dataset's plug-ins; raises InputError where one is not installed."""
     used = [*config.used_plugins().values()]
     if layout_name not in LAYOUTS:
         used.append(("layouts", layout_name))
@@ -130,7 +136,7 @@ def used_plugins(config: Config, layout_name: str) -> Records:
 
 
 def _check_names(plan: Plan) -> None:
-    """Raise InputError where the layout names a file as every dataset's own files are named."""
+    """Raise InputError where the layout gives a file a name that every dataset uses for its own files."""
     first = [[plan.key(split, 0)] for split in plan.splits]
     names = [name for keys in first for name in (*plan.lists(keys), *plan.links(keys))] + plan.folders
     if not plan.layout.packed:
@@ -151,13 +157,13 @@ def _shard_pairs(config: Config, encodings: Encodings, pairs: int) -> int:
             per_pixel += views * encodings.codec(channel.codec).pixel_bytes
     size = per_pixel * config.camera.width_px * config.camera.height_px
     number = max(1, min(round(_SHARD_BYTES / size), ceil(pairs / _FEWEST_SHARDS)))
-    # A sequence in two shards would be set up twice.
+    # If two shards shared a sequence, it would be set up twice.
     together = config.sequence_pairs
     return ceil(number / together) * together
 
 
 def differences(before: Mapping[Any, Any], now: Mapping[Any, Any], prefix: str = "") -> list[str]:
-    """Return the dotted keys at which two mappings in JSON's types differ, each with both values."""
+    """Return the dotted keys at which two mappings in JSON's types differ, each as text with both values."""
     texts: list[str] = []
     for key in dict.fromkeys((*before, *now)):
         old, new = before.get(key, _ABSENT), now.get(key, _ABSENT)

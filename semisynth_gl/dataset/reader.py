@@ -1,4 +1,4 @@
-"""A dataset as a sequence of pairs, with the same names in every layout."""
+"""A dataset as a sequence of pairs, whose arrays have the same names in every layout."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,9 +32,12 @@ _MISSING = "is missing"
 
 @dataclass(frozen=True, slots=True)
 class Index(Contents):
-    """The index of a dataset, or the plan of an unfinished one; ``document`` is the file that was read.
+    """The index of a dataset, or the plan of an unfinished one.
 
-    ``fault`` says why index.json cannot be used and what to do about it, or is None.
+    Attributes:
+        place: the dataset's root.
+        document: the content of index.json, or of plan.json where the index cannot be used.
+        fault: the reason why index.json cannot be used, with advice; None where it can be used.
     """
 
     config: StoredConfig
@@ -44,7 +47,7 @@ class Index(Contents):
 
     @property
     def made(self) -> IndexDocument | None:
-        """What index.json says; None of an unfinished dataset."""
+        """The content of index.json; None for an unfinished dataset."""
         return self.document if isinstance(self.document, IndexDocument) else None
 
     @property
@@ -54,7 +57,7 @@ class Index(Contents):
 
     @property
     def imperfect(self) -> bool:
-        """Whether the config puts imperfections of a rig on the images, differently in each view."""
+        """Whether the config adds imperfections of a rig to the images, which differ between the views."""
         try:
             return not ImperfectionsSection.model_validate(self.config.imperfections or {}).none()
         except ValidationError:  # a config of another version
@@ -62,7 +65,7 @@ class Index(Contents):
 
 
 class DamagedIndexError(InputError):
-    """A folder has an index or a plan of this program, and neither can be used; ``faults`` says why of each file."""
+    """A folder has an index or plan of this program, but neither can be used; ``faults`` has a reason for each file."""
 
     def __init__(self, address: str, faults: Sequence[str]) -> None:
         super().__init__(f"{address}: not a dataset that can be read: {'; '.join(faults)}")
@@ -70,11 +73,12 @@ class DamagedIndexError(InputError):
 
 
 def read_index(address: str | PathLike[str]) -> Index:
-    """Open a dataset, finished or not, by its folder or an address that fsspec knows.
+    """Read the index or the plan of a dataset, by the dataset's folder or an address that fsspec knows.
 
     Raises:
-        InputError: where the address has no dataset of this program, or one of a newer format.
-        DamagedIndexError: where both index and plan are cut off, or have values that no dataset has.
+        InputError: where the address has no dataset of this program, or a dataset of a newer format.
+        DamagedIndexError: where the address has a dataset of this program whose index and plan cannot be used: each is
+            missing, cut off, or has values that no dataset has.
     """
     place = open_place(address)
     if place.local is not None and not place.local.is_dir():
@@ -105,7 +109,7 @@ def read_index(address: str | PathLike[str]) -> Index:
 
 
 def make_index(place: Place, document: PlanDocument, fault: str | None = None) -> Index:
-    """Make the index of a dataset; see `Index`."""
+    """Make an `Index` from the content of a dataset's index or plan."""
     contents = document.contents
     described = document.config_values, contents.layout_name, contents.pairs, contents.shard_pairs, contents.views
     return Index(*described, place, document, fault)
@@ -114,18 +118,18 @@ def make_index(place: Place, document: PlanDocument, fault: str | None = None) -
 class Dataset(Sequence[StoredFrame]):
     """A finished dataset, or one of its splits: ``dataset[i]`` is a pair with its truth.
 
-    Files are read when a pair is asked for, and none stays open: processes, forked or spawned, and threads may share a
-    dataset. The length of each file in a tar, and its header, are checked against the shard's record.
+    Indexing reads the files of a pair and closes them again, so threads and processes, forked or spawned, may share a
+    dataset. The length and the header of each file in a tar are checked against the shard's record.
 
     Args:
         index: the index of the dataset.
-        split: a split of the dataset; None for all pairs, training pairs first.
+        split: a split of the dataset; None for all pairs, in the order train, validation, test.
 
     Attributes:
         about: the index of the dataset.
 
     Raises:
-        InputError: where the dataset is not finished, or has no such split.
+        InputError: where the dataset is not finished, or lacks the split.
     """
 
     def __init__(self, index: Index, split: SplitName | None = None) -> None:
@@ -148,13 +152,13 @@ class Dataset(Sequence[StoredFrame]):
     def __getitem__(self, number: slice) -> list[StoredFrame]: ...
 
     def __getitem__(self, number: int | slice) -> StoredFrame | list[StoredFrame]:
-        """Read a pair.
+        """Read a pair, or the list of pairs that a slice selects.
 
         Raises:
             IndexError: where the dataset has fewer pairs.
-            ReadError: where a file is missing, cut off, of another size than the dataset's images or cannot be read,
-                or a shard's record is not its own.
-            InputError: where the number is no whole number, or a codec needs a package that is not installed.
+            ReadError: where a file is missing, cut off, cannot be read, or has another size than the dataset's images,
+                or a record does not describe its shard.
+            InputError: where the number is not a whole number, or a codec needs a package that is not installed.
         """
         if isinstance(number, slice):
             return [self[position] for position in range(*number.indices(len(self)))]
@@ -178,7 +182,7 @@ class Dataset(Sequence[StoredFrame]):
 
         Raises:
             IndexError: where the dataset has fewer pairs.
-            InputError: where the number is no whole number.
+            InputError: where the number is not a whole number.
         """
         position = range(len(self))[to_whole("the number of a pair", number)]
         for split, count in self._counts.items():
@@ -195,7 +199,7 @@ class Dataset(Sequence[StoredFrame]):
             record = read_record(place, shard, packed=True)
             size, path = place.size(tar_path(shard.name)), place.path(tar_path(shard.name))
             if size != record.bytes:
-                fault = _MISSING if size is None else f"has {size} bytes, its record says {record.bytes}"
+                fault = _MISSING if size is None else f"has {size} bytes, but its record says {record.bytes}"
                 raise ReadError(path, fault)
             self._records[shard] = record
         return read_members(place, shard, record, pair, names)
@@ -216,7 +220,7 @@ def open_dataset(address: str | PathLike[str], split: SplitName | None = None) -
 
 
 def read_record(place: Place, shard: Shard, *, packed: bool) -> RecordDocument:
-    """Read the record of a shard, packed into a tar or not; raises ReadError where it is missing or not the shard's."""
+    """Read the record of a shard; raises ReadError where it is missing, or does not describe the shard."""
     name = record_path(shard.name)
     return parse_record(_read_json(place, name), shard, place.path(name), packed=packed)
 
@@ -224,16 +228,17 @@ def read_record(place: Place, shard: Shard, *, packed: bool) -> RecordDocument:
 def read_members(
     place: Place, shard: Shard, record: RecordDocument, pair: int, names: Sequence[str]
 ) -> dict[str, bytes]:
-    """Read files of a pair from its shard's tar, at once, by the record that `read_record` returns.
+    """Read files of a pair from its shard's tar, with one request, and return their bytes by name.
 
-    A file that the record lacks, or for which the tar has something else, raises ReadError.
+    ``record`` is the shard's from `read_record`, ``pair`` the pair's number in its split, and ``names`` are one or more
+    names inside the tar. Raises ReadError where the record lacks a file, or the tar has something else in its place.
     """
     path = place.path(tar_path(shard.name))
     listed = record.samples[pair - shard.first].files
     for name in names:
         if name not in listed:
-            raise ReadError(place.path(record_path(shard.name)), f"has no entry of {name}")
-    # A packed record has the offset of each file, or was refused.
+            raise ReadError(place.path(record_path(shard.name)), f"has no entry for {name}")
+    # `parse_record` refuses a packed record that lacks an offset.
     spans = {name: (cast("int", listed[name].offset), listed[name].bytes) for name in names}
     begin = min(offset for offset, _ in spans.values()) - HEADER
     end = max(offset + size for offset, size in spans.values())

@@ -1,4 +1,4 @@
-"""The scenes of a finished dataset, rebuilt from config, seed and patches in its index."""
+"""The scenes of a finished dataset, rebuilt from the config, the seed and the patches in its index."""
 
 from pydantic import ValidationError
 
@@ -16,12 +16,13 @@ from semisynth_gl.seeds.splits import SplitName
 
 
 class RebuiltScenes:
-    """Rebuilds the scenes of a split. Photographs are not needed: patches colour a scene and do not shape it.
+    """Rebuilds the scenes of a split, without the photographs: patches colour a scene and do not shape it.
 
-    ``config`` and ``seed`` are the dataset's, and ``models`` the meshes that `Scene.model` indexes.
+    ``config`` and ``seed`` are the dataset's, and ``models`` are the meshes that `Scene.model` indexes.
 
     Raises:
-        InputError: where config, seed or patches are not of this version, or models are missing.
+        InputError: where this version does not know the index's config, seed or patches, or models are missing.
+        MissingPluginError: where a plug-in that made models is missing or has another version.
     """
 
     def __init__(self, index: Index, split: SplitName) -> None:
@@ -38,7 +39,7 @@ class RebuiltScenes:
             raise InputError(f"{index.place.address}: the scenes cannot be rebuilt from the index: it lists no patches")
         self.seed, part = document.seed, self.config.splits.split(split, index.splits, document.seed)
         try:
-            # Another version may make other models. The keys of recipes are in the config.
+            # Another version of a plug-in may make other models. Recipes need no check: the config has their keys.
             require_plugins(document.plugin_records, ["models"], same=True)
         except MissingPluginError as error:
             raise MissingPluginError(f"{index.place.address}: the scenes cannot be rebuilt: {error}") from None
@@ -49,9 +50,9 @@ class RebuiltScenes:
     def sampled(self, frame: StoredFrame) -> SampledScene | None:
         """Rebuild a pair's scene, with the origin of its instances.
 
-        Return None where config and seed give another recipe or camera than the pair's provenance has.
+        Return None where config and seed lead to another recipe or camera than those in the pair's provenance.
         """
-        # A sequence whose first frame failed the config's checks was drawn again, once for each entry.
+        # Each entry is one time that the sequence was drawn again, since its first frame failed the config's checks.
         redrawn = frame.provenance.get("redrawn")
         rebuilt = self._sampler.sample(frame.index, len(redrawn) if isinstance(redrawn, list) else 0)
         recorded, camera = frame.provenance.get("camera"), rebuilt.scene.camera

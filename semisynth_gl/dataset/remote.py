@@ -14,7 +14,7 @@ _WITH_BUCKETS = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl
 
 
 class Remote(Place):
-    """An address that fsspec knows, with its protocol.
+    """The place at an address that fsspec knows, such as ``s3://bucket/name``.
 
     Raises:
         InputError: where fsspec or the protocol's package is not installed, the protocol is unknown, or the address of
@@ -33,7 +33,7 @@ class Remote(Place):
     def _connect(self) -> None:
         self._process = os.getpid()
         try:
-            # Without a cache of listings, files of other processes show at once.
+            # Without a cache of listings, this process sees other processes' files at once.
             self._connected, self._root = import_module("fsspec").core.url_to_fs(self.address, use_listings_cache=False)
         except ImportError as error:
             raise InputError(
@@ -89,7 +89,7 @@ class Remote(Place):
         return sorted(path.removeprefix(f"{self._root}/") for path in paths)
 
     def write(self, name: str, data: bytes) -> None:
-        """Write a file; object stores show it when it is complete."""
+        """Write a file; object stores show it only when it is complete."""
         with self._clear_errors(writing=True):
             self._make_parent(name)
             self._system.pipe_file(self._at(name), data)
@@ -107,21 +107,21 @@ class Remote(Place):
             self._system.rm_file(self._at(name))
 
     def path(self, name: str) -> Path:
-        """Return a file's address, which looks like a path."""
+        """Return a file's address without its protocol, as a path for messages."""
         return Path(f"{self.address.partition('://')[2]}/{name}")
 
     def _at(self, name: str) -> str:
         return f"{self._root}/{name}".rstrip("/")
 
     def _make_parent(self, name: str) -> None:
-        # Object stores have no folders; to make a "folder" there would be to make a bucket.
+        # Object stores have no folders; making a "folder" there would make a bucket.
         protocol = self._system.protocol
         if _WITH_BUCKETS.isdisjoint(protocol if isinstance(protocol, tuple | list) else (protocol,)):
             self._system.makedirs(self._at(name).rpartition("/")[0], exist_ok=True)
 
     @contextmanager
     def _clear_errors(self, *, writing: bool = False) -> Iterator[None]:
-        """Turn errors of fsspec's packages about rights and buckets into InputError."""
+        """Raise InputError for errors of fsspec's packages, but keep FileNotFoundError unless ``writing``."""
         try:
             yield
         except OSError as error:
@@ -129,10 +129,11 @@ class Remote(Place):
                 raise
             raise InputError(f"{self.address}: {error}; check address, rights and connection") from None
         except NotImplementedError:
-            # Such as http://, which fsspec only reads.
+            # fsspec can only read some protocols, such as http://.
             raise InputError(f"{self.address}: fsspec cannot write to such an address; choose another") from None
         except Exception as error:
-            # botocore's NoCredentialsError and its like are no OSErrors, and their packages may be absent.
+            # Errors such as botocore's NoCredentialsError are no OSErrors, and cannot be imported where their packages
+            # are absent.
             kind = type(error).__name__
             if "Credential" in kind or type(error).__module__.split(".")[0] in ("botocore", "aiobotocore", "google"):
                 raise InputError(

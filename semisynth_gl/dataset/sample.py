@@ -20,15 +20,15 @@ from semisynth_gl.layouts.roles import Sample, mask_from_not_occluded, not_occlu
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredFrame(Frame):
-    """A pair read from files: the arrays of its files, and the facts in them.
+    """A pair read from files: a frame with the facts that its files state.
 
     Attributes:
         name: the pair's name, such as ``middlebury-000012``.
         split: ``train``, ``validation`` or ``test``.
         index: the pair's number in the split.
-        provenance: the origin of the pair, in JSON's types.
-        calibration: Middlebury's calib.txt, in layouts that have one.
-        encodings: codecs of the files, with the values that they round and cannot store.
+        provenance: the content of the pair's JSON file, which says how the pair was made.
+        calibration: the content of Middlebury's calib.txt; None in layouts without this file.
+        encodings: codecs of the files; they know how far each file's values are rounded.
     """
 
     name: str = ""
@@ -44,15 +44,15 @@ class StoredFrame(Frame):
         return self.provenance.get("recipe")
 
     def sky(self, eye: Eye) -> NDArray[np.bool_] | None:
-        """Return where a view shows the sky, (H, W) bool; None where that is not known.
+        """Return where a view shows the sky, (H, W) bool; None where the files do not say it.
 
-        It is known in all pairs without a sky, and with one by the output ``sky``, or by ``instances``.
+        A pair whose scene has a sky needs the output ``sky`` or ``instances`` for it. All other pairs show no sky.
         """
         view = self.view(eye)
         return np.asarray(view.sky == SKY) if "sky" in view else self.sky_of_instances(eye)
 
     def sky_of_instances(self, eye: Eye) -> NDArray[np.bool_] | None:
-        """Return where a view shows the sky, (H, W) bool, by its instances alone; see `sky`."""
+        """Return where a view shows the sky, (H, W) bool, by the output ``instances`` only; see `sky`."""
         view, rows = self.view(eye), self.provenance.get("instances")
         ids = view.get("instances")
         if self.provenance.get("sky") is not True:
@@ -63,7 +63,7 @@ class StoredFrame(Frame):
         return np.asarray(is_sky[np.minimum(ids, len(rows))])
 
     def rounding_px(self, disparity: NDArray[np.floating[Any]] | float) -> NDArray[np.float64]:
-        """Return the largest error that the codec puts on disparities, of the same shape, float64 px."""
+        """Return the largest rounding error of stored disparities in pixels, float64 of the shape of ``disparity``."""
         error = self.encodings.disparity.error_px
         if self.encodings.disparity.signed:
             return np.full(np.shape(disparity), error)
@@ -72,14 +72,14 @@ class StoredFrame(Frame):
 
 
 LatestFiles = dict[str, tuple[NDArray[Any], bytes]]
-"""Value and file of each role of the latest pair, for successive pairs that share a left view."""
+"""The array and the encoded file of each role in the latest pair, for successive pairs that share a left view."""
 
 
 @dataclass(frozen=True, slots=True)
 class EncodedPair:
     """A pair as files in memory: their bytes by path.
 
-    ``share_beyond`` is the share of pixels whose disparity the codec cannot store, in the view with the larger share.
+    ``share_beyond`` is the share of pixels, 0 to 1, whose disparity the codec cannot store, in the view with more.
     """
 
     files: dict[str, bytes]
@@ -97,11 +97,21 @@ def encode_pair(
 ) -> EncodedPair:
     """Encode a pair as files; a channel that the frame lacks gets no file.
 
-    Disparities that the codec cannot store become invalid, in the masks, in the changes of disparity and in the
-    calibration too; the provenance, in JSON's types, then counts them by view under `Channel.beyond_key`. Likewise
-    flow. ``ndisp`` is an upper bound of the disparities in whole pixels, and ``encodings`` are those of
-    `Layout.encodings_for`. Where pairs share a view, ``latest`` has the files of earlier pairs, no value of which may
-    have been changed since. Raises InputError where a codec needs a package that is not installed.
+    Disparities and flow that the codec cannot store become invalid. They become invalid in the masks, in the changes of
+    disparity and in the calibration too, and the written provenance counts them by view under `Channel.beyond_key`.
+
+    Args:
+        layout: the files' names and roles.
+        key: the pair's identity, which its files are named after.
+        frame: the pair; it is not changed.
+        provenance: how the pair was made, in JSON's types.
+        ndisp: upper bound of the disparities in whole pixels.
+        encodings: the codecs that `Layout.encodings_for` returns.
+        latest: where pairs share a view, one dictionary for all of them, empty at first: an array equal to the latest
+            pair's is not encoded again. No array of earlier frames may be changed.
+
+    Raises:
+        InputError: where a codec needs a package that is not installed.
     """
     beyond: dict[str, dict[str, int]] = {}
     for channel in CHANNELS.values():
@@ -123,7 +133,7 @@ def encode_pair(
 
 
 def _encode(role: str, codec: Codec[Any], value: Any, latest: LatestFiles | None) -> bytes:  # noqa: ANN401 - by role
-    """Encode a role's value, or return the latest pair's file where that pair has the value bit for bit."""
+    """Encode a role's value, or return the latest pair's file where its value has the same bits."""
     if latest is None or not isinstance(value, np.ndarray):
         return codec.encode(value)
     earlier = latest.get(role)
@@ -138,14 +148,15 @@ def _same_bits(first: NDArray[Any], second: NDArray[Any]) -> bool:
 
 
 def decode_file(layout: Layout, role: str, data: bytes, path: Path, encodings: Encodings) -> Any:  # noqa: ANN401 - by role
-    """Decode a role's file; the path is for messages. Raises ReadError where the file is cut off or of another kind."""
+    """Decode a role's file to what `Role.unwrap` returns; the path is for messages. Raises as `Codec.decode` does."""
     return layout.role(role).unwrap(layout.role(role).codec(encodings).decode(data, path), path)
 
 
 def wrong_sizes(values: Mapping[str, Any], size: tuple[int, int]) -> Iterator[tuple[str, str]]:
-    """Yield the role of each of a pair's values whose size differs from the dataset's height and width, and the fault.
+    """Yield the role of each value that does not have the dataset's size, and a message about it.
 
-    The size of a camera, a calibration or a provenance is that of the camera's images.
+    ``values`` are a pair's decoded files by role, and ``size`` is the height and width of the dataset's images. A
+    camera, a calibration or a provenance has the size of its camera's images.
     """
     for role, value in values.items():
         if isinstance(value, np.ndarray):
@@ -158,7 +169,7 @@ def wrong_sizes(values: Mapping[str, Any], size: tuple[int, int]) -> Iterator[tu
 
 
 def camera_size(value: object) -> tuple[Any, Any] | None:
-    """Return height and width in a camera, a calibration or a provenance, px; None of anything else."""
+    """Return height and width in px from a camera, a calibration or a provenance; None from any other value."""
     if isinstance(value, Calibration):
         value = value.camera
     if isinstance(value, StereoCamera):
@@ -168,11 +179,13 @@ def camera_size(value: object) -> tuple[Any, Any] | None:
 
 
 def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) -> StoredFrame:
-    """Assemble a pair from values by role: at least both images, the left disparity and the provenance.
+    """Assemble a pair from its decoded files.
+
+    ``values`` are what `decode_file` returns, by role: at least both images, the left disparity and the provenance.
 
     Raises:
-        ReadError: where the provenance has no camera, or the truth of points that are not occluded is not among the
-            truth of all points.
+        ReadError: where the provenance has no camera, or the truth of visible points differs from the truth of all
+            points.
     """
     path = Path(key.name)
     arrays = {role: value for role, value in values.items() if role in ROLES}
@@ -187,7 +200,7 @@ def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) ->
     calibration, provenance = values.get("calibration"), values["provenance"]
     stored_camera = provenance.get("camera")
     if calibration is None or (isinstance(stored_camera, dict) and "deviation" in stored_camera):
-        # A calibration is that of the rectified pair.
+        # The calibration of a deviating pair describes its rectified twin.
         try:
             camera = StereoCamera.from_values(provenance["camera"])
         except (KeyError, TypeError, InputError) as error:
@@ -200,7 +213,7 @@ def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) ->
 
 
 def _with_outside(frame: Frame, eye: Eye) -> View:
-    """Return a view whose mask knows of points that lie above or below the other image; see `restore_outside`."""
+    """Return a view whose mask marks points above and below the other image as outside; see `restore_outside`."""
     view = frame.view(eye)
     if frame.camera.rectified or not view.keys() >= {"disparity", "visibility"}:
         return view

@@ -1,7 +1,7 @@
-"""The writer of a shard: pairs are added one after the other, and a record written last says that it is complete.
+"""The writer of a shard: pairs are added one after the other, and the record, written last, says that it is complete.
 
-Complete pairs survive the end of a run: a journal has a line for each pair, with the digests of its files. A rerun
-resumes the shard at the first pair whose files do not agree with the journal.
+Complete pairs survive when a run is ended: a journal has a line for each pair, with the digests of its files. The next
+run resumes the shard at the first pair whose files do not agree with the journal.
 """
 
 import hashlib
@@ -36,17 +36,17 @@ class ShardBusyError(Exception):
 class ShardWriter:
     """Writes one shard. Use it in a ``with`` block.
 
-    Files outside tars appear below ``folder``, "" or ending in a slash, as soon as their pair is complete; the tar of a
-    packed shard appears when all its pairs are complete.
+    If ``packed``, the files go into one tar, which appears when all pairs of the shard are complete. Otherwise a pair's
+    files appear below ``folder``, "" or ending in a slash, as soon as the pair is complete.
 
     Attributes:
-        complete: whether the shard was complete already; such a writer changes nothing and takes no pairs.
-        samples: entries of the complete pairs, in their order; none of a shard that was complete already.
+        complete: whether the shard was complete already; the writer then changes nothing and takes no pairs.
+        samples: journal entries of the pairs written so far, in their order; empty where ``complete`` is true.
 
     Raises:
         ShardBusyError: where another run is making the shard.
-        InputError: where a link would lead what is written out of the place; `add` and `finish` raise it too.
-        OSError: where the disk refuses.
+        InputError: where a link would lead files out of the place; `add` and `finish` raise it too.
+        OSError: where the disk cannot be written to.
     """
 
     def __init__(self, place: Place, shard: Shard, *, packed: bool, folder: str) -> None:
@@ -90,10 +90,13 @@ class ShardWriter:
         self._resources.close()
 
     def add(self, files: Mapping[str, bytes], facts: Mapping[str, Any]) -> None:
-        """Add the next pair: its files by path below the split's folder or inside the tar, and facts for the record.
+        """Add the next pair.
+
+        ``files`` are the files' bytes by path, below the split's folder or inside the tar, and ``facts`` the further
+        values of the pair's `JournalEntry`, in JSON's types.
 
         Raises:
-            OSError: where the disk is full or refuses; no file of the pair remains then.
+            OSError: where the disk is full or cannot be written to; no file of the pair remains then.
         """
         index = self._indices[len(self.samples)]
         entry: dict[str, Any] = {"pair": index} | dict(facts)
@@ -103,7 +106,10 @@ class ShardWriter:
         self.samples.append(JournalEntry.model_validate(entry))
 
     def finish(self, facts: Mapping[str, Any], log: Mapping[str, Any]) -> dict[str, Any]:
-        """Complete the shard after its last pair, with facts for its record and a log, and return the record."""
+        """Complete the shard after its last pair, and return its record.
+
+        ``facts`` go into the record and ``log`` into the shard's log, both in JSON's types.
+        """
         record: dict[str, Any] = {"shard": self._name, "format": FORMAT} | dict(facts)
         record |= self._finish_files() if self._tar is None else self._finish_tar(self._tar)
         record["samples"] = [
@@ -120,15 +126,15 @@ class ShardWriter:
         if isinstance(self._place, Folder):
             path = self._place.own_path(f"{PARTIAL}/{name}", in_place=True)
             try:
-                # The run that completes the shard removes its journal: `open_locked` looks whether it is still there.
+                # The run that completes the shard removes its journal: `open_locked` checks that it is still there.
                 opened = open_locked(path, lambda: False, patient=False)
             except BlockingIOError:
                 raise ShardBusyError(self._name) from None
             partial, journal = path.parent, self._resources.enter_context(opened)
             if lock(journal.fileno(), shared=False):
                 return partial, journal
-        # A store shows complete files only, and without locks another run may be making the shard: unfinished files
-        # stay apart, and end with this run.
+        # Stores must show complete files only, and without locks another run may be making the shard: this run keeps
+        # its unfinished files in a folder of its own, and removes them when it ends.
         temporary = tempfile.TemporaryDirectory(prefix=UNLOCKED, dir=partial)
         work = Path(self._resources.enter_context(temporary))
         return work, self._resources.enter_context((work / name).open("a+b"))
@@ -153,7 +159,7 @@ class ShardWriter:
             for name, data in files.items():
                 partial = self._work / f"{self._name}.{len(written)}"
                 written.append((partial, place.own_path(name)))
-                # What stands there is a killed run's, or may lead to a file of somebody else's.
+                # A file there is a killed run's; a link there may lead to somebody else's file.
                 partial.unlink(missing_ok=True)
                 partial.write_bytes(data)
             for partial, destination in written:
@@ -190,7 +196,7 @@ class ShardWriter:
             paths = [self._place.path(name) for name, _ in files]
             for path in (*paths, *{path.parent for path in paths}):
                 sync(path)
-        # The lines that `sha256sum` writes.
+        # The shard's digest is that of the lines that `sha256sum` writes.
         lines = "".join(f"{file.sha256}  {name}\n" for name, file in files)
         size = sum(file.bytes for _, file in files)
         return {"bytes": size, "sha256": hashlib.sha256(lines.encode()).hexdigest()}
@@ -207,7 +213,7 @@ class ShardWriter:
         return {"tar": name, "bytes": size, "sha256": digest}
 
     def _resume(self) -> None:
-        """Keep the complete pairs of an earlier run, and cut the journal and the tar after them."""
+        """Keep the complete pairs of an earlier run, and cut off the rest of the journal and the tar."""
         end, path = 0, Path(journal_name(self._name))
         self._journal.seek(0)
         for index, line in zip(self._indices, self._journal, strict=False):
@@ -228,7 +234,7 @@ class ShardWriter:
 
     @property
     def _tar_end(self) -> int:
-        """Where the complete pairs end in the tar."""
+        """The byte of the tar at which the complete pairs end."""
         return self.samples[-1].end if self.samples else 0
 
     def _is_complete(self, entry: JournalEntry) -> bool:

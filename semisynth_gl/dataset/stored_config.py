@@ -22,7 +22,7 @@ from semisynth_gl.config.fields import Finite, count
 from semisynth_gl.config.model import Config
 from semisynth_gl.frame.frame import DEFAULT_OUTPUTS, OUTPUTS, Colour, TruthViews
 
-# Larger than any dataset, and small enough to count with.
+# More pairs than any dataset has, and few enough for lists and sums of them.
 MOST_PAIRS = 10**8
 
 _Count = Annotated[int, count(MOST_PAIRS)]
@@ -30,13 +30,13 @@ _Object = dict[str, Any]
 
 
 class StoredObject(BaseModel):
-    """An object in a file about a dataset. Values are not coerced, and keys that are not known are passed over."""
+    """An object in a file about a dataset. Values are not coerced, and unknown keys are ignored."""
 
     model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False)
 
 
 class StoredDocument(StoredObject):
-    """A stored object that is written again, or handed on, with all keys that the file has."""
+    """A stored object that also keeps all keys of its file, for code that writes it again or hands it on."""
 
     _values: Mapping[str, Any] = PrivateAttr(default_factory=dict)
 
@@ -89,11 +89,11 @@ def _known_outputs(outputs: list[str]) -> list[str]:
 
 
 class StoredConfig(StoredDocument):
-    """A config as far as readers of a dataset need it; `Config` has the other keys.
+    """The part of a config that readers of a dataset need; `Config` has all keys.
 
-    All keys but the name are optional: configs of other versions may have others. Outputs that this version does not
-    know are left out. ``particles``, ``textures``, ``imperfections`` and ``checks`` are checked for those who take
-    their `values` apart.
+    All keys except the name are optional, since configs of other versions may lack them. Outputs that this version does
+    not know are left out. ``particles``, ``textures``, ``imperfections`` and ``checks`` are only checked to be objects,
+    for code that looks up their keys in `values`.
     """
 
     name: Annotated[str, *Config.model_fields["name"].metadata]

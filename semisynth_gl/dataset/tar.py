@@ -1,17 +1,18 @@
-"""Tars of shards: their members stand one behind the other, each a header and its padded content."""
+"""Tars of shards: members follow each other, each with a header and its padded content."""
 
 import tarfile
 from collections.abc import Iterable
 
 HEADER = tarfile.BLOCKSIZE
-"""Bytes of a member's header, right before its content."""
+"""Size of a member's header, which stands right before the content, in bytes."""
 
 
 def tar_member(name: str, data: bytes) -> tuple[bytes, int]:
-    """Encode a file as a member of a tar, header and padded content, and return the content's offset in it too.
+    """Encode a file as a member of a tar.
 
-    It has no time, no owner and rights 0644. Its name has at most 100 characters: every reader knows the headers of
-    1988, which have so many.
+    Return the member, which is header and padded content, and the content's offset in it. The header has no time and no
+    owner, and mode 0644. ``name`` should have at most 100 characters: such names fit into the header of 1988, which
+    every reader knows.
     """
     info = tarfile.TarInfo(name)
     info.size = len(data)
@@ -20,13 +21,13 @@ def tar_member(name: str, data: bytes) -> tuple[bytes, int]:
 
 
 def tar_end(length: int) -> bytes:
-    """Return the end of an archive of ``length`` bytes: two empty blocks, and the blocks that fill up a record."""
+    """Return the end of an archive of ``length`` bytes: two empty blocks, and padding to whole tar records."""
     end = 2 * tarfile.BLOCKSIZE
     return bytes(end + -(length + end) % tarfile.RECORDSIZE)
 
 
 def content_offsets(sizes: Iterable[int]) -> tuple[list[int], int]:
-    """Return where the contents of members of these sizes begin, and the size of the whole tar, in bytes."""
+    """Return the offset of each content in a tar of contents of these sizes, and the tar's whole size, in bytes."""
     offsets, end = [], 0
     for size in sizes:
         offsets.append(end + HEADER)
@@ -35,7 +36,7 @@ def content_offsets(sizes: Iterable[int]) -> tuple[list[int], int]:
 
 
 def header_fault(header: bytes, name: str, size: int) -> str | None:
-    """Return why a header is not that of a plain file of this name and size; None where it is."""
+    """Return why a header does not describe a plain file of this name and size in bytes; None where it does."""
     try:
         info = tarfile.TarInfo.frombuf(header, "utf-8", "surrogateescape")
     except tarfile.TarError as error:

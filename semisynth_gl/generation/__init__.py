@@ -1,1 +1,1 @@
-"""Shards as an engine's tasks."""
+"""Generation of datasets: an engine makes their shards as tasks."""

@@ -1,7 +1,7 @@
-"""Making a dataset: shards as tasks of an engine, and an index once all of them are complete.
+"""Making a dataset: an engine makes shards as tasks, and the index follows once all shards are complete.
 
 plan     `Plan`: the pairs, their shards and their names
-  -> shard    `ShardJob`: the tasks of an engine, pure functions of the shard's number but for the disk
+  -> shard    `ShardJob`: the engine's tasks; except for the disk, each is a pure function of the shard's number
   -> dataset  `generate`: the missing shards, then lists, card and index
 """
 
@@ -35,7 +35,7 @@ from semisynth_gl.scene.sources import Sources, prepare_sources
 from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 _SECONDS_BETWEEN_LOOKS = 1.0
-# From so many pairs on, a file system is slower with files than with tars of them.
+# Number of pairs from which on file systems are slower with single files than with tars.
 _MANY_PAIRS = 10_000
 
 
@@ -44,10 +44,10 @@ class GenerationResult:
     """The state of a dataset after a run.
 
     Attributes:
-        place: the dataset's place.
+        place: the dataset's root.
         plan: the plan of the complete dataset.
         missing: number of shards that are still missing; 0 for a complete dataset.
-        stopped: whether a stop kept the run from making all the shards that it was asked for.
+        stopped: whether the listener stopped the run before it had made all shards that it was asked for.
     """
 
     place: Place
@@ -71,29 +71,30 @@ def generate(
     overwrite: bool = False,
     listener: Listener | None = None,
 ) -> GenerationResult:
-    """Write a dataset, or the missing part of it.
+    """Write a dataset, or its missing part.
 
-    The files are the same whatever the engine, however often the run was ended and begun again.
+    The files are the same with every engine, however often the run was ended and begun again.
 
     Args:
-        config: the configuration.
-        out: a folder, or an address that fsspec knows.
-        pairs: number of pairs to train on, or of each split.
-        seed: 0 or more.
+        config: the config of the pairs, such as `load_config` returns.
+        out: the dataset's folder, or an address that fsspec knows.
+        pairs: number of training pairs, or of the pairs of each split by its name.
+        seed: the dataset's seed, 0 or more.
         layout: see `semisynth_gl.layouts`; by default the layout of the unfinished dataset in ``out``, else
             the config's, else ``middlebury``, and ``webdataset`` from 10,000 pairs on.
         backend: "auto", "egl" or "osmesa".
         engine: runs the shards; by default in this process.
-        gpus: CUDA's numbers of the GPUs that workers take turns on; none for the first that CUDA_VISIBLE_DEVICES shows,
-            or else the first device of EGL.
+        gpus: CUDA's numbers of the GPUs that workers take in turn; by default all workers use the first GPU of
+            CUDA_VISIBLE_DEVICES or, where that is not set, EGL's first device.
         shard_pairs: pairs in a shard; by default as in the unfinished dataset in ``out``, else about 1 GB of them.
-        shards: numbers of the only shards to make; the dataset is complete once all shards were made, by any runs.
-        overwrite: replace an earlier dataset of this program; an unfinished one of the same plan is resumed.
+        shards: numbers of the shards to make; by default all. Several runs may share the shards of a dataset, which is
+            complete once all of them are made.
+        overwrite: replace an earlier dataset of this program; an unfinished dataset of the same plan is resumed.
         listener: hears messages, the number of pairs to make and each pair, and may ask to stop.
 
     Raises:
         SemisynthError: where the input cannot be used, the place holds something else, or workers keep dying.
-        OSError: where the disk is full or refuses. Complete pairs stay, nothing half-written does.
+        OSError: where the disk is full or cannot be written to. Complete pairs stay; half-written pairs are removed.
     """
     check_type("config", config, Config, "load_config(NAME_OR_PATH) reads one")
     check_type("out", out, str | os.PathLike)
@@ -128,7 +129,7 @@ def generate(
     digests = {split: split_sources.digests() for split, split_sources in sources.items()}
     job = ShardJob(plan, place, backend, digests, gpus)
     if files.replaces(digests):
-        # The driver or the checks may refuse the first pair: the earlier dataset stays then.
+        # Render one pair first: if the driver or the config's checks fail, the earlier dataset stays.
         with job.open_renderer(chosen[0].split) as renderer:
             renderer.render(chosen[0].first)
     elif files.begun and overwrite:
@@ -151,7 +152,7 @@ def generate(
 
 
 def _notes(place: Place, plan: Plan, files: DatasetFiles) -> Iterator[str]:
-    """Yield what a run says of its folder before it writes there."""
+    """Yield messages about the dataset's folder, before the run writes there."""
     if files.lost:
         yield f"{place.address}: the dataset lacks {abbreviate(files.lost, 3)}: writing it again"
     if place.local is not None:
@@ -160,7 +161,7 @@ def _notes(place: Place, plan: Plan, files: DatasetFiles) -> Iterator[str]:
 
 
 def _describe(plan: Plan, sources: Mapping[SplitName, Sources], listener: Listener) -> None:
-    """Report the patches and models of each split; refuse a target that the scenes cannot meet."""
+    """Report the patches and models of each split; raises InputError for a target that the scenes cannot meet."""
     for split, split_sources in sources.items():
         prefix = f"{split}: " if len(sources) > 1 else ""
         listener.on_message(prefix + split_sources.atlas.report.summary())
@@ -169,12 +170,12 @@ def _describe(plan: Plan, sources: Mapping[SplitName, Sources], listener: Listen
         listener.on_message(f"{prefix}{counted(len(split_sources.models), 'model')}{_of_the_user(split_sources)}")
     first = plan.splits[0]
     seed, patches = plan.split(first).seed, sources[first].atlas.patches
-    # Before any worker starts; all of them find in the cache what is worked out here.
+    # Before any worker starts, so that all workers find the result in the cache.
     MixSampler(plan.config, seed, sources[first].libraries, patches).expected()
 
 
 def _of_the_user(sources: Sources) -> str:
-    """Return how many models are the user's, and how often they are drawn; empty without any."""
+    """Return a text on the user's models and how often they are drawn; "" without such models."""
     count = max(library.user_count for library in sources.libraries)
     if not count:
         return ""
@@ -185,7 +186,7 @@ def _of_the_user(sources: Sources) -> str:
 
 
 def _make(job: ShardJob, missing: list[Shard], engine: Engine, files: DatasetFiles, listener: Listener) -> None:
-    """Make shards until none of them is missing, or the listener asks to stop."""
+    """Make shards until none is missing or the listener asks to stop."""
     waiting = False
     while missing and not listener.stopping:
         with closing(engine.run(job, [shard.number for shard in missing], listener)) as states:
@@ -194,7 +195,7 @@ def _make(job: ShardJob, missing: list[Shard], engine: Engine, files: DatasetFil
         if missing and not listener.stopping:
             if not busy:
                 raise InputError(
-                    f"{job.place.address}: {counted(len(missing), 'shard')} made and still not complete, "
+                    f"{job.place.address}: {counted(len(missing), 'shard')} made but still not complete, "
                     f"{missing[0].name} is the first: does something else write there?"
                 )
             if not waiting:

@@ -1,4 +1,4 @@
-"""Pairs in flight: while a GPU draws the next pair, threads encode those that are drawn."""
+"""Pairs in flight: while a GPU draws the next pair, threads encode the pairs that are drawn."""
 
 from collections import deque
 from collections.abc import Callable, Generator, Iterable
@@ -10,11 +10,11 @@ Encoded = TypeVar("Encoded")
 
 
 def encoded(pairs: Iterable[Drawn], encode: Callable[[Drawn], Encoded], threads: int) -> Generator[Encoded, None, None]:
-    """Encode pairs, and yield them in their order; compression, checksums and numpy let other threads run.
+    """Encode pairs in ``threads`` threads, and yield the results in order.
 
-    Pairs are drawn in this thread, which owns the context. While the next pair is drawn, each thread encodes one; 0
-    encodes in this thread, as is best where the processor draws. An error of drawing or encoding is raised here, once
-    the pairs drawn before are yielded.
+    This thread draws the pairs, since it owns the context, while each other thread encodes one pair: compression,
+    checksums and NumPy let other threads run. With 0 threads, this thread also encodes, which is best where the
+    processor draws. An error of drawing or encoding is raised here, after the results of all earlier pairs.
     """
     if threads == 0:
         yield from map(encode, pairs)
@@ -28,7 +28,7 @@ def encoded(pairs: Iterable[Drawn], encode: Callable[[Drawn], Encoded], threads:
                 pair = next(drawn)
             except StopIteration:
                 break
-            except Exception as error:  # noqa: BLE001 - raised again, once the pairs before it are done
+            except Exception as error:  # noqa: BLE001 - raised again after all earlier pairs
                 failure = error
                 break
             waiting.append(pool.submit(encode, pair))

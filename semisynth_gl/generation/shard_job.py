@@ -23,20 +23,20 @@ from semisynth_gl.render.backends import Backend, is_software
 from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.seeds.splits import SplitName
 
-# Where a GPU draws, a thread of each worker's encodes one pair while the next one is drawn.
+# Threads of each worker that encode pairs while a GPU draws the next one.
 _ENCODERS = 1
 
 ShardState = Literal["complete", "stopped", "busy"]
-"""The state of a shard after its task: complete, stopped with its first pairs kept, or in the hands of another run."""
+"""The state of a shard after its task: complete, stopped with its first pairs kept, or locked by another run."""
 
 
 @dataclass(frozen=True, slots=True)
 class ShardJob:
-    """Makes shards, each a task of an engine.
+    """Makes shards, each as a task of an engine; see `semisynth_gl.engines.task.Job`.
 
     Attributes:
-        sources: digests of patches and models, by split; a machine with other photographs must not take part.
-        gpus: CUDA's numbers of the GPUs that workers take turns on; empty for the first device of EGL.
+        sources: digests of patches and models, by split; workers with other photographs or models are refused.
+        gpus: CUDA's numbers of the GPUs that workers take in turn; empty for the default of `egl_index_of_worker`.
     """
 
     plan: Plan
@@ -47,9 +47,10 @@ class ShardJob:
 
     @contextmanager
     def open(self, worker: int) -> Iterator[Task[ShardState]]:
-        """Yield the function that makes the shard of a number; it opens a renderer of one split at a time when needed.
+        """Yield the function that makes the shard with a number; it opens a split's renderer when a shard needs it.
 
-        Workers are numbered from 0.
+        Raises:
+            InputError: where the worker finds other plug-ins, photographs or models than those of the dataset.
         """
         shards = self.plan.shards
         changed = differences(self.plan.plugins, used_plugins(self.plan.config, self.plan.layout_name))
@@ -79,16 +80,17 @@ class ShardJob:
             yield lambda number, listener: self.make(shards[number], partial(renderer_of_split, listener), listener)
 
     def open_renderer(self, split: SplitName, worker: int = 0) -> PairRenderer:
-        """Open the renderer of a split, on a worker's device."""
+        """Open the renderer of a split, on the device of a worker; workers are numbered from 0."""
         device_index = egl_index_of_worker(self.gpus, worker)
         return PairRenderer(self.plan.config, self.plan.split(split), self.backend, device_index)
 
     def make(
         self, shard: Shard, renderer_of_split: Callable[[SplitName], PairRenderer], listener: Listener
     ) -> ShardState:
-        """Make a shard, or the pairs that an earlier run did not write; a shard that lacks nothing needs no renderer.
+        """Make a shard, or the pairs of it that an earlier run did not write.
 
-        The listener hears each pair of the shard, and may ask to stop between two of them.
+        ``renderer_of_split`` is called only if pairs are missing. The listener hears each pair of the shard, and may
+        ask to stop between two pairs.
         """
         try:
             folder = self.plan.folder(shard.split)
@@ -121,7 +123,7 @@ class ShardJob:
     def _add_pairs(
         self, writer: ShardWriter, indices: range, split: SplitName, renderer: PairRenderer, listener: Listener
     ) -> None:
-        """Draw, encode and add pairs, until a stop is asked for."""
+        """Draw, encode and add pairs until the listener asks to stop."""
         drawn = (renderer.render(index) for index in takewhile(lambda _: not listener.stopping, indices))
         threads = 0 if is_software(renderer.renderer_name) else _ENCODERS
         latest: LatestFiles | None = {} if self.plan.config.views > 1 else None
@@ -135,7 +137,7 @@ class ShardJob:
     def encode(
         self, pair: Pair, split: SplitName, latest: LatestFiles | None = None
     ) -> tuple[dict[str, bytes], dict[str, Any]]:
-        """Return a pair's files by path, and its facts for the record of its shard; see `encode_pair` on ``latest``."""
+        """Return a pair's files by path, and the facts for its shard's journal; see `encode_pair` on ``latest``."""
         plan, config = self.plan, self.plan.config
         key, ndisp = plan.key(split, pair.index), max(1, ceil(config.disparity.max_px))
         encoded = encode_pair(plan.layout, key, pair.frame, pair.provenance, ndisp, plan.encodings, latest)

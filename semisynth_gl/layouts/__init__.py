@@ -1,4 +1,4 @@
-"""Layouts: under which names a dataset's files stand. The program's own are a module each; plug-ins have others."""
+"""Layouts: the folders and names of a dataset's files. Each built-in layout is a module; plug-ins bring others."""
 
 from importlib import import_module
 
@@ -17,11 +17,11 @@ def layout_names() -> tuple[str, ...]:
 
 
 def find_layout(name: str) -> Layout:
-    """Return the layout of a name.
+    """Return the layout with a name.
 
     Raises:
         MissingPluginError: where no layout has the name.
-        InputError: where the layout of a plug-in cannot be used, see `checked_layout`, or has a built-in one's name.
+        InputError: where a plug-in's layout cannot be used, see `checked_layout`, or has the name of a built-in one.
     """
     if name not in LAYOUTS:
         return checked_layout(find_plugin("layouts", name, LAYOUTS))

@@ -1,7 +1,7 @@
 """The folders of CREStereo's dataset; docs/layouts.md draws the tree.
 
-Pair 0 is in shapenet, pair 1 in reflective and so on; torchvision wants all four filled. CREStereo itself has images
-and disparities alone.
+Pair 0 is in shapenet, pair 1 in reflective and so on; torchvision needs pairs in all four. CREStereo's own dataset has
+only images and disparities.
 """
 
 from collections.abc import Mapping
@@ -39,7 +39,7 @@ class CreStereo(Layout):
         return {role: f"{begin}{name}" for role, name in names.items()}
 
     def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
-        """Return what the base says, and that torchvision wants a pair in each folder."""
+        """Return the base's sentences, and that torchvision needs a pair in each folder."""
         sentences = super().advice(pairs, config, split)
         if pairs < len(_FOLDERS):
             sentences.append(

@@ -1,7 +1,7 @@
 """The folders of ETH3D's two-view benchmark; docs/layouts.md draws the tree.
 
-Names with 0 are the left view's. Both folders hold the same scenes, since loaders pair them by sorting. ``ETH3D/``
-leads to both, for torchvision.
+Names with 0 belong to the left view. Both folders hold the same scenes, since loaders sort the folders and pair them by
+position. ``ETH3D/`` has links to both, for torchvision.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ class Eth3d(Layout):
     needs = frozenset({"visibility"})
     lacks = frozenset({"correspondence"})
     encodings = Encodings()
-    three_channels_for = "RAFT-Stereo's demo"  # ETH3D's own images, of grey cameras, have three too
+    three_channels_for = "RAFT-Stereo's demo"  # so do the images of ETH3D's grey cameras
 
     def stems(self, key: Key) -> dict[str, str]:
         """Return the files of a scene's two folders."""

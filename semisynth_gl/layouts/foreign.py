@@ -1,4 +1,4 @@
-"""Layouts of plug-ins, each checked once: what they say of a few pairs must make a dataset that can be read."""
+"""Layouts of plug-ins, each checked once: a few pairs in the layout must make a dataset that can be read back."""
 
 import os
 import re
@@ -18,21 +18,21 @@ from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 # Roles without which no pair can be read back.
 _NEEDED = ("left", "right", "disparity_left", "provenance")
-# Pairs at which digits grow, with sequences and without, and in one split and in several.
+# Numbers of pairs below and above powers of ten, tried with and without sequences, in one and in all splits.
 _INDICES = (0, 1, 9, 10, 11, 100, 999_999)
 _LENGTHS = (None, 3)
 _SPLITS: tuple[tuple[SplitName, ...], ...] = (("train",), SPLITS)
-# Printable ASCII but blanks and slashes: names that every shell, loader and store takes.
+# Printable ASCII without blanks and slashes, which every shell, loader and store accepts in names.
 _PART = re.compile(r"(?!\.{1,2}$)[!-.0-~]+")
 
 
 @cache
 def checked_layout(plugin: Plugin) -> Layout:
-    """Return the layout of a plug-in: the instance of `Layout`, or the subclass without parameters, that it refers to.
+    """Return the layout of a plug-in, which refers to an instance of `Layout`, or to a subclass without parameters.
 
     Raises:
-        InputError: where the plug-in cannot be imported or is no layout, or where `check_layout` or the layout's own
-            code fails.
+        InputError: where the plug-in cannot be imported or is no layout, `check_layout` refuses the layout, or the
+            layout's own code fails.
     """
     value = plugin.value
     if isinstance(value, type) and issubclass(value, Layout):
@@ -47,7 +47,7 @@ def checked_layout(plugin: Plugin) -> Layout:
 
 
 def check_layout(layout: Layout) -> None:
-    """Check what a layout says of a few pairs; its own code may raise anything.
+    """Check a layout's names for a few pairs; the layout's own code may raise any other error.
 
     Raises:
         InputError: where a dataset in this layout could not be written or read back: the layout names an unknown role
@@ -69,7 +69,7 @@ def check_layout(layout: Layout) -> None:
                     raise InputError(
                         f"{owner}: expected a path below the dataset's folder, in ASCII without blanks, got {path!r}"
                     )
-                # Each shard of a split has its tar.
+                # Tars of different splits may hold files with the same path.
                 owner_before = owners.setdefault(f"{split}:{path}" if layout.packed else path, owner)
                 if owner_before != owner:
                     raise InputError(
@@ -78,7 +78,7 @@ def check_layout(layout: Layout) -> None:
 
 
 def _paths(layout: Layout, keys: list[Key], folder: str) -> Iterator[tuple[str, str]]:
-    """Yield the path of each file of pairs and of each list, link and folder of their split, and what it is of."""
+    """Yield the path of each file, list, link and folder of pairs of one split, and a description for messages."""
     encodings, split = layout.encodings or Encodings(), keys[0].split
     for key in keys:
         stems = layout.stems(key)

@@ -1,4 +1,4 @@
-"""What the names of a pair's files depend on."""
+"""The identity of a pair, from which layouts make the names of its files."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ class Key:
 
     Attributes:
         config: the config's name; letters, digits and hyphens.
-        index: the pair's number in the split.
-        sequence_length: how many frames make a sequence in a dataset with an output of `FLOW_OUTPUTS`, whose loaders
-            take names that follow each other for successive frames; None in any other dataset, where each pair has
-            another name.
-        views: how many pairs show each scene, see `semisynth_gl.config.Config.views`. Loaders of sequences get one for
-            each right view, of pairs that are as many apart.
+        index: the pair's number in the split, from 0.
+        sequence_length: number of frames in a sequence, in a dataset with an output of `FLOW_OUTPUTS`, whose loaders
+            take files with successive names for successive frames. None in any other dataset, where names only tell
+            pairs apart.
+        views: number of pairs that show each scene, see `semisynth_gl.config.Config.views`. Loaders then see one
+            sequence for each right view, whose frames are every ``views``-th pair.
     """
 
     config: str
@@ -29,7 +29,7 @@ class Key:
 
     @property
     def sequence(self) -> int:
-        """The number of the sequence that loaders see the pair in; `index` in a dataset without such an output."""
+        """The number of the sequence in which loaders see the pair; `index` where `sequence_length` is None."""
         if self.sequence_length is None:
             return self.index
         scene, view = divmod(self.index, self.views)
@@ -37,15 +37,15 @@ class Key:
 
     @property
     def frame(self) -> int:
-        """The pair's number in that sequence; 0 in a dataset without such an output."""
+        """The pair's number in its `sequence`, from 0; 0 where `sequence_length` is None."""
         return 0 if self.sequence_length is None else self.index // self.views % self.sequence_length
 
     @property
     def name(self) -> str:
-        """A name for the pair: sorted by name is sorted by index up to a million pairs."""
+        """A name for the pair; up to a million pairs, names sort in the order of the indices."""
         return f"{self.config}-{self.index:06d}"
 
 
 def sequence_length(outputs: Collection[str], length: int) -> int | None:
-    """Return `Key.sequence_length` of a dataset with these outputs whose sequences have so many frames."""
+    """Return `Key.sequence_length` of a dataset with these outputs, whose sequences have ``length`` frames."""
     return length if FLOW_OUTPUTS.intersection(outputs) else None

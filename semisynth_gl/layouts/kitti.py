@@ -1,10 +1,10 @@
-"""The folders of KITTI 2015, of which there is ``training`` alone; docs/layouts.md draws the tree.
+"""The folders of KITTI 2015, with ``training`` only; docs/layouts.md draws the tree.
 
 Masks have no file: they follow from disparities and flow, see `semisynth_gl.layouts.roles.mask_from_not_occluded`.
-``pairs`` and ``filenames`` are ours: provenances, and a list for loaders that read such.
+KITTI itself lacks the folders ``pairs``, of provenances, and ``filenames``, of lists for loaders that read lists.
 
-In a dataset with an output of flow, a number is a sequence's and each frame has all files. Loaders look for the first
-frame's calibration under the number alone.
+In a dataset with an output of flow, the number in a name is the sequence's, and each frame has all files. Loaders look
+for the first frame's calibration under the sequence's number without the frame's.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,13 +17,14 @@ from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.layout import SHORT_SPLITS, Layout, pair_lines, view_stems
 from semisynth_gl.seeds.splits import SplitName
 
-# KITTI numbers the frames of a scene with two digits, and begins with this.
+# Number of the first frame of a scene: KITTI numbers frames with two digits from here on.
 _FIRST_FRAME = 10
 
-# HSM's, the evaluation kit's and every repository's own lists count on that many.
+# Number of pairs on which HSM, the evaluation kit and the lists in every repository rely.
 _FEWEST = 200
-# Rectified, KITTI's images have between this size and 1242 x 376.
+# Smallest width and height of KITTI's rectified images; the largest are 1242 and 376.
 _SMALLEST_SIZE = 1224, 370
+# Size to which CasStereo and others pad the images.
 _PADDED_SIZE = 1248, 384
 
 # Folders that are not named by their channel, in the order in which a pair's files are listed.
@@ -55,13 +56,13 @@ class Kitti(Layout):
 
     needs = frozenset({"visibility", "instances"})
     lacks = frozenset({"correspondence"})
-    replaced = ("c_0",)  # OpenStereo makes the paths of the right view's disparities so
+    replaced = ("c_0",)  # OpenStereo replaces it to find the right view's disparities
     encodings = Encodings(disparity=KITTI_DISPARITY, flow=FlowPng16())
     most_frames = 100 - _FIRST_FRAME
     right_truth_for = "torchvision's Kitti2015Stereo and OpenStereo"
 
     def stems(self, key: Key) -> dict[str, str]:
-        """Return a pair's files, of the same name in many folders."""
+        """Return a pair's files, which have the same name in many folders."""
         number = f"{key.sequence:06d}"
         name = f"{number}_{_FIRST_FRAME + key.frame}"
         # Masks have no separate file.
@@ -83,7 +84,7 @@ class Kitti(Layout):
         return {"Kitti2015/training": "../training"} | flow
 
     def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
-        """Return what the base says, and which loaders want more pairs, more frames or another size."""
+        """Return the base's sentences, and which loaders need more pairs, more frames or another size."""
         sentences = super().advice(pairs, config, split)
         what = "pairs"
         if FLOW_OUTPUTS.intersection(config.outputs):
@@ -92,7 +93,7 @@ class Kitti(Layout):
                     "RAFT and torchvision take a flow's second image from the frames _11, and without sequences there "
                     "are none: set sequence.length to 2 or more."
                 )
-            # Loaders count first frames, of each right view.
+            # Loaders count sequences by their first frames, one for each right view.
             together, views = config.sequence_pairs, config.views
             what, pairs = "sequences", pairs // together * views + min(pairs % together, views)
         width, height = config.camera.width_px, config.camera.height_px

@@ -1,4 +1,4 @@
-"""The base of all layouts: names of files, and the role of each.
+"""The base of all layouts: the names of files, and the role of each file.
 
 A layout is a module of this package with one class and its instance, `LAYOUT`. A new layout is a new module.
 """
@@ -27,21 +27,21 @@ _SCENE_NAMES: Mapping[str, str] = {
 
 
 class Layout(ABC):
-    """Names of files. What a file holds follows from its role; see `semisynth_gl.layouts.roles`.
+    """The names of a dataset's files. A file's content follows from its role; see `semisynth_gl.layouts.roles`.
 
-    The first line of a layout's docstring names it and, behind a colon, its loaders; see `title`.
+    The first line of a layout's docstring names the layout and, after a colon, its loaders; see `title`.
 
     Attributes:
-        packed: whether the files of a shard are packed into one tar; else they stand by themselves.
-        needs: outputs that the layout cannot do without.
-        lacks: outputs that the layout has no files for, since none of its loaders could make sense of them.
-        encodings: the layout's own encodings; None where the config's section ``files`` decides.
-        three_channels_for: names loaders that fail at grey images of one channel, so that these get three equal ones;
-            "" where none does.
-        right_truth_for: names loaders that read the right view's truth too; "" where none does.
-        positive_for: names loaders that take disparities of 0 and below for none; "" where none does.
-        replaced: names that loaders replace, or look for, in the whole path of a file.
-        most_frames: how many frames of a sequence the layout's names tell apart, where they count frames; else None.
+        packed: whether the files of a shard are packed into one tar; else each file stands in a folder.
+        needs: outputs that every dataset in this layout must have.
+        lacks: outputs for which the layout has no files, since none of its loaders could read them.
+        encodings: the layout's own encodings; None where the config's section ``files`` chooses them.
+        three_channels_for: the loaders, in words, that fail at one-channel grey images, so that these get three equal
+            channels; "" for none.
+        right_truth_for: the loaders, in words, that also read the right view's truth; "" for none.
+        positive_for: the loaders, in words, that treat disparities of 0 and below as missing; "" for none.
+        replaced: texts that loaders replace or look for, anywhere in a file's path.
+        most_frames: largest number of frames of a sequence that the layout's names can count; None for no limit.
     """
 
     packed: ClassVar[bool] = False
@@ -56,7 +56,7 @@ class Layout(ABC):
 
     @property
     def title(self) -> tuple[str, str]:
-        """The layout's name and its loaders; both are "" under ``python -OO``, which drops docstrings."""
+        """The layout's name, and its loaders in words; both are "" under ``python -OO``, which drops docstrings."""
         name, _, loaders = (type(self).__doc__ or "").partition("\n")[0].partition(": ")
         return name, loaders.removesuffix(".")
 
@@ -65,19 +65,19 @@ class Layout(ABC):
         """Return each role's path without its ending, below the split's folder or inside the shard's tar."""
 
     def role(self, name: str) -> Role:
-        """Return a role by its name."""
+        """Return a role by its name; raises KeyError for an unknown name."""
         return ROLES[name]
 
     def files(
         self, key: Key, encodings: Encodings, outputs: Collection[str] | None = None, truth: TruthViews = "both"
     ) -> dict[str, str]:
-        """Return the path of each role's file.
+        """Return the path of each file of a pair by role, below the split's folder or inside the shard's tar.
 
         Args:
             key: the pair.
-            encodings: see `encodings_for`.
-            outputs: the dataset's; None for all files that the layout knows.
-            truth: views that have truth.
+            encodings: the codecs that `encodings_for` returns.
+            outputs: the dataset's outputs; None for all files that the layout knows.
+            truth: the views that have truth.
         """
         files = {}
         for name, stem in self.stems(key).items():
@@ -88,25 +88,25 @@ class Layout(ABC):
         return files
 
     def lists(self, keys: Sequence[Key], encodings: Encodings) -> dict[str, bytes]:
-        """Return files about all pairs of a split, such as lists of names, by path below the split's folder."""
+        """Return the bytes of files about pairs of one split, such as lists of names, by path below its folder."""
         del keys, encodings
         return {}
 
     def links(self, keys: Sequence[Key]) -> dict[str, str]:
-        """Return symbolic links below a split's folder: path, and target relative to the link's folder."""
+        """Return the targets of symbolic links, relative to the link's folder, by path below the split's folder."""
         del keys
         return {}
 
     def folders(self) -> tuple[str, ...]:
-        """Return folders that loaders list though they may be empty."""
+        """Return folders, below a split's folder, that loaders list even where they are empty."""
         return ()
 
     def folder(self, split: SplitName, splits: Collection[SplitName]) -> str:
-        """Return a split's folder in a dataset of these splits, "" or ending in a slash, below the dataset's."""
+        """Return a split's folder below the dataset's, "" or ending in a slash, in a dataset of these splits."""
         return "" if len(splits) == 1 else f"{split}/"
 
     def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
-        """Return sentences on what will keep loaders of this layout from reading a split of so many pairs."""
+        """Return sentences on reasons why loaders will not read all of a split with this number of pairs."""
         del split
         sentences = []
         if pairs % config.sequence_pairs:
@@ -124,31 +124,31 @@ class Layout(ABC):
         return sentences
 
     def place_advice(self, root: str) -> list[str]:
-        """Return sentences on what will keep loaders of this layout from reading a dataset in the folder ``root``."""
+        """Return sentences on reasons why loaders will not read a dataset in the folder ``root``."""
         return [
-            f"Loaders of this layout replace {name!r} wherever it stands in the path of a file, and {root} has it: "
+            f"Loaders of this layout replace {name!r} wherever it stands in the path of a file. {root} contains it: "
             "choose another folder for `out`, or move this one before training."
             for name in self.replaced
             if name in root
         ]
 
     def encodings_for(self, config: Config) -> Encodings:
-        """Return the encodings that pairs of a config have in this layout."""
+        """Return the codecs for the pairs of a config in this layout."""
         return self.encodings_of(config.encodings, config.camera.colour)
 
     def encodings_of(self, chosen: Encodings, colour: Colour) -> Encodings:
-        """Return the encodings of images of a colour, and of their truth, where the config has chosen these."""
+        """Return the codecs in this layout, for the config's choice of encodings and the cameras' ``colour``."""
         encodings = chosen if self.encodings is None else replace(self.encodings, signed=chosen.signed)
         return encodings if colour == "rgb" else encodings.in_grey(three=bool(self.three_channels_for))
 
 
 def view_stems(names: Mapping[str, str], default: str) -> dict[str, str]:
-    """Return the stems of all arrays of a frame by role, channel by channel.
+    """Return the stem of each array of a frame by role, channel by channel; a stem is a path without its ending.
 
     Args:
-        names: stems by channel, with ``{n}`` for 0 (left) or 1 (right), ``{view}`` for the view's name and ``{L}`` for
-            the name's first letter, as a capital.
-        default: the stem of a channel that ``names`` lacks, with ``{channel}`` too.
+        names: templates of stems by channel: ``{n}`` stands for 0 (left) or 1 (right), ``{view}`` for the view's name,
+            and ``{L}`` for the name's first letter, as a capital.
+        default: the template for channels that ``names`` lacks, in which ``{channel}`` also stands for the channel.
     """
     return {
         channel.role(eye): names.get(channel.name, default).format(
@@ -160,10 +160,10 @@ def view_stems(names: Mapping[str, str], default: str) -> dict[str, str]:
 
 
 def scene_stems(names: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the names of a frame's arrays in layouts that call the left view 0 and the right one 1.
+    """Return the names of a frame's arrays by role, in layouts that call the left view 0 and the right view 1.
 
-    The first mapping has the arrays of the pair's moment, the second one those that compare it with another moment,
-    view by view. ``names`` go over Middlebury's, see `view_stems`.
+    The first dictionary has the arrays of the pair's own moment. The second one has the arrays that compare it with
+    another moment, view by view. ``names`` are templates as in `view_stems`, which override Middlebury's.
     """
     stems = view_stems({**_SCENE_NAMES, **names}, "{channel}{n}")
     flow = [channel.role(eye) for eye in EYES for channel in CHANNELS.values() if channel.moment != "now"]
@@ -174,9 +174,12 @@ VERTICAL: dict[str, str] = {"disparity_y_left": "disp0y", "disparity_y_right": "
 """Middlebury's names for y_left - y_right in pairs that are not rectified."""
 
 SHORT_SPLITS: Mapping[SplitName, str] = {"train": "train", "validation": "val", "test": "test"}
-"""The splits' names in lists of pairs that loaders bring along."""
+"""The splits' short names, as loaders' own lists of pairs have them."""
 
 
 def pair_lines(pairs: Iterable[Mapping[str, str]]) -> bytes:
-    """Write a list as loaders read it: each line has a pair's left image, right image and left disparity."""
+    """Return a list of pairs as loaders read it, from each pair's paths by role.
+
+    A line has the paths of a pair's left image, right image and left disparity.
+    """
     return "".join(f"{files['left']} {files['right']} {files['disparity_left']}\n" for files in pairs).encode()

@@ -1,6 +1,6 @@
 """The folders of Middlebury's evaluation set (MiddEval3), full size; docs/layouts.md draws the tree.
 
-Names with 0 are the left view's. Images, disparities and flow in another encoding end in its name.
+Names with 0 belong to the left view. Images, disparities and flow in another encoding than the default end in its name.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ SCENE_LIST = "MiddEval3/official_train.txt"
 class Middlebury(Layout):
     """MiddEval3: RAFT-Stereo, HSM, torchvision's CarlaStereo, the evaluation kit."""
 
-    replaced = (".png", ".npy")  # HSM chooses the reader of disparities so
+    replaced = (".png", ".npy")  # HSM looks for them to choose the reader of disparities
     positive_for = "HSM and the evaluation kit"
     three_channels_for = "RAFT-Stereo's demo and HSM's submission"
     right_truth_for = "HSM and torchvision's CarlaStereo"
@@ -30,7 +30,7 @@ class Middlebury(Layout):
         return {role: f"{SCENES}/{key.name}/{name}" for role, name in names.items()}
 
     def lists(self, keys: Sequence[Key], encodings: Encodings) -> dict[str, bytes]:
-        """Return official_train.txt: the scenes' names, a line each."""
+        """Return official_train.txt, which has a line for each scene's name."""
         del encodings
         return {SCENE_LIST: "".join(f"{key.name}\n" for key in keys).encode()}
 
@@ -40,7 +40,7 @@ class Middlebury(Layout):
         return {"carla-highres/trainingF": f"../{SCENES}"}
 
     def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
-        """Return what the base says, and which files loaders want."""
+        """Return the base's sentences, and which encodings and outputs the loaders need."""
         sentences = super().advice(pairs, config, split)
         if (config.files.image, config.files.disparity) != ("png", "pfm"):
             sentences.append(

@@ -1,6 +1,6 @@
 """The folders of Middlebury's scenes of 2014; docs/layouts.md draws the tree.
 
-Names with 0 are the left view's. im1E and im1L are the right image a stop darker and a stop brighter.
+Names with 0 belong to the left view. im1E and im1L are the right image one stop darker and one stop brighter.
 """
 
 from collections.abc import Sequence
@@ -43,7 +43,7 @@ class Middlebury2014(Layout):
 
 
 def _scene(key: Key) -> str:
-    # torchvision takes scenes by this ending.
+    # torchvision selects scenes by this ending.
     return f"{key.name}-perfect"
 
 

@@ -1,4 +1,4 @@
-"""The roles of files: what a file of a pair holds, how it is encoded, and with which outputs there is one.
+"""The roles of files: the content of a pair's file, its encoding, and the output that it belongs to.
 
 A role is the name of an array of a frame (see `semisynth_gl.frame.frame.ROLES`), or another name in `ROLES` below.
 """
@@ -26,9 +26,10 @@ _STOPS: Mapping[str, int] = {"right_under": -1, "right_over": 1}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """A pair on its way into files; values of its frame that the codecs cannot store are invalid already.
+    """A pair to be encoded; values of its frame that the codecs cannot store are already invalid.
 
-    Its provenance says in JSON's types what made the pair, and ``ndisp`` bounds its disparities, in whole pixels.
+    ``provenance`` says in JSON's types what made the pair, and ``ndisp`` is an upper bound of its disparities in whole
+    pixels.
     """
 
     key: Key
@@ -43,11 +44,11 @@ class Role:
 
     Attributes:
         meaning: the content in a few words.
-        codec_or_name: the file's codec, or its name in a dataset's `Encodings`.
-        value: from a sample to the value that the codec encodes; None where the sample has no such value.
-        output: the output without which there is no such file; None for a file that every pair has.
+        codec_or_name: the file's codec, or its name for `Encodings.codec`.
+        value: returns the value of a sample that the codec encodes, or None where the sample has none.
+        output: the output to which the file belongs; None for a file that every pair has.
         eye: the view whose truth the file holds; None for images and for files about the pair.
-        unwrap: from a decoded value, and the file's path for messages, to what a reader of the pair gets.
+        unwrap: returns the value for readers, from the decoded value and the file's path, which is for messages.
     """
 
     meaning: str
@@ -58,29 +59,29 @@ class Role:
     unwrap: Callable[[Any, Path], Any] = lambda value, _: value
 
     def codec(self, encodings: Encodings) -> Codec[Any]:
-        """Return the file's codec in a dataset of these encodings."""
+        """Return the file's codec in a dataset with these encodings."""
         return encodings.codec(self.codec_or_name) if isinstance(self.codec_or_name, str) else self.codec_or_name
 
     def described(self, encodings: Encodings) -> str:
-        """Return the meaning in a dataset of these encodings: its images may be grey."""
+        """Return the meaning in a dataset with these encodings, whose images may be grey."""
         return self.meaning.replace("RGB", encodings.channels)
 
 
 def not_occluded_role(channel: Channel[Any], eye: Eye) -> str:
-    """Return the role of a channel's values at the points that its mask calls visible."""
+    """Return the name of the role of a channel's values at visible points only, such as ``not_occluded_left``."""
     return f"{channel.name.removeprefix('disparity')}_not_occluded_{eye}".removeprefix("_")
 
 
 def mask_from_not_occluded(
     truth: NDArray[np.float32], not_occluded: NDArray[np.float32], channel: Channel[Any], eye: Eye, path: Path
 ) -> NDArray[np.uint8]:
-    """Work out the mask of a disparity or flow, (H, W) uint8, from its values at all points and at the visible ones.
+    """Return the mask of a disparity or flow, (H, W) uint8, from its values at all points and at visible points only.
 
-    A hidden point is outside the other image or occluded, see `restore_outside`. ``truth`` and ``not_occluded`` are
-    (H, W) float32 px, or (H, W, 2) for flow, and inf where unknown; the path is for messages.
+    Both arrays are (H, W) float32 px, or (H, W, 2) for flow, and inf where unknown; the path is for messages. A hidden
+    point is occluded or outside the other image, see `restore_outside`.
 
     Raises:
-        ReadError: where the sizes differ, or a value of ``not_occluded`` is not the one in ``truth``.
+        ReadError: where the sizes differ, or a finite value of ``not_occluded`` differs from the one in ``truth``.
     """
     roles = not_occluded_role(channel, eye), channel.role(eye)
     if truth.shape != not_occluded.shape:
@@ -96,12 +97,12 @@ def mask_from_not_occluded(
 
 
 def stored_mask(mask: NDArray[np.uint8], truth: NDArray[np.float32], channel: Channel[Any]) -> NDArray[np.uint8]:
-    """Return a mask, (H, W) uint8, as files have it: points outside the other image are occluded, as in Middlebury's.
+    """Return a frame's mask, (H, W) uint8, as files have it: points outside the other image count as occluded.
 
-    It is 255 where the point is seen, 128 where it is not, and 0 where nothing is known. ``truth`` is what the mask is
-    of, (H, W) float32 px or (H, W, 2) for flow, inf where unknown.
+    As in Middlebury's files, a pixel is 255 where the other image shows its point, 128 where it does not, and 0 where
+    there is no truth. ``truth`` is the mask's disparity or flow, (H, W) or (H, W, 2) float32 px, inf where unknown.
     """
-    # A mask has OUTSIDE = 0 and values from OCCLUDED on.
+    # OUTSIDE is 0, so that the maximum turns it into OCCLUDED where there is truth.
     stored = _is_known(truth, channel).view(np.uint8)
     stored *= np.uint8(OCCLUDED)
     return np.maximum(mask, stored, out=stored)
@@ -110,14 +111,14 @@ def stored_mask(mask: NDArray[np.uint8], truth: NDArray[np.float32], channel: Ch
 def restore_outside(
     mask: NDArray[np.uint8], truth: NDArray[np.float32], channel: Channel[Any], eye: Eye
 ) -> NDArray[np.uint8]:
-    """Return a mask of `stored_mask` with the values of `semisynth_gl.frame`: an occluded point may lie outside.
+    """Return a mask of `stored_mask` with a frame's values: OUTSIDE for points beyond the other image's border.
 
-    It lies outside where its position lies beyond the other image's border. The renderer decides so too, in float32; a
-    disparity that its codec has rounded may fall on the other side of the border. Where a file has 0 though there is
-    truth, 0 stays. ``truth`` is (H, W) float32 px, or (H, W, 2) for flow, and inf where unknown.
+    ``truth`` is the disparity or flow of the view ``eye``, (H, W) or (H, W, 2) float32 px, inf where unknown. The
+    renderer compares positions in float32 too, but a rounded disparity may fall on the other side of the border. A 0 in
+    the file stays 0, even where there is truth.
     """
     height, width = mask.shape
-    # Where there is no truth, nothing is said of the point's position: NaN lies on no side of a border.
+    # Without truth, the point's position is unknown: NaN lies on no side of a border.
     shift = np.where(np.isfinite(truth), truth, np.float32(np.nan)).reshape(height, width, -1)
     if channel.components == 1 and eye == "left":
         shift = -shift
@@ -129,9 +130,10 @@ def restore_outside(
 
 
 def number_objects(instances: NDArray[np.uint16], table: Sequence[Mapping[str, Any]]) -> NDArray[np.uint8]:
-    """Return KITTI's map of objects: 0 for nothing and for walls and the like, else the instance's id, cut to 8 bits.
+    """Return KITTI's map of objects, (H, W): 0 for nothing and for instances that are "still", else 1 to 255.
 
-    ``instances`` are (H, W) ids, and row k of the provenance's table describes id k + 1.
+    ``instances`` are (H, W) ids, and row k of the provenance's ``table`` describes id k + 1. Ids above 255 begin again
+    at 1.
     """
     ids = np.arange(len(table) + 1)
     objects = 1 + (ids - 1) % _LARGEST_OBJECT
@@ -142,7 +144,7 @@ def number_objects(instances: NDArray[np.uint16], table: Sequence[Mapping[str, A
 
 
 def expose(image: NDArray[np.uint8], stops: float) -> NDArray[np.uint8]:
-    """Multiply 8-bit values, of any shape, by 2 to the power of stops, as `semisynth_gl.pairs.imperfections` does."""
+    """Return 8-bit values, of any shape, times 2 to the power of stops, as `semisynth_gl.pairs.imperfections` does."""
     levels = np.rint(np.clip(np.arange(256, dtype=np.float32) * np.float32(2.0**stops), 0, 255)).astype(np.uint8)
     return through_levels(image, levels)
 

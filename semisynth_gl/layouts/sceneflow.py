@@ -1,11 +1,11 @@
 """The folders of SceneFlow's FlyingThings3D; docs/layouts.md draws the tree.
 
-Pairs to train on are under TRAIN and those to test on under TEST of one tree; those to validate with are under TEST of
-another tree. Pair 0 is in A, pair 1 in B, pair 2 in C, pair 3 in A again. A folder holds up to 1000 frames, from 0000
-on: loaders sort or list them, whatever their numbers.
+Training pairs are under TRAIN and test pairs under TEST of one tree; validation pairs are under TEST of another tree.
+Pair 0 is in A, pair 1 in B, pair 2 in C, pair 3 in A again. A folder holds up to 1000 frames, from 0000 on: loaders
+sort or list frames, and do not use their numbers.
 
-Loaders of flow take the images that follow each other in a folder for successive frames. So in a dataset with such an
-output a folder is a sequence: sequence 0 is A/0000, sequence 1 is B/0000, and frame k of it is 000k.
+Loaders of flow take successive images in a folder for successive frames. So in a dataset with an output of flow, each
+folder is a sequence: sequence 0 is A/0000, sequence 1 is B/0000, and frame k of a sequence is 000k.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -24,7 +24,7 @@ _IMAGES = "frames_cleanpass"
 _LETTERS = "ABC"
 _FRAMES = 1000
 _PARTS: Mapping[SplitName, str] = {"train": "TRAIN", "validation": "TEST", "test": "TEST"}
-# The tree, then the path below the pair's folder in it, which is *, where ** is the frame's number.
+# Paths of files by channel: the tree, the pair's folder for *, and the rest, with the frame's number for **.
 _NAMES: Mapping[str, str] = {
     "image": _IMAGES + "/*/{view}/**",
     "flow": "optical_flow/*/into_future/{view}/OpticalFlowIntoFuture_**_{L}",
@@ -40,14 +40,14 @@ class SceneFlow(Layout):
 
     lacks = frozenset({"correspondence"})
     encodings = Encodings(flow=FlowPfm())
-    # RAFT-Stereo derives the paths of disparities by this replacement, other loaders the paths of right images.
+    # RAFT-Stereo replaces these to find disparities, other loaders to find right images.
     replaced = ("left", "right", _IMAGES, ".png")
     most_frames = 10_000
     right_truth_for = "torchvision's SceneFlowStereo and HSM"
     positive_for = "CasStereo and HSM"
 
     def stems(self, key: Key) -> dict[str, str]:
-        """Return a pair's files, of the same name in many folders."""
+        """Return a pair's files, which have the same name in many folders."""
         folder, frame = _place(key)
         names = view_stems(_NAMES, "{channel}/*/{view}/**") | {"provenance": "pairs/*/**"}
         return {role: f"{ROOT}/{name.replace('**', frame).replace('*', folder)}" for role, name in names.items()}
@@ -64,7 +64,7 @@ class SceneFlow(Layout):
         return {f"{ROOT}/frames_disparity": "disparity"}
 
     def folders(self) -> tuple[str, ...]:
-        """Return the folders that PSMNet and HSM list though they may be empty."""
+        """Return the folders that PSMNet and HSM list, even where they are empty."""
         driving = [
             f"{length}/{scene}/{speed}/left"
             for length in ("35mm_focallength", "15mm_focallength")
@@ -78,7 +78,7 @@ class SceneFlow(Layout):
         )
 
     def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
-        """Return what the base says, and that flow needs two frames of a sequence."""
+        """Return the base's sentences, and that loaders of flow need two frames of a sequence."""
         sentences = super().advice(pairs, config, split)
         if FLOW_OUTPUTS.intersection(config.outputs) and config.sequence.length == 1:
             sentences.append(
@@ -88,12 +88,12 @@ class SceneFlow(Layout):
         return sentences
 
     def folder(self, split: SplitName, splits: Collection[SplitName]) -> str:
-        """Return the folder of a split: train and test share one tree."""
+        """Return a split's folder: "" for train and test, which share one tree."""
         return super().folder(split, splits) if split == "validation" else ""
 
 
 def _place(key: Key) -> tuple[str, str]:
-    """Return the folder of a pair inside each tree, and its frame's number."""
+    """Return a pair's folder inside each tree, and its frame's number with four digits."""
     number, letter = divmod(key.sequence, len(_LETTERS))
     folder, frame = divmod(number, _FRAMES) if key.sequence_length is None else (number, key.frame)
     return f"{_PARTS[key.split]}/{_LETTERS[letter]}/{folder:04d}", f"{frame:04d}"

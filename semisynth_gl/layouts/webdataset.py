@@ -1,7 +1,7 @@
-"""WebDataset: shards are tars, and a pair is the files of one key in them, such as ``00000012``; see docs/layouts.md.
+"""WebDataset: shards are tars, whose files with one key, such as ``00000012``, are a pair; see docs/layouts.md.
 
-Images, disparities and flow in another encoding end in its name. The JSON has the same keys with values of the same
-types in every pair, as Hugging Face demands; ``provenance`` in it is all of the provenance, as text.
+Images, disparities and flow in another encoding than the default end in its name. As Hugging Face demands, the JSON has
+the same keys with values of the same types in every pair; its key ``provenance`` has the whole provenance as text.
 """
 
 import json
@@ -35,20 +35,20 @@ class WebDataset(Layout):
     packed = True
 
     def stems(self, key: Key) -> dict[str, str]:
-        """Return the names of a pair's files inside the tar; no dot in the key, which ends at the first one."""
+        """Return the names of a pair's files inside the tar; loaders take the text before the first dot as the key."""
         now, flow = scene_stems({"image": "{view}", "disparity": "disp{n}", "visibility": "mask{n}"})
         names = {role: f".{name}" for role, name in (now | flow).items()} | {"provenance": ""}
         return {role: f"{key.index:08d}{name}" for role, name in names.items()}
 
     def role(self, name: str) -> Role:
-        """Return a role; the provenance stands inside an object of the same keys for every pair."""
+        """Return a role; the provenance's file has an object around it, with the same keys in every pair."""
         return _FACTS if name == "provenance" else super().role(name)
 
 
 def _facts(sample: Sample) -> dict[str, Any]:
-    """Return what every pair has, and the provenance as text: a key that only some pairs had would get lost."""
+    """Return the facts that every pair has, and the provenance as text: loaders lose keys that only some pairs have."""
     provenance, camera = sample.provenance, sample.frame.camera
-    # Of all pairs of a dataset or of none: a rectified twin says that it does not deviate.
+    # Either all pairs of a dataset have it or none: a rectified twin states a deviation of zero.
     deviation = {key: value for key, value in provenance.get("camera", {}).items() if key == "deviation"}
     beyond = provenance.get(View.disparity.beyond_key, {})
     return {

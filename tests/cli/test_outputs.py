@@ -381,7 +381,7 @@ def test_an_empty_name_is_not_the_current_folder(call, home, command, words):
         ("memory://", "would be gone"),
         ("memory://set", "would be gone"),
         ("simplecache::memory://set", "would be gone"),
-        ("s3:/bucket/set", "one slash behind the colon"),
+        ("s3:/bucket/set", "one slash after the colon"),
         ("file://", "expected a folder or an address"),
         ("nobody://set", "nobody"),
         ("http://localhost:1/set", "http://localhost:1/set"),

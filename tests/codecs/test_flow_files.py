@@ -179,7 +179,7 @@ def pfm(width, height, values, kind="PF"):
         ("flo", flo(2**31 - 1, 2**31 - 1, [0, 0]), "ends after 8 of 36893488113059364872 bytes"),
         ("flo", flo(2, 1, [0, 0, 0]), "ends after 12 of 16 bytes of 2 x 1 pixels"),
         ("flo", flo(1, 1, [0, 0]) + b"x", "has 1 bytes after its 1 x 1 pixels"),
-        ("flo", flo(2, 1, [0, np.nan, 0, 0]), "expected a number, or inf for none, of each pixel, got NaN at 1 pixels"),
+        ("flo", flo(2, 1, [0, np.nan, 0, 0]), "expected a number at each pixel, or inf for none, got NaN at 1 pixels"),
         ("pfm", b"", "expected a PFM header"),
         ("pfm", pfm(1, 1, [0], "Pf"), r"expected a PFM header \(PF"),
         ("pfm", pfm(2, 1, [0] * 5), "ends after 20 of 24 bytes"),

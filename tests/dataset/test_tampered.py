@@ -309,7 +309,7 @@ def test_a_tar_that_is_cut_or_anothers_is_refused(clean, tmp_path):
     data = (dataset / TAR).read_bytes()
     for length in np.linspace(0, len(data) - 1, 40).astype(int):
         (dataset / TAR).write_bytes(data[:length])
-        assert f"has {length} bytes, its record says {len(data)}" in refusal(read_all, dataset)
+        assert f"has {length} bytes, but its record says {len(data)}" in refusal(read_all, dataset)
         assert any(TAR in message for message in found(dataset))
     # As many bytes, and other members.
     (dataset / TAR).write_bytes(data[512:] + data[:512])
