@@ -83,7 +83,7 @@ class Codec(ABC, Generic[Value]):
 
 
 def read_bytes(path: Path, most_bytes: int | None = None) -> bytes:
-    """Return a file's bytes; raises ReadError where it is missing, irregular, above ``most_bytes`` or unreadable."""
+    """Return a file's bytes; raises ReadError if it is missing, no regular file, over ``most_bytes`` or unreadable."""
     try:
         return read_file(path, most_bytes)
     except FileNotFoundError:

@@ -90,7 +90,7 @@ class Contents:
         return self._below_folder(keys[0].split, self.layout.lists(keys, self.encodings))
 
     def links(self, keys: Sequence[Key]) -> dict[str, str]:
-        """Return the layout's links for these pairs of one split: relative target by path below the dataset."""
+        """Return the layout's links for these pairs of one split: target by path below the dataset's folder."""
         return self._below_folder(keys[0].split, self.layout.links(keys))
 
     @property

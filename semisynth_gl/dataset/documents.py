@@ -171,7 +171,10 @@ class IndexDocument(PlanDocument):
 
 @dataclass(frozen=True, slots=True)
 class StoredFile:
-    """A file of a pair: its size, and its digest or offset in a tar. Models of millions would take too much memory."""
+    """A file of a pair: its size, and its digest or its offset in a tar.
+
+    It is a dataclass, since datasets have millions of files, and models would take too much memory.
+    """
 
     bytes: _Bytes
     sha256: _Sha256 | None = None

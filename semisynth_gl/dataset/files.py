@@ -209,7 +209,7 @@ class DatasetFiles:
             self._lock = open_locked(path, lambda: not alone and read_beginning(place) is not None, patient=not alone)
 
     def _is_alone(self) -> bool:
-        """Return True only where no other run works on the dataset; none can then begin to before `close`."""
+        """Return True only if no other run works on the dataset; then none can start before `close`."""
         if self._lock is None:
             return True
         try:

@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 
 class Place(ABC):
-    """A dataset's root, at the address that the user gave; ``local`` is its folder, or None on another machine."""
+    """A dataset's root, at the address that the user gave; ``local`` is its folder on this machine, or None."""
 
     address: str
     local: Path | None
@@ -44,8 +44,8 @@ class Place(ABC):
         """Write or replace a file atomically; raises OSError where it cannot be written.
 
         Raises:
-            InputError: where a link stands on the file's way, which may lead out of the place, or where anything else
-                stands in the place of a folder.
+            InputError: where a link among the file's folders may lead out of the place, or one of its folders is no
+                folder.
         """
 
     @abstractmethod

@@ -178,8 +178,8 @@ def open_place(address: str | os.PathLike[str]) -> Place:
     """Return the place of an address: a path, in which ``~`` is the home folder, or ``protocol://...`` for fsspec.
 
     Raises:
-        InputError: where the address is empty, has one slash for two or lacks its bucket, or the protocol is unknown or
-            its package not installed.
+        InputError: where the address is empty, has only one slash after its colon or lacks its bucket, or where the
+            protocol is unknown or its package not installed.
     """
     text = os.fspath(address)
     path = text.removeprefix("file://").removeprefix("local://")

@@ -20,7 +20,7 @@ from semisynth_gl.seeds.splits import SplitName
 # Number of the first frame of a scene: KITTI numbers frames with two digits from here on.
 _FIRST_FRAME = 10
 
-# Number of pairs on which HSM, the evaluation kit and the lists in every repository rely.
+# Number of pairs on which HSM, the evaluation kit and the repositories' own lists rely.
 _FEWEST = 200
 # Smallest width and height of KITTI's rectified images; the largest are 1242 and 376.
 _SMALLEST_SIZE = 1224, 370

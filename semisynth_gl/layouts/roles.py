@@ -28,8 +28,8 @@ _STOPS: Mapping[str, int] = {"right_under": -1, "right_over": 1}
 class Sample:
     """A pair to be encoded; values of its frame that the codecs cannot store are already invalid.
 
-    ``provenance`` says in JSON's types what made the pair, and ``ndisp`` is an upper bound of its disparities in whole
-    pixels.
+    ``provenance`` says in JSON's types how the pair was made, and ``ndisp`` is an upper bound of its disparities in
+    whole pixels.
     """
 
     key: Key
@@ -99,8 +99,8 @@ def mask_from_not_occluded(
 def stored_mask(mask: NDArray[np.uint8], truth: NDArray[np.float32], channel: Channel[Any]) -> NDArray[np.uint8]:
     """Return a frame's mask, (H, W) uint8, as files have it: points outside the other image count as occluded.
 
-    As in Middlebury's files, a pixel is 255 where the other image shows its point, 128 where it does not, and 0 where
-    there is no truth. ``truth`` is the mask's disparity or flow, (H, W) or (H, W, 2) float32 px, inf where unknown.
+    As in Middlebury's files, a pixel is 255 where its point is visible too, 128 where it is hidden, and 0 where there
+    is no truth. ``truth`` is the mask's disparity or flow, (H, W) or (H, W, 2) float32 px, inf where unknown.
     """
     # OUTSIDE is 0, so that the maximum turns it into OCCLUDED where there is truth.
     stored = _is_known(truth, channel).view(np.uint8)
@@ -130,7 +130,7 @@ def restore_outside(
 
 
 def number_objects(instances: NDArray[np.uint16], table: Sequence[Mapping[str, Any]]) -> NDArray[np.uint8]:
-    """Return KITTI's map of objects, (H, W): 0 for nothing and for instances that are "still", else 1 to 255.
+    """Return KITTI's map of objects, (H, W): 0 for no instance and for instances that are "still", else 1 to 255.
 
     ``instances`` are (H, W) ids, and row k of the provenance's ``table`` describes id k + 1. Ids above 255 begin again
     at 1.
