@@ -1,1 +1,1 @@
-"""Photographs and drawn pictures into the patch atlas: reading, drawing, cropping, judging texture."""
+"""From photographs and drawn pictures to the patch atlas: reading, drawing, cropping, measuring texture."""

@@ -1,4 +1,4 @@
-"""The patch atlas: all patches that the renderer samples, and the place in an image that each patch comes from."""
+"""The patch atlas: all patches that the renderer samples, and the square of an image that each patch comes from."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -17,14 +17,20 @@ from semisynth_gl.textures.crops import texture_measure
 class Patch:
     """One square of texture: successive layers of the atlas, and the `Square` of an image that they come from.
 
-    The patch was reduced where the square exceeds the size of a layer. An image sequence gives it a layer for each
-    frame, a still image one layer.
+    Pixels of the square are averaged where it is larger than a layer; only large patches are ever enlarged. A patch of
+    an image sequence has one layer per frame, a patch of a still image has one layer.
 
     Attributes:
-        texture: its `texture_measure`; of several frames the least.
-        large: whether it is a large patch, for walls and grounds; these stand behind the others.
-        contrast: the part of the image's contrast that it has; below 1 where it was lowered to make a flat patch.
-        subject: of several photographs of one subject in the atlas, the name of the first; empty of all other images.
+        source: name of the image, as in `Square`.
+        left_px: first column of the square in the upright image.
+        top_px: first row of the square.
+        side_px: side of the square, in image pixels.
+        first_layer: number of the patch's first layer; see `Atlas` for how layers are counted.
+        layer_count: number of successive layers.
+        texture: its `texture_measure`; the least of its frames.
+        large: whether it is a large patch, for walls and grounds; large patches come last in the atlas.
+        contrast: the part of the image's contrast that is left; below 1 where it was lowered to make a flat patch.
+        subject: name of the subject's first image, where several images in the atlas show one subject; else empty.
     """
 
     source: str
@@ -40,11 +46,11 @@ class Patch:
 
     @property
     def shown(self) -> str:
-        """The name of what the patch shows a part of: its subject, or the image alone."""
+        """The name of the subject that the patch shows a part of, or of its image where no other shows the subject."""
         return self.subject or self.source
 
     def described(self) -> dict[str, Any]:
-        """Return all that is known of the patch, in JSON's types; the last three only where they matter."""
+        """Return the attributes by name, in JSON's types; of the last three only the values that are not defaults."""
         usual = {"large": False, "contrast": 1.0, "subject": ""}
         return {key: value for key, value in asdict(self).items() if usual.get(key) != value}
 
@@ -55,13 +61,13 @@ class Atlas:
 
     Attributes:
         layers: (L, P, P, 4) uint8 RGBA, C-contiguous, top row first, A = 255 everywhere. RGBA although no layer is
-            transparent, because rows of 4-byte pixels need no padding on the way to OpenGL. Of monochrome cameras
+            transparent, because rows of 4-byte pixels need no padding on the way to OpenGL. For monochrome cameras
             (L, P, P) uint8, see `in_grey`.
         patches: in the order of their layers.
-        report: the fate of all images and crops.
-        pictures: the pictures that patches come from beside files: SHA-256 of their pixels, by name.
-        large_layers: (M, Q, Q, 4) uint8 RGBA, or (M, Q, Q) likewise, layers of large patches, counted from L on; M may
-            be 0.
+        report: what became of all images and crops.
+        pictures: SHA-256 of the pixels of each drawn picture that patches come from, by the picture's name.
+        large_layers: (M, Q, Q, 4) uint8 RGBA, or (M, Q, Q) uint8 for monochrome cameras: the layers of large patches,
+            numbered from L on; M may be 0.
     """
 
     layers: NDArray[np.uint8]
@@ -71,22 +77,22 @@ class Atlas:
     large_layers: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 1, 1, 4), np.uint8))
 
     def pixels(self, patch: Patch) -> NDArray[np.uint8]:
-        """Return a patch's layers, (F, P, P, 4) uint8 RGBA, or (F, P, P) grey."""
+        """Return the F layers of a patch, (F, P, P, 4) uint8 RGBA or (F, P, P) uint8 grey; Q for P if it is large."""
         layers, first = self.layers, patch.first_layer
         if patch.large:
             layers, first = self.large_layers, first - len(self.layers)
         return layers[first : first + patch.layer_count]
 
     def in_grey(self) -> "Atlas":
-        """Return the atlas that monochrome cameras see, with what is known of the patches as it is: see `to_grey`."""
+        """Return the atlas with all layers in grey, as monochrome cameras see it; the rest stays. See `to_grey`."""
         return replace(self, layers=_each_in_grey(self.layers), large_layers=_each_in_grey(self.large_layers))
 
 
 def to_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return the luminance of (H, W, 3) RGB or (H, W, 4) RGBA, by the weights of ITU-R BT.601: (H, W) uint8.
 
-    It is (19595 R + 38470 G + 7471 B + 32768) // 65536, as Pillow's conversion from RGB to L has it: equal components
-    stay what they are.
+    It is (19595 R + 38470 G + 7471 B + 32768) // 65536, as in Pillow's conversion from RGB to L, so grey pixels keep
+    their level.
     """
     return np.asarray(Image.fromarray(np.ascontiguousarray(image)).convert("L"))
 
@@ -99,13 +105,14 @@ def _each_in_grey(layers: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def atlas_from_arrays(patches: Sequence[NDArray[Any]], sources: Sequence[str] | None = None) -> Atlas:
-    """Make an atlas of given squares, each (P, P, 3) uint8 RGB; all are kept, whatever texture they have.
+    """Make an atlas of the given squares, each (P, P, 3) uint8 RGB; all are kept, however little texture they have.
 
-    Each has a patch of one layer. The sources are ``array/00000`` and so on where none are given.
+    Each square becomes a patch of one layer. ``sources`` names the image of each patch; by default the names are
+    ``array/00000`` and so on.
 
     Raises:
-        InputError: where there is no patch, a patch is not (P, P, 3) uint8 of the first one's size, or the numbers of
-            patches and sources differ.
+        InputError: where there is no patch, a patch is not (P, P, 3) uint8 with the P of the first patch, or the
+            numbers of patches and sources differ.
     """
     if len(patches) == 0:
         raise InputError("an atlas needs at least one patch, got none")

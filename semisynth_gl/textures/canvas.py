@@ -1,4 +1,4 @@
-"""What all drawn pictures are made with: colours that go together, noise, relief, cells."""
+"""Tools for drawing pictures: colours that go together, noise, relief, cells."""
 
 from typing import Any
 
@@ -9,12 +9,12 @@ from PIL import Image, ImageDraw
 from semisynth_gl.textures.crops import LUMINANCE_PARTS
 
 SIDE_PX = 768
-"""Width and height of a drawn picture."""
+"""Width and height of a drawn picture, pixels."""
 
 # Shapes are drawn at this multiple of their size and reduced, since Pillow draws hard edges.
 _FINE = 2
 SHEET_PX = _FINE * SIDE_PX
-"""Width and height of the image that shapes are drawn on."""
+"""Width and height of the image that shapes are drawn on, pixels."""
 
 Field = NDArray[np.float32]
 Pixels = NDArray[np.uint8]
@@ -22,11 +22,11 @@ Colour = tuple[int, int, int]
 
 
 def hex_colours(codes: str) -> NDArray[np.float64]:
-    """Return colours that are written like ``264653``, (N, 3) of 0 to 255."""
+    """Return the colours of hexadecimal codes such as ``264653``, separated by blanks; (N, 3) of 0 to 255."""
     return np.array([list(bytes.fromhex(code)) for code in codes.split()], np.float64)
 
 
-# Five colours each, found by eye; from dark to light within a palette where there is an order.
+# Palettes of five colours, chosen by eye; most run from dark to light.
 _PALETTES = hex_colours("""
 264653 2a9d8f e9c46a f4a261 e76f51   1d3557 457b9d a8dadc f1faee e63946   3d405b 81b29a f2cc8f e07a5f f4f1de
 003049 d62828 f77f00 fcbf49 eae2b7   606c38 283618 fefae0 dda15e bc6c25   5f0f40 9a031e fb8b24 e36414 0f4c5c
@@ -44,18 +44,21 @@ def palette(rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def colour(values: NDArray[Any]) -> Colour:
-    """Return a colour as Pillow takes it."""
+    """Return a colour, (3,) levels, as Pillow takes it: whole numbers, clipped to 0 to 255."""
     red, green, blue = (int(value) for value in np.clip(values, 0, 255))
     return red, green, blue
 
 
 def varied(rng: np.random.Generator, values: NDArray[Any], spread: float = 14.0) -> Colour:
-    """Return a colour near the given one: lighter or darker, and a little other in hue."""
+    """Return a colour near a given colour: lighter or darker, and a little different in hue.
+
+    ``spread`` is the standard deviation of the lightness, in levels.
+    """
     return colour(values + rng.normal(0, spread) + rng.normal(0, spread / 3, 3))
 
 
 def pick(rng: np.random.Generator, colours: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return one of several colours, or of several sets of colours."""
+    """Return a random colour out of several, (N, 3), or a random palette out of several, (N, K, 3)."""
     chosen: NDArray[np.float64] = colours[int(rng.integers(len(colours)))]
     return chosen
 
@@ -66,7 +69,7 @@ def luminance(values: NDArray[Any]) -> float:
 
 
 def ink_on(paper: NDArray[Any], colours: NDArray[np.float64]) -> Colour:
-    """Return that of several colours that can be read best on a paper, or black or white where none can."""
+    """Return the colour in which text is easiest to read on a paper; near-black or off-white where none is legible."""
     best = max(colours, key=lambda ink: abs(luminance(ink) - luminance(paper)))
     if abs(luminance(best) - luminance(paper)) > 90:
         return colour(best)
@@ -83,8 +86,8 @@ def fractal(
 ) -> Field:
     """Return noise (H, W) with a mean of about 0 and a standard deviation of about 1.
 
-    Its largest and smallest blobs have the given sizes, powers of two. The contrast of an octave is the one of the next
-    coarser octave times the persistence, which is about 1 in photographs.
+    Its largest and smallest blobs have the given sizes, both powers of two. Each octave has the contrast of the next
+    coarser octave times ``persistence``, which is about 1 in photographs.
     """
     cell, amplitude = coarsest_px, 1.0
     field: Field | None = None
@@ -109,7 +112,7 @@ def resized(field: Field, shape: tuple[int, int]) -> Field:
 
 
 def grid() -> tuple[Field, Field]:
-    """Return row and column of each pixel of a picture."""
+    """Return the row and the column of each pixel of a picture, (H, W) float32 each."""
     rows, columns = np.mgrid[:SIDE_PX, :SIDE_PX].astype(np.float32)
     return rows, columns
 
@@ -120,20 +123,20 @@ def window(y: float, x: float, radius: float) -> tuple[slice, slice]:
 
 
 def direction(down: Field, right: Field) -> Field:
-    """Return the angle of a place around a centre, rad.
+    """Return the angle around a centre of points that lie ``down`` and ``right`` of it, rad.
 
-    In float64: NumPy's arctan2 of float32 depends on the processor, and so would the patches of a dataset.
+    It is computed in float64: NumPy's float32 arctan2 depends on the processor, and so would the patches of a dataset.
     """
     return np.arctan2(down.astype(np.float64), right.astype(np.float64)).astype(np.float32)
 
 
 def step(field: NDArray[Any], width: float = 1.0) -> Field:
-    """Return 0 where a field is below 0, 1 where it is above ``width``, and a slope between, which makes an edge."""
+    """Return an edge: 0 where a field is below 0, 1 where it is above ``width``, and a linear ramp between."""
     return np.asarray(np.clip(field / np.float32(width), 0, 1), np.float32)
 
 
 def toned(field: NDArray[Any], colours: ArrayLike) -> Field:
-    """Colour a field: values of -2 to 2 go through the colours in their order; (H, W, 3)."""
+    """Colour a field (H, W): values from -2 to 2 run through the colours, (N, 3), in their order; (H, W, 3)."""
     stops = np.asarray(colours, np.float64)
     at = np.linspace(0, len(stops) - 1, 1024)
     table = np.stack([np.interp(at, np.arange(len(stops)), stops[:, channel]) for channel in range(3)], axis=1)
@@ -142,25 +145,28 @@ def toned(field: NDArray[Any], colours: ArrayLike) -> Field:
 
 
 def mixed(below: ArrayLike, above: ArrayLike, mask: NDArray[Any]) -> Field:
-    """Lay pixels or a colour over others where a mask (H, W) is 1; (H, W, 3)."""
+    """Lay pixels or a colour over the pixels or the colour ``below`` where a mask (H, W) is 1; (H, W, 3)."""
     low, high = np.asarray(below, np.float32), np.asarray(above, np.float32)
     return np.asarray(low + (high - low) * mask[..., np.newaxis], np.float32)
 
 
 def lit(pixels: NDArray[Any], light: NDArray[Any]) -> NDArray[Any]:
-    """Return pixels (H, W, 3), or a colour, under a light (H, W) that is 1 where it changes nothing."""
+    """Multiply pixels (H, W, 3), or a colour, by a light (H, W); a light of 1 changes nothing."""
     shaded: NDArray[Any] = pixels * light[..., np.newaxis]
     return shaded
 
 
 def relief(height: NDArray[Any], strength: float) -> Field:
-    """Return the light on a surface of a height in pixels, from the upper left: 1 where it is level; (H, W, 1)."""
+    """Return the light on a surface lit from the upper left, 1 where it is level; (H, W, 1).
+
+    ``height`` is (H, W) in pixels; ``strength`` is the change of the light per pixel of slope.
+    """
     slope = np.diff(height, axis=0, prepend=height[:1]) + np.diff(height, axis=1, prepend=height[:, :1])
     return np.asarray(np.clip(1 + strength * slope, 0.35, 1.7), np.float32)[..., np.newaxis]
 
 
 def bent(pixels: NDArray[Any], rows: NDArray[Any], columns: NDArray[Any]) -> NDArray[Any]:
-    """Return the pixels that are a number of rows and columns away, mirrored at the borders."""
+    """Return for each pixel the one that lies ``rows`` down and ``columns`` right of it, mirrored at the borders."""
     y, x = grid()
     places = []
     for at, extent in ((y + rows, pixels.shape[0]), (x + columns, pixels.shape[1])):
@@ -173,11 +179,16 @@ def bent(pixels: NDArray[Any], rows: NDArray[Any], columns: NDArray[Any]) -> NDA
 def cells(
     rng: np.random.Generator, cell_px: int, irregular: float = 0.9
 ) -> tuple[NDArray[np.int32], Field, NDArray[np.float32]]:
-    """Divide a picture into cells around random points, whose mean distance is given: squares at ``irregular`` 0.
+    """Divide a picture into cells around random points.
+
+    Args:
+        rng: source of the points.
+        cell_px: mean distance of neighbouring points.
+        irregular: how far points move from a square grid, from 0, where the cells are squares, to 1.
 
     Returns:
-        The number of each pixel's cell; its distance from the border to the next cell, pixels; and the cells' points as
-        (N, 2), row and column.
+        The number of each pixel's cell, (H, W); the pixel's distance from the border of its cell, pixels, (H, W); and
+        the cells' points, (N, 2), row and column.
     """
     count = -(-SIDE_PX // cell_px)
     side = count * cell_px
@@ -204,7 +215,7 @@ def cells(
 
 
 def sheet(paper: NDArray[Any]) -> tuple[Image.Image, ImageDraw.ImageDraw]:
-    """Return an image of one colour, `SHEET_PX` along both sides, to draw shapes on, and its pen."""
+    """Return an image of one colour to draw shapes on, `SHEET_PX` along both sides, and its drawing interface."""
     image = Image.new("RGB", (SHEET_PX, SHEET_PX), colour(paper))
     return image, ImageDraw.Draw(image)
 
@@ -220,13 +231,13 @@ def reduced(image: Image.Image) -> Field:
 
 
 def finished(rng: np.random.Generator, image: NDArray[Any], grain: float = 5.0, light: float = 0.06) -> Pixels:
-    """Return a picture (H, W, 3) of 0 to 255 as 8-bit RGB, under a grain and uneven light, as all that a camera sees.
+    """Return a picture as 8-bit RGB, (H, W, 3), with grain and uneven light, as in any photograph.
 
     Args:
         rng: source of the grain and the light.
-        image: the picture.
+        image: the picture, (H, W, 3), 0 to 255.
         grain: standard deviation of the grain, levels.
-        light: standard deviation of the light, 1 in the mean.
+        light: standard deviation of the light, whose mean is 1.
     """
     shade = 1 + light * fractal(rng, coarsest_px=512, finest_px=64, persistence=0.5)
     noise = grain * fractal(rng, coarsest_px=16, persistence=1.0)
@@ -235,5 +246,5 @@ def finished(rng: np.random.Generator, image: NDArray[Any], grain: float = 5.0, 
 
 
 def as_image(levels: NDArray[Any]) -> Image.Image:
-    """Return levels (H, W, 3) as an image to draw on, cut off to whole numbers of 0 to 255."""
+    """Return levels (H, W, 3) as an image to draw on, clipped to 0 to 255 and truncated to whole numbers."""
     return Image.fromarray(np.clip(levels, 0, 255).astype(np.uint8))

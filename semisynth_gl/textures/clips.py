@@ -17,12 +17,12 @@ from semisynth_gl.textures.images import ImageError, read_image, stored_size
 from semisynth_gl.textures.pictures import Picture, TextureImage, pixels_of
 
 Clip = tuple[Path, ...]
-"""The frames in their order, at least one."""
+"""The files of a clip's frames in their order, at least one."""
 
 
 @dataclass(frozen=True, slots=True)
 class AtlasLimits:
-    """The most layers that an atlas may have, 2048 in every OpenGL 4 driver, and the most frames of one patch."""
+    """The largest number of layers of an atlas, 2048 in every OpenGL 4 driver, and of frames of one patch."""
 
     layers: int = 2048
     frames: int = 16
@@ -38,12 +38,12 @@ def natural_key(path: Path) -> tuple[tuple[int, int, str], ...]:
 def cut_clips(
     images: Sequence[Path], section: TexturesSection, limits: AtlasLimits, *, alone: bool = True
 ) -> tuple[list[Clip], list[Skipped]]:
-    """Group images into image sequences and cut those into clips, decoding nothing.
+    """Group images into image sequences and cut the sequences into clips, decoding nothing.
 
     Images of one folder with equal size form one image sequence, sorted naturally by name. It is cut into successive
-    clips of nearly equal length, of as many frames as leaves room for all patches: the number of crops times frames, or
-    ``max_patches`` times frames where that is less, stays within the limit of layers. Unless the images are ``alone``,
-    patches of pictures may fill ``max_patches``.
+    clips of nearly equal length. All clips are as long as the limits of frames and layers allow: the number of crops of
+    all clips, but at most ``max_patches``, times the frames of a clip is not above the limit of layers. Where the
+    images are not ``alone``, patches of pictures may fill up ``max_patches``, so that number counts.
 
     Returns:
         The clips, by folder and name, and the files whose headers could not be read.
@@ -76,14 +76,14 @@ def cut_clips(
 
 @dataclass(slots=True, eq=False)
 class MeasuredCrop:
-    """A crop as measured in all frames of its clip.
+    """A crop and its measures over all frames of its clip.
 
     Attributes:
-        square: the square; in a clip, of its first frame.
-        texture: least `texture_measure` over the frames.
+        square: the square, under the name of the clip's first frame.
+        texture: least `texture_measure` of all frames.
         reason: "flat" where any frame has less texture than ``min_texture``, else "blurred" where any is less sharp
             than ``min_sharpness``; None where the crop is good.
-        fingerprint: (112,) float32 of a good crop, see `crops.fingerprint`; empty where no duplicates are wanted.
+        fingerprint: (112,) float32 of a good crop, see `crops.fingerprint`; empty where duplicates are not looked for.
     """
 
     square: Square
@@ -94,7 +94,7 @@ class MeasuredCrop:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchFrames:
-    """The pixels of a crop that may become a patch, (F, P, P, 3) uint8 RGB; the rest is as in `Patch`."""
+    """A crop that may become a patch: ``frames`` are its pixels, (F, P, P, 3) uint8 RGB; the rest is as in `Patch`."""
 
     square: Square
     texture: float
@@ -104,14 +104,14 @@ class PatchFrames:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClipSurvey:
-    """A clip that was read, or a picture.
+    """A clip or a picture that was read and measured.
 
     Attributes:
         frames: the readable frames, or the picture.
-        names: the names of these.
-        skipped: the other frames, and why.
+        names: the names of ``frames``.
+        skipped: the frames that were left out, and why.
         crops: ordered by side, row and column; none where the frames are smaller than a patch.
-        still: the pixels of a picture or of a clip of one frame, so that it is not read again.
+        still: the pixels, (H, W, 3), of a picture or of a clip of one frame, so that it is not read again.
     """
 
     frames: Sequence[TextureImage]
@@ -121,7 +121,7 @@ class ClipSurvey:
     still: NDArray[np.uint8] | None
 
     def judged(self, reason: Reason | None) -> list[MeasuredCrop]:
-        """Return the crops with a reason against them, or the good ones, in their order."""
+        """Return the crops that were rejected for a reason, or the good crops for None, in their order."""
         return [crop for crop in self.crops if crop.reason == reason]
 
     def cut(self, crops: Sequence[MeasuredCrop], patch_px: int) -> list[PatchFrames]:
@@ -136,9 +136,9 @@ class ClipSurvey:
 
 
 def survey_clip(clip: Clip, names: Mapping[Path, str], section: TexturesSection) -> ClipSurvey:
-    """Read the frames of a clip one at a time, and measure their crops; ``names`` has the names of the frames.
+    """Read the frames of a clip one at a time, and measure their crops; ``names`` maps each file to its name.
 
-    A frame that cannot be read is skipped, as is one whose upright size differs from the frames before it.
+    Frames that cannot be read are skipped, and so are frames whose upright size differs from that of the frames before.
     """
     frames: list[Path] = []
     skipped: list[Skipped] = []
@@ -176,8 +176,8 @@ def _crops(name: str, shape: tuple[int, ...], section: TexturesSection) -> list[
 
 
 def _measure(crops: Sequence[MeasuredCrop], image: NDArray[np.uint8], section: TexturesSection) -> None:
-    """Judge crops by a further frame. One that was blurred before may still turn out flat."""
-    # Successive clips of a video show much the same, so clips are not compared.
+    """Judge crops by a further frame. A crop that was blurred in an earlier frame may still turn out flat."""
+    # Successive clips of a video look much the same, so clips are not compared.
     compared = section.min_difference and not section.sequence
     for crop in crops:
         pixels = cut_crop(image, crop.square.box, section.patch_px)

@@ -53,14 +53,14 @@ def tartan(rng: np.random.Generator) -> Pixels:
 
 
 def rug(rng: np.random.Generator) -> Pixels:
-    """A knotted rug: medallions and borders, drawn in knots, each a little other."""
+    """A knotted rug: medallions and borders, drawn in knots that each differ a little."""
     knot = 4
     count = SIDE_PX // knot
     colours = palette(rng)
     half = count // 2
     v, u = np.mgrid[:half, :half].astype(np.float32)
     pattern = np.zeros((half, half), np.int32)
-    # From the middle outwards: lozenges and stars of random sizes, one on the other.
+    # Lozenges, squares and stars of random sizes lie on each other, the first in the middle.
     for number in range(26):
         cy, cx = rng.choice([0, 0, half * rng.random(), half * rng.random()], 2) if number else (0, 0)
         radius = rng.uniform(6, 70 if number < 8 else 26)
@@ -80,7 +80,7 @@ def rug(rng: np.random.Generator) -> Pixels:
         pattern = np.where((edge >= near) & (edge < far), motif.astype(np.int32) % 5, pattern)
         pattern = np.where((edge == near) | (edge == far), 4, pattern)
     whole = np.block([[pattern[::-1, ::-1], pattern[::-1]], [pattern[:, ::-1], pattern]])
-    # Wool was dyed in lots: bands of rows differ.
+    # Wool is dyed in lots, so bands of rows differ in colour.
     lots = 1 + 0.06 * resized(rng.standard_normal((count // 8, 1)).astype(np.float32), (count, 1))
     tints = lit(colours[whole], lots) * rng.normal(1, 0.07, (count, count, 1))
     tints += rng.normal(0, 5, (count, count, 3))
@@ -128,7 +128,7 @@ def knitting(rng: np.random.Generator) -> Pixels:
 
 
 def flowered(rng: np.random.Generator) -> Pixels:
-    """Cloth printed with flowers and leaves, each a little other."""
+    """Cloth printed with flowers, each a little different."""
     y, x = grid()
     colours = palette(rng)
     ground = pick(rng, colours)
@@ -152,7 +152,7 @@ def _flower(
     distance, angle = np.hypot(v, u), direction(v, u) + rng.uniform(0, 7)
     petals = int(rng.integers(4, 10))
     inks = rng.permutation(colours)
-    # In float64, as `direction`.
+    # In float64, for the reason given in `direction`.
     lobes = np.abs(np.cos(angle * petals / 2)).astype(np.float64) ** rng.uniform(0.3, 1.5)
     reach = radius * (0.45 + 0.5 * lobes)
     veins = 0.85 + 0.25 * distance / radius + 0.08 * np.sin(angle * petals * 4)

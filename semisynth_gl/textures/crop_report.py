@@ -1,4 +1,4 @@
-"""The fate of every image and crop: counts of kept and rejected crops, and a few rejected ones to look at."""
+"""What became of every image and crop: counts of kept and rejected crops, and a few rejected crops to look at."""
 
 from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping, Sequence
@@ -19,13 +19,13 @@ REASONS: tuple[Reason, ...] = get_args(Reason)
 REJECTIONS: tuple[Outcome, ...] = (*REASONS, "surplus")
 
 _EXAMPLES = 12
-# Fewer subjects than this are a note worth, and so is a subject with less than this part of an equal say.
+# The summary notes when there are fewer subjects than this, and subjects with less than this part of an equal share.
 _FEW, _UNEVEN = 4, 0.5
 _MOST_NAMED = 5
 
 
 class JudgedCrop(NamedTuple):
-    """A crop, the reason against it if there is one, and of a duplicate the crop that it hardly differs from."""
+    """A crop, the reason against it or None, and ``like``: for a duplicate, the crop that it hardly differs from."""
 
     reason: Reason | None
     square: Square
@@ -33,13 +33,13 @@ class JudgedCrop(NamedTuple):
 
     @property
     def squares(self) -> list[Square]:
-        """The crop, behind the one that it hardly differs from."""
+        """The square, after that of the crop that it hardly differs from, if there is one."""
         return [self.square] if self.like is None else [self.like, self.square]
 
 
 @dataclass(frozen=True, slots=True)
 class JudgedClip:
-    """All crops, at least one, of a still image or of successive frames."""
+    """All crops, at least one, of a still image or of a clip of ``frame_count`` successive frames."""
 
     frame_count: int
     crops: Sequence[JudgedCrop]
@@ -54,9 +54,9 @@ class JudgedClip:
 class CropCount:
     """Numbers of crops of one side in one image; a square that is followed through several frames counts once.
 
-    All patches of these crops are ``kept``. Of these the ones nearly without texture are ``kept_flat``, as
-    ``flat_share`` wants, and of these again the ones made of other patches by lowering the contrast are ``lowered``.
-    The other numbers are of crops that were rejected: for a `Reason`, or as there were more than wanted.
+    ``kept`` counts all patches that the crops became. ``kept_flat`` counts those among them that are nearly without
+    texture, as ``flat_share`` asks for; ``lowered`` counts the flat patches made by lowering a patch's contrast. The
+    other numbers count rejected crops: by `Reason`, or as ``surplus`` where there were more than wanted.
     """
 
     source: str
@@ -72,7 +72,7 @@ class CropCount:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextureReport:
-    """The fate of all images and of their crops. Each frame of an image sequence counts as an image.
+    """What became of all images and their crops. Each frame of an image sequence counts as an image.
 
     ``images_used + images_unused + len(too_small) + len(images_skipped) + images_not_opened`` is the number of given
     images, and ``counts`` has every crop of the images that were opened.
@@ -80,16 +80,16 @@ class TextureReport:
     Attributes:
         images_used: images with at least one patch in the atlas.
         images_unused: images that were read, but have no patch in the atlas.
-        too_small: names of the images that are shorter than a patch along a side.
+        too_small: names of the images that are smaller than a patch along a side.
         images_skipped: images that could not be read, and why.
-        images_not_opened: images that were not needed, because there were enough patches.
-        counts: by image and side of the squares, in this order; an image without a square has none.
-        subjects: of images with patches that show one subject, the subject's name by the image's; see `Patch`.
-        examples: a few rejected crops, of different images where possible.
+        images_not_opened: number of images that were not needed, because there were enough patches.
+        counts: one entry for each image and each side of its squares, in this order.
+        subjects: the subject's name by the image's name, for images that share their subject; see `Patch`.
+        examples: a few rejected crops, from different images where possible.
         patch_px: side of a patch.
         min_texture: least `texture_measure` of a crop that is not flat.
         flat_share: share of the surfaces that wear flat patches.
-        longest_clip: most layers that one patch has.
+        longest_clip: largest number of layers of a patch.
     """
 
     images_used: int
@@ -107,7 +107,7 @@ class TextureReport:
 
     @property
     def surface_shares(self) -> dict[str, float]:
-        """The share of the surfaces that wear patches of each image, sum 1; large patches are not counted."""
+        """The share of the surfaces that wear patches of an image, by its name, sum 1; without large patches."""
         kept = [(count.source, number < count.kept_flat) for count in self.counts for number in range(count.kept)]
         chances = patch_chances(
             [self.subjects.get(source, source) for source, _ in kept],
@@ -121,14 +121,14 @@ class TextureReport:
 
     @property
     def subject_shares(self) -> dict[str, float]:
-        """The same by subject, which is an image or several."""
+        """The shares of `surface_shares` by subject, which is one image or several."""
         shares: dict[str, float] = defaultdict(float)
         for source, share in self.surface_shares.items():
             shares[self.subjects.get(source, source)] += share
         return dict(shares)
 
     def total(self, outcome: Outcome) -> int:
-        """Return the number of crops with an outcome, over all images."""
+        """Return the number of crops of all images with an outcome."""
         return count_crops(self.counts, outcome)
 
     @property
@@ -138,7 +138,7 @@ class TextureReport:
 
     @property
     def named_images(self) -> set[str]:
-        """The names of all images of which there are examples, or that are too small."""
+        """The names of the images that examples come from, and of the images that are too small."""
         return {square.source for example in self.examples for square in example.squares} | set(self.too_small)
 
     @property
@@ -150,7 +150,7 @@ class TextureReport:
         return dict(groups)
 
     def summary(self) -> str:
-        """Return a few lines: patches, rejected crops with the measures, images with an uneven say or none at all."""
+        """Return a few lines: patches, rejected crops, subjects with uneven shares, and images that were not used."""
         kept, kept_flat = self.total("kept"), self.total("kept_flat")
         frames = f" of up to {self.longest_clip} frames" if self.longest_clip > 1 else ""
         shared = of_subjects(self.images_used, len(self.subject_shares)) if self.subjects else ""
@@ -166,7 +166,7 @@ class TextureReport:
         if self.flat_share:
             lines.append(
                 f"{counted(kept_flat, 'patch')} nearly without texture, on {self.flat_share:.1%} of the surfaces; "
-                f"{self.total('lowered')} of them by lowering the contrast of others"
+                f"{self.total('lowered')} of them made by lowering the contrast of other patches"
             )
         lines += self._uneven()
         unused = {
@@ -180,15 +180,15 @@ class TextureReport:
         return "\n".join([*lines, *(f"not readable: {skipped}" for skipped in self.images_skipped)])
 
     def _uneven(self) -> list[str]:
-        """Return a line for what keeps subjects from an equal and small say, if anything does."""
+        """Return notes for the user where subjects are few, or some have much less than an equal share."""
         shares, noun = self.subject_shares, "subject" if self.subjects else "image"
         equal, lines = 1 / max(len(shares), 1), list[str]()
         if 0 < len(shares) < _FEW:
             lines.append(
-                f"note: {counted(len(shares), noun)} alone, each on about {equal:.0%} of the surfaces: give a few "
+                f"note: only {counted(len(shares), noun)}, each on about {equal:.0%} of the surfaces: give a few "
                 "dozen photographs"
             )
-        # An image of flat crops alone is not to have an equal say.
+        # An image that has only flat crops is not meant to have an equal share.
         textured = {
             self.subjects.get(count.source, count.source) for count in self.counts if count.kept > count.kept_flat
         }
@@ -207,7 +207,8 @@ def crop_counts(
 ) -> tuple[CropCount, ...]:
     """Count the crops of each clip by side.
 
-    Given are the squares that became patches, and of each patch that was made flat by lowering its contrast the square.
+    ``kept`` are the squares that became patches. ``lowered`` has the square of each patch that was made by lowering the
+    contrast of another patch.
     """
     made = Counter((square.source, square.side_px) for square in lowered)
     counts = []
@@ -233,13 +234,13 @@ def crop_counts(
 
 
 def rejected_examples(clips: Sequence[JudgedClip], kept: Collection[Square]) -> tuple[JudgedCrop, ...]:
-    """Choose a few rejected crops: for each reason the same number from each clip, as far as its crops go."""
+    """Choose a few rejected crops for each reason, one from each clip in turn."""
     examples: list[JudgedCrop] = []
     for reason in REASONS:
         rejected = [
             [crop for crop in clip.crops if crop.reason == reason and crop.square not in kept] for clip in clips
         ]
-        # Evenly spread: the first ones would all show the upper border. Duplicates are in random order already.
+        # Evenly spread: the first crops would all show the upper border. Duplicates are in random order already.
         spread = [crops if reason == "duplicate" else crops[:: -(-len(crops) // _EXAMPLES) or 1] for crops in rejected]
         in_turn = [crop for crop in chain.from_iterable(zip_longest(*spread)) if crop is not None]
         examples += sorted(in_turn[:_EXAMPLES])
@@ -247,7 +248,7 @@ def rejected_examples(clips: Sequence[JudgedClip], kept: Collection[Square]) -> 
 
 
 def count_crops(counts: Collection[CropCount], outcome: Outcome, side_px: int | None = None) -> int:
-    """Return the number of crops with an outcome, of one side or of all."""
+    """Return the number of crops with an outcome, of one side or of all sides."""
     return sum(getattr(count, outcome) for count in counts if side_px in (None, count.side_px))
 
 

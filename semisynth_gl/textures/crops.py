@@ -1,4 +1,4 @@
-"""Crops: squares of an image, cut and reduced to patches, their measures, and the duplicates among them."""
+"""Crops: squares cut out of an image and reduced to patches, their measures, and the duplicates among them."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
@@ -10,14 +10,14 @@ from PIL import Image
 from semisynth_gl.inputs.errors import InputError
 
 FINGERPRINT_NORM = 1000
-"""Length of a fingerprint, up to rounding."""
+"""Euclidean length of a fingerprint, up to rounding."""
 
 LUMINANCE = (299, 587, 114)
 """Thousandths of red, green and blue in luminance, by ITU-R BT.601."""
 LUMINANCE_PARTS = np.array(LUMINANCE) / 1000
-"""The same as parts, (3,) float64."""
+"""The weights of `LUMINANCE` as parts of 1, (3,) float64."""
 
-# `least_texture` looks at every second pixel of every second row, and the proof at every fourth of these.
+# `least_texture` samples every second pixel of every second row; `surely_has_texture` every fourth of these pixels.
 _EVERY, _PART = 2, 4
 
 # First pixel and size of each cell along a side.
@@ -31,7 +31,7 @@ _FINGERPRINT_LENGTH = 2 * _GRID_CELLS * (_GRID_CELLS - 1)
 
 
 class CropBox(NamedTuple):
-    """A square of an upright image, from the column and the row of its first pixel on."""
+    """A square of an upright image: column and row of its upper left pixel, and its side."""
 
     left_px: int
     top_px: int
@@ -41,8 +41,8 @@ class CropBox(NamedTuple):
 class Square(NamedTuple):
     """A `CropBox` of a named image.
 
-    The ``source`` is the image's path relative to the folder that all images share; of an image sequence, of its first
-    frame.
+    ``source`` is the image's path relative to the folder that all images share, or the name of a picture. For a clip it
+    is the path of the first frame.
     """
 
     source: str
@@ -57,11 +57,11 @@ class Square(NamedTuple):
 
 
 def crop_boxes(height: int, width: int, patch_px: int, scales: Sequence[float]) -> list[CropBox]:
-    """Return squares that together cover an image, once for each scale, by increasing side, then by row and column.
+    """Return squares that cover an image once for each scale, by increasing side, then by row and column.
 
-    At scale s, of image pixels per patch pixel, the side is round(s * patch_px); s is at least 1, since crops are
-    reduced, never enlarged. Along each axis stand as few squares as cover it, evenly spread from border to border,
-    overlapping as much as that needs. A scale whose square does not fit gives none.
+    A scale s is a number of image pixels per patch pixel: the side is round(s * patch_px). It is at least 1, since
+    crops are reduced, never enlarged. Along each axis there are as few squares as cover the image; they are spread
+    evenly from border to border and overlap where they must. A scale whose square does not fit gives no squares.
     """
     return [
         CropBox(left, top, side)
@@ -80,11 +80,11 @@ def _positions(extent: int, side: int) -> list[int]:
 
 
 def cut_crop(image: NDArray[np.uint8], box: CropBox, patch_px: int) -> NDArray[np.uint8]:
-    """Cut a square out of an image (H, W, 3), as a patch (patch_px, patch_px, 3) with its own memory.
+    """Cut a square out of an image (H, W, 3) uint8, as a patch (patch_px, patch_px, 3) uint8 with its own memory.
 
-    A square of ``patch_px`` is copied bit for bit. A larger one is averaged over areas: for whole factors each patch
+    A square of ``patch_px`` is copied bit for bit. A larger square is averaged over areas: for whole factors each patch
     pixel is the mean of its factor x factor image pixels, rounded; for other factors, image pixels on the border
-    between two patch pixels have a part in both.
+    between two patch pixels count in both.
 
     Raises:
         InputError: where the box leaves the image or is smaller than a patch.
@@ -101,8 +101,8 @@ def cut_crop(image: NDArray[np.uint8], box: CropBox, patch_px: int) -> NDArray[n
     factor, rest = divmod(side, patch_px)
     if rest:
         return np.array(Image.fromarray(square).resize((patch_px, patch_px), Image.Resampling.BOX))
-    # Not Pillow's reduce: for factors other than powers of two it is off by one level in some pixels.
-    # One addition for each row and column of a patch pixel: numpy's sums over such short axes take four times as long.
+    # Pillow's reduce is off by one level in some pixels, for factors other than powers of two.
+    # Rows and columns are added one by one, since numpy's sums over such short axes take four times as long.
     rows = square[::factor].astype(np.uint32)
     for row in range(1, factor):
         rows += square[row::factor]
@@ -117,28 +117,29 @@ def texture_measure(patch: NDArray[np.uint8]) -> float:
     """Return how much texture a patch has: the median over a grid of 8 x 8 cells of the contrast in a cell.
 
     The contrast of a cell is the standard deviation of its luminance (0.299 R + 0.587 G + 0.114 B) in 8-bit levels.
-    The median makes it a statement about half of the patch: one strong edge across a blank wall does not count for
-    much, and slow shading only as far as it changes within a cell. Patches below 16 pixels have fewer cells, of 2
-    pixels or more. The measure goes from 0, every pixel equal in half of the cells, to 127.5.
+    Because of the median, half of the patch must have texture: one strong edge across a blank wall counts for little,
+    and slow shading counts only as far as it changes within a cell. Patches below 16 pixels have fewer cells, of 2
+    pixels or more. The measure runs from 0, where half of the cells are each of one colour, to 127.5.
 
-    The patch is (H, W, 3) RGB or (H, W) grey, and may be an image of any shape.
+    The patch is an image of any size, (H, W, 3) RGB or (H, W) grey.
     """
     grid = [_cells(extent) for extent in patch.shape[:2]]
     return _median_contrast(_squares(_luminance(patch), grid), grid)
 
 
 def least_texture(images: Iterable[NDArray[np.uint8]]) -> float:
-    """Return the `texture_measure` of the flattest of several images, by every second pixel of every second row.
+    """Return the `texture_measure` of the flattest of several images, from every second pixel of every second row.
 
-    That takes a share of the time, and shows texture of a pixel's size, too.
+    This is faster, and still measures texture as fine as a pixel.
     """
     return min(texture_measure(np.ascontiguousarray(image[::_EVERY, ::_EVERY])) for image in images)
 
 
 def surely_has_texture(images: Iterable[NDArray[np.uint8]], least: float) -> bool:
-    """Return True where a sixteenth of the pixels proves that `least_texture` is not below a limit; False says nothing.
+    """Return True where a sample proves that `least_texture` is not below a limit; False proves nothing.
 
-    About its own mean, a part of a cell's pixels has at most the sum of squares that all of them have about theirs.
+    The sample is a sixteenth of the pixels that `least_texture` takes. The sum of squares of a cell's sampled pixels
+    about their own mean is never larger than that of all its pixels about theirs, so it gives a lower bound.
     """
     return all(_texture_bound(image) >= least for image in images)
 
@@ -152,30 +153,30 @@ def _texture_bound(image: NDArray[np.uint8]) -> float:
         return 0.0
     step = _EVERY * _PART
     squares = _squares(_luminance(np.ascontiguousarray(image[::step, ::step])), parts)
-    # Less what both measures may round.
+    # Lowered by more than the rounding errors of both measures.
     return _median_contrast(squares, grid) * (1 - 1e-9)
 
 
 def sharpness_measure(patch: NDArray[np.uint8]) -> float:
     """Return how sharp a patch is: the contrast of its finest octave against that of the third.
 
-    The contrast of octave k is the root of the mean square that luminance loses where the means over squares of
-    2^(k - 1) pixels are averaged by 2 x 2 once more (a Haar decomposition). Photographs have about the same contrast in
-    each octave, a little less in the finest; a blur takes the finest away first, whatever the contrast of the whole.
+    The contrast of octave k is the root of the mean square that luminance loses when the means over squares with sides
+    of 2^(k - 1) pixels are averaged by 2 x 2 once more (a Haar decomposition). Photographs have about the same contrast
+    in each octave, a little less in the finest. A blur lowers the finest octave first, whatever the overall contrast.
 
-    It is 0.25 for a smooth patch such as a gradient; 0.26 to 0.33 after a Gaussian blur of 2 pixels; 0.34 to 1.5 for
-    sharp photographs; 4 for white noise; infinite where the third octave has no contrast that could be blurred. The
-    patch is (P, P, 3), P at least 8; rows and columns beyond the last multiple of 8 do not count.
+    The measure is 0.25 for a smooth patch such as a gradient; 0.26 to 0.33 after a Gaussian blur of 2 pixels; 0.34 to
+    1.5 for sharp photographs; 4 for white noise; infinite where the third octave has no contrast. The patch is (P, P,
+    3) uint8 with P of 8 or more; rows and columns beyond the last multiple of 8 do not count.
     """
     rows, columns = (extent // 8 * 8 for extent in patch.shape[:2])
-    # Whole numbers all through, so that the measure is the same on every machine.
+    # In whole numbers throughout, so that the measure is the same on every machine.
     sums = _luminance(patch[:rows, :columns]).astype(np.int64)
     energies = []
     for octave in range(3):
         finer, pairs = sums, sums[::2] + sums[1::2]
         sums = pairs[:, ::2] + pairs[:, 1::2]
         energy = 4 * int(np.square(finer).sum()) - int(np.square(sums).sum())
-        # Sums have 16^octave times the energy of means, and there are 4^octave times fewer of them.
+        # The sums have 16^octave times the energy of means, and are 4^octave times fewer.
         energies.append(energy / 4 ** (octave + 1))
     finest, _, third = energies
     if third == 0:
@@ -190,8 +191,8 @@ def fingerprint(patch: NDArray[np.uint8]) -> NDArray[np.float32]:
     equal patches, also where brightness or contrast differ, about 0.01 for a patch compressed hard by JPEG or shifted
     by a pixel of 128, rarely below 0.1 for squares of different photographs, and about 1 for unrelated ones.
 
-    A patch (P, P, 3), P at least 16, has (112,) float32. They are whole numbers, so that their products and sums are
-    exact in any order.
+    The patch is (P, P, 3) uint8 with P of 16 or more. Its fingerprint is (112,) float32 of whole numbers, whose
+    products and sums are exact in any order.
     """
     grid = [_cells(extent) for extent in patch.shape[:2]]
     means = np.rint(_sums(_luminance(patch), grid, np.int64) / _counts(grid))
@@ -202,7 +203,7 @@ def fingerprint(patch: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 class DuplicateFinder:
-    """Finds crops that look like an earlier one: the same photograph twice, or two frames of a burst.
+    """Finds crops that look like an earlier crop: the same photograph twice, or two frames of a burst.
 
     Crops that differ less than ``min_difference`` are duplicates; see `fingerprint`.
     """
@@ -215,8 +216,8 @@ class DuplicateFinder:
     def find(self, squares: Sequence[Square], fingerprints: NDArray[np.float32]) -> dict[Square, Square]:
         """Return the duplicates among N crops of an image, each with the crop that it looks most like.
 
-        The first of two that look alike is no duplicate, and crops of later images are compared with it. Where the
-        ``fingerprints``, (N, 112), are empty, nothing is compared.
+        Of two crops that look alike, the second is the duplicate; crops of later images are compared with the first.
+        Where ``fingerprints``, (N, 112), is empty, nothing is compared.
         """
         if not fingerprints.size:
             return {}
@@ -252,7 +253,7 @@ def _luminance(image: NDArray[np.uint8]) -> NDArray[np.int32]:
 def _squares(luminance: NDArray[np.int32], grid: _Grid) -> NDArray[np.float64]:
     """Return the sum of squares of (H, W) luminance about the mean of each cell."""
     (_, heights), (_, widths) = grid
-    # Whole numbers up to the mean, so that a flat cell has a deviation of exactly zero.
+    # The sums are whole numbers, so that a flat cell has a deviation of exactly zero.
     means = (_sums(luminance, grid, np.int64) / _counts(grid)).repeat(heights, axis=0).repeat(widths, axis=1)
     return _sums(np.square(luminance - means), grid, np.float64)
 

@@ -1,4 +1,4 @@
-"""The pictures that the program draws itself: one of each kind, others for each seed."""
+"""The pictures that the program draws itself: one of each kind, different for each seed."""
 
 from collections.abc import Callable, Iterator
 
@@ -16,7 +16,7 @@ KINDS: tuple[Callable[[np.random.Generator], Pixels], ...] = (
     *(prints.city_map, prints.screen),
     *(prints.books, prints.labels, prints.page, prints.poster),
 )
-"""The kinds: each draws a picture of `canvas.SIDE_PX` pixels along both sides, all of it from the generator."""
+"""The kinds of pictures: each function draws one, (`SIDE_PX`, `SIDE_PX`, 3) uint8, with no input but the generator."""
 
 
 def drawn_pictures(rng: np.random.Generator) -> Iterator[Picture]:

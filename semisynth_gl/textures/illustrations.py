@@ -1,4 +1,4 @@
-"""What printed pages have on them: lettering, pictures, charts, discs; and paper."""
+"""Parts of printed pages: lettering, pictures, charts, and the look of printed paper."""
 
 from functools import cache
 from typing import cast
@@ -29,16 +29,16 @@ no o pa pe pi plo ra re ri ro sa se shi so sta ta te ti to tra u va ve vi wa wi 
 """
 
 Box = tuple[int, int, int, int]
-"""Left, top, right and bottom."""
+"""Left, top, right and bottom, pixels."""
 
 
 def around(x: float, y: float, radius: float) -> tuple[float, float, float, float]:
-    """Return the box of a disc."""
+    """Return the box, as in `Box`, around a disc at x, y."""
     return x - radius, y - radius, x + radius, y + radius
 
 
 def printed(rng: np.random.Generator, image: Field, grain: float = 4.0) -> Pixels:
-    """Return print as a camera sees it: fibres, a few folds, stains."""
+    """Return a print, (H, W, 3) of 0 to 255, as a camera sees it: with fibres, a few folds, stains and grain."""
     crease = np.exp(-np.abs(fractal(rng, coarsest_px=512, finest_px=2, persistence=0.45)) * 40)
     stain = step(fractal(rng, coarsest_px=256) - 1.4, 1.5)
     light = 1 - 0.12 * crease - 0.12 * stain + 0.02 * fractal(rng, coarsest_px=32)
@@ -46,7 +46,7 @@ def printed(rng: np.random.Generator, image: Field, grain: float = 4.0) -> Pixel
 
 
 def photograph(image: Image.Image, rng: np.random.Generator, box: Box, inks: NDArray[np.float64]) -> None:
-    """Paste a small landscape or a still life of blobs."""
+    """Fill a box of an image with a small landscape or a still life of blobs, in the colours ``inks``, (5, 3)."""
     left, top, right, bottom = box
     shape = (bottom - top, right - left)
     y = np.linspace(-2, 2, shape[0], dtype=np.float32)[:, np.newaxis]
@@ -64,7 +64,7 @@ def photograph(image: Image.Image, rng: np.random.Generator, box: Box, inks: NDA
 
 
 def chart(draw: ImageDraw.ImageDraw, rng: np.random.Generator, box: Box, inks: NDArray[np.float64]) -> None:
-    """Draw bars, lines or a pie with labels."""
+    """Draw a chart of bars or lines, or a pie, into a box with a title, in the colours ``inks``, (5, 3)."""
     left, top, right, bottom = box
     draw.rectangle(box, fill=colour(0.12 * inks[1] + 0.88 * np.array([250, 248, 244])), outline=(90, 90, 90))
     draw.text((left + 8, top + 4), words(rng, 3), (30, 30, 30), font(13))
@@ -96,12 +96,12 @@ def chart(draw: ImageDraw.ImageDraw, rng: np.random.Generator, box: Box, inks: N
 
 @cache
 def font(size_px: int) -> ImageFont.FreeTypeFont:
-    """Return Pillow's own font, Aileron (CC0), at a size."""
+    """Return Pillow's own font, Aileron (CC0), of a size in pixels."""
     return cast("ImageFont.FreeTypeFont", ImageFont.load_default(size_px))
 
 
 def word(rng: np.random.Generator, syllables: int = 0) -> str:
-    """Return an invented word."""
+    """Return an invented word of some number of syllables, by default a random one to four."""
     count = syllables or int(rng.choice([1, 2, 2, 3, 3, 4]))
     known = _SYLLABLES.split()
     return "".join(known[int(number)] for number in rng.integers(0, len(known), count))
@@ -133,5 +133,5 @@ def lettering(draw: ImageDraw.ImageDraw, rng: np.random.Generator, box: Box, siz
 
 
 def fitted(text: str, width_px: float, largest_px: int) -> ImageFont.FreeTypeFont:
-    """Return the font in which a text is as wide as a box, at most of a size."""
+    """Return the font in which a text is about ``width_px`` wide, 8 to ``largest_px`` pixels high."""
     return font(max(8, min(largest_px, int(20 * width_px / max(font(20).getlength(text), 1)))))

@@ -1,4 +1,4 @@
-"""Image files: the files that sources name, their names in a dataset, and the photographs used where none are given."""
+"""Image files: finding those that sources name, their names in a dataset, and the photographs of scikit-image."""
 
 import fnmatch
 import glob
@@ -18,16 +18,16 @@ from semisynth_gl.textures.images import image_extensions
 
 _MASKS = frozenset({"mask0nocc.png", "mask1nocc.png"})
 KITTI_2015_MAPS = ("disp_occ_0", "disp_noc_0", "disp_occ_1", "disp_noc_1")
-"""KITTI's folders of disparity maps: of the left view, then of the right one."""
+"""KITTI 2015's folders of disparity maps: two for the left view, then two for the right view."""
 KITTI_2012_MAPS = ("disp_occ", "disp_noc")
 _BESIDE = ("disp_refl_occ", "disp_refl_noc", "obj_map", "flow_occ", "flow_noc")
 _NO_PHOTOGRAPHS = frozenset((*KITTI_2015_MAPS, *KITTI_2012_MAPS, *_BESIDE))
 
 
 def find_images(sources: Sequence[str | Path]) -> list[Path]:
-    """Return the image files that the sources name, as `find_files` finds them.
+    """Return the image files that the sources name, as `find_files` finds them with `image_extensions`.
 
-    Names in folders and globs count with one of `image_extensions`. Files that lie `beside_photographs` never count.
+    Masks and maps that lie `beside_photographs` are left out, even where a source names them in full.
 
     Raises:
         InputError: where a source matches no image.
@@ -43,31 +43,32 @@ def find_images(sources: Sequence[str | Path]) -> list[Path]:
 
 
 def beside_photographs(path: Path) -> bool:
-    """Return whether a file is no photograph but lies beside some, as Middlebury, ETH3D and KITTI name such files.
+    """Return whether a file is a mask or a map that lies beside the photographs of Middlebury, ETH3D or KITTI.
 
-    Those are masks, such as ``mask0nocc.png``, and KITTI's folders of disparities, objects and flow.
+    The name tells: ``mask0nocc.png``, or a folder of KITTI's for disparities, objects or flow.
     """
     return path.name in _MASKS or path.parent.name in _NO_PHOTOGRAPHS
 
 
 def find_files(sources: Sequence[str | Path], extensions: Collection[str]) -> list[Path]:
-    """Return the files that the sources name, sorted by name; one that is reached twice, or by a link, appears once.
+    """Return the files that the sources name, sorted by path; a file that is reached twice, or by a link, appears once.
 
     A source is a file, a folder (searched recursively, symbolic links followed) or a glob, in which ``**`` stands for
-    any folders and a matching folder is searched like a given one. ``~`` is the home folder. A file that is named in
-    full counts with any extension; in folders and globs only names with one of the extensions count, which are in lower
-    case and have their dot. A source that matches nothing adds no file.
+    any folders and a matching folder is searched as well. ``~`` is the home folder. A file that is named in full is
+    returned whatever its extension is. In folders and globs only files with one of ``extensions`` are found; these are
+    given in lower case with their dot, and upper case in a file's name matches too. A source that matches nothing adds
+    no file.
     """
     real_paths = dict(chain.from_iterable(_expand(source, extensions) for source in sources))
     unique: dict[str, str] = {}
-    # Of several paths to a file the shortest gives its name: a link back up makes endless longer ones.
+    # Of several paths to a file the shortest is kept: a link to a folder above would make endless longer paths.
     for path in sorted(real_paths, key=lambda path: (path.count("/"), path)):
         unique.setdefault(real_paths[path], path)
     return [Path(path) for path in sorted(unique.values())]
 
 
 def relative_names(images: Sequence[Path]) -> dict[Path, str]:
-    """Return the names of images relative to the folder that all share: the same wherever that folder lies."""
+    """Return the name of each image: its path relative to the folder that all share, wherever that folder lies."""
     if not images:
         return {}
     absolute = [os.path.abspath(path) for path in images]  # noqa: PTH100  # links keep the user's names
@@ -77,12 +78,12 @@ def relative_names(images: Sequence[Path]) -> dict[Path, str]:
 
 
 def printable(name: str) -> str:
-    """Return a name in one line: names of files may hold line breaks, and bytes that are no text."""
+    """Return a name with ``?`` for each unprintable letter: file names may hold line breaks and undecodable bytes."""
     return "".join(letter if letter.isprintable() else "?" for letter in name)
 
 
 def builtin_licences() -> dict[str, str]:
-    """Return the licence of each of `builtin_photographs`, by file name."""
+    """Return the licence of each photograph of `builtin_photographs`, by file name."""
     listed = YAML(typ="safe", pure=True).load(data_root("assets").joinpath("photographs.yaml").read_text("utf-8"))
     return {photograph["file"]: photograph["licence"] for photograph in listed["photographs"]}
 
@@ -93,7 +94,7 @@ def builtin_photographs() -> list[Path]:
     The package is found without importing it, and nothing is ever downloaded.
 
     Raises:
-        InputError: where scikit-image is not installed, or lacks a file of the list.
+        InputError: where scikit-image is not installed, or lacks a listed file.
     """
     spec = find_spec("skimage")
     if spec is None or not spec.submodule_search_locations:
@@ -115,11 +116,11 @@ def builtin_photographs() -> list[Path]:
 def _expand(source: str | Path, extensions: Collection[str]) -> Iterator[tuple[str, str]]:
     """Yield the path of each file under a source, and its real path.
 
-    Paths are strings here, and a file's real folder is looked up once: a folder may hold thousands.
+    A folder may hold thousands of files, so paths are strings here, and the real path of each folder is looked up once.
     """
     source = str(expanded(source))
-    # An existing path comes before a glob: "[" and "*" may stand in a real file name. A pipe or device that is named in
-    # full is refused where it is opened.
+    # A source that exists is a path, not a glob: "[" and "*" may stand in a real file name. A pipe or device that is
+    # named in full is refused when it is opened.
     if os.path.isdir(source):  # noqa: PTH112
         yield from _files_below(source, extensions)
     elif os.path.exists(source):  # noqa: PTH110
@@ -133,7 +134,7 @@ def _expand(source: str | Path, extensions: Collection[str]) -> Iterator[tuple[s
 
 
 def _matches(pattern: str) -> Iterator[str]:
-    """Yield the paths that a glob matches; each folder is entered once, for ``**`` too, whatever links lead to it."""
+    """Yield the paths that a glob matches; ``**`` enters each folder once, whatever links lead to it."""
     top = "/" if pattern.startswith("/") else ""
     found: dict[str, None] = {top: None}
     parts = pattern.split("/")
@@ -143,7 +144,7 @@ def _matches(pattern: str) -> Iterator[str]:
         if part == "**":
             found = dict.fromkeys(folder for path in found for folder, _, _ in folders_below(path, hidden=False))
         elif glob.has_magic(part):
-            # As in a shell, a name that begins with a dot is matched by its dot alone.
+            # As in a shell, only a pattern that begins with a dot matches names that begin with a dot.
             names = ((path, entry.name) for path in found for entry in _entries(path or "."))
             found = dict.fromkeys(
                 os.path.join(path, name)  # noqa: PTH118
@@ -156,10 +157,10 @@ def _matches(pattern: str) -> Iterator[str]:
 
 
 def folders_below(top: str, *, hidden: bool) -> Iterator[tuple[str, str, list[os.DirEntry[str]]]]:
-    """Yield a folder of a disk and all below it, with their real paths and entries, the nearer to the top the earlier.
+    """Yield a folder and all folders below it, breadth first: path, real path, and entries sorted by name.
 
-    Each is entered once, whatever links lead to it; folders whose names begin with a dot only where ``hidden`` is set.
-    The current folder is the empty path.
+    Each folder is entered once, whatever links lead to it. Folders whose names begin with a dot are entered only where
+    ``hidden`` is set, those of /proc and /sys never. An empty ``top`` is the current folder.
     """
     entered: set[str] = set()
     folders = [top]
@@ -186,7 +187,7 @@ def _files_below(top: str, extensions: Collection[str]) -> Iterator[tuple[str, s
 
 
 def _entries(folder: str) -> list[os.DirEntry[str]]:
-    """Return the entries of a folder, sorted by name; nothing where it must not be read, or is no folder."""
+    """Return the entries of a folder, sorted by name; none where it may not be read, or is not a folder."""
     try:
         return sorted(os.scandir(folder), key=lambda entry: entry.name)
     except OSError:

@@ -15,26 +15,26 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.user_files import NotOnDiskError, open_file
 
 MAX_PIXELS = 178_956_970
-"""Most pixels of an image; a header with more is refused before anything is decoded. Pillow itself refuses at this
-size. The RGB that `read_image` returns then takes 537 MB, and reading it up to `MAX_MEMORY`."""
+"""Most pixels of an image; a larger image is refused before anything is decoded. It is Pillow's own limit. The RGB that
+`read_image` returns at this size takes 537 MB, and reading it takes up to `MAX_MEMORY`."""
 
 MAX_MEMORY = 1_800_000_000
-"""Most bytes that reading an image may take at its peak; where its header promises more, it is not decoded."""
+"""Most bytes of memory that reading an image may take at its peak; an image that would take more is not decoded."""
 
 OUT_OF_MEMORY = "does not fit into memory"
-"""The one reason for skipping an image that may not hold the next time."""
+"""The only reason for skipping an image that may be gone the next time; results with it are not cached."""
 
 # Pillow opens these formats but does not decode them, or starts another program to do so (Ghostscript for EPS).
 _FORMATS_WITHOUT_PIXELS = frozenset({"BUFR", "GRIB", "HDF5", "MPEG", "EPS", "WMF"})
 
 # Bytes per pixel at the peak of `read_image`: Pillow's image of 4 bytes, and once more where it is turned upright.
 _BYTES_PER_PIXEL = 8
-# Decoders with more room of their own beside Pillow's image, for each pixel and for each of its bands; measured.
+# Bytes per pixel of decoders that need more: a fixed number, and a number for each band of the image; measured.
 _DECODERS = {"AVIF": (16, 0), "JPEG2000": (5, 5), "WEBP": (17, 0)}
 _PROGRESSIVE_JPEG = (4, 2)  # all coefficients are in memory at once, 2 bytes each
 
 _STRIP_PIXELS = 1 << 20
-"""Pixels that are converted at a time, so that the steps in between take no memory in proportion to the image."""
+"""Pixels that are converted at a time, so that the memory for intermediate steps does not grow with the image."""
 
 _REASONS: dict[type[Exception], str] = {
     FileNotFoundError: "does not exist",
@@ -65,19 +65,19 @@ def _formats() -> tuple[str, ...]:
 
 @cache
 def image_extensions() -> frozenset[str]:
-    """Return the file name extensions of images, in lower case and with their dot: all that Pillow decodes but .pfm.
+    """Return the file name extensions of images, in lower case and with their dot: all that Pillow decodes except .pfm.
 
-    PFM files beside stereo images hold their disparity.
+    PFM files are left out because stereo datasets store disparity in them.
     """
     formats = frozenset(_formats())
     return frozenset(end for end, name in Image.registered_extensions().items() if name in formats and end != ".pfm")
 
 
 def stored_size(path: Path) -> tuple[int, int]:
-    """Return (height, width) in pixels as the header has them, before EXIF orientation; nothing is decoded.
+    """Return (height, width) in pixels as in the file's header, before EXIF orientation; nothing is decoded.
 
     Raises:
-        ImageError: where the header cannot be read, is empty, or exceeds `MAX_PIXELS` or `MAX_MEMORY`.
+        ImageError: where the header cannot be read, or the image is empty or exceeds `MAX_PIXELS` or `MAX_MEMORY`.
     """
     with _opened(path) as image:
         return image.height, image.width
@@ -90,10 +90,10 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     - Grey, palette, 1-bit, CMYK, YCbCr and LAB are converted by Pillow; of several frames the first is read.
     - 16-bit grey is scaled so that 65535 becomes 255, rounded. 32-bit integers are taken for 16-bit ones.
     - Floating point is taken as 0..1 where no value exceeds 1, else as 0..255 where none exceeds 255, else as 0..65535.
-    - Transparent pixels get the mean colour of the visible ones, half-transparent ones are blended with it. The colour
-      stored under transparency is arbitrary (often what an editor erased) and was never meant to be seen. One flat
-      colour has no texture, so crops that lie in it are left out like any flat crop; and the mean makes a weaker
-      artificial edge around a cut-out than black or white would.
+    - Transparent pixels get the mean colour of the visible pixels, and half-transparent pixels are blended with it. The
+      colour stored under transparency is arbitrary (often what an editor erased) and was never meant to be seen. The
+      mean is one flat colour, so crops of it are rejected as flat, and it makes a weaker artificial edge around a
+      cut-out than black or white would.
 
     Returns:
         (H, W, 3) uint8 RGB, C-contiguous, EXIF orientation applied.
@@ -117,10 +117,11 @@ def read_image(path: Path) -> NDArray[np.uint8]:
 
 
 def read_reduced(path: Path, least_sides: tuple[int, int]) -> NDArray[np.uint8]:
-    """Read an image file upright, a JPEG reduced as its decoder does it, which takes a part of the time.
+    """Read an image file upright; a JPEG is reduced while it is decoded, which is much faster.
 
-    The luminance of a JPEG in grey or RGB is returned, (H, W) uint8, with at least the given sides before EXIF
-    orientation; else what `read_image` returns. It raises the same errors.
+    Returns the luminance of a JPEG in grey or RGB, (H, W) uint8, at a size that before EXIF orientation is at least
+    ``least_sides``, (width, height), or the full size; for other images, what `read_image` returns. Raises the same
+    errors.
     """
     with _opened(path) as image:
         if image.format in {"JPEG", "MPO"} and image.mode in {"L", "RGB"}:
@@ -131,7 +132,7 @@ def read_reduced(path: Path, least_sides: tuple[int, int]) -> NDArray[np.uint8]:
 
 
 def _strips(image: Image.Image) -> Iterator[tuple[int, Image.Image]]:
-    """Yield the first row and the pixels of successive strips of an image."""
+    """Yield successive strips of an image, each with the number of its first row."""
     rows = max(1, _STRIP_PIXELS // image.width)
     for top in range(0, image.height, rows):
         yield top, image.crop((0, top, image.width, min(top + rows, image.height)))
@@ -143,15 +144,15 @@ def _as_rgb(strip: Image.Image) -> NDArray[np.uint8]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Image.Image]:
-    """Open an image and check its header; any error of a decoder in the block becomes an `ImageError`."""
+    """Open an image and check its size; any error in the ``with`` block becomes an `ImageError`."""
     tolerant = ImageFile.LOAD_TRUNCATED_IMAGES
-    # Another part of the process may have set it: with it, a truncated photograph comes out half grey without a word.
+    # Another part of the process may have set this flag, with which a truncated photograph comes out half grey.
     ImageFile.LOAD_TRUNCATED_IMAGES = False
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about metadata, and about sizes that are decided here
             # A file object, not a name: given a name, Pillow maps uncompressed TIFF into memory, and where EXIF turns
-            # one by a quarter it takes the turned width for the stored one (seen in 13.0): slanted pixels.
+            # the image by a quarter it takes the turned width for the stored width (seen in 13.0), which slants it.
             with open_file(path) as file, Image.open(file, formats=_formats()) as image:
                 _check_size(path, image)
                 yield image
@@ -196,14 +197,14 @@ def _reason(error: Exception) -> str:
 
 
 _Conversion = Callable[[Image.Image], NDArray[np.uint8]]
-"""From a strip to its RGB, (H, W, 3), or its grey levels, (H, W, 1)."""
+"""Converts a strip to RGB, (H, W, 3), or to grey levels, (H, W, 1)."""
 
 
 def _grey_conversion(path: Path, image: Image.Image) -> _Conversion:
-    # NumPy's extremes, not Python's: they are NaN where one is.
+    # NumPy's extremes, not Python's: they are NaN where any value is NaN.
     extremes = [(values.min(), values.max()) for values in (np.asarray(strip) for _, strip in _strips(image))]
     low, high = np.min([low for low, _ in extremes]), np.max([high for _, high in extremes])
-    if not (low >= 0 and high <= np.iinfo(np.uint16).max):  # also where one is NaN
+    if not (low >= 0 and high <= np.iinfo(np.uint16).max):  # also where an extreme is NaN
         raise ImageError(path, f"has grey values from {low} to {high}, expected 0 to 65535")
     brightest = next(white for white in (1, 255, 65535) if high <= white)
 

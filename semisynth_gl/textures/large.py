@@ -1,4 +1,4 @@
-"""Large patches: the largest square of an image, whole, for all on which a small patch would repeat."""
+"""Large patches: the largest square of an image, for surfaces on which a small patch would repeat."""
 
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping
@@ -15,7 +15,7 @@ from semisynth_gl.textures.flat import flat_count, lower_contrast
 from semisynth_gl.textures.pictures import TextureImage, pixels_of
 
 MOST_LARGE = 24
-"""Large patches of an atlas at most: of 1024 pixels they take 100 MB."""
+"""Largest number of large patches of an atlas; with sides of 1024 pixels they take 100 MB."""
 
 
 def with_large_patches(
@@ -24,12 +24,20 @@ def with_large_patches(
     section: TexturesSection,
     rng: np.random.Generator,
 ) -> Atlas:
-    """Add large patches to an atlas, one of each subject that its patches show, until there are enough.
+    """Return an atlas with large patches added: one for each subject that its patches show, up to `MOST_LARGE`.
 
-    The square is as high or as wide as its image; it is averaged, or enlarged where the image is smaller: near walls
-    are blurred in photographs too. With ``flat_share``, that share of as many patches is added with their contrast
-    lowered: of other subjects where there are more than enough, else of the same ones. Of several images of a subject
-    one is drawn; ``find`` returns the images with given names.
+    Subjects are taken in random order; where a subject has several images, one is chosen at random. A patch is the
+    largest square of its image, at a random place, with its pixels averaged. An image smaller than the patch is
+    enlarged: near walls are blurred in photographs too.
+
+    With ``section.flat_share``, about that share of the large patches has lowered contrast. They show the last subjects
+    of the order, which have no large patch of full contrast where there are subjects enough for `MOST_LARGE` patches.
+
+    Args:
+        atlas: the atlas, with no large patches yet.
+        find: returns the images with the given names; called once.
+        section: the config's section.
+        rng: source of the choices.
     """
     subjects = {patch.source: patch.subject for patch in atlas.patches}
     sources: dict[str, list[str]] = defaultdict(list)

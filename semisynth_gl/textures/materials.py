@@ -28,12 +28,12 @@ _WOODS = hex_colours("""
 
 
 def wood(rng: np.random.Generator) -> Pixels:
-    """Planks with rings, fibres, knots and gaps."""
+    """Planks with growth rings, fibres, knots and gaps."""
     y, x = grid()
     width = int(rng.integers(150, 330))
     plank = ((x + rng.uniform(0, width)) // width).astype(np.int32)
     shift = rng.uniform(0, 4000, 12)[plank].astype(np.float32)
-    # Long along the fibres: fields of a few rows are stretched.
+    # Fields of a few rows are stretched along the fibres.
     sway = resized(fractal(rng, (96, SIDE_PX), coarsest_px=64, finest_px=4, persistence=0.5), (SIDE_PX, SIDE_PX))
     fibres = resized(fractal(rng, (48, SIDE_PX), coarsest_px=16, persistence=1.0), (SIDE_PX, SIDE_PX))
     across = x + 34 * sway + shift
@@ -137,7 +137,7 @@ def peeling(rng: np.random.Generator) -> Pixels:
 
 
 def tiles(rng: np.random.Generator) -> Pixels:
-    """Painted tiles, each with another ornament."""
+    """Painted tiles with different ornaments."""
     size = int(rng.choice([128, 171, 205]))
     y, x = grid()
     row, column = (np.floor(at / size).astype(np.int32) for at in (y, x))

@@ -42,7 +42,7 @@ def _leaf(
     length: float,
     tint: NDArray[np.float64],
 ) -> None:
-    """Draw a leaf from its stem at ``at``: a dark edge, two halves in other light, veins."""
+    """Draw a leaf from its stem at ``at``: a dark edge, two halves in different light, veins."""
     wide, bend = length * rng.uniform(0.16, 0.3), rng.uniform(-0.25, 0.25)
     t = np.linspace(0, 1, 9)
     spine = np.stack([length * t, bend * length * t * (1 - t) * 2], axis=1)

@@ -1,4 +1,4 @@
-"""Pictures in memory, which a program draws: patches are cut from them as from photographs."""
+"""Drawn pictures, which are held in memory: patches are cut from them as from photographs."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +16,8 @@ class Picture:
     """A picture that was drawn.
 
     Attributes:
-        name: its name in the dataset, such as ``drawn/tartan``; no two pictures of a source have the same.
-        pixels: (H, W, 3) uint8 RGB, top row first; H and W at least as large as a patch, else no patch comes from it.
+        name: its name in the dataset, such as ``drawn/tartan``; unique among the pictures of a source.
+        pixels: (H, W, 3) uint8 RGB, top row first; a picture smaller than a patch gives no patches.
 
     Raises:
         InputError: where the pixels have another shape or type.

@@ -27,24 +27,28 @@ from semisynth_gl.textures.subjects import photographed_subjects
 from semisynth_gl.textures.view_names import groups_by_name
 
 VERSION = 2
-"""Raised when patches or pictures come out otherwise; see `semisynth_gl.cache.lookup`."""
+"""Increase this when the same inputs give other patches or pictures; see `semisynth_gl.cache.lookup`."""
 
-# For pictures that are kept to cut large patches from. The program's own take 42 MB; a plug-in's may be of any number
-# and size, and pictures beyond the limit are drawn again.
+# Memory for pictures that are kept to cut large patches from. The program's own take 42 MB; a plug-in's may be of any
+# number and size, and pictures beyond the limit are drawn again.
 _MOST_KEPT_BYTES = 1 << 28
-# The items that `Split.share` deals out.
+# The ``purpose`` under which `Split.share` deals out photographs.
 _PHOTOGRAPHS = 0
-# These keys decide how patches lie on models, not which patches there are; images are part of the key by their names.
+# Most of these keys decide how patches lie on models, not which patches there are; the names of the images have their
+# own place in the cache's key.
 _NOT_DECISIVE = {"images", "texels_per_pixel", "anisotropy", "large_anisotropy", "wrap"}
 
 
 def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path] | None = None) -> Atlas:
-    """Build the patch atlas of a split, or find the same one in the cache; pictures are drawn anew for each split.
+    """Build the patch atlas of a split, or load it from the cache; each split has its own drawn pictures.
 
-    The images are the ones that `split_images` returns, where the caller has them.
+    Args:
+        section: the config's section.
+        split: the split, whose seed decides the choice of patches.
+        images: the result of `split_images`, where the caller has it already; else it is computed here.
 
     Raises:
-        InputError: where no image is found, none is usable, or there are too few to hold some out, or where a plug-in
+        InputError: where no image is found, no image is usable, images are too few to hold some out, or a plug-in
             cannot be used.
     """
     source = open_source(section.source)
@@ -56,7 +60,7 @@ def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path]
             "section": section.model_dump(mode="json", exclude=_NOT_DECISIVE),
             "seed": split.seed,
             "images": list(relative_names(images).values()),
-            # Names of folders above the images' own tell subjects apart, too.
+            # Names of folders above the folder that all images share tell subjects apart, too.
             "subjects": groups_by_name(images),
             "versions": package_versions("numpy", "Pillow"),
             # A plug-in may use any other package.
@@ -97,10 +101,10 @@ def _build(section: TexturesSection, split: Split, images: Sequence[Path]) -> tu
 def split_images(section: TexturesSection, split: Split) -> list[Path]:
     """Return the files that a split's patches may come from, sorted; none where all patches are drawn.
 
-    Photographs of one subject, and folders of image sequences, are held out together, since they show the same.
+    Photographs of one subject are held out together, and so are all frames of a folder and folders of one subject.
 
     Raises:
-        InputError: where no image is found, or there are too few to hold some out.
+        InputError: where no image is found, or images are too few to hold some out.
     """
     images = list(describe_source(section.source).files(section))
     if not images or not split.held_out:
@@ -108,7 +112,7 @@ def split_images(section: TexturesSection, split: Split) -> list[Path]:
     if not section.sequence:
         own = share_photographs(split, photographed_subjects(images), "photographs")
         return [path for path in images if path in own]
-    # Successive frames show much the same: of a folder the first tells what it shows.
+    # Successive frames look much the same, so the first frame of a folder decides which subject the folder shows.
     first = {path.parent: path for path in sorted(images, key=natural_key, reverse=True)}
     subjects = photographed_subjects([first[folder] for folder in sorted(first)])
     own = share_photographs(split, subjects, "folders of frames")
@@ -116,16 +120,18 @@ def split_images(section: TexturesSection, split: Split) -> list[Path]:
 
 
 def split_pictures(section: TexturesSection, split: Split) -> Iterable[Picture] | None:
-    """Return the pictures that a split's patches may come from, to be gone through once; None where none are drawn.
+    """Return the pictures that a split's patches may come from; None where the source draws none.
 
-    Each is drawn when it is asked for, and splits have different pictures.
+    They can be iterated over once. Each picture is drawn when it is asked for. Splits have different pictures.
+
+    Raises InputError where a plug-in cannot be used.
     """
     draw = open_source(section.source).pictures
     return None if draw is None else draw(generator(split.seed, Purpose.PICTURES))
 
 
 def _keeping(pictures: Iterable[Picture], kept: dict[str, TextureImage]) -> Iterator[Picture]:
-    """Yield pictures, and keep them by their names as long as there is room."""
+    """Yield pictures, and put them into ``kept`` by their names as long as there is room."""
     room = _MOST_KEPT_BYTES
     for picture in pictures:
         room -= picture.pixels.nbytes
@@ -137,9 +143,10 @@ def _keeping(pictures: Iterable[Picture], kept: dict[str, TextureImage]) -> Iter
 def named_images(
     section: TexturesSection, names: Collection[str], split: Split, images: Sequence[Path]
 ) -> dict[str, TextureImage]:
-    """Return the images with the given names in a split's atlas, of which ``images`` are the files.
+    """Return the images of a split's atlas that have the given names; names that no image has are left out.
 
-    Pictures are drawn again, up to the last one that is wanted; the others are not kept.
+    ``images`` are the split's files, see `split_images`. Pictures are drawn again, up to the last picture that is
+    asked for.
     """
     found: dict[str, TextureImage] = {name: path for path, name in relative_names(images).items() if name in names}
     missing = set(names) - set(found)
@@ -152,9 +159,12 @@ def named_images(
 
 
 def share_photographs(split: Split, subjects: Sequence[Sequence[Path]], what: str) -> set[Path]:
-    """Return the photographs that a split takes: of each subject all or none; see `Split.share`.
+    """Return the photographs that a split takes, all or none of each subject; see `Split.share`.
 
-    The message calls the photographs ``what``, a plural noun.
+    Args:
+        split: the split.
+        subjects: the photographs of each subject, see `photographed_subjects`.
+        what: what the error calls the photographs, a plural noun.
 
     Raises:
         InputError: where there are too few subjects for each split to take one.
@@ -167,7 +177,8 @@ def share_photographs(split: Split, subjects: Sequence[Sequence[Path]], what: st
 def pack_atlas(atlas: Atlas, images: Sequence[Path]) -> Entry | None:
     """Turn an atlas into an entry of the cache; None where an image was skipped for a reason that may not hold again.
 
-    The entry has the numbers of the files that the atlas was built from, not their names, so that the folder may move.
+    The entry refers to skipped files by their numbers in ``images``, the files that the atlas was built from, not by
+    their paths, so that the folder may move.
     """
     skipped = atlas.report.images_skipped
     if any(image.reason == OUT_OF_MEMORY or str(image.path) in image.reason for image in skipped):
@@ -179,7 +190,7 @@ def pack_atlas(atlas: Atlas, images: Sequence[Path]) -> Entry | None:
 
 
 def unpack_atlas(entry: Entry, images: Sequence[Path]) -> Atlas:
-    """Turn an entry of the cache back into an equal atlas, given the files that it was built from."""
+    """Turn an entry of the cache back into an equal atlas; ``images`` are the files that the atlas was built from."""
     report = entry.values["report"]
     typed = {
         "images_skipped": tuple(Skipped(images[index], reason) for index, reason in report["images_skipped"]),

@@ -186,7 +186,7 @@ def books(rng: np.random.Generator) -> Pixels:
 
 
 def _spine(rng: np.random.Generator, wide: int, tall: int) -> Image.Image:
-    """Return the spine of a book, its title along it."""
+    """Return the spine of a book, with the title along it."""
     inks = palette(rng)
     lying = Image.new("RGB", (tall, wide), varied(rng, inks[0]))
     draw = ImageDraw.Draw(lying)
@@ -200,7 +200,7 @@ def _spine(rng: np.random.Generator, wide: int, tall: int) -> Image.Image:
     title, author = words(rng, int(rng.integers(2, 5))).title(), f"{word(rng)} {word(rng)}".upper()
     draw.text((0.08 * tall, 0.16 * wide), title, ink, fitted(title, 0.62 * tall, int(0.62 * wide)))
     draw.text((0.74 * tall, 0.3 * wide), author, ink, fitted(author, 0.24 * tall, int(0.36 * wide)))
-    # Round: dark at its sides.
+    # A spine is round, so its sides are darker.
     across = np.linspace(-1, 1, wide)[:, np.newaxis]
     shaded = lit(np.asarray(lying, np.float64), 1.12 - 0.55 * across**4 - 0.12 * across)
     return as_image(shaded).transpose(Image.Transpose.ROTATE_270)

@@ -16,7 +16,7 @@ from semisynth_gl.textures.flat import flat_count, lower_contrast
 _Field = NDArray[np.float64]
 _Kind = Callable[[np.random.Generator, int], _Field]
 
-# Least texture of a patch, 8-bit levels: above the usual threshold of photographs.
+# Least texture of a patch, 8-bit levels: above the usual threshold for photographs.
 _MIN_TEXTURE = 5.0
 _FINEST_NOISE_PX = 2
 
@@ -24,13 +24,13 @@ _FINEST_NOISE_PX = 2
 def procedural_atlas(
     rng: np.random.Generator, count: int, patch_px: int, flat_share: float = 0.0, min_texture: float = 0.0
 ) -> Atlas:
-    """Make an atlas of procedural patches, the counterpart of `build_atlas` where there are no photographs.
+    """Make an atlas of ``count`` procedural patches, the counterpart of `build_atlas` where there are no photographs.
 
-    Kinds take turns: noise, stripes, checks, gradient, dots. Each patch is a pattern of random size and direction with
-    texture everywhere, coloured by a random palette, under a fine noise of several octaves: between the edges of a
-    plain stripe or gradient a matcher would find nothing. A patch with less texture than 5 levels (see
-    `texture_measure`) is drawn again. Sources are named like ``procedural/stripes/00006``. A ``flat_share`` of the
-    patches get their contrast lowered, until their texture is below ``min_texture``.
+    Kinds take turns: noise, stripes, checks, gradient, dots. Each patch is a pattern of random size and direction,
+    coloured by a random palette. A fine noise of several octaves lies over it, since a matcher would find nothing
+    between the edges of a plain stripe or gradient. A patch with less texture than 5 levels (see `texture_measure`) is
+    drawn again. Sources are named like ``procedural/stripes/00006``. The contrast of a share of the patches,
+    ``flat_share``, is lowered until their texture is below ``min_texture``.
 
     Raises:
         InputError: where ``count`` is below 1 or ``patch_px`` below 16.
@@ -89,7 +89,7 @@ def _value_noise(rng: np.random.Generator, side_px: int, coarsest_px: int = 64) 
 
 
 def _smooth_weights(side_px: int, cell_px: float, nodes: int) -> _Field:
-    """Return the weights (side_px, nodes) of the grid nodes for each pixel, with an S-shaped transition."""
+    """Return the weight of each grid node for each pixel, (side_px, nodes), with an S-shaped transition."""
     at = np.arange(side_px) / cell_px
     node = np.floor(at).astype(np.int64)
     step = at - node
@@ -111,7 +111,7 @@ def _turned_axes(rng: np.random.Generator, side_px: int) -> tuple[_Field, _Field
 
 def _noise(rng: np.random.Generator, side_px: int) -> _Field:
     field = _value_noise(rng, side_px)
-    # Some as clouds, some folded into veins.
+    # Some fields are clouds, some are folded into veins.
     return np.abs(2 * field - 1) if rng.random() < 0.4 else field
 
 

@@ -1,4 +1,4 @@
-"""Whether a file that is still to be written would be found as a photograph later."""
+"""Predicts whether a file that is yet to be written would later be found as a photograph."""
 
 import glob
 import os
@@ -12,14 +12,15 @@ from semisynth_gl.textures.image_files import folders_below
 
 
 def photograph_sources(section: TexturesSection) -> tuple[str, ...]:
-    """Return the files, folders and globs that a config takes photographs of the user's from."""
+    """Return the files, folders and globs of the user's photographs in a config; none where its source is another."""
     return section.images if section.source == "images" else ()
 
 
 def reaching_source(path: Path, sources: Sequence[str], extensions: Collection[str] | None = None) -> str | None:
-    """Return the source by which `find_files` would find a file, or None; without extensions, any one counts.
+    """Return the first source by which `find_files` would find a file, or None.
 
-    Neither the file nor its folder need exist. Links on the way to it are followed.
+    Neither the file nor its folder need exist. Links in its path are followed. Without ``extensions``, a file with any
+    extension counts.
     """
     real = Path(os.path.realpath(path))
     fits = extensions is None or real.suffix.lower() in extensions
@@ -39,7 +40,7 @@ def _reaches(source: str, path: Path, *, fits: bool) -> bool:
 
 
 def _folder_reaches(folder: str, path: Path) -> bool:
-    """Return whether a search below a folder, which follows links, comes to a path."""
+    """Return whether a search below a folder, which follows links, reaches a path."""
     if path.is_relative_to(os.path.realpath(folder)):
         return True
     existing = next(above for above in path.parents if above.is_dir())
@@ -54,7 +55,10 @@ def _glob_reaches(pattern: str, path: Path) -> bool:
 
 
 def _matches(pattern: Sequence[str], path: Sequence[str]) -> bool:
-    """Return whether a pattern matches a path, or a folder on the way to it, which is searched then."""
+    """Return whether a pattern matches a path, or a folder above it, below which files would be searched.
+
+    Pattern and path are split into their parts.
+    """
     if not pattern:
         return True
     if not path:

@@ -1,4 +1,4 @@
-"""From images to an atlas: the choice of the crops that become patches."""
+"""Builds an atlas from images: chooses the crops that become patches."""
 
 import hashlib
 from collections import Counter, defaultdict, deque
@@ -30,9 +30,9 @@ from semisynth_gl.textures.pictures import Picture
 from semisynth_gl.textures.subjects import SubjectFinder
 
 PATCHES_PER_SUBJECT = 4
-"""Once the atlas is full and no subject has more patches than this, no further image is opened. Fewer would make an
-atlas of more different photographs, but decoding is what takes the time: 512 patches from 512 photographs take four
-times as long as from 128."""
+"""Once the atlas is full and no subject has more patches than this, no further image is opened. A smaller number would
+draw on more photographs, but decoding takes most of the time: 512 patches from 512 photographs take four times as long
+as from 128."""
 
 _REASONS_SHOWN = 5
 
@@ -46,33 +46,40 @@ def build_atlas(
     rng: np.random.Generator,
     pictures: Iterable[Picture] | None = None,
 ) -> tuple[Atlas, list[Path]]:
-    """Crop squares out of images and keep those with texture that are sharp and unlike each other.
+    """Crop squares out of images and keep crops with texture that are sharp and unlike each other.
 
-    Images are opened one at a time in random order. Each offers its good crops in random order, scales taking turns; a
-    crop that hardly differs from a good one before it, of any image, is rejected as a duplicate. Whenever there are
-    more than wanted, the subject with most gives one up, and of its images the one with most; so no subject and no
-    scale crowds out the others, and the rest makes up for a subject with few crops. Which files show one subject, a
-    `SubjectFinder` tells. Once the atlas is full and no subject has more than `PATCHES_PER_SUBJECT`, the remaining
-    images are not opened. In memory are one decoded image, those of its crops that may be kept, and the patches of the
-    atlas.
+    Images are opened one at a time in random order. Each offers its good crops in random order, with scales taking
+    turns. A crop that hardly differs from an earlier good crop of any image is rejected as a duplicate. When there are
+    more patches than wanted, the subject with most patches gives one up, from its image with most patches. So no
+    subject or scale crowds out the others, and other subjects fill the place of a subject with few crops. A
+    `SubjectFinder` tells which files show one subject. Once the atlas is full and no subject has more than
+    `PATCHES_PER_SUBJECT`, the remaining images are not opened. Memory holds one decoded image, those of its crops that
+    may be kept, and the patches of the atlas.
 
-    Pictures are judged by the same measures. Files and pictures take turns, as long as there are both; pictures come in
-    their own order, and are asked for one at a time.
+    Pictures are judged by the same measures. Files and pictures take turns while both last; pictures come in their own
+    order, and are asked for one at a time.
 
-    With ``section.sequence``, clips of successive frames (see `cut_clips`) take the place of images: a patch has the
-    same square from each frame of its clip, and a crop counts as flat or blurred if it is so in any frame. No crops are
-    duplicates then: successive clips of one video show much the same. Ask for fewer patches to get longer clips. A
-    frame that cannot be read is left out of its clip. Frames are read twice, to measure and to cut, so that one is in
-    memory at a time. Each clip is a subject.
+    With ``section.sequence``, clips of successive frames (see `cut_clips`) take the place of images. A patch then has
+    the same square from each frame of its clip, a crop counts as flat or blurred if it is so in any frame, and each
+    clip is a subject. Crops are not compared, since successive clips of a video look much the same. Ask for fewer
+    patches to get longer clips. A frame that cannot be read is left out of its clip. Frames are read twice, to measure
+    and to cut, so that only one is in memory at a time.
 
-    With ``section.flat_share``, that share of the patches is set aside for flat ones, at least one. They are crops
-    without texture, chosen in the same way; subjects that have too few of them for their part give patches once more
-    with their contrast lowered. Where there are too few others, flat ones are given up until the share is right. All
-    images are opened as long as flat crops are missing.
+    With ``section.flat_share``, that share of the patches is set aside for flat patches, at least one. Flat patches are
+    crops without texture, chosen in the same way. Where a subject has too few flat crops, its other patches are used
+    a second time with their contrast lowered. Where the other patches are too few, flat patches are given up until the
+    share is right. Further images are opened as long as flat crops are missing.
+
+    Args:
+        images: the files, in any order.
+        section: the config's section.
+        limits: limits of the atlas.
+        rng: source of all random choices.
+        pictures: drawn pictures, iterated over once; None where the source has none.
 
     Returns:
-        The atlas, its patches ordered by image, side, row and column, files before pictures; and the files that were
-        opened: no other one has a part in the atlas.
+        The atlas, with its patches ordered by image, side, row and column, files before pictures; and the files that
+        were opened, the only ones that can have changed the atlas.
 
     Raises:
         InputError: where there is no patch, or two pictures have one name.
@@ -98,7 +105,7 @@ def build_atlas(
                 finder.add(index, survey.still)
         skipped += survey.skipped
         selection.add(index, survey)
-        del survey, image  # and the pixels with them, before the next one is read or drawn
+        del survey, image  # frees the pixels before the next image is read or drawn
         if selection.settled:
             break
     chosen = selection.patches()
@@ -118,9 +125,9 @@ def build_atlas(
 
 
 def _note_digest(picture: Picture, drawn: dict[str, str]) -> None:
-    """Add a picture's SHA-256 to those by name; raise InputError where another one has its name."""
+    """Add a picture's SHA-256 to ``drawn``, by its name; raise InputError where another picture has the name."""
     if picture.name in drawn:
-        raise InputError(f"expected pictures with a name each, got two with the name {picture.name!r}")
+        raise InputError(f"expected pictures with different names, got two with the name {picture.name!r}")
     drawn[picture.name] = hashlib.sha256(picture.pixels.tobytes()).hexdigest()
 
 
@@ -140,7 +147,7 @@ def _described(chosen: Sequence[PatchFrames], subjects: Mapping[str, str]) -> tu
 
 
 class _Selection:
-    """The patches chosen among the crops of all images opened so far, and the fate of the other crops."""
+    """The patches chosen among the crops of all images opened so far, and what became of the other crops."""
 
     def __init__(
         self, section: TexturesSection, limits: AtlasLimits, rng: np.random.Generator, finder: SubjectFinder
@@ -179,7 +186,7 @@ class _Selection:
         self._judged[index] = JudgedClip(len(survey.frames), crops)
 
     def patches(self) -> list[PatchFrames]:
-        """Return all patches, by clip, side, row and column; what was made of a patch stands behind it."""
+        """Return all patches by clip, side, row and column; a patch with lowered contrast follows its original."""
         flat = self._flat_patches()
         return [
             patch
@@ -191,12 +198,12 @@ class _Selection:
         ]
 
     def _flat_patches(self) -> dict[str, list[PatchFrames]]:
-        """Choose flat patches, by image.
+        """Choose the flat patches, and return them by image.
 
-        They are flat crops, evenly over the subjects, and patches made flat for subjects with too few crops.
+        They are flat crops, spread evenly over the subjects, and patches made flat where a subject has too few of them.
         """
         share, textured = self._section.flat_share, self._textured.total
-        # The number that makes the share of all patches what it is to be.
+        # The number of flat patches that gives them the wanted share of all patches.
         wanted = min(self._flat_limit, max(1, round(textured * share / (1 - share))))
         if not (textured and wanted):
             return {}
@@ -227,7 +234,7 @@ class _Selection:
         return by_image
 
     def report(self, chosen: Sequence[PatchFrames], skipped: Sequence[Skipped], not_opened: int) -> TextureReport:
-        """Return the fate of all images and crops, given the patches."""
+        """Return what became of all images and crops, given the chosen patches and the files that were not read."""
         judged = [clip for _, clip in sorted(self._judged.items())]
         kept = {patch.square for patch in chosen}
         sources = {square.source for square in kept}
@@ -248,7 +255,7 @@ class _Selection:
         )
 
     def _shared_subjects(self, sources: Collection[str]) -> dict[str, str]:
-        """Return the subject, by the name of its first image, of each image that shares one with another of these."""
+        """Return the name of the subject's first image for each of the images that share their subject with another."""
         by_subject: dict[int, list[str]] = defaultdict(list)
         for index, clip in sorted(self._judged.items()):
             if clip.source in sources:
@@ -257,11 +264,11 @@ class _Selection:
 
 
 class _Quota:
-    """Patches by clip, never more than a limit; the subject with most patches gives up one first.
+    """Patches by clip, never more than a limit: beyond it, the subject with most patches gives one up.
 
-    Of its clips the one with most gives up its last one. A patch that is given up would not come back whatever
-    followed, because the largest share only ever shrinks: so giving up early has the same result as collecting
-    everything and giving up at the end. Only where two subjects turn out to be one, it has more than its share then.
+    That subject's clip with most patches gives up its last patch. Because the largest share only ever shrinks, a patch
+    that is given up would never be needed again, so giving up early has the same result as collecting everything and
+    giving up at the end. The exception is two subjects that turn out to be one: together they have more than a share.
     """
 
     def __init__(self, limit: int, subject: Callable[[int], int]) -> None:
@@ -288,7 +295,7 @@ class _Quota:
 
     @property
     def room(self) -> int:
-        """The most patches that a further clip can end up with."""
+        """The largest number of patches that a further clip can end up with."""
         return self._limit if self.total < self._limit else self._largest
 
     def by_subject(self) -> dict[int, list[PatchFrames]]:
@@ -306,7 +313,7 @@ class _Quota:
 
 
 def _in_turn(*sources: Iterable[_Item]) -> Iterator[_Item]:
-    """Yield one item of each source in turn; a source is asked for no item before its turn."""
+    """Yield one item of each source in turn; a source is not asked for an item before its turn."""
     waiting = deque(map(iter, sources))
     while waiting:
         source = waiting.popleft()
@@ -317,7 +324,7 @@ def _in_turn(*sources: Iterable[_Item]) -> Iterator[_Item]:
 
 
 def _alternate_sides(crops: Sequence[MeasuredCrop], rng: np.random.Generator) -> list[MeasuredCrop]:
-    """Return crops in random order, one of each side in turn, beginning with a random side."""
+    """Return crops in random order, taking one of each side in turn, from a random side on."""
     sides = np.array([crop.square.side_px for crop in crops], dtype=np.int64)
     queues = [rng.permutation(np.flatnonzero(sides == side)) for side in rng.permutation(np.unique(sides))]
     return [crops[i] for i in chain.from_iterable(zip_longest(*queues)) if i is not None]

@@ -1,4 +1,4 @@
-"""How often surfaces wear each patch: subjects have an equal say however many images and patches they have."""
+"""How often surfaces wear each patch: subjects have equal shares however many images and patches they have."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -7,18 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 MOST_TIMES = 4
-"""A patch is worn at most this many times as often as the mean one, so a subject with few patches has a smaller say."""
+"""A patch is worn at most this many times as often as the mean patch, so subjects with few patches have less share."""
 
 
 def patch_chances(subjects: Sequence[str], flat: NDArray[np.bool_], flat_share: float) -> NDArray[np.float64]:
-    """Return the chance of each patch, by which a surface wears it: (N,) float64, sum 1.
+    """Return the chance of each patch to be worn by a surface: (N,) float64, sum 1.
 
     Args:
-        subjects: (N,) the subject that each patch shows, an image or several; the patches of one share its chance
-            evenly.
-        flat: (N,) bool, the patches nearly without texture.
-        flat_share: the chance of all flat patches together, where there are both sorts; 0 makes no difference between
-            them. Within each sort subjects have an equal say.
+        subjects: (N,) names of the subject that each patch shows; the patches of a subject share its chance evenly.
+        flat: (N,) bool, whether a patch is nearly without texture.
+        flat_share: the chance of all flat patches together, where there are flat and textured patches; subjects then
+            have equal shares within each of these sorts. 0 treats both sorts alike.
     """
     if not flat_share or flat.all() or not flat.any():
         return _equal_say(subjects)
@@ -35,13 +34,13 @@ def _equal_say(subjects: Sequence[str]) -> NDArray[np.float64]:
 
 
 def equal_shares(counts: Mapping[str, int]) -> dict[str, float]:
-    """Share out surfaces among subjects, given the number of patches of each: shares of sum 1.
+    """Return each subject's share of the surfaces, sum 1, given the number of its patches.
 
-    They are the same for all subjects but the ones whose patches would be worn too often.
+    Shares are equal, except that a subject whose patches would be worn too often (see `MOST_TIMES`) has less.
     """
     patches, rest = sum(counts.values()), 1.0
     shares = {}
-    # From few patches to many: what one subject cannot take goes to the others.
+    # From few patches to many: what a subject cannot take goes to those with more patches.
     for place, name in enumerate(sorted(counts, key=lambda name: (counts[name], name))):
         shares[name] = min(rest / (len(counts) - place), MOST_TIMES * counts[name] / patches)
         rest -= shares[name]

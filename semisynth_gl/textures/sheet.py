@@ -1,4 +1,4 @@
-"""The sheet of patches: all of an atlas but the large ones, and examples of rejected crops with the reasons."""
+"""The sheet of patches: all patches of an atlas but the large ones, and examples of rejected crops by reason."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ _MARGIN_PX = 12
 _BETWEEN_PX = 12
 _STEP_PX = _TILE_PX + _GAP_PX
 _COLUMNS = (_WIDTH_PX - 2 * _MARGIN_PX + _GAP_PX) // _STEP_PX
-# A group with fewer patches is as wide as its label needs.
+# A group is at least this wide, so that its label has room.
 _LEAST_COLUMNS = 3
 _TEXT_PX, _TITLE_PX = 11, 15
 _LINE_PX = 15
@@ -49,11 +49,13 @@ _MEANING: Mapping[Reason, str] = {
 
 
 def draw_texture_sheet(atlas: Atlas, images: Mapping[str, TextureImage], title: str) -> Image.Image:
-    """Draw all patches but the large ones by the image that they come from, and below them examples of rejected crops.
+    """Draw all patches but the large ones, grouped by image, and below them examples of rejected crops.
 
-    Each patch is reduced to a tile, with its scale (image pixels per patch pixel) in the corner where that is not 1,
-    and an orange frame where the patch is flat. Of a patch from an image sequence the first frame is shown. The images
-    go by their names in the atlas, and are at least `TextureReport.named_images`.
+    Each patch is reduced to a tile, with its scale (image pixels per patch pixel) in the corner where it is not 1, and
+    an orange frame where the patch is flat. A patch from an image sequence is shown by its first frame. ``images`` maps
+    names in the atlas to images; it must have those of `TextureReport.named_images`.
+
+    Raises ImageError where one of these images can no longer be read.
     """
     page = _Page()
     page.text(_MARGIN_PX, title, size=_TITLE_PX)
@@ -103,7 +105,7 @@ class _Page:
 
 
 def _draw_groups(page: _Page, atlas: Atlas) -> None:
-    """Let groups flow from left to right, each a label above its patches."""
+    """Draw groups from left to right, in rows, each as a label above its patches."""
     patches: dict[str, list[Patch]] = defaultdict(list)
     for patch in atlas.patches:
         if not patch.large:

@@ -1,4 +1,4 @@
-"""The sources that a config may take its patches from, the program's own and plug-ins, and all that differs there."""
+"""The sources that a config may take its patches from: the program's own and plug-ins."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ from semisynth_gl.textures.image_files import builtin_licences, builtin_photogra
 from semisynth_gl.textures.pictures import Picture
 
 _FUNCTION = "a function from a numpy.random.Generator to pictures, arrays (H, W, 3) of uint8"
-# A plug-in may yield pictures without end, and no patch can be cut from any of them.
+# A plug-in might yield pictures for ever of which none gives a patch.
 _MOST_PICTURES = 10_000
 
 
@@ -25,15 +25,15 @@ class TextureSource:
     """A source of patches.
 
     Attributes:
-        noun: what patches are cut from, as a card of a dataset calls it.
-        patches: what its patches are.
-        files: returns the files that patches are cut from, sorted; raises `InputError` where there are none.
-        pictures: draws the pictures that patches are cut from, in the order in which they are wanted; all that is
-            random comes from the generator, and each split has another one. No more are asked for than give enough
-            patches. None where patches are cut from no pictures.
-        licences: returns the licences of its files by their names.
-        licence: the licence of all else: the config's, this program's, or none.
-        plugin: the plug-in that draws the pictures.
+        noun: what patches are cut from, as the card of a dataset calls it.
+        patches: what log messages call the patches.
+        files: returns the files that patches are cut from, sorted; raises `InputError` where files are missing. A
+            source without files returns none.
+        pictures: draws the pictures that patches are cut from, one at a time and only until there are enough patches.
+            All randomness comes from the generator, which differs between splits. None where nothing is drawn.
+        licences: returns the licence of each of its files, by the file's name; empty where they are not known.
+        licence: which licence covers everything else: the one in the config, this program's own, or none.
+        plugin: the plug-in that draws the pictures; None for the program's own sources.
     """
 
     noun: Literal["photograph", "picture", "pattern"]
@@ -47,7 +47,7 @@ class TextureSource:
 
 def _of_the_user(section: TexturesSection) -> Sequence[Path]:
     if not section.images:
-        raise InputError("textures.source is images, but there are none: name them in `textures.images`")
+        raise InputError("textures.source is images, but `textures.images` is empty: name your photographs there")
     return find_images(section.images)
 
 
@@ -70,22 +70,22 @@ SOURCES: dict[str, TextureSource] = {
     ),
     "procedural": TextureSource(noun="pattern", patches="procedural patterns", licence="none"),
 }
-"""The sources of the program itself, by their names in a config."""
+"""The program's own sources, by their names in a config."""
 
 _OF_PLUGIN = TextureSource(noun="picture", patches="patches of pictures")
 
 
 def describe_source(name: str) -> TextureSource:
-    """Return a source by its name in a config; a plug-in is not imported, and its source draws nothing."""
+    """Return a source by its name in a config, without importing plug-ins: the source of a plug-in draws nothing."""
     return SOURCES.get(name, _OF_PLUGIN)
 
 
 def open_source(name: str) -> TextureSource:
-    """Return a source by its name in a config.
+    """Return a source by its name in a config; a plug-in is imported.
 
     Raises:
-        InputError: where no source has the name, a plug-in cannot be imported or is no function, or a plug-in has the
-            name of one of the program's own sources.
+        InputError: where no source has the name, a plug-in cannot be imported or is not a function, or a plug-in has
+            the name of one of the program's own sources.
     """
     if name in SOURCES:
         refuse_clash("textures", name)

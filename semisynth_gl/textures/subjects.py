@@ -1,8 +1,8 @@
-"""Subjects: photographs that show one thing, such as both views of a stereo pair, told by their names and content.
+"""Subjects: finds photographs that show the same thing, such as both views of a stereo pair, by name and content.
 
-Content is compared at 32 x 24 cells, each by how it stands out from its surroundings, so that exposure, compression and
-size do not count; nor do stripes, which look alike wherever they are. Views are shifted against each other, what is
-near more than what is far, so the best shift is looked for in the upper and in the lower half by itself.
+Content is compared at 32 x 24 cells. What counts of a cell is how it stands out from its surroundings, so that
+exposure, compression and size do not matter, nor do stripes, which look alike wherever they are. Between two views,
+near things shift more than far ones, so the best shift is found for the upper and the lower half separately.
 """
 
 from collections import defaultdict
@@ -22,37 +22,38 @@ from semisynth_gl.textures.images import OUT_OF_MEMORY, ImageError, read_reduced
 from semisynth_gl.textures.view_names import groups_by_name
 
 VERSION = 1
-"""Raised when other photographs are of one subject; see `semisynth_gl.cache.lookup`."""
+"""Increase this when the same photographs are grouped differently; see `semisynth_gl.cache.lookup`."""
 
 ALIKE = 0.6
 """Mean correlation of both halves above which two photographs are of one subject.
 
-Nine stereo pairs, from 450 to 741 pixels wide, have 0.74 or more, and 0.7 or more with one view three stops darker, at
-a fifth of its size or as JPEG of quality 10; where 1.5 stops more clip much of it, 0.51. Of different photographs and
-drawn pictures, cloths among them, 7,000 pairs have at most 0.43; of 122,000 pairs of ninths of them two more than 0.6.
+Measured: nine stereo pairs, 450 to 741 pixels wide, have 0.74 or more. They keep 0.7 or more with one view three stops
+darker, at a fifth of its size or as JPEG of quality 10, but fall to 0.51 where 1.5 stops more light clips much of a
+view. 7,000 pairs of different photographs and drawn pictures, cloths among them, have at most 0.43. Of 122,000 pairs of
+ninths of these images, two have more than 0.6.
 """
 
 _HALVES, _ROWS, _COLUMNS = 2, 12, 32
 # The surroundings of a cell, as the standard deviation of a Gaussian in cells.
 _AROUND = 3.0
-# Contrast that counts for nothing, 8-bit levels; and the sum of squares of half a signature with little else.
+# Contrast of mere noise, 8-bit levels, and the sum of squares of half a signature that holds little else.
 _NOISE_LEVELS, _NOISE_SQUARES = 2.0, 5.0
-# Near things shift by up to a fifth of the width from one view to the other, and views may not be quite rectified.
+# Largest shifts, in cells: near things shift by up to a fifth of the width between views, which may not be rectified.
 _ACROSS, _ALONG = 6, 1
 _SHIFTS = [(down, right) for down in range(-_ALONG, _ALONG + 1) for right in range(-_ACROSS, _ACROSS + 1)]
-# Sides of a reduced JPEG, pixels: several to a cell.
+# Least sides of a reduced JPEG, pixels: several to a cell.
 _LEAST_SIDES = (4 * _COLUMNS, 4 * _COLUMNS)
-# More photographs than this take seconds.
+# To compare more photographs than this takes seconds, so the log says so.
 _MANY = 100
 
 _Signature = NDArray[np.float32]
-"""(2, 12, 32), how each cell of the upper and of the lower half stands out from its surroundings, row and column."""
+"""(2, 12, 32): half (upper, lower), row and column of the cells, and how each stands out from its surroundings."""
 
 
 class SubjectFinder:
     """Finds out which photographs show one subject: by their names, and by content as their pixels are added.
 
-    The given files have the numbers from 0 on; none is opened.
+    Photographs are known by their numbers: those given here are numbered from 0 on, and no file is opened.
     """
 
     def __init__(self, photographs: Sequence[Path] = ()) -> None:
@@ -65,14 +66,14 @@ class SubjectFinder:
         self._squares = np.empty((_HALVES, 0, len(_SHIFTS)), np.float32)
 
     def subject(self, number: int) -> int:
-        """Return the subject of a photograph: the least number of all that are known to show it."""
+        """Return the subject of a photograph: the smallest number of a photograph that is known to show it."""
         first = self._first.get(number, number)
         while first != (before := self._first.get(first, first)):
             first = before
         return first
 
     def add(self, number: int, pixels: NDArray[np.uint8]) -> None:
-        """Compare a photograph, (H, W, 3) RGB or (H, W) grey, with all that were added before it."""
+        """Compare a photograph, (H, W, 3) or (H, W) uint8, with all that were added before; join it to those alike."""
         signature = _signature(pixels)
         known = len(self._added)
         if known == self._signatures.shape[1]:
@@ -81,7 +82,7 @@ class SubjectFinder:
                 np.concatenate([array, np.empty((_HALVES, known + 1, array.shape[2]), np.float32)], axis=1)
                 for array in (self._signatures, self._squares)
             )
-        # What overlaps with the others at each shift, (2, S, cells): zero elsewhere.
+        # The part that overlaps with earlier photographs at each shift, (2, S, cells), zero elsewhere.
         ours = np.stack([_shifted(signature, down, right) for down, right in _SHIFTS], axis=1)
         ours = ours.reshape(_HALVES, len(_SHIFTS), -1)
         products = self._signatures[:, :known] @ ours.transpose(0, 2, 1)
@@ -101,9 +102,10 @@ class SubjectFinder:
 
 
 def photographed_subjects(photographs: Sequence[Path]) -> list[list[Path]]:
-    """Return photographs by subject, in the order of their first photographs: by their names or their content.
+    """Group photographs by subject, by their names and their content; groups are in the order of their first members.
 
-    All are read, and the cache keeps the result. A photograph that cannot be read is known by its name alone.
+    All photographs are read, and the cache keeps the result. A photograph that cannot be read is grouped by its name
+    only.
     """
 
     def build() -> tuple[tuple[list[int], bool], Sequence[Path]]:
@@ -118,7 +120,7 @@ def photographed_subjects(photographs: Sequence[Path]) -> list[list[Path]]:
     def key() -> dict[str, Any]:
         return {
             "names": list(relative_names(photographs).values()),
-            # Names of folders above the photographs' own count, too.
+            # Names of folders above the folder that all photographs share count, too.
             "groups": groups_by_name(photographs),
             "versions": package_versions("numpy", "Pillow"),
         }
@@ -140,7 +142,7 @@ def photographed_subjects(photographs: Sequence[Path]) -> list[list[Path]]:
 
 
 def of_subjects(photographs: int, subjects: int) -> str:
-    """Return what stands behind a number of photographs, such as `` of 12 subjects``; nothing where all differ."""
+    """Return words to follow a number of photographs, such as `` of 12 subjects``; none where all subjects differ."""
     if photographs == subjects:
         return ""
     return f" of {counted(subjects, 'subject')}"

@@ -1,7 +1,7 @@
-"""Names of views: the parts of files' and folders' names that tell photographs of one subject apart.
+"""Names of views: the parts of file and folder names that distinguish photographs of one subject.
 
-They are the words of stereo datasets, ``left`` and ``right`` among them. Two names of one subject differ in such parts
-alone, and a part counts for nothing where no other photograph has the rest of the name.
+These parts are words of stereo datasets, such as ``left`` and ``right``. Photographs show one subject where their names
+differ only in such parts.
 """
 
 import re
@@ -10,36 +10,37 @@ from collections.abc import Collection, Sequence
 from itertools import chain
 from pathlib import Path
 
-_MARK = "\0"  # in the place of what tells views apart: no name holds it
+_MARK = "\0"  # stands for the part that distinguishes views; no name contains it
 
-# A word of a name such as scene_left, 0001R or imageLeft; no part of a word, as in bright.
+# A whole word of a name, as in scene_left, 0001R or imageLeft, but not a part of a word, as in bright.
 _SIDE = re.compile(
     r"(?:(?<![^\W\d_])|(?<=[a-z])(?=[A-Z]))(?:(?:left|right|Left|Right|LEFT|RIGHT)(?![a-z])|[lrLR](?![^\W\d_]))"
 )
-# ETH3D: delivery_area_1l and delivery_area_1s are one moment, seen by wide and by narrow lenses.
+# ETH3D: delivery_area_1l and delivery_area_1s are one moment, seen through wide and narrow lenses.
 _LENS = re.compile(r"(_\d+)[ls]$")
-# Middlebury: im0, im1E, im0e3, view5; behind the name of a scene, too.
+# Middlebury: im0, im1E, im0e3, view5; also after the name of a scene.
 _VIEW = re.compile(r"(?<![^\W_])(im|view)(\d+)(?:[EL]|e\d)?$", re.IGNORECASE)
 _LAST_VIEW = 8
 _CAMERA = re.compile(r"(?<![^\W\d_])cam(?:era)?[ _-]?\d{1,2}(?!\d)", re.IGNORECASE)
 # KITTI's folders, in which 000017_10 and 000017_11 are a tenth of a second apart.
 _KITTI_FOLDER = re.compile(r"image_0?[0-3]|colored_[01]")
 _FRAME = re.compile(r"(\d{6})_\d\d")
-# Middlebury: folders of one scene under other light.
+# Middlebury: folders of one scene under different light.
 _LIGHT = re.compile(r"/(?:Illum\d|Exp\d|ambient/[FLT]\d)(?=/)")
 
-# Folders of the same names, with a few photographs each, are a folder for each scene.
+# Three or more folders of at most eight photographs, with the same file names in each, are taken for a scene each.
 _FEWEST_FOLDERS, _MOST_IN_FOLDER = 3, 8
 
 
 def groups_by_name(photographs: Sequence[Path]) -> list[list[int]]:
-    """Return the numbers of photographs that show one subject by their names; groups of one are left out.
+    """Group photographs that show one subject, judging by their names; photographs are known by their positions.
 
-    Known are the names of Middlebury, ETH3D, KITTI, EuRoC, SceneFlow and Cityscapes, ``left`` and ``right`` or ``l``
-    and ``r`` as words of a file's or folder's name, and folders of a few photographs each whose files have the same
-    names. All photographs in one folder are no group. No file is opened.
+    Groups of one photograph are left out, and a photograph may be in two groups. The rules know the names of
+    Middlebury, ETH3D, KITTI, EuRoC, SceneFlow and Cityscapes; ``left`` and ``right`` or ``l`` and ``r`` as words of a
+    file or folder name; and folders of a few photographs each whose files have the same names. A common folder alone
+    makes no group. No file is opened.
     """
-    # Photographs that are numbered on beyond the views of a scene: their numbers are names.
+    # Where numbers go beyond the views of a scene, they number photographs, not views.
     series = {place for path in photographs for place, number in [_view(path)] if number > _LAST_VIEW}
     by_key: dict[tuple[str, str], list[int]] = defaultdict(list)
     for number, path in enumerate(photographs):
@@ -48,13 +49,13 @@ def groups_by_name(photographs: Sequence[Path]) -> list[list[int]]:
 
 
 def _view(path: Path) -> tuple[tuple[Path, str] | None, int]:
-    """Return the folder and name of numbered views, and the number: None and 0 of a name without one."""
+    """Return the folder and name that numbered views share, and the view's number; None and 0 where there is none."""
     found = _VIEW.search(path.stem)
     return (None, 0) if found is None else ((path.parent, path.stem[: found.start(2)]), int(found[2]))
 
 
 def _key(path: Path, series: Collection[tuple[Path, str] | None]) -> tuple[str, str]:
-    """Return a photograph's folder and name without what tells views apart; numbers in a series stay in the name."""
+    """Return a photograph's folder and name without the parts that distinguish views; numbers in ``series`` stay."""
     stem = path.stem
     if _view(path)[0] not in series:
         stem = _VIEW.sub(_MARK, stem)
@@ -62,7 +63,7 @@ def _key(path: Path, series: Collection[tuple[Path, str] | None]) -> tuple[str, 
     if frame is not None and _KITTI_FOLDER.fullmatch(path.parent.name):
         stem = frame[1]
     camera = _CAMERA.sub(_MARK, stem)
-    # A name that holds nothing else is that of one of a camera's photographs.
+    # A name with nothing else in it, such as cam02, stays: it numbers the photographs of one camera.
     if re.search(r"[^\W_]", camera):
         stem = camera
     folders = (
@@ -77,7 +78,7 @@ def _is_of_camera(folder: str) -> bool:
 
 
 def _folders_of_scenes(photographs: Sequence[Path]) -> list[list[int]]:
-    """Return the numbers of photographs in folders of a scene each, told by their equal content of files."""
+    """Return the photographs of each folder that holds one scene: folders beside each other with equal file names."""
     inside: dict[Path, list[int]] = defaultdict(list)
     for number, path in enumerate(photographs):
         inside[path.parent].append(number)

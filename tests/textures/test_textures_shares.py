@@ -200,7 +200,7 @@ def test_an_uneven_say_is_said():
     assert "1 image with few patches, on less than half of an equal share" in summary
     assert "(14.3%): small 4.1%;" in summary
     assert "14.3%" not in built([*many, Picture("sky", octaves(9)[:64, :64] // 20)], flat_share=0.3).report.summary()
-    assert "2 images alone, each on about 50% of the surfaces" in built(many[:2]).report.summary()
+    assert "only 2 images, each on about 50% of the surfaces" in built(many[:2]).report.summary()
 
 
 @pytest.mark.parametrize("keys", [{"min_texture": 0}, {"max_patches": 1}])

@@ -310,5 +310,5 @@ def test_flat_and_large_patches_are_of_subjects(tmp_path):
 def test_notes_name_subjects(tmp_path):
     summary = built(pairs_in(tmp_path, 2)).report.summary()
     assert "4 images of 2 subjects" in summary
-    assert "note: 2 subjects alone, each on about 50% of the surfaces" in summary
+    assert "note: only 2 subjects, each on about 50% of the surfaces" in summary
     assert (of_subjects(30, 12), of_subjects(2, 1), of_subjects(3, 3)) == (" of 12 subjects", " of 1 subject", "")
