@@ -1,4 +1,4 @@
-"""Which cells of a coarse grid triangles cover, for all triangles at once and without OpenGL."""
+"""Finds the cells of a coarse grid that triangles cover, for all triangles at once and without OpenGL."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,13 +10,21 @@ Numbers = NDArray[np.int64]
 def covered_cells(
     x: Floats, y: Floats, triangles: Numbers, columns: int, rows: int
 ) -> tuple[Numbers, Numbers, Floats, Floats]:
-    """Find the cells whose centres lie in triangles, (3, T) indices of vertices.
+    """Find the cells whose centres lie in triangles.
 
-    Vertices lie at column x and row y, (V,) each; the centre of the first cell is (0, 0). Returns a value for each pair
-    of a triangle and a cell that it covers: the triangle, the cell (row times ``columns`` plus column), and how far the
-    cell's centre lies from the first corner towards the second and the third one, in lengths of these edges.
+    Args:
+        x: (V,) columns of the vertices, in cells; the centre of the first cell is at (0, 0).
+        y: (V,) rows of the vertices, in cells.
+        triangles: (3, T) indices of vertices.
+        columns: number of columns of the grid.
+        rows: number of rows of the grid.
+
+    Returns:
+        Four arrays, (N,) each, with a value for each pair of a triangle and a cell that it covers: the triangle's
+        number; the cell's number, row times ``columns`` plus column; and the place of the cell's centre along the edges
+        from the first corner to the second and to the third corner, in lengths of these edges.
     """
-    # Most triangles are smaller than a cell and hold no centre: fewer and fewer go on.
+    # Most triangles are smaller than a cell and hold no centre: each step leaves fewer.
     some_x, low_x, high_x = _spanned(x[triangles], columns)
     some_y, low_y, high_y = _spanned(y[triangles[:, some_x]], rows)
     chosen, low_x, high_x = some_x[some_y], low_x[some_y], high_x[some_y]
@@ -39,7 +47,7 @@ def covered_cells(
 
 
 def _spanned(corners: Floats, cells: int) -> tuple[Numbers, Numbers, Numbers]:
-    """Return which triangles span the centre of a cell along one axis, of (3, T) corners, and their cells' ends."""
+    """Return which triangles, of (3, T) corners, span a cell's centre along one axis, and the first and last cell."""
     first, second, third = corners
     low = np.ceil(np.minimum(np.minimum(first, second), third)).clip(0, cells)
     high = np.floor(np.maximum(np.maximum(first, second), third)).clip(-1, cells - 1)

@@ -1,4 +1,4 @@
-"""The edges of a mesh, each with the triangles on both its sides: where a surface may end, seen from somewhere."""
+"""The edges of a mesh, each with the triangles on both sides: seen from some places, a surface ends at them."""
 
 from dataclasses import dataclass
 
@@ -11,15 +11,16 @@ from semisynth_gl.geometry.topology import NO_NEIGHBOUR, neighbours
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshEdges:
-    """E edges between two triangles, or at a border with the same triangle twice.
+    """E edges, each with the triangles on its two sides; an edge at a border has the same triangle twice.
 
     Attributes:
         corners: (2, E, 3) uint32, for the triangle on each side: the vertices that the edge goes from and to, and the
-            one opposite. Seen from outside of a solid, the first triangle runs through them anticlockwise and the
-            second one clockwise.
-        plane: (2, 4, E) float32, n and n . p of each triangle's plane, with n = (to - from) x (opposite - from).
-        below: (2, E) bool, the other side's opposite corner lies where n . x < n . p.
-        border: (E,) bool.
+            opposite vertex. Seen from outside of a solid, these corners of the first triangle run anticlockwise, those
+            of the second triangle clockwise.
+        plane: (2, 4, E) float32, the plane n . x = n . p of the triangle on each side: n = (to - from) x
+            (opposite - from), and n . p with p = from.
+        below: (2, E) bool, whether the opposite corner of the other side lies below this plane, where n . x < n . p.
+        border: (E,) bool, whether the edge has only one triangle.
     """
 
     corners: NDArray[np.uint32]
@@ -29,7 +30,7 @@ class MeshEdges:
 
 
 def find_edges(mesh: Mesh) -> MeshEdges:
-    """Find the edges of a mesh; where more than two triangles meet, each has a border."""
+    """Find the edges of a mesh; where more than two triangles share an edge, each of them has a border there."""
     triangles, across = mesh.triangles, neighbours(mesh)
     own, side = (index.ravel() for index in np.indices(across.shape))
     other = across.ravel().astype(np.int64)
@@ -41,7 +42,7 @@ def find_edges(mesh: Mesh) -> MeshEdges:
     sides = ((own, side), (other, other_side))
     first, second = (triangles[number[:, None], (begin[:, None] + np.arange(3)) % 3] for number, begin in sides)
     points = mesh.positions.astype(np.float64)
-    # A neighbour that is wound alike runs along the edge the other way.
+    # A neighbour of the same winding runs along the edge in the opposite direction.
     turned = (points[first[:, 0]] != points[second[:, 0]]).any(axis=1)
     second[turned] = second[turned][:, [1, 0, 2]]
     corners = np.stack([first, second])

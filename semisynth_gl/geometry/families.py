@@ -1,4 +1,4 @@
-"""Families of models that plug-ins have: a function from a generator to a mesh each."""
+"""Families of models from plug-ins: each is a function from a random generator to a mesh."""
 
 from typing import Any
 
@@ -10,16 +10,16 @@ from semisynth_gl.plugins import Plugin, find_plugin, refuse_clash
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
 
-# `Split.share`'s purpose; the program's own families have 0 to 2.
+# The ``purpose`` for `Split.share`; the built-in families and the user's models have 0 to 2.
 _SHARED = 3
 _FUNCTION = "a function from a numpy.random.Generator to a semisynth_gl.Mesh"
 
 
 def find_family(name: str) -> Plugin:
-    """Return the plug-in of a family.
+    """Return the plug-in of a family, imported.
 
-    Raises InputError where there is none, or it cannot be imported, is no function, or has the name of a built-in
-    family.
+    Raises InputError where there is no such plug-in, or it cannot be imported, is not a function, or has the name of a
+    built-in family.
     """
     if name in MODEL_FAMILIES:
         refuse_clash("models", name)
@@ -30,9 +30,11 @@ def find_family(name: str) -> Plugin:
 
 
 def build_family(name: str, variants: int, split: Split) -> list[Mesh]:
-    """Build so many models of a plug-in's family, or a split's share of them.
+    """Build ``variants`` models of a plug-in's family, or a split's share of them.
 
-    Where models are held out, the splits share the models of the dataset's seed; else each split draws other models.
+    Where models are held out, ``variants`` models of the dataset's seed are shared out among the splits; else each
+    split has ``variants`` models of its own seed. The models are normalised, as by `make_model`.
+
     Raises InputError where the plug-in cannot be used, fails, or returns no mesh, or the models are too few for all
     splits.
     """

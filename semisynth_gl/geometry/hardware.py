@@ -8,7 +8,7 @@ from semisynth_gl.geometry.surfaces import box, extruded, grid_surface, lathe
 
 
 def gear(rng: np.random.Generator) -> list[Mesh]:
-    """A toothed ring, or such a ring on spokes about a hub."""
+    """A toothed ring, or a toothed ring on spokes about a hub."""
     teeth, root, thick = int(rng.integers(8, 28)), rng.uniform(0.75, 0.88), rng.uniform(0.1, 0.4)
     pitch = 2 * np.pi / teeth
     corners = (np.array([0.1, 0.4, 0.55, 0.85]) * pitch + np.arange(teeth)[:, None] * pitch).ravel()
@@ -26,7 +26,7 @@ def gear(rng: np.random.Generator) -> list[Mesh]:
 
 
 def torus_knot(rng: np.random.Generator) -> list[Mesh]:
-    """A closed tube that winds around a torus and cannot be undone."""
+    """A closed tube that winds around a torus as a knot."""
     p, q = ((2, 3), (3, 2), (2, 5), (3, 4), (3, 5), (5, 2))[int(rng.integers(6))]
     minor = rng.uniform(0.3, 0.45)
     t = np.linspace(0, 2 * np.pi, 48 * max(p, q), endpoint=False)
@@ -154,7 +154,7 @@ def cable(rng: np.random.Generator) -> list[Mesh]:
 
 
 def flat_coil(rng: np.random.Generator) -> list[Mesh]:
-    """One long wire wound to a flat oblong spiral, as a stove's element is."""
+    """One long wire wound into a flat oblong spiral, like the heating element of a stove."""
     rounds, gap, long = int(rng.integers(2, 6)), rng.uniform(0.16, 0.24), rng.uniform(0.6, 1.4)
     curve = [np.array([[-long / 2, 0.5 * gap]])]
     for i in range(rounds):

@@ -14,17 +14,20 @@ from semisynth_gl.geometry.mesh import Floats, Mesh, halved
 from semisynth_gl.geometry.unwrap import project_uv
 
 Field = Callable[[Floats], Floats]
-"""Signed distances, (N,) model units, of points (N, 3): negative inside."""
+"""Function from points, (N, 3), to signed distances from a surface, (N,), in model units, negative inside."""
 
-# The four cells around an edge of the grid, in turn: whether each lies behind the edge along the two other axes.
+# The four cells around an edge of the grid, in turn: whether each lies behind the edge along the other two axes.
 _AROUND = ((0, 0), (1, 0), (1, 1), (0, 1))
-# Values this near to zero, in cells, are moved away from it: triangles would shrink to nothing.
+# Values nearer to zero than this, in cells, are moved away from it, since triangles would shrink to nothing.
 _CLEARANCE = 0.05
 _FIRST, _LAST = slice(None, -1), slice(1, None)
 
 
 def limb(start: ArrayLike, stop: ArrayLike, radius: float, end_radius: float | None = None) -> Field:
-    """Return the field of a round-ended rod between two points, (3,) each; a ball where they are one."""
+    """Return the field of a round-ended rod between two points, (3,) each; of a ball where the points coincide.
+
+    The radius changes evenly from ``radius`` at the start to ``end_radius``, by default the same, at the stop.
+    """
     first = np.asarray(start, np.float64)
     along = np.asarray(stop, np.float64) - first
     square = float((along * along).sum())
@@ -40,7 +43,7 @@ def limb(start: ArrayLike, stop: ArrayLike, radius: float, end_radius: float | N
 
 
 def blended(fields: Sequence[Field], softness: float) -> Field:
-    """Return the union of fields, whose creases are rounded over a distance, model units (Quilez's polynomial)."""
+    """Return the union of fields, with creases rounded over a distance of ``softness`` (Quilez's polynomial)."""
 
     def smaller(a: Floats, b: Floats) -> Floats:
         overlap = np.maximum(softness - np.abs(a - b), 0) / softness
@@ -50,10 +53,10 @@ def blended(fields: Sequence[Field], softness: float) -> Field:
 
 
 def surface_of(name: str, field: Field, low: ArrayLike, high: ArrayLike, cells: int) -> Mesh:
-    """Cut the zero surface out of a field, as surface nets do: a vertex for each cell that it passes.
+    """Make a mesh of the surface where a field is zero, by surface nets: one vertex for each cell that it passes.
 
-    The box from ``low`` to ``high`` has ``cells`` along its longest side; at its border the field is positive. Returns
-    a closed mesh whose triangles turn anticlockwise as seen from outside.
+    The box from ``low`` to ``high``, (3,) each, has ``cells`` along its longest side; at its border the field must be
+    positive. The mesh is closed, with UV by `project_uv` and triangles that are anticlockwise seen from outside.
     """
     origin = np.asarray(low, np.float64)
     extent = np.asarray(high, np.float64) - origin
@@ -89,9 +92,9 @@ def surface_of(name: str, field: Field, low: ArrayLike, high: ArrayLike, cells: 
 
 
 def _without_pinches(values: Floats) -> Floats:
-    """Fill the field where two corners of a grid's square are inside and the others, on its other diagonal, are not.
+    """Fill squares of the grid that have two opposite corners inside the surface and two outside.
 
-    Four triangles would meet at one edge there, and none would know its neighbour.
+    Four triangles would meet at one edge there, so that none would have a single neighbour across it.
     """
     filled = values.copy()
     while True:

@@ -33,7 +33,7 @@ COMPLEX_KINDS: Final = _builders(*(kind for module in _COMPLEX for kind in modul
 
 
 def kind_weights(given: Mapping[str, float]) -> dict[str, float]:
-    """Return the weights of all kinds, 1 where none is given; raises InputError where no kind has a name."""
+    """Return the weight of every kind, 1 where none is given; raises InputError where a given name is not a kind's."""
     known = [*SIMPLE_KINDS, *COMPLEX_KINDS]
     unknown = [kind for kind in given if kind not in known]
     if unknown:

@@ -1,4 +1,4 @@
-"""The mesh type that all builders, the loader and the renderer share, and operations on meshes and vectors."""
+"""The mesh type that the builders, the loader and the renderer share, and operations on meshes and vectors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from semisynth_gl.inputs.arguments import check_magnitudes, check_type, to_array
 from semisynth_gl.inputs.errors import InputError
 
-# float32 holds a number in steps of 2^-24 of it, so the steps of vertices grow with their distance from the origin. At
-# this many times a mesh's size they are 2^-20 of the size, a thousandth of a pixel of a mesh that is 2000 px wide.
+# float32 rounds a number by up to 2^-24 of it, so the error of vertices grows with their distance from the origin. At
+# this many times half a mesh's extent it is 2^-20 of that half, a thousandth of a pixel for a mesh 2000 px wide.
 _FAR = 16
-# Beyond, float64 holds it no better than float32 does there: 53 bits less 24.
+# Beyond this many times half its extent, float64 holds a mesh no better than float32 does at the origin: 53 - 24 bits.
 _FARTHEST = 2.0**29
 
 Floats = NDArray[np.float64]
@@ -33,8 +33,11 @@ class Mesh:
         positions: (V, 3) float32 or float64, model units, up to 1e9; float64 is for meshes far from their origin.
         uv: (V, 2) float32 or float64; u to the right and v downwards in the patch, as in its pixel rows.
         triangles: (T, 3) uint32 indices into ``positions``.
-        solid: whether the mesh is solid (see `is_solid`): only the fronts of its triangles are drawn. Of other meshes
-            both sides are drawn.
+        solid: whether the mesh is solid (see `is_solid`). Only the fronts of a solid mesh's triangles are drawn, of
+            other meshes both sides.
+
+    Raises:
+        InputError: where shapes, dtypes, indices or values are wrong.
     """
 
     name: str
@@ -69,8 +72,8 @@ class Mesh:
 def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Mesh:
     """Build a `Mesh` from anything array-like, converting to its dtypes.
 
-    Positions and UV become float32, but stay float64 where they lie more than 16 times as far from their origin as they
-    reach about their middle: such are maps' and sites' coordinates.
+    Positions and UV become float32, but stay float64 where they lie farther from the origin than 16 times half their
+    extent, as coordinates of maps and sites do.
 
     Args:
         name: see `Mesh`.
@@ -86,13 +89,13 @@ def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Me
 
 
 def make_part(name: str, positions: object, uv: object, triangles: object) -> Mesh:
-    """Do as `make_mesh`, but in float32 wherever the mesh lies: a part of a model, whose origin is the model's."""
+    """Build a part of a model, as `make_mesh` does but always in float32: the origin is that of the model."""
     vertices, coordinates, index = _arrays(name, positions, uv, triangles)
     return Mesh(name, vertices.astype(np.float32, order="C"), coordinates.astype(np.float32, order="C"), index)
 
 
 def _arrays(name: str, positions: object, uv: object, triangles: object) -> tuple[Floats, Floats, NDArray[np.uint32]]:
-    """Return array-likes as arrays; numbers that are too large for float32 are refused before it rounds them."""
+    """Return positions and UV in float64, and triangles, (T, 3); refuses numbers too large to be rounded to float32."""
     check_type("the name of a mesh", name, str)
     index = to_array(f"mesh {name}: triangles", triangles, np.int64)
     if index.size % 3:
@@ -114,7 +117,7 @@ def _rounded_near(points: Floats) -> Vertices:
 
 
 def _times_away(points: Vertices) -> float:
-    """Return how far points (N, D) lie from 0, in units of their reach about their middle; inf where they coincide."""
+    """Return how far points (N, D) lie from 0, in units of half their extent; inf where all points coincide."""
     if not len(points):
         return 0.0
     low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
@@ -124,11 +127,12 @@ def _times_away(points: Vertices) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Centred:
-    """A mesh as it is drawn, in float32 and not far from its origin, and where its origins lie in the given mesh.
+    """A mesh as it is drawn, in float32 and near its origin, and where its origins lie in the original mesh.
 
     Attributes:
-        origin: (3,) float64.
-        uv_origin: (2,) float64.
+        mesh: the mesh; its positions and UV are the original ones minus ``origin`` and ``uv_origin``.
+        origin: (3,) float64, model units; zero where the positions were not moved.
+        uv_origin: (2,) float64; zero where the UV was not moved.
     """
 
     mesh: Mesh
@@ -137,9 +141,9 @@ class Centred:
 
 
 def centred(mesh: Mesh) -> Centred:
-    """Move a mesh that lies far from its origin there, and its UV likewise; others stay where they are.
+    """Move a mesh to its origin where it lies far away, and do the same with its UV.
 
-    Raises InputError where it lies so far away that float64 does not hold its shape.
+    Raises InputError where positions or UV lie so far away that float64 does not hold their shape.
     """
     for what, points in (("positions", mesh.positions), ("uv", mesh.uv)):
         if _FARTHEST < (times := _times_away(points)) < inf:
@@ -152,7 +156,7 @@ def centred(mesh: Mesh) -> Centred:
 
 
 def _moved(points: Vertices) -> tuple[NDArray[np.float32], Floats]:
-    """Return points (N, D) about their middle where they are far away, and that middle, (D,)."""
+    """Return points (N, D) in float32, moved to 0 by their middle if far away, and the shift, (D,), which may be 0."""
     origin = np.zeros(points.shape[1])
     if _times_away(points) > _FAR:
         origin = (points.min(axis=0).astype(np.float64) + points.max(axis=0)) / 2
@@ -161,21 +165,25 @@ def _moved(points: Vertices) -> tuple[NDArray[np.float32], Floats]:
 
 
 def mesh_grid(rows: int, columns: int) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Return u and v, 0 to 1, of a grid's (rows + 1) (columns + 1) vertices, and its (T, 3) triangles."""
+    """Return the triangulation of a grid of cells: u and v from 0 to 1, (V,) each, and triangles, (T, 3).
+
+    The V = (rows + 1) (columns + 1) vertices run row by row; u grows along a row, v from row to row.
+    """
     v, u = np.meshgrid(np.linspace(0, 1, rows + 1), np.linspace(0, 1, columns + 1), indexing="ij")
     first = np.arange(v.size).reshape(v.shape)[:-1, :-1].reshape(-1, 1)
     return u.ravel(), v.ravel(), halved(first + np.array([0, 1, columns + 2, columns + 1]))
 
 
 def halved(quads: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Cut quadrilaterals of indices, (Q, 4), along a diagonal: (2 Q, 3), all first halves before the second ones."""
+    """Cut quadrilaterals of indices, (Q, 4), along a diagonal: (2 Q, 3), all first halves before all second halves."""
     return np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
 
 
 def cross(first: Floats, second: Floats) -> Floats:
-    """Cross products along the last axis, (..., 3) each: bit for bit equal to `numpy.cross`.
+    """Return cross products along the last axis, (..., 3), bit for bit equal to those of `numpy.cross`.
 
-    With `numpy.cross` and `numpy.linalg.norm`, which are slow on small arrays, the builders take a quarter longer.
+    With `numpy.cross` and `numpy.linalg.norm`, which are slow on small arrays, the builders would take a quarter
+    longer.
     """
     a, b, c = first[..., 0], first[..., 1], first[..., 2]
     p, q, r = second[..., 0], second[..., 1], second[..., 2]
@@ -188,21 +196,22 @@ def cross(first: Floats, second: Floats) -> Floats:
 
 
 def least_axis(direction: Floats) -> Floats:
-    """Return the unit axis, (3,), along which a direction (3,) has least; the first of those that are equal to 1e-6.
+    """Return the unit vector, (3,), of the axis along which a direction (3,) has its smallest component.
 
-    Sines and products of matrices differ in their last bits from processor to processor, and must not choose.
+    Components that agree to 1e-6 count as equal, and the first of them is taken: sines and products of matrices differ
+    in their last bits from processor to processor, and must not decide.
     """
     axis: Floats = np.eye(3)[np.argmin(np.round(np.abs(direction), 6))]
     return axis
 
 
 def face_normals(corners: Floats) -> Floats:
-    """Return the normals of triangles (T, 3, 3), each twice as long as the triangle's area; (T, 3)."""
+    """Return the normals of triangles, (T, 3), from their corners, (T, 3, 3); a normal's length is twice the area."""
     return cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def lengths(vectors: Floats) -> Floats:
-    """Lengths along the last axis, (..., D): bit for bit equal to `numpy.linalg.norm`."""
+    """Return the lengths of vectors along the last axis, (..., D), bit for bit equal to `numpy.linalg.norm`."""
     return np.asarray(np.sqrt(np.add.reduce(vectors * vectors, axis=-1)))
 
 
@@ -212,7 +221,7 @@ def unit(vector: Floats) -> Floats:
 
 
 def merged(name: str, parts: Sequence[Mesh]) -> Mesh:
-    """Join meshes into one, vertices in the order given."""
+    """Join meshes into one of the given name, with vertices and triangles in the order given; ``solid`` is not set."""
     offsets = np.cumsum([0] + [len(part.positions) for part in parts[:-1]])
     triangles = [part.triangles.astype(np.int64) + offset for part, offset in zip(parts, offsets, strict=True)]
     positions, uv = [part.positions for part in parts], [part.uv for part in parts]
@@ -235,8 +244,8 @@ def normalised(mesh: Mesh) -> Mesh:
 def without_degenerate(mesh: Mesh) -> Mesh:
     """Drop triangles without area, and vertices without a triangle.
 
-    A triangle counts as one without area where its height is below a millionth of the mesh's radius: it cannot be
-    seen, and its normal and texture direction are noise. Raises InputError where no triangle remains.
+    A triangle has no area where its height over its longest edge is at most a millionth of the mesh's radius: it
+    cannot be seen, and its normal and texture direction are noise. Raises InputError where no triangle remains.
     """
     corners = mesh.positions.astype(np.float64)[mesh.triangles]
     double_areas = lengths(face_normals(corners))

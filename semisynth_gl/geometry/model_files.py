@@ -1,7 +1,7 @@
-"""Files of the user's models as models of a library.
+"""Loads the user's models from files.
 
-Only surfaces count: positions, triangles, UV maps. Materials, colours and textures are dropped, so that colours may be
-not finite, while a single position that is not finite breaks the model.
+Only surfaces count: positions, triangles, UV maps. Materials, colours and textures are dropped, so a colour that is not
+finite does no harm, whereas a single position that is not finite makes the model unusable.
 """
 
 import logging
@@ -18,7 +18,7 @@ from semisynth_gl.geometry.model_units import Surface, join_surfaces
 from semisynth_gl.inputs.errors import InputError, Skipped
 from semisynth_gl.inputs.user_files import files_below, of_kernel
 
-# To read a smaller file takes a second or two.
+# Reading a smaller file takes a second or two; larger files are logged.
 _LARGE_BYTES = 10_000_000
 
 _LOG = logging.getLogger(__name__)
@@ -27,12 +27,12 @@ _LOG = logging.getLogger(__name__)
 def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
     """Read all models in folders and below, in the order of the folders and of the paths in each folder.
 
-    The parts of a file are joined as its nodes place them. Parts keep their UV map, scaled to model units; parts and
-    single triangles without usable UV get it from `project_uv`. Files of other formats are ignored. Nothing is
-    downloaded.
+    ``folders`` may also name single files. The parts of a file are joined as its nodes place them, and the model is
+    normalised. Parts keep their UV map, scaled to model units; parts and single triangles without usable UV get it from
+    `project_uv`. Files in formats that trimesh does not know are ignored. Nothing is downloaded.
 
-    Returns the models, named by their paths relative to the folder, and the broken files with a reason each. Raises
-    InputError where a folder does not exist, or no file has a usable model.
+    Returns the models, named by their paths relative to the folder, and the unusable files, each with a reason. Raises
+    InputError where a folder does not exist or is not on a disk, or no file has a usable model.
     """
     for folder in folders:
         if of_kernel(folder):
@@ -43,7 +43,7 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
         meshes: list[Mesh] = []
         skipped: list[Skipped] = []
         for path, name in _files(folders, reader.formats):
-            with suppress(OSError):  # what cannot be read is told when it is read
+            with suppress(OSError):  # a file that cannot be read is reported below
                 if (size := path.stat().st_size) >= _LARGE_BYTES:
                     _LOG.info("reading %s, %d MB", name, size // 1_000_000)
             try:
@@ -81,7 +81,7 @@ def _placed(read: PlacedParts) -> Iterator[Surface]:
         _require_finite(local, "vertices")
         positions = local @ transform[:3, :3].T + transform[:3, 3]
         _require_finite(positions, "vertices once its nodes are placed")
-        if np.linalg.det(transform[:3, :3]) < 0:  # a mirrored part keeps its outside
+        if np.linalg.det(transform[:3, :3]) < 0:  # reversed, so that the outside of a mirrored part stays outside
             triangles = triangles[:, ::-1]
         used, renumbered = np.unique(triangles, return_inverse=True)
         # v points upwards in all formats, as trimesh returns it.

@@ -1,4 +1,4 @@
-"""The models that a dataset draws from: built or read once from (config, seed), then loaded from the cache."""
+"""The models that a dataset draws from: built or read once for a config and a seed, then loaded from the cache."""
 
 import hashlib
 import logging
@@ -27,18 +27,18 @@ from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
 
 VERSION = 1
-"""Raised when models come out otherwise; see `semisynth_gl.cache.lookup`."""
+"""Increase this when the same inputs give other models; see `semisynth_gl.cache.lookup`."""
 
 FULL_FAMILY = 25
-"""From so many models of the user's on, their family has its full weight; fewer have a proportional part. The two
-built-in families have about as many kinds each, so a model of the user's is worth a kind."""
+"""Number of the user's models from which on their family has its full weight; fewer have a proportional part of it. It
+lies between the numbers of kinds of the two built-in families."""
 
 # `Split.share`'s purpose for the user's models; the purposes of the two families of kinds are 0 and 1.
 _USER = 2
 _ARRAYS = ("positions", "uv", "triangles")
-# A model of fewer takes less than a second, in a pair as well.
+# A model of fewer triangles takes less than a second, both to measure and in each pair.
 _MANY_TRIANGLES = 300_000
-# A processor measures a few million triangles in a second.
+# Triangles times views from which on measuring takes minutes: a processor measures a few million in a second.
 _MINUTES = 100_000_000
 
 _LOG = logging.getLogger(__name__)
@@ -46,15 +46,16 @@ _LOG = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelLibrary:
-    """Models, and the chances of the drawn ones.
+    """Models, and the chances by which they are drawn.
 
     Attributes:
-        models: each normalised to radius 1.
-        drawn: (M,) int64, the models that are drawn, as indices into ``models``; other recipes may draw the others.
-        chances: (M,) float64, sum 1; a family's models share its weight in proportion to the weights of their kinds.
-        silhouette: the mean of the drawn models.
-        skipped: the user's models that could not be used.
-        user_count: how many of the drawn models, from the first on, are the user's.
+        models: all models, each normalised to radius 1.
+        drawn: (M,) int64, the models that are drawn, as indices into ``models``; other recipes may draw the rest.
+        chances: (M,) float64, sum 1, the chance of each drawn model; a family's models share its weight in proportion
+            to the weights of their kinds.
+        silhouette: the mean silhouette of the drawn models.
+        skipped: the user's files that have no usable model, and why.
+        user_count: number of the user's models among the drawn models, of which they are the first.
     """
 
     models: tuple[Mesh, ...]
@@ -66,18 +67,19 @@ class ModelLibrary:
 
     @property
     def user_share(self) -> float:
-        """The share of the falling objects that are models of the user's."""
+        """The share of the particles whose models are the user's."""
         return float(self.chances[: self.user_count].sum())
 
 
 def build_library(section: ModelsSection, particles: ParticlesSection, split: Split) -> ModelLibrary:
     """Build the models that a config asks for in a split, or load them from the cache.
 
-    Their mean silhouette depends on the stretch of ``particles``. Raises InputError where a folder is missing or has no
-    usable model, a plug-in cannot be used, or models are too few for all splits.
+    ``particles`` tells how models are stretched, on which their mean silhouette depends. All models of the library are
+    drawn. Raises InputError where a folder does not exist, the folders have no usable model, no model has a weight, a
+    plug-in cannot be used, or models are too few for all splits.
     """
     folders = [expanded(folder) for folder in section.folders]
-    if not all(folder.is_dir() for folder in folders):  # a single file may refer to any file beside it
+    if not all(folder.is_dir() for folder in folders):  # not cached: a single file may refer to any file beside it
         return _build(section, particles, split)
     files = [sorted(files_below(folder)) for folder in folders]
     families = [find_family(name) for name, weight in section.families.items() if weight > 0]
@@ -91,7 +93,7 @@ def build_library(section: ModelsSection, particles: ParticlesSection, split: Sp
             "files": [[str(path.absolute()) for path in group] for group in files],
             "versions": package_versions("numpy", "pyrr"),
             "families": {plugin.name: [plugin.record, plugin.code_sha256] for plugin in families},
-            # A reader, and a family, may be of any package.
+            # A reader or a family may use any package.
             "readers": installed_packages() if folders or families else [],
         }
 
@@ -112,9 +114,10 @@ def build_library(section: ModelsSection, particles: ParticlesSection, split: Sp
 def build_libraries(
     recipes: Sequence[tuple[ModelsSection, ParticlesSection]], split: Split
 ) -> tuple[ModelLibrary, ...]:
-    """Build the library of each recipe, see `build_library`; all hold every model that any of them draws, once.
+    """Build the library of each recipe, see `build_library`; recipes are given by their sections.
 
-    A recipe draws the same models by the same chances as if it alone had a library.
+    The libraries share their ``models``, which hold every model that any recipe draws, once. Each recipe draws the same
+    models by the same chances as from a library of its own.
     """
     likes = [(section, particles.stretch, particles.thinness) for section, particles in recipes]
     first_like = [likes.index(like) for like in likes]
@@ -128,7 +131,7 @@ def build_libraries(
         seen, drawn = Counter[str](), []
         for mesh in library.models:
             digest = _digest(mesh)
-            # A library may have equal models, and each has its own chance.
+            # A library may have several equal models, each with its own chance.
             number, _ = models.setdefault((digest, seen[digest]), (len(models), mesh))
             seen[digest] += 1
             drawn.append(number)
@@ -146,7 +149,7 @@ def _digest(mesh: Mesh) -> str:
 def _packed(library: ModelLibrary) -> Entry | None:
     """Return the library as an entry whose arrays hold the models one after the other.
 
-    None where a model was left out for a reason that may not hold the next time.
+    Returns None where a model was left out for a reason that may not hold the next time.
     """
     if any(skipped.reason.startswith(PASSING) for skipped in library.skipped):
         return None
@@ -178,7 +181,7 @@ def _unpacked(entry: Entry) -> ModelLibrary:
 def _build(section: ModelsSection, particles: ParticlesSection, split: Split) -> ModelLibrary:
     folders = [expanded(folder) for folder in section.folders]
     user, skipped = load_models(folders) if folders else ([], [])
-    # Of all splits together: held-out models are as frequent as others.
+    # The weight counts the models of all splits, so that held-out models are as frequent as the rest.
     user_weight = section.user * min(1.0, len(user) / FULL_FAMILY)
     kinds = [list(family) for family in (SIMPLE_KINDS, COMPLEX_KINDS)]
     if split.models and split.held_out:
@@ -194,14 +197,14 @@ def _build(section: ModelsSection, particles: ParticlesSection, split: Split) ->
         used = [name for name in names if weight > 0 and weights[name] > 0]
         if used:
             variants = [(name, number) for name in used for number in range(section.variants)]
-            # The kind's name is in the key, not its position: a further kind changes no model of the others.
+            # The key has the kind's name, not its position: a further kind changes no model of other kinds.
             models = [builders[name](generator(split.seed, Purpose.MODELS, name, number)) for name, number in variants]
             families.append((weight, list(map(marked_solid, models)), [weights[name] for name, _ in variants]))
     families += [(weight, models, [1.0] * len(models)) for weight, models in foreign]
     if not any(weight > 0 and models for weight, models, _ in families):
         raise InputError(
-            "there are no models to draw: models.simple and models.complex are 0, and of the user's there is none; "
-            "name a folder with some in `models.folders`, or raise a weight of the section models"
+            "there are no models to draw: no family of models with a weight above 0 has any; name a folder with models "
+            "in `models.folders`, or raise a weight of the section models"
         )
     library = [mesh for _, models, _ in families for mesh in models]
     chances = np.concatenate([weight * np.array(shares) / max(sum(shares), 1e-300) for weight, _, shares in families])
@@ -213,12 +216,12 @@ def _build(section: ModelsSection, particles: ParticlesSection, split: Split) ->
 
 
 def _tell_costs(models: Sequence[Mesh], views: int) -> None:
-    """Say what models of the user's cost that have very many triangles, before they are measured."""
+    """Log the time that the user's models with very many triangles will cost, before they are measured."""
     for mesh in models:
         if (triangles := len(mesh.triangles)) >= _MANY_TRIANGLES:
             once = "minutes" if views * triangles >= _MINUTES else "seconds"
             _LOG.info(
                 "%s has %s triangles: to measure it from %d sides takes %s now, and to draw it takes seconds in each "
-                "pair that shows it. To be faster, decimate it, for example in MeshLab or Blender",
+                "pair that shows it. To save this time, decimate it, for example in MeshLab or Blender",
                 *(mesh.name, f"{triangles:,}", views, once),
             )

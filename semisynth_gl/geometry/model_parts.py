@@ -1,4 +1,4 @@
-"""What is read from a model's file, before it becomes a mesh."""
+"""The content of a model's file as it is read, before it becomes a mesh."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 
 class BrokenModelError(Exception):
-    """A model is unusable; the message is a clause such as ``"has no triangles"``."""
+    """A model is unusable; the message is a clause about the file, such as ``"has no triangles"``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,11 +27,13 @@ class Part:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedParts:
-    """The parts of a model, each placed by one node or more.
+    """The parts of a model, each placed by one or more of N nodes.
 
     Attributes:
-        placed: (N,) int64, the part that each node places.
-        scene_from_part: (N, 4, 4) float64, where each node places it.
+        parts: the parts, each once.
+        placed: (N,) int64, the index of the part that each node places.
+        scene_from_part: (N, 4, 4) float64, each node's transform from its part's frame to the scene's, for column
+            vectors.
     """
 
     parts: tuple[Part, ...]

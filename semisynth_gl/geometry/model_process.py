@@ -1,7 +1,7 @@
-"""A process that only reads models, so that one file cannot take this process's memory, time, or life.
+"""A process that only reads models, so that no file can exhaust the main process's memory or time, or crash it.
 
-What a reader takes for a file cannot be told before it has run: trimesh has some twenty of its own and of other
-packages, and a few bytes may stand for parts without end. The system's limits hold for all of them.
+How much a file takes to read cannot be told beforehand: trimesh has some twenty readers, its own and those of other
+packages, and a few bytes may stand for parts without end. The operating system's limits hold for all readers.
 """
 
 import ctypes
@@ -24,10 +24,10 @@ from semisynth_gl.geometry.model_parts import BrokenModelError, Part, PlacedPart
 from semisynth_gl.inputs.errors import WorkerError
 
 MAX_MEMORY = 4 << 30
-"""Most bytes of memory that reading one model may take, in the process that does it."""
+"""Most bytes of memory that reading one model may take, in the process that reads."""
 
 MAX_CPU_S = 120
-"""Most seconds of a processor's time that reading one model may take; the clock's would depend on what else runs."""
+"""Most seconds of processor time that reading one model may take; the time on the clock depends on what else runs."""
 
 _DECIMATE = "decimate the model, for example in MeshLab or Blender, or save it as .glb"
 _TOO_MUCH_MEMORY = f"takes more than {MAX_MEMORY >> 30} GiB of memory to read: {_DECIMATE}"
@@ -35,16 +35,16 @@ _TOO_MUCH_TIME = f"takes more than {MAX_CPU_S} s of a processor's time to read: 
 _CRASHED = "crashes its reader"
 
 PASSING = (_TOO_MUCH_MEMORY, _TOO_MUCH_TIME, _CRASHED)
-"""Starts of the reasons for leaving a model out that may not hold the next time."""
+"""Beginnings of the reasons for leaving a model out that may be gone the next time; they are not cached."""
 
 _PR_SET_PDEATHSIG = 1
 
 
 class ModelReader:
-    """Reads models in another process, which starts with the block and ends with it."""
+    """Reads models in another process, which runs as long as the ``with`` block; it is started anew after a crash."""
 
     formats: frozenset[str]
-    """Suffixes of files, without the leading dot, that trimesh knows."""
+    """File name suffixes that trimesh knows, in lower case without the leading dot."""
 
     def __enter__(self) -> Self:
         self._start()
@@ -57,9 +57,9 @@ class ModelReader:
         self._ended()
 
     def read(self, path: Path) -> PlacedParts:
-        """Read a model's file as `model_reader.read_parts` does.
+        """Read the parts of a model's file, as `model_reader.read_parts` does.
 
-        Raises BrokenModelError likewise, and where reading takes more than `MAX_MEMORY` or `MAX_CPU_S`, or crashes.
+        Raises BrokenModelError where that raises it, and where reading exceeds `MAX_MEMORY` or `MAX_CPU_S`, or crashes.
         """
         try:
             return self._answer(path)
@@ -71,12 +71,12 @@ class ModelReader:
 
     def _start(self) -> None:
         self._process = subprocess.Popen(  # noqa: S603 - this interpreter and this module
-            # Not from the folder that the user stands in, whatever its files are called.
+            # -P: no module is imported from the current folder, whatever its files are called.
             [sys.executable, "-P", "-c", f"from {__name__} import serve; serve({MAX_MEMORY}, {MAX_CPU_S})"],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            process_group=0,  # Ctrl-C is for this process, which ends the other one
+            process_group=0,  # Ctrl-C reaches only this process, which then ends the other process
         )
         greeting = cast("BufferedReader", self._process.stdout).readline()
         if not greeting:
@@ -84,13 +84,13 @@ class ModelReader:
         self.formats = frozenset(json.loads(greeting))
 
     def _ended(self) -> int:
-        """Close the pipes of a process that ends, and return its exit code."""
+        """Close the pipes of a process that is ending, wait for it, and return its exit code."""
         with suppress(BrokenPipeError), self._process:
             pass
         return self._process.returncode
 
     def _answer(self, path: Path) -> PlacedParts:
-        """Ask for a file's parts; raises BrokenPipeError or EOFError where the process ends before it has answered."""
+        """Ask for a file's parts; raises BrokenPipeError or EOFError where the process ends without an answer."""
         questions, stream = cast("BinaryIO", self._process.stdin), cast("BufferedReader", self._process.stdout)
         questions.write(f"{json.dumps(str(path))}\n".encode())
         questions.flush()
@@ -113,13 +113,14 @@ class ModelReader:
 
 
 def serve(max_memory: int, max_cpu_s: int) -> None:
-    """Answer the questions of a `ModelReader`, from standard input to standard output; see `MAX_MEMORY`, `MAX_CPU_S`.
+    """Answer the questions of a `ModelReader`, from standard input to standard output, until the input ends.
 
-    The limit of memory comes on top of what this process has when it starts.
+    ``max_memory`` is in bytes, on top of the memory that this process has when it starts. ``max_cpu_s`` holds for each
+    model.
     """
     from semisynth_gl.geometry.model_reader import FORMATS, read_parts  # noqa: PLC0415  # trimesh loads in this process alone
 
-    # While a model is read, nothing else tells this process that the other one was killed.
+    # Ends this process with its parent: while it reads a model, nothing else tells it that the parent was killed.
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL))
     answers = os.fdopen(os.dup(1), "wb")
     with open(os.devnull, "wb") as nowhere:  # noqa: PTH123 - a device
@@ -147,7 +148,7 @@ def serve(max_memory: int, max_cpu_s: int) -> None:
 
 
 def _lower_limit(kind: int, limit: int) -> None:
-    """Set a limit of this process, where the system's is not lower already."""
+    """Set a limit of this process, but never above its hard limit."""
     _, most = resource.getrlimit(kind)
     resource.setrlimit(kind, (limit if most == resource.RLIM_INFINITY else min(limit, most), most))
 

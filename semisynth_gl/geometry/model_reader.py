@@ -1,4 +1,4 @@
-"""Reading a model's file with trimesh: its triangles and UV, and nothing from outside the folder that it lies in."""
+"""Reads a model's file with trimesh: its triangles and UV, and nothing from outside the folder that it lies in."""
 
 import bz2
 import gzip
@@ -22,21 +22,21 @@ from semisynth_gl.inputs.errors import cut, described, shown
 from semisynth_gl.inputs.user_files import open_file
 
 MAX_BYTES = 256 << 20
-"""Most bytes of a model's file with all that it refers to, unpacked."""
+"""Most bytes of a model's file together with the files that it refers to, unpacked."""
 
 MAX_TRIANGLES, MAX_VERTICES, MAX_PARTS = 2_000_000, 20_000_000, 20_000
 """Most triangles, vertices and parts of a model, counted as often as its nodes place them.
 
-Parts that share their vertices count them each.
+Vertices that several parts share count once for each part.
 """
 
-# Keeps trimesh's messages off standard error where the application sets up no log.
+# Keeps trimesh's messages off standard error where the application has not set up logging.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 _ARCHIVES = frozenset(trimesh_load.compressed_loaders)
 
 FORMATS = frozenset({*trimesh_load.mesh_loaders, *_ARCHIVES, *trimesh.available_formats()})
-"""Suffixes of files, without the leading dot, that trimesh knows; some need a package that is not installed."""
+"""File name suffixes that trimesh knows, without the leading dot; some need a package that may not be installed."""
 
 _TEXT_FORMATS = frozenset({"gltf", "obj", "off", "stl", "stl_ascii", "xyz"})
 
@@ -44,14 +44,14 @@ _LIMIT = f"the limit is {MAX_BYTES:,} bytes: decimate the model, for example in 
 
 
 def read_parts(path: Path) -> PlacedParts:
-    """Read the parts with triangles of a model's file, in the order of their nodes.
+    """Read the parts of a model's file that have triangles, in the order of the nodes that place them.
 
     Files that it refers to are looked for in its own folder and below. Nothing is downloaded; materials and textures
     are left out.
 
     Raises:
         BrokenModelError: where the file cannot be read, refers to a file elsewhere, or exceeds a limit.
-        MemoryError: where this process may not have as much memory as the reader takes.
+        MemoryError: where the reader needs more memory than this process may have.
     """
     suffix = max((kind for kind in FORMATS if path.name.lower().endswith(f".{kind}")), key=len, default=None)
     if suffix is None:
@@ -65,7 +65,8 @@ def read_parts(path: Path) -> PlacedParts:
             if suffix in _ARCHIVES:
                 scenes = _scenes_in_archive(path, suffix, content)
             else:
-                # Textures of a material would be read for nothing, but glTF's loader drops the UV map along with it.
+                # Materials are skipped, since their textures would be read for nothing. Not for glTF, whose loader
+                # drops the UV map along with the material.
                 beside, skip_materials = _Neighbours(path, MAX_BYTES - len(content)), suffix not in {"glb", "gltf"}
                 scenes = [_scene(content, suffix, beside, skip_materials=skip_materials)]
             return _placed_parts(scenes)
@@ -93,7 +94,10 @@ def _scene(content: bytes, suffix: str, resolver: Resolver, *, skip_materials: b
 
 
 def _in_utf8(content: bytes, suffix: str) -> bytes:
-    """Return text as UTF-8: for others trimesh needs a further package, though only a comment may be in Latin-1."""
+    """Return a file's content with its text in UTF-8; text in another encoding is taken for Latin-1.
+
+    For other encodings trimesh needs a further package, though often only a comment is in Latin-1.
+    """
     text = b""
     if suffix == "ply":
         text = content.partition(b"end_header")[0]
@@ -111,7 +115,7 @@ def _is_binary_stl(content: bytes, suffix: str) -> bool:
 
 
 def _placed_parts(scenes: list[trimesh.Scene]) -> PlacedParts:
-    """Return the triangle meshes of scenes, once for each node that places them."""
+    """Return the triangle meshes of scenes, and the nodes that place them."""
     meshes: list[trimesh.Trimesh] = []
     placed, matrices = [], []
     for scene in scenes:
@@ -153,7 +157,7 @@ def _part(geometry: trimesh.Trimesh) -> Part:
 
 
 class _Neighbours(Resolver):
-    """Gives trimesh the regular files in a model's folder and below, so many bytes in all, and no others."""
+    """Gives trimesh only regular files in a model's folder and below, up to ``room`` bytes in all."""
 
     def __init__(self, model: Path, room: int) -> None:
         self.file_name = model.name  # trimesh names the parts of an OBJ file by it
@@ -162,12 +166,13 @@ class _Neighbours(Resolver):
 
     def get(self, name: str) -> bytes:
         name = name.strip()
-        # As trimesh looks for it: many exporters write paths of the machine that they ran on.
+        # Tried as trimesh does: many exporters write paths of the machine that they ran on.
         for candidate in (name, name.lstrip("/"), PurePosixPath(name).name):
             try:
-                # Not strict, a link to itself would leave what follows it unresolved, and that may be a link elsewhere.
+                # If not strict, a link to itself would leave the rest of the path unresolved, which may be a link
+                # to another folder.
                 path = (self._folder / candidate).resolve(strict=True)
-            except (OSError, RuntimeError):  # of such links, RuntimeError before Python 3.13
+            except (OSError, RuntimeError):  # RuntimeError for links to themselves, before Python 3.13
                 continue
             if path.is_relative_to(self._folder) and path.is_file():
                 content = _read(path, self._room)
@@ -199,7 +204,7 @@ def _read(path: Path, room: int) -> bytes:
 
 
 def _scenes_in_archive(path: Path, suffix: str, content: bytes) -> list[trimesh.Scene]:
-    """Load what an archive has of models; a member that cannot be read does not count beside one that can."""
+    """Load the models in an archive; members that cannot be read are ignored, unless no member can be read."""
     members = _unpacked(path, suffix, content)
     resolver = ZipResolver({name: io.BytesIO(member) for name, member in members.items()})
     scenes, first_error = [], None
@@ -220,7 +225,7 @@ def _scenes_in_archive(path: Path, suffix: str, content: bytes) -> list[trimesh.
 
 
 def _unpacked(path: Path, suffix: str, content: bytes) -> Mapping[str, bytes]:
-    """Return the files in an archive by their names, in its order."""
+    """Return the content of each file in an archive by its name, in the archive's order."""
     if suffix.endswith("zip"):
         _require_room(_unpacked_size(content))
         with zipfile.ZipFile(io.BytesIO(content)) as archive:

@@ -1,4 +1,4 @@
-"""Surfaces of any place and size as one model of a library: normalised, with UV in model units."""
+"""Makes a model of surfaces of any place and size: normalised, with UV in model units."""
 
 from itertools import chain
 
@@ -12,31 +12,31 @@ from semisynth_gl.inputs.arguments import MOST, check_type, to_array
 from semisynth_gl.inputs.errors import InputError
 
 UV_LOSS = 0.5
-"""Largest share of a part's surface without usable UV; where it is larger, the part's UV map is not used at all."""
+"""Share of a part's surface without usable UV from which on the part's UV map is not used at all."""
 
 PULL_LIMIT = 16
-"""UV of a triangle is unusable where the texture is stretched this many times as much as on the rest of its part."""
+"""A triangle's UV is unusable where it stretches the texture this many times as much as the median of its part."""
 
-# A UV map that lies so many times its size away from 0 is moved there, since float32 would move its texels. A patch may
-# lie anywhere on a model.
+# A UV map farther from 0 than this many times its size is moved to 0, because float32 would shift its texels. Moving it
+# does no harm, since a patch may lie anywhere on a model.
 _FAR_UV = 1024
 
 Surface = tuple[Floats, NDArray[np.int64], Floats | None]
-"""Positions (V, 3), triangles (T, 3), and UV (V, 2) with v downwards where there is a UV map."""
+"""Positions, (V, 3); triangles, (T, 3); and UV, (V, 2) with v downwards, or None where there is no UV map."""
 
 
 def make_model(name: str, positions: object, triangles: object, uv: object = None) -> Mesh:
-    """Make a model of a surface of any place and size, as it is done with the user's files.
+    """Make a model from a surface of any place and size, as is done with the user's files.
 
     The model is normalised: its bounding sphere has radius 1 about the origin. Its UV is measured in model units. A UV
-    map is scaled to them; without one, and where it cannot be used, every triangle is projected along the nearest of 26
-    directions. Triangles without area are left out.
+    map is scaled to model units. Without a UV map, and where the map is unusable, every triangle is projected along the
+    nearest of 26 directions. Triangles without area are left out.
 
     Args:
         name: the model's name in the provenance of a sample.
         positions: (V, 3), array-like, of any unit; z is up.
         triangles: (T, 3), array-like, indices of positions; anticlockwise seen from outside.
-        uv: (V, 2), array-like, of any unit; u to the right and v downwards in the patch.
+        uv: (V, 2), array-like, of any unit; u to the right and v downwards in the patch. None for no UV map.
 
     Raises:
         InputError: where shapes, indices or values are wrong, or no triangle has an area.
@@ -46,7 +46,7 @@ def make_model(name: str, positions: object, triangles: object, uv: object = Non
     coordinates = None if uv is None else to_array(f"model {name}: uv", uv, np.float64)
     unmapped = np.zeros((len(points) if points.ndim else 0, 2))
     given = make_part(name, _scaled(points), unmapped if coordinates is None else _scaled(coordinates), triangles)
-    # Others would count in the size of the model.
+    # Vertices without a triangle would count in the size of the model.
     used, renumbered = np.unique(given.triangles, return_inverse=True)
     surface = points[used], renumbered.reshape(-1, 3), None if coordinates is None else coordinates[used]
     try:
@@ -57,13 +57,16 @@ def make_model(name: str, positions: object, triangles: object, uv: object = Non
 
 
 def _scaled(values: Floats) -> Floats:
-    """Scale numbers of any size to 1."""
+    """Scale numbers so that the largest magnitude is 1, where it is above 0 and finite."""
     largest = float(np.abs(values).max(initial=0))
     return values / largest if 0 < largest < np.inf else values
 
 
 def join_surfaces(name: str, parts: list[Surface]) -> Mesh:
-    """Join surfaces to one model, see `make_model`; raises BrokenModelError where no triangle has an area."""
+    """Join surfaces to one model, see `make_model`.
+
+    Raises BrokenModelError where there are no triangles, the model has no extent, or no triangle has an area.
+    """
     if not parts:
         raise BrokenModelError("has no triangles")
     # In float64, before anything is rounded: a model may stand far from its origin, or be of any size.
@@ -92,8 +95,8 @@ def _unwrapped(name: str, positions: Floats, triangles: NDArray[np.int64], uv: F
     mapped = (area > 0) & np.isfinite(pull)
     if area[mapped].sum() <= UV_LOSS * area.sum():
         return [project_uv(name, positions, triangles)]
-    # The texture is finer than this scale on half of the surface. A mean would be decided by a few triangles that fill
-    # much of the map, such as eyes on a body of one colour.
+    # The scale is a median: on half of the surface the texture is finer. A mean would be decided by a few triangles
+    # that fill much of the map, such as the eyes on a body of one colour.
     factor = np.sqrt(area[mapped] / uv_area[mapped])
     order = np.argsort(factor, kind="stable")
     share = np.cumsum(area[mapped][order])
@@ -101,17 +104,17 @@ def _unwrapped(name: str, positions: Floats, triangles: NDArray[np.int64], uv: F
     usable = (area == 0) | (mapped & (pull < PULL_LIMIT * scale))
     if area[usable].sum() <= UV_LOSS * area.sum():
         return [project_uv(name, positions, triangles)]
-    # Only triangles that are left out have larger ones.
+    # Only triangles that are left out, here or later, can have UV beyond these limits.
     held = np.clip(np.where(np.isfinite(uv), uv, 0) * scale, -MOST, MOST)
     kept = make_part(name, positions, held, triangles[usable])
     return [kept] if usable.all() else [kept, project_uv(name, positions, triangles[~usable])]
 
 
 def _texture_pull(corners: Floats, uv: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return twice the area of triangles, twice their UV area, and how far the texture is pulled over them; (T,) each.
+    """Return twice the area of triangles, twice their area in UV, and the pull of the texture on them; (T,) each.
 
-    The pull is the largest ratio of a length to its length in UV, over all directions. It is infinite or NaN where the
-    UV map has collapsed. Corners are (T, 3, 3), UV is (T, 3, 2).
+    The pull is the largest ratio, over all directions, of a length on the surface to its length in UV. It is infinite
+    or NaN where the UV map has collapsed. ``corners`` is (T, 3, 3), ``uv`` is (T, 3, 2).
     """
     # Squared ratios are eigenvalues of inv(T) S; S and T hold inner products of two edges, on the surface and in UV.
     a, b, c = _inner_products(np.diff(corners, axis=1))
@@ -125,6 +128,6 @@ def _texture_pull(corners: Floats, uv: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def _inner_products(edges: Floats) -> tuple[Floats, ...]:
-    """Return the products first by first, first by second and second by second of edges, (T, 2, D); (T,) each."""
+    """Return inner products of two edges, (T, 2, D): first by first, first by second, second by second; (T,) each."""
     first, second = edges[:, 0], edges[:, 1]
     return (first * first).sum(axis=1), (first * second).sum(axis=1), (second * second).sum(axis=1)

@@ -1,4 +1,4 @@
-"""Things of streets: cars, houses, signs, street lamps, benches, bicycles, bins. Their front is towards -y."""
+"""Things seen in streets: cars, houses, signs, street lamps, benches, bicycles, bins. Their front faces -y."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ _LYING = turned((0, 1, 0), np.pi / 2)
 
 
 def _across(outline: ArrayLike, width: float) -> Mesh:
-    """A side view of (P, 2) points, y and z, as thick as ``width`` along x, its middle at x = 0."""
+    """Extrude a side view, (P, 2) points in y and z, to a body ``width`` wide along x, its middle at x = 0."""
     side = np.asarray(outline, np.float64)
     middle = (side.min(axis=0) + side.max(axis=0)) / 2
     # (y, z, x) is a turn of (x, y, z), so nothing is mirrored.
@@ -86,10 +86,13 @@ def house(rng: np.random.Generator) -> list[Mesh]:
 
 
 def _window(size: Floats, at: Sequence[float]) -> list[Mesh]:
-    """A frame about a cross, and a sill, sunk into a wall across y; each stands out by another length."""
+    """A frame, a cross and a sill at ``at``, sunk into a wall across y; each stands out by a different length.
+
+    ``size`` is (2,): width and height.
+    """
     wide, high = size
     rim = rectangle(2, 2) * size / 2
-    # extruded along z, which becomes y; it is as long before the wall as behind it
+    # extruded along z, which becomes y; half of its depth is in front of the wall, half behind its face
     frame = placed(extruded(rim + 0.09 * np.sign(rim), 0.32, rim), (0, 0.16, 0), rotation=turned((1, 0, 0), np.pi / 2))
     cross = [box((0.08, 0.22, high + 0.1)), box((wide + 0.1, 0.12, 0.08), (0, 0, 0.15 * high))]
     sill = box((wide + 0.4, 0.5, 0.1), (0, 0, -high / 2 - 0.09))

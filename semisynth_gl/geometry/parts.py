@@ -1,4 +1,4 @@
-"""Parts of models: outlines, curves, rods and balls, and their places."""
+"""Parts of models: outlines, curves, rods and balls, and rotations to place them."""
 
 from collections.abc import Iterable
 
@@ -49,9 +49,9 @@ def smooth(points: ArrayLike, steps: int = 6) -> Floats:
 
 
 def rounded(corners: ArrayLike, radius: float, steps: int) -> Floats:
-    """A polyline, (N, 3), whose inner corners are replaced by arcs of ``steps`` straight pieces each.
+    """Replace the inner corners of a polyline, (N, 3), by arcs of a radius, of ``steps`` straight pieces each.
 
-    Neighbours must be at least two tangents of an arc apart.
+    Returns the points of the new polyline, (P, 3). Neighbouring corners must be far enough apart for both arcs.
     """
     given = np.asarray(corners, np.float64)
     points = [given[:1]]
@@ -96,13 +96,13 @@ def turned(axis: ArrayLike, angle_rad: float) -> Floats:
 
 
 def turned_about_z(angle_rad: float) -> Floats:
-    """Return what `turned` does for z, to the last bit and in the same order in memory, in a tenth of the time."""
+    """Return the result of `turned` for the z axis, to the last bit and in the same memory order, ten times as fast."""
     sine, cosine = 0.0 + np.sin(angle_rad), np.cos(angle_rad)
     return np.array([[cosine, sine, 0.0], [0.0 - sine, cosine, 0.0], [0.0, 0.0, (1 - cosine) + cosine]]).T
 
 
 def placed(mesh: Mesh, at: ArrayLike = (0.0, 0.0, 0.0), *, rotation: Floats | None = None) -> Mesh:
-    """Rotate a mesh, by (3, 3) for column vectors, then move its origin."""
+    """Return a mesh rotated by ``rotation``, (3, 3) for column vectors, and then moved by ``at``, (3,)."""
     positions = mesh.positions.astype(np.float64)
     if rotation is not None:
         # Not by BLAS, which rounds equal points of a seam differently, and differently on every machine.

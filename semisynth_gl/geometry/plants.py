@@ -9,7 +9,7 @@ from semisynth_gl.geometry.surfaces import grid_surface, lathe, sweep
 from semisynth_gl.geometry.vessels import hollow
 
 GOLDEN_TURN_RAD = np.pi * (3 - np.sqrt(5))
-"""Angle between one leaf and the next on many stems."""
+"""Angle between successive leaves around the stem of many plants, rad."""
 
 
 def _leaf(length: float, width: float, droop_rad: float, rows: int = 9) -> Mesh:

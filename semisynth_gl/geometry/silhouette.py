@@ -1,6 +1,6 @@
-"""The mean silhouette of models: the area that a model covers on the screen, and its relief, over all directions.
+"""The mean silhouette of models over all directions: the area that a model covers on the screen, and its relief.
 
-It is measured from height maps: each model alone, small, from several sides.
+It is measured from small height maps of each model from several sides.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from semisynth_gl.config.scene_sections import ParticlesSection
 from semisynth_gl.geometry.cells import covered_cells
 from semisynth_gl.geometry.mesh import Floats, Mesh
 
-# All models share the views, but each model has at least so many.
+# Number of views that all models share; each model has _LEAST_VIEWS or more.
 _VIEWS = 450
 _LEAST_VIEWS = 3
 _CELLS = 32
@@ -36,7 +36,7 @@ class Silhouette:
 def mean_silhouette(
     models: Sequence[Mesh], chances: Floats, section: ParticlesSection, rng: np.random.Generator
 ) -> Silhouette:
-    """Average over models by their chances, (M,), sum 1, and over random directions and scales."""
+    """Average over M models by their chances, (M,), sum 1, over random directions, and the stretch of ``section``."""
     fill = 0.0
     heights, weights = [], []
     views = views_each(len(models))
@@ -53,29 +53,29 @@ def mean_silhouette(
     order = np.argsort(height, kind="stable")
     below = np.cumsum(weight[order])
     wanted = (np.arange(_QUANTILES) + 0.5) / _QUANTILES * below[-1]
-    # Rounded, since machines may sum in different order and digests of models are compared.
+    # Rounded, since machines may sum in different orders and digests of models are compared.
     return Silhouette(round(float(fill), 9), np.round(height[order][np.searchsorted(below, wanted)], 9))
 
 
 def views_each(models: int) -> int:
-    """Return from how many sides `mean_silhouette` measures each of so many models."""
+    """Return the number of sides from which `mean_silhouette` measures each model, given the number of models."""
     return max(_LEAST_VIEWS, -(-_VIEWS // models))
 
 
 def draw_scales(section: ParticlesSection, count: int, rng: np.random.Generator) -> Floats:
-    """Draw how models are stretched along their own three axes, (count, 3) float64, the largest factor of each 1."""
+    """Draw factors by which models are stretched along their own axes, (count, 3); the largest factor of each is 1."""
     scales = section.stretch.draw_many(rng, 3 * count).reshape(count, 3)
     scales[:, 2] *= section.thinness.draw_log(rng, count)
     return np.asarray(scales / scales.max(axis=1, keepdims=True))
 
 
 def height_map(mesh: Mesh, axes: Floats, cells: int) -> Floats:
-    """Project a mesh orthographically and measure the height of its visible surface. This works without OpenGL.
+    """Project a mesh orthographically and measure the height of its visible surface, without OpenGL.
 
     The columns of ``axes``, (3, 3), are the map's x and y and the direction towards the viewer, in the model's frame;
-    its rows may be scaled as the model's axes are. The map, (cells, cells), shows the bounding sphere: the height of
-    the nearest surface at each cell's centre above the plane through the sphere's centre, in units of the sphere's
-    radius; -inf beside the model.
+    its rows may be scaled to stretch the model along its own axes. Returns a map, (cells, cells), that spans the
+    bounding sphere. It has at each cell's centre the height of the nearest surface above the plane through the sphere's
+    centre, in units of the sphere's radius, or -inf where the model does not cover the cell's centre.
     """
     points = mesh.positions.astype(np.float64) / mesh.radius @ axes
     x, y = ((points[:, axis] + 1) / 2 * cells - 0.5 for axis in (0, 1))

@@ -1,4 +1,4 @@
-"""Soft and round things: free-form lumps, figures, animals, cushions, cloth that hangs and cloth that lies."""
+"""Soft and round things: free-form lumps, figures, animals, cushions, hanging cloth and lying cloth."""
 
 import numpy as np
 
@@ -119,7 +119,7 @@ def _body(name: str, bones: list[tuple[Floats, float, Floats, float]], softness:
 
 
 def _cut(name: str, field: Field, points: Floats, reach: Floats, cells: int) -> Mesh:
-    """Cut a field out within the box of its balls."""
+    """Make a mesh of a field within the box around its balls, given by their centres, (N, 3), and radii, (N,)."""
     low, high = (points - reach[:, None]).min(axis=0), (points + reach[:, None]).max(axis=0)
     margin = 2 * (high - low).max() / cells
     return surface_of(name, field, low - margin, high + margin, cells)

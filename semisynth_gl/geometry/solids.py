@@ -9,11 +9,11 @@ from semisynth_gl.geometry.parts import arc, ball, circle
 from semisynth_gl.geometry.surfaces import box, extruded, lathe
 
 SMOOTH_SEGMENTS: Final = 48
-"""Sides of the polygon that stands for a circle: at 300 pixels across it is off by a third of a pixel."""
+"""Sides of the polygon that stands for a circle: with a diameter of 300 pixels it is off by a third of a pixel."""
 
 
 def cube(_rng: np.random.Generator) -> list[Mesh]:
-    """A cube; the only kind that never varies."""
+    """A cube; it never varies."""
     return [box((1, 1, 1))]
 
 

@@ -1,4 +1,4 @@
-"""Things that are built outdoors and in halls: stairs, ladders, fences, pipes, scaffolds, bridges."""
+"""Structures outdoors and in halls: stairs, ladders, fences, pipes, scaffolds, bridges."""
 
 from itertools import pairwise
 

@@ -4,7 +4,7 @@ Every surface has UV in model units, and triangles whose normals point outwards.
 and v downwards, so that no texture is mirrored. A model stands on z = 0 or near it, and z points up. Lengths are in
 model units.
 
-trimesh.creation has the like, without UV.
+trimesh.creation has similar functions, but without UV.
 """
 
 from typing import Final
@@ -29,16 +29,17 @@ from semisynth_gl.geometry.unwrap import facing_axes
 from semisynth_gl.inputs.errors import InputError
 
 BAND_STRETCH = 1.1
-"""Largest ratio of a length around a lathed surface to its length in UV, and of the length in UV to the other."""
+"""Largest factor by which a length around a lathed surface differs from its length in UV, either way."""
 
 BAND_SHEAR = 0.15
-"""Largest shear of the texture on a facet of a lathed surface whose slope differs from that of its band's cone."""
+"""Largest shear of the texture on a facet of a lathed surface, where its slope differs from its band's cone."""
 
 
 def grid_surface(points: ArrayLike, uv: ArrayLike | None = None) -> Mesh:
-    """Triangulate a grid of points (R, C, 3), which may coincide; its normal is (along a row) x (along a column).
+    """Triangulate a grid of points (R, C, 3), some of which may coincide; the mesh is named ``grid``.
 
-    By default UV, (R, C, 2), is the mean arc lengths along rows and columns, which suit nearly developable sheets.
+    Its normal is the cross product of the direction along a row and the direction along a column. ``uv`` is (R, C, 2);
+    by default it is the mean arc lengths along rows and columns, which suit nearly developable sheets.
     """
     grid = np.asarray(points, np.float64)
     rows, columns, _ = grid.shape
@@ -53,15 +54,15 @@ def grid_surface(points: ArrayLike, uv: ArrayLike | None = None) -> Mesh:
 
 
 def lathe(profile: ArrayLike, segments: int = 32, *, closed: bool = False) -> Mesh:
-    """Revolve a profile, (P, 2) radius and height, about the z axis; ``segments`` sides stand for the circle.
+    """Revolve a profile, (P, 2) radius and height, about the z axis; the circle is a polygon of ``segments`` sides.
 
-    The outside is to the right of the profile's direction: outwards along the bottom, up the outer side, inwards along
-    the top. The radius is zero only at ends. The surface is closed where the profile starts and ends on the axis, or
-    where ``closed`` joins its ends.
+    The outside is to the right of the profile's direction: the profile runs outwards along the bottom, up the outer
+    side, and inwards along the top. The radius may be zero only at its ends. The surface is closed where the profile
+    starts and ends on the axis, or where ``closed`` joins its ends.
 
-    The profile is cut into bands, and each band is unrolled like the cone that fits it best: an equidistant conic
-    projection, exact along the profile, and around it within `BAND_STRETCH` and `BAND_SHEAR`. Cones, cylinders and
-    discs are exact.
+    The profile is cut into bands, and each band is unrolled like the cone that fits it best. This UV, an equidistant
+    conic projection, is exact along the profile, and around the axis within `BAND_STRETCH` and `BAND_SHEAR`. It is
+    exact for cones, cylinders and discs.
     """
     points = np.asarray(profile, np.float64)
     if closed:
@@ -107,7 +108,7 @@ def _fitted_cone(radius: Floats, arc: Floats) -> tuple[float, float]:
 
 
 def _conic_uv(arc: Floats, offset: float, slope: float, angle: Floats, segments: int) -> Floats:
-    """Unroll the cone radius = offset + slope * arc over ``angle``; (R, C, 2). On the meridian of angle 0, v = -arc."""
+    """Unroll the cone radius = offset + slope * arc over ``angle``, (C,); (R, C, 2). At the angle 0, v is -arc."""
     half = np.pi / segments
     if abs(slope) < 1e-6:  # a cylinder; its circumference is that of the polygon
         u = offset * np.sin(half) / half * angle
@@ -120,13 +121,16 @@ def _conic_uv(arc: Floats, offset: float, slope: float, angle: Floats, segments:
 
 
 def sweep(section: ArrayLike, path: ArrayLike, *, closed: bool = False, scales: ArrayLike | float = 1.0) -> Mesh:
-    """Carry a polygon along a curve, in frames that turn about the curve as little as possible, and close both ends.
+    """Carry a polygon along a curve, turning it about the curve as little as possible, and close both ends.
 
-    The section, (S, 2), is anticlockwise and star-shaped about the origin; ``scales`` are its factors at each point of
-    the path, (P,) or a number. No two neighbours on the path, (P, 3), coincide; ``closed`` joins its ends.
+    Args:
+        section: (S, 2), the polygon, anticlockwise and star-shaped about the origin.
+        path: (P, 3), the curve; no two neighbours coincide.
+        closed: whether the path's last point is joined to its first; such a surface needs no caps.
+        scales: factors of the section at each point of the path, (P,), or one number.
 
-    UV takes lengths along the curve from its centre line. In a bend of radius R, lengths at distance r from the centre
-    line are off by r / R, so bends should be wider than about four times the section.
+    Lengths in UV along the curve are those of its centre line. In a bend of radius R, lengths at distance r from the
+    centre line are off by r / R, so a bend should be wider than about four times the section.
     """
     outline, points = np.asarray(section, np.float64), np.asarray(path, np.float64)
     factor = np.broadcast_to(np.asarray(scales, np.float64), len(points))
@@ -193,7 +197,7 @@ def _cap(ring: Floats, normal: Floats, centre: Floats) -> Mesh:
 
 
 def _planar_uv(points: Floats, normal: Floats) -> Floats:
-    """Return the UV of points, (N, 3), on the plane that faces along ``normal``; (N, 2)."""
+    """Return the UV of points, (N, 3), on the plane with a normal, (3,); (N, 2)."""
     u, v = facing_axes(normal[None])
     return np.stack([points @ u[0], points @ v[0]], axis=1)
 
@@ -204,7 +208,7 @@ _BOX_SIDES: Final = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0,
 
 
 def box(size: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
-    """A box about its centre; its edges, (3,) lengths, lie along the axes."""
+    """A box about its centre, with edges along the axes; ``size``, (3,), is their lengths."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     corners = np.asarray(centre, np.float64) + signs * np.asarray(size, np.float64) / 2
     sides = corners[np.array(_BOX_SIDES)]
@@ -218,8 +222,9 @@ def box(size: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
 def extruded(outline: ArrayLike, height: float, hole: ArrayLike | None = None) -> Mesh:
     """Extrude a polygon, (N, 2), anticlockwise and star-shaped about the origin, from z = 0 to ``height``.
 
-    A hole is (N, 2), anticlockwise, and inside the outline. Its n-th point faces the n-th point of the outline: the top
-    is a strip between the two. Raises InputError where hole and outline differ in their number of points.
+    ``hole`` is a polygon, (N, 2), anticlockwise and inside the outline. Its n-th point must face the n-th point of the
+    outline, because the top and the bottom are strips between the two. Raises InputError where hole and outline differ
+    in their number of points.
     """
     outer = np.asarray(outline, np.float64)
     parts = [_wall(outer, height)]
@@ -240,7 +245,7 @@ def extruded(outline: ArrayLike, height: float, hole: ArrayLike | None = None) -
 
 
 def _wall(outline: Floats, height: float) -> Mesh:
-    """Build the upright surface over a closed polygon, (N, 2); outwards where the polygon is anticlockwise."""
+    """Build the upright surface over a closed polygon, (N, 2); it faces outwards if the polygon is anticlockwise."""
     loop = np.concatenate([outline, outline[:1]])
     return grid_surface([_at_height(loop, 0.0), _at_height(loop, height)])
 
@@ -262,10 +267,10 @@ _CELL_SIDES: Final = (
 
 
 def extruded_cells(solid: ArrayLike, x: ArrayLike, y: ArrayLike, height: float) -> Mesh:
-    """Extrude the solid cells of a rectangular grid from z = 0 to ``height``: panels, lattices, letters.
+    """Extrude the solid cells of a rectangular grid from z = 0 to ``height``, for panels, lattices and letters.
 
-    The cells are (R, C) bool, row along y and column along x; x, (C + 1,), and y, (R + 1,), are increasing borders. The
-    surface is closed. It is a manifold where no two solid cells touch at a corner alone.
+    ``solid`` is (R, C) bool, with rows along y and columns along x; ``x``, (C + 1,), and ``y``, (R + 1,), are the
+    cells' borders, increasing. The surface is closed. It is a manifold unless two solid cells touch only at a corner.
     """
     padded = np.pad(np.asarray(solid, bool), 1)
     rows, columns = np.nonzero(padded[1:-1, 1:-1])
@@ -285,5 +290,5 @@ def extruded_cells(solid: ArrayLike, x: ArrayLike, y: ArrayLike, height: float) 
 
 
 def _cumulative(steps: Floats) -> Floats:
-    """Return sums of the first 0, 1, .. steps."""
+    """Return the sums of the first 0, 1, ..., N of N steps; (N + 1,)."""
     return np.concatenate([[0.0], np.cumsum(steps)])

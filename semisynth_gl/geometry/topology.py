@@ -1,6 +1,6 @@
 """Connections between triangles: vertices at equal positions, neighbours across edges, closed surfaces.
 
-trimesh has the like, but takes longer to load than all else together; scipy is no dependency.
+trimesh has similar functions, but takes longer to load than everything else together; scipy is not a dependency.
 """
 
 from dataclasses import replace
@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from semisynth_gl.geometry.mesh import Mesh, centred, cross
 
 NO_NEIGHBOUR = 0xFFFFFFFF
-"""Stands for a neighbour where a triangle has none."""
+"""Stands for the neighbour across an edge where a triangle has none."""
 
 
 def neighbours(mesh: Mesh) -> NDArray[np.uint32]:
-    """Find the triangle across each edge; (T, 3).
+    """Find the triangle across each edge of each triangle; (T, 3) uint32.
 
-    Entry k is the triangle across the edge from corner k to corner k + 1, or `NO_NEIGHBOUR` at a border and where more
-    than two triangles meet.
+    Column k has the number of the triangle across the edge from corner k to the next corner. It is `NO_NEIGHBOUR` at a
+    border, and where more than two triangles share the edge.
     """
     start, stop, count = _edges(centred(mesh).mesh)
     edge = np.minimum(start, stop) * count + np.maximum(start, stop)
@@ -34,8 +34,9 @@ def neighbours(mesh: Mesh) -> NDArray[np.uint32]:
 def is_solid(mesh: Mesh) -> bool:
     """Return whether a surface is closed and all its connected parts are wound anticlockwise seen from outside.
 
-    Every edge must be passed as often in one direction as in the other, and every part must enclose a positive volume.
-    Where no part turns inside out by crossing itself, a ray from outside then meets the front of a triangle first.
+    Triangles must pass every edge as often in one direction as in the other, and every connected part must enclose a
+    positive volume. A ray from outside then meets the front of a triangle first, unless a part turns itself inside out
+    by crossing itself.
     """
     mesh = centred(mesh).mesh
     start, stop, count = _edges(mesh)
@@ -53,9 +54,10 @@ def marked_solid(mesh: Mesh) -> Mesh:
 
 
 def _edges(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
-    """Return start and stop of the three edges of each triangle in turn, (3 T,) each, and the number of vertices.
+    """Return the first and last vertex of the three edges of each triangle in turn, (3 T,) each.
 
-    Equal positions share a number, since UV seams do not cut a surface. Positions are float32.
+    The third result is the number of vertices. Vertices at equal positions count as one, since UV seams do not cut a
+    surface. The mesh's positions must be float32.
     """
     # Adding 0 turns -0.0 into 0.0, whose bits differ.
     bits = np.ascontiguousarray(mesh.positions + np.float32(0)).view(np.uint32).astype(np.uint64)
@@ -69,7 +71,7 @@ def _edges(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
 
 
 def _parts(start: NDArray[np.int64], stop: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """Return for each vertex the least number of a vertex that it is connected with."""
+    """Return for each vertex the smallest number of a vertex that it is connected with, itself included; (count,)."""
     label = np.arange(count)
     while True:
         lower = label.copy()

@@ -10,7 +10,7 @@ from semisynth_gl.geometry.mesh import Floats, Mesh, cross, face_normals, length
 
 
 def facing_axes(normals: Floats) -> tuple[Floats, Floats]:
-    """Return the texture's u and v axes on planes that face along ``normals``; (N, 3) unit vectors each.
+    """Return the texture's u and v axes on planes with unit normals, (N, 3); (N, 3) unit vectors each.
 
     Seen from outside, u runs to the right and v downwards. Down is -z, except on planes that face along z, where it is
     -y. So u, -v and the normal are right-handed.
@@ -28,13 +28,14 @@ DIRECTIONS: Final = _STEPS / lengths(_STEPS)[:, None]
 
 
 def project_uv(name: str, positions: ArrayLike, triangles: ArrayLike) -> Mesh:
-    """Give a mesh UV in model units; a length on the surface is 1 to 1.13 times its length in UV.
+    """Make a mesh with UV in model units from positions, (V, 3), and triangles, (T, 3) indices.
 
-    A vertex whose triangles are projected along several directions is duplicated, once per direction.
+    A length on the surface is 1 to 1.13 times its length in UV. A vertex whose triangles are projected along several
+    directions becomes several vertices, one per direction.
     """
     points = np.asarray(positions, np.float64)
     index = np.asarray(triangles, np.int64)
-    # Not by BLAS, whose rounding, and with it the choice among equals, depends on the machine.
+    # Not by BLAS, whose rounding depends on the machine, and with it the choice among equally near directions.
     direction = np.argmax(np.einsum("ti,di->td", face_normals(points[index]), DIRECTIONS), axis=1)
     # Equal pairs of vertex and direction share a vertex of the result.
     pairs = index * len(DIRECTIONS) + direction[:, None]

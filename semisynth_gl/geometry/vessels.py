@@ -1,4 +1,4 @@
-"""Things that hold something: bottles, vases, mugs, glasses, bowls, baskets, cages."""
+"""Vessels: bottles, vases, mugs, glasses, bowls, baskets, cages."""
 
 import numpy as np
 
@@ -8,10 +8,10 @@ from semisynth_gl.geometry.surfaces import lathe
 
 
 def hollow(outside: Floats, wall: float) -> Floats:
-    """A vessel's whole profile, (Q, 2), from the middle of the foot over the lip to the middle of the inner floor.
+    """Return a vessel's profile, (Q, 2), from the middle of the foot over the lip to the middle of the inner floor.
 
-    The outside is (P, 2) radius and height from the foot's rim to the lip, rising, without sharp steps, which an offset
-    by the wall would fold over.
+    ``outside``, (P, 2), is radius and height from the foot's rim up to the lip. It must rise, and have no sharp steps,
+    which would fold over when the profile is offset inwards by ``wall``, the thickness.
     """
     along = np.gradient(outside, axis=0)
     along /= lengths(along)[:, None]
@@ -42,7 +42,7 @@ def bottle(rng: np.random.Generator) -> list[Mesh]:
 
 
 def vase(rng: np.random.Generator) -> list[Mesh]:
-    """A vase with a belly, a waist and a lip of any size; open at the top."""
+    """A vase with a belly, a waist and a lip of random sizes; open at the top."""
     height = rng.uniform(0.8, 1.6)
     radii = rng.uniform((0.2, 0.3, 0.12, 0.16), (0.35, 0.5, 0.3, 0.42))
     heights = np.array([0, rng.uniform(0.25, 0.5), rng.uniform(0.7, 0.85), 1]) * height
@@ -51,7 +51,7 @@ def vase(rng: np.random.Generator) -> list[Mesh]:
 
 
 def mug(rng: np.random.Generator) -> list[Mesh]:
-    """A mug and the handle that one can look through."""
+    """A mug with a handle that one can look through."""
     radius, height, wall = rng.uniform(0.3, 0.45), rng.uniform(0.6, 1.1), rng.uniform(0.025, 0.05)
     foot = radius * rng.uniform(0.75, 1)
     outside = np.array([(foot, 0), (radius, 0.08), (radius, 0.5 * height), (radius * rng.uniform(0.95, 1.1), height)])
@@ -75,7 +75,7 @@ def goblet(rng: np.random.Generator) -> list[Mesh]:
 
 
 def bowl_stack(rng: np.random.Generator) -> list[Mesh]:
-    """Bowls in each other, not quite centred."""
+    """Bowls stacked in each other, not quite centred."""
     parts, floor = [], 0.0
     radius = rng.uniform(0.5, 0.7)
     for _ in range(int(rng.integers(2, 6))):
@@ -90,7 +90,7 @@ def bowl_stack(rng: np.random.Generator) -> list[Mesh]:
 
 
 def jug(rng: np.random.Generator) -> list[Mesh]:
-    """A jug with a tall handle and a spout of pipe, as a watering can has."""
+    """A jug with a tall handle and a pipe for a spout, like a watering can."""
     radius, height = rng.uniform(0.3, 0.4), rng.uniform(0.5, 0.8)
     top = radius * rng.uniform(0.5, 0.8)
     outside = smooth([(0.9 * radius, 0), (radius, 0.3 * height), (0.9 * radius, 0.7 * height), (top, height)], 6)
