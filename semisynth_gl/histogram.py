@@ -13,8 +13,8 @@ class Histogram:
     """Shares of pixels in bins of disparity, spread evenly within each bin.
 
     Attributes:
-        edges_px: (K + 1,) float64, rising.
-        shares: (K,) float64, 0 or more, sum 1.
+        edges_px: (K + 1,) float64, the rising edges of K bins.
+        shares: (K,) float64, the share of the pixels in each bin, 0 or more, sum 1.
     """
 
     edges_px: NDArray[np.float64]
@@ -39,23 +39,26 @@ class Histogram:
         return float(self.shares @ (self.edges_px[1:] + self.edges_px[:-1]) / 2)
 
     def cumulative(self, disparity_px: ArrayLike) -> NDArray[np.float64]:
-        """Return the share of the pixels below each disparity, float64 in the shape of ``disparity_px``."""
+        """Return the share of the pixels with less than each disparity, float64 in the shape of ``disparity_px``."""
         return np.asarray(np.interp(np.asarray(disparity_px, np.float64), self.edges_px, self._at_edges()), np.float64)
 
     def quantile(self, share: float) -> float:
-        """Return the disparity below which a share of the pixels lies."""
+        """Return the disparity, px, below which a share of the pixels (0 to 1) lies."""
         return float(np.interp(share, self._at_edges(), self.edges_px))
 
     def rebinned(self, edges_px: ArrayLike) -> Self:
-        """Return the histogram in other bins, (K + 1,) rising; the outer bins take what lies beyond their edges."""
+        """Return the histogram in bins with other edges, (K + 1,) rising.
+
+        The first and the last bin also take the pixels beyond their outer edges.
+        """
         edges = np.asarray(edges_px, np.float64)
         cumulative = self.cumulative(edges)
         cumulative[0], cumulative[-1] = 0.0, 1.0
-        # Sums and interpolations may fall by a rounding, and shares may not be below 0.
+        # Rounding may make the cumulative shares fall slightly, but shares must not be below 0.
         return type(self)(edges, np.diff(np.maximum.accumulate(np.minimum(cumulative, 1.0))))
 
     def seen_from(self, ratio: float, doffs_px: float) -> Self:
-        """Return the same surfaces' histogram by a rig with ``ratio`` times this rig's baseline, and the same doffs."""
+        """Return the histogram of the same surfaces for a rig with ``ratio`` times the baseline and the same doffs."""
         return type(self)(ratio * (self.edges_px + doffs_px) - doffs_px, self.shares)
 
     def _at_edges(self) -> NDArray[np.float64]:
@@ -63,9 +66,9 @@ class Histogram:
 
 
 class PixelCount:
-    """Counts the disparities of successive images in (K + 1,) rising edges: ``counts``, (K,) int64.
+    """Counts the disparities of successive images in K bins, given (K + 1,) rising edges.
 
-    The outer bins count what lies beyond their edges, too.
+    ``counts``, (K,) int64, has the result. The first and the last bin also count disparities beyond their outer edges.
     """
 
     def __init__(self, edges_px: ArrayLike) -> None:
@@ -73,7 +76,7 @@ class PixelCount:
         self.counts = np.zeros(len(self.edges_px) - 1, np.int64)
 
     def add(self, disparity: NDArray[np.floating]) -> None:
-        """Count the finite values of an array of any shape."""
+        """Count the finite disparities, px, in an array of any shape."""
         inner = np.concatenate([[-np.inf], self.edges_px[1:-1], [np.inf]])
         self.counts += np.histogram(disparity[np.isfinite(disparity)], inner)[0]
 
@@ -84,16 +87,16 @@ class PixelCount:
 
 
 def total_variation(first: Histogram, second: Histogram) -> float:
-    """Half the sum of the absolute differences of shares, in the bins of ``first``: from 0 for equal ones to 1."""
+    """Return half the sum of the absolute differences of shares, in the bins of ``first``: 0 if equal, 1 at most."""
     return float(np.abs(first.shares - second.rebinned(first.edges_px).shares).sum() / 2)
 
 
 def wasserstein_px(first: Histogram, second: Histogram) -> float:
-    """Wasserstein-1 distance: the area between the two cumulative distributions, in px."""
+    """Return the Wasserstein-1 distance: the area between the two cumulative distributions, px."""
     edges = np.union1d(first.edges_px, second.edges_px)
     difference = first.cumulative(edges) - second.cumulative(edges)
     begin, end, width = difference[:-1], difference[1:], np.diff(edges)
-    # The difference is linear between edges; where its sign changes, two triangles make up the area.
+    # The difference is linear between edges; where its sign changes, the area consists of two triangles.
     total = np.abs(begin) + np.abs(end)
     with np.errstate(invalid="ignore", divide="ignore"):
         triangles = (begin**2 + end**2) / (2 * total)
@@ -101,5 +104,8 @@ def wasserstein_px(first: Histogram, second: Histogram) -> float:
 
 
 def mix_histograms(parts: Iterable[tuple[float, Histogram]], edges_px: ArrayLike) -> Histogram:
-    """Mix histograms by weights, in the bins of ``edges_px``, (K + 1,) rising."""
+    """Mix histograms, given with their weights of any sum, in bins with edges ``edges_px``, (K + 1,) rising.
+
+    Raises ValueError where there are no weights above 0.
+    """
     return Histogram.from_counts(edges_px, sum(weight * part.rebinned(edges_px).shares for weight, part in parts))

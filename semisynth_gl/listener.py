@@ -1,4 +1,4 @@
-"""What a long function reports while it runs, and the caller's wish that it stops."""
+"""Reports of a long function while it runs, and the caller's way to stop it."""
 
 from dataclasses import dataclass
 
@@ -7,11 +7,13 @@ from semisynth_gl.seeds.splits import SplitName
 
 @dataclass(frozen=True, slots=True)
 class FinishedPair:
-    """A pair that a long function is finished with, by its number in its split.
+    """A pair that a long function has finished.
 
     Attributes:
+        split: the pair's split.
+        index: the pair's number in its split.
         redrawn: why each earlier attempt failed its checks; only the first frame of a sequence has these reasons.
-        share_beyond: share of the pixels whose disparity the encoding cannot store, of the view with the larger share.
+        share_beyond: share of the pixels whose disparity the encoding cannot store, in the view with the larger share.
         kept: whether an earlier run wrote the pair.
     """
 
@@ -23,7 +25,7 @@ class FinishedPair:
 
 
 class Listener:
-    """Hears how a long function gets on. No method does anything: override the methods that matter to you.
+    """Receives the progress of a long function. The ``on_`` methods do nothing: override those that you need.
 
     Methods run in the process and thread that called the long function. An exception in a method ends the function.
     """
@@ -32,7 +34,7 @@ class Listener:
 
     @property
     def stopping(self) -> bool:
-        """Whether the long function should return soon, with what it has."""
+        """Whether the long function should return soon, with its results so far."""
         return self._stopping
 
     def stop(self) -> None:
@@ -40,16 +42,16 @@ class Listener:
         self._stopping = True
 
     def on_message(self, text: str) -> None:
-        """Hear a sentence for the user."""
+        """Receive a sentence for the user."""
 
     def on_renderer(self, name: str) -> None:
-        """Hear that a worker has opened a renderer, by the driver's name for it (GL_RENDERER)."""
+        """Called when a worker has opened a renderer; ``name`` is the driver's name for it (GL_RENDERER)."""
 
     def on_total(self, pairs: int) -> None:
-        """Hear how many pairs will follow, before the first one."""
+        """Called before the first pair, with the number of pairs that will follow."""
 
     def on_pair(self, pair: FinishedPair) -> None:
-        """Hear that a pair is on disk, or measured."""
+        """Called when a pair is on disk, or has been measured."""
 
     def on_stage(self, stage: str) -> None:
-        """Hear that a stage of a pair has ended, see `PAIR_STAGES`; only renderers with a listener report stages."""
+        """Called when a stage of a pair has ended, see `PAIR_STAGES`; only renderers with a listener report stages."""

@@ -1,7 +1,7 @@
-"""Plug-ins: layouts, texture sources, families of models and scene recipes of other installed packages.
+"""Plug-ins: layouts, texture sources, families of models and scene recipes from other installed packages.
 
-A package names them as entry points, one group for each sort. Names are found without importing any package; a plug-in
-is imported when it is asked for. Processes find the plug-ins by themselves, wherever the packages are installed.
+A package declares its plug-ins as entry points, with one group for each sort. Names are found without importing any
+package; a plug-in is imported when its value is first used. Each process finds the plug-ins by itself.
 """
 
 import hashlib
@@ -19,20 +19,20 @@ from typing import Any, Final, Literal, get_args
 from semisynth_gl.inputs.errors import InputError, SemisynthError, described, did_you_mean, near, shown
 
 Group = Literal["layouts", "textures", "models", "recipes"]
-"""The sorts of plug-ins; entry points of the group `semisynth_gl.layouts` are layouts, and so on."""
+"""The sorts of plug-ins; layouts are the entry points of the group ``semisynth_gl.layouts``, and so on."""
 
 GROUPS: tuple[Group, ...] = get_args(Group)
 
 NOUNS: Final[Mapping[str, str]] = MappingProxyType(
     {"layouts": "layout", "textures": "texture source", "models": "family of models", "recipes": "scene recipe"}
 )
-"""What one plug-in of a group is called in messages."""
+"""The noun for a plug-in of each group, for messages."""
 
 Used = Iterable[tuple[Group, str]]
-"""Names of what a dataset uses, with their groups."""
+"""Group and name of each plug-in that a dataset uses."""
 
 Records = Mapping[str, Mapping[str, Mapping[str, str]]]
-"""Who each plug-in comes from, ``{"package": NAME, "version": VERSION}``, by group and name, in JSON's types."""
+"""The package of each plug-in, ``{"package": NAME, "version": VERSION}``, by group and name, in JSON's types."""
 
 
 class MissingPluginError(InputError):
@@ -57,18 +57,21 @@ class Plugin:
 
     @cached_property
     def value(self) -> Any:  # noqa: ANN401 - what it should be depends on the group
-        """What the entry point refers to, imported at the first use; raises InputError where it cannot be imported."""
+        """The object that the entry point refers to, imported at the first use; raises InputError where that fails."""
         with self.blamed("cannot be imported"):
             return self.entry.load()
 
     @property
     def record(self) -> dict[str, str]:
-        """Who it comes from, as datasets record it; see `Records`."""
+        """The plug-in's package and its version, as datasets record them; see `Records`."""
         return {"package": self.package, "version": self.version}
 
     @property
     def code_sha256(self) -> str:
-        """SHA-256 of the entry point's module, or of its package's modules; raises OSError where they are no files."""
+        """SHA-256 of all modules of the entry point's top package, or of its single module.
+
+        Raises OSError where the code is not in files.
+        """
         spec = find_spec(self.entry.module.partition(".")[0])
         if spec is None or (spec.origin is None and not spec.submodule_search_locations):
             raise FileNotFoundError(self.entry.module)
@@ -80,14 +83,14 @@ class Plugin:
         return digest.hexdigest()
 
     def fault(self, fault: str) -> InputError:
-        """Return the error of a plug-in that is not what its group asks for: what was expected, and what came."""
+        """Return an error about the plug-in; ``fault`` says what its group expects, and what the plug-in gave."""
         return InputError(f"{self}: {fault}")
 
     @contextmanager
     def blamed(self, what: str) -> Iterator[None]:
-        """Turn any error of the plug-in's own code into an `InputError` that names the plug-in and the line.
+        """Turn any error in the ``with`` block into an `InputError` that names the plug-in and the line of its code.
 
-        The message says what the plug-in did, such as ``"cannot be imported"``. MemoryError and KeyboardInterrupt pass.
+        ``what`` says what the plug-in did, such as ``"cannot be imported"``. MemoryError and KeyboardInterrupt pass.
         """
         try:
             yield
@@ -104,7 +107,7 @@ class Plugin:
 
 @cache
 def installed_plugins() -> tuple[Plugin, ...]:
-    """Return all plug-ins of all installed packages, sorted by group, name and package; none of them is imported."""
+    """Return the plug-ins of all installed packages, sorted by group, name and package, without importing them."""
     everything = entry_points()
     found = [
         Plugin(group, entry.name, entry.dist.name, entry.dist.version, entry)
@@ -116,7 +119,7 @@ def installed_plugins() -> tuple[Plugin, ...]:
 
 
 def plugin_names(group: Group) -> tuple[str, ...]:
-    """Return the names of the installed plug-ins of a group, sorted; none of them is imported."""
+    """Return the names of the installed plug-ins of a group, sorted, without importing the plug-ins."""
     return tuple(dict.fromkeys(each.name for each in installed_plugins() if each.group == group))
 
 
@@ -125,11 +128,16 @@ def _called(group: Group, name: str) -> list[Plugin]:
 
 
 def find_plugin(group: Group, name: str, built_in: Collection[str] = ()) -> Plugin:
-    """Return the plug-in of a name; it is not imported yet. The message lists ``built_in`` names, too.
+    """Return the plug-in of a name, without importing it.
+
+    Args:
+        group: the sort of plug-in.
+        name: the entry point's name.
+        built_in: names of the program's own, which the message lists beside those of plug-ins.
 
     Raises:
-        MissingPluginError: where no installed package has it.
-        InputError: where two packages have it.
+        MissingPluginError: where no installed package has the plug-in.
+        InputError: where two packages have a plug-in of this name.
     """
     found = _called(group, name)
     if not found:
@@ -147,7 +155,7 @@ def find_plugin(group: Group, name: str, built_in: Collection[str] = ()) -> Plug
 
 
 def refuse_clash(group: Group, name: str) -> None:
-    """Raise InputError where a plug-in has the name of something built in, which is asked for."""
+    """Raise InputError where a plug-in has the name of the built-in layout, source, ... that is asked for."""
     for each in _called(group, name):
         raise each.fault(
             f"expected a name of its own, got that of a built-in {NOUNS[group]}: rename the entry point, or "
@@ -156,7 +164,7 @@ def refuse_clash(group: Group, name: str) -> None:
 
 
 def plugin_records(used: Used) -> dict[str, dict[str, dict[str, str]]]:
-    """Return who the plug-ins come from that something uses, for its provenance; raises as `find_plugin` does."""
+    """Return the records of the plug-ins that a dataset uses, see `Records`; raises as `find_plugin` does."""
     records: dict[str, dict[str, dict[str, str]]] = {}
     for group, name in sorted(used, key=lambda each: (GROUPS.index(each[0]), each[1])):
         records.setdefault(group, {})[name] = find_plugin(group, name).record
@@ -164,9 +172,10 @@ def plugin_records(used: Used) -> dict[str, dict[str, dict[str, str]]]:
 
 
 def require_plugins(records: Records, groups: Collection[Group] = GROUPS, *, same: bool = False) -> None:
-    """Check that a dataset's plug-ins of some groups are installed, and where ``same``, in the same versions.
+    """Check that the plug-ins of a dataset's records are installed, for some groups.
 
-    Raises MissingPluginError, with the command that installs it, where one is not.
+    Where ``same`` is set, they must come from the same packages in the same versions. Raises MissingPluginError, with
+    the command to install it, where a plug-in is missing.
     """
     for group in groups:
         for name, record in records.get(group, {}).items():

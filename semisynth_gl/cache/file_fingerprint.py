@@ -1,4 +1,4 @@
-"""Fingerprints of files: equal size and times prove equal content; else the content is hashed."""
+"""Fingerprints of files: equal sizes and times prove equal content; where they differ, the content is hashed."""
 
 import hashlib
 import time
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from semisynth_gl.inputs.user_files import open_file
 
-# A file that changes twice within one tick of its file system's clock (two seconds on some) keeps its times. Times
+# A file that changes twice within one tick of its file system's clock (up to two seconds) keeps its times. So times
 # prove nothing where they were younger than this when the content was read.
 _YOUNG_NS = 2_000_000_000
 
@@ -15,8 +15,9 @@ _YOUNG_NS = 2_000_000_000
 class FileFingerprint(NamedTuple):
     """The state of a file, in JSON's types: its size in bytes, its times, and the SHA-256 of its content.
 
-    Times are -1 where they prove nothing: mtime of the last change of the content, and ctime of the last change of
-    content, name or rights, which programs cannot set back. The hash is empty where the content was not read.
+    ``mtime_ns`` is the time of the last change of the content. ``ctime_ns`` is the time of the last change of content,
+    name or rights, which programs cannot set back. Both are -1 where they prove nothing. ``sha256`` is empty where the
+    content was not read.
     """
 
     size: int
@@ -26,7 +27,7 @@ class FileFingerprint(NamedTuple):
 
 
 def stat_fingerprint(path: Path) -> FileFingerprint | None:
-    """Return a file's fingerprint without its content, or None where there is no such file."""
+    """Return a file's fingerprint without reading its content, or None where the file cannot be looked up."""
     try:
         status = path.stat()
     except OSError:
@@ -35,9 +36,10 @@ def stat_fingerprint(path: Path) -> FileFingerprint | None:
 
 
 def read_fingerprint(path: Path, before: FileFingerprint | None) -> FileFingerprint | None:
-    """Return a file's fingerprint with its content; None where it cannot be read or has changed since ``before``.
+    """Return a file's fingerprint with the hash of its content.
 
-    That is its `stat_fingerprint` from before anything of it was read.
+    ``before`` is the file's `stat_fingerprint` from before a result was made of it. Returns None where that is None, or
+    the file has changed since or cannot be read.
     """
     try:
         with open_file(path) as file:
@@ -52,7 +54,7 @@ def read_fingerprint(path: Path, before: FileFingerprint | None) -> FileFingerpr
 
 
 def revalidated(path: Path, known: FileFingerprint) -> FileFingerprint | None:
-    """Return a file's fingerprint with its present times, or None where its content is not the known one."""
+    """Return a file's fingerprint with its present times, or None where its content is no longer that of ``known``."""
     now = stat_fingerprint(path)
     if now is None or now.size != known.size:
         return None

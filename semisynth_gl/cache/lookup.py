@@ -1,10 +1,10 @@
 """Cache lookup: a result is built once, and loaded as long as its key and its files are the same.
 
-The key of a result holds all that decides it: the builder's version, values, versions of packages. The files that went
-into a result are compared by their fingerprints; files that the build did not open do not count.
+The key of a result holds everything that decides it: the builder's version, values, versions of packages. The files
+that went into a result are compared by their fingerprints; files that the build did not open do not count.
 
-The code of a builder is not part of the key. Its module has a `VERSION`, which is raised with each change of what it
-makes of the same inputs, and of how it packs that; tests/built.py finds changes that were made without.
+The code of a builder is not part of the key. Its module has a `VERSION`; increase it with each change of what the
+builder makes of the same inputs, or of how it packs the result. tests/built.py finds changes without an increase.
 """
 
 import hashlib
@@ -36,15 +36,16 @@ def cached(
     pack: Callable[[_Result], Entry | None],
     unpack: Callable[[Entry], _Result],
 ) -> _Result:
-    """Return a result from the cache, or build it and put it there; errors of ``build`` are passed on.
+    """Return a result from the cache, or build it and put it into the cache; errors of ``build`` are passed on.
 
     Args:
-        kind: the first part of the entry's name.
-        version: the builder's, the second part.
-        key: returns, in JSON's types, all that decides the result except the content of files. Where it raises OSError
-            or ImportError, the cache is not used.
-        work: what ``build`` does, where it takes seconds: logged as INFO before it begins.
-        files: all files that the build may open. The key must hold their number and order.
+        kind: the sort of result, the first part of the entry's name.
+        version: the builder's version, the second part of the name.
+        key: returns, in JSON's types, everything that decides the result except the content of files. Where it raises
+            OSError or ImportError, the cache is not used.
+        work: what ``build`` does, such as "making models", logged as INFO before it begins; None where it is quick.
+        files: all files that the build may open. Entries refer to them by number, so the key must tell which file has
+            which number.
         build: returns the result, and the files that it opened.
         pack: turns a result into an entry; None keeps the result out of the cache.
         unpack: turns an entry into a result that equals the built one in every value.
@@ -61,7 +62,7 @@ def cached(
     name = f"{kind}-{version}-{hashlib.sha256(text.encode()).hexdigest()[:32]}"
     entry = read_entry(name)
     if entry is not None:
-        # An unfit entry is built again.
+        # A result whose entry is unfit is built again.
         with suppress(LookupError, TypeError, ValueError, AttributeError, OverflowError, OSError, SemisynthError):
             known = {int(index): FileFingerprint(*values) for index, values in entry.values["files"].items()}
             current = {index: revalidated(files[index], fingerprint) for index, fingerprint in known.items()}
@@ -85,12 +86,15 @@ def cached(
 
 
 def package_versions(*packages: str) -> dict[str, str]:
-    """Return the versions of installed packages by name; raises ImportError where one has no metadata."""
+    """Return the versions of packages by name; raises ImportError where a package is not installed."""
     return {package: version(package) for package in packages}
 
 
 def installed_packages() -> list[str]:
-    """Return names and versions of all installed packages, for results that any package may change."""
+    """Return the metadata folders of all installed packages, which have name and version, such as "x-1.0.dist-info".
+
+    They are for the keys of results that any package may change.
+    """
     names = {path.name for folder in map(Path, sys.path) if folder.is_dir() for path in folder.iterdir()}
     return sorted(name for name in names if name.endswith((".dist-info", ".egg-info")))
 

@@ -1,10 +1,10 @@
 """The cache's entries on disk: values and arrays under a name.
 
-The cache may be emptied, damaged, full, forbidden or shared by several processes at any time. Whatever goes wrong, an
+At any time the cache may be emptied, damaged, full, forbidden or shared by several processes. Whatever goes wrong, the
 entry counts as absent, and the run goes on without it. An entry is one file, which is written under a temporary name
-and renamed once. It holds checksums of all its content, and is read into memory before they are compared: a mapped file
-could change, or be cut off, while a run uses it. NumPy's .npz would do, had it checksums of all its bytes; diskcache
-unpickles what it finds, and so would run what somebody put there.
+and then renamed. It holds checksums of all its content. It is read into memory before the checksums are compared: a
+mapped file could change, or be cut off, while a run uses it. NumPy's .npz has no checksums of all its bytes. diskcache
+unpickles the content of its files, and so would run code that somebody put there.
 """
 
 import json
@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 from semisynth_gl.inputs.user_files import open_file
 
 LIMIT_BYTES = 4_000_000_000
-"""Upper limit of all entries together; a full atlas of 256-pixel patches takes 134 MB."""
+"""Largest size of all entries together; a full atlas of 256-pixel patches takes 134 MB."""
 
 LIMIT_SHARE = 0.1
-"""Upper limit of all entries, as a share of the space that the disk would have free without them."""
+"""Largest size of all entries together, as a share of the space that the disk would have free without them."""
 
 SUFFIX, PARTIAL_SUFFIX = ".prepared", ".prepared-partial"
 _VARIABLE = "SEMISYNTH_GL_CACHE"
@@ -39,9 +39,9 @@ _DTYPES = frozenset(np.dtype(code).str for code in (*np.typecodes["AllInteger"],
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
-    """The content of an entry: values in JSON's types, and arrays by name.
+    """The content of an entry: values in JSON's types, and arrays of numbers or bool, both by name.
 
-    Arrays of an entry from disk are writable, and a write changes nothing on disk.
+    The arrays of an entry that was read from disk are writable; writing to them changes nothing on disk.
     """
 
     values: dict[str, Any]
@@ -63,7 +63,10 @@ def cache_folder() -> Path | None:
 
 
 def cache_summary() -> str:
-    """Return one line with the cache's folder, its size and the limit of its size."""
+    """Return one line with the cache's folder, the size of its entries and `LIMIT_BYTES`, or "off".
+
+    On a disk with little free space, `LIMIT_SHARE` makes the true limit lower than the one in the line.
+    """
     folder = cache_folder()
     if folder is None:
         return "off"
@@ -72,7 +75,7 @@ def cache_summary() -> str:
 
 
 def read_entry(name: str) -> Entry | None:
-    """Return the entry of a name, all of it in memory; None where it is absent or damaged."""
+    """Return the entry of a name, all of it in memory; None where it is absent, unreadable or damaged."""
     folder = cache_folder()
     if folder is None:
         return None
@@ -83,12 +86,16 @@ def read_entry(name: str) -> Entry | None:
     except (OSError, ValueError, LookupError, TypeError, OverflowError, RecursionError, MemoryError):
         return None
     with suppress(OSError):
-        os.utime(path)  # the entries that were unused for longest are removed first
+        os.utime(path)  # marks the entry as used: the entries that were unused for longest are removed first
     return entry
 
 
 def write_entry(name: str, entry: Entry) -> None:
-    """Write an entry in place of an earlier one of the same name; older entries are removed where space is short."""
+    """Write an entry, replacing an earlier entry of its name.
+
+    Entries that were unused for longest are removed to make room. Where there is never enough room, or the disk cannot
+    be written to, nothing is written and no error is raised.
+    """
     folder = cache_folder()
     if folder is None:
         return
@@ -123,23 +130,23 @@ def _encoded(entry: Entry) -> tuple[bytes, list[NDArray[Any]]]:
 def _read(file: BufferedReader) -> Entry:
     """Read an entry's file.
 
-    Where any byte is not as it was written, this raises ValueError; where the head is somebody else's, LookupError,
-    TypeError, OverflowError, RecursionError or MemoryError, too.
+    Raises ValueError where any byte has changed since the file was written. Where another program wrote the head,
+    LookupError, TypeError, OverflowError, RecursionError or MemoryError may come as well.
     """
     left = os.fstat(file.fileno()).st_size
     magic, length, checksum = (file.read(size) for size in (len(_MAGIC), _LENGTH, _CHECKSUM))
-    # Nothing is asked for that the file cannot have: a wrong length must not take memory.
+    # Never reads more than the file holds: a wrong length must not take memory.
     text = file.read(min(left, int.from_bytes(length, "little")))
     if magic != _MAGIC or isal_zlib.crc32(text) != int.from_bytes(checksum, "little"):
         raise ValueError("the head of the entry is damaged")
     head = json.loads(text)
     arrays: dict[str, NDArray[Any]] = {}
     for name, dtype, shape, expected in head["arrays"]:
-        # `prod` would repeat a text or a list of another's head by the numbers beside it.
+        # In a head that another program wrote, a shape may hold texts or lists, which `prod` would repeat.
         if not all(type(size) is int and size >= 0 for size in shape):
-            raise ValueError(f"the entry has no shape {shape}")
+            raise ValueError(f"the entry has an array {name} of the impossible shape {shape}")
         if dtype not in _DTYPES or prod(shape) * np.dtype(dtype).itemsize > left:
-            raise ValueError(f"the entry has no array {name} of {shape} {dtype}")
+            raise ValueError(f"the entry cannot hold its array {name} of {shape} {dtype}")
         arrays[name] = array = np.empty(shape, dtype)
         read = file.readinto(array.reshape(-1).view(np.uint8).data)
         if read != array.nbytes or _checksum(name, array) != expected:
@@ -150,12 +157,15 @@ def _read(file: BufferedReader) -> Entry:
 
 
 def _checksum(name: str, array: NDArray[Any]) -> int:
-    """Return a checksum of an array's values, and of what says how to read them."""
+    """Return a checksum of an array's values, and of its name, dtype and shape."""
     return isal_zlib.crc32(array, isal_zlib.crc32(json.dumps([name, array.dtype.str, array.shape]).encode()))
 
 
 def _entry_files(folder: Path) -> list[tuple[int, int, Path]]:
-    """Return time of last use, size and path of each entry, and of files that killed processes did not finish."""
+    """Return time of last use (ns), size (bytes) and path of each entry and each unfinished file, oldest first.
+
+    Processes that were killed leave unfinished files behind.
+    """
     files = []
     with suppress(OSError):
         for path in folder.iterdir():
@@ -167,7 +177,7 @@ def _entry_files(folder: Path) -> list[tuple[int, int, Path]]:
 
 
 def _make_room(folder: Path, size: int) -> bool:
-    """Remove the entries that were unused for longest until ``size`` bytes fit; return False where they never do."""
+    """Remove the entries that were unused for longest until ``size`` bytes fit; return False where they cannot fit."""
     files = _entry_files(folder)
     total = sum(file_size for _, file_size, _ in files)
     limit = min(LIMIT_BYTES, int(LIMIT_SHARE * (shutil.disk_usage(folder).free + total)))

@@ -8,7 +8,7 @@ from semisynth_gl.geometry.surfaces import box, extruded, extruded_cells, lathe,
 
 
 def table(rng: np.random.Generator) -> list[Mesh]:
-    """A table: a round top on a column, or an oblong one on four legs that may splay."""
+    """A table: a round top on a column, or an oblong top on four legs that may splay."""
     height = rng.uniform(0.5, 1.1)
     thick = rng.uniform(0.03, 0.07)
     if rng.random() < 0.35:
@@ -61,7 +61,7 @@ def chair(rng: np.random.Generator) -> list[Mesh]:
 
 
 def bookcase(rng: np.random.Generator) -> list[Mesh]:
-    """A bookcase, closed at its back, with books that stand, lean and are missing."""
+    """A bookcase, closed at its back, with upright books and gaps between them."""
     width, depth, board = rng.uniform(0.6, 1.2), rng.uniform(0.2, 0.3), 0.025
     shelves, gap = int(rng.integers(2, 6)), rng.uniform(0.26, 0.34)
     height = shelves * gap
@@ -123,7 +123,7 @@ def lamp(rng: np.random.Generator) -> list[Mesh]:
 
 
 def picture_frame(rng: np.random.Generator) -> list[Mesh]:
-    """An empty frame, round or with corners, on an easel's two legs or none."""
+    """An empty frame, oval or rectangular, with up to three bars across it, some on two legs like an easel's."""
     width, height, thick = rng.uniform(0.6, 1), rng.uniform(0.6, 1), rng.uniform(0.03, 0.08)
     rim = rng.uniform(0.06, 0.16)
     unit = circle(1, 48)
@@ -143,7 +143,7 @@ def picture_frame(rng: np.random.Generator) -> list[Mesh]:
 
 
 def lattice_panel(rng: np.random.Generator) -> list[Mesh]:
-    """A board with rows of rectangular holes in one piece; as many handles as holes."""
+    """A board in one piece with rectangular holes in rows and columns, some of them closed."""
     rows, columns = int(rng.integers(2, 8)), int(rng.integers(2, 8))
     solid = np.ones((2 * rows + 1, 2 * columns + 1), bool)
     solid[1::2, 1::2] = rng.random((rows, columns)) >= rng.uniform(0.6, 1)

@@ -1,1 +1,1 @@
-"""What callers, users and the installation hand in: arguments, files and packaged data, and the errors about them."""
+"""Inputs from callers, users and the installation: arguments, files and packaged data, and errors about them."""

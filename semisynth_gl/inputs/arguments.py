@@ -1,6 +1,6 @@
-"""Checks of what callers in Python hand in: a wrong type is an error at the call, and not far behind it.
+"""Checks of arguments from callers in Python, so that a wrong type is an error at the call, not somewhere later.
 
-Each function raises `InputError`, whose message calls the argument by ``name``, where the argument is unfit.
+Where an argument is unfit, each function raises `InputError`, whose message calls the argument by ``name``.
 """
 
 from collections.abc import Iterable
@@ -15,33 +15,33 @@ from numpy.typing import DTypeLike, NDArray
 from semisynth_gl.inputs.errors import InputError, described, shown
 
 LEAST, MOST = 1e-9, 1e9
-"""Smallest magnitude beside 0, and largest one, of the numbers that are drawn.
+"""Smallest magnitude other than 0, and largest magnitude, of numbers from which images are drawn.
 
 Drawing multiplies up to four lengths, focal lengths and inverses of them in float32, which holds 1e-38 to 3e38.
 """
 
 MOST_PX = 1e6
-"""Largest magnitude of a place in the image, and of a focal length: float32's steps are 1/16 px there."""
+"""Largest magnitude of an image coordinate and of a focal length, px: float32 has steps of 1/16 px there."""
 
 OTHER_UNITS = "float32 does not hold what is worked out of it: choose other units"
-"""What messages about magnitudes end with."""
+"""The end of messages about magnitudes."""
 
 
 def check_type(name: str, value: object, expected: type | UnionType, hint: str = "") -> None:
-    """Check that an argument is an instance of a class, or of one of several; the message ends with the hint."""
+    """Check that an argument is an instance of a class, or of one of several; a message ends with ``hint``."""
     if not isinstance(value, expected):
         raise _wrong(name, f"a {_named(expected)}", value, hint)
 
 
 def check_one_of(name: str, value: object, expected: Iterable[str]) -> None:
-    """Check that an argument is one of several texts."""
+    """Check that an argument is one of the expected strings."""
     names = tuple(expected)
     if not (isinstance(value, str) and value in names):
         raise InputError(f"{name}: expected one of {', '.join(names)}, got {shown(value)}")
 
 
 def to_whole(name: str, value: object, least: int | None = None, most: int | None = None) -> int:
-    """Convert a whole number, Python's or numpy's, of ``least`` or more and ``most`` or less."""
+    """Convert a whole number, Python's or NumPy's, to int; check that it is from ``least`` to ``most``, where given."""
     if not isinstance(value, Integral) or isinstance(value, bool):
         raise _wrong(name, "a whole number", value)
     number = int(value)
@@ -53,7 +53,10 @@ def to_whole(name: str, value: object, least: int | None = None, most: int | Non
 
 
 def to_real(name: str, value: object) -> float:
-    """Convert a finite number of any kind to Python's; a float32 would cost all that it meets its digits."""
+    """Convert a finite real number of any type to Python's int or float.
+
+    A NumPy float32 would lower the precision of everything that is computed with it.
+    """
     try:
         finite = isinstance(value, Real) and not isinstance(value, bool) and isfinite(value)
     except OverflowError:  # a whole number that no float holds
@@ -64,7 +67,7 @@ def to_real(name: str, value: object) -> float:
 
 
 def to_magnitude(name: str, value: object, *, least: float = 0.0, most: float = MOST) -> float:
-    """Convert 0, or a number from ``least`` to ``most`` in magnitude, to Python's."""
+    """Convert a number to int or float; check that it is 0, or from ``least`` to ``most`` in magnitude."""
     number = to_real(name, value)
     magnitude = abs(number)
     if magnitude > most or 0 < magnitude < least:
@@ -85,7 +88,10 @@ def check_magnitudes(name: str, array: NDArray[Any]) -> None:
 
 
 def to_array(name: str, value: object, dtype: DTypeLike) -> NDArray[Any]:
-    """Convert anything array-like whose rows are of equal length; whole numbers stay exact, or are refused."""
+    """Convert a number or anything array-like with rows of equal length to an array of a dtype.
+
+    Strings and objects are refused, and so are numbers that an integer dtype cannot hold exactly.
+    """
     try:
         array = np.asarray(value)
         result = array.astype(dtype, copy=False)

@@ -1,4 +1,4 @@
-"""Errors whose cause lies outside the program, what their messages share, and the files that were skipped."""
+"""Errors whose cause lies outside the program, helpers for their messages, and records of skipped files."""
 
 import difflib
 import re
@@ -11,7 +11,7 @@ from pathlib import Path
 class SemisynthError(Exception):
     """Base of every error that the command line shows as one message without a traceback.
 
-    A message says what was expected, what came and what to do about it.
+    A message says what was expected, what was found and what to do about it.
     """
 
 
@@ -20,7 +20,7 @@ class InputError(SemisynthError):
 
 
 class ReadError(SemisynthError):
-    """A file is missing, cut off, or not what its name says; the reason is a clause, as of `Skipped`."""
+    """A file is missing, cut off, or not what its name says; the reason is a clause, as in `Skipped`."""
 
     def __init__(self, path: Path, reason: str) -> None:
         super().__init__(f"{path}: {reason}")
@@ -33,7 +33,7 @@ class BackendError(SemisynthError):
 
 
 class ContextLostError(BackendError):
-    """The driver has reset the device and ended the OpenGL context with all its objects; a new context may work."""
+    """The driver has reset the device, which ends the OpenGL context with all its objects; a new context may work."""
 
 
 class WorkerError(SemisynthError):
@@ -52,7 +52,7 @@ class Skipped:
 
 
 def shown(value: object, most: int = 100) -> str:
-    """Return a value as a message shows it, cut where it is longer than so many characters."""
+    """Return a value as a message shows it: its repr, cut to ``most`` characters."""
     try:
         return cut(repr(value), most)
     except Exception:  # noqa: BLE001 - a value's own method may raise anything; whole numbers of 4301 digits do
@@ -61,7 +61,7 @@ def shown(value: object, most: int = 100) -> str:
 
 
 def described(error: BaseException) -> str:
-    """Return the type and the text of an error of other people's code."""
+    """Return the type and the text of an error that other code raised; works even where its text cannot be made."""
     try:
         text = str(error)
     except Exception:  # noqa: BLE001 - its own method may raise anything
@@ -70,12 +70,12 @@ def described(error: BaseException) -> str:
 
 
 def cut(text: str, most: int = 100) -> str:
-    """Return a text, cut where it is longer than so many characters."""
+    """Return a text; where it is longer than ``most`` characters, cut it there and add "..."."""
     return text if len(text) <= most else f"{text[:most]}..."
 
 
 def abbreviate(names: Sequence[str], most: int = 8) -> str:
-    """Join names with commas; of more than ``most``, write the first ones and the number of the others."""
+    """Join names with commas; of more than ``most`` names, give the first ``most`` and the number of the rest."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
 
@@ -88,21 +88,21 @@ def counted(number: int, noun: str) -> str:
 
 
 def near(name: str, known: Iterable[str], least_ratio: float = 0.7) -> list[str]:
-    """Return the known name that a wrong one was most likely meant for, or nothing.
+    """Return the known name that a wrong name was most likely meant to be, as a list of one name or none.
 
-    The two must be alike by ``least_ratio`` or more, see `difflib.SequenceMatcher.ratio`.
+    The two names must be alike by ``least_ratio`` or more, see `difflib.SequenceMatcher.ratio`.
     """
     return difflib.get_close_matches(name, list(known), 1, least_ratio)
 
 
 def did_you_mean(names: Iterable[str], otherwise: str = "") -> str:
-    """Return the question for a message, or other words where there are no names."""
+    """Return the question "did you mean ...?" with the names, or ``otherwise`` where there are no names."""
     listed = " or ".join(names)
     return f"did you mean {listed}?" if listed else otherwise
 
 
 def how_to_install(extra: str) -> str:
-    """Return the commands that install an extra of pyproject.toml, from an index or beside a wheel or checkout."""
+    """Return the commands that install an extra of pyproject.toml: from an index, or beside a wheel or a checkout."""
     ours = re.compile(rf"(.*?)\s*;.*\bextra\s*==\s*['\"]{extra}['\"]")
     packages = [f"'{found[1]}'" for text in requires("semisynth-gl") or () if (found := ours.match(text))]
     return (

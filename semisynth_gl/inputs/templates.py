@@ -1,4 +1,4 @@
-"""The templates in assets/, by which pages, cards and configs are written."""
+"""The templates in assets/, from which pages, cards and configs are written."""
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined, select_autoescape
 
@@ -6,9 +6,10 @@ from semisynth_gl.inputs.resources import data_root
 
 
 def template_environment() -> Environment:
-    """Return an environment that finds templates by name; it escapes values in templates of HTML, and in no others.
+    """Return an environment that finds templates in assets/ by name, and escapes values only in HTML templates.
 
-    Lines that hold nothing but a tag leave no line, and the filter ``spec`` is Python's `format`.
+    Lines with only a tag leave no empty line behind. The filter ``spec`` is Python's `format`. A missing value is an
+    error.
     """
     environment = Environment(
         autoescape=select_autoescape(["html"]),

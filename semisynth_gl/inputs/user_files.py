@@ -1,7 +1,7 @@
-"""Paths and files of the user's: ``~`` is expanded, and nothing but files of a disk is opened.
+"""The user's paths and files: ``~`` is expanded, and only files on a disk are opened.
 
-To read a pipe may take for ever, to open a device may already do something, and a file of the kernel's may wait for
-events or change as it is read.
+Reading a pipe may take for ever, opening a device may already have an effect, and a file of the kernel's may wait for
+events or change while it is read.
 """
 
 import errno
@@ -16,7 +16,7 @@ from semisynth_gl.inputs.arguments import check_type
 from semisynth_gl.inputs.errors import InputError
 
 Files = str | PathLike[str] | Sequence[str | PathLike[str]]
-"""A file, folder or glob, or several."""
+"""A file, folder or glob, or several of them."""
 
 _KERNELS = ("/proc", "/sys")
 _KINDS = {
@@ -28,13 +28,13 @@ _KINDS = {
 
 
 class NotOnDiskError(OSError):
-    """A path leads to something other than a file of a disk; ``strerror`` says to what."""
+    """A path leads to something other than a file on a disk; ``strerror`` says what it is."""
 
 
 def expanded(path: str | Path) -> Path:
     """Return a path with the home folder in place of ``~``.
 
-    Raises InputError where there is no such user, or the path holds a zero byte, which no name does.
+    Raises InputError where ``~`` names a user who does not exist, or the path has a zero byte, which no file name has.
     """
     if "\0" in str(path):
         raise InputError(f"{str(path)!r}: expected the name of a file or folder, got one with a zero byte")
@@ -46,14 +46,14 @@ def expanded(path: str | Path) -> Path:
 
 
 def open_file(path: Path) -> BufferedReader:
-    """Open a file of a disk for reading.
+    """Open a file on a disk for reading.
 
     Raises:
         NotOnDiskError: where the path leads to a pipe, a device, a socket, or a file of /proc or /sys.
         OSError: where the file is missing, is a folder, or may not be read.
     """
     _check(path, os.stat(path))  # noqa: PTH116 - a path with a zero byte is an error of its own there
-    # The kind is looked at again: what was a file may be a pipe by now, and then opening it does not wait.
+    # The kind is checked again, since the file may have become a pipe; O_NONBLOCK keeps a pipe from waiting.
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         _check(path, os.fstat(descriptor))
@@ -64,7 +64,7 @@ def open_file(path: Path) -> BufferedReader:
 
 
 def read_file(path: Path, most_bytes: int | None = None) -> bytes:
-    """Return the bytes of a file of a disk; raises as `open_file` does, and OSError where there are too many."""
+    """Return the bytes of a file on a disk; raises as `open_file` does, and OSError if they exceed ``most_bytes``."""
     with open_file(path) as file:
         data = file.read() if most_bytes is None else file.read(most_bytes + 1)
     if most_bytes is not None and len(data) > most_bytes:
@@ -73,14 +73,14 @@ def read_file(path: Path, most_bytes: int | None = None) -> bytes:
 
 
 def files_below(folder: Path) -> Iterator[Path]:
-    """Yield all files in a folder and below; links to folders, and the folders of /proc and /sys, are not entered."""
+    """Yield all files in a folder and below, but do not enter links to folders, nor /proc and /sys."""
     for parent, folders, names in os.walk(folder):
         folders[:] = [name for name in folders if not of_kernel(os.path.join(parent, name))]  # noqa: PTH118
         yield from (path for path in (Path(parent, name) for name in names) if path.is_file())
 
 
 def of_kernel(path: str | Path) -> bool:
-    """Return whether a path leads to /proc or /sys, or below."""
+    """Return whether a path leads to /proc or /sys or below, after links are followed."""
     real = os.path.realpath(path)
     return real.startswith(tuple(f"{folder}/" for folder in _KERNELS)) or real in _KERNELS
 
@@ -94,7 +94,10 @@ def _check(path: Path, status: os.stat_result) -> None:
 
 
 def names_of(argument: str, files: Files) -> list[str]:
-    """Return the names of files, folders and globs; raises InputError, which names the argument, for anything else."""
+    """Return files, folders and globs as a list of strings.
+
+    Raises InputError, whose message has the name ``argument``, where something else was given.
+    """
     check_type(f"`{argument}`", files, str | PathLike | Sequence)
     several = [files] if isinstance(files, str | PathLike) else files
     for each in several:

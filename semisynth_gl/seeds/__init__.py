@@ -1,1 +1,1 @@
-"""Random numbers: a generator for each purpose, splits with their own seeds, and even spreads without chance."""
+"""Random numbers: a generator for each purpose, splits with their own seeds, and numbers spread evenly."""

@@ -6,12 +6,12 @@ from enum import IntEnum, unique
 import numpy as np
 
 LARGEST_NUMBER = 2**53
-"""The largest number of a pair: float64 counts no further."""
+"""The largest number of a pair: beyond it, float64 cannot hold every whole number."""
 
 
 @unique
 class Purpose(IntEnum):
-    """The purpose of a stream of random numbers. Datasets depend on the values: never renumber them."""
+    """The purpose of a stream of random numbers. Datasets depend on the values, so never renumber them."""
 
     ATLAS = 0
     MODELS = 1
@@ -37,13 +37,14 @@ class Purpose(IntEnum):
 
 
 def generator(seed: int, purpose: Purpose, *keys: int | str) -> np.random.Generator:
-    """Return the generator of a purpose.
+    """Return a new generator of random numbers for a purpose; equal arguments give equal numbers.
 
     Args:
-        seed: the dataset's.
+        seed: the seed of the dataset, or of a split, see `Split.seed`.
         purpose: see `Purpose`.
-        keys: numbers of 0 or more (sequence, generation, ...), or names, which stand for the CRC-32 of their UTF-8
-            bytes. They go into the spawn key: as entropy, [1, 2] and [1, 2, 0] would give the same stream.
+        keys: tell the streams of a purpose apart: numbers of 0 or more (sequence, generation, ...), or names, which
+            stand for the CRC-32 of their UTF-8 bytes. They go into NumPy's spawn key; as entropy, [1, 2] and [1, 2, 0]
+            would give the same stream.
     """
     numbers = (zlib.crc32(key.encode()) if isinstance(key, str) else key for key in keys)
     sequence = np.random.SeedSequence(seed, spawn_key=(int(purpose), *numbers))

@@ -17,13 +17,14 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True, slots=True)
 class Split:
-    """One split of a dataset, with the seed that all its random numbers follow from.
+    """One split of a dataset, with the seed from which all its random numbers follow.
 
     Attributes:
         dataset_seed: the dataset's seed, the same for all its splits.
         name: name of the split.
-        held_out: share of the photographs' subjects that validation and test take, where the dataset has these splits.
-        models: whether models are held out in the same shares.
+        held_out: shares of the photographs' subjects that ``validation`` and ``test`` take; a split that the dataset
+            does not have is left out.
+        models: whether the models are held out by the same shares.
     """
 
     dataset_seed: int
@@ -33,7 +34,7 @@ class Split:
 
     @property
     def seed(self) -> int:
-        """The seed of this split's scenes: the dataset's for ``train``, else 64 bits that follow from it."""
+        """The seed of this split's scenes: for ``train`` the dataset's, else a number below 2^63 derived from it."""
         if self.name == "train":
             return self.dataset_seed
         return int(generator(self.dataset_seed, Purpose.SPLIT, SPLITS.index(self.name)).integers(2**63))
@@ -41,9 +42,17 @@ class Split:
     def share(self, items: Sequence[Item], what: str, purpose: int, names: Sequence[str] | None = None) -> list[Item]:
         """Return the items that this split takes, in their order; no two splits take the same item.
 
-        Each kind of items has its own ``purpose``. Where the items have names, each draws its rank by its name, so that
-        a further item moves only the items next to a border between splits; without names, by its position. Raises
-        InputError, which calls the items by the plural noun ``what``, where there are too few for each split.
+        Items are shuffled by the dataset's seed and cut into splits by the shares of ``held_out``.
+
+        Args:
+            items: all items of the dataset.
+            what: what the error calls the items, a plural noun.
+            purpose: number of the kind of items; each kind is shuffled independently.
+            names: a unique name for each item. With names, a further item moves only items next to a border between
+                splits. Without names, items are shuffled by their positions.
+
+        Raises:
+            InputError: where there are too few items for each split to take one.
         """
         counts = {name: max(1, round(share * len(items))) for name, share in self.held_out.items()}
         rest = len(items) - sum(counts.values())

@@ -1,8 +1,8 @@
-"""Numbers spread evenly: a sample of many pairs, the pixels of a smaller image."""
+"""Numbers spread evenly, such as a sample of many pairs, or the pixels of a smaller image."""
 
 
 def centres(count: int, parts: int) -> list[int]:
-    """Return the number in the middle of each of ``parts`` equal parts of ``range(count)``, rising.
+    """Return the number in the middle of each of ``parts`` equal parts of ``range(count)``, in rising order.
 
     With more parts than numbers, numbers repeat.
     """
@@ -10,5 +10,5 @@ def centres(count: int, parts: int) -> list[int]:
 
 
 def spread(count: int, wanted: int) -> list[int]:
-    """Return ``wanted`` numbers below ``count``, or all of them, evenly spread and rising."""
+    """Return ``wanted`` numbers of ``range(count)``, evenly spread and rising, or all where there are no more."""
     return centres(count, min(count, wanted))
