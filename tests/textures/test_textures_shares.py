@@ -151,7 +151,7 @@ def test_photographs_without_flat_crops_give_flat_patches_all_the_same(flat_shar
     atlas = built(pictures, flat_share=flat_share)
     flat = [patch for patch in atlas.patches if patch.texture < 4]
     assert (len(flat), atlas.report.total("kept_flat"), atlas.report.total("lowered")) == (count,) * 3
-    assert f"{count} of them by lowering" in atlas.report.summary()
+    assert f"{count} of them made by lowering" in atlas.report.summary()
     assert len(atlas.patches) == 48 + count == len(atlas.layers)
     of_images = Counter(patch.source for patch in flat)
     assert max(of_images.values()) - min(of_images[picture.name] for picture in pictures) <= 1
