@@ -118,7 +118,7 @@ def serve(max_memory: int, max_cpu_s: int) -> None:
     ``max_memory`` is in bytes, on top of the memory that this process has when it starts. ``max_cpu_s`` holds for each
     model.
     """
-    from semisynth_gl.geometry.model_reader import FORMATS, read_parts  # noqa: PLC0415  # trimesh loads in this process alone
+    from semisynth_gl.geometry.model_reader import FORMATS, read_parts  # noqa: PLC0415  # trimesh loads only in this process
 
     # Ends this process with its parent: while it reads a model, nothing else tells it that the parent was killed.
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL))

@@ -37,7 +37,7 @@ def groups_by_name(photographs: Sequence[Path]) -> list[list[int]]:
 
     Groups of one photograph are left out, and a photograph may be in two groups. The rules know the names of
     Middlebury, ETH3D, KITTI, EuRoC, SceneFlow and Cityscapes; ``left`` and ``right`` or ``l`` and ``r`` as words of a
-    file or folder name; and folders of a few photographs each whose files have the same names. A common folder alone
+    file or folder name; and folders of a few photographs each whose files have the same names. Sharing a folder
     makes no group. No file is opened.
     """
     # Where numbers go beyond the views of a scene, they number photographs, not views.
