@@ -11,7 +11,7 @@ import click
 from semisynth_gl.engines.interrupts import interrupts_end, interrupts_raise
 from semisynth_gl.inputs.errors import SemisynthError, described, did_you_mean, near
 
-# 2 also stands for a run that was stopped or found no room: nothing half-written is left, and it may be started again.
+# Also the code of a run that was stopped or ran out of disk space; it leaves nothing half-written, and can start again.
 _REFUSED = 2
 
 _COMMANDS = (
@@ -21,7 +21,7 @@ _COMMANDS = (
 
 
 class _LazyGroup(click.Group):
-    """Loads the command that is run, and no other."""
+    """Loads only the command that is run."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
         return sorted(_COMMANDS)
@@ -34,7 +34,7 @@ class _LazyGroup(click.Group):
         return command
 
     def invoke(self, ctx: click.Context) -> Any:  # noqa: ANN401 - click's signature
-        """Run the command; commands end by their context, so what ends the process is somebody else's code."""
+        """Run the command. Our commands exit through click's context, so SystemExit comes from another package."""
         try:
             return super().invoke(ctx)
         except SystemExit as error:
@@ -46,7 +46,7 @@ class _LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command; of an unknown one, name the one that may be meant."""
+        """Find the command; for an unknown name, suggest the command that was probably meant."""
         if args[0] not in _COMMANDS and (meant := near(args[0], _COMMANDS)):
             ctx.fail(f"No such command {args[0]!r}; {did_you_mean(meant)}")
         return super().resolve_command(ctx, args)
@@ -55,7 +55,7 @@ class _LazyGroup(click.Group):
 @click.group(
     cls=_LazyGroup,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    epilog="Exit codes: 0 done; 1 something was found on the way; 2 the input was wrong, or the run could not go on.",
+    epilog="Exit codes: 0 success; 1 the command found faults; 2 the input was wrong, or the run could not go on.",
 )
 @click.version_option(package_name="semisynth-gl")
 def semisynth_gl() -> None:
@@ -63,13 +63,13 @@ def semisynth_gl() -> None:
 
 
 def _lacks_quotes(error: click.UsageError) -> bool:
-    """Return whether a command that takes patterns was given too many names, as a shell makes of a pattern."""
+    """Return whether a command that takes patterns got too many names, as when the shell expands a pattern."""
     patterns = error.ctx is not None and any(param.metavar == "PATH_OR_GLOB" for param in error.ctx.command.params)
     return patterns and "unexpected extra argument" in error.format_message()
 
 
 class _OnStderr(logging.Handler):
-    """Shows what the library logs: work that takes seconds, before it begins."""
+    """Prints the library's log messages, which announce work that takes seconds, to standard error."""
 
     def emit(self, record: logging.LogRecord) -> None:
         click.echo(self.format(record), err=True)
@@ -84,7 +84,7 @@ def main() -> NoReturn:
         with interrupts_raise():
             code = _run()
     except KeyboardInterrupt:
-        code = _refuse("Stopped. What is finished stays on disk, nothing half-written does.")
+        code = _refuse("Stopped. Finished files stay on disk; nothing half-written is left.")
     sys.exit(code)
 
 
@@ -98,7 +98,9 @@ def _run() -> int:
     except click.ClickException as error:
         error.show()
         if isinstance(error, click.UsageError) and _lacks_quotes(error):
-            click.echo("Put a pattern such as 'photos/*.jpg' into quotes: the shell makes many names of it.", err=True)
+            click.echo(
+                "Put a pattern such as 'photos/*.jpg' into quotes, or the shell expands it to many names.", err=True
+            )
         return error.exit_code
     except click.Abort:  # what click makes of KeyboardInterrupt
         raise KeyboardInterrupt from None
@@ -107,12 +109,12 @@ def _run() -> int:
 
 
 def _explained(error: Exception) -> str:
-    """Return what an error says to the user."""
+    """Return the text that the user reads about an error."""
     match error:
         case MemoryError():
-            return "the memory is full. Take fewer --workers, smaller images or patches, or fewer models and particles."
+            return "the memory is full. Use fewer --workers, smaller images or patches, or fewer models and particles."
         case RecursionError():
-            return "an input is nested deeper than this program follows."
+            return "an input is nested deeper than this program can follow."
         case UnicodeEncodeError():
             text = error.object[max(error.start - 40, 0) : error.end + 40]
             return f"{text!r} holds characters that {error.encoding} cannot write: rename the file or folder."
@@ -125,6 +127,6 @@ def _explained(error: Exception) -> str:
 
 
 def _refuse(message: str) -> int:
-    """Show a message; return the exit code that goes with it."""
+    """Show a message on standard error; return the exit code of a refused or stopped run."""
     click.echo(message, err=True)
     return _REFUSED

@@ -1,4 +1,4 @@
-"""``semisynth-gl bench``: what the choices cost and gain on this machine."""
+"""``semisynth-gl bench``: measures accuracy, costs and speed on this machine."""
 
 import sys
 from collections.abc import Callable
@@ -18,12 +18,12 @@ from semisynth_gl.render.backends import BACKENDS, Backend
 
 @click.group()
 def bench() -> None:
-    """Measure, on this machine, what the choices cost and gain."""
+    """Measure accuracy and speed on this machine, and the cost of each choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class _BenchOptions:
-    """The options of both measurements."""
+    """The options that ``bench accuracy`` and ``bench speed`` share."""
 
     config_name: str
     settings: tuple[str, ...]
@@ -31,7 +31,7 @@ class _BenchOptions:
     backend: Backend
 
     def run(self, benchmark: ModuleType, effort: Any, output: Output) -> None:  # noqa: ANN401 - each benchmark has its own
-        """Measure; write the report as JSON where a path is given, and print it."""
+        """Measure with a benchmark module and its ``Effort``; print the report, and write it as JSON to the output."""
         config = load_config(self.config_name, self.settings)
         output.check_beside(self.config_name, config)
         report = benchmark.measure(config, self.seed, self.backend, effort, _Parts())
@@ -41,19 +41,28 @@ class _BenchOptions:
 
 
 def _bench_options(command: str, config: str) -> Callable[[Callback], Callback]:
-    """Add the options of both measurements, with a default config, and the file of a measurement's report."""
+    """Return a decorator for the shared options, with a default config, and for --json of a bench command."""
     options = option_group(
         "options",
         _BenchOptions,
         option(
-            "--config", "config_name", type=ConfigName(), default=config, help="Whose scenes: a name or a YAML file."
+            "--config",
+            "config_name",
+            type=ConfigName(),
+            default=config,
+            help="Scenes to measure: a packaged config or a YAML file.",
         ),
         set_option(),
-        option("--seed", type=SEED, default=0, help="Other scenes."),
-        option("--backend", type=click.Choice(BACKENDS), default="auto", help="As for generate."),
+        option("--seed", type=SEED, default=0, help="Seed of the scenes; another seed makes other scenes."),
+        option(
+            "--backend",
+            type=click.Choice(BACKENDS),
+            default="auto",
+            help="egl: a GPU, or llvmpipe; osmesa: Mesa's off-screen renderer; auto: the first that works.",
+        ),
     )
     kind = json_report(f"semisynth-gl bench {command}", config=str, machine=dict)
-    report = output_option("--json", kind, help="Also write everything here.")
+    report = output_option("--json", kind, help="Also write the full report to this JSON file.")
     return lambda callback: options(report(callback))
 
 
@@ -66,14 +75,14 @@ class _Parts(Listener):
 
 @bench.command(cls=Command)
 @_bench_options("accuracy", "eth3d")
-@option("--pairs", type=COUNT, default=3, help="How many pairs.")
+@option("--pairs", type=COUNT, default=3, help="Number of pairs to measure.")
 @option("--rays", type=COUNT, default=20_000, help="Rays cast for each eye of a pair.")
-@option("--repeats", type=COUNT, default=7, help="Times each alternative is timed.")
+@option("--repeats", type=COUNT, default=7, help="How often each alternative is timed.")
 def accuracy(options: _BenchOptions, output: Output, pairs: int, rays: int, repeats: int) -> None:
     """Compare the disparity with float64 rays, and encodings and antialiasing modes with each other.
 
-    The error of the disparity, then a table each of encodings of disparities, encodings of images and antialiasing
-    modes: time, bytes and error. The default is bold; a star marks alternatives that no other one dominates.
+    Prints the error of the disparity, then the time, size and error of disparity encodings, image encodings and
+    antialiasing modes, in one table each. The default is bold; a star marks alternatives that no other one dominates.
     """
     from semisynth_gl.bench import accuracy as benchmark  # noqa: PLC0415 - other commands need no renderer
 
@@ -81,7 +90,7 @@ def accuracy(options: _BenchOptions, output: Output, pairs: int, rays: int, repe
 
 
 def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int, ...]:
-    """Read "1,2,4"."""
+    """Read numbers of workers such as "1,2,4"; return an empty tuple where the option is not given."""
     if text is None:
         return ()
     try:
@@ -89,7 +98,7 @@ def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[i
     except ValueError:
         numbers = (0,)
     if not (min(numbers) >= 1 and max(numbers) <= MOST_WORKERS):
-        fault = f"expected whole numbers from 1 to {MOST_WORKERS} with commas between them, got {text}"
+        fault = f"expected whole numbers from 1 to {MOST_WORKERS}, separated by commas, got {text}"
         raise click.BadParameter(fault)
     return numbers
 
@@ -97,14 +106,18 @@ def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[i
 @bench.command(cls=Command)
 @_bench_options("speed", "middlebury")
 @option(
-    "--pairs", type=COUNT, default=8, help="Pairs that each number of workers makes in a round; at least four each."
+    "--pairs", type=COUNT, default=8, help="Pairs in a round of each number of workers; at least 4 for each worker."
 )
-@option("--repeats", type=COUNT, default=3, help="Times each alternative is timed; workers and starts half as often.")
 @option(
-    "--workers", callback=_numbers, metavar="N,N", help="Numbers of workers.  [default: powers of two up to the cores]"
+    "--repeats", type=COUNT, default=3, help="How often each alternative is timed; workers and starts: half as often."
 )
-@option("--memory-pairs", type=COUNT, default=40, help="Pairs that memory is followed over.")
-@option("--no-stress", is_flag=True, help="Leave out the pair of 10,000 instances and 5 million triangles.")
+@option(
+    "--workers", callback=_numbers, metavar="N,N", help="Numbers of workers.  [default: powers of two up to all cores]"
+)
+@option("--memory-pairs", type=COUNT, default=40, help="Number of pairs over which memory is measured.")
+@option(
+    "--no-stress", is_flag=True, help="Leave out the stress test: a pair of 10,000 instances and 5 million triangles."
+)
 def speed(
     options: _BenchOptions,
     output: Output,
@@ -116,9 +129,9 @@ def speed(
 ) -> None:
     """Measure pairs per second, what limits them, and what they depend on.
 
-    Each stage of a pair alone; each pass of its drawing, by the GPU's own clock where a GPU draws; workers, from start
-    to end; instances, triangles, pixels, antialiasing and outputs; memory; the time to the first pair. Let the machine
-    do nothing else meanwhile.
+    Measures each stage of a pair; each drawing pass, by the GPU's own clock where a GPU draws; whole runs with several
+    numbers of workers; the effect of instances, triangles, pixels, antialiasing and outputs; memory; and the time to
+    the first pair. Let the machine do nothing else meanwhile.
     """
     from semisynth_gl.bench import speed as benchmark  # noqa: PLC0415 - other commands need no renderer
 

@@ -38,46 +38,52 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
     type=FilesType(),
     multiple=True,
     metavar="FILE_OR_GLOB",
-    help="Calibration of the rectified rig: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, stereo "
-    "YAML of OpenCV or ROS. May be repeated: ROS's left and right, or several rigs.",
+    help="Calibration file of the rectified rig: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, or "
+    "stereo YAML of OpenCV or ROS. May be repeated, for ROS's left and right files or several rigs.",
 )
-@option("--focal-px", type=above_0(LARGEST), help="Instead of --calib, with the next two.")
-@option("--baseline-m", type=_ANY_NUMBER, help="Distance of the cameras.")
+@option(
+    "--focal-px",
+    type=above_0(LARGEST),
+    help="Focal length in pixels; with --baseline-m and --size, instead of --calib.",
+)
+@option("--baseline-m", type=_ANY_NUMBER, help="Distance between the cameras in metres; see --focal-px.")
 @option(
     "--size",
     callback=_size,
     metavar="WIDTHxHEIGHT",
-    help="Size of the images, for a calibration without one: 1280x720.",
+    help="Size of the images, such as 1280x720, where the calibration does not say it.",
 )
 @option(
     "--scale",
     type=above_0(16),
-    help="Scale of the images against the calibrated size; 0.25 for quarter size.",
+    help="Size of the images relative to the calibrated size; 0.25 for quarter size.",
 )
-@option("--unit", type=click.Choice(tuple(UNITS)), help="Unit of the translation in an OpenCV file, else metres.")
+@option("--unit", type=click.Choice(tuple(UNITS)), help="Unit of the translation in an OpenCV file; metres by default.")
 @map_options(
     "to measure the histogram",
-    "Where one has another size than the rig's images, its disparities are scaled by the ratio of the widths. ",
+    "Disparities of a map that is not as wide as the rig's images are scaled by the ratio of the widths. ",
 )
 @option(
     "--pairs",
     type=(FilesType(), FilesType()),
     multiple=True,
     metavar="LEFT RIGHT",
-    help="Left and right photographs of pairs of the rig, two files, folders or globs, to measure how far they are off "
-    "rectified; needs OpenCV, the extra matching. May be repeated. By default the pairs among --images that are named "
-    "as Middlebury's, ETH3D's or KITTI's.",
+    help="Left and right photographs by the rig (two files, folders or globs), to measure how far they are from "
+    "rectified; needs OpenCV, the extra matching. May be repeated. By default, the pairs among --images that have the "
+    "names of Middlebury, ETH3D or KITTI.",
 )
-@option("--range-px", type=(_ANY_NUMBER, _ANY_NUMBER), help="Least and largest disparity, where there are no maps.")
-@option("--other-camera", is_flag=True, help="The photographs are not the rig's: they may have any size.")
+@option(
+    "--range-px", type=(_ANY_NUMBER, _ANY_NUMBER), help="Smallest and largest disparity in pixels, without --disparity."
+)
+@option("--other-camera", is_flag=True, help="The photographs are from another camera, and may have any size.")
 @option(
     "--trials",
     type=NATURAL,
     default=3,
-    help="How many pairs to render and measure of each recipe with each of two texture scales and two shares of flat "
-    "surfaces; 0 for none: then all recipes have one weight, and textures are as in the packaged configs.",
+    help="Pairs to render and measure for each recipe, with each of two texture scales and two shares of flat "
+    "surfaces. With 0, all recipes get the same weight, and textures are as in the packaged configs.",
 )
-@output_option("--out", CONFIG, ".yaml", ".yml", required=True, help="YAML to write.")
+@output_option("--out", CONFIG, ".yaml", ".yml", required=True, help="YAML file to write.")
 def calibrate(
     images: tuple[str, ...],
     calib: tuple[str, ...],

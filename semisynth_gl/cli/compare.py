@@ -30,18 +30,18 @@ from semisynth_gl.textures.subjects import of_subjects
     "--width",
     "width_px",
     type=click.IntRange(min=32, max=4096),
-    help=f"Width in px to which all images and maps are brought before they are measured. By default {WORKING_WIDTH}, "
-    "or the pairs' own where that is less.",
+    help=f"Width in px to which all images and maps are scaled before they are measured. By default {WORKING_WIDTH}, "
+    "or the width of the pairs where that is smaller.",
 )
-@option("--sample", type=COUNT, default=SAMPLE, help="How many pairs to measure, evenly spread.")
-@option("--split", type=click.Choice(SPLITS), help="Of this split alone.")
+@option("--sample", type=COUNT, default=SAMPLE, help="How many pairs to measure, evenly spread over the dataset.")
+@option("--split", type=click.Choice(SPLITS), help="Measure only this split.")
 @output_option(
     "--json",
     json_report("semisynth-gl compare", width_px=int, measures=list, profiles=list),
-    help="Also write all figures here, unrounded.",
+    help="Also write all figures, unrounded, to this JSON file.",
 )
 @further_output_option(
-    "--out", "picture", marked_png("semisynth-gl compare"), ".png", help="Also draw all distributions, as a PNG."
+    "--out", "picture", marked_png("semisynth-gl compare"), ".png", help="Also draw all distributions into this PNG."
 )
 def compare(
     directory: str,
@@ -56,7 +56,7 @@ def compare(
 ) -> None:
     """Compare a dataset's pairs with the place that it is made for, and say which keys of the config to change.
 
-    Photographs alone tell textures and luminance; disparity maps add depth, occlusion and borders.
+    Photographs are enough to compare textures and luminance; disparity maps add depth, occlusion and borders.
     """
     for file in (output, picture):
         file.check([*disparity, *images], images)
@@ -99,21 +99,21 @@ def _photographs(place: MeasuredPlace) -> str:
 
 
 def _summary(comparison: Comparison) -> list[str]:
-    """Return how many measures are near, and a line for each that is not."""
+    """Return lines on how many measures are near the place's, on too few pictures, and on each measure far from it."""
     near, compared = len(comparison.near()), len(comparison.compared())
     few, lines = len(comparison.too_few()), list[str]()
     if few:
         place = f"{_photographs(comparison.place)}, {counted(comparison.place.maps, 'map')}"
         lines.append(
-            f"Too few pictures of the place to tell how far {counted(few, 'measure')} may be off: that takes {FEWEST} "
-            f"pictures, better a few dozen, and there are {place}"
+            f"Too few pictures of the place to tell how far {counted(few, 'measure')} may be off: at least {FEWEST} "
+            f"pictures are needed, better a few dozen; there are {place}"
         )
     if not compared:
-        return lines or ["The place has no standard deviations to compare by: its pictures are all alike"]
-    lines += [f"{near} of {counted(compared, 'measure')} distributed within one standard deviation (sd) of the place"]
+        return lines or ["The pictures of the place are all alike, so there are no standard deviations to compare with"]
+    lines += [f"{near} of {counted(compared, 'measure')} within one standard deviation (sd) of the place"]
     advice = comparison.advice()
     if advice:
-        lines.append("The others, the farthest first, with the keys of the config that move them:")
+        lines.append("The other measures, farthest first, with the config keys that move them:")
         lines += [f"  {measure.name}, {apart:.1f} sd apart: {change or 'no key'}" for measure, apart, change in advice]
     return lines
 
@@ -123,11 +123,11 @@ def _notes(comparison: Comparison) -> list[str]:
     if comparison.place.narrow:
         notes.append(
             f"{counted(comparison.place.narrow, 'photograph')} narrower than {comparison.width_px} px, used for "
-            "luminance alone; --width takes a smaller width for all"
+            "luminance only; a smaller --width uses them for all measures"
         )
     if comparison.place.sparse_maps:
         notes.append(
-            f"{counted(comparison.place.sparse_maps, 'map')} with a disparity in fewer than half of its pixels, used "
-            "for disparity alone"
+            f"{counted(comparison.place.sparse_maps, 'map')} with disparities in fewer than half of the pixels, used "
+            "for disparity only"
         )
     return notes

@@ -1,4 +1,4 @@
-"""What the shell offers where a user asks it to complete an option's value."""
+"""Shell completion of the values of options."""
 
 from collections.abc import Callable, Iterable
 
@@ -9,13 +9,13 @@ Completer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]
 
 
 def one_of(names: Iterable[str]) -> Completer:
-    """Offer names."""
+    """Return a completer that offers these names."""
     known = tuple(names)
     return lambda _, __, begun: beginning(known, begun)
 
 
 def some_of(names: Iterable[str]) -> Completer:
-    """Offer names with commas between them: each name that does not stand there yet."""
+    """Return a completer of a list with commas, which offers the names that are not in the list yet."""
     known = tuple(names)
 
     def complete(_: click.Context, __: click.Parameter, begun: str) -> list[CompletionItem]:
@@ -26,5 +26,5 @@ def some_of(names: Iterable[str]) -> Completer:
 
 
 def beginning(names: Iterable[str], begun: str, before: str = "") -> list[CompletionItem]:
-    """Return the names that begin so, each behind what stands before it."""
+    """Return the names that begin with ``begun``, each with ``before`` in front of it."""
     return [CompletionItem(before + name) for name in names if name.startswith(begun)]

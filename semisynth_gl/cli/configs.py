@@ -1,4 +1,4 @@
-"""``semisynth-gl configs``: what configs there are, or one in full."""
+"""``semisynth-gl configs``: lists the packaged configs, or prints a config in full."""
 
 import click
 
@@ -12,7 +12,7 @@ from semisynth_gl.config.explain import explain
 def configs(config_name: str | None) -> None:
     """List the packaged configs, or print one with all of its keys, defaults and comments.
 
-    What is printed is a config: save it, change it, and give it to generate.
+    The output is a config itself: save it, change it, and give it to generate.
     """
     if config_name is not None:
         click.echo(explain(config_name), nl=False)

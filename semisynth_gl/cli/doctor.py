@@ -28,7 +28,7 @@ def _draw_picture(name: str) -> None:
         next(iter(pictures(np.random.default_rng(0))), None)
 
 
-# How each sort of plug-in is tried: by its first picture, or by one of its models.
+# The trial of each sort of plug-in: loads it, and draws its first picture or builds one of its models.
 _TRIALS: Mapping[Group, Callable[[str], object]] = {
     "layouts": find_layout,
     "textures": _draw_picture,
@@ -39,8 +39,8 @@ _TRIALS: Mapping[Group, Callable[[str], object]] = {
 
 @click.command(cls=Command)
 def doctor() -> None:
-    """Show what this machine offers, say what is missing, and render one pair against its known disparity."""
-    # Imported here, as below: completion needs no OpenGL.
+    """Show this machine's packages, devices and backends, say what is missing, and check the disparity of a test pair."""
+    # Imported here, as in `_try`: completion needs no OpenGL.
     from semisynth_gl.render.context import INSTALL_COMMAND, INSTALL_COMMAND_OSMESA, as_root  # noqa: PLC0415
     from semisynth_gl.render.devices import egl_devices, missing_libraries, nvidia_fault  # noqa: PLC0415
 
@@ -76,7 +76,7 @@ def doctor() -> None:
 
 
 def _try(backend: Backend) -> bool:
-    """Show a backend and render its test pair; return whether all is well."""
+    """Show a backend and render its test pair; return whether the backend works and the pair's disparity is exact."""
     from semisynth_gl.bench.plane import plane_error_px  # noqa: PLC0415
     from semisynth_gl.render.devices import context_facts  # noqa: PLC0415
 

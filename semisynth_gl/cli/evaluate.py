@@ -20,7 +20,7 @@ from semisynth_gl.metrics.truth import TrueSet, find_truth
 from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 _PATH = UserPath()
-# Pairs with a row in a table.
+# Most pairs with a row in a table, unless --all is given.
 _WORST = 10
 _ERROR_MAP = marked_png("semisynth-gl evaluate")
 
@@ -32,30 +32,30 @@ _ERROR_MAP = marked_png("semisynth-gl evaluate")
     "truth",
     type=FilesType(home=True),
     metavar="DIR_OR_ADDRESS",
-    help="Their truth: a dataset of this program, or a folder of Middlebury, ETH3D or KITTI.",
+    help="Truth of the predicted pairs: a dataset of this program, or a folder of Middlebury, ETH3D or KITTI.",
 )
 @option(
     "--pred-right",
     "predictions_right",
     type=_PATH,
-    help="Without truth: folder of predictions for the right views, which tell how far they confirm those of --pred.",
+    help="Folder of predictions for the right views, to measure without truth how far they confirm those of --pred.",
 )
 @option(
     "--protocol",
     "protocol_name",
     type=click.Choice(PROTOCOL_NAMES),
-    help="Whose definitions to use; by default those of the benchmark whose form --gt has.",
+    help="Benchmark whose definitions to use; by default, the benchmark in whose format --gt is.",
 )
-@option("--mask", "masks", type=_PATH, help="Folder of masks, 255 where not occluded, instead of --gt's.")
-@option("--split", type=click.Choice(SPLITS), help="Of this split of --gt alone.")
-@option("--partial", is_flag=True, help="Evaluate what is there, though predictions are missing.")
+@option("--mask", "masks", type=_PATH, help="Folder of masks to use instead of --gt's; 255 means not occluded.")
+@option("--split", type=click.Choice(SPLITS), help="Evaluate only this split of --gt.")
+@option("--partial", is_flag=True, help="Evaluate the predictions that exist, even if others are missing.")
 @output_option(
     "--json",
     json_report("semisynth-gl evaluate", pairs=int, mean=dict, images=list),
-    help="Also write all figures here, unrounded.",
+    help="Also write all figures, unrounded, to this JSON file.",
 )
-@option("--all", "show_all", is_flag=True, help=f"Print a row for every pair, and not for the {_WORST} worst alone.")
-@option("--maps", type=_PATH, help="Also write an error map per pair into this folder.")
+@option("--all", "show_all", is_flag=True, help=f"Print a row for every pair, not only for the {_WORST} worst.")
+@option("--maps", type=_PATH, help="Also write an error map of each pair into this folder.")
 def evaluate(
     predictions: Path,
     truth: str | None,
@@ -70,9 +70,9 @@ def evaluate(
 ) -> None:
     """Compare predicted disparities with the truth, as a benchmark does.
 
-    Prints the figures of all pairs together, and of each pair or, where there are many, of the worst.
+    Prints the figures over all pairs, and those of each pair or, where there are many, of the worst pairs.
 
-    Predictions are .pfm, .npy or 16-bit .png, under the pair's name or under the truth's.
+    Predictions are .pfm, .npy or 16-bit .png files with the pair's name or the name of the truth's file.
     """
     if predictions_right is not None:
         of_truth = {"--gt": truth, "--protocol": protocol_name, "--mask": masks, "--split": split, "--maps": maps}
@@ -105,7 +105,7 @@ def evaluate(
 
 
 def _print_tables(evaluations: list[Evaluation], files: Predictions, protocol: Protocol, most: int | None) -> None:
-    """Print a table for each region, with ``most`` pairs at the most, and what is odd about the predictions."""
+    """Print a table for each region, with at most ``most`` pairs (None for all), and a note on negative predictions."""
     for region in REGIONS:
         if any((region,) in evaluation.scores for evaluation in evaluations):
             click.echo()
@@ -121,7 +121,10 @@ def _print_tables(evaluations: list[Evaluation], files: Predictions, protocol: P
 def _evaluate_views(
     predictions: Path, predictions_right: Path, refused: list[str], output: Output, *, show_all: bool
 ) -> None:
-    """Print what the predictions for the right views do not confirm, the worst pairs first."""
+    """Print the share of pixels that the right views' predictions do not confirm, worst pairs first.
+
+    ``refused`` are the given options that need a truth; if there are any, the command is refused.
+    """
     if refused:
         raise InputError(f"--pred-right judges without truth: leave {', '.join(refused)} out")
     output.check([str(predictions), str(predictions_right)])
@@ -136,19 +139,22 @@ def _evaluate_views(
 
 
 def _error_maps(maps: Path | None, truth_set: TrueSet, inputs: Mapping[str, str], output: Output) -> dict[str, Output]:
-    """Return the files of error maps by the pair's name; refuse a folder that they cannot go to."""
+    """Return the error map's file of each pair by the pair's name; refuse a folder that cannot take error maps."""
     if maps is None:
         return {}
     if maps.exists() and not maps.is_dir():
         raise InputError(f"--maps {maps}: is a file; name a folder")
     if truth_set.local is not None and maps.resolve().is_relative_to(truth_set.local.resolve()):
-        raise InputError(f"--maps {maps}: lies in --gt, which is left as it is; name another folder")
+        raise InputError(f"--maps {maps}: lies in --gt, which must not change; name another folder")
     for name, source in inputs.items():
         if "://" in source or maps.resolve() != Path(source).resolve():
             continue
         if name == "--pred":
-            raise InputError(f"--maps {maps}: is the folder of predictions, which error maps would be taken for")
-        raise InputError(f"--maps {maps}: lies in {name}, which is left as it is; name another folder")
+            raise InputError(
+                f"--maps {maps}: is the folder of predictions, where error maps would be read as predictions; name "
+                "another folder"
+            )
+        raise InputError(f"--maps {maps}: is the folder of {name}, which must not change; name another folder")
     pictures = {
         pair.name: Output("--maps", _ERROR_MAP, maps / f"{pair.name}.png", output.overwrite) for pair in truth_set.pairs
     }

@@ -39,15 +39,15 @@ from semisynth_gl.seeds.splits import SplitName
 if TYPE_CHECKING:
     from semisynth_gl.generation.generate import GenerationResult
 
-# The engines, and why one does not take --workers and --timeout; "" where it does.
+# Why each engine refuses --workers and --timeout; "" where it takes them.
 ENGINES = {
-    "serial": "works in this process alone",
+    "serial": "works only in this process",
     "local": "",
-    "ray": "has as many workers as the cluster has room for, and Ray watches them",
+    "ray": "has as many workers as the cluster has room for, and no timeout",
 }
 _TIMEOUT_S = 600.0
 _REASONS_SHOWN = 5
-# Above this share of a pair's pixels, disparities that the encoding cannot store are worth a message.
+# Share of a pair's pixels above which a message tells of disparities that the encoding cannot store.
 _LARGE_SHARE_BEYOND = 0.01
 # A worker takes about as long to start as to make a few pairs.
 _PAIRS_PER_WORKER = 8
@@ -57,7 +57,7 @@ _STOPPED = 2
 
 @dataclass(frozen=True, slots=True)
 class _DatasetOptions:
-    """The options that say what to write."""
+    """The options that say what to write and where."""
 
     out: str | None
     layout: str | None
@@ -81,7 +81,7 @@ class _DatasetOptions:
 
 
 def _lasting(_: click.Context, __: click.Parameter, address: str | None) -> str | None:
-    """Refuse fsspec's memory, which ends with this process; from Python it is of use."""
+    """Refuse fsspec's memory, which ends with this process; only callers in Python can use it."""
     if address is not None and re.match(r"(.*::)?memory://", address):
         raise InputError(f"--out {address}: would be gone when this command ends; name a folder or a store")
     return address
@@ -101,23 +101,35 @@ _dataset_options = option_group(
         "--layout",
         shell_complete=one_of(layout_names()),
         metavar="NAME",
-        help=f"Names of files: {', '.join(layout_names())}.  [default: the config's, else middlebury; "
-        "webdataset from 10,000 pairs on]",
+        help=f"Folders, names and encodings of the files: {', '.join(layout_names())}.  [default: the config's, else "
+        "middlebury, or webdataset from 10,000 pairs on]",
     ),
     option(
         "--outputs",
         shell_complete=some_of((*OUTPUTS, "none")),
         metavar="a,b",
-        help=f"Beside images and disparities: {', '.join(OUTPUTS)}; or none.",
+        help=f"Outputs to write besides images and disparities: {', '.join(OUTPUTS)}; or none.  [default: the config's]",
     ),
     option(
         "--truth",
         type=click.Choice(TRUTH_VIEWS),
-        help="Views to write disparity and outputs of.  [default: the config's]",
+        help="Views whose disparity and outputs are written.  [default: the config's]",
     ),
-    option("--pairs", type=NATURAL, default=24, help="How many pairs to train on."),
-    click.option("--validation", type=NATURAL, default=0, metavar="N", help="How many besides, of other photographs."),
-    click.option("--test", type=NATURAL, default=0, metavar="N", help="Likewise, of others again."),
+    option("--pairs", type=NATURAL, default=24, help="How many training pairs to make."),
+    click.option(
+        "--validation",
+        type=NATURAL,
+        default=0,
+        metavar="N",
+        help="Validation pairs to add; they share no photograph with training pairs.",
+    ),
+    click.option(
+        "--test",
+        type=NATURAL,
+        default=0,
+        metavar="N",
+        help="Test pairs to add; they share no photograph with training and validation pairs.",
+    ),
 )
 
 
@@ -133,15 +145,15 @@ class _WorkerOptions:
     timeout: float | None
 
     def open_engine(self, pairs: int) -> Engine:
-        """Return the engine for a number of pairs."""
+        """Return the engine that makes a number of pairs in all; refuse options that it does not take."""
         if self.engine is not None and self.engine not in ENGINES:
             raise InputError(f"--engine: expected one of {', '.join(ENGINES)}, got {self.engine}")
-        # The engine serial is one worker.
+        # The engine serial is one worker anyway.
         workers = None if self.engine == "serial" and self.workers == 1 else self.workers
         given = {"--workers": workers, "--timeout": self.timeout}
         reason = ENGINES.get(self.engine or "local")
         if reason and (found := [f"{name} {n:g}" for name, n in given.items() if n is not None]):
-            raise InputError(f"--engine {self.engine} {reason}: leave {' and '.join(found)} out, or take local")
+            raise InputError(f"--engine {self.engine} {reason}: leave {' and '.join(found)} out, or use --engine local")
         if self.engine == "ray":
             # Loaded with the engine that needs it.
             from semisynth_gl.engines.cluster import RayEngine  # noqa: PLC0415
@@ -155,7 +167,7 @@ class _WorkerOptions:
         return LocalEngine(count, self.timeout or _TIMEOUT_S)
 
     def gpu_numbers(self) -> tuple[int, ...]:
-        """Return CUDA's numbers of the GPUs; Ray shows each task its own as number 0."""
+        """Return CUDA's numbers of the GPUs; none leaves the choice to EGL. Ray shows each task its GPU as number 0."""
         if self.gpus is None:
             return (0,) if self.gpu_share else ()
         if not re.fullmatch(r"[0-9]{1,4}(,[0-9]{1,4})*", self.gpus):
@@ -170,31 +182,31 @@ _worker_options = option_group(
         "--engine",
         shell_complete=one_of(ENGINES),
         metavar="|".join(ENGINES),
-        help="What makes the shards: this process, processes of this machine, or a Ray cluster.  [default: local, "
-        "where there is work for several workers]",
+        help="Where to make the shards: in this process, in processes of this machine, or on a Ray cluster.  "
+        "[default: local where there is work for several workers, else serial]",
     ),
     option(
         "--workers",
         type=click.IntRange(min=1, max=MOST_WORKERS),
         metavar="N",
-        help="Processes of the engine local; the files are the same whatever their number.  [default: a core each, at "
-        f"most one for {_PAIRS_PER_WORKER} pairs]",
+        help="Processes of the engine local; their number does not change the files.  [default: one for each core, "
+        f"and at most one for {_PAIRS_PER_WORKER} pairs]",
     ),
-    option("--gpus", metavar="A,B", help="CUDA's numbers of the GPUs that workers take turns on."),
+    option("--gpus", metavar="A,B", help="CUDA's numbers of the GPUs, which are given to workers in turn."),
     click.option(
         "--gpu-share",
         type=Number(min=0, max=MOST_WORKERS),
         default=0.0,
         metavar="X",
-        help="GPUs, or part of one, of a Ray task.",
+        help="GPUs for each Ray task; a fraction lets several tasks share a GPU.",
     ),
-    option("--ray-address", metavar="ADDRESS", help="A running cluster.  [default: $RAY_ADDRESS, else a local one]"),
+    option("--ray-address", metavar="ADDRESS", help="Ray cluster to use.  [default: $RAY_ADDRESS, else a local one]"),
     option(
         "--timeout",
         type=above_0(1e6),
         metavar="SECONDS",
-        help="A worker of the engine local that takes longer for a pair, or to start, is replaced.  [default: "
-        f"{_TIMEOUT_S:g}]",
+        help="Longest time that a worker of the engine local may take to start or for a pair; a slower one is "
+        f"replaced.  [default: {_TIMEOUT_S:g}]",
     ),
 )
 
@@ -203,9 +215,9 @@ _worker_options = option_group(
 @scene_options
 @_dataset_options
 @_worker_options
-@option("--shard-pairs", type=COUNT, metavar="N", help="Pairs in a shard.  [default: about 1 GB]")
-@option("--shards", metavar="A-B", help="Make these alone, counted from 0: a share of the work for each machine.")
-@option("--overwrite", is_flag=True, help="Replace the dataset that is in the folder.")
+@option("--shard-pairs", type=COUNT, metavar="N", help="Pairs in a shard.  [default: as many as take about 1 GB]")
+@option("--shards", metavar="A-B", help="Make only these shards, counted from 0, to share the work among machines.")
+@option("--overwrite", is_flag=True, help="Replace the dataset in the --out folder.")
 def generate(
     scene: SceneOptions,
     dataset: _DatasetOptions,
@@ -216,11 +228,11 @@ def generate(
 ) -> None:
     """Write a dataset: left, right, both disparities, masks and calibration of each pair.
 
-    Run it again to go on where it was stopped or killed: it makes what is missing, and nothing else. With more --pairs
-    a dataset grows. Ctrl-C once finishes the pairs in hand.
+    If a run was stopped or killed, the same command makes only the missing pairs. With more --pairs, the dataset grows.
+    Press Ctrl-C once to stop after the pairs in hand.
 
-    The layout decides which loaders read the files; docs/layouts.md has them all. Outputs add files; those of flow want
-    sequences, which the config's section sequence makes. The config's section files chooses other encodings.
+    The layout decides which loaders can read the files; docs/layouts.md lists all layouts. Outputs add files; flow
+    outputs need sequences, which the config's section sequence makes. The config's section files chooses encodings.
     """
     # Imported here: help and completion need no renderer.
     with interrupts_end():
@@ -230,7 +242,7 @@ def generate(
         config = scene.config(*dataset.settings())
     except MissingPluginError:
         if dataset.out is not None and not overwrite:
-            read_resumed(open_place(dataset.out))  # the dataset there may know the package to install
+            read_resumed(open_place(dataset.out))  # the dataset in this place may name the package to install
         raise
     counts: dict[SplitName, int] = {"train": dataset.pairs, "validation": dataset.validation, "test": dataset.test}
     engine = workers.open_engine(sum(counts.values()))
@@ -254,7 +266,7 @@ def generate(
 
 
 class _GenerationProgress(Progress):
-    """Progress that ends at Ctrl-C, and keeps what is worth a message at the end."""
+    """Progress that stops the run at Ctrl-C, and collects redrawn and unencodable pairs for messages at the end."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -277,7 +289,7 @@ class _GenerationProgress(Progress):
             self.on_message(f"drawn again, {reason}")
         if self._redrawn:
             count = len(self._redrawn)
-            self.on_message(f"{count} times a pair failed its checks and was drawn again (see the shards' records)")
+            self.on_message(f"pairs drawn again after they failed their checks: {count} (see the shards' records)")
         if self._shares_beyond:
             encoding = result.plan.layout.encodings_for(config).disparity.name
             self.on_message(
@@ -294,22 +306,22 @@ def _range(text: str) -> range:
         raise InputError(f"--shards: expected one number, or two such as 100-199, got {text!r}")
     first, last = int(parts[1]), int(parts[2] or parts[1])
     if last < first:
-        raise InputError(f"--shards {text}: the second number must not be below the first")
+        raise InputError(f"--shards {text}: the second number must not be smaller than the first")
     return range(first, last + 1)
 
 
 def _conclude(result: "GenerationResult") -> None:
     plan, total = result.plan, sum(result.plan.pairs.values())
     if result.stopped:
-        click.echo("Stopped. Whole pairs stay on disk; the same command goes on where it ended.", err=True)
+        click.echo("Stopped. Finished pairs stay on disk; the same command makes the missing pairs.", err=True)
         click.get_current_context().exit(_STOPPED)
     if result.missing:
         click.echo(
-            f"{result.missing} of {counted(len(plan.shards), 'shard')} not there yet: the dataset is complete, and "
-            "gets its index, with the run that makes the last one",
+            f"{result.missing} of {counted(len(plan.shards), 'shard')} still missing. The run that makes the last one "
+            "completes the dataset and writes its index.",
             err=True,
         )
-        say(f"the shards asked for are in {result.place.address}")
+        say(f"the requested shards are in {result.place.address}")
         return
     for split in plan.splits:
         for advice in plan.layout.advice(plan.pairs[split], plan.config, split):

@@ -1,4 +1,4 @@
-"""Options that several commands share, and the files that options name."""
+"""Options that several commands share, and the types of options' values."""
 
 import math
 import os
@@ -28,15 +28,15 @@ _MOST = 10_000_000
 NATURAL = click.IntRange(min=0, max=_MOST)
 COUNT = click.IntRange(min=1, max=_MOST)
 MOST_WORKERS = 1024
-# JSON's readers in other languages take whole numbers up to 64 bits.
+# JSON readers in other languages take whole numbers of at most 64 bits.
 SEED = click.IntRange(min=0, max=(1 << 63) - 1)
 
 
 class Number(click.FloatRange):
-    """The type of an option that is a number between two ends; click's own takes nan for one."""
+    """The type of a number in a range; unlike click's own type, it refuses nan."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:  # noqa: ANN401
-        """Return the number, or refuse a value that is not one."""
+        """Return the number, or refuse a value that is not a number in the range."""
         number = float(super().convert(value, param, ctx))
         if math.isnan(number):
             self.fail(f"{value!r} is not a number.", param, ctx)
@@ -44,12 +44,12 @@ class Number(click.FloatRange):
 
 
 def above_0(largest: float) -> Number:
-    """Return the type of a number above 0."""
+    """Return the type of a number above 0 and up to ``largest``."""
     return Number(min=0, min_open=True, max=largest)
 
 
 class UserPath(click.Path):
-    """The type of an option that names a file or folder; ``~`` is the home folder, and an empty name is refused."""
+    """The type of a path to a file or folder; ``~`` is the home folder, and an empty name is refused."""
 
     def __init__(self) -> None:
         super().__init__(path_type=Path)
@@ -61,9 +61,9 @@ class UserPath(click.Path):
 
 
 class FilesType(click.types.StringParamType):
-    """The type of an option that names files, folders, globs or an address; what they name is found later.
+    """The type of a file, folder, glob or address as the user wrote it; the command looks for the files later.
 
-    With ``home``, ``~`` in a path is made the home folder here, and not where the files are found.
+    With ``home``, the type replaces ``~`` in a path by the home folder; without, that is left to the search for files.
     """
 
     def __init__(self, *, home: bool = False) -> None:
@@ -74,7 +74,7 @@ class FilesType(click.types.StringParamType):
         return [CompletionItem(incomplete, type="file")]
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:  # noqa: ARG002 - click's
-        """Return the value, unless it is empty: that would stand for the current folder."""
+        """Return the value; refuse an empty one, which would mean the current folder."""
         named = _named(value, param)
         return str(_at_home(named, param)) if self._home and "://" not in named else named
 
@@ -84,7 +84,7 @@ class ConfigName(FilesType):
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         """Offer the packaged configs, and files."""
-        # Bash drops what comes before the files.
+        # Bash drops the candidates that come before a completion of files.
         return [*super().shell_complete(ctx, param, incomplete), *beginning(packaged_configs(), incomplete)]
 
 
@@ -92,7 +92,7 @@ class Setting(click.types.StringParamType):
     """The type of an option that sets a key of a config."""
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG002 - click's
-        """Offer the keys that have a value."""
+        """Offer the keys that can have a value; sections and the keys of single forms of a value are left out."""
         keys = [f"{key.dotted}=" for key in config_keys() if not (key.is_section or key.of_form)]
         return beginning([*keys, "scale="], incomplete)
 
@@ -115,9 +115,12 @@ def _shown(param: click.Parameter | None) -> str:
 
 
 def option_group(name: str, group: type, *options: Callable[[Callback], Callback]) -> Callable[[Callback], Callback]:
-    """Return a decorator that adds options to a command, which takes their values as one parameter.
+    """Return a decorator that adds options to a command and passes their values as one parameter.
 
-    The values are fields of a dataclass, the ``group``; options stand in the order of the help.
+    Args:
+        name: the command's parameter.
+        group: a dataclass with a field for the value of each option, which the parameter is an instance of.
+        options: decorators made by `option`, in the order of the help.
     """
     names = [field.name for field in fields(group)]
 
@@ -156,9 +159,9 @@ set_option = partial(
 
 
 def map_options(use: str, note: str = "") -> Callable[[Callback], Callback]:
-    """Return a decorator that adds the options of disparity maps, the parameters ``disparity`` and ``png_scale``.
+    """Return a decorator that adds --disparity and --png-scale, for the parameters ``disparity`` and ``png_scale``.
 
-    The help says what the maps are for, their ``use``, and has a further sentence, which ends in a space.
+    In the help, ``use`` follows "Disparity maps", and ``note`` is a further sentence that ends in a space.
     """
     files = option(
         "--disparity",
@@ -171,7 +174,7 @@ def map_options(use: str, note: str = "") -> Callable[[Callback], Callback]:
         "--png-scale",
         type=above_0(0xFFFF),
         default=KITTI_DISPARITY.steps,
-        help="Levels of a 16-bit PNG per pixel of disparity.",
+        help="Levels of a 16-bit PNG for a disparity of one pixel.",
     )
     return lambda command: files(scale(command))
 
@@ -198,7 +201,7 @@ class SceneOptions:
 
 
 def _needed(_: click.Context, __: click.Parameter, name: str | None) -> str:
-    """Say which configs there are where none is given."""
+    """Return the config's name; where none is given, raise `InputError` with a list of the packaged configs."""
     if name is None:
         lines = "".join(f"\n  {line}" for line in listed_configs())
         raise InputError(
@@ -224,9 +227,9 @@ scene_options = option_group(
         type=FilesType(),
         multiple=True,
         metavar="DIR",
-        help="A folder of 3D models to add to those that are built in. May be repeated.",
+        help="Folder of 3D models to add to the built-in ones and the config's folders. May be repeated.",
     ),
-    option("--seed", type=SEED, default=0, help="Another seed, another dataset."),
+    option("--seed", type=SEED, default=0, help="Seed of the dataset: another seed makes other pairs."),
     set_option(),
     option(
         "--backend",
@@ -242,7 +245,7 @@ def read_config(
 ) -> Config:
     """Load the config that the options --config, --images, --models and --set describe."""
     overrides: list[str | tuple[str, Any]] = list(settings)
-    # As values: names of files that went through YAML would have to be text.
+    # Passed as values: as YAML text, some file names would be read as numbers or dates.
     if images:
         overrides += [("textures.source", "images"), ("textures.images", list(images))]
     if models:

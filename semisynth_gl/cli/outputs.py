@@ -1,4 +1,7 @@
-"""Options that write one file. What stands under its name already is replaced only where the same command wrote it."""
+"""Options that name a file to write.
+
+An existing file is replaced only if the same command wrote it, or with --overwrite; an input or a dataset's file never.
+"""
 
 import json
 import os
@@ -22,7 +25,7 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures.images import image_extensions
 from semisynth_gl.textures.reach import photograph_sources, reaching_source
 
-# More than a report of a million pairs.
+# Most bytes that are read to recognise a file; a report on a million pairs has fewer.
 _MOST_BYTES = 1 << 30
 # Where click's context keeps the value of --overwrite.
 _OVERWRITE = "semisynth_gl.overwrite"
@@ -30,9 +33,12 @@ _OVERWRITE = "semisynth_gl.overwrite"
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """What a command writes: its name in messages, and how its files are told from others.
+    """A kind of file that a command writes.
 
-    A new file's bytes go through ``marked``, so that ``recognises`` finds them to be of this kind.
+    Attributes:
+        name: the kind in messages, after "is not ".
+        recognises: tells from the first bytes of a file, at most 1 GiB, whether it is of this kind.
+        marked: puts the mark by which ``recognises`` knows the kind into the bytes of a new file.
     """
 
     name: str
@@ -41,7 +47,10 @@ class Kind:
 
 
 def json_report(command: str, **values: type) -> Kind:
-    """Return the kind of a JSON report, known by its keys and their types; where it has ``command``, by that too."""
+    """Return the kind of a JSON report that has the keys of ``values``, with values of these types.
+
+    A report with a key "command" must be a report of the same command.
+    """
 
     def recognises(data: bytes) -> bool:
         with suppress(ValueError, RecursionError):
@@ -54,7 +63,7 @@ def json_report(command: str, **values: type) -> Kind:
 
 
 def _marked(name: str, head: bytes, mark: bytes) -> Kind:
-    """Return the kind of a file with a mark behind its head, which is a pattern."""
+    """Return the kind of a file that has ``mark`` after its head; ``head`` is a pattern."""
     pattern = re.compile(head, re.DOTALL)
 
     def recognises(data: bytes) -> bool:
@@ -65,33 +74,37 @@ def _marked(name: str, head: bytes, mark: bytes) -> Kind:
 
 
 def marked_png(command: str) -> Kind:
-    """Return the kind of a PNG, whose first text says which command wrote it."""
+    """Return the kind of a PNG whose first text chunk names the command that wrote it."""
     text = b"tEXtSoftware\0" + command.encode()
     chunk = struct.pack(">I", len(text) - 4) + text + struct.pack(">I", zlib.crc32(text))
-    # Behind the signature and the first chunk.
+    # The text comes after the signature and the first chunk.
     return _marked(f"a picture of {command}", rb"\A.{33}", chunk)
 
 
 def marked_html(command: str) -> Kind:
-    """Return the kind of an HTML page, whose head says which command wrote it."""
+    """Return the kind of an HTML page whose head names the command that wrote it."""
     return _marked(f"a page of {command}", rb"<head>\n", f'<meta name="generator" content="{command}">\n'.encode())
 
 
 def marked_ply(command: str) -> Kind:
-    """Return the kind of a binary PLY, whose first comment says which command wrote it."""
+    """Return the kind of a binary PLY whose first comment names the command that wrote it."""
     head = rb"\Aply\nformat binary_little_endian 1\.0\n"
     return _marked(f"a point cloud of {command}", head, f"comment {command}\n".encode())
 
 
-CONFIG = Kind("a config that may be replaced", lambda _: False)
-"""The kind of a config: users write such files too, so a config is replaced only with --overwrite."""
+CONFIG = Kind("a file that this command replaces unasked", lambda _: False)
+"""The kind of a config. It recognises no file: users write configs too, so one is replaced only with --overwrite."""
 
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """A file that an option names; ``path`` is None where no file is asked for.
+    """A file to write.
 
-    ``overwrite`` lets it replace a file of another kind too, but never a file of a dataset or an input.
+    Attributes:
+        option: the option that names the file, as messages show it.
+        kind: what is written.
+        path: the file; None where the option was not given.
+        overwrite: whether an existing file of another kind may be replaced; a dataset's file or an input may never.
     """
 
     option: str
@@ -101,16 +114,21 @@ class Output:
 
     @property
     def file(self) -> Path:
-        """The file, of an option that has a default or has to be given."""
+        """The path, for options that have a default or are required; raises ValueError where it is None."""
         if self.path is None:
             raise ValueError(f"{self.option} names no file")
         return self.path
 
     def check(self, inputs: Sequence[str] = (), photographs: Sequence[str] = (), *, makes_folder: bool = False) -> None:
-        """Refuse a file that cannot or must not be written or replaced; call it before anything is computed.
+        """Refuse a file that cannot or must not be written or replaced; call this before anything is computed.
 
-        Inputs are files, folders and globs that the command reads; ``photographs`` name those with photographs.
-        ``makes_folder`` says that the file's folder is made where it is missing.
+        Args:
+            inputs: files, folders and globs that the command reads.
+            photographs: files, folders and globs of photographs; the file must not become one of them.
+            makes_folder: whether `write` may make the file's folder; otherwise the folder must exist.
+
+        Raises:
+            InputError: names the option, the file and the fault.
         """
         if self.path is None:
             return
@@ -125,31 +143,34 @@ class Output:
         dataset = next((above for above in path.parents if _is_dataset(above)), None)
         if dataset is not None:
             raise InputError(
-                f"{shown}: lies in the dataset's folder {dataset}, where verify would take it for a foreign file; name "
-                "a file outside it"
+                f"{shown}: lies in the dataset's folder {dataset}, where verify would report it; name a file outside "
+                "the folder"
             )
         source = reaching_source(path, photographs, image_extensions())
         if source is not None:
             raise InputError(
-                f"{shown}: lies where photographs are sought ({source}), and would become one; name a file elsewhere"
+                f"{shown}: lies among the photographs ({source}) and would be read as one; name a file elsewhere"
             )
         if not path.is_file() or self.kind.recognises(_head(path)):
             return
         source = reaching_source(path, inputs)
         if source is not None:
-            raise InputError(f"{shown}: is an input ({source}), which is left as it is; name another file")
+            raise InputError(f"{shown}: is an input ({source}), which is never replaced; name another file")
         if not self.overwrite:
             raise InputError(
-                f"{shown}: is there already, and is not {self.kind.name}; choose another name, or replace it with "
+                f"{shown}: exists already and is not {self.kind.name}; choose another name, or replace it with "
                 "--overwrite"
             )
 
     def check_beside(self, config_name: str, config: Config) -> None:
-        """`check` beside a config and all that it names: photographs and models."""
+        """Call `check` with a config, and the models and photographs that it names, as inputs."""
         self.check((config_name, *config.models.folders), photograph_sources(config.textures))
 
     def write(self, data: bytes) -> None:
-        """Write the file under a name of this process, then rename it: it is complete, or as it was before."""
+        """Write the file, if any, and its folder; a failure leaves an existing file as it was.
+
+        The data go to a temporary file that is renamed at the end. Pipes and devices are written to directly.
+        """
         if self.path is None:
             return
         self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -165,13 +186,13 @@ class Output:
             partial.unlink(missing_ok=True)
 
     def write_json(self, values: object, *, allow_nan: bool = True) -> None:
-        """Write values as JSON."""
+        """Write values as JSON; without ``allow_nan``, ValueError is raised for NaN and infinity."""
         if self.path is not None:
             self.write(f"{json.dumps(values, indent=1, allow_nan=allow_nan)}\n".encode())
 
 
 def _check_room(folder: Path, shown: str) -> None:
-    """Refuse a folder that takes no new file: permissions do not tell, of a full disk or of the kernel's files."""
+    """Refuse a folder in which no file can be made; permissions do not show a full disk or a kernel's file system."""
     if not folder.is_dir():
         raise InputError(f"{shown}: {folder} is a file; name a folder")
     try:
@@ -184,9 +205,14 @@ def _check_room(folder: Path, shown: str) -> None:
 def further_output_option(
     name: str, parameter: str, kind: Kind, *endings: str, **settings: str | bool
 ) -> Callable[[Callback], Callback]:
-    """Return a decorator for an option that names a further file to write, beside the `output_option` of the command.
+    """Return a decorator that adds an option for a second file to write; the command needs an `output_option` too.
 
-    A parameter of the command takes the `Output`. The file's name has to end in one of the endings, if any are given.
+    Args:
+        name: the option.
+        parameter: the command's parameter, which takes the `Output`.
+        kind: what is written.
+        endings: the name's possible endings, in lower case with a dot; any ending will do where none is given.
+        settings: further arguments of `option`.
     """
 
     def opened(ctx: click.Context, _: click.Parameter, path: Path | None) -> Output:
@@ -199,7 +225,10 @@ def further_output_option(
 
 
 def output_option(name: str, kind: Kind, *endings: str, **settings: str | bool) -> Callable[[Callback], Callback]:
-    """Return a decorator for a file to write, the command's parameter ``output``, and for --overwrite."""
+    """Return a decorator that adds --overwrite and an option for a file to write, the parameter ``output``.
+
+    The arguments are those of `further_output_option`.
+    """
 
     def keep(ctx: click.Context, _: click.Parameter, overwrite: bool) -> None:
         ctx.meta[_OVERWRITE] = overwrite
@@ -211,7 +240,7 @@ def output_option(name: str, kind: Kind, *endings: str, **settings: str | bool) 
         is_eager=True,  # read before the files' names
         expose_value=False,
         callback=keep,
-        help=f"Replace the file of {name} whatever it is, but for inputs.",
+        help="Replace existing files of any kind, except inputs and files of a dataset.",
     )
     return lambda command: file(flag(command))
 

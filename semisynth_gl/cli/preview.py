@@ -23,24 +23,24 @@ _FEWEST = 4
 
 @click.command(cls=Command)
 @scene_options
-@output_option("--out", marked_png("semisynth-gl preview"), ".png", default="preview.png", help="PNG to write.")
+@output_option("--out", marked_png("semisynth-gl preview"), ".png", default="preview.png", help="PNG file to write.")
 @further_output_option(
     "--ply",
     "cloud",
     marked_ply("semisynth-gl preview"),
     ".ply",
     metavar="FILE",
-    help="Also write the left view of the first pair shown as a point cloud, in metres and with colours, to this PLY.",
+    help="Also write the first shown pair's left view to this PLY file, as a coloured point cloud in metres.",
 )
 @option(
     "--pairs",
     type=click.IntRange(min=1, max=64),
-    help=f"How many pairs to show.  [default: {_FEWEST}, or one of each recipe where there are more]",
+    help=f"How many pairs to show.  [default: {_FEWEST}, or one for each recipe if there are more recipes]",
 )
 def preview(scene: SceneOptions, output: Output, cloud: Output, pairs: int | None) -> None:
     """Draw a contact sheet: a pair of each recipe, the dataset's first pairs, and their histogram against the config's.
 
-    In the histogram each recipe counts by its share of the scenes.
+    The histogram weights each recipe by its share of the scenes.
     """
     # Imported here: help and completion need no renderer, and matplotlib takes longer to load than a pair to render.
     with interrupts_end():
@@ -80,18 +80,19 @@ def preview(scene: SceneOptions, output: Output, cloud: Output, pairs: int | Non
     for recipe, (objects, still) in zip(recipes, in_view, strict=True):
         say(_about(recipe, [pair.index for pair in of_recipe[recipe.name]], objects, 1 - still))
     say(
-        f"over many pairs, disparities are expected to come to a total variation of "
-        f"{total_variation(expected, target):.3f} from the target, {wasserstein_px(target, expected):.2g} px "
-        "(Wasserstein-1)"
+        f"over many pairs, disparities are expected to have a total variation of "
+        f"{total_variation(expected, target):.3f} from the target, and a Wasserstein-1 distance of "
+        f"{wasserstein_px(target, expected):.2g} px"
     )
 
 
 def _about(recipe: Recipe, indices: Sequence[int], objects: float, covered: float) -> str:
-    """Return a line about a recipe: its share, the pairs that show it, and what floats in a left view in the mean.
+    """Return a line about a recipe: its share of the scenes, the pairs that show it, and its particles.
 
-    ``covered`` is the share of the view that the floating ``objects`` cover, 0 to 1.
+    ``objects`` is the mean number of particles in a left view, and ``covered`` the share of the view that they cover,
+    0 to 1.
     """
-    view = f"on average {counted(round(objects), 'floating object')} in view, covering {covered:.0%} of the image"
+    view = f"on average {counted(round(objects), 'particle')} in view, covering {covered:.0%} of the image"
     if recipe.name is None:
         return view
     pairs = f"pair{'s' * (len(indices) > 1)} {', '.join(map(str, indices))}" if indices else "no pair shown"

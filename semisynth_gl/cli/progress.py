@@ -1,4 +1,4 @@
-"""Messages and progress on standard error: a bar with rate and remaining time on a terminal, plain lines elsewhere."""
+"""Messages and progress on standard error: on a terminal a bar with rate and remaining time, elsewhere plain lines."""
 
 import sys
 import time
@@ -16,7 +16,7 @@ _SECONDS_BETWEEN_LINES = 10.0
 
 
 class Progress(Listener):
-    """Shows messages and counts pairs. Use it in a ``with`` block."""
+    """Shows messages and counts pairs. Use it in a ``with`` block, which removes the bar at its end."""
 
     def __init__(self) -> None:
         self._total = self._count = 0
@@ -32,24 +32,24 @@ class Progress(Listener):
         self._open.close()
 
     def on_message(self, text: str) -> None:
-        """Show a sentence."""
+        """Show a sentence, with the running command's options in place of the library's arguments."""
         click.echo(in_options(text, click.get_current_context().command), err=True)
 
     def on_renderer(self, name: str) -> None:
-        """Show the name of a renderer, once."""
+        """Show the name of a renderer the first time that it comes."""
         if name not in self._renderers:
             self._renderers.add(name)
             self.on_message(f"rendering with {name}")
 
     def on_total(self, pairs: int) -> None:
-        """Start the clock and show the bar; the time before is no part of the rate."""
+        """Show the bar and start the clock of the rate, which leaves out the time before the first pair."""
         self._total = pairs
         self._start = self._shown_at = time.monotonic()
         if sys.stderr.isatty():
             self._bar = self._open.enter_context(tqdm(total=pairs, unit="pair", file=sys.stderr))
 
     def on_pair(self, pair: FinishedPair) -> None:
-        """Count a pair; leave a pair that an earlier run wrote out of the total."""
+        """Count a new pair; take a pair that an earlier run wrote out of the total."""
         if not pair.kept:
             self.advance()
             return
@@ -59,7 +59,7 @@ class Progress(Listener):
             self._bar.refresh()
 
     def advance(self) -> None:
-        """Count a pair."""
+        """Count a pair; without a terminal, print a line every 10 s and at the end."""
         self._count += 1
         if self._bar is not None:
             self._bar.update()

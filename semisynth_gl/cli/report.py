@@ -23,18 +23,18 @@ from semisynth_gl.seeds.splits import SPLITS, SplitName
     marked_html("semisynth-gl report"),
     ".html",
     ".htm",
-    help="HTML file to write; by default the dataset's name and -report.html, in the current folder.",
+    help="HTML file to write.  [default: the dataset's name and -report.html, in the current folder]",
 )
 @option(
     "--pairs",
     type=click.IntRange(min=0, max=64),
     default=12,
-    help="How many pairs to show, evenly spread; outliers come on top.",
+    help="How many pairs to show, evenly spread over the dataset; outliers are added to these.",
 )
-@option("--sample", type=COUNT, default=200, help="How many pairs to measure, evenly spread.")
-@option("--split", type=click.Choice(SPLITS), help="Of this split alone.")
+@option("--sample", type=COUNT, default=200, help="How many pairs to measure, evenly spread over the dataset.")
+@option("--split", type=click.Choice(SPLITS), help="Report only on this split.")
 def report(directory: str, output: Output, pairs: int, sample: int, split: SplitName | None) -> None:
-    """Write one HTML page about a dataset: pairs, distributions, outliers and what made it.
+    """Write one HTML page about a dataset: pairs, distributions, outliers, and the settings that made it.
 
     The page needs no server and no network: it opens from disk in a browser.
     """
@@ -49,7 +49,7 @@ def report(directory: str, output: Output, pairs: int, sample: int, split: Split
     start = time.monotonic()
     with Progress() as progress:
         built = report_on(directory, pairs=pairs, sample=sample, split=split, listener=progress)
-    data = built.page.encode("utf-8", "backslashreplace")  # names of files may hold bytes that are no text
+    data = built.page.encode("utf-8", "backslashreplace")  # file names may hold bytes that are not text
     output.write(data)
     measured, total = len(built.measurement.pairs), built.measurement.dataset_pairs
     size = f" at 1/{built.step} of their size" if built.step > 1 else ""

@@ -1,7 +1,7 @@
-"""Standard output and standard error that may be closed, full, or left by their reader at any time.
+"""Standard output and standard error, either of which may be closed, full, or without a reader at any time.
 
-Messages are lost then, and nothing else: a dataset does not fail because nobody hears of it. A result that is printed,
-such as the table of ``evaluate``, is what the command was run for, so that its loss is an error.
+A lost message does no harm: a dataset does not fail because nobody reads the messages about it. But a printed result,
+such as the table of ``evaluate``, is the purpose of its command, so its loss is an error.
 """
 
 import errno
@@ -16,11 +16,11 @@ from semisynth_gl.inputs.errors import SemisynthError
 
 
 class PrintError(SemisynthError):
-    """Standard output takes no more."""
+    """Part of a result could not be printed, because standard output is closed, full or without a reader."""
 
 
 class _Stream(io.FileIO):
-    """An open descriptor; what it does not take is dropped, and all that follows. The first loss of results is told."""
+    """An open descriptor. After a failed write, all further bytes are dropped; if they are results, it raises once."""
 
     def __init__(self, descriptor: int, *, results: bool) -> None:
         super().__init__(descriptor, "w", closefd=False)
@@ -41,10 +41,10 @@ class _Stream(io.FileIO):
 
 
 def guard_streams() -> None:
-    """Replace ``sys.stdout`` and ``sys.stderr`` by streams that print any text and never stop a command for a message.
+    """Replace ``sys.stdout`` and ``sys.stderr`` by streams that print any text; a lost message never stops a command.
 
-    A closed descriptor of the first three is opened on /dev/null: the next file to be opened would get its number, and
-    with it every message of a driver.
+    Writing to the new ``sys.stdout`` raises `PrintError` at the first loss. Closed descriptors among 0, 1 and 2 are
+    opened on /dev/null; otherwise the next opened file would get the number, and a driver's messages would land in it.
     """
     for descriptor in range(3):
         try:
@@ -56,7 +56,7 @@ def guard_streams() -> None:
 
 
 def say(text: str) -> None:
-    """Print a message on standard output; where it takes none, standard error says so."""
+    """Print a message on standard output; where that fails, print a note on standard error instead of raising."""
     try:
         click.echo(text)
     except PrintError as error:
@@ -65,5 +65,5 @@ def say(text: str) -> None:
 
 def _text(raw: io.FileIO, before: TextIO | None) -> TextIO:
     encoding = before.encoding if before is not None else "utf-8"
-    # Names of files may hold bytes that are no text.
+    # File names may hold bytes that are not text.
     return io.TextIOWrapper(io.BufferedWriter(raw), encoding, errors="backslashreplace", line_buffering=True)

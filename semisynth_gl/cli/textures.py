@@ -24,15 +24,15 @@ from semisynth_gl.textures.reach import photograph_sources
     type=ConfigName(),
     default="middlebury",
     metavar="NAME_OR_PATH",
-    help=f"Its section textures counts: a YAML file, or a packaged config: {', '.join(packaged_configs())}.",
+    help=f"Config whose patches to draw: a YAML file, or a packaged config: {', '.join(packaged_configs())}.",
 )
 @images_option()
-@option("--seed", type=SEED, default=0, help="As of the dataset.")
+@option("--seed", type=SEED, default=0, help="Seed of the dataset whose patches to draw.")
 @set_option(help="Override a key of the config, for example textures.flat_share=0.1. May be repeated.")
-@output_option("--out", marked_png("semisynth-gl textures"), ".png", default="textures.png", help="PNG to write.")
+@output_option("--out", marked_png("semisynth-gl textures"), ".png", default="textures.png", help="PNG file to write.")
 def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tuple[str, ...], output: Output) -> None:
-    """Draw the patches that a dataset shows, count them, and tell what was left out of the photographs and why."""
-    # Imported here: no other command draws text.
+    """Draw the patches that a dataset shows, count them, and say how many crops were rejected and why."""
+    # Imported here: other commands need no fonts.
     from semisynth_gl.textures.sheet import draw_texture_sheet  # noqa: PLC0415
 
     section = read_config(config_name, images, (), settings).textures

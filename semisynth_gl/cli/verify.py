@@ -15,17 +15,17 @@ from semisynth_gl.verification.verify import verify as verify_dataset
 
 @click.command(cls=Command)
 @click.argument("directory", type=FilesType(), metavar="DIR_OR_ADDRESS")
-@option("--oracle", is_flag=True, help="Also make each scene again and compare with float64 rays.")
-@option("--pixels", type=COUNT, default=500, help="Rays per pair, with --oracle.")
+@option("--oracle", is_flag=True, help="Also make each scene again and compare the truth with float64 rays.")
+@option("--pixels", type=COUNT, default=500, help="Rays that --oracle casts for each pair.")
 @output_option(
     "--json",
     json_report("semisynth-gl verify", pairs=int, findings=list, measures=dict),
-    help="Also write findings and measures here.",
+    help="Also write findings and measures to this JSON file.",
 )
 def verify(directory: str, oracle: bool, pixels: int, output: Output) -> None:
-    """Read a dataset back as a stranger would, and tell what is wrong with it.
+    """Read a dataset back from its files, as a user's program would, and print its faults.
 
-    One line per finding: scene, check, what was expected and what came. Exit code 1 where there is any.
+    Each line is one finding: scene, check, expected and found values. The exit code is 1 if there are findings.
     """
     output.check()
     start = time.monotonic()
@@ -51,7 +51,7 @@ def verify(directory: str, oracle: bool, pixels: int, output: Output) -> None:
 
 
 def _summary(found: Verification, seconds: float) -> str:
-    """Return a line with the worst of each measure."""
+    """Return a line with the worst value of each measure, and the seconds per pair."""
     parts = []
     for name, text in (
         ("left_right_median_px", "left against right {:.5f} px"),

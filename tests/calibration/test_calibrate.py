@@ -918,7 +918,7 @@ def test_a_real_pair_becomes_a_config_that_renders(call, tmp_path, monkeypatch):
 
     code, _, err = call(*given)
     assert code == 2
-    assert "is there already" in err
+    assert "exists already" in err
     assert call(*given, "--overwrite")[0] == 0
 
 

@@ -12,7 +12,7 @@ from semisynth_gl.engines import interrupts
 from semisynth_gl.engines.interrupts import interrupts_end, interrupts_raise, interrupts_stop
 from semisynth_gl.listener import Listener
 
-STOPPED = "Stopped. What is finished stays on disk, nothing half-written does."
+STOPPED = "Stopped. Finished files stay on disk; nothing half-written is left."
 
 # The program as `python -m semisynth_gl` runs it, with an interrupt at the n-th import that it causes. Python itself
 # looks for the package and for its __main__, whose first statement is the program's.

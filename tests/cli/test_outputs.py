@@ -126,7 +126,7 @@ def test_only_its_own_kind_is_replaced_and_anything_where_it_is_forced(call, hom
     photograph = home / "photos/0.png"
     for data in OTHERS[ending]:
         path.write_bytes(data)
-        assert refused(call(command, path), option, path, "is there already", "--overwrite")
+        assert refused(call(command, path), option, path, "exists already", "--overwrite")
         assert path.read_bytes() == data
     before = files(home)
     link = tmp_path / f"link{ending}"
@@ -146,14 +146,14 @@ def test_only_its_own_kind_is_replaced_and_anything_where_it_is_forced(call, hom
     written = path.read_bytes()
     assert written != data
     if ending == ".yaml":
-        assert refused(call(command, path), "is there already")
+        assert refused(call(command, path), "exists already")
     else:
         assert call(command, path)[0] == 0
     # What another command wrote is another kind.
     for other, its in COMMANDS.items():
         if its == ending and other != command:
             path.write_bytes(written)
-            assert refused(call(other, path), "is there already")
+            assert refused(call(other, path), "exists already")
 
 
 def test_inputs_are_kept_whatever_is_forced(call, home, tmp_path):
@@ -198,7 +198,7 @@ def test_a_point_cloud_replaces_none_but_its_own_kind(call, tmp_path):
     command = f"preview --config sceneflow --images photos --pairs 1 {SMALL} --out"
     foreign, sheet = tmp_path / "a.ply", tmp_path / "a.png"
     foreign.write_bytes(b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nend_header\n")
-    assert refused(call(command, sheet, "--ply", foreign), f"--ply {foreign}", "is there already", "--overwrite")
+    assert refused(call(command, sheet, "--ply", foreign), f"--ply {foreign}", "exists already", "--overwrite")
     assert refused(call(command, sheet, "--ply", tmp_path / "a.obj"), "--ply", "ends in .ply")
     assert refused(call(command, sheet, "--ply", "set/a.ply"), "--ply", "lies in the dataset's folder")
     assert files(tmp_path) == {foreign: foreign.read_bytes()}

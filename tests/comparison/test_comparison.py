@@ -481,7 +481,7 @@ def test_a_dataset_beside_its_own_files_is_without_difference(dataset, tmp_path)
         assert each["advice"] is None
     assert found["jumps"]["dataset"]["mean"] > 0
     assert said["near"] == said["compared"] > 10
-    assert f"{said['near']} of {said['compared']} measures distributed within one standard deviation" in out
+    assert f"{said['near']} of {said['compared']} measures within one standard deviation" in out
     for each in said["profiles"]:
         assert each["dataset"] == pytest.approx(each["place"])
 
@@ -597,13 +597,13 @@ def test_few_pictures_of_a_place_are_said_to_tell_nothing(dataset, photographs, 
     assert " of 0 measures" not in out
     assert re.search(r"^gradient, mean .* too few$", out, re.MULTILINE)
     assert out.splitlines()[-1] == (
-        f"Too few pictures of the place to tell how far {out.count('too few')} measures may be off: that takes "
-        f"{FEWEST} pictures, better a few dozen, and there are 2 photographs, 0 maps"
+        f"Too few pictures of the place to tell how far {out.count('too few')} measures may be off: at least "
+        f"{FEWEST} pictures are needed, better a few dozen; there are 2 photographs, 0 maps"
     )
     # Copies are one subject, and count as one picture.
     alike = [write(tmp_path / f"{number}.png", few[0].read_bytes()) for number in range(FEWEST)]
     _, out, _ = run(dataset, *(word for image in alike for word in ("--images", image)), "--width", 48)
-    assert out.splitlines()[-1].endswith(f"and there are {FEWEST} photographs of 1 subject, 0 maps")
+    assert out.splitlines()[-1].endswith(f"; there are {FEWEST} photographs of 1 subject, 0 maps")
 
 
 def test_enough_pictures_seldom_take_what_is_alike_for_different():

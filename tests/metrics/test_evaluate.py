@@ -376,7 +376,7 @@ def test_error_maps_do_not_go_where_they_would_be_read(middlebury, tmp_path):
         assert words in refused(tmp_path / "pred", truth, "--maps", maps)
     write(tmp_path / "masks" / "a" / "mask0nocc.png", GREY8.encode(np.full(ramp().shape, 255, np.uint8)))
     masked = refused(tmp_path / "pred", gt, "--mask", tmp_path / "masks", "--maps", tmp_path / "masks")
-    assert "lies in --mask" in masked
+    assert "is the folder of --mask" in masked
 
 
 # --- refusals ---

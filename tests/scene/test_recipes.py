@@ -120,7 +120,7 @@ def test_a_preview_shows_each_recipe_and_says_what_it_is(tmp_path):
     assert done.exit_code == 0, done.output
     assert f"4 pairs in {sheet}\n" in done.stdout
     said = re.findall(
-        r"^(\w+), (\d+)% of the scenes: pairs? ([\d, ]+); on average \d+ floating objects? in view, covering \d+% of ",
+        r"^(\w+), (\d+)% of the scenes: pairs? ([\d, ]+); on average \d+ particles? in view, covering \d+% of ",
         done.stdout,
         re.MULTILINE,
     )
