@@ -99,7 +99,7 @@ def _run() -> int:
         error.show()
         if isinstance(error, click.UsageError) and _lacks_quotes(error):
             click.echo(
-                "Put a pattern such as 'photos/*.jpg' into quotes, or the shell expands it to many names.", err=True
+                "Put a pattern such as 'photos/*.jpg' into quotes; else the shell expands it to names.", err=True
             )
         return error.exit_code
     except click.Abort:  # what click makes of KeyboardInterrupt

@@ -39,7 +39,7 @@ _TRIALS: Mapping[Group, Callable[[str], object]] = {
 
 @click.command(cls=Command)
 def doctor() -> None:
-    """Show this machine's packages, devices and backends, say what is missing, and check the disparity of a test pair."""
+    """Show this machine's packages, devices and backends, say what is missing, and check a test pair's disparity."""
     # Imported here, as in `_try`: completion needs no OpenGL.
     from semisynth_gl.render.context import INSTALL_COMMAND, INSTALL_COMMAND_OSMESA, as_root  # noqa: PLC0415
     from semisynth_gl.render.devices import egl_devices, missing_libraries, nvidia_fault  # noqa: PLC0415

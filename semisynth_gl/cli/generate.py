@@ -108,7 +108,7 @@ _dataset_options = option_group(
         "--outputs",
         shell_complete=some_of((*OUTPUTS, "none")),
         metavar="a,b",
-        help=f"Outputs to write besides images and disparities: {', '.join(OUTPUTS)}; or none.  [default: the config's]",
+        help=f"Files besides images and disparities: {', '.join(OUTPUTS)}; or none.  [default: the config's]",
     ),
     option(
         "--truth",
