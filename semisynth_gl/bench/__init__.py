@@ -1,1 +1,1 @@
-"""What ``semisynth-gl bench`` measures on the machine it runs on. Nothing here is used to make datasets."""
+"""The measurements of ``semisynth-gl bench`` on the machine that it runs on; no dataset is made with this room."""

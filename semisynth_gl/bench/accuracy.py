@@ -1,4 +1,4 @@
-"""Error and cost, side by side, of the disparity, of the encodings that store it and images, and of antialiasing.
+"""Errors and costs of the rendered disparity, of the encodings of disparities and images, and of antialiasing.
 
 config -> scenes -> {truth, encodings, antialiasing} -> report, a dictionary of JSON's types -> table
 """
@@ -30,7 +30,7 @@ from semisynth_gl.render.backends import Backend
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How many pairs and rays to each eye of a pair are measured, and how often each alternative takes its turn."""
+    """How many pairs are measured, with how many rays for each eye, and how often each alternative is timed."""
 
     pairs: int = 3
     rays: int = 20_000
@@ -42,8 +42,10 @@ def measure(
 ) -> dict[str, Any]:
     """Measure everything; the listener hears a message at the start of each part.
 
-    The report has the machine, the scenes, under "disparity" the renderer's error, and under "store", "images_store"
-    and "antialias" the default and a row of each alternative.
+    Returns:
+        A report in JSON's types: the keys of `scene_facts`; "machine", a dictionary; "disparity", the renderer's error
+        as of `error_stats`; and in "store", "images_store" and "antialias" a `section` each, on encodings of
+        disparities, encodings of images and antialiasing modes.
 
     Raises:
         SemisynthError: where the config or OpenGL cannot be used.
@@ -83,7 +85,10 @@ def measure(
 def scene_facts(
     bench: BenchScenes, seed: int, effort: Effort, frames: Sequence[Frame], truths: Sequence[SampledTruth]
 ) -> dict[str, Any]:
-    """Describe what was measured: the scenes, their sizes and disparities, the pixels compared with the oracle."""
+    """Describe the measured scenes: config, seed, effort, sizes, disparities, and how many pixels met the oracle.
+
+    Sizes are (width, height), without repetition. "pixels_left_out" counts the chosen pixels that were not compared.
+    """
     disparity = np.concatenate([frame.view(eye).disparity.ravel() for frame in frames for eye in EYES])
     disparity = disparity[np.isfinite(disparity)]
     return {
@@ -102,19 +107,25 @@ def scene_facts(
 
 
 def section(default: str, left_out: Mapping[str, str], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Put the rows of alternatives into JSON's types, with the default's name and why others could not be measured."""
+    """Return a section of the report in JSON's types.
+
+    Args:
+        default: the name of the default alternative.
+        left_out: by the name of an alternative, the reason why it could not be measured.
+        rows: a row of each measured alternative.
+    """
     return {"default": default, "left_out": dict(left_out), "rows": [plain(row) for row in rows]}
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401 - any of JSON's types
-    """Replace numbers that JSON lacks, NaN and infinity, by None."""
+    """Replace NaN and infinity, which JSON lacks, by None, in a number or in the values of nested mappings."""
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def headline(report: Mapping[str, Any]) -> str:
-    """Name the scenes and the machine of a report."""
+    """Return a line that names the scenes and the machine of a report."""
     machine, (width, height) = report["machine"], report["sizes_px"][0]
     return (
         f"{report['config']}, {width} x {height} px, {counted(report['pairs'], 'pair')}; {machine['renderer']}, "
@@ -123,7 +134,10 @@ def headline(report: Mapping[str, Any]) -> str:
 
 
 def table(report: Mapping[str, Any]) -> str:
-    """Lay a report out in Markdown, a table for each section it has; a star marks the front, bold the default."""
+    """Return a report in Markdown, with a table for each of its sections.
+
+    A star marks the alternatives on the front, and the default is bold.
+    """
     sections = [name for name in _COLUMNS if name in report]
     parts = [_disparity_text(report)] if "disparity" in report else []
     for name in sections:
@@ -167,7 +181,8 @@ def _number(value: float | None, style: str) -> str:
 _Cells = Callable[[Mapping[str, Any]], tuple[str, ...]]
 _ERROR_HEAD = ("median, px", "p99.9, px", "worst, px")
 _FILE_HEAD = ("ms to read", "kB a pair")
-# Of each section, the heads of its columns and the cells of a row; name, time and description are in every table.
+# By section, the heads of its own columns and a function that returns their cells. All tables also have columns for the
+# name, the time and the description; the first head stands over the names.
 _COLUMNS: Mapping[str, tuple[tuple[str, ...], _Cells]] = {
     "get": (("to get disparity", *_ERROR_HEAD), lambda row: _errors(row["error"])),
     "store": (

@@ -24,7 +24,7 @@ MODES: Mapping[str, str] = {
     "ssaa2": "4 samples, averaged",
     "ssaa3": "9 samples, averaged",
 }
-"""The measured modes with their descriptions."""
+"""The measured antialiasing modes, with their descriptions in reports."""
 DEFAULT_MODE = "none"
 REFERENCE = "ssaa8"
 _REFERENCE_TEXT = "64 samples, averaged: the reference"
@@ -33,15 +33,25 @@ _REFERENCE_TEXT = "64 samples, averaged: the reference"
 def measure_modes(
     bench: BenchScenes, outlines: Sequence[NDArray[np.bool_]], backend: Backend, repeats: int
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
-    """Measure every mode that the driver can do; each draws all scenes ``repeats`` times, in turns, the reference once.
+    """Measure all antialiasing modes that the driver supports.
 
-    Outlines are (H, W) bool masks of both eyes of each scene: pixels that touch another instance.
+    In turns, each mode draws all scenes ``repeats`` times. The reference draws them once.
+
+    Args:
+        bench: the scenes.
+        outlines: for each scene, the left and then the right eye's (H, W) mask of pixels that touch another instance.
+        backend: as of `Renderer`.
+        repeats: how often each mode is timed.
 
     Returns:
-        A row of each mode and one of the reference, and the driver's reason for each mode that is left out. A mode's
-        time is the time to draw and read back both images with both disparities, without visibility. PSNRs are against
-        the reference: of all pixels, of pixels within 1 px of another instance, and of the rest. The front weighs time
-        and PSNR of all pixels.
+        A row of `alternative_rows` for each mode and the reference; and, by the name of each mode that is left out, the
+        driver's reason. The time is that of drawing and reading back both images with both disparities, without
+        visibility. "psnr_db", "psnr_outline_db" and "psnr_inside_db" are against the reference: over all pixels, over
+        outline pixels and their eight neighbours, and over the rest; the reference has None. The front weighs time and
+        "psnr_db".
+
+    Raises:
+        BackendError: where the driver does not support the default mode or the reference.
     """
     bench = bench.with_worn_patches()
     options = {mode: {"outputs": (), "antialias": mode} for mode in (*MODES, REFERENCE)}
@@ -59,7 +69,7 @@ def measure_modes(
     measured = {mode: _quality(images[mode], images[REFERENCE], near) for mode in seconds}
     keys = ("psnr_db", "psnr_outline_db", "psnr_inside_db")
     figures = {mode: dict(zip(keys, measured.get(mode, [None] * 3), strict=True)) for mode in images}
-    # A front has smaller values as the better ones: mean squared error rather than PSNR.
+    # On a front, smaller values are better: so it weighs the mean squared error and not the PSNR.
     weighed = {mode: [10 ** (-psnr[0] / 10)] for mode, psnr in measured.items()}
     texts = {mode: MODES.get(mode, _REFERENCE_TEXT) for mode in images}
     return alternative_rows(texts, times, figures, weighed), left_out
@@ -71,7 +81,7 @@ def _images(renderer: Renderer, scenes: Sequence[Scene]) -> list[NDArray[np.uint
 
 
 def psnr_db(image: NDArray[np.uint8], reference: NDArray[np.uint8]) -> float:
-    """Peak signal to noise ratio of 8-bit values of any shape, dB; inf where they are equal."""
+    """Return the peak signal-to-noise ratio of two arrays of 8-bit values of one shape, dB; inf if they are equal."""
     mean_square = float(((image.astype(np.float64) - reference) ** 2).mean())
     return float(10 * np.log10(255**2 / mean_square)) if mean_square > 0 else float("inf")
 
@@ -79,7 +89,7 @@ def psnr_db(image: NDArray[np.uint8], reference: NDArray[np.uint8]) -> float:
 def _quality(
     images: Sequence[NDArray[np.uint8]], references: Sequence[NDArray[np.uint8]], outlines: Sequence[NDArray[np.bool_]]
 ) -> tuple[float, float | None, float | None]:
-    """Measure the PSNR of all pixels, at outlines and elsewhere."""
+    """Return the PSNR over all pixels, at outlines and elsewhere, dB; None where there are no such pixels."""
     image, reference = (
         np.concatenate([as_rgb(pixels).reshape(-1, 3) for pixels in part]) for part in (images, references)
     )

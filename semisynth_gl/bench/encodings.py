@@ -1,6 +1,6 @@
-"""Encodings of disparities and of images, measured by a round trip: time to write and to read, bytes, error.
+"""Encodings of disparities and of images, measured by encoding and decoding: time to write and to read, bytes, error.
 
-The encodings are the codecs that a config may choose.
+All codecs that a config may choose are measured.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,15 +20,20 @@ from semisynth_gl.inputs.errors import InputError
 DEFAULT_DISPARITY_ENCODING = Encodings().disparity.name
 DEFAULT_IMAGE_ENCODING = Encodings().image.name
 
-# Decoders want the name of a file for their messages.
+# Decoders take the name of a file for their messages.
 _MEMORY = Path("memory")
 
 
 @dataclass(frozen=True, slots=True)
 class Encoding:
-    """An encoder with its decoder, which is told the array's shape.
+    """An encoder and its decoder.
 
-    Arrays are (H, W) float32 disparity, inf where there is no truth, (H, W, 3) uint8 RGB or (H, W) uint8 grey.
+    Attributes:
+        name: its name in reports.
+        text: its description in reports.
+        encode: turns an array into bytes: (H, W) float32 disparity, inf where there is no truth, (H, W, 3) uint8 RGB or
+            (H, W) uint8 grey.
+        decode: turns the bytes and the array's shape into an array again.
     """
 
     name: str
@@ -38,7 +43,7 @@ class Encoding:
 
 
 def usable_encodings(codecs: Mapping[str, Codec[Any]]) -> tuple[list[Encoding], dict[str, str]]:
-    """Return the encodings of codecs that are installed and, by name, why the others cannot be measured here."""
+    """Return the encodings whose codecs are installed; and, by its name, why each other one cannot be measured here."""
     usable: list[Encoding] = []
     left_out: dict[str, str] = {}
     for name, codec in codecs.items():
@@ -52,7 +57,7 @@ def usable_encodings(codecs: Mapping[str, Codec[Any]]) -> tuple[list[Encoding], 
 
 
 def _decode_file(codec: Codec[Any], data: bytes, _: tuple[int, ...]) -> NDArray[Any]:
-    """Decode a file, which has its array's shape in it."""
+    """Decode a file; a file says the shape of its array."""
     array: NDArray[Any] = codec.decode(data, _MEMORY)
     return array
 
@@ -60,11 +65,17 @@ def _decode_file(codec: Codec[Any], data: bytes, _: tuple[int, ...]) -> NDArray[
 def measure_encodings(
     arrays: Sequence[NDArray[Any]], encodings: Sequence[Encoding], default: str, repeats: int
 ) -> list[dict[str, Any]]:
-    """Encode and decode arrays in turns, and compare the result with them; return a row of each encoding.
+    """Encode and decode arrays with each encoding in turn, and compare the decoded arrays with the originals.
 
-    Arrays are both disparities or both images of a pair, one pair after the other; times are relative to the default
-    encoding's. "error" is the error of decoded disparities, None for images. The front weighs time to write, time to
-    read, bytes and worst error.
+    Args:
+        arrays: the left and right disparities, or images, of each pair, one pair after the other.
+        encodings: the encodings; the ``default`` one must be among them.
+        default: the name of the encoding to which times are relative.
+        repeats: how often each encoding is timed.
+
+    Returns:
+        A row of `alternative_rows` for each encoding. "error" has the `error_stats` of decoded disparities, and is None
+        for images. The front weighs time to write, time to read, bytes and worst error.
     """
 
     def encode(encoding: Encoding) -> list[bytes]:
@@ -102,7 +113,7 @@ def _error(decoded: Sequence[NDArray[Any]], arrays: Sequence[NDArray[Any]]) -> d
 
 
 def _worst_px(error: Mapping[str, Any] | None) -> float:
-    """Return the error that the front weighs: an encoding that drops pixels is worse than one that keeps them."""
+    """Return the error that the front weighs: the worst error, or infinity for an encoding that loses pixels."""
     if error is None:
         return 0.0
     return np.inf if error["missing"] else float(error["worst_px"])

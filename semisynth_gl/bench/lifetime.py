@@ -1,4 +1,4 @@
-"""A process's life: the time from its start to its first pair on disk, and its memory over many pairs."""
+"""The time from a process's start to its first pair on disk, and a process's memory over many pairs."""
 
 import json
 import os
@@ -23,21 +23,21 @@ from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.backends import Backend
 
 _POLL_S = 0.002
-# Folders of compiled shaders: of Mesa, its older versions, NVIDIA.
+# Environment variables that name the drivers' folders of compiled shaders: Mesa, older versions of Mesa, NVIDIA.
 _DRIVER_CACHES = ("MESA_SHADER_CACHE_DIR", "MESA_GLSL_CACHE_DIR", "__GL_SHADER_DISK_CACHE_PATH")
-# Share of the pairs, at the beginning, during which buffers grow to their size.
+# Share of the pairs after which all buffers are expected to have grown to their final size.
 _SETTLING = 0.25
 
 
 class _Memory(NamedTuple):
-    """Resident memory and the number of OpenGL objects by kind, after a pair."""
+    """A process's resident memory, and its OpenGL objects counted by kind, after a pair."""
 
     rss_bytes: int
     objects: dict[str, int]
 
 
 def _memory_after(job: ShardJob, renderer: PairRenderer, shard: Shard) -> _Memory:
-    """Make the pair of a shard, remove it from the disk and read the process's memory; for `measure_pairs`."""
+    """Make the pair of a shard, remove it from the disk and read the process's memory; passed to `measure_pairs`."""
     job.make(shard, lambda _: renderer, Listener())
     shutil.rmtree(job.place.path(""))
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
@@ -45,13 +45,18 @@ def _memory_after(job: ShardJob, renderer: PairRenderer, shard: Shard) -> _Memor
 
 
 def measure_memory(config: Config, seed: int, backend: Backend, pairs: int) -> dict[str, Any]:
-    """Make pairs in another process and follow its memory.
+    """Make pairs, 1 or more, in another process and follow its memory.
 
     Returns:
-        Resident memory at the end and the largest one after any pair, with a software renderer images and textures
-        too; the slope, with its standard error, of a line through the resident memory after each pair but the first
-        quarter; the number of OpenGL objects at the end by kind, and whether it is the number after that quarter,
-        since some are made once a pair needs them.
+        A dictionary with the keys
+
+        - "pairs": the number of pairs,
+        - "rss_bytes": resident memory after the last pair; with a software renderer, it includes images and textures,
+        - "peak_bytes": the largest resident memory after any pair,
+        - "slope_bytes_per_pair" and "slope_error_bytes_per_pair": slope, with its standard error, of a line through the
+          resident memory after each pair from the second quarter on,
+        - "objects": the number of OpenGL objects at the end, by kind,
+        - "objects_constant": whether these numbers are those after the first quarter, by when all objects should exist.
     """
     memory = measure_pairs(_memory_after, config, seed, backend, pairs)
     rss, settled = np.array([after.rss_bytes for after in memory], np.float64), int(_SETTLING * pairs)
@@ -68,7 +73,10 @@ def measure_memory(config: Config, seed: int, backend: Backend, pairs: int) -> d
 
 
 def line_slope(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Fit a line through (N,) values at 0, 1, ... ; return its slope and the slope's standard error."""
+    """Fit a line through (N,) values at 0, 1, ...; return its slope and the slope's standard error.
+
+    Both are in the unit of the values, per step, and 0 for fewer than three values.
+    """
     if len(values) < 3:
         return 0.0, 0.0
     (slope, _), covariance = np.polyfit(np.arange(len(values)), values, 1, cov=True)
@@ -76,10 +84,14 @@ def line_slope(values: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def measure_start(config: Config, seed: int, backend: Backend, repeats: int) -> list[dict[str, Any]]:
-    """Start ``semisynth-gl generate --pairs 1`` with empty caches and then with the caches of that start, in turns.
+    """Run ``semisynth-gl generate --pairs 1`` with empty caches, and again with the caches that this run has filled.
 
     Returns:
-        A row of each, with seconds until the pair is on disk and until the process has ended: medians over the repeats.
+        A row for "empty caches" and a row for "warm caches", under "name". "first_pair_seconds" is the time until the
+        pair is on disk, "end_seconds" the time until the process has ended; both are medians over the repeats.
+
+    Raises:
+        SemisynthError: where the program ends with an error.
     """
     names = ("empty caches", "warm caches")
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
@@ -92,8 +104,8 @@ def measure_start(config: Config, seed: int, backend: Backend, repeats: int) -> 
 
 
 def _start(config: Config, seed: int, backend: Backend, scratch: Path) -> tuple[float, float]:
-    """Run the program with its caches below a folder."""
-    # JSON is YAML. None stands for a key that was not given.
+    """Run the program with its caches below a folder; return the seconds to the first pair and to the process's end."""
+    # YAML includes JSON. None would stand for a key that was not given.
     config_path, out, driver_cache = scratch / "config.yaml", scratch / "out", scratch / "driver"
     config_path.write_text(json.dumps(config.model_dump(mode="json", exclude_none=True)), encoding="utf-8")
     command = [
@@ -104,7 +116,7 @@ def _start(config: Config, seed: int, backend: Backend, scratch: Path) -> tuple[
     driver_cache.mkdir(exist_ok=True)
     caches = {"SEMISYNTH_GL_CACHE": str(scratch / "cache")} | dict.fromkeys(_DRIVER_CACHES, str(driver_cache))
     plan = shard_job(config, seed, backend, 1, 1, out).plan
-    # The file of a pair that appears last.
+    # The last file of a pair to be written.
     last_file = out / plan.layout.files(plan.key(SPLIT, 0), plan.layout.encodings_for(config))["provenance"]
     first_pair = None
     start = time.perf_counter()
@@ -116,5 +128,5 @@ def _start(config: Config, seed: int, backend: Backend, scratch: Path) -> tuple[
         end = time.perf_counter() - start
         _, message = run.communicate()
     if run.returncode != 0:
-        raise SemisynthError(f"the program could not be started:\n{message.decode(errors='replace')}")
+        raise SemisynthError(f"the timed program ended with an error:\n{message.decode(errors='replace')}")
     return first_pair if first_pair is not None else end, end

@@ -11,7 +11,11 @@ from semisynth_gl.scene.scene import make_scene
 
 
 def plane_error_px(backend: Backend) -> float:
-    """Render a slanted plane and return the largest error of both disparities against its equation, px."""
+    """Render a slanted plane; return the largest error of the left and right disparity against its equation, px.
+
+    Raises:
+        BackendError: where OpenGL cannot be used.
+    """
     camera = StereoCamera(320, 240, 400.0, 0.2, 155.5, 163.5, 119.5)
     normal = np.array([0.3, -0.2, 1.0])  # the plane normal . p = 2 m
     corner, along_x, along_y = np.array([-9.0, -9.0]), np.array([18.0, 0.0]), np.array([0.0, 18.0])

@@ -1,4 +1,4 @@
-"""What the drawing of a pair costs as one quantity grows: instances, triangles, pixels, samples, outputs."""
+"""Time to draw a pair as one quantity grows: instances, triangles, pixels, samples, outputs."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -21,13 +21,13 @@ from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.scene import Scene, make_scene
 
-# Patches that are uploaded; more would change nothing but the time to open a renderer.
+# Number of patches that are uploaded; more patches would only take longer to upload.
 _LAYERS = 64
-# Rings of the balls, from few triangles to many; see `ball`.
+# Number of rings of each ball, from few triangles to many; see `ball`.
 _RINGS = (4, 8, 16, 32, 64)
-# Indices of rings: for many instances or pixels, and for many balls out of view.
+# Indices into _RINGS: the ball where instances or pixels vary, and the ball where balls out of view vary.
 _USUAL, _SMALL = 2, 1
-# Area that all balls of a scene cover together, in images.
+# Sum of the areas of all balls in the image, as a share of the image's area.
 _COVERED = 0.8
 _BALL_DEPTHS_M = (2.0, 6.0)
 _WALL_M = 8.0
@@ -35,7 +35,7 @@ _INSTANCES = (10, 100, 1000)
 _IN_VIEW, _OUTSIDE = 1000, (0, 1000, 10_000)
 _BASE_INSTANCES = 100
 _SIZES = (0.5, 1.0, 2.0)
-# Options of a renderer by the row's name.
+# Options of the renderer that each row measures, by the row's name.
 OUTPUT_OPTIONS: Mapping[str, dict[str, Any]] = {
     "left disparity": {"truth": "left", "outputs": ()},
     "both disparities": {"truth": "both", "outputs": ()},
@@ -44,7 +44,7 @@ OUTPUT_OPTIONS: Mapping[str, dict[str, Any]] = {
 }
 _USUAL_OUTPUTS = "both, both masks"
 STRESS = (10_000, 5_000_000)
-"""Instances and triangles, all in view."""
+"""Instances and triangles of the stress test, all in view."""
 
 
 class _Case(NamedTuple):
@@ -73,14 +73,21 @@ class _Case(NamedTuple):
 def measure_scaling(bench: BenchScenes, seed: int, backend: Backend, repeats: int) -> dict[str, dict[str, Any]]:
     """Measure all quantities.
 
-    Instances, triangles and pixels are varied in scenes of balls before a wall, which cover the same part of the image
-    whatever their number; antialiasing and outputs in the config's scenes, whose first one has the usual image size.
-    The seed decides where balls are. Each row takes its turn ``repeats`` times.
+    Instances, triangles and pixels are varied in scenes of balls in front of a wall; the balls cover the same area of
+    the image whatever their number. Antialiasing and outputs are varied in the config's scenes.
+
+    Args:
+        bench: the config's scenes. The first scene's image size is the usual size, also in the scenes of balls.
+        seed: decides where the balls are.
+        backend: as of `Renderer`.
+        repeats: how often each row is timed; rows are timed in turns, and balls out of view twice as often.
 
     Returns:
-        By quantity: "text", "baseline" (a row's name), "left_out" (names with the driver's reason) and "rows". A row
-        has the mean number of instances, the wall included, and of triangles in view, the pixels of an image, the
-        median time to draw and read back both eyes, and the median "ratio" of that time to the baseline's.
+        A dictionary for each of "instances", "outside", "triangles", "resolution", "antialias" and "outputs": "text"
+        describes the scenes, "baseline" is a row's name, "left_out" has the driver's reason by the names of rows that
+        could not be measured, and "rows" the others. A row has "name"; "instances", their mean number with the wall;
+        "triangles", their mean number in view; "pixels" of an image; "seconds_per_pair", the median time to draw and
+        read back both eyes; and "ratio", the median of that time divided by the baseline's.
     """
     layers = bench.layers[:_LAYERS]
     balls = [marked_solid(ball(rings)) for rings in _RINGS]
@@ -121,13 +128,16 @@ def measure_scaling(bench: BenchScenes, seed: int, backend: Backend, repeats: in
 def measure_stress(
     bench: BenchScenes, seed: int, backend: Backend, instances: int = STRESS[0], triangles: int = STRESS[1]
 ) -> dict[str, Any]:
-    """Time one pair with at least as many instances and triangles in view, drawn once, masks included."""
+    """Time one pair of balls, drawn once with the default outputs; return its row as in `measure_scaling`.
+
+    The pair has ``instances`` balls and at least ``triangles`` triangles in view, and a wall.
+    """
     rings = next(rings for rings in range(3, 10_000) if instances * 4 * rings * (rings - 1) >= triangles)
     model = marked_solid(ball(rings))
     layers = bench.layers[:_LAYERS]
     size = bench.scenes[0].camera.width_px, bench.scenes[0].camera.height_px
     with Renderer([FACE, model], layers, backend=backend) as renderer:
-        # Shaders are compiled with a first pair.
+        # An untimed pair first, since drawing it compiles the shaders.
         renderer.render(_case(renderer, [model], len(layers), seed, size, 0, 1).scenes[0])
         case = _case(renderer, [model], len(layers), seed, size, 0, instances)
         start = time.perf_counter()
@@ -137,7 +147,10 @@ def measure_stress(
 
 
 def ball(rings: int) -> Mesh:
-    """Make a closed ball of radius 1: n rings from pole to pole, 2 n around, 4 n (n - 1) triangles."""
+    """Make a closed ball of radius 1.
+
+    It has n ``rings`` of faces from pole to pole, 2 n faces in each ring, and 4 n (n - 1) triangles.
+    """
     latitude = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)
     profile = np.stack([np.cos(latitude), np.sin(latitude)], axis=-1)
     profile[[0, -1], 0] = 0.0
@@ -148,7 +161,11 @@ def _case(
     renderer: Renderer, balls: Sequence[Mesh], layers: int, seed: int, size: tuple[int, int], model: int, count: int,
     outside: int = 0,
 ) -> _Case:  # fmt: skip
-    """Place balls at random before a wall, and others behind the camera."""
+    """Place ``count`` balls at random in front of a wall, and ``outside`` balls behind the camera.
+
+    ``model`` is an index into ``balls``; ``layers`` is the number of the renderer's patches; ``size`` is the image's
+    width and height in px.
+    """
     rng = np.random.default_rng(seed)
     width, height = size
     camera = StereoCamera.centred(width, height, float(width), 0.1)
@@ -157,7 +174,7 @@ def _case(
     x_px, y_px = (rng.uniform(0.05, 0.95, count) * side for side in size)
     matrices = np.zeros((1 + count + outside, 4, 4))
     matrices[:, 3, 3] = 1
-    # The wall's square, with some beyond the view on each side.
+    # The wall is a square that is larger than the view.
     side_m = 1.5 * _WALL_M
     matrices[0, :3, :3] = np.diag([side_m, side_m, 1.0])
     matrices[0, :3, 3] = -side_m / 2, -side_m / 2, _WALL_M
@@ -173,7 +190,7 @@ def _case(
         model=np.r_[0, np.full(count + outside, 1 + model)],
         world_from_model=matrices,
         layer=rng.integers(0, layers, 1 + count + outside),
-        # One texel to a pixel, about.
+        # About one texel for each pixel.
         uv_scale=np.r_[width * 1.5, np.full(count + outside, radius_px)][:, None] / 256,
         near_m=0.1,
     )
@@ -181,7 +198,7 @@ def _case(
 
 
 def _rotations(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """Draw (count, 3, 3) rotations."""
+    """Draw (count, 3, 3) rotation matrices, uniformly among all rotations."""
     turns, triangular = np.linalg.qr(rng.normal(size=(count, 3, 3)))
     turns = turns * np.sign(np.diagonal(triangular, axis1=1, axis2=2))[:, None, :]
     rotations: NDArray[np.float64] = turns * np.sign(np.linalg.det(turns))[:, None, None]
@@ -191,7 +208,7 @@ def _rotations(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
 def _option_group(
     bench: BenchScenes, options: Mapping[str, dict[str, Any]], baseline: str, backend: Backend, repeats: int
 ) -> dict[str, Any]:
-    """Time the config's scenes with several options of the renderer."""
+    """Time the config's scenes with each of several sets of renderer options; ``baseline`` is the name of one."""
     bench = bench.with_worn_patches()
     triangles = np.array([len(mesh.triangles) for mesh in bench.models])
     in_scene = float(np.mean([triangles[scene.model].sum() for scene in bench.scenes]))
@@ -201,9 +218,9 @@ def _option_group(
 
 
 def _group(text: str, cases: Mapping[str, _Case], repeats: int, *, baseline: str | None = None) -> dict[str, Any]:
-    """Time cases of equally many scenes in turns; without a name, the first case is the baseline."""
+    """Time cases, which have equally many scenes, in turns; without a name, the first case is the baseline."""
     baseline = next(iter(cases)) if baseline is None else baseline
-    for case in cases.values():  # buffers grow once
+    for case in cases.values():  # untimed, since buffers grow at the first drawing
         case.draw_all()
     seconds = alternated({name: case.draw_all for name, case in cases.items()}, repeats)
     times = compare_times(seconds, baseline, len(cases[baseline].scenes))

@@ -1,4 +1,4 @@
-"""Scenes that are measured: the first pairs of a config, and their true disparity at pixels chosen at random."""
+"""The measured scenes: those of a config's first pairs, with their true disparity at random pixels."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -23,18 +23,24 @@ from semisynth_gl.scene.scene import Scene
 from semisynth_gl.scene.sources import prepare_sources
 from semisynth_gl.seeds.splits import Split
 
-# A jump of disparity between neighbours, or another instance beside, makes a depth edge.
+# A pixel is at a depth edge where its disparity jumps by more than this to a neighbour, or its neighbour shows another
+# instance.
 _JUMP_PX = 1.0
 _FROM_EDGE_PX = 2
-# The rasteriser rounds vertices to 1/256 px: nearer to a triangle's edge it may draw the triangle beside.
+# The rasteriser rounds vertices to 1/256 px, so near an edge between two triangles it may draw the wrong one.
 _FROM_CREASE_PX = 1 / 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BenchScenes:
-    """The scenes of a config's first pairs, the meshes that `Scene.model` counts, and the patch atlas.
+    """The scenes of a config's first pairs, and what a renderer needs to draw them.
 
-    Layers are (L, P, P, 4) and (M, Q, Q, 4) uint8; M may be 0.
+    Attributes:
+        config: the config.
+        models: the meshes that `Scene.model` indexes.
+        layers: the patches, (L, P, P, 4) uint8, or (L, P, P) for grey cameras.
+        large_layers: the large patches, (M, Q, Q, 4) uint8, or (M, Q, Q) for grey cameras; M may be 0.
+        scenes: a scene for each pair.
     """
 
     config: Config
@@ -44,9 +50,9 @@ class BenchScenes:
     scenes: Sequence[Scene]
 
     def with_worn_patches(self) -> Self:
-        """Leave out the patches that no scene wears, so that several renderers take little memory."""
+        """Return these scenes without the patches that none of them wears, so that renderers take less memory."""
         small = len(self.layers)
-        # A renderer has at least one patch.
+        # Layer 0 always stays: a renderer needs at least one patch.
         worn = np.union1d(0, np.concatenate([scene.layer for scene in self.scenes]))
         return replace(
             self,
@@ -56,7 +62,7 @@ class BenchScenes:
         )
 
     def open_renderer(self, backend: Backend, **options: Any) -> Renderer:  # noqa: ANN401 - options of a renderer
-        """Open a renderer of these models and patches; options replace the config's."""
+        """Open a renderer of these models and patches; ``options`` are those of `Renderer`, and replace the config's."""
         large = self.large_layers if len(self.large_layers) else None
         options = renderer_options(self.config) | options
         return Renderer(self.models, self.layers, large_layers=large, backend=backend, **options)
@@ -65,7 +71,12 @@ class BenchScenes:
     def open_renderers(
         self, backend: Backend, options: Mapping[str, dict[str, Any]]
     ) -> Iterator[tuple[dict[str, Renderer], dict[str, str]]]:
-        """Open a renderer for the options of each name; give them, and the driver's reason for each name it refuses."""
+        """Open a renderer for each set of options, for the length of a ``with`` block.
+
+        Yields:
+            By the names of ``options``: the renderers, each of which has drawn the first scene once; and the driver's
+            reason for each set that it refuses.
+        """
         renderers, left_out = {}, {}
         with ExitStack() as stack:
             for name, values in options.items():
@@ -81,9 +92,16 @@ class BenchScenes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledTruth:
-    """The oracle's disparity at (N,) pixels of one eye of one scene; inf where no surface is hit.
+    """The oracle's disparity at N pixels of one eye of one scene.
 
-    ``dropped`` counts further chosen pixels, which are left out since they lie near an edge.
+    Attributes:
+        scene: the scene's index in `BenchScenes.scenes`.
+        eye: the eye.
+        row: the pixels' rows, (N,).
+        column: the pixels' columns, (N,).
+        disparity_px: the oracle's disparity, (N,); inf where no surface is hit.
+        dropped: number of chosen pixels that are left out, because they lie near an edge, or because ray and renderer
+            see different instances.
     """
 
     scene: int
@@ -95,7 +113,7 @@ class SampledTruth:
 
 
 def sample_scenes(config: Config, seed: int, pairs: int) -> BenchScenes:
-    """Make the first pairs of a config, its patches and models.
+    """Make the scenes of a config's first pairs, its patches and its models.
 
     Raises:
         InputError: where images, models or ranges cannot be used.
@@ -110,13 +128,21 @@ def sample_scenes(config: Config, seed: int, pairs: int) -> BenchScenes:
 def cast_truth(
     bench: BenchScenes, frames: Sequence[Frame], rays: int, rng: np.random.Generator
 ) -> tuple[list[SampledTruth], list[NDArray[np.bool_]]]:
-    """Cast float64 rays at randomly chosen pixels of both eyes of each scene.
+    """Cast float64 rays at random pixels of both eyes of each scene.
 
-    Pixels within 2 px of a depth edge, and pixels with another triangle within 1/16 px, are left out: an error there
-    shows where the rasteriser puts an edge, and not how exact the disparity of a surface is.
+    Pixels are left out within 2 px of a depth edge, with another triangle within 1/16 px, and where ray and renderer
+    see different instances. An error there would show where the rasteriser puts an edge, not how exact the disparity of
+    a surface is.
 
-    The frames have the output "instances". Besides the truth, the (H, W) bool mask of pixels that touch another
-    instance is returned for each eye of each scene.
+    Args:
+        bench: the scenes.
+        frames: the rendered frame of each scene, with both disparities and the output "instances".
+        rays: number of pixels to choose for each eye of each scene, before any is left out.
+        rng: chooses the pixels.
+
+    Returns:
+        Two lists with an entry for the left eye and then one for the right eye of each scene, in the scenes' order: the
+        truth, and the (H, W) mask of pixels that touch another instance.
     """
     truths, outlines = [], []
     for number, (scene, frame) in enumerate(zip(bench.scenes, frames, strict=True)):
@@ -131,7 +157,7 @@ def cast_truth(
             x, y = column.astype(np.float64), row.astype(np.float64)
             hits = cast_rays(scene, bench.models, eye, x, y)
             kept = far_from_edge[row, column] & (hits.instance == instance[row, column])
-            # All four in one cast: most of its cost is the number of instances.
+            # All four corners in one cast, since the cost of a cast depends mostly on the number of instances.
             seen = np.flatnonzero(kept)
             right, down = np.meshgrid(*[(-_FROM_CREASE_PX, _FROM_CREASE_PX)] * 2)
             around_x, around_y = np.add.outer(right.ravel(), x[seen]), np.add.outer(down.ravel(), y[seen])
@@ -147,7 +173,10 @@ def cast_truth(
 
 
 def edges(image: NDArray[np.float64], jump: float) -> NDArray[np.bool_]:
-    """Mark pixels that differ from one of their four neighbours by more than ``jump``; inf equals inf alone."""
+    """Return the (H, W) mask of pixels that differ by more than ``jump`` from one of their four neighbours.
+
+    Two infinite values are equal; an infinite value differs from every finite one.
+    """
     marked = np.zeros(image.shape, bool)
     for axis in (0, 1):
         ahead, behind = np.moveaxis(image, axis, 0)[1:], np.moveaxis(image, axis, 0)[:-1]
@@ -160,7 +189,7 @@ def edges(image: NDArray[np.float64], jump: float) -> NDArray[np.bool_]:
 
 
 def grown(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
-    """Let a mask grow by a number of pixels in all eight directions."""
+    """Return an (H, W) mask grown by a number of pixels in all eight directions."""
     padded = np.pad(mask, pixels)
     windows = np.lib.stride_tricks.sliding_window_view(padded, (2 * pixels + 1, 2 * pixels + 1))
     return np.asarray(windows.any(axis=(2, 3)))

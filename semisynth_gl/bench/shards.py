@@ -1,4 +1,4 @@
-"""Datasets that are made to be measured, in worker processes as `generate` makes them."""
+"""Datasets that are made only for measurements, in worker processes as by `generate`."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
@@ -22,15 +22,15 @@ from semisynth_gl.seeds.splits import SplitName
 
 LAYOUT = "middlebury"
 SPLIT: SplitName = "train"
-# As `generate` has it.
+# The default of ``generate --timeout``.
 _TIMEOUT_S = 600.0
 
 
 def shard_job(config: Config, seed: int, backend: Backend, pairs: int, shard_pairs: int, folder: Path) -> ShardJob:
-    """Return what makes the shards of a dataset in a folder.
+    """Return the job that makes the shards of a dataset in a folder: ``pairs`` in all, ``shard_pairs`` in each shard.
 
-    It is not for `ShardJob.open`, since it does not know the digests of patches and models: all that takes part in a
-    measurement is on one machine.
+    Do not call `ShardJob.open` on it. It lacks the digests of patches and models that `open` compares between machines,
+    and a measurement runs on one machine.
     """
     plan = make_plan(config, seed, LAYOUT, {SPLIT: pairs}, shard_pairs)
     return ShardJob(plan, Folder(folder), backend, {})
@@ -40,8 +40,8 @@ def do_all(job: Job[Result], tasks: Iterable[int], workers: int) -> list[Result]
     """Do tasks in worker processes; return their results in the order of the tasks' numbers.
 
     Raises:
-        WorkerError: where a worker is lost, since what was measured then holds no longer.
-        Exception: what a task or the opening of the job raises.
+        WorkerError: where a worker is lost, which makes the measurement worthless.
+        Exception: any error of a task or of the opening of the job.
     """
     engine = LocalEngine(workers, _TIMEOUT_S)
     with closing(engine.run(job, tasks, _Undisturbed())) as results:
@@ -54,7 +54,16 @@ def measure_pairs(
 ) -> list[Result]:
     """Measure a config's first pairs, one after the other in one worker process with an open renderer.
 
-    The function, which is pickled, makes the pair of a shard in the job's folder, and removes the folder.
+    Args:
+        measure: makes the pair of a shard in the job's folder, removes the folder and returns the measurement; the
+            function and its result must be picklable.
+        config: the config.
+        seed: the dataset's seed.
+        backend: as of `Renderer`.
+        pairs: number of pairs.
+
+    Returns:
+        The result of ``measure`` for each pair, in order.
     """
     with TemporaryDirectory() as scratch:
         job = shard_job(config, seed, backend, pairs, 1, Path(scratch) / "out")
@@ -73,7 +82,7 @@ class _MeasuredPairs(Generic[Result]):
 
 
 class _Undisturbed(Listener):
-    """Refuses a measurement in which something is worth a message."""
+    """Refuses a measurement during which a message comes, since that means that something went wrong."""
 
     def on_message(self, text: str) -> NoReturn:
         raise WorkerError(f"nothing can be measured: {text}")

@@ -1,4 +1,4 @@
-"""Pairs per second and what they depend on: stages, workers, scenes, memory, start.
+"""Pairs per second and what they depend on: stages, workers, scenes, memory, start of the program.
 
 config -> {workers and stages, scaling, stress, memory, start} -> report, a dictionary of JSON's types -> table
 """
@@ -18,13 +18,13 @@ from semisynth_gl.inputs.errors import counted
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
 
-# Number of scenes that antialiasing modes and outputs are measured on.
+# Number of scenes for measuring antialiasing modes and outputs.
 _SCENES = 4
 
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How much is measured: the options of ``bench speed``. Without numbers of workers, `usual_workers` are taken."""
+    """How much is measured: the options of ``bench speed``. Empty ``workers`` stand for `usual_workers`."""
 
     pairs: int = 8
     repeats: int = 3
@@ -34,7 +34,7 @@ class Effort:
 
 
 def usual_workers() -> tuple[int, ...]:
-    """Powers of two up to the number of cores, and that number."""
+    """Return the powers of two up to the number of usable cores, and that number, in ascending order."""
     most = cores()
     return tuple(sorted({2**power for power in range(most.bit_length()) if 2**power <= most} | {most}))
 
@@ -44,8 +44,10 @@ def measure(
 ) -> dict[str, Any]:
     """Measure everything; the listener hears a message at the start of each part.
 
-    The report has the machine, and measurements under "stages", "passes", "limit", "workers", "scaling", "stress",
-    "memory" and "start".
+    Returns:
+        A report in JSON's types: config, seed, effort and "machine"; "stages", "passes", "limit" and "workers" as of
+        `measure_workers`; "scaling" as of `measure_scaling`; "stress" as of `measure_stress`, or None; "memory" as of
+        `measure_memory`; and in "start", the "rows" of `measure_start`.
 
     Raises:
         SemisynthError: where the config or OpenGL cannot be used.
@@ -86,7 +88,7 @@ def measure(
 
 
 def headline(report: Mapping[str, Any]) -> str:
-    """Name the scenes and the machine of a report."""
+    """Return a line that names the scenes and the machine of a report."""
     machine, (width, height) = report["machine"], report["size_px"]
     return (
         f"{report['config']}, {width} x {height} px; {machine['renderer']}, {machine['opengl']}; "
@@ -96,7 +98,7 @@ def headline(report: Mapping[str, Any]) -> str:
 
 
 def table(report: Mapping[str, Any]) -> str:
-    """Lay a report out in Markdown: tables, and a sentence in place of a table with one row."""
+    """Return a report in Markdown: tables, and sentences where a table would have only one row."""
     stages, workers, start = (report[name]["rows"] for name in ("stages", "workers", "start"))
     scaling = report["scaling"].items()
     parts = [
@@ -144,7 +146,7 @@ def table(report: Mapping[str, Any]) -> str:
 
 
 def limit_text(report: Mapping[str, Any]) -> str:
-    """Name the narrowest stage and the limit, and say how near to the limit several rounds came."""
+    """Return sentences on the slowest stage, the limit of pairs per second, and the share of it that was reached."""
     limit = report["limit"]
     workers = f"{limit['workers']} workers make" if limit["workers"] > 1 else "1 worker makes"
     text = (

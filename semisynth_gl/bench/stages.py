@@ -1,6 +1,6 @@
 """Costs of a pair's stages and of the passes that draw it, and the stage that limits the pairs per second.
 
-A pair's stages are timed one by one, the driver finishing each before the next begins, and so are its passes.
+Stages are timed one by one: the driver finishes each before the next begins.
 """
 
 import shutil
@@ -20,7 +20,7 @@ from semisynth_gl.pairs.pipeline import PAIR_STAGES, PairRenderer
 from semisynth_gl.render.pass_clock import PASSES, PassName, PassSeconds
 
 STAGES = (*PAIR_STAGES, "encode", "write")
-"""The stages of a pair in a dataset, in order: the renderer's, then the handling of the arrays."""
+"""The stages of a pair in a dataset, in order: first the renderer's, then the encoding and writing of the files."""
 
 STAGE_TEXTS: Mapping[str, str] = {
     "sample": "what stands where",
@@ -47,9 +47,12 @@ PROCESSOR = "processor"
 
 
 class Costs(NamedTuple):
-    """Costs of one stage of one pair, ``cpu_seconds`` of all threads of the process together.
+    """Costs of one stage of one pair.
 
-    ``result_bytes`` is None where the stage's result stays with the driver or is small.
+    Attributes:
+        seconds: time on the clock.
+        cpu_seconds: processor time of all threads of the process together.
+        result_bytes: size of the stage's result; None where the result stays with the driver or is small.
     """
 
     seconds: float
@@ -58,9 +61,14 @@ class Costs(NamedTuple):
 
 
 class PairTimes(NamedTuple):
-    """Times of one pair: its costs by stage, and, without waits in between, its seconds and the seconds of each pass.
+    """Times of one pair.
 
-    ``queries`` says whether timer queries timed the passes; ``facts`` come from `Renderer.facts`.
+    Attributes:
+        costs: the costs of each stage, each finished before the next began.
+        seconds: the time of the whole pair, without waits between stages.
+        passes: the time of each pass that ran.
+        queries: whether the GPU's timer queries timed the passes, or else the processor's clock did.
+        facts: `Renderer.facts`.
     """
 
     costs: Mapping[str, Costs]
@@ -71,7 +79,7 @@ class PairTimes(NamedTuple):
 
 
 class _StageClock(Listener):
-    """Adds up the time of each stage of a pair, on the clock and of the processor, s."""
+    """Adds up, for each stage of a pair, the time on the clock and the processor time, s."""
 
     def __init__(self) -> None:
         self.seconds = dict.fromkeys(STAGES, 0.0)
@@ -85,7 +93,7 @@ class _StageClock(Listener):
 
 
 def time_pair(job: ShardJob, renderer: PairRenderer, shard: Shard) -> PairTimes:
-    """Time the pair of a shard: as a whole, then its stages, then its passes; for `measure_pairs`."""
+    """Time the pair of a shard: as a whole, then its stages, then its passes; passed to `measure_pairs`."""
     start = time.perf_counter()
     _write(job, renderer, shard, Listener())
     seconds = time.perf_counter() - start
@@ -109,19 +117,20 @@ def _write(job: ShardJob, renderer: PairRenderer, shard: Shard, listener: Listen
         listener.on_stage("encode")
         writer.add(files, facts | {"seconds": 0.0})
         record = writer.finish({"split": SPLIT, "first": shard.first, "end": shard.end}, {})
-    # Beginning and end of a shard are part of writing, and take the less the more pairs it has.
+    # Writing includes beginning and ending a shard, which takes less time per pair in a shard of more pairs.
     listener.on_stage("write")
     shutil.rmtree(job.place.path(""))
     return sum(array.nbytes for array in pair.frame.arrays().values()), record["bytes"]
 
 
 def stage_rows(pairs: Sequence[Mapping[str, Costs]], cores: int, *, software: bool) -> list[dict[str, Any]]:
-    """Average the costs of pairs on a machine with a number of cores, which draws with a software renderer or a GPU.
+    """Average the costs of pairs on a machine with ``cores`` usable cores and a software renderer or a GPU.
 
     Returns:
-        A row of each stage in their order, then the row of the processor's part of all stages. "share" is the stage's
-        part of the seconds of all stages; "allows_per_second" is the number of pairs per second if a pair were this
-        stage alone: on the processor, with all cores at work.
+        A row for each of `STAGES`, then a row for the processor's part of all stages. "name" and "text" say which;
+        "seconds", "cpu_seconds" and "bytes_per_pair" are means over the pairs; "share" is the stage's share of the time
+        of all stages. "allows_per_second" is the number of pairs per second if pairs consisted only of this stage: on
+        the GPU one pair after the other, on the processor with all cores at work.
     """
     costs = np.array([[pair[stage][:2] for stage in STAGES] for pair in pairs])
     seconds, processor = np.moveaxis(costs, -1, 0).mean(axis=1).tolist()
@@ -150,7 +159,10 @@ def stage_rows(pairs: Sequence[Mapping[str, Costs]], cores: int, *, software: bo
 
 
 def pass_rows(pairs: Sequence[PassSeconds]) -> list[dict[str, Any]]:
-    """Average the times of each pass of pairs: a row of each pass that ran, for each eye, in their order."""
+    """Average the times of the passes of pairs; return a row for each pass and eye that ran, in the order of `PASSES`.
+
+    "seconds" is the mean over all pairs, also those without the pass.
+    """
     rows = []
     for name in PASSES:
         for eye in EYES:
@@ -164,13 +176,20 @@ def pass_rows(pairs: Sequence[PassSeconds]) -> list[dict[str, Any]]:
 def speed_limit(
     rows: Sequence[Mapping[str, Any]], cores: int, reached_per_second: float, shares: Sequence[float]
 ) -> dict[str, Any]:
-    """Name the limit of a run, and how near to the limit the run came.
+    """Return the limit of pairs per second of a run, and the share of the limit that the run reached.
 
-    A pair goes through all stages: no run is faster than the narrowest stage allows alone, nor faster than the
-    processor can do its part of all stages. Where the processor draws, the processor's limit is always less.
+    A pair goes through all stages, so no run is faster than the narrowest (slowest) stage allows alone, nor faster than
+    the processor can do its part of all stages. If the processor draws, its limit is always the lower one.
 
-    The rows come from `stage_rows`. A round's share is its pairs per second, from start to end, divided by the limit
-    of its stages.
+    Args:
+        rows: from `stage_rows`.
+        cores: number of usable cores.
+        reached_per_second: pairs per second of the run.
+        shares: for each round, its pairs per second divided by the limit of its stages.
+
+    Returns:
+        "narrowest_stage" and "narrowest_allows_per_second"; "by", the name of the row that sets the limit, and
+        "allows_per_second", the limit; "share", the median share; and "cores", "reached_per_second" and "shares".
     """
     limit = min(rows, key=lambda row: row["allows_per_second"])
     narrowest = min(rows[:-1], key=lambda row: row["allows_per_second"])  # the last row is the processor's

@@ -1,4 +1,4 @@
-"""Parts of every report of measurements: the machine, statistics of errors, the front, tables."""
+"""Parts of the reports of measurements: the machine, statistics of errors, the Pareto front, tables."""
 
 import os
 import platform
@@ -18,10 +18,11 @@ _PACKAGES = ("semisynth-gl", "moderngl", "numpy", "isal", "Pillow", "imagecodecs
 
 
 def error_stats(values: NDArray[np.floating], truth: NDArray[np.float64]) -> dict[str, Any]:
-    """Compare values of any shape, px, with the truth.
+    """Compare values, px, with the truth, an array of the same shape.
 
-    "median_px", "p999_px" (the 99.9th percentile) and "worst_px" are absolute errors of the pixels that are finite in
-    both, NaN without such pixels; "missing" counts pixels that are finite in one of both.
+    Returns:
+        "median_px", "p999_px" (the 99.9th percentile) and "worst_px": absolute errors over the pixels that are finite
+        in both arrays, NaN if there are none. "missing": the number of pixels that are finite in only one of them.
     """
     finite = np.isfinite(values) & np.isfinite(truth)
     error = np.abs(values[finite].astype(np.float64) - truth[finite])
@@ -31,10 +32,10 @@ def error_stats(values: NDArray[np.floating], truth: NDArray[np.float64]) -> dic
 
 
 def front(points: Mapping[str, Sequence[float]], tolerance: float = 0.05) -> set[str]:
-    """Return the names of the points, equally many values each, that no other point dominates; smaller is better.
+    """Return the names of the points on the Pareto front, which no other point dominates; smaller values are better.
 
-    A point dominates another where it is smaller in some value by more than the tolerance, and larger in none by more
-    than the tolerance. The tolerance is relative: repeated timings differ by 5 %.
+    A point dominates another if at least one of its values is smaller by more than the tolerance, and none is larger by
+    more than that. All points have equally many values. The tolerance is relative: repeated timings differ by 5 %.
     """
 
     def dominates(point: Sequence[float], rival: Sequence[float]) -> bool:
@@ -50,10 +51,19 @@ def alternative_rows(
     figures: Mapping[str, Mapping[str, Any]],
     weighed: Mapping[str, Sequence[float]],
 ) -> list[dict[str, Any]]:
-    """Return a row of each alternative, by name: its description, time for a pair and further figures.
+    """Return a row for each alternative, in the order of ``texts``.
 
-    "on_front" says that no other alternative dominates this one in time and in what else is ``weighed``; alternatives
-    that are not weighed are never on the front.
+    All arguments go by the names of the alternatives.
+
+    Args:
+        texts: descriptions.
+        times: times for a pair, relative to the default's.
+        figures: further keys and values of the row.
+        weighed: the values besides time that decide about the Pareto front, smaller being better. An alternative
+            without such values is never on the front.
+
+    Returns:
+        Rows with "name", "text", "seconds_per_pair", "time_ratio", the keys of ``figures``, and "on_front".
     """
     best = front({name: (times[name].ratio, *values) for name, values in weighed.items()})
     return [
@@ -70,7 +80,7 @@ def alternative_rows(
 
 
 def machine_facts() -> dict[str, object]:
-    """Return processor, cores, system, versions and today's date, in JSON's types."""
+    """Return today's date (UTC), processor, cores, system, and versions of Python and packages, in JSON's types."""
     return {
         "date": datetime.now(UTC).date().isoformat(),
         "processor": _processor(),
@@ -82,9 +92,10 @@ def machine_facts() -> dict[str, object]:
 
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]], *, text_last: bool = True) -> str:
-    """Lay out a Markdown table whose columns line up in plain text too.
+    """Return a Markdown table whose columns line up in plain text too.
 
-    Numbers stand to the right; the first column, and the last one where it is text, stand to the left.
+    The first column, and with ``text_last`` the last one, are aligned to the left, the others, which are numbers, to
+    the right. Each row has as many cells as the head.
     """
     to_left = (0, len(head) - 1) if text_last else (0,)
     widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]

@@ -1,4 +1,4 @@
-"""Comparable times: alternatives take turns, so that other work of the machine meets all of them alike."""
+"""Comparable times: alternatives are timed in turns, so that other work on the machine affects all of them alike."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -9,14 +9,19 @@ from numpy.typing import NDArray
 
 
 class Timing(NamedTuple):
-    """The time of one alternative: medians over the repeats of the seconds, and of the ratio to the baseline's time."""
+    """The time of one alternative, as medians over the repeats.
+
+    Attributes:
+        seconds: seconds per pair.
+        ratio: the time divided by the baseline's time in the same repeat.
+    """
 
     seconds: float
     ratio: float
 
 
 def turns(names: Sequence[str], rounds: int) -> Iterator[tuple[int, str]]:
-    """Yield the number of each round with all names in turn; each round begins with the next name."""
+    """Yield (round, name) for all names in each round; each round begins one name later than the round before."""
     for number in range(rounds):
         for k in range(len(names)):
             yield number, names[(number + k) % len(names)]
@@ -25,7 +30,7 @@ def turns(names: Sequence[str], rounds: int) -> Iterator[tuple[int, str]]:
 def alternated(
     calls: Mapping[str, Callable[[], object]], repeats: int, clock: Callable[[], float] = time.perf_counter
 ) -> dict[str, NDArray[np.float64]]:
-    """Call all functions in `turns`; return the (repeats,) seconds of each by a clock."""
+    """Call each function ``repeats`` times, in `turns`; return, by name, the (repeats,) seconds of its calls."""
     seconds = {name: np.zeros(repeats) for name in calls}
     for number, name in turns(list(calls), repeats):
         start = clock()
@@ -35,7 +40,11 @@ def alternated(
 
 
 def compare_times(seconds: Mapping[str, NDArray[np.float64]], baseline: str, pairs: float) -> dict[str, Timing]:
-    """Compare (repeats,) seconds of a number of pairs with a baseline's in the same repeat; seconds become per pair."""
+    """Return the `Timing` of each alternative from the times that `alternated` returns.
+
+    ``baseline`` is the name of the alternative to compare with. ``pairs`` is the number of pairs that one call handles,
+    by which seconds are divided.
+    """
     return {
         name: Timing(float(np.median(own)) / pairs, float(np.median(own / seconds[baseline])))
         for name, own in seconds.items()

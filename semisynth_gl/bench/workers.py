@@ -1,6 +1,6 @@
-"""Pairs per second from start to end through the engine, and each stage of a pair alone, in turns.
+"""Pairs per second of the engine with several numbers of workers, and the time of each stage of a pair.
 
-Everything runs in worker processes, as a dataset does, and writes the files that a dataset has.
+Everything runs in worker processes and writes files, as the making of a dataset does.
 """
 
 import os
@@ -29,13 +29,16 @@ from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend, is_software
 
-# Least number of pairs of each worker in a round.
+# Smallest number of pairs for each worker in a round.
 _PAIRS_EACH = 4
 _SINGLE = "1, one thread"
 
 
 class _ShardTimes(NamedTuple):
-    """A task of `_TimedShards`; its clock is the machine's, not the process's."""
+    """The result of a task of `_TimedShards`; its times are comparable between processes.
+
+    ``start_s`` is when all workers were open, ``end_s`` when the shard was complete.
+    """
 
     worker: int
     pairs: int
@@ -45,7 +48,7 @@ class _ShardTimes(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class _TimedShards:
-    """Makes shards and tells who did it and when, once all workers are open; each writes to another folder."""
+    """A job that makes timed shards once all workers are open; each worker writes to its own folder."""
 
     job: ShardJob
     opened: Barrier
@@ -55,7 +58,7 @@ class _TimedShards:
         job = replace(self.job, place=Folder(self.job.place.path(str(worker))))
         shards = job.plan.shards
         with job.open_renderer(SPLIT) as renderer:
-            # Buffers are made and shaders compiled with the first pair.
+            # An untimed sequence first, since the first pair makes the buffers and compiles the shaders.
             job.make(shards[0], lambda _: renderer, Listener())
             self.opened.wait()
             start = time.perf_counter()
@@ -71,16 +74,20 @@ class _TimedShards:
 def measure_workers(
     config: Config, seed: int, backend: Backend, counts: Sequence[int], pairs: int, rounds: int
 ) -> tuple[dict[str, Any], dict[str, str]]:
-    """Measure all numbers of workers and the stages, in turns.
+    """Measure the stages of a pair, and the pairs per second of each number of workers, in turns.
 
-    In each round each number of workers makes a number of pairs, or four for each worker, if that is more.
+    In each round, ``counts`` workers make ``pairs`` pairs, or four for each worker if that is more.
 
     Returns:
-        Four sections of the report, and facts about OpenGL. "stages" has `stage_rows` and the seconds of a pair in one
-        process with one thread, its stages following each other without a wait; "passes" has `pass_rows` of the same
-        pairs, and whether timer queries told their times; "limit" is the `speed_limit` of most workers; "workers" has a
-        row of each number of workers, the single-threaded worker first: pairs per second, files written, and their
-        ratio to the first row's, medians over the rounds. Llvmpipe with 0 threads draws in the thread that calls.
+        Four sections of the report, and `Renderer.facts`. The sections are
+
+        - "stages": in "rows" the `stage_rows` of pairs in one process with one thread, and in "pair_seconds" the mean
+          time of such a pair without waits between stages,
+        - "passes": in "rows" the `pass_rows` of the same pairs, and in "queries" whether timer queries timed them,
+        - "limit": the `speed_limit` of the largest number of "workers",
+        - "workers": in "rows" a row for one single-threaded worker, and then one for each number of workers. "threads"
+          are those of llvmpipe in each worker, 0 if it draws in the calling thread; "pairs_per_second" includes writing
+          the files, and "ratio" is relative to the first row; both are medians over the rounds.
     """
     settings: dict[str, tuple[int, str | None]] = {_SINGLE: (1, "0")}
     settings |= {str(count): (count, None) for count in sorted(set(counts))}
@@ -89,7 +96,7 @@ def measure_workers(
     times_by_round: list[list[PairTimes]] = []
     for _, name in turns(["stages", *settings], rounds):
         if name == "stages":
-            # Pairs after the first, with which shaders are compiled: the same pairs as the workers'.
+            # The first pair is left out, since it compiles the shaders; the others are also the workers' pairs.
             with worker_threads("0"):
                 times_by_round.append(measure_pairs(time_pair, config, seed, backend, 1 + pairs)[1:])
         else:
@@ -98,7 +105,7 @@ def measure_workers(
         {
             "name": name,
             "workers": count,
-            # What the engine gives each worker.
+            # As the engine sets it for each worker.
             "threads": int(threads or os.environ.get(THREADS) or threads_each(count)),
             "pairs": pair_counts[name],
             "pairs_per_second": float(np.median(rates[name])),
@@ -126,7 +133,7 @@ def measure_workers(
 
 @contextmanager
 def worker_threads(threads: str | None) -> Iterator[None]:
-    """Let processes that are started inside draw with a number of threads; None leaves that to the engine."""
+    """Let llvmpipe in processes that start in the block have a number of threads; None leaves it to the engine."""
     before = os.environ.get(THREADS)
     if threads is not None:
         os.environ[THREADS] = threads
@@ -139,10 +146,10 @@ def worker_threads(threads: str | None) -> Iterator[None]:
 
 
 def _rate(config: Config, seed: int, backend: Backend, count: int, threads: str | None, pairs: int) -> float:
-    """Measure pairs per second once all workers are open.
+    """Return the pairs per second of ``count`` workers, counted from when all are open.
 
-    The last pairs leave some workers without work, which a long run does not notice. So the number of pairs is divided
-    by the mean of the times until each worker's last pair.
+    At the end, some workers have no work while others make the last pairs. This does not matter in a long run, so the
+    number of pairs is divided by the mean of the times until each worker's last pair.
     """
     length = config.sequence_pairs
     # At least a sequence for each worker: an engine starts no more workers than there are tasks.

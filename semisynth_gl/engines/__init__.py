@@ -1,1 +1,1 @@
-"""Engines: they run one function over numbered tasks, here, in worker processes or on a cluster, whatever it does."""
+"""Engines, which run any function over numbered tasks: in this process, in worker processes or on a cluster."""

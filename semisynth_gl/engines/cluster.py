@@ -17,31 +17,33 @@ from semisynth_gl.engines.worker import Failed, Finished
 from semisynth_gl.inputs.errors import InputError, WorkerError, how_to_install
 from semisynth_gl.listener import Listener
 
-# How often Ray repeats a task after a loss of its worker or node.
+# How often Ray repeats a task after the loss of its worker or node.
 _RETRIES = 3
-# Submitted tasks for each task that can run: enough that no worker waits, few enough to stop soon.
+# Submitted tasks for each task that can run at a time: enough that no worker waits, few enough to stop soon.
 _AHEAD = 2
-# After an error, the other workers may finish their tasks for so long.
+# How long the other workers may go on with their tasks after an error.
 _GRACE_S = 5.0
-# How soon the wish to stop is noticed, and how often the tasks' calls are fetched.
+# How soon a request to stop is noticed, and how often the tasks' calls of the listener are fetched.
 _TICK_S = 0.2
 _COLLECT_S = 0.5
-# How long a cluster may take to answer at all.
+# How long a cluster may take to accept a connection.
 _KNOCK_S = 5.0
-# Ray reports usage to its makers unless told otherwise, and older versions warn that this is about to change.
+# Unless told otherwise, Ray reports usage to its makers. Without the second variable, Ray warns of a coming change in
+# how it hides GPUs from tasks that ask for none.
 _ENVIRONMENT = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
 
 
 class RayEngine:
-    """A Ray cluster, each of whose nodes needs this package installed; without one, Ray on this machine alone.
+    """Runs tasks on a Ray cluster; this package must be installed on each of its nodes.
 
-    Ray schedules the tasks, starts their processes, and repeats a task after a loss of its node or process. Each
-    process opens the job once, as worker 0: Ray itself shows each process the GPUs that it may use.
+    Ray schedules the tasks, starts their processes, and repeats a task after the loss of its node or process. Each
+    process opens the job once, as worker 0, since Ray shows each process only the GPUs that it may use.
 
     Args:
-        address: ``host:port`` of a cluster that this machine is part of, or "auto" for a cluster that was started here;
-            None takes RAY_ADDRESS or a cluster that was started here, or starts one and shuts it down at the end.
-        gpus: GPUs of a node for each task, beside a CPU; 0.25 lets four tasks share a GPU.
+        address: ``host:port`` of a cluster that this machine is part of, or "auto" for a cluster that was started on
+            this machine. None takes the cluster of RAY_ADDRESS, else one that was started on this machine, else it
+            starts a cluster of this machine alone and shuts it down at the end.
+        gpus: number of GPUs that each task takes besides a CPU; 0.25 lets four tasks share a GPU.
     """
 
     def __init__(self, address: str | None = None, gpus: float = 0) -> None:
@@ -55,7 +57,7 @@ class RayEngine:
 
         Raises:
             InputError: where Ray is missing or the cluster cannot be reached.
-            WorkerError: where a task has ended four workers, or Ray fails otherwise.
+            WorkerError: where a task has ended four workers, or where Ray reports another failure.
         """
         ray = _ray()
         with _connected(ray, self._address):
@@ -67,7 +69,7 @@ class RayEngine:
 
 
 class _Submission(Generic[Result]):
-    """The tasks of one run that Ray has."""
+    """The tasks of one run, as submitted to Ray."""
 
     def __init__(self, ray: Any, job: Job[Result], gpus: float, listener: Listener) -> None:  # noqa: ANN401 - a module
         self._ray = ray
@@ -79,7 +81,7 @@ class _Submission(Generic[Result]):
         self._post = ray.remote(num_cpus=0, scheduling_strategy=here)(Post).remote()
         # Ray ends a process after one task with a GPU unless max_calls says that it may do many.
         self._do = ray.remote(num_cpus=1, num_gpus=gpus, max_retries=_RETRIES, max_calls=0)(do_task)
-        # Pickled once: by equal bytes a worker recognises the job that it has open.
+        # Pickled once, since a worker recognises the job that it has open by equal bytes.
         self._job = ray.put(ray.cloudpickle.dumps(job))
         self._pending: dict[Any, int] = {}
         self._collected_at = monotonic()
@@ -118,9 +120,9 @@ class _Submission(Generic[Result]):
         if not slots and not self._waits:
             self._waits = True
             needs = " and ".join(f"{count:g} {kind}" for kind, count in self._needs.items())
-            self._listener.on_message(f"no node of the cluster has {needs}: tasks wait until one joins")
-        # One task is submitted even without a node for it: clusters that grow by themselves start the nodes that tasks
-        # wait for. After the loss of a node, more tasks may be pending than the rest can run.
+            self._listener.on_message(f"no node of the cluster has {needs}: tasks wait until such a node joins")
+        # One task is submitted even if no node can run it, since clusters that grow by themselves start nodes for
+        # waiting tasks. After the loss of a node, more tasks may be pending than the other nodes can run.
         for number in islice(numbers, max(max(_AHEAD * slots, 1) - len(self._pending), 0)):
             self._pending[self._do.remote(self._job, number, self._post)] = number
 
@@ -131,7 +133,7 @@ class _Submission(Generic[Result]):
         return sum(min(int(node.get(kind, 0) / count + 1e-6) for kind, count in needs) for node in nodes)
 
     def _receive(self) -> Iterator[tuple[int, Result]]:
-        """Wait for a moment; yield the results that have come."""
+        """Wait for results for a moment; yield the number and result of each finished task."""
         self._ray.wait(list(self._pending), num_returns=1, timeout=_TICK_S)
         ready, _ = self._ray.wait(list(self._pending), num_returns=len(self._pending), timeout=0)
         for reference in ready:
@@ -152,8 +154,8 @@ class _Submission(Generic[Result]):
             return cause
         reason = self._ray.get(self._post.reason.remote(number)) or str(error).strip()
         return WorkerError(
-            f"task {number} could not be done in {_RETRIES + 1} attempts, the last one ended like this: {reason}. "
-            "What is on disk stays"
+            f"task {number} could not be done in {_RETRIES + 1} attempts; the last one failed because: {reason}. "
+            "Finished files stay on disk"
         )
 
     def _collect(self) -> None:
@@ -174,26 +176,26 @@ def _ray() -> Any:  # noqa: ANN401 - a module
     except ImportError as error:
         raise InputError(
             f"the engine ray needs the package ray, which cannot be imported ({error}): "
-            f"{how_to_install('ray')}; here and on all nodes, or choose another engine"
+            f"{how_to_install('ray')}; do so here and on all nodes, or choose another engine"
         ) from None
 
 
 @contextmanager
 def _connected(ray: Any, address: str | None) -> Iterator[None]:  # noqa: ANN401
-    """Make this process a driver of the cluster, unless it is one already."""
+    """Connect this process to the cluster for the block, unless it is connected already."""
     if ray.is_initialized():
         yield
         return
     if address and "://" in address:
         raise InputError(
-            f"a Ray cluster's address: expected host:port or auto, got {address}. Start this on a node of the "
+            f"the Ray cluster's address: expected host:port or auto, got {address}. Run this on a node of the "
             "cluster, or with: ray job submit"
         )
     where = address or os.environ.get("RAY_ADDRESS") or "auto"
     try:
         host, _, port = where.rpartition(":")
         if port.isdigit():
-            # Ray itself would try for minutes to reach an address where nothing listens.
+            # Without this, Ray would try for minutes to reach an address where nothing listens.
             create_connection((host.strip("[]"), int(port)), _KNOCK_S).close()
         with interrupts_kept():
             ray.init(address, log_to_driver=False, logging_level=logging.CRITICAL, include_dashboard=False)

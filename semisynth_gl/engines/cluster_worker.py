@@ -1,6 +1,6 @@
-"""The parts of the cluster engine that run in other processes: tasks in Ray's workers, and the post beside the driver.
+"""The parts of the cluster engine that run in other processes: tasks in Ray's workers, and the `Post` on this machine.
 
-No module here imports Ray before it runs, since Ray is an extra.
+Ray is an extra, so it is imported only where it runs.
 """
 
 import atexit
@@ -15,12 +15,12 @@ from semisynth_gl.engines.task import Call, Job, Relay, Task
 from semisynth_gl.engines.worker import Failed, Finished, NotBegun, portable
 from semisynth_gl.inputs.errors import ContextLostError
 
-# How old the answer to "is a stop asked for?" may be.
+# Age at which the answer to "should the task stop?" is asked for again.
 _STOP_FRESH_S = 0.2
 
 
 class Post:
-    """An actor beside the driver: it gathers the tasks' calls of the listener, and passes on the wish to stop."""
+    """An actor on the driver's node, which gathers the tasks' calls of the listener and passes requests to stop on."""
 
     def __init__(self) -> None:
         self._calls: list[Call] = []
@@ -29,7 +29,7 @@ class Post:
         self._stopping = False
 
     def begin(self, number: int) -> bool:
-        """Note that a task begins; return whether it may."""
+        """Record that a task begins; return False if it must not, because of a stop."""
         if self._stopping:
             return False
         if self._begun[number]:
@@ -39,7 +39,7 @@ class Post:
         return True
 
     def add(self, call: Call) -> None:
-        """Take a call of the listener."""
+        """Keep a call of the listener until it is collected."""
         self._calls.append(call)
 
     def collect(self) -> list[Call]:
@@ -48,7 +48,7 @@ class Post:
         return calls
 
     def stop(self) -> set[int]:
-        """Let no further task begin; return the tasks that have begun."""
+        """Let no further task begin; return the numbers of the tasks that have begun, finished ones too."""
         self._stopping = True
         return set(self._begun)
 
@@ -57,7 +57,7 @@ class Post:
         return self._stopping
 
     def break_worker(self, number: int, reason: str) -> None:
-        """Note why the worker of a task is about to end."""
+        """Record why the worker of a task is about to end."""
         self._reasons[number] = reason
 
     def reason(self, number: int) -> str | None:
@@ -66,29 +66,30 @@ class Post:
 
 
 def do_task(job: bytes, number: int, post: Any) -> Finished | NotBegun | Failed:  # noqa: ANN401 - an actor's handle has no type
-    """Do one task of a pickled job, which stays open for further tasks, in a Ray worker process; post is the actor."""
+    """Do one task of a pickled job in a Ray worker process, where the job stays open; ``post`` is a handle of `Post`."""
     if not _answer(post.begin.remote(number)):
         return NotBegun()
     try:
         return Finished(_open(job)(number, _PostRelay(post)))
     except ContextLostError as error:
         _answer(post.break_worker.remote(number, str(error)))
-        # Ray does the task again in another process. To close the job would ask the broken context once more.
+        # Ray does the task again in another process. Closing the job would use the broken context again.
         os._exit(1)
     except (Exception, SystemExit) as error:  # noqa: BLE001 - the driver raises it: as a result it keeps its type
         return Failed(portable(error, f"a worker on {gethostname()}"))
     finally:
-        # Calls of an actor arrive in order: after any answer, the post has the task's calls, and before its result.
+        # Calls of an actor arrive in order. So, once the post answers, it has all calls of the task; and the answer
+        # comes before the driver gets the task's result.
         _answer(post.stopping.remote())
 
 
 def _answer(reference: Any) -> Any:  # noqa: ANN401 - Ray's reference to whatever comes
-    # ray.get would tell the scheduler that this worker is idle, and it would start another one in its place.
+    # ray.get would tell the scheduler that this worker is idle, and Ray would start another worker in its place.
     return reference.future().result()
 
 
 class _PostRelay(Relay):
-    """Passes a task's calls to the post, and asks there for the wish to stop."""
+    """Passes a task's calls to the post, and asks the post whether to stop."""
 
     def __init__(self, post: Any) -> None:  # noqa: ANN401
         super().__init__(post.add.remote)
@@ -103,13 +104,13 @@ class _PostRelay(Relay):
         return self._stopping
 
 
-# The function and the resources of the open job, by the job's bytes and the GPUs of the process. Ray lends a worker
-# process to one task after the other, and may give it another GPU for the next task.
+# The task function and the resources of the open job, by the job's bytes and the process's GPUs. Ray uses a worker
+# process for one task after the other, and may give it another GPU for the next task.
 _open_jobs: dict[tuple[bytes, str | None], tuple[Task[Any], ExitStack]] = {}
 
 
 def _open(job: bytes) -> Task[Any]:
-    """Return the job's function; open the job first unless it is open."""
+    """Return the job's task function; open the job if it is not open, and close another one."""
     key = job, os.environ.get("CUDA_VISIBLE_DEVICES")
     if key not in _open_jobs:
         _close()

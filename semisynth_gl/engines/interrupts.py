@@ -1,4 +1,4 @@
-"""SIGINT (Ctrl-C) and SIGTERM: when they take effect, and how."""
+"""Handling of SIGINT (Ctrl-C) and SIGTERM, as context managers. They have no effect outside of the main thread."""
 
 import signal
 import threading
@@ -14,31 +14,31 @@ if TYPE_CHECKING:
 _ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 GRACE_S = 5.0
-"""How long the pairs in hand may take after SIGTERM, s."""
+"""Time that the pairs in hand may take after SIGTERM, s."""
 
 
 def interrupts_raise() -> AbstractContextManager[None]:
-    """Let Ctrl-C raise KeyboardInterrupt in the block, once: after that it ends the process itself.
+    """Let the first Ctrl-C in the block raise KeyboardInterrupt, and the second one end the process at once.
 
-    An interrupt that comes while another one is dealt with could only become a traceback.
+    A second KeyboardInterrupt during the handling of the first could only become a traceback.
     """
     return _handlers(_raise_once, (signal.SIGINT,))
 
 
 def interrupts_end() -> AbstractContextManager[None]:
-    """Let Ctrl-C end the process itself in the block.
+    """Let Ctrl-C in the block end the process at once, without an exception.
 
-    Some packages catch every exception while they are imported, an interrupt too.
+    This is for imports: some packages catch every exception while they are imported, KeyboardInterrupt too.
     """
     return _handlers(signal.SIG_DFL, (signal.SIGINT,))
 
 
 @contextmanager
 def interrupts_wait() -> Iterator[None]:
-    """Let Ctrl-C take effect after the block.
+    """Delay Ctrl-C until the end of the block.
 
-    Some packages catch every exception while they are imported: the interrupt would vanish, and the package would
-    think that what it was about to import is not installed.
+    This is for imports: some packages catch every exception while they are imported. They would swallow
+    KeyboardInterrupt, and take the module that they were importing for missing.
     """
     pending: list[tuple[int, FrameType | None]] = []
     with _handlers(lambda *arguments: pending.append(arguments), (signal.SIGINT,)):
@@ -49,10 +49,11 @@ def interrupts_wait() -> Iterator[None]:
 
 @contextmanager
 def interrupts_stop(listener: "Listener") -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM ask a long function to stop, in the block.
+    """Let Ctrl-C and SIGTERM in the block ask a long function to stop.
 
-    A second Ctrl-C raises KeyboardInterrupt, once. So does SIGTERM after `GRACE_S`, for whoever sends it kills the
-    process before long. The listener asks for the stop, and hears a message about it.
+    The signal calls the listener's ``stop`` and ``on_message``. A second Ctrl-C raises KeyboardInterrupt, and a third
+    one ends the process. SIGTERM also raises KeyboardInterrupt, after `GRACE_S`, since its sender will kill the process
+    before long.
     """
 
     def ask(number: int, _: FrameType | None) -> None:
@@ -61,7 +62,7 @@ def interrupts_stop(listener: "Listener") -> Iterator[None]:
                 _raise_once(number, None)
             return
         listener.stop()
-        rest = f"what is not done in {GRACE_S:g} s is left undone"
+        rest = f"pairs that are not done in {GRACE_S:g} s are left out"
         if number == signal.SIGINT:
             rest = "Ctrl-C again stops at once"
         else:
@@ -77,8 +78,8 @@ def interrupts_stop(listener: "Listener") -> Iterator[None]:
 
 @contextmanager
 def interrupts_blocked() -> Iterator[None]:
-    """Let the processes that start in the block begin with both signals blocked, until they ignore the signals."""
-    # The resource tracker starts with the first process otherwise, and would lift the mask.
+    """Let processes that start in the block begin with SIGINT and SIGTERM blocked, so that they can set handlers."""
+    # Otherwise the resource tracker would start with the first process, and lift the mask.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING_SIGNALS)
     try:
@@ -88,7 +89,7 @@ def interrupts_blocked() -> Iterator[None]:
 
 
 def interrupts_kept() -> AbstractContextManager[None]:
-    """Restore the handlers of both signals after a block that replaces them."""
+    """Restore the handlers of SIGINT and SIGTERM after a block in which other code may replace them."""
     return _handlers(None, _ENDING_SIGNALS)
 
 
@@ -101,7 +102,10 @@ def _raise_once(_: int, __: FrameType | None) -> NoReturn:
 def _handlers(
     handler: Callable[[int, FrameType | None], Any] | signal.Handlers | None, numbers: tuple[signal.Signals, ...]
 ) -> Iterator[None]:
-    """Install a handler, if any, in the block, and restore the previous ones; only the main thread has handlers."""
+    """Install a handler for the block, None for none, and restore the previous handlers after it.
+
+    Does nothing outside of the main thread, which alone can set handlers.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return

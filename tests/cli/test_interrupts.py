@@ -134,7 +134,7 @@ def test_sigterm_leaves_a_pair_undone_that_takes_long(monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         terminated()
     assert recorder.stopping
-    assert recorder.messages == ["Finishing the pairs in hand; what is not done in 0.01 s is left undone."]
+    assert recorder.messages == ["Finishing the pairs in hand; pairs that are not done in 0.01 s are left out."]
     # A run that ends by then is left alone.
     monkeypatch.setattr(interrupts, "GRACE_S", 1000)
     with interrupts_stop(Recorder()):

@@ -369,7 +369,7 @@ def test_error_maps_do_not_go_where_they_would_be_read(middlebury, tmp_path):
     write(tmp_path / "file", b"")
     for maps, truth, words in (
         (tmp_path / "pred", gt, "folder of predictions"),
-        (gt, gt, "lies in --gt"),
+        (gt, gt, "is the folder of --gt"),
         (middlebury / "maps", middlebury, "lies in --gt"),
         (tmp_path / "file", gt, "is a file"),
     ):
