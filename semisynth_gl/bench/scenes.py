@@ -62,7 +62,7 @@ class BenchScenes:
         )
 
     def open_renderer(self, backend: Backend, **options: Any) -> Renderer:  # noqa: ANN401 - options of a renderer
-        """Open a renderer of these models and patches; ``options`` are those of `Renderer`, and replace the config's."""
+        """Open a renderer of these models and patches; ``options`` of `Renderer` replace the config's."""
         large = self.large_layers if len(self.large_layers) else None
         options = renderer_options(self.config) | options
         return Renderer(self.models, self.layers, large_layers=large, backend=backend, **options)

@@ -66,7 +66,10 @@ class Post:
 
 
 def do_task(job: bytes, number: int, post: Any) -> Finished | NotBegun | Failed:  # noqa: ANN401 - an actor's handle has no type
-    """Do one task of a pickled job in a Ray worker process, where the job stays open; ``post`` is a handle of `Post`."""
+    """Do one task of a pickled job in a Ray worker process, where the job stays open; ``post`` is a handle of a `Post`.
+
+    A lost OpenGL context ends the process.
+    """
     if not _answer(post.begin.remote(number)):
         return NotBegun()
     try:

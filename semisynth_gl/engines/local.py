@@ -1,8 +1,8 @@
-"""The engines of this machine: one works in this process, the other in worker processes.
+"""The engines of this machine: `SerialEngine` works in this process, `LocalEngine` in worker processes.
 
-The pool is this module's own. The standard library's executors cannot say which worker has which task, nor replace a
-single worker; pebble's kills a worker after a time for a whole task. A shard takes any time, and hangs where no pair
-comes for long; its replacement goes on after the last pair.
+The pool of workers is written here because no other one fits. The standard library's executors neither tell which
+worker has which task nor replace a single worker, and pebble's pool limits the time of a whole task. A shard may take
+any time, but hangs if no pair comes for long; then another worker goes on after the shard's last pair.
 """
 
 import atexit
@@ -22,23 +22,23 @@ from semisynth_gl.engines.worker import CLOSE, STOP, Broken, Failed, Finished, w
 from semisynth_gl.inputs.errors import ContextLostError, WorkerError
 from semisynth_gl.listener import Listener
 
-# How often a task is repeated after a loss of its context or worker.
+# How often a task is repeated after the loss of its context or worker.
 _RETRIES = 2
-# After an error, the other workers may finish their tasks for so long.
+# How long the other workers may go on with their tasks after an error.
 _GRACE_S = 5.0
-# A worker that has closed its pipe is about to end, with an exit code that tells why.
+# How long to wait for the exit code of a worker that has closed its pipe: the worker ends soon, and the code says why.
 _LAST_BREATH_S = 1.0
-# How soon the wish to stop is noticed.
+# How soon a request to stop is noticed.
 _TICK_S = 0.1
 
 
 class SerialEngine:
-    """Does one task after the other in this process; the first task opens the job."""
+    """Does one task after the other in this process. The job is opened for the first task, as worker 0."""
 
     def run(
         self, job: Job[Result], tasks: Iterable[int], listener: Listener
     ) -> Generator[tuple[int, Result], None, None]:
-        """Do all tasks; see `Engine.run`. A task that loses its context in every attempt raises `ContextLostError`."""
+        """Do all tasks; see `Engine.run`. ContextLostError is raised for a task that loses its context three times."""
         task: Task[Result] | None = None
         with ExitStack() as resources:
             for number in tasks:
@@ -54,18 +54,18 @@ class SerialEngine:
                             raise
                         listener.on_message(f"{error}: task {number} is done again")
                         task = None
-                        # Closing may stumble over the same loss.
+                        # Closing may raise the same error.
                         with suppress(ContextLostError):
                             resources.close()
                 yield number, result
 
 
 class LocalEngine:
-    """Worker processes of this machine; a worker that dies or hangs is replaced, and its task done again.
+    """Runs tasks in worker processes of this machine; replaces a worker that dies or hangs, and does its task again.
 
     Args:
         workers: the largest number of workers; there are never more workers than tasks.
-        timeout_s: a worker hangs when its task sends neither a call nor a result for so long, s.
+        timeout_s: time without a call or a result from a task after which its worker is taken to hang, s.
     """
 
     def __init__(self, workers: int, timeout_s: float) -> None:
@@ -75,9 +75,9 @@ class LocalEngine:
     def run(
         self, job: Job[Result], tasks: Iterable[int], listener: Listener
     ) -> Generator[tuple[int, Result], None, None]:
-        """Do all tasks; see `Engine.run`. A task that has ended three workers raises `WorkerError`."""
+        """Do all tasks; see `Engine.run`. WorkerError is raised for a task that has ended three workers."""
         pool = _Pool(job, self._workers, self._timeout_s, listener)
-        # At its end the interpreter waits for processes before it closes iterators that are still open.
+        # A Python process that exits waits for its child processes before it closes iterators that are still open.
         atexit.register(pool.kill)
         try:
             yield from pool.results(iter(tasks))
@@ -107,7 +107,7 @@ class _Pool(Generic[Result]):
         while self._latest > monotonic() and any(worker.task is not None for worker in self._workers.values()):
             results = self._receive()
             self._end_silent()
-            # Before the caller looks at results, so that no worker waits for the caller.
+            # Tasks are handed out before results are yielded, so that no worker waits for the caller.
             self._guide(numbers)
             yield from results
         self._close()
@@ -144,7 +144,7 @@ class _Pool(Generic[Result]):
             self._workers[slot].give(task)
 
     def _receive(self) -> list[tuple[int, Result]]:
-        """Take in the messages of the workers; return the results."""
+        """Handle the messages of the workers; return the numbers and results of finished tasks."""
         results: list[tuple[int, Result]] = []
         workers = list(self._workers.values())
         ready = wait([each.connection for each in workers] + [each.process.sentinel for each in workers], _TICK_S)
@@ -181,7 +181,7 @@ class _Pool(Generic[Result]):
                 self._bury(worker)
 
     def _bury(self, worker: "_Worker") -> None:
-        """Remove a worker that has ended or must end; another worker does its task again."""
+        """Remove a worker that has ended or must end, and let another worker do its task again where that may help."""
         exit_code = worker.end(0 if worker.ends_because else _LAST_BREATH_S)
         del self._workers[worker.number]
         task = worker.task
@@ -195,8 +195,8 @@ class _Pool(Generic[Result]):
             self._listener.on_message(f"worker {worker.number} has ended ({how}): task {task} is left undone")
         elif self._retries[task] == _RETRIES:
             self._failure = self._failure or WorkerError(
-                f"task {task} has ended {_RETRIES + 1} workers, the last one like this: {how}. What is on disk stays. "
-                "Where memory runs short, fewer workers take less of it"
+                f"task {task} has ended {_RETRIES + 1} workers, the last one like this: {how}. Finished files stay on "
+                "disk. If memory runs short, use fewer workers"
             )
         else:
             self._retries[task] += 1
@@ -204,7 +204,7 @@ class _Pool(Generic[Result]):
             self._listener.on_message(f"{replaced}: task {task} is done again")
 
     def _close(self) -> None:
-        """Let idle workers close their job."""
+        """Let idle workers close the job, and wait for them."""
         latest = min(self._latest, monotonic() + self._timeout_s)
         for worker in self._workers.values():
             if worker.task is None:
@@ -215,7 +215,7 @@ class _Pool(Generic[Result]):
 
 
 class _Worker:
-    """A worker process as seen from outside."""
+    """A worker process, as seen from the process that started it."""
 
     def __init__(self, job: Job[Any], number: int, threads: int) -> None:
         # A forked process would inherit an OpenGL context that it cannot use.
@@ -237,12 +237,12 @@ class _Worker:
         self.send(task)
 
     def send(self, message: int | str) -> None:
-        # A worker that has just died is noticed when its end of the pipe is read.
+        # If the worker has just died, that is noticed when the pipe is read.
         with suppress(OSError):
             self.connection.send(message)
 
     def receive(self) -> tuple[list[object], bool]:
-        """Return the worker's messages so far, and whether its end of the pipe is closed, so that no more will come."""
+        """Return the worker's unread messages, and True if its end of the pipe is closed, so that no more will come."""
         self.heard_at = monotonic()
         messages: list[object] = []
         try:
@@ -253,12 +253,12 @@ class _Worker:
         return messages, False
 
     def kill(self) -> None:
-        # The process object may be closed already where an interrupt came in the middle of `end`.
+        # The process object may be closed already, if an interrupt came in the middle of `end`.
         with suppress(ValueError):
             self.process.kill()
 
     def end(self, patience_s: float = 0) -> int | None:
-        """Wait for the process to end by itself, then end it by force; return the exit code."""
+        """Wait ``patience_s`` for the process to end, then kill it; return its exit code, None if closed already."""
         with suppress(ValueError):
             self.process.join(patience_s)
             self.process.kill()

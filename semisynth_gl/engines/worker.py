@@ -1,8 +1,8 @@
 """The inside of a worker process: it opens the job, does the tasks that come through its pipe, and sends the results.
 
-The process that started the worker may send a task's number, `STOP` or, last of all, `CLOSE`. The worker answers each
-number with `Finished` or `NotBegun`, unless the worker ends: with `Broken`, with `Failed`, or without a word. Before an
-answer a task may send any number of `Call`.
+The process that started the worker sends task numbers, `STOP` and, as the last message, `CLOSE`. The worker answers
+each number with `Finished` or `NotBegun`. If it cannot go on, it sends `Broken` or `Failed` and ends; a crash ends it
+without a message. Before the answer to a number, any number of `Call` may come.
 """
 
 import ctypes
@@ -24,8 +24,8 @@ from semisynth_gl.inputs.errors import ContextLostError, WorkerError, described
 STOP = "stop"
 CLOSE = "close"
 
-# M_TRIM_THRESHOLD: most bytes that stay free at the heap's end. M_MMAP_THRESHOLD: larger arrays are no part of it; all
-# versions of glibc take 32 MiB.
+# M_TRIM_THRESHOLD, -1: most free bytes that stay at the heap's end. M_MMAP_THRESHOLD, -3: arrays larger than this are
+# not part of the heap; 32 MiB is the most that all versions of glibc accept.
 _MALLOC_OPTIONS = {-1: 256 << 20, -3: 32 << 20}
 
 
@@ -56,9 +56,16 @@ class Failed:
 
 
 def work(job: Job[Any], worker: int, connection: Connection, threads: int) -> None:
-    """Be a worker: the whole life of its process; `threads_each` says what threads are."""
-    # The terminal sends Ctrl-C to all processes, schedulers send SIGTERM to all. The first process decides about the
-    # tasks in hand. It blocked both signals until here: see `interrupts_blocked`.
+    """Run a worker, from the start of its process to its end.
+
+    Args:
+        job: the work.
+        worker: the worker's number.
+        connection: the worker's end of the pipe.
+        threads: number of llvmpipe's threads, as `threads_each` returns it.
+    """
+    # A terminal sends Ctrl-C, and a scheduler SIGTERM, to all processes. Workers ignore both, since the first process
+    # decides about the tasks in hand. The signals were blocked until here: see `interrupts_blocked`.
     for ending_signal in (signal.SIGINT, signal.SIGTERM):
         signal.signal(ending_signal, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
@@ -83,10 +90,10 @@ def work(job: Job[Any], worker: int, connection: Connection, threads: int) -> No
 
 
 def keep_freed_memory() -> None:
-    """Let this process keep the memory of a pair for the next one.
+    """Let this process keep the memory of a pair for the next pair.
 
-    Else glibc hands arrays back to the kernel as they are freed, which gives them out again page by page and zeroed:
-    thousands of faults a pair. Other C libraries have no such setting.
+    Otherwise glibc returns the memory of freed arrays to the kernel, which gives it out again in single zeroed pages,
+    with thousands of page faults for each pair. With another C library than glibc, nothing is done.
     """
     set_option = getattr(ctypes.CDLL(None), "mallopt", None)
     if set_option is not None:
@@ -95,10 +102,11 @@ def keep_freed_memory() -> None:
 
 
 def portable(error: BaseException, where: str) -> Exception:
-    """Make the error that is being handled fit to be raised in another process.
+    """Return the error that is being handled in a form that can be raised in another process.
 
-    That is the error itself, with its traceback and the process ``where`` it was met as a note, or a `WorkerError` with
-    its text where pickling would not keep it, or where it would end the other process rather than fail there.
+    This is the error itself, with a note that has its traceback and ``where``, the process that raised it. It is a
+    `WorkerError` with the error's text instead if the error does not survive pickling, or is no `Exception`, such as
+    SystemExit, which would end the other process.
     """
     if not isinstance(error, Exception):
         return WorkerError(f"{where} met {described(error)}")
@@ -112,7 +120,7 @@ def portable(error: BaseException, where: str) -> Exception:
 
 def _give_up(pipe: "_Pipe", error: ContextLostError) -> None:
     pipe.send(Broken(str(error)))
-    # The job stays open: to close it would ask the broken context once more.
+    # The job stays open, since closing it would use the broken context again.
     os._exit(1)
 
 
@@ -146,5 +154,5 @@ class _Pipe(Relay):
                 self.stop()
             else:
                 self._tasks.put(None if message == CLOSE else message)
-        # Nobody waits for a result any more.
+        # The parent process has ended or closed the pipe, so nobody waits for a result.
         os._exit(1)

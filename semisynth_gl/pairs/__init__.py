@@ -1,1 +1,1 @@
-"""From a config to pairs: scenes drawn, checked, and given a rig's imperfections."""
+"""Pairs of a config: renders their scenes, checks them, and adds a rig's imperfections."""

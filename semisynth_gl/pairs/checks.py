@@ -1,4 +1,4 @@
-"""Cheap checks of a rendered pair: one that fails is drawn again from another sub-seed."""
+"""Cheap checks of a rendered pair; a pair that fails them is drawn again from another sub-seed."""
 
 from dataclasses import dataclass
 
@@ -10,29 +10,37 @@ from semisynth_gl.frame.frame import Frame, finite_range
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.textures.crops import least_texture, surely_has_texture
 
-# Rows of which one is looked at first: the others, however dark, leave the mean of a common image above the limit.
+# Every so many rows are summed first: in a usual image, these rows keep the mean above the limit even if all others are
+# black.
 _ROWS = 8
 
-# Walls and models keep clear of the near plane, where the disparity is max_px: a surface there was cut open by it.
+# Share of max_px within which a disparity counts as at the near plane. Walls and models stay farther away, so a surface
+# there was cut open by the plane.
 _AT_NEAR_PLANE = 1e-5
 
-# Rooms that no wall can be brought in for are let pass down to this share of the smallest disparity that they aim for.
+# A room's disparity may be as small as this share of the smallest one that it aims for, since some walls cannot be
+# moved in far enough.
 _FAR_BELOW = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Closed:
-    """What a scene promises: whether its pixels have a disparity ``everywhere``, and the least that any of them has."""
+    """The disparities that a scene guarantees.
+
+    Attributes:
+        everywhere: whether each pixel has a disparity.
+        least_px: lower limit of all disparities; -inf for none.
+    """
 
     everywhere: bool
     least_px: float
 
     @classmethod
     def of(cls, sampled: SampledScene, config: Config) -> "Closed":
-        """Return what the scene of a pair promises.
+        """Return what the scene of a pair guarantees.
 
-        A sky has no disparity, nor has a point that a right camera's deviation shifts to the left. Signed disparities
-        may be as small as they are.
+        The sky has no disparity, and neither has a point that a right camera's deviation shifts to the left. Signed
+        disparities have no lower limit.
         """
         camera, signed = sampled.scene.camera, config.disparity.signed
         if signed or not camera.rectified:
@@ -41,7 +49,10 @@ class Closed:
 
 
 def faults(frame: Frame, config: Config, closed: Closed) -> list[str]:
-    """Return the faults of a pair, each a clause with its numbers; ``closed`` is what its scene promises."""
+    """Return the faults of a pair, without repetition, such as "too dark: mean 3.0 levels, at least 8 wanted".
+
+    ``closed`` is what the pair's scene guarantees. The limits are those of the config's section checks.
+    """
     section, clauses, images = config.checks, [], (frame.left.image, frame.right.image)
     if not all(_surely_bright(image, section.min_brightness) for image in images):
         brightness = float(min(image.mean() for image in images))
@@ -61,7 +72,7 @@ def faults(frame: Frame, config: Config, closed: Closed) -> list[str]:
 def _disparity_faults(
     disparity: NDArray[np.float32], config: Config, closed: Closed, near_plane_px: float
 ) -> list[str]:
-    """Return the first fault of a view's disparity, if any."""
+    """Return the first fault of a view's disparity, or an empty list."""
     valid, smallest, largest = finite_range(disparity)
     missing = disparity.size - valid
     if valid < config.checks.min_valid * disparity.size:
@@ -77,13 +88,13 @@ def _disparity_faults(
 
 
 def _near_plane_px(frame: Frame, config: Config) -> float:
-    """Return the disparity from which a surface is cut by the near plane."""
-    # f B / Z is the disparity plus doffs. A signed disparity may be near 0 or below, where a share of it is no margin.
+    """Return the largest disparity, px, of a surface that the near plane does not cut."""
+    # The margin is a share of f B / Z, which is the disparity plus doffs: a signed disparity may be 0 or negative.
     doffs_px = frame.camera.doffs_px if config.disparity.signed else 0.0
     return (config.disparity.max_px + doffs_px) * (1 - _AT_NEAR_PLANE) - doffs_px
 
 
 def _surely_bright(image: NDArray[np.uint8], least: float) -> bool:
-    """Return True where some rows alone prove that the mean is not below a limit; False says nothing."""
-    # Less what the mean may round.
+    """Return True if some of the rows prove that the image's mean is not below a limit; False proves nothing."""
+    # The factor allows for the rounding of the mean.
     return int(image[::_ROWS].sum(dtype=np.uint64)) * (1 - 1e-9) >= least * image.size

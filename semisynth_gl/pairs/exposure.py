@@ -1,7 +1,7 @@
-"""Motion blur: an exposure that lasts is the mean of images of its moments.
+"""Motion blur: a long exposure is the mean of images of several moments.
 
-Moments lie evenly and symmetrically about the frame's own time, so that what moves steadily is seen, on average, where
-the truth has it. Images are averaged as 8-bit values and rounded once.
+The moments lie evenly and symmetrically about the frame's own time, so that the blurred image of a steadily moving
+point is centred on its place in the truth. Images are averaged as 8-bit values and rounded once.
 """
 
 from collections.abc import Sequence
@@ -14,28 +14,28 @@ from semisynth_gl.frame.frame import Frame
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.scene import Scene
 
-# Values that are averaged at a time.
+# Number of values that are averaged at a time.
 _BLOCK = 1 << 17
 
 
 def moments(share: float, count: int) -> NDArray[np.float64]:
-    """Return the middles of ``count`` equal parts of an exposure, (count,), counted from its own middle.
+    """Return the (count,) middles of ``count`` equal parts of an exposure, as times from the middle of the exposure.
 
-    They, and the exposure's length ``share``, are in times between frames.
+    The times and the exposure's length ``share`` are in units of the time between frames.
     """
     return share * ((np.arange(count) + 0.5) / count - 0.5)
 
 
 def exposed(renderer: Renderer, frame: Frame, now: Scene, scenes: Sequence[Scene], eyes: Sequence[Eye] = EYES) -> Frame:
-    """Return a frame with the mean of the images of several moments; the frame itself where nothing moves.
+    """Return a frame whose images are the mean of the images of several moments; the same frame if nothing moves.
 
     Args:
         renderer: draws the images.
-        frame: of the scene at its own time, whole.
-        now: that scene.
-        scenes: the same instances and camera at the moments of the exposure. Those that stand as they do now are not
-            drawn again.
-        eyes: whose images; the others stay.
+        frame: the whole frame of the scene at its own time.
+        now: the scene at its own time.
+        scenes: the scene with the same instances and cameras at each moment of the exposure, up to 257 moments. Scenes
+            equal to ``now`` are not drawn again.
+        eyes: the eyes whose images to blur.
     """
     moved = [scene for scene in scenes if not _stands(now, scene)]
     if not moved:
@@ -57,7 +57,7 @@ def _stands(now: Scene, then: Scene) -> bool:
 
 
 def _mean(total: NDArray[np.uint16], count: int) -> NDArray[np.uint8]:
-    """Return a sum of images divided by their number, to the nearest level; halves go to the even one."""
+    """Return a sum of images divided by their number, rounded to the nearest level, and halves to the even level."""
     result = np.empty(total.shape, np.uint8)
     table = np.rint(np.arange(255 * count + 1) / count).astype(np.uint8)
     flat, values = result.reshape(-1), total.reshape(-1)

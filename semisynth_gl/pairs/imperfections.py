@@ -1,10 +1,9 @@
-"""Imperfections of a real rig, put on the images after rendering; the truth stays what it is.
+"""Imperfections of a real rig, applied to the images after rendering; the truth stays unchanged.
 
-In the order of a camera: things move while the shutter is open (`semisynth_gl.pairs.exposure`), the lens blurs and
-darkens the corners, exposure and white balance scale, the sensor adds noise, the tone curve bends, then the image is
-sharpened and goes through JPEG. Noise comes after the white balance, so that its levels are those of the image. All act
-on the 8-bit values as they are, since photographs come without the curve that made them. Images have whole levels after
-the lens blur, after the tone curve, after sharpening and after JPEG.
+They follow the order of a camera: motion blur (`semisynth_gl.pairs.exposure`), lens blur, vignetting, exposure and
+white balance, sensor noise, tone curve, sharpening, JPEG. Noise comes after the white balance, so that its amount is in
+levels of the image. All are applied to the 8-bit values themselves, since the tone curves of photographs are not known.
+Values are rounded to whole levels after the lens blur, the tone curve, sharpening and JPEG.
 """
 
 import io
@@ -21,16 +20,17 @@ from semisynth_gl.config.dataset_sections import ImperfectionsSection
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.frame import Frame, View, through_levels
 
-# Values that are worked on at a time.
+# Number of values that are processed at a time.
 _BLOCK = 1 << 17
-# Of red, green and blue in luminance: ITU-R BT.601's, as in JPEG.
+# Weights of red, green and blue in the luminance, from ITU-R BT.601, as in JPEG.
 _LUMINANCE = np.array([0.299, 0.587, 0.114], np.float32)
-# One row of the kernel of the unsharp mask, a Gaussian of 1 px: 1 4 6 4 1, of a sum of 16.
+# The unsharp mask blurs rows and columns with 1 4 6 4 1 (of 16), nearly a Gaussian of 1 px. Here, weights and their sum
+# are divided by 6.
 _NEAR, _FAR, _ALL = np.float32(4 / 6), np.float32(1 / 6), np.float32(16 / 6)
 
-# Drawn from one generator, in this order.
+# Keys that are drawn from one generator, in this order.
 _FIRST = ("blur_px", "exposure_stops", "noise", "gamma")
-# How further keys are drawn, each with its own generator, and only where it is not the default.
+# Functions that draw the further keys, each of which has its own generator, and is drawn only if it is not the default.
 _FURTHER: Mapping[str, Callable[[Range, np.random.Generator], Any]] = {
     "vignetting": Range.draw,
     "white_balance": lambda values, rng: (values.draw(rng), values.draw(rng)),
@@ -44,12 +44,13 @@ class Imperfections:
     """The imperfections of a view, except motion blur. The default leaves the image as it is.
 
     Attributes:
-        blur_px: standard deviation of the lens blur.
-        exposure_stops: the image is multiplied by 2 to this power.
+        blur_px: standard deviation of the lens blur, px.
+        exposure_stops: exposure; values are multiplied by 2 to this power.
         noise: standard deviation of the sensor's noise, 8-bit levels.
         gamma: exponent of the tone curve on [0, 1].
-        white_balance: of red and of blue, which are multiplied by 2 to this power; images of one channel stay.
-        vignetting: share of the light that is missing half the image's diagonal away from the principal point, below 1.
+        white_balance: stops of red and of blue, which are multiplied by 2 to these powers; images of one channel are
+            left alone.
+        vignetting: share of the light, below 1, that is lost at half the image's diagonal from the principal point.
         sharpening: amount of the unsharp mask.
         jpeg_quality: quality of the JPEG, 1 to 100; None for no JPEG.
     """
@@ -70,13 +71,13 @@ def apply_imperfections(
     rng: np.random.Generator,
     principal_point_px: tuple[float, float] | None = None,
 ) -> NDArray[np.uint8]:
-    """Put imperfections on an image; none at all returns it bit for bit.
+    """Return an image with imperfections; without any, the same image.
 
     Args:
         image: (H, W, 3) uint8, or (H, W) for an image of one channel.
         drawn: the imperfections.
         rng: draws the noise.
-        principal_point_px: x and y of vignetting's middle; by default the image's.
+        principal_point_px: x and y of the centre of vignetting; by default the image's centre.
     """
     if drawn == Imperfections():
         return image
@@ -94,14 +95,14 @@ def apply_imperfections(
 
 
 def _gains(drawn: Imperfections, channels: int) -> NDArray[np.float32]:
-    """Return what each channel is multiplied by, (channels,)."""
+    """Return the (channels,) factors of exposure and white balance."""
     red, blue = drawn.white_balance
     stops = (red, 0.0, blue) if channels == 3 else (0.0,)
     return np.array([2.0 ** (drawn.exposure_stops + each) for each in stops], np.float32)
 
 
 def _by_levels(image: NDArray[np.uint8], drawn: Imperfections) -> NDArray[np.uint8]:
-    """Scale and bend an image each of whose levels becomes another one."""
+    """Apply exposure, white balance and tone curve by a table of levels for each channel."""
     gains = _gains(drawn, _channels(image))
     levels = np.arange(256, dtype=np.float32)
     tables = np.stack([_bent(levels * gain, drawn.gamma).astype(np.uint8) for gain in gains])
@@ -116,19 +117,20 @@ def _pixel_by_pixel(
     rng: np.random.Generator,
     principal_point_px: tuple[float, float] | None,
 ) -> NDArray[np.uint8]:
-    """Darken the corners, scale, add noise and bend."""
+    """Apply vignetting, exposure, white balance, noise and tone curve to each pixel."""
     height, width = image.shape[:2]
     channels = _channels(image)
     gains, falloff = np.tile(_gains(drawn, channels), width), None
     if drawn.vignetting > 0:
         x, y = ((width - 1) / 2, (height - 1) / 2) if principal_point_px is None else principal_point_px
-        # cos^4 = 1 / (1 + tan^2)^2; pixels times this are the tangent.
+        # Light falls off with cos^4 = 1 / (1 + tan^2)^2 of the angle. Pixels from the centre times this factor are tan.
         tangent = np.sqrt((1 - drawn.vignetting) ** -0.5 - 1) / (np.hypot(width, height) / 2)
         across = np.repeat(1 + ((np.arange(width) - x) * tangent) ** 2, channels).astype(np.float32)
         down = (((np.arange(height) - y) * tangent) ** 2).astype(np.float32)[:, None]
         falloff = across, down
     result, rows = np.empty_like(image, order="C"), max(1, _BLOCK // len(gains))
-    # Block by block, so that all values stay in the cache; a generator goes on where the block before it ended.
+    # Block by block, so that all values stay in the cache. The noise does not depend on the size of blocks, since each
+    # block's draws go on where those of the block before ended.
     for first in range(0, height, rows):
         block = image[first : first + rows]
         values = block.astype(np.float32).reshape(len(block), -1)
@@ -147,7 +149,7 @@ def _pixel_by_pixel(
 
 
 def _bent(values: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
-    """Bend in place; the result has whole levels."""
+    """Clip to 0 to 255, apply the tone curve and round to whole levels, all in place; return the values."""
     np.clip(values, 0, 255, out=values)
     if gamma != 1:
         values /= 255
@@ -157,12 +159,15 @@ def _bent(values: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
 
 
 def _sharpened(image: NDArray[np.uint8], amount: float) -> NDArray[np.uint8]:
-    """Add a multiple of what a Gaussian takes away from the luminance to all channels, as signal processors do."""
+    """Sharpen with an unsharp mask of the luminance, as cameras do.
+
+    The luminance minus its blurred copy, times ``amount``, is added to all channels.
+    """
     height, width, channels = *image.shape[:2], _channels(image)
     result, rows = np.empty_like(image, order="C"), max(1, _BLOCK // (width * channels))
     for first in range(0, height, rows):
         last = min(first + rows, height)
-        # Beyond the border the image goes on as it ends.
+        # Beyond the border, the outermost pixels are repeated.
         about = image[np.arange(first - 2, last + 2).clip(0, height - 1)].astype(np.float32)
         if channels > 1:
             about = about @ _LUMINANCE
@@ -178,7 +183,7 @@ def _sharpened(image: NDArray[np.uint8], amount: float) -> NDArray[np.uint8]:
 
 
 def _through_jpeg(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
-    """Encode and decode an image; colour has half the width and height, as in most cameras."""
+    """Encode and decode an image as JPEG, with colour at half the width and height, as in most cameras."""
     data = io.BytesIO()
     Image.fromarray(image).save(data, "JPEG", quality=quality, subsampling="4:2:0")
     with Image.open(data, formats=["JPEG"]) as decoded:
@@ -197,19 +202,22 @@ def with_imperfections(
     right_rng: np.random.Generator | None = None,
     left_image: NDArray[np.uint8] | None = None,
 ) -> tuple[Frame, dict[str, dict[str, Any]]]:
-    """Put imperfections on both images of a frame, but for motion blur.
+    """Apply imperfections to both images of a frame, except motion blur.
+
+    A scene may have several pairs, which share the left image.
 
     Args:
-        frame: as it was rendered.
-        section: the ranges.
-        rng: of the scene; draws lens blur, exposure, noise and gamma, and the noise itself, of the left eye and of the
-            right eye that sees the scene first.
-        further: the generator of any other key for an eye. No draw of a key shifts a draw of another key.
-        right_rng: of the pair, instead of ``rng`` for the right eye where another one has seen the scene before.
-        left_image: with a ``right_rng``, the left image of another pair of the scene, which this pair has too.
+        frame: the rendered frame.
+        section: the ranges from which imperfections are drawn.
+        rng: the scene's generator. It draws lens blur, exposure, noise and gamma, and the noise of the pixels, for the
+            left eye and the scene's first right eye.
+        further: returns the generator of any other key for an eye. So no draw of a key changes that of another key.
+        right_rng: the pair's generator, which replaces ``rng`` for the right eye in all pairs of a scene but the first.
+        left_image: with ``right_rng``, the finished left image of another pair of the scene; None makes it again.
 
     Returns:
-        The frame, and the imperfections of each eye in JSON's types, without further keys that have their default.
+        The frame; and by eye, the values of `Imperfections` in JSON's types, without those of ``white_balance``,
+        ``vignetting``, ``sharpening`` and ``jpeg_quality`` for which the config has the default.
     """
     given = section.model_dump(include=set(_FURTHER), exclude_defaults=True)
 

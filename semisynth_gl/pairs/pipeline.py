@@ -1,12 +1,12 @@
-"""From a config to pairs. Data goes this way:
+"""From a config to pairs. Data flows as follows:
 
 config -> scene    `MixSampler`: the objects of pair i, from (config, seed, i) alone
        -> frame    `Renderer`: images, disparities and visibilities as arrays
        -> sample   `encode_pair`: files in memory
        -> shard    `ShardWriter`: a fixed range of samples on disk, complete or absent
-       -> dataset  `DatasetFiles`: shards, and an index last
+       -> dataset  `DatasetFiles`: shards, and at last an index
 
-The first two arrows are here; `semisynth_gl.generation.generate` has the others.
+The first two steps are here; `semisynth_gl.generation.generate` does the others.
 """  # noqa: D415 - the drawing is the summary
 
 from dataclasses import dataclass, field
@@ -42,7 +42,7 @@ from semisynth_gl.seeds.seeds import LARGEST_NUMBER, Purpose, generator
 from semisynth_gl.seeds.splits import Split
 
 PAIR_STAGES = ("sample", "draw", "visibility", "readback", "check")
-"""The stages of a pair that a renderer reports to its listener, in order."""
+"""The stages of a pair that a `PairRenderer` reports to its listener, in order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +52,7 @@ class Pair:
     Attributes:
         index: the pair's number in the split.
         frame: images and truth.
-        provenance: the origin of the pair, in JSON's types.
+        provenance: how the pair was made, in JSON's types: program, config, seed, renderer, scene and more.
     """
 
     index: int
@@ -62,7 +62,7 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class _Settled:
-    """The attempt that a sequence is drawn from, and the faults of the attempts before it."""
+    """The attempt whose scenes a sequence takes, and the faults of each attempt before it."""
 
     sequence: int
     attempt: int
@@ -71,27 +71,30 @@ class _Settled:
 
 @dataclass(slots=True, eq=False)
 class _Shown:
-    """A scene whose pairs are asked for, and the part of the images that is drawn; None for all of them."""
+    """A scene whose pairs are asked for, and ``crop``, the part of the images that is drawn; None for all."""
 
     number: int
     sampled: SampledScene
     crop: Crop | None
-    # Draws the scene's pairs, where there are several.
+    # Draws the scene's pairs if there are several.
     shared: SharedLeft | None
-    # Pairs that were drawn for the checks and not asked for yet, by right view.
+    # Frames that were drawn for the checks and not asked for yet, by the number of the right view.
     frames: dict[int, Frame] = field(default_factory=dict)
-    # With imperfections, once one of the pairs has it.
+    # The left image with imperfections, once a pair of the scene has been made.
     left_image: NDArray[np.uint8] | None = None
 
     def shows(self, number: int, attempt: int, crop: Crop | None) -> bool:
-        """Return whether pairs of a scene wait here, whole ones which can be cut, or share a left view of a crop."""
+        """Return whether this is the scene of an attempt, and can still give pairs with a crop.
+
+        It can if whole frames wait, which can be cut, or if its pairs share a left view of the same crop.
+        """
         waits = self.crop is None and bool(self.frames)
         shares = self.shared is not None and self.crop == crop
         return (self.number, self.sampled.attempt) == (number, attempt) and (waits or shares)
 
 
 def renderer_options(config: Config) -> dict[str, Any]:
-    """Return the options of a `Renderer` that a config states."""
+    """Return the keyword arguments of a `Renderer` that a config decides."""
     return {
         "wrap": config.textures.wrap,
         "anisotropy": config.textures.anisotropy,
@@ -112,10 +115,13 @@ class PairRenderer:
         seed: the dataset's seed, 0 or more, for a dataset of one split; else the split of the pairs.
         backend: "auto", "egl" or "osmesa".
         device_index: EGL's number of the device.
-        read: takes the drawn pixels; other readers than `read_array` need ``checked=False``.
-        sources: patches and models of this config and split, where they are there already.
+        read: fetches the drawn pixels; with another reader than `read_array`, pairs must be rendered with
+            ``checked=False``.
+        sources: patches and models of this config and split, if they are loaded already.
 
     Attributes:
+        config: the configuration.
+        split: the split of the pairs.
         sources: patches and models; see `forget_pixels`.
         sampler: makes the scenes of the pairs.
 
@@ -172,16 +178,16 @@ class PairRenderer:
         self.release()
 
     def release(self) -> None:
-        """Free the renderer; a second call does nothing."""
+        """Free the renderer's OpenGL objects; a second call does nothing."""
         self._renderer.release()
 
     def forget_pixels(self) -> None:
-        """Let go of the patches' pixels in ``sources``, which the driver has: each worker would hold its own copy."""
+        """Drop the patches' pixels from ``sources``, to save memory in each worker: the driver has its own copy."""
         self.sources = self.sources.without_pixels()
 
     @property
     def listener(self) -> Listener | None:
-        """For measurements: hears each stage of `PAIR_STAGES`; see `Renderer`."""
+        """A listener that hears the end of each stage of `PAIR_STAGES`, for measurements; see `Renderer`."""
         return self._renderer.listener
 
     @listener.setter
@@ -190,7 +196,7 @@ class PairRenderer:
 
     @property
     def clock(self) -> PassClock:
-        """For measurements: times the passes of pairs; see `Renderer`."""
+        """The clock that times the passes of pairs, for measurements; see `Renderer`."""
         return self._renderer.clock
 
     @property
@@ -199,32 +205,34 @@ class PairRenderer:
         return self._renderer.renderer_name
 
     def expected_histogram(self) -> Histogram:
-        """Return the expected distribution of disparity over many pairs; see `MixSampler.expected`."""
+        """Return the expected distribution of the disparity over many pairs; see `MixSampler.expected`."""
         return self.sampler.expected()
 
     @property
     def facts(self) -> dict[str, str]:
-        """Backend, renderer and version of OpenGL in the driver's words."""
+        """Backend, renderer and OpenGL version, as the driver names them; see `Renderer.facts`."""
         return self._renderer.facts
 
     def count_objects(self) -> dict[str, int]:
-        """Count the driver's objects by kind, to search for leaks."""
+        """Count the OpenGL objects by kind, to search for leaks."""
         return self._renderer.count_objects()
 
     def render(self, index: int, *, crop: Crop | None = None, checked: bool = True) -> Pair:
         """Render pair ``index``, 0 or more.
 
-        A pair whose sequence fails its checks is drawn again from the next sub-seed.
+        A sequence whose first frame fails its checks is drawn again from the next sub-seed.
 
         Args:
             index: the pair's number.
-            crop: return this part of both images alone. Checks judge whole images, so the first frame of a sequence is
-                drawn whole for them, and cut afterwards; all others, or all where nothing is checked, are drawn and
-                read back as far as the crop needs.
-            checked: whether to check. Without checks, a pair with faults is returned, which differs from the dataset's.
+            crop: the part of both images to return; None for all. Checks need whole images, so the first frame of a
+                sequence is drawn whole and cut afterwards. All other frames, and without checks all frames, are drawn
+                and read back only as far as the crop needs, unless the config has imperfections.
+            checked: whether to check pairs. Without checks, a pair with faults is returned, where the dataset has
+                another attempt.
 
         Raises:
-            InputError: where the index is negative, the config's ranges leave no scene for it, or no attempt passes.
+            InputError: where the index is negative, the config's ranges leave no scene for it, or all attempts fail the
+                checks.
         """
         index = to_whole("a pair's index", index, 0, LARGEST_NUMBER)
         check_type("crop", crop, Crop | None)
@@ -234,11 +242,11 @@ class PairRenderer:
         number, view = divmod(index, self.config.views)
         sequence = number // self.config.sequence.length
         settled = self._settled if checked else _Settled(sequence, 0, [])
-        # Several pairs of a first frame are not all drawn again for one of them.
+        # Where scenes have several pairs, asking for one of them does not draw them all for the checks again.
         judged = checked and self.config.views == 1 and number % self.config.sequence.length == 0
         if settled is None or settled.sequence != sequence or judged:
             settled = self._settle(sequence)
-        # Imperfections are drawn for whole images.
+        # Imperfections need whole images.
         shown = self._show(number, settled.attempt, crop if self.config.imperfections.none() else None)
         sampled = shown.sampled.seen_by(view)
         frame = shown.frames.pop(view) if view in shown.frames else self._draw(shown, view)
@@ -255,7 +263,7 @@ class PairRenderer:
         return Pair(index, frame, provenance)
 
     def _show(self, number: int, attempt: int, crop: Crop | None) -> _Shown:
-        """Return a scene: the latest one, or another that is sampled now."""
+        """Return the scene of a number and attempt: the latest one if it still serves, or else sample it."""
         latest = self._shown
         if latest is not None and latest.shows(number, attempt, crop):
             return latest
@@ -268,7 +276,7 @@ class PairRenderer:
         return self._shown
 
     def _motions(self, sampled: SampledScene) -> dict[str, Motion | None]:
-        """Return the motions of a scene that an output needs, as `Renderer.render` takes them."""
+        """Return the motions of a scene that the outputs need, as keyword arguments of `Renderer.render`."""
         outputs = self.config.outputs
         return {
             "future": self.sampler.motion(sampled, +1) if FUTURE_OUTPUTS.intersection(outputs) else None,
@@ -276,15 +284,15 @@ class PairRenderer:
         }
 
     def _draw(self, shown: _Shown, view: int) -> Frame:
-        """Draw a scene as one of its right views sees it, with its motion where an output needs it."""
+        """Draw the frame of a scene with one of its right views, and with the motion that outputs need."""
         if shown.shared is not None:
             return shown.shared.render(view)
         return self._renderer.render(shown.sampled.scene, shown.crop, **self._motions(shown.sampled))
 
     def _settle(self, sequence: int) -> _Settled:
-        """Find a sequence's first attempt whose first frame passes the checks in all its right views.
+        """Return a sequence's first attempt whose first frame passes the checks with all its right views.
 
-        The pairs of that frame await being asked for.
+        The drawn frames are kept until they are asked for.
         """
         redrawn: list[str] = []
         for attempt in range(self.config.checks.attempts):
@@ -303,12 +311,15 @@ class PairRenderer:
                 return self._settled
             redrawn.append("; ".join(clauses))
         raise InputError(
-            f"sequence {sequence} fails its checks in {counted(len(redrawn), 'attempt')}, the last one because it is "
-            f"{redrawn[-1]}. Change images or scene, or lower the key of the section checks"
+            f"sequence {sequence} failed its checks in {counted(len(redrawn), 'attempt')}. Fault of the last one: "
+            f"{redrawn[-1]}. Change the images or the scene, or lower the limit in the section checks"
         )
 
     def _imperfect(self, frame: Frame, shown: _Shown, view: int) -> tuple[Frame, dict[str, dict[str, Any]]]:
-        """Put a rig's imperfections on a pair: the left eye's are the scene's, the right eye's are the pair's."""
+        """Apply a rig's imperfections: the left eye's belong to the scene, the right eye's to the pair.
+
+        Returns the frame, and by eye the drawn values in JSON's types.
+        """
         seed, section = self.split.seed, self.config.imperfections
 
         def of_scene(*keys: int | str) -> Generator:
@@ -317,12 +328,12 @@ class PairRenderer:
         def further(key: str, eye: Eye) -> Generator:
             return of_scene(*((view,) if eye == "right" and view else ()), key, eye)
 
-        # All eyes expose at the same time.
+        # All eyes expose at the same time, so motion blur is drawn once for a scene.
         motion_blur = section.motion_blur.draw(of_scene("motion_blur"))
         if motion_blur > 0:
             sampled = shown.sampled.seen_by(view)
             scenes = [self.sampler.moment(sampled, frames) for frames in moments(motion_blur, section.sub_frames)]
-            # The first right eye's noise follows the left one's, so that pair makes the left image in any case.
+            # The first right eye's noise follows the left eye's in one generator, so the first pair always makes both.
             eyes: tuple[Eye, ...] = ("right",) if view and shown.left_image is not None else EYES
             frame = exposed(self._renderer, frame, sampled.scene, scenes, eyes)
         right_rng = of_scene(view) if view else None
@@ -342,7 +353,7 @@ class PairRenderer:
 def render_pair(config: Config, index: int, seed: int = 0, backend: Backend = "auto") -> Frame:
     """Render one pair of a config.
 
-    This opens and closes everything; for many pairs keep a `PairRenderer`.
+    Each call loads the photographs and models and opens a renderer; for many pairs, use a `PairRenderer`.
 
     Args:
         config: the configuration.
@@ -351,12 +362,12 @@ def render_pair(config: Config, index: int, seed: int = 0, backend: Backend = "a
         backend: "auto", "egl" or "osmesa".
 
     Raises:
-        InputError: where images, models or ranges cannot be used, or no attempt passes the checks.
+        InputError: where images, models or ranges cannot be used, or all attempts fail the checks.
         BackendError: where OpenGL cannot be used.
 
     Returns:
-        ``left`` and ``right`` (H, W, 3) uint8, (H, W) of monochrome cameras, ``disparity_left`` and ``disparity_right``
-        (H, W) float32 px, and the visibilities; see `Frame`.
+        A `Frame`: ``left.image`` and ``right.image``, (H, W, 3) uint8, or (H, W) for grey cameras; ``left.disparity``
+        and ``right.disparity``, (H, W) float32, px; and the other outputs of the config.
     """
     index = to_whole("a pair's index", index, 0, LARGEST_NUMBER)
     with PairRenderer(config, seed, backend) as pairs:

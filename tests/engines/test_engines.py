@@ -155,7 +155,7 @@ def test_the_serial_engine_opens_again_after_a_lost_context(fault, tmp_path):
 
 
 def test_a_task_that_ends_every_worker_is_given_up(tmp_path):
-    with pytest.raises(WorkerError, match=r"task 7 has ended 3 workers.*SIGKILL.*on disk stays.*fewer workers"):
+    with pytest.raises(WorkerError, match=r"task 7 has ended 3 workers.*SIGKILL.*stay on disk.*fewer workers"):
         run(LocalEngine(2, 60), Squares(tmp_path, "kill", 1000))
     assert len(list(tmp_path.glob("struck-*"))) == 3
     assert not any(map(alive, opened(tmp_path)))
