@@ -651,7 +651,7 @@ def test_what_is_left_out_is_said(dataset, photographs, tmp_path):
     assert f"{FEWEST} photographs, 1 disparity map (0 with their image)" in out
     assert f"note: left out: {broken}: " in err
     assert f"note: {FEWEST} photographs narrower than 100 px, " in err
-    assert "note: 1 map with a disparity in fewer than half of its pixels, " in err
+    assert "note: 1 map with disparities in fewer than half of the pixels, " in err
 
 
 @pytest.mark.parametrize(
