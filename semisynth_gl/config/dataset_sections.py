@@ -1,4 +1,4 @@
-"""The sections that hold for all pairs of a dataset: those whose keys no recipe may change."""
+"""The sections that hold for all pairs of a dataset: no recipe may change their keys."""
 
 from collections.abc import Collection, Iterator
 from math import degrees
@@ -28,7 +28,7 @@ from semisynth_gl.seeds.splits import Split, SplitName
 _MOST_TURN_DEG = round(degrees(MOST_TURN_RAD))
 _SUB_FRAMES = 7
 
-# Characters.
+# Largest number of characters in a licence.
 _LONGEST_LICENCE = 1000
 
 LAYOUTS = ("crestereo", "eth3d", "kitti", "middlebury", "middlebury-2014", "sceneflow", "webdataset")
@@ -40,15 +40,15 @@ _Licence = Annotated[str, Field(max_length=_LONGEST_LICENCE)]
 class RigSection(Section):
     """How the right camera deviates from the rectified one, drawn per sequence.
 
-    Truth stays exact: the output ``correspondence`` has the way from each pixel to the same point in the other view,
-    and disparity is x_left - x_right. ``disparity`` and ``background`` speak of the rectified pair.
+    Truth stays exact: the output ``correspondence`` holds the offset from each pixel to the same point in the other
+    view, and disparity is x_left - x_right. The sections ``disparity`` and ``background`` refer to the rectified pair.
 
     Attributes:
-        right_roll_deg: rotation about the viewing direction; above 0 turns the image clockwise.
-        right_pitch_deg: rotation about the x axis; above 0 moves the image upwards.
-        right_y_px: how much lower the right principal point lies.
-        focal_ratio: right focal length over the left one.
-        twin: show each scene to the rectified camera too: pair 2 i deviates, pair 2 i + 1 does not.
+        right_roll_deg: rotation about the viewing direction; positive values turn the image clockwise.
+        right_pitch_deg: rotation about the x axis; positive values move the image upwards.
+        right_y_px: distance by which the right principal point lies below the left one.
+        focal_ratio: ratio of the right focal length to the left one.
+        twin: render each scene with the rectified camera too: pair 2 i deviates, pair 2 i + 1 does not.
     """
 
     right_roll_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = ZERO
@@ -59,7 +59,7 @@ class RigSection(Section):
 
     def _faults(self) -> Iterator[str]:
         if self.twin and self.model_copy(update={"twin": False}).none():
-            yield "twin asks for the rectified pair beside one that deviates: give a range of another key"
+            yield "twin adds a rectified pair to each deviating pair, but no pair deviates: set another key too"
 
     def none(self) -> bool:
         """Return whether the pairs are rectified."""
@@ -67,19 +67,19 @@ class RigSection(Section):
 
 
 class ImperfectionsSection(Section):
-    """Imperfections of a real rig's images, drawn per pair and eye.
+    """Imperfections of a real rig's images, drawn for each image; both eyes share ``motion_blur``.
 
     Attributes:
-        exposure_stops: the image is multiplied by 2 to this power.
+        exposure_stops: power of 2 by which the image is multiplied.
         gamma: exponent of the tone curve.
         noise: standard deviation of the sensor's noise, 8-bit levels.
         blur_px: standard deviation of the lens blur.
-        motion_blur: exposure time, as a share of the time between frames.
-        sub_frames: moments of the exposure that are averaged.
-        vignetting: share of light that is missing at half an image diagonal from the principal point.
-        white_balance: red and blue are each multiplied by 2 to such a power.
+        motion_blur: exposure time as a fraction of the time between frames.
+        sub_frames: number of moments of the exposure whose images are averaged.
+        vignetting: share of the light that is lost at half an image diagonal from the principal point.
+        white_balance: powers of 2 by which red and blue are multiplied, drawn separately.
         sharpening: amount of the unsharp mask.
-        jpeg_quality: quality of a JPEG that the image is sent through, 1 to 100.
+        jpeg_quality: quality, 1 to 100, of the JPEG compression that the image goes through; by default none.
     """
 
     exposure_stops: Annotated[RangeField, at_most(20), at_least(-20)] = ZERO
@@ -109,13 +109,14 @@ class ImperfectionsSection(Section):
 
 
 class ChecksSection(Section):
-    """Conditions on a pair, or on a sequence's first frame; what fails one is drawn again.
+    """Conditions on each pair, or on the first frame of each sequence; a scene that fails one is drawn again.
 
     Attributes:
-        min_brightness: smallest mean of the darker image, 8-bit levels.
-        min_texture: smallest texture of the flatter image, 8-bit levels.
-        min_valid: smallest share of pixels with a valid disparity in each view.
-        attempts: attempts before a pair is an error.
+        min_brightness: smallest mean of the darker image that passes, 8-bit levels.
+        min_texture: smallest texture of the flatter image that passes: the median over 8 x 8 cells of the standard
+            deviation of luminance, 8-bit levels.
+        min_valid: smallest share of pixels with a valid disparity that passes, in each view.
+        attempts: number of attempts at a scene; if all fail, the pair is an error.
     """
 
     min_brightness: Annotated[float, Field(ge=0, le=255)] = 8.0
@@ -125,10 +126,10 @@ class ChecksSection(Section):
 
 
 class SequenceSection(Section):
-    """Pairs i n to (i + 1) n - 1 are the frames of one moving scene.
+    """Sequences: successive frames of one moving scene.
 
     Attributes:
-        length: frames per sequence, n.
+        length: number of frames per sequence.
         frame_s: time between two frames.
     """
 
@@ -137,11 +138,11 @@ class SequenceSection(Section):
 
 
 class FilesSection(Section):
-    """Encodings of files.
+    """Encodings of the dataset's files.
 
     Attributes:
-        image: ``png``, ``qoi`` or ``jxl``, all lossless; the latter two need the extra ``codecs``.
-        disparity: ``pfm``, ``tiff`` (smaller), or KITTI's ``png16`` (up to 256 px; signed, 128 px either way).
+        image: ``png``, ``qoi`` or ``jxl``, all lossless; ``qoi`` and ``jxl`` need the extra ``codecs``.
+        disparity: ``pfm``, ``tiff`` (smaller), or KITTI's ``png16`` (up to 256 px; -128 to 128 px where signed).
         flow: Middlebury's ``flo``, SceneFlow's ``pfm``, or KITTI's ``png16`` (up to 512 px).
     """
 
@@ -151,12 +152,12 @@ class FilesSection(Section):
 
 
 class SplitsSection(Section):
-    """What is held out of training for validation and test pairs.
+    """Photographs and models that only validation or test pairs show.
 
     Attributes:
-        validation: share of the photographs' subjects for validation alone, at least one.
-        test: share for test alone, at least one.
-        models: hold out the same shares of each family of models.
+        validation: share of the photographs' subjects that only validation pairs show (at least one subject).
+        test: share of the photographs' subjects that only test pairs show (at least one subject).
+        models: hold out the same shares of each family of models too.
     """
 
     validation: Annotated[float, Field(gt=0, lt=1)] = 0.1
@@ -165,22 +166,25 @@ class SplitsSection(Section):
 
     def _faults(self) -> Iterator[str]:
         if self.validation + self.test >= 1:
-            yield f"validation and test take {self.validation + self.test:g} of all: nothing is left"
+            yield f"validation and test add up to {self.validation + self.test:g}: expected less than 1"
 
     def split(self, name: SplitName, splits: Collection[SplitName], seed: int) -> Split:
-        """Return a split of a dataset that has ``splits``."""
+        """Return the split ``name`` of a dataset; ``splits`` are all splits that the dataset has.
+
+        ``seed`` is the dataset's seed, which chooses the subjects that are held out.
+        """
         shares: dict[SplitName, float] = {"validation": self.validation, "test": self.test}
         held_out = {held: share for held, share in shares.items() if held in splits}
         return Split(seed, name, held_out, self.models)
 
 
 class LicencesSection(Section):
-    """Licences for index, card and Croissant file.
+    """Licences that the index, the card and the Croissant file state.
 
     Attributes:
-        dataset: the dataset's, under the name that hubs use.
-        images: your photographs', and a plug-in's pictures'.
-        models: your models', and a plug-in's.
+        dataset: licence of the dataset, by the name that hubs use.
+        images: licence of your photographs and of a plug-in's pictures.
+        models: licence of your models and of a plug-in's models.
     """
 
     dataset: _Licence = "unknown"

@@ -1,7 +1,7 @@
 """The distributions of disparity that a config may ask for in ``disparity.target``.
 
-A target of form ``file`` becomes a target of form ``histogram`` when a config is read. So the config itself determines
-its pairs, and a file that changes later changes no dataset that has begun.
+A target of form ``file`` becomes a target of form ``histogram`` when a config is read. The config alone then determines
+its pairs: a later change of the file does not affect a dataset that was begun before.
 """
 
 import math
@@ -19,15 +19,15 @@ from semisynth_gl.histogram import Histogram, mix_histograms
 from semisynth_gl.inputs.errors import InputError, shown
 from semisynth_gl.inputs.user_files import read_file
 
-# A measured histogram has a few pixels anywhere: this share of a target may be out of reach.
+# Largest share of a target that may be out of reach: measured histograms have a few stray pixels anywhere.
 _OUT_OF_REACH = 0.02
-# A gamma distribution is checked up to this many spreads from its mean, in this many bins.
+# Reach of a gamma distribution's check on either side of the mean, in standard deviations, and its number of bins.
 _SPREADS, _GAMMA_BINS = 8, 100
-# Points of a bin at which a density is evaluated.
+# Number of points per bin at which a density is evaluated.
 _POINTS = 16
-# Bins of the wanted histogram, where the target brings none.
+# Number of bins of the wanted histogram where the target has no bins of its own.
 _BINS = 24
-# Bins of a file are cut into equal bins of their common measure, up to this many.
+# Largest number of bins of a target. A file's bins are cut into equal bins as wide as their common divisor.
 _MOST_BINS = 4096
 _MOST_PARTS = 100
 _LARGEST_BYTES = 1 << 20
@@ -35,7 +35,7 @@ _RESOLUTION_PX = 1e-3
 
 
 class UniformTarget(Section):
-    """Equally many pixels at each disparity from ``low_px`` to ``high_px``, by default the range of ``disparity``."""
+    """Equally many pixels at each disparity from ``low_px`` to ``high_px``, by default ``min_px`` to ``max_px``."""
 
     form: Literal["uniform"] = "uniform"
     low_px: Finite | None = None
@@ -53,10 +53,10 @@ class UniformDepthTarget(Section):
 
 
 class GammaTarget(Section):
-    """A gamma distribution: one hump with a long tail of near things.
+    """A gamma distribution: one hump with a long tail of large disparities.
 
-    It begins at ``origin_px``; its mean and its standard deviation, ``spread_px``, are those before the limits of the
-    section ``disparity`` cut it.
+    The distribution begins at ``origin_px``. ``mean_px`` and ``spread_px``, the standard deviation, hold before it
+    is cut at ``disparity.min_px`` and ``disparity.max_px``.
     """
 
     form: Literal["gamma"]
@@ -77,7 +77,7 @@ class GammaTarget(Section):
         """Integrate the distribution over bins of equal width with edges (K + 1,).
 
         Its density is x^(k - 1) exp(-x / theta), with x and the mean counted from the origin, k = (mean / spread)^2 and
-        theta = spread^2 / mean. Where all bins lie below the origin, the last one has all.
+        theta = spread^2 / mean. If all bins lie below the origin, the last bin gets all pixels.
         """
         mean_px = self.mean_px - self.origin_px
         shape, scale = (mean_px / self.spread_px) ** 2, self.spread_px**2 / mean_px
@@ -92,7 +92,7 @@ class GammaTarget(Section):
 
 
 class HistogramTarget(Section):
-    """Shares of pixels in bins of one width from ``first_px`` on; they are scaled to a sum of 1."""
+    """Shares of pixels in bins of width ``bin_px``, the first from ``first_px``; shares are scaled to a sum of 1."""
 
     form: Literal["histogram"]
     bin_px: Positive
@@ -129,7 +129,10 @@ TargetSection = Annotated[Distribution | MixtureTarget, Field(discriminator="for
 
 
 def check_positive(target: TargetSection) -> None:
-    """Check that a target asks for no disparities below 0; raises ValidationError with the keys that do."""
+    """Check that a target asks for no disparities below 0; raises ValidationError with the keys at fault.
+
+    ``high_px`` must be above 0.
+    """
     faults: list[InitErrorDetails] = []
     mixed = isinstance(target, MixtureTarget)
     for number, part in enumerate(_parts(target)):
@@ -149,9 +152,10 @@ def _parts(target: TargetSection) -> tuple[MixturePart, ...]:
 
 
 def check_target(target: TargetSection, min_px: float, max_px: float, low_px: float, note: str = "") -> None:
-    """Check that scenes, which show ``low_px`` to ``max_px``, can show all but 2 % of the pixels of a target.
+    """Check that scenes can show all but 2 % of the pixels of a target; raises ValueError otherwise.
 
-    ``note`` adds something about disparities below that range to the message of the ValueError.
+    ``min_px`` and ``max_px`` are those of the section ``disparity``; scenes show ``low_px`` to ``max_px``. ``note`` is
+    appended to the message where the pixels that cannot be shown lie below ``low_px``.
     """
     parts = _parts(target)
     histograms = [_uncut_histogram(part.target, min_px, max_px) for part in parts]
@@ -163,14 +167,18 @@ def check_target(target: TargetSection, min_px: float, max_px: float, low_px: fl
         if outside.sum() > _OUT_OF_REACH:
             first, last = max(low[outside > 0].min(), begin), min(high[outside > 0].max(), end)
             raise ValueError(
-                f"disparity.target wants {outside.sum():.1%} of the pixels at {first:g} to {last:g} px, {side} what "
-                f"this config can show, {low_px:g} to {max_px:g} px: change the target, or disparity.min_px and "
-                f"disparity.max_px{note if side == 'below' else ''}"
+                f"disparity.target wants {outside.sum():.1%} of the pixels at {first:g} to {last:g} px, {side} the "
+                f"range that this config can show, {low_px:g} to {max_px:g} px: change the target, or disparity.min_px "
+                f"and disparity.max_px{note if side == 'below' else ''}"
             )
 
 
 def wanted_histogram(target: TargetSection, min_px: float, max_px: float, doffs_px: float) -> Histogram:
-    """Return a target as a histogram; see `semisynth_gl.config.model.Config.wanted_histogram`."""
+    """Return a target as a histogram of disparity, px; see `semisynth_gl.config.model.Config.wanted_histogram`.
+
+    ``doffs_px`` is the mean cx_right - cx_left of the cameras. Raises InputError where a target uniform in depth
+    reaches beyond infinity.
+    """
     if isinstance(target, HistogramTarget):
         return _uncut_histogram(target, min_px, max_px)
     edges = np.linspace(min_px, max_px, _BINS + 1, dtype=np.float64)
@@ -189,9 +197,9 @@ def _cut_histogram(target: Distribution, edges_px: NDArray[np.float64], doffs_px
             if low + doffs_px <= 0:
                 raise InputError(
                     f"disparity.min_px: {low:g} px lies beyond infinity for cameras whose doffs is {doffs_px:g} px on "
-                    f"average: for a target uniform in depth raise it above {-doffs_px:g}"
+                    f"average: a target uniform in depth needs a min_px above {-doffs_px:g}"
                 )
-            # d + doffs = f B / Z: the share of the depths between two disparities is a difference of 1 / (d + doffs).
+            # Depth is f B / (d + doffs): a bin's share of the depths is a difference of 1 / (d + doffs), before scaling.
             return Histogram.from_counts(edges_px, -np.diff(1 / (edges_px + doffs_px)))
         case GammaTarget():
             return target.histogram(edges_px)
@@ -200,7 +208,7 @@ def _cut_histogram(target: Distribution, edges_px: NDArray[np.float64], doffs_px
 
 
 def _uncut_histogram(target: Distribution, min_px: float, max_px: float) -> Histogram:
-    """Return a distribution before the limits of the section ``disparity`` cut it."""
+    """Return a distribution before it is cut at the limits of the section ``disparity``."""
     match target:
         case UniformTarget():
             low = min_px if target.low_px is None else target.low_px
@@ -209,7 +217,7 @@ def _uncut_histogram(target: Distribution, min_px: float, max_px: float) -> Hist
                 raise ValueError(f"disparity.target: expected low_px < high_px, got {low:g} and {high:g}")
             return Histogram.from_counts([low, high], [1.0])
         case UniformDepthTarget():
-            # Only the ends of this one are right, and only its ends are asked for.
+            # Only the ends of this histogram are right; callers use only its ends.
             return Histogram.from_counts([min_px, max_px], [1.0])
         case GammaTarget():
             reach_px = _SPREADS * target.spread_px
@@ -221,9 +229,10 @@ def _uncut_histogram(target: Distribution, min_px: float, max_px: float) -> Hist
 
 
 def read_histogram(path: Path) -> dict[str, Any]:
-    """Read a target of form ``histogram`` from a CSV file; raises InputError where that is not possible.
+    """Read the keys of a target of form ``histogram`` from a CSV file.
 
-    Its lines ``low_px,high_px,share`` rise without gaps; a heading and # comments are allowed.
+    The lines ``low_px,high_px,share`` must be in rising order without gaps; a heading and # comments are allowed.
+    Raises InputError where the file cannot be read or breaks this form.
     """
     try:
         lines = read_file(path, _LARGEST_BYTES).decode("utf-8").splitlines()
@@ -244,14 +253,14 @@ def read_histogram(path: Path) -> dict[str, Any]:
             limits = f"low_px < high_px and a share of 0 or more, all at most {LARGEST:g}"
             raise InputError(f"{expected} {limits}, got {shown(text)}")
         if bins and abs(bins[-1][1] - low) > _RESOLUTION_PX:
-            raise InputError(f"{expected} the bin to begin at {bins[-1][1]:g} px, where the last ends")
+            raise InputError(f"{expected} the bin to begin at {bins[-1][1]:g} px, where the previous bin ends")
         bins.append((low, high, share))
     if not bins:
         raise InputError(f"{path}: no bins: expected lines low_px,high_px,share")
     widths = [max(1, round((high - low) / _RESOLUTION_PX)) for low, high, _ in bins]
     common = math.gcd(*widths)
     if sum(widths) // common > _MOST_BINS:
-        fault = f"the bins' widths have no common measure of at least 1/{_MOST_BINS} of the range"
+        fault = f"the bins' widths have no common divisor of at least 1/{_MOST_BINS} of the range"
         raise InputError(f"{path}: {fault}: expected widths such as 5 and 10")
     parts = [width // common for width in widths]
     shares = [share / part for (_, _, share), part in zip(bins, parts, strict=True) for _ in range(part)]

@@ -1,4 +1,4 @@
-"""A config in full, as YAML: every key with its value and, as a comment, what it is for."""
+"""A config in full, as YAML: every key with its value and a comment on its meaning."""
 
 import inspect
 import re
@@ -19,13 +19,13 @@ from semisynth_gl.inputs.resources import data_root
 
 _WIDTH = 100
 _BOUNDS = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
-# Larger bounds only keep numbers within what float32 holds; that a share is at most 1 goes without saying.
+# Bounds from this size on are not shown: they only keep numbers within float32's range. Nor is a share's bound of 1.
 _NO_BOUND = 1e5
 _ATTRIBUTE = re.compile(r"    (\w+): (.*)")
 
 
 def summaries() -> dict[str, str]:
-    """Return what each packaged config is for, in a sentence, by its name: the first comment of its file."""
+    """Return a sentence on the purpose of each packaged config, by its name: the first comment of its file."""
     texts = {}
     for name in packaged_configs():
         first, *_ = (data_root("configs") / f"{name}.yaml").read_text(encoding="utf-8").splitlines()
@@ -34,13 +34,20 @@ def summaries() -> dict[str, str]:
 
 
 def explain(name_or_path: str) -> str:
-    """Return a config as YAML of the same digest, with all of its keys, defaults included, and a comment on each."""
+    """Return a config as YAML with all its keys, defaults included, and a comment on each; its digest stays the same.
+
+    Raises InputError as `load_config` does.
+    """
     return "\n".join(_section(load_config(name_or_path), "")) + "\n"
 
 
 @dataclass(frozen=True, slots=True)
 class ExplainedKey:
-    """A key of a config, for a list of all; ``default`` is YAML, "required", or "" where there is none."""
+    """A key of a config, for a list of all keys.
+
+    ``dotted`` is the key as ``--set`` takes it, and ``meaning`` its text in the section's docstring, or the first
+    paragraph of a section's docstring. ``default`` is YAML, "required", or "" where the default is None or empty.
+    """
 
     dotted: str
     meaning: str
@@ -50,7 +57,7 @@ class ExplainedKey:
 
 
 def explained_keys() -> list[ExplainedKey]:
-    """Return the keys outside of sections, and then each section with its keys, in the config's order."""
+    """Return the keys outside of sections, and then each section followed by its keys, in the config's order."""
     plain, sections = list[ExplainedKey](), list[ExplainedKey]()
     for name, field in Config.model_fields.items():
         section = next(iter(sections_of(field.annotation)), None)
@@ -92,7 +99,7 @@ def _short(value: Any) -> Any:  # noqa: ANN401 - any value of a config
 
 
 def _section(section: BaseModel, indent: str) -> Iterator[str]:
-    """Yield the lines of a section; keys that have no value are comments too."""
+    """Yield the lines of a section; a key without a value is commented out."""
     meanings, values = _meanings(type(section)), section.model_dump(mode="json")
     for key in type(section).model_fields:
         inner = getattr(section, key)
@@ -117,7 +124,7 @@ def _section(section: BaseModel, indent: str) -> Iterator[str]:
 
 
 def _recipes(recipes: Iterable[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield the lines of a list of recipes, a section on each."""
+    """Yield the lines of a list of recipes, with one section per line."""
     for recipe in recipes:
         head = {key: recipe[key] for key in ("recipe", "extends", "weight") if key in recipe}
         for number, (key, value) in enumerate({**head, **recipe}.items()):

@@ -1,4 +1,4 @@
-"""Faults of a config as messages: the file and line, or the option, that is to blame, and what to set instead."""
+"""Messages on faults of a config: the file and line, or the option, at fault, and what to set instead."""
 
 import re
 from collections.abc import Collection, Iterable, Mapping
@@ -15,29 +15,29 @@ from semisynth_gl.config.yaml_values import Key
 from semisynth_gl.inputs.errors import cut, did_you_mean, near, shown
 
 OVERRIDE, OVERRIDES = "`overrides`", "overrides"
-"""The places of overrides in messages: of a text ``"KEY=VALUE"``, with the key behind it, and of all others."""
+"""Places of overrides in messages: `OVERRIDE`, before the key, for texts ``"KEY=VALUE"``; `OVERRIDES` for the rest."""
 
 SCENES = "scenes"
 TARGET: Final = ("disparity", "target")
 TARGET_FILE = "file"
 
-# Keys of one name that a message suggests, and how alike keys are that differ by a letter or two.
+# Largest number of keys of one name that a message suggests, and the similarity of keys that differ by a letter or two.
 _KEYS_SHOWN, _BY_A_LETTER = 3, 0.9
 
 
 def named_place(key: Key, document: Document) -> str:
-    """Return the place where a key was set, as far as it is known, and the key."""
+    """Return the place where a key was set, if known, and the dotted key, such as ``a.yaml:3: camera.focal_px``."""
     place, dotted = _place(key, document), _dotted(key) or "config"
     return place if place == f"{OVERRIDE} {dotted}" else ": ".join(part for part in (place, dotted) if part)
 
 
 def is_override(place: str) -> bool:
-    """Return whether a place is an override, and no file."""
+    """Return whether a place is an override and not a file."""
     return place == OVERRIDES or place.startswith(f"{OVERRIDE} ")
 
 
 def explain_fault(fault: ErrorDetails, document: Document) -> str:
-    """Return the message on a fault that pydantic found in a document's values."""
+    """Return the message on a fault that pydantic found in a document's values: place, dotted key, reason and value."""
     key, section = _locate(fault["loc"])
     kind = fault["type"]
     if kind in ("union_tag_invalid", "union_tag_not_found"):
@@ -47,7 +47,7 @@ def explain_fault(fault: ErrorDetails, document: Document) -> str:
         known_key = next((each for each in config_keys() if each.parts == key[2:] and not each.of_form), None)
         if known_key is not None and known_key.parts != (SCENES,):
             hint = f"set {known_key.dotted} beside {SCENES}"
-            return f"{prefix}: a recipe cannot change it, which holds for all pairs: {hint}"
+            return f"{prefix}: a recipe cannot change this key, which holds for all pairs: {hint}"
     if kind == "extra_forbidden":
         known = sorted(section.model_fields)
         hint = did_you_mean(_meant_keys(key, known, fault["input"]), f"expected one of: {', '.join(known)}")
@@ -61,9 +61,9 @@ def explain_fault(fault: ErrorDetails, document: Document) -> str:
 
 
 def _blamed(key: Key, reason: str, value: str, document: Document) -> str:
-    """Return a reason with the place to blame before it, and the other keys that it names behind it.
+    """Return a reason after the place at fault, and before the places of the other keys that it names.
 
-    Of the keys that a reason names, the one that was set last is to blame: what a file extends, or an option overrides,
+    Of the keys that a reason names, the key that was set last is at fault: an extended file, or a file with overrides,
     was right by itself.
     """
     own, named = _place(key, document), _named_keys(key, reason, document)
@@ -92,18 +92,18 @@ def _blamed(key: Key, reason: str, value: str, document: Document) -> str:
 
 
 def _named_keys(key: Key, reason: str, document: Document) -> list[Key]:
-    """Return the keys that a reason on a key names, as far as their places are known."""
+    """Return the keys that a reason on ``key`` names, where their places are known."""
     found: dict[Key, None] = {}
     for word in re.findall(r"\b[a-z]\w*(?:\.\w+)*", reason):
         parts = tuple(word.split("."))
-        # A word alone may be any, but for one that names a key of this section.
+        # A word without a dot counts only if it names a key of this section.
         known = [each for each in ((*key, *parts), parts) if len(each) > 1 and each in document.places]
         found |= dict.fromkeys(known[:1])
     return list(found)
 
 
 def _rank(place: str, document: Document) -> int:
-    """Return how late a place was read: an extended file before the file that extends it, overrides last."""
+    """Return a rank that rises in the order of reading: an extended file, the file that extends it, overrides."""
     if is_override(place):
         return len(document.files)
     return document.files.index(_file(place)) if _file(place) in document.files else -1
@@ -118,7 +118,7 @@ def _dotted(key: Key) -> str:
 
 
 def _explain_form(key: Key, names: Iterable[str], fault: ErrorDetails, document: Document) -> str:
-    """Say which forms a target may have, where the key ``form`` is missing or wrong."""
+    """Return the message on a missing or wrong key ``form``, with the forms that a target may have."""
     is_part = key[-3:-1] != TARGET
     names = [*names, *(() if is_part else (TARGET_FILE,))]
     prefix, listed = named_place(key, document), f"expected one of: {', '.join(names)}"
@@ -126,15 +126,15 @@ def _explain_form(key: Key, names: Iterable[str], fault: ErrorDetails, document:
         return f"{prefix}: missing; {listed}"
     form = cut(fault["ctx"]["tag"])
     if form == TARGET_FILE and is_part:
-        return f"{prefix}: a part of a mixture takes no file, only a whole target does; {listed}"
+        return f"{prefix}: a part of a mixture cannot be a file, only a whole target can; {listed}"
     hint = did_you_mean(near(form, names))
     return f"{prefix}: unknown form {form}; {hint}{' ' if hint else ''}{listed}"
 
 
 def _meant_keys(key: Key, siblings: Collection[str], value: object) -> list[str]:
-    """Return the dotted keys that an unknown one may have been meant for, in its section or another.
+    """Return the dotted keys that an unknown key may have been meant for, in its section or another.
 
-    Where a misspelt section holds a single key, that key tells too.
+    ``siblings`` are the keys of its section. If a misspelt section holds a single key, that key helps to find it.
     """
     *above, last = map(str, key)
     inner: list[str] = []
@@ -143,7 +143,7 @@ def _meant_keys(key: Key, siblings: Collection[str], value: object) -> list[str]
         inner.append(str(name))
     whole, known = ".".join([*above, last, *inner]), [each.dotted for each in config_keys()]
     alike = [".".join([*above, name]) for name in near(last, siblings)]
-    if key[0] == SCENES:  # a recipe has sections, too
+    if key[0] == SCENES:  # a recipe has sections too
         return alike
     if inner:
         alike = near(whole, known) or alike
@@ -156,14 +156,14 @@ def _meant_keys(key: Key, siblings: Collection[str], value: object) -> list[str]
 
 
 def _place(key: Key, document: Document) -> str:
-    """Return where a key, or the nearest one above it that is known, was set; "" where none is known."""
+    """Return where a key was set, or the nearest key above it whose place is known; "" where none is known."""
     return next((document.places[key[:n]] for n in range(len(key), 0, -1) if key[:n] in document.places), "")
 
 
 def _locate(location: tuple[int | str, ...]) -> tuple[Key, type[BaseModel]]:
-    """Return the key in the document for a location of pydantic's, and the section of the key.
+    """Return the document's key for one of pydantic's locations, and the class of the section that holds the key.
 
-    Pydantic's locations also have the names of forms, of other members of unions and of validators.
+    Pydantic's locations also contain names of forms, of other members of unions and of validators.
     """
     key: Key = ()
     section: type[BaseModel] = Config

@@ -18,10 +18,10 @@ from pydantic import (
 from pydantic_core import ErrorDetails
 
 LARGEST = 1e6
-"""Largest magnitude of any number in a config: far beyond use, and far from where arithmetic overflows."""
+"""Largest magnitude of any number in a config: far above useful values, and far below overflow."""
 
 SMALLEST = 1e-6
-"""Smallest number where a number above 0 is expected: its inverse is no larger than `LARGEST`."""
+"""Smallest number accepted where a number above 0 is expected; its inverse is `LARGEST`."""
 
 
 def check_not_tiny(value: float) -> float:
@@ -49,7 +49,7 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     def _faults(self) -> Iterator[str]:
-        """Yield what is wrong with keys together, where each of them alone is right; the first fault is reported."""
+        """Yield faults of keys that are valid one by one but not together; only the first fault is reported."""
         yield from ()
 
     @model_validator(mode="after")
@@ -63,12 +63,12 @@ def _list_as_tuple(value: Any) -> Any:  # noqa: ANN401 - a validator gets any YA
     return tuple(value) if isinstance(value, list) else value
 
 
-# YAML has lists, and a frozen section has tuples.
+# Turns a YAML list into a tuple, since frozen sections hold tuples.
 FROM_LIST = BeforeValidator(_list_as_tuple)
 
 
 def _rule(holds: Callable[[Any], bool], expected: str) -> AfterValidator:
-    """Return a validator of values that a rule holds for."""
+    """Return a validator that accepts the values for which ``holds`` returns True, and names what was ``expected``."""
 
     def check(value: Any) -> Any:  # noqa: ANN401 - a validator of any type
         if not holds(value):
@@ -79,7 +79,7 @@ def _rule(holds: Callable[[Any], bool], expected: str) -> AfterValidator:
 
 
 def one_of(names: Iterable[str]) -> AfterValidator:
-    """Return a validator that accepts these names alone."""
+    """Return a validator that accepts only these names."""
     known = tuple(names)
     return _rule(known.__contains__, f"one of {', '.join(known)}")
 
@@ -97,11 +97,11 @@ class Range:
         return (self.low + self.high) / 2
 
     def draw(self, rng: np.random.Generator) -> float:
-        """Draw uniformly. A draw takes one random number for any width, so that fixing a value shifts no other draw."""
+        """Draw uniformly. A draw always takes one random number, so fixing a value does not shift later draws."""
         return self.low + (self.high - self.low) * float(rng.random())
 
     def draw_log(self, rng: np.random.Generator, size: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """Draw (size,) float64 uniformly in the logarithm. The interval must be positive."""
+        """Draw (size,) float64 log-uniformly. The interval must be positive."""
         return self.low * np.power(self.high / self.low, rng.random(size))
 
     def draw_many(self, rng: np.random.Generator, size: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -113,7 +113,7 @@ ZERO = Range(0.0, 0.0)
 
 
 def reason_of(fault: ErrorDetails) -> str:
-    """Return the reason that pydantic, or a validator, gives for a fault, as a clause of a message."""
+    """Return the reason that pydantic or a validator gives for a fault, as a clause that begins in lower case."""
     if fault["type"] in ("tuple_type", "list_type"):
         return "expected a list, such as [a, b]"
     if fault["type"] == "string_pattern_mismatch":
@@ -133,7 +133,7 @@ def _parse(value: object) -> Range:
     ends = value if isinstance(value, (list, tuple)) else (value, value)
     if len(ends) != 2 or not all(map(is_number, ends)):
         raise ValueError("expected a number or [low, high]")
-    # Before any is made a float: an integer may be too large for one.
+    # Checked before the conversion to float, since an integer may be too large for a float.
     if not all(-LARGEST <= end <= LARGEST for end in ends):
         raise ValueError(f"expected finite numbers of at most {LARGEST:g}")
     low, high = (float(end) for end in ends)
@@ -151,17 +151,17 @@ def check_above_zero(value: Range) -> Range:
 
 
 def at_least(smallest: float) -> AfterValidator:
-    """Return a validator of ranges that begin at a number or above."""
+    """Return a validator of ranges whose low end is at least ``smallest``."""
     return _rule(lambda value: value.low >= smallest, f"at least {smallest:g}")
 
 
 def at_most(largest: float) -> AfterValidator:
-    """Return a validator of ranges that end at a number or below."""
+    """Return a validator of ranges whose high end is at most ``largest``."""
     return _rule(lambda value: value.high <= largest, f"at most {largest:g}")
 
 
 def count(most: int) -> Any:  # noqa: ANN401 - pydantic's
-    """Return the limits of a whole number from 1 to ``most``."""
+    """Return a pydantic field that limits a whole number to 1 to ``most``."""
     return Field(ge=1, le=most)
 
 
@@ -180,7 +180,7 @@ def _parse_baselines(value: object) -> int | tuple[float, ...]:
 
 
 def written_range(value: Range) -> float | list[float]:
-    """Return a range as a config states it."""
+    """Return a range as a config states it: a number, or [low, high]."""
     return value.low if value.low == value.high else [value.low, value.high]
 
 
@@ -194,7 +194,7 @@ def _parse_path(value: Any) -> str:  # noqa: ANN401 - a validator gets any YAML 
     return value
 
 
-# Pydantic's own strings refuse names of files that are no UTF-8, which Python reads as lone surrogates.
+# Pydantic's own strings refuse file names that are not UTF-8, which Python represents with lone surrogates.
 PathText = Annotated[str, PlainValidator(_parse_path), PlainSerializer(lambda value: value, return_type=Any)]
 
 Baselines = Annotated[

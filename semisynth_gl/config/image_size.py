@@ -1,6 +1,6 @@
-"""Another size of images than a config was written for: what becomes of its other keys.
+"""How a config's other keys change with the size of its images.
 
-Values that a config may not have are left for the config's checks to refuse.
+Invalid values are passed on unchanged, for the config's checks to refuse.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,7 +12,7 @@ from semisynth_gl.config.model import Config
 
 Values = dict[str, Any]
 
-# The sections whose keys count pixels of an image; other sections count pixels of patches.
+# The sections whose keys ending in _px are in pixels of an image; other sections state pixels of patches.
 _OF_IMAGES = ("camera", "disparity", "background", "structures", "particles", "rig", "imperfections")
 _TEXELS = "texels_per_pixel"
 _SIDES = ("width_px", "height_px")
@@ -20,11 +20,11 @@ _POINTS = {"cx_left_px": "width_px", "cx_right_px": "width_px", "cy_px": "height
 
 
 def recentred(below: Values, above: Values) -> Values:
-    """Return a config's values with its principal points moved into images of the size that ``above`` states.
+    """Return the values ``below`` with principal points moved to fit the image size that ``above`` states.
 
-    ``above`` goes over the config. Its images are a part of those before, or reach beyond them: a point keeps its
-    distance from the image's middle; where the focal length changes too, so does the distance. Points that ``above``
-    states stay.
+    ``above`` holds the values that will be merged over ``below``. Images of another size are cropped or extended about
+    their middle, so a principal point keeps its distance from the middle; the distance grows with the focal length
+    where ``above`` changes that too. Principal points that ``above`` states itself are not moved.
     """
     before, stated = below.get("camera"), above.get("camera")
     if not (isinstance(before, dict) and isinstance(stated, dict)):
@@ -46,7 +46,10 @@ def recentred(below: Values, above: Values) -> Values:
 
 
 def scaled(values: Values, factor: float) -> Values:
-    """Return a config's values for the same images at another resolution, defaults in pixels among them."""
+    """Return a config's values for the same images at another resolution, ``factor`` times as many pixels per side.
+
+    Ranges in pixels that are left at their defaults are scaled too, and so are written out in the result.
+    """
 
     def of_images(section: Values) -> Values:
         return {key: _scaled(key, value, factor) for key, value in section.items()}
@@ -66,7 +69,7 @@ def scaled(values: Values, factor: float) -> Values:
 
 
 def _with_sections(values: Values, changes: Mapping[str, Callable[[Values], Values]]) -> Values:
-    """Return the values with some sections changed, in recipes too."""
+    """Return the values with the functions ``changes`` applied to their sections, in recipes too."""
 
     def changed(sections: Values) -> Values:
         return {
@@ -87,13 +90,13 @@ def _scaled(key: str, value: Any, factor: float) -> Any:  # noqa: ANN401 - any Y
         return [_scaled(key, child, factor) for child in value] if isinstance(value, list) else value
     if key in _SIDES:
         return _mapped(value, lambda x: max(round(x * factor), 1))
-    # The centre of the first pixel is at 0, and the image's border half a pixel before it.
+    # Principal points count from the first pixel's centre, and the image's border lies half a pixel before that.
     border = 0.5 if key in _POINTS else 0.0
     return _mapped(value, lambda x: (x + border) * factor - border)
 
 
 def _focal_px(camera: Values) -> float | None:
-    """Return the middle of the focal lengths; None where it cannot be worked out."""
+    """Return the middle of the range of focal lengths; None where it cannot be computed."""
     focal = _middle(camera.get("focal_px"))
     if focal is not None:
         return focal

@@ -1,4 +1,4 @@
-"""The keys that a config has, walked through its sections and the forms of its targets."""
+"""All keys of a config, found by walking through its sections and the forms of its targets."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,7 +13,10 @@ from semisynth_gl.config.model import Config
 
 @dataclass(frozen=True, slots=True)
 class ConfigKey:
-    """A key of a config, outside of lists. One ``of_form`` belongs to some forms of the key above it alone."""
+    """A key of a config, outside of lists.
+
+    ``parts`` are its names from the top down. A key ``of_form`` exists only in some forms of the section above it.
+    """
 
     parts: tuple[str, ...]
     is_section: bool
@@ -27,7 +30,7 @@ class ConfigKey:
 
 @cache
 def config_keys() -> tuple[ConfigKey, ...]:
-    """Return all keys of a config, in the order of its sections; one that several forms have comes once."""
+    """Return all keys of a config, in the order of its sections; a key that several forms share is listed once."""
     return tuple(dict.fromkeys(_keys_of(Config, (), of_form=False)))
 
 
@@ -42,7 +45,7 @@ def _keys_of(section: type[BaseModel], above: tuple[str, ...], *, of_form: bool)
 
 
 def members_of(annotation: Any) -> list[Any]:  # noqa: ANN401 - any annotation
-    """Return the types that an annotation allows, without None."""
+    """Return the types that an annotation allows, with unions and ``Annotated`` unpacked and None left out."""
     if get_origin(annotation) is Annotated:
         return members_of(get_args(annotation)[0])
     if get_origin(annotation) in (Union, UnionType):
@@ -51,12 +54,12 @@ def members_of(annotation: Any) -> list[Any]:  # noqa: ANN401 - any annotation
 
 
 def sections_of(annotation: Any) -> list[type[BaseModel]]:  # noqa: ANN401 - any annotation
-    """Return the sections that an annotation allows."""
+    """Return the classes of sections that an annotation allows."""
     return [each for each in members_of(annotation) if isinstance(each, type) and issubclass(each, BaseModel)]
 
 
 def by_form(annotation: Any) -> dict[str, type[BaseModel]]:  # noqa: ANN401 - any annotation
-    """Return the sections of a union by the values of their key ``form``."""
+    """Return the classes of sections in a union, by the values of their key ``form``; {} for any other annotation."""
     sections = sections_of(annotation)
     if len(sections) < 2 or len(sections) < len(members_of(annotation)):
         return {}

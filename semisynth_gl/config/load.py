@@ -41,8 +41,9 @@ _SCALE = "scale"
 
 _BUILT_IN: Mapping[Group, Sequence[str]] = {"layouts": LAYOUTS, "textures": TEXTURE_SOURCES}
 
+# Largest factor of ``scale``, and of its inverse.
 _MOST_TIMES = 64
-# Configs that extend each other, one the next.
+# Largest number of configs in a chain, each of which extends the next.
 _MOST_PARENTS = 16
 _FAULTS_SHOWN = 20
 
@@ -58,8 +59,9 @@ Overrides = Mapping[str, Any] | Sequence[str | tuple[str, Any]]
 def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
     """Read a config.
 
-    A principal point follows where ``camera.width_px`` or ``height_px`` of an override or an extending config is
-    another, and with a ``scale``, what they go over is brought to another resolution.
+    Where an override or an extending config changes ``camera.width_px`` or ``height_px``, principal points that it does
+    not state itself keep their distance from the image's middle. With ``scale``, it first brings the config below it to
+    another resolution.
 
     Args:
         name_or_path: a path, or the name of a packaged config with or without ".yaml".
@@ -77,7 +79,11 @@ def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
 
 
 def parse_config(text: str, file: str) -> Config:
-    """Read a config from its YAML; messages name ``file``, and files that the YAML names are sought beside it."""
+    """Read a config from its YAML text.
+
+    Messages name ``file`` as the source, and relative paths in the text count from its folder; ``file`` need not exist.
+    Raises InputError as `load_config` does.
+    """
     return _validated(_parse_document(text, Path(file), file, ()))
 
 
@@ -104,7 +110,7 @@ def _validated(document: Document, overrides: Overrides = ()) -> Config:
 
 
 def _over(base: Document, own: Document) -> Document:
-    """Merge a document's values over another's, which are scaled where the document changes the size of the images."""
+    """Merge the values of ``own`` over those of ``base``, scaled or recentred where ``own`` changes the images."""
     factor = own.values.pop(_SCALE, None)
     if factor is not None:
         if not (is_number(factor) and 1 / _MOST_TIMES <= factor <= _MOST_TIMES):
@@ -116,7 +122,7 @@ def _over(base: Document, own: Document) -> Document:
 
 
 def _read_other_sources(document: Document) -> None:
-    """Put plug-ins' recipes below the recipes that extend them, and histograms in place of files that targets name."""
+    """Merge recipes over the plug-ins' recipes that they extend, and replace targets of form ``file`` by histograms."""
     recipes = document.values.get(SCENES)
     recipes = recipes if isinstance(recipes, list) else []
     for number, recipe in enumerate(recipes):
@@ -133,7 +139,7 @@ def _read_other_sources(document: Document) -> None:
 
 @contextmanager
 def _blamed_on(key: Key, document: Document) -> Iterator[None]:
-    """Put the place of a key before the message of an error."""
+    """Put the place of a key before the message of an InputError."""
     try:
         yield
     except InputError as error:
@@ -146,14 +152,14 @@ def _read_target_file(document: Document, sections: dict[str, Any], at: Key) -> 
     if not (isinstance(disparity, dict) and isinstance(target, dict) and target.get("form") == TARGET_FILE):
         return
     path, at = target.get("path"), (*at, *TARGET)
-    faults = [((*at, key), "expected none beside form and path") for key in target if key not in ("form", "path")]
+    faults = [((*at, key), "expected no key beside form and path") for key in target if key not in ("form", "path")]
     if "path" not in target:
         faults.append(((*at, "form"), "a target of form file needs a path beside it: disparity.target.path"))
     elif not isinstance(path, str):
         faults.append(((*at, "path"), f"expected the name of a file, got {shown(path)}"))
     if faults:
         raise InputError("\n".join(f"{named_place(key, document)}: {fault}" for key, fault in faults))
-    # A path in a config counts from the folder of the config, a path in an override from the working folder.
+    # A path in a config is relative to the config's folder, a path in an override to the working folder.
     place = document.places.get((*at, "path"), OVERRIDES)
     folder = Path() if is_override(place) else Path(place.rpartition(":")[0]).parent
     with _blamed_on((*at, "path"), document):
@@ -179,7 +185,7 @@ def _read_document(path: Path | Traversable, parents: tuple[str, ...]) -> Docume
     if file in parents:
         raise InputError(f"{file}: configs extend each other in a circle: {' -> '.join((*parents, file))}")
     if len(parents) > _MOST_PARENTS:
-        raise InputError(f"{file}: more than {_MOST_PARENTS} configs extend each other, one the next")
+        raise InputError(f"{file}: more than {_MOST_PARENTS} configs in a chain, each of which extends the next")
     try:
         data = read_file(path, MOST_BYTES) if isinstance(path, Path) else path.read_bytes()
         text = data.decode("utf-8")
@@ -202,7 +208,7 @@ def _parse_document(text: str, path: Path | Traversable, file: str, parents: tup
     base_name = own.values.pop(_EXTENDS, None)
     if base_name is None:
         if _SCALE in own.values:
-            raise InputError(f"{named_place((_SCALE,), own)}: expected {_EXTENDS} beside it: it scales that config")
+            raise InputError(f"{named_place((_SCALE,), own)}: expected {_EXTENDS} beside it, which names what to scale")
         return own
     with _blamed_on((_EXTENDS,), own):
         if not isinstance(base_name, str):
@@ -214,7 +220,7 @@ def _parse_document(text: str, path: Path | Traversable, file: str, parents: tup
 
 
 def _key_and_value(override: object) -> tuple[str, Any, str]:
-    """Return the dotted key and the value of an override, and what messages call it."""
+    """Return the dotted key of an override, its value, and its name in messages."""
     if isinstance(override, str):
         key, equals, text = override.partition("=")
         if not equals or not key:
@@ -226,7 +232,7 @@ def _key_and_value(override: object) -> tuple[str, Any, str]:
     if isinstance(override, tuple) and len(override) == 2 and isinstance(override[0], str):
         return *override, OVERRIDES
     raise InputError(
-        f"overrides: expected 'camera.width_px=640' or ('camera.width_px', 640) of each, got {shown(override)}"
+        f"overrides: expected 'camera.width_px=640' or ('camera.width_px', 640) for each, got {shown(override)}"
     )
 
 
@@ -239,13 +245,13 @@ def _set(document: Document, dotted: str, value: Any, place: str) -> None:  # no
     for section in sections:
         node = node.setdefault(section, {})
         if not isinstance(node, dict):
-            raise InputError(f"{named}: {section} is no section with keys of its own")
+            raise InputError(f"{named}: {section} is not a section with keys of its own")
     for below in keys_of(node.get(last), key):
         document.places.pop(below, None)
     try:
-        # What overrides it goes into it, and not into the caller's.
+        # A copy, so that later overrides change the document and not the caller's value.
         node[last] = deepcopy(value)
-        # The override sets all keys of a mapping too.
+        # An override with a mapping sets all keys of the mapping.
         document.places |= dict.fromkeys(keys_of(value, key), place)
     except RecursionError:
         raise InputError(f"{named}: its value is nested too deeply") from None

@@ -1,11 +1,11 @@
-"""Values of configs merged key by key: a file over the one that it extends, an override over a file."""
+"""Merging the values of configs key by key: a file over the file that it extends, an override over a file."""
 
 from dataclasses import dataclass, field
 from typing import Any
 
 from semisynth_gl.config.yaml_values import Key
 
-# Keys that say the same in another way: a key that is set later takes back the keys that it replaces.
+# Alternative keys for the same property: a key that is set later removes the keys that it replaces.
 _REPLACES = {
     "focal_px": ("focal_mm", "sensor_width_mm"),
     "focal_mm": ("focal_px",),
@@ -20,10 +20,10 @@ _REPLACES = {
 
 @dataclass(slots=True)
 class Document:
-    """Plain values of one file or several merged files, and where keys were set, as far as that is known.
+    """Plain values of a file, or of several merged files, and the places where keys were set.
 
-    ``places`` has a file and line, or an override, for each key; ``files`` has each file before the one that extends
-    it.
+    ``places`` has ``file:line``, or the name of an override, for each key whose place is known; ``files`` lists each
+    file before the file that extends it.
     """
 
     values: dict[str, Any] = field(default_factory=dict)
@@ -32,8 +32,11 @@ class Document:
 
 
 def merged(base: Document, own: Document) -> Document:
-    """Merge a document's values over another's: mappings key by key, all else whole."""
-    # A value that is replaced takes its place along, so that no message sends the user there.
+    """Return a new document with the values of ``own`` merged over those of ``base``.
+
+    Mappings are merged key by key; all other values, and mappings with a key ``form``, are replaced whole.
+    """
+    # The place of a replaced value is forgotten, so that no message sends the user there.
     places = dict(base.places)
 
     def forget(key: Key, value: Any) -> None:  # noqa: ANN401 - any YAML value
@@ -48,12 +51,12 @@ def merged(base: Document, own: Document) -> Document:
             del result[name]
         for name, value in above.items():
             key = (*at, name)
-            # A form comes with all its keys: the keys of another form do not belong to it.
+            # A mapping with a form states all keys of that form; keys of another form must not remain.
             if isinstance(value, dict) and isinstance(below.get(name), dict) and "form" not in value:
                 result[name] = merge(below[name], value, key)
             else:
                 forget(key, below.get(name))
-                # A key that was set through a key below it has the place of that key.
+                # A key that was set through a key below it gets the place of that lower key.
                 through = next((own.places[set_key] for set_key in keys_of(value, key) if set_key in own.places), None)
                 if through is not None:
                     places[key] = through
@@ -65,6 +68,6 @@ def merged(base: Document, own: Document) -> Document:
 
 
 def keys_of(value: Any, key: Key) -> list[Key]:  # noqa: ANN401 - any YAML value
-    """Return a key, and the keys of all values below its value."""
+    """Return ``key``, whose value is ``value``, and the keys of all values inside that value."""
     parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     return [key, *(below for part, child in parts for below in keys_of(child, (*key, part)))]

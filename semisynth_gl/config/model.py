@@ -1,4 +1,4 @@
-"""The typed configuration: every key that a YAML file may set, with its default and its limits."""
+"""The typed config: every key that a YAML file may set, with its default and its limits."""
 
 import hashlib
 import json
@@ -64,9 +64,9 @@ from semisynth_gl.plugins import Group
 _MOST_RECIPES = 100
 
 
-# The sections that a recipe may change, with the keys that hold for all pairs of a dataset: the kind of images, how
-# many pairs show a scene, models and patches themselves, how the graphics card samples patches, and the limits that
-# truth is stored and checked by.
+# The sections that a recipe may change, each with the keys that it may not change, since they hold for all pairs of a
+# dataset: the kind of images, the number of pairs per scene, the sets of models and patches, the sampling of patches by
+# the graphics card, and the limits by which truth is stored and checked.
 _OF_RECIPES: Mapping[str, tuple[type[Section], tuple[str, ...]]] = {
     "camera": (CameraSection, ("width_px", "height_px", "baselines", "colour")),
     "disparity": (DisparitySection, ("signed", "min_px", "max_px")),
@@ -85,12 +85,12 @@ _Changes = create_model("_Changes", __base__=Section, **_partial_sections)
 
 
 class RecipeSection(_Changes):
-    """A recipe of scenes: keys of sections that take the place of the config's.
+    """A recipe of scenes: keys of sections that replace the config's keys.
 
     Attributes:
-        recipe: name of the recipe; letters, digits and hyphens. By default that of ``extends``.
-        extends: name of a plug-in's recipe that the keys go over; its keys become the recipe's when the config is read.
-        weight: weight of the recipe; shares of sequences are in proportion to weights.
+        recipe: name of the recipe: letters, digits and hyphens; by default the name in ``extends``.
+        extends: name of a plug-in's recipe, over which the keys are merged when the config is read.
+        weight: weight of the recipe; its share of the sequences is in proportion to this.
     """
 
     recipe: Name
@@ -108,9 +108,10 @@ class RecipeSection(_Changes):
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """A recipe by which a share of the sequences is made; ``config`` has its keys and no ``scenes``.
+    """A recipe, which a ``share`` of the sequences follows.
 
-    A config without recipes is its own only recipe, without a name.
+    ``config`` is the whole config with the recipe's keys merged in, and without ``scenes``. A config without recipes is
+    its own only recipe, whose name is None.
     """
 
     name: str | None
@@ -118,18 +119,18 @@ class Recipe:
     config: "Config"
 
 
-# Tells a config that it is a recipe of a mix, whose target the mix has to meet and not each recipe.
+# Context of validation for a recipe without a target of its own: the mix as a whole meets the target, not each recipe.
 _WITHIN_MIX = {"within_mix": True}
 
 
 class Config(Section):
-    """All that determines a pair, with a seed and an index. The class of each section documents its keys.
+    """A config: with a seed and an index, it determines a pair. The class of each section documents its keys.
 
     Attributes:
-        name: first part of every sample's name; letters, digits and hyphens.
-        layout: layout without ``--layout``; by default ``middlebury``, or ``webdataset`` from 10,000 pairs on.
+        name: first part of every sample's name: letters, digits and hyphens.
+        layout: layout where ``--layout`` is not set; by default ``middlebury``, or ``webdataset`` from 10,000 pairs on.
         scenes: recipes, of which each sequence takes one, by weight.
-        outputs: outputs beside images and disparities: ``visibility``, ``correspondence``, ``instances``, ``depth``,
+        outputs: outputs besides images and disparities: ``visibility``, ``correspondence``, ``instances``, ``depth``,
             ``sky``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``.
         truth: views whose disparity and outputs are written: ``both`` or ``left``.
         antialias: antialiasing of colour: ``none``, ``edges``, ``msaa4`` (or another number of samples that the driver
@@ -137,7 +138,7 @@ class Config(Section):
     """
 
     name: Name
-    # Left out of the values: it changes no pair.
+    # Excluded from the values and the digest, since it changes no pair.
     layout: Annotated[PluginName | None, Field(exclude=True)] = None
     camera: CameraSection
     disparity: DisparitySection
@@ -187,7 +188,7 @@ class Config(Section):
                 "0: state camera.cx_left_px and cx_right_px, which hold for all baselines, or one baseline"
             )
         if "disparity_change" in self.outputs and not self.rig.none():
-            yield "the output disparity_change is a rectified pair's: leave it out, or the section rig"
+            yield "the output disparity_change needs rectified pairs: leave out this output, or the section rig"
 
     def _check_positive(self) -> None:
         background, structures = self.background, self.structures
@@ -209,7 +210,7 @@ class Config(Section):
             raise ValidationError.from_exception_data("Config", faults)
 
     def _stated_px(self) -> dict[str, Range]:
-        """Return the disparities that the sections state for things that scenes show, by their keys."""
+        """Return the disparities that the sections state for objects that scenes can show, by dotted key."""
         stated = {
             "structures.ground_disparity_px": self.structures.ground_disparity_px,
             "structures.panel_disparity_px": self.structures.panel_disparity_px,
@@ -259,7 +260,7 @@ class Config(Section):
 
     @property
     def views(self) -> int:
-        """Number of pairs that show each scene: pair i shows scene i // views, seen by right camera i % views."""
+        """Number of pairs per scene: pair i shows scene i // views, seen by right camera i % views."""
         return len(self.camera.baseline_ranges_m) * (2 if self.rig.twin else 1)
 
     @property
@@ -275,7 +276,7 @@ class Config(Section):
 
     @property
     def encodings(self) -> Encodings:
-        """The codecs that the section ``files`` names, for the config's disparities."""
+        """The codecs that the section ``files`` names, signed or not as the config's disparities are."""
         files = self.files
         return Encodings.from_names(files.image, files.disparity, files.flow, signed=self.disparity.signed)
 
@@ -296,9 +297,10 @@ class Config(Section):
         return type(self).model_validate(values, context=None if has_target else _WITHIN_MIX)
 
     def wanted_histogram(self) -> Histogram:
-        """Return the distribution of disparity that ``disparity.target`` asks for.
+        """Return the distribution of disparity, px, that ``disparity.target`` asks for.
 
-        A histogram keeps its bins. Every other form gets 24 bins of equal width from ``min_px`` to ``max_px``.
+        A target of form ``histogram`` keeps its bins. Any other target gets 24 bins of equal width from ``min_px`` to
+        ``max_px``.
 
         Raises:
             InputError: where a target uniform in depth reaches beyond infinity.
@@ -307,10 +309,10 @@ class Config(Section):
         return wanted_histogram(section.target, section.min_px, section.max_px, self.camera.mean_doffs_px)
 
     def shown_histogram(self) -> Histogram:
-        """Return the distribution of disparity that pairs come to where their scenes come to the wanted one.
+        """Return the distribution of disparity over all pairs, if scenes match the wanted distribution.
 
-        The two differ where a scene has several baselines: scenes are made for the longest one, and pairs of the others
-        show smaller disparities.
+        The two distributions differ where a scene has several baselines: the longest baseline has the wanted one, and
+        pairs with shorter baselines show smaller disparities.
 
         Raises:
             InputError: see `wanted_histogram`.
@@ -319,21 +321,21 @@ class Config(Section):
         if self.views == 1:
             return wanted
         parts = [(recipe.share, recipe.config.across_baselines(wanted)) for recipe in self.recipes()]
-        # The one that reaches lowest has the edges of all others.
+        # The part that reaches lowest has the edges of all other parts.
         lowest = min((part for _, part in parts), key=lambda part: float(part.edges_px[0]))
         return mix_histograms(parts, lowest.edges_px)
 
     def across_baselines(self, longest: Histogram) -> Histogram:
-        """Return the distribution of disparity over all pairs of scenes, from that of the longest baselines' pairs."""
+        """Return the distribution of disparity over all pairs, given that of the longest baselines' pairs."""
         ratios = self.camera.baseline_ratios()
         if len(ratios) == 1:
             return longest
-        # Otherwise it is in proportion to the baseline, as disparities are then; see `draw_views`.
+        # Without a stated cx_right, doffs is in proportion to the baseline, as disparity is; see `draw_views`.
         doffs_px = 0.0 if self.camera.cx_right_px is None else self.camera.mean_doffs_px
         parts = [(share, longest.seen_from(ratio, doffs_px)) for share, ratio in ratios]
         lowest = float(min(part.edges_px[0] for _, part in parts))
         if not self.disparity.signed:
-            # Below 0 there is no disparity.
+            # Disparities that are not signed end at 0.
             lowest = max(0.0, lowest)
         width = longest.edges_px[1] - longest.edges_px[0]
         below = np.linspace(lowest, longest.edges_px[0], 1 + math.ceil((longest.edges_px[0] - lowest) / width))
@@ -341,7 +343,7 @@ class Config(Section):
         return Histogram.from_counts(edges, sum(share * np.diff(part.cumulative(edges)) for share, part in parts))
 
     def used_plugins(self) -> dict[Key, tuple[Group, str]]:
-        """Return group and name of each plug-in that the config asks for, by the key that does so."""
+        """Return the group and name of each plug-in that the config asks for, by the key that names it."""
         used: dict[Key, tuple[Group, str]] = {}
         if self.textures.source not in TEXTURE_SOURCES:
             used["textures", "source"] = ("textures", self.textures.source)
@@ -355,7 +357,7 @@ class Config(Section):
         return used | {key: ("models", str(key[-1])) for key, weight in families.items() if weight > 0}
 
     def digest(self) -> str:
-        """Return the SHA-256 of the config's values, 64 hex digits; equal for equal values in any notation."""
+        """Return the SHA-256 of the config's values, 64 hex digits; notation does not change it."""
         return digest_of(self.model_dump(mode="json"))
 
 
@@ -364,6 +366,6 @@ def _fault(kind: str, reason: str, key: Key, value: object) -> InitErrorDetails:
 
 
 def digest_of(values: Mapping[str, Any]) -> str:
-    """Return the SHA-256, 64 hex digits, of the values of a config of any version, in JSON's types."""
+    """Return the SHA-256, 64 hex digits, of a config's values in JSON's types; the config may be of any version."""
     text = json.dumps(values, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()

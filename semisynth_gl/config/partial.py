@@ -1,4 +1,4 @@
-"""Sections of which any keys may be left out: what a recipe changes of a config."""
+"""Sections from which any keys may be left out: the changes that a recipe makes to a config."""
 
 from collections.abc import Callable
 from functools import cache
@@ -10,15 +10,15 @@ from semisynth_gl.config.fields import Section
 
 
 class Partial(Section):
-    """Base of partial sections: keys that were not given are absent from its values, whatever their default is.
+    """Base of partial sections: keys that were not given are absent from the serialised values, even with a default.
 
-    ``source`` is the section that it is a part of, and the keys that it lacks.
+    ``source`` is the whole section's class and the keys that the partial section lacks.
     """
 
     source: ClassVar[tuple[type[Section], tuple[str, ...]]]
 
     def __reduce__(self) -> tuple[Callable[..., "Partial"], tuple[type[Section], tuple[str, ...]], dict[Any, Any]]:
-        # Its class stands in no module, so pickling has to make it again.
+        # The class is created at run time and is in no module, so unpickling has to create it again.
         return _unfilled, self.source, self.__getstate__()
 
     @model_serializer(mode="wrap")
@@ -28,9 +28,9 @@ class Partial(Section):
 
 @cache
 def partial_section(section: type[Section], without: tuple[str, ...] = ()) -> type[Partial]:
-    """Return a section that takes the keys of another one, but for some, and needs none of them.
+    """Return a class with the keys of ``section`` except those in ``without``, all of them optional.
 
-    Each value is checked as in the whole section; rules between keys are checked in the merged section.
+    Each value is checked as in the whole section; rules between keys are checked after merging, in the whole section.
     """
     types = get_type_hints(section, include_extras=True)
     fields: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""The sections on the rig: its cameras, and the disparities that they see."""
+"""The sections about the rig: its cameras and the disparities that they see."""
 
 from collections.abc import Iterator
 from typing import Annotated
@@ -22,9 +22,9 @@ from semisynth_gl.config.fields import (
 )
 from semisynth_gl.frame.frame import Colour
 
-# What every OpenGL 4.5 driver of today draws, and what fits into the memory of a large machine.
+# Any current OpenGL 4.5 driver draws images of this width, and the memory of a large machine holds this many pixels.
 _WIDEST_PX, _MOST_PIXELS = 16_384, 1 << 27
-# Of baselines that are drawn.
+# Number of quantiles that stand for the range of drawn baselines.
 _QUANTILES = 16
 
 _Side = Annotated[int, count(_WIDEST_PX)]
@@ -36,18 +36,19 @@ class CameraSection(Section):
     Attributes:
         width_px: image width.
         height_px: image height.
-        focal_px: focal length; or give the next two keys.
-        focal_mm: focal length.
-        sensor_width_mm: width of the sensor under the image.
+        focal_px: focal length; or give ``focal_mm`` and ``sensor_width_mm``.
+        focal_mm: focal length, instead of ``focal_px``.
+        sensor_width_mm: width of the part of the sensor that the image covers.
         baseline_m: distance between the cameras.
-        baselines: number of right cameras per scene, each with a draw of ``baseline_m``; or a list of metres.
-        cx_left_px: x of the left principal point; by default both are symmetric about the centre.
-        cx_right_px: x of the right one, instead of ``doffs_px``.
-        cy_px: y of both; by default the centre, (height - 1) / 2.
-        doffs_px: cx_right - cx_left, by default 0; of several baselines, the longest one's.
+        baselines: number of right cameras per scene, each at a distance drawn from ``baseline_m``; or a list of the
+            distances, metres.
+        cx_left_px: x of the left principal point; by default the two points lie symmetrically about the centre.
+        cx_right_px: x of the right principal point, instead of ``doffs_px``.
+        cy_px: y of both principal points; by default the centre, (height - 1) / 2.
+        doffs_px: cx_right - cx_left, by default 0; with several baselines, the value of the longest one.
         sway_m: amplitude of the rig's sway along each axis.
-        sway_deg: amplitude of its rotation about each axis.
-        sway_s: periods of both.
+        sway_deg: amplitude of the rig's rotation about each axis.
+        sway_s: periods of ``sway_m`` and ``sway_deg``.
         colour: ``rgb``, or ``grey`` for monochrome cameras.
     """
 
@@ -91,26 +92,29 @@ class CameraSection(Section):
             yield "baseline_m is missing: give it, or baselines as a list of metres"
         elif self.baselines > 1 and self.baseline_m.low == self.baseline_m.high:
             yield (
-                f"baselines asks for {self.baselines} different ones, but baseline_m is {self.baseline_m.low:g} alone: "
-                "make it a range, or list the baselines"
+                f"baselines asks for {self.baselines} different baselines, but baseline_m is only "
+                f"{self.baseline_m.low:g}: make it a range, or list the baselines"
             )
 
     @property
     def baseline_ranges_m(self) -> tuple[Range, ...]:
-        """What each baseline of a scene is drawn from, in the order of the pairs; at least one."""
+        """The range that each baseline of a scene is drawn from, in the order of the pairs; at least one range."""
         if isinstance(self.baselines, tuple):
             return tuple(Range(metres, metres) for metres in self.baselines)
         assert self.baseline_m is not None  # noqa: S101 - see `_baselines_of_one_kind`
         return (self.baseline_m,) * self.baselines
 
     def baseline_ratios(self) -> list[tuple[float, float]]:
-        """Return shares of the pairs, each with the ratio of its baseline to the longest one of the scene."""
+        """Return the ratios of baselines to their scene's longest baseline, with the share of pairs that have each.
+
+        Each element is (share, ratio); the shares sum to 1. A range of baselines is approximated by its quantiles.
+        """
         number = len(self.baseline_ranges_m)
         if isinstance(self.baselines, tuple):
             return [(1 / number, metres / max(self.baselines)) for metres in self.baselines]
         low, high = self.baseline_ranges_m[0].low, self.baseline_ranges_m[0].high
         ratios = [(1 / number, 1.0)]
-        # The longest of N draws is the N-th root of one; beside it the others lie anywhere below it.
+        # The longest of N draws is distributed as the N-th root of one draw; the other draws lie anywhere below it.
         middles = [(k + 0.5) / _QUANTILES for k in range(_QUANTILES if number > 1 else 0)]
         for longest_m in (low + (high - low) * share ** (1 / number) for share in middles):
             others_m = [low + (longest_m - low) * share for share in middles]
@@ -128,7 +132,7 @@ class CameraSection(Section):
 
     @property
     def all_doffs_px(self) -> Range:
-        """All differences of the principal points that may be drawn."""
+        """Range of all differences cx_right - cx_left that may be drawn."""
         if self.doffs_px is not None:
             return self.doffs_px
         left, right = self.cx_left_px, self.cx_right_px
@@ -140,7 +144,7 @@ class DisparitySection(Section):
 
     Attributes:
         signed: allow disparities of 0 and below.
-        min_px: smallest disparity of walls and particles; far planes may have less.
+        min_px: smallest disparity of walls and particles; far planes may have smaller ones.
         max_px: largest disparity of any pixel; it sets the near plane.
         target: wanted distribution; ``uniform`` (the default), ``uniform-depth``, ``gamma``, ``histogram``, ``mixture``
             or ``file``.

@@ -1,4 +1,4 @@
-"""The sections that say what scenes show: those whose keys a recipe may change."""
+"""The sections that say what scenes show; a recipe may change their keys."""
 
 from collections.abc import Iterator
 from typing import Annotated, Literal
@@ -29,19 +29,19 @@ _AtLeastOne = Annotated[float, Field(ge=1, le=1024)]
 _MOST_PARTICLES = 100_000
 _MOST_TEXELS = 1 << 31
 _BYTES_PER_TEXEL = 4
-# Items of a list.
+# Largest number of items in a list or mapping.
 _MOST_ITEMS = 1000
 
 TEXTURE_SOURCES = ("images", "builtin", "photographs", "procedural")
-"""The program's own sources of patches; other names are plug-ins'."""
+"""The program's own sources of patches; any other name is a plug-in's."""
 
 MODEL_FAMILIES = ("simple", "complex", "user")
-"""The program's own families of models, which have keys of their own for their weights."""
+"""The program's own families of models; the weight of each is a key of `ModelsSection`."""
 
 
 def _check_foreign(name: str) -> str:
     if name in MODEL_FAMILIES:
-        raise ValueError(f"expected the name of a plug-in's family, the weight of this one is models.{name}")
+        raise ValueError(f"expected the name of a plug-in's family; the weight of this family is models.{name}")
     return name
 
 
@@ -50,17 +50,17 @@ _FamilyName = Annotated[PluginName, AfterValidator(_check_foreign)]
 
 
 class BackgroundSection(Section):
-    """What closes the view.
+    """The background, which closes the view.
 
     Attributes:
         cuboid: weight of bare rooms.
         plane: weight of bare outdoor scenes.
         room: weight of furnished rooms.
         street: weight of streets.
-        wall_disparity_px: disparity of the back wall at the image centre; by default ``min_px``.
-        wall_turn_deg: largest rotation of a bare room about each axis; furnished ones turn sideways alone, up to twice
-            as far.
-        plane_disparity_px: disparity of the far plane or backdrop; before a sky, the ground ends there.
+        wall_disparity_px: disparity of the back wall at the image centre; by default ``disparity.min_px``.
+        wall_turn_deg: largest rotation of a bare room about each axis (furnished rooms turn only sideways, by up to
+            twice this angle).
+        plane_disparity_px: disparity of the far plane or backdrop; under a sky, disparity at which the ground ends.
         sky: share of outdoor scenes whose plane or backdrop is infinitely far away.
     """
 
@@ -80,11 +80,11 @@ class BackgroundSection(Section):
 
     @property
     def shows_sky(self) -> bool:
-        """Whether there are scenes before a sky."""
+        """Whether any scene can have a sky."""
         return self.sky > 0 and self.plane + self.street > 0
 
     def shown_px(self) -> dict[str, Range]:
-        """Return the disparities that are stated for walls and planes that scenes have, by their keys."""
+        """Return the stated disparities of the walls and far planes that scenes can have, by key of this section."""
         wall_px = self.wall_disparity_px if self.cuboid or self.room else None
         plane_px = self.plane_disparity_px if self.plane or self.street else None
         stated = {"wall_disparity_px": wall_px, "plane_disparity_px": plane_px}
@@ -94,18 +94,18 @@ class BackgroundSection(Section):
 class RoomSection(Section):
     """Furnished rooms, and the camera in them.
 
-    A metre is one where the far wall is 2.5 to 9 m away; nearer and farther rooms are scaled with all they hold.
+    Lengths are true where the far wall is 2.5 to 9 m away; nearer and farther rooms are scaled with all their contents.
 
     Attributes:
-        camera_height_m: height above the floor.
-        floor_row: row where the floor meets the far wall, over the image's height; above 1 the floor may be out of
-            view.
+        camera_height_m: height of the camera above the floor.
+        floor_row: row where the floor meets the far wall, as a fraction of the image's height; above 1, the floor may
+            be out of view.
         roll_deg: standard deviation of the camera's roll.
-        furniture: number of things on the floor.
-        small: number of small things on furniture and floor.
-        pictures: number of pictures and other things on walls.
+        furniture: number of objects on the floor.
+        small: number of small objects on furniture and floor.
+        pictures: number of pictures and other objects on walls.
         doorway: share of walls with a doorway into a second room.
-        niche: share of walls with a niche for small things.
+        niche: share of walls with a niche for small objects.
         pillars: number of pillars.
         rug: share of rooms with a rug.
         curtain: share of rooms with a curtain.
@@ -125,18 +125,18 @@ class RoomSection(Section):
 
 
 class StreetSection(Section):
-    """Streets: a road, things along it, a far backdrop.
+    """Streets: a road, objects along the road, and a far backdrop.
 
-    A metre is one where the backdrop is 25 m away or more; nearer scenes are scaled with all they hold.
+    Lengths are true where the backdrop is 25 m away or more; nearer scenes are scaled with all their contents.
 
     Attributes:
-        camera_height_m: height above the ground.
-        yaw_deg: standard deviation of the angle between view and road.
+        camera_height_m: height of the camera above the ground.
+        yaw_deg: standard deviation of the angle between the viewing direction and the road.
         tilt_deg: standard deviation of the camera's pitch and roll.
         road_width_m: width of the road.
         pavement: share of roadsides with a raised pavement.
         houses: share of plots along the road with a house.
-        fences: share of plots with a fence; the rest are open.
+        fences: share of plots with a fence; plots with neither a house nor a fence are open.
         vehicles: number of cars and bicycles.
         tall: number of trees, lamps, signs and scaffolds.
         low: number of people, animals, benches and bins.
@@ -155,17 +155,17 @@ class StreetSection(Section):
 
 
 class StructuresSection(Section):
-    """Large still things between background and particles.
+    """Large still objects between the background and the particles.
 
     Attributes:
         ground: share of scenes with a ground plane.
         ground_height_m: height of the camera above the ground.
-        ground_disparity_px: instead of ``ground_height_m``: disparity of a level ground at the image's lower border.
+        ground_disparity_px: disparity of a level ground at the image's lower border, instead of ``ground_height_m``.
         ground_tilt_deg: largest roll and pitch of the ground.
         panels: number of free-standing slanted rectangles.
         panel_disparity_px: disparity of a panel's middle; by default the farther half of the range.
         panel_size_px: width and height of a panel that faces the camera.
-        panel_slant_deg: angle between a panel's normal and the view.
+        panel_slant_deg: angle between a panel's normal and the viewing direction.
         panel_curved: share of panels bent into a third of a cylinder.
     """
 
@@ -193,8 +193,8 @@ class DepthLayerSection(Section):
 
     Attributes:
         disparity_px: disparities of its particles; by default the middle four fifths of ``disparity.target``.
-        count: number of its particles at any time, inside the view and just beside it.
-        size_px: diameters of its particles on the screen; by default the sizes of all particles.
+        count: number of its particles at any time, in view or just beside the view.
+        size_px: diameters of its particles on the screen; by default the sizes that the section ``particles`` gives.
     """
 
     disparity_px: RangeField | None = None
@@ -203,22 +203,22 @@ class DepthLayerSection(Section):
 
 
 class ParticlesSection(Section):
-    """The falling models.
+    """The particles: models that fall or float in front of the background.
 
     Attributes:
-        layers: depth layers, listed as in ``clutter``; by default solved from ``disparity.target``.
+        layers: depth layers, a list as in ``clutter``; by default solved from ``disparity.target``.
         clutter: further depth layers: a list of ``{disparity_px, count, size_px}``, all ranges.
         density: number of particles: ``default``, ``sparse`` (a third as many, larger ones), ``dense`` (three times as
             many, smaller ones), or the mean number in the left view.
         size_px: diameter of a model's bounding sphere, log-uniform.
-        size_m: the same in metres, instead of ``size_px``.
-        stretch: scale along each axis of a model, relative to the largest.
-        thinness: further scale along one axis, log-uniform; 0.05 makes sheets.
+        size_m: diameter of a model's bounding sphere in metres, instead of ``size_px``.
+        stretch: scale along each axis of a model, relative to the largest of its three scales.
+        thinness: additional scale along one axis, log-uniform; 0.05 makes sheets.
         fall_m_s: speed downwards.
         drift: speed in a random horizontal direction, relative to ``fall_m_s``.
         spin_deg_s: angular speed about a random axis.
-        resting: share of models that lie at rest, where they can, instead of falling.
-        most: most particles of a scene.
+        resting: share of particles that lie at rest instead of falling, where a surface below can carry them.
+        most: largest number of particles in a scene.
     """
 
     layers: Annotated[tuple[DepthLayerSection, ...], FROM_LIST, Field(max_length=_MOST_ITEMS)] | None = None
@@ -236,7 +236,7 @@ class ParticlesSection(Section):
 
     def _faults(self) -> Iterator[str]:
         if self.layers is not None and self.density != "default":
-            yield "density shares out what the target asks for; with layers, their counts say how many"
+            yield "give either density or layers, not both: each layer states its own count"
         if self.thinness.high > 1:
             yield f"thinness makes models thinner: expected at most 1, got {self.thinness.high:g}"
 
@@ -247,10 +247,10 @@ class ModelsSection(Section):
     Attributes:
         simple: weight of the simple family (cube, sphere, torus, ...).
         complex: weight of the complex family (chair, mug, plant, ...).
-        user: weight of the models in ``folders``; fewer than 25 count in proportion.
+        user: weight of the models in ``folders``; with fewer than 25 models it is reduced in proportion.
         kinds: weights of kinds within their family, by name; by default 1.
         folders: folders of model files.
-        variants: models per kind and per plug-in's family, of different proportions.
+        variants: number of models, of different proportions, per kind and per plug-in's family.
         families: weights of plug-ins' families, by the plug-in's name.
     """
 
@@ -271,22 +271,24 @@ class TexturesSection(Section):
     """The patches, and how models wear them.
 
     Attributes:
-        source: ``images`` (yours), ``builtin`` (drawn pictures, and scikit-image's photographs), ``photographs`` (the
-            latter alone), ``procedural``, or a plug-in's name.
+        source: ``images`` (yours), ``builtin`` (drawn pictures, and scikit-image's photographs), ``photographs``
+            (only scikit-image's photographs), ``procedural``, or a plug-in's name.
         images: files, folders and globs of the source ``images``.
         patch_px: side of a patch in the atlas.
-        scales: sides of the squares cut from images, over ``patch_px``.
-        min_texture: least texture of a patch that is not flat, 8-bit levels.
-        min_sharpness: least sharpness of a patch.
-        min_difference: least difference of two patches; 0 keeps all.
+        scales: sides of the squares that are cut from images, in multiples of ``patch_px``.
+        min_texture: least texture of a patch that is not flat: the median over 8 x 8 cells of the standard deviation of
+            luminance, 8-bit levels.
+        min_sharpness: least sharpness of a patch: contrast of its finest octave over the contrast of its third octave.
+        min_difference: least difference of two patches, 1 minus the correlation of their luminance gradients on a
+            coarse grid; 0 keeps all.
         flat_share: share of surfaces with flat patches.
-        max_patches: most patches.
+        max_patches: largest number of patches.
         large_px: side of large patches, for walls, grounds and other large surfaces; 0 for none.
-        texels_per_pixel: texels of a patch per pixel: above 1 it looks smaller, below 1 blown up.
-        anisotropy: most samples of a patch per pixel at a grazing angle; 1 blurs there.
-        large_anisotropy: the same for large patches.
-        wrap: what continues a patch beyond its border: its ``mirror`` image, or a ``repeat``.
-        sequence: take a folder's images as frames, which an instance shows in turn.
+        texels_per_pixel: texels of a patch per pixel of the image: above 1 the patch looks reduced, below 1 enlarged.
+        anisotropy: largest number of samples of a patch per pixel on surfaces at a grazing angle; 1 blurs them.
+        large_anisotropy: ``anisotropy`` of large patches.
+        wrap: continuation of a patch beyond its border: its ``mirror`` image, or a ``repeat``.
+        sequence: take a folder's images as successive frames, which an instance shows in turn.
     """
 
     source: PluginName = "builtin"

@@ -1,4 +1,4 @@
-"""YAML as plain values, with the line of each key, within limits that are checked as the text is read; and written.
+"""Reading YAML as plain values with the line of each key, within limits that are checked while reading; and writing it.
 
 Mappings, lists, texts, numbers, booleans and null are all that configs and calibrations need. Tags, anchors, aliases
 and merge keys are refused: aliases of aliases grow beyond any memory, and a tag may build anything. A date is text.
@@ -25,11 +25,11 @@ from ruamel.yaml.resolver import VersionedResolver
 
 from semisynth_gl.inputs.errors import cut
 
-# The most that a text may have: its bytes are a second's reading if all of it is punctuation.
+# Largest numbers of bytes, values and keys of a text; a text of that many bytes takes a second to read at worst.
 MOST_BYTES, MOST_VALUES, MOST_KEYS = 1 << 18, 10_000, 1_000
-# Lists and mappings inside each other.
+# Largest depth of nested lists and mappings.
 DEEPEST = 20
-# Characters.
+# Largest numbers of characters.
 LONGEST_NUMBER, LONGEST_KEY = 100, 200
 
 Key = tuple[str | int, ...]
@@ -39,7 +39,7 @@ _BASES = {"0x": 16, "0o": 8, "0b": 2}
 
 
 class YamlError(Exception):
-    """A text is not valid YAML, or beyond a limit; ``line`` counts from 1 and is None where it is not known."""
+    """A text is not valid YAML, or exceeds a limit; ``line`` counts from 1 and is None where it is unknown."""
 
     def __init__(self, line: int | None, key: Key, reason: str) -> None:
         dotted = ".".join(map(str, key))
@@ -48,21 +48,25 @@ class YamlError(Exception):
 
 
 def read_yaml(text: str) -> tuple[Any, dict[Key, int]]:
-    """Return a text's value, None where it is empty, and the line of each key and item, from 1.
+    """Return the value of a text, None where it is empty, and the line, from 1, of each key and each item of a list.
 
-    Keys are texts as they are written. Raises YamlError where the text is not valid, or beyond a limit of this module.
+    Keys of mappings stay texts as they are written. Raises YamlError where the text is not valid, has several
+    documents, or exceeds a limit of this module.
     """
     values, lines = _read(text, several=False)
     return values[0] if values else None, lines
 
 
 def read_documents(text: str) -> list[Any]:
-    """Return the value of each of a text's documents, which lines of ``---`` divide; an empty document is None."""
+    """Return the values of a text's documents, separated by lines of ``---``; an empty document is None.
+
+    Raises YamlError as `read_yaml` does.
+    """
     return _read(text, several=True)[0]
 
 
 def _read(text: str, *, several: bool) -> tuple[list[Any], dict[Key, int]]:
-    # A character has at least a byte, so that a long text is not encoded to be counted.
+    # A character takes at least a byte, so a text that is too long need not be encoded to count its bytes.
     if len(text) > MOST_BYTES or len(text.encode(errors="surrogatepass")) > MOST_BYTES:
         raise YamlError(None, (), f"has more than {MOST_BYTES} bytes, the most that YAML may have here")
     reader = _Reader(text)
@@ -82,7 +86,7 @@ def _read(text: str, *, several: bool) -> tuple[list[Any], dict[Key, int]]:
 
 
 def write_yaml(value: Any, *, flow: bool = False) -> str:  # noqa: ANN401 - any YAML value
-    """Return the YAML of plain values, each text and list of values on one line; with ``flow`` all on one line."""
+    """Return plain values as YAML, each text and each list of values on one line; with ``flow``, all on one line."""
     stream, yaml = io.StringIO(), YAML()
     yaml.width = 1 << 20
     if not flow:
@@ -90,17 +94,17 @@ def write_yaml(value: Any, *, flow: bool = False) -> str:  # noqa: ANN401 - any 
         return stream.getvalue()
     yaml.default_flow_style = True
     yaml.dump(value, stream)
-    # The mark of a document's end stands behind a value that is no mapping and no list.
+    # A value that is neither a mapping nor a list is followed by the mark of a document's end.
     return stream.getvalue().removesuffix("\n").removesuffix("...").strip()
 
 
 class _Reader:
-    """Builds the value of a text out of the events of ruamel's parser, which holds no more than a few of them."""
+    """Builds the value of a text from the events of ruamel's parser, which holds only a few events at a time."""
 
     def __init__(self, text: str) -> None:
         self.lines: dict[Key, int] = {}
         self._events: Iterator[Event] = YAML(typ="safe", pure=True).parse(text)
-        # YAML 1.2, whatever a directive says.
+        # YAML 1.2, even where a directive names another version.
         self._resolver = VersionedResolver(version=(1, 2))
         self._values = self._keys = 0
 
@@ -147,21 +151,21 @@ class _Reader:
         if not isinstance(event, ScalarEvent):
             self._refuse(event, key, "expected a text as a key, got a list or mapping")
         if event.implicit[0] and event.value == "<<":
-            self._refuse(event, key, "merge keys (<<) are not taken: write the keys out, or use extends")
+            self._refuse(event, key, "merge keys (<<) are not accepted: write the keys out, or use extends")
         if len(event.value) > LONGEST_KEY:
             self._refuse(event, key, f"has a key of {len(event.value)} characters: expected at most {LONGEST_KEY}")
         return str(event.value)
 
     def _check(self, event: Event, key: Key) -> None:
         if isinstance(event, AliasEvent):
-            text = f"aliases (*{event.anchor}) are not taken: write the value out, or put quotes around a *"
+            text = f"aliases (*{event.anchor}) are not accepted: write the value out, or put quotes around the *"
             self._refuse(event, key, text)
         if isinstance(event, NodeEvent) and event.anchor is not None:
-            text = f"anchors (&{event.anchor}) are not taken: leave it out, or put quotes around an &"
+            text = f"anchors (&{event.anchor}) are not accepted: leave the anchor out, or put quotes around the &"
             self._refuse(event, key, text)
         tag = getattr(event, "tag", None)
         if tag is not None:
-            self._refuse(event, key, f"tags ({tag}) are not taken: leave it out, or put quotes around an !")
+            self._refuse(event, key, f"tags ({tag}) are not accepted: leave the tag out, or put quotes around the !")
 
     def _scalar(self, event: ScalarEvent, key: Key) -> Any:  # noqa: ANN401 - any value
         text = str(event.value)

@@ -378,14 +378,14 @@ def test_what_is_replaced_lends_its_place_to_nothing(tmp_path):
         ),
         (
             "{form: mixture, parts: [{target: {form: file, path: a.csv}}]}",
-            ": disparity.target.parts.0.target.form: a part of a mixture takes no file, only a whole target does",
+            ": disparity.target.parts.0.target.form: a part of a mixture cannot be a file, only a whole target can",
         ),
         (
             "{form: file}",
             ": disparity.target.form: a target of form file needs a path beside it: disparity.target.path",
         ),
         ("{form: file, path: 3}", ": disparity.target.path: expected the name of a file, got 3"),
-        ("{form: file, path: a.csv, bin_px: 3}", ": disparity.target.bin_px: expected none beside form and path"),
+        ("{form: file, path: a.csv, bin_px: 3}", ": disparity.target.bin_px: expected no key beside form and path"),
     ],
 )
 def test_faults_of_targets_name_keys_that_users_wrote(tmp_path, target, said):

@@ -46,12 +46,12 @@ def growing_aliases(levels):
 
 # Text below START, the line of the fault counted from there, the key, and what is said.
 TRAPS = {
-    "growing aliases": (growing_aliases(12), 1, "a0", "anchors (&a0) are not taken"),
-    "merge key": ("textures:\n  <<: {patch_px: 64}", 2, "textures", "merge keys (<<) are not taken"),
+    "growing aliases": (growing_aliases(12), 1, "a0", "anchors (&a0) are not accepted"),
+    "merge key": ("textures:\n  <<: {patch_px: 64}", 2, "textures", "merge keys (<<) are not accepted"),
     "merge key of an alias": ("textures:\n  <<: *a", 2, "textures", "merge keys"),
-    "alias to nothing": ("textures: *a", 1, "textures", "aliases (*a) are not taken"),
+    "alias to nothing": ("textures: *a", 1, "textures", "aliases (*a) are not accepted"),
     "alias to itself": ("textures: &a [*a]", 1, "textures", "anchors (&a)"),
-    "a glob without quotes": ("textures: {images: [*.jpg]}", 1, "textures.images.0", "put quotes around a *"),
+    "a glob without quotes": ("textures: {images: [*.jpg]}", 1, "textures.images.0", "put quotes around the *"),
     "an anchor alone": ("sequence: {length: &n 3}", 1, "sequence.length", "anchors (&n)"),
     "a known tag": ("sequence: {length: !!int 3}", 1, "sequence.length", "tags (tag:yaml.org,2002:int)"),
     "a tag of Python's": ("name2: !!python/object/apply:os.system [ls]", 1, "name2", "tags (tag:yaml.org,2002:python"),

@@ -342,15 +342,15 @@ FAULTS = {
         ("thing = lambda rng: {}", "fails: TypeError: <lambda>() missing 1 required positional argument"),
         (
             "thing = {'particles': {'size_px': {1, 2}}}",
-            "has values that are none of YAML's: TypeError: ",
+            "has values that YAML cannot hold: TypeError: ",
         ),
         (
             "thing = {'particles': {'size_px': float('inf')}}",
-            "has values that are none of YAML's: ValueError: ",
+            "has values that YAML cannot hold: ValueError: ",
         ),
-        ("thing = {'weight': 3}", "got the key weight, which is for a config that uses the recipe"),
-        ("thing = {'particles': {'size': 3}}", "particles.size: a recipe cannot change it"),
-        ("thing = {'camera': {'width_px': 3}}", "camera.width_px: a recipe cannot change it"),
+        ("thing = {'weight': 3}", "got the key weight, which only a config that uses the recipe may set"),
+        ("thing = {'particles': {'size': 3}}", "particles.size: a recipe cannot change this key"),
+        ("thing = {'camera': {'width_px': 3}}", "camera.width_px: a recipe cannot change this key"),
         ("thing = {'particles': {'drift': -1}}", "particles.drift: expected numbers of 0 or more"),
     ],
     "family of models": [
@@ -519,7 +519,7 @@ def test_names_that_are_taken_are_refused_where_they_are_asked_for(install):
         pytest.raises(InputError, match=r"'knots': expected one package .* got first 0\.3 .* and second 0\.3"),
     ):
         find_family("knots")
-    simple = "expected the name of a plug-in's family, the weight of this one is models.simple, got 'simple'"
+    simple = "expected the name of a plug-in's family; the weight of this family is models.simple, got 'simple'"
     for overrides, place in (
         ({"models.families": {"simple": 1}}, "models.families.simple"),
         (["models.families.simple=0"], "`overrides` models.families.simple"),

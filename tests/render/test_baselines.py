@@ -283,7 +283,7 @@ def test_signed_disparities_of_shorter_baselines_are_counted_below_0():
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
-        ({"baselines": 2, "baseline_m": 0.2}, "asks for 2 different ones, but baseline_m is 0.2 alone"),
+        ({"baselines": 2, "baseline_m": 0.2}, "asks for 2 different baselines, but baseline_m is only 0.2"),
         ({"baselines": [0.1, 0.2], "baseline_m": 0.2}, "not both"),
         ({}, "baseline_m is missing"),
         ({"baselines": 3}, "baseline_m is missing"),

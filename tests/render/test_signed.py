@@ -263,7 +263,10 @@ BAD = [
         {"disparity.target": {"form": "gamma", "origin_px": -9, "mean_px": 3, "spread_px": 3}},
         "origin_px: input should be greater than or equal to 0, got -9",
     ),
-    ({"scenes": [{"recipe": "a", "disparity": {"signed": True}}]}, "a recipe cannot change it, which holds for all"),
+    (
+        {"scenes": [{"recipe": "a", "disparity": {"signed": True}}]},
+        "a recipe cannot change this key, which holds for all",
+    ),
     ({"background.sky": 1.5}, "background.sky: input should be less than or equal to 1"),
 ]
 BAD_SIGNED = [
