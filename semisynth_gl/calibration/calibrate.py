@@ -1,4 +1,4 @@
-"""From a rig's calibration and photographs to a config for `generate`: read, matched, tried and written."""
+"""Making a config for `generate` from a rig's calibration and photographs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -36,19 +36,19 @@ Unit = Literal["m", "cm", "mm"]
 UNITS: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 """Metres in each unit."""
 
-# A shorter baseline, as a longer one than `LONGEST_M`, may be in another unit than it is taken for.
+# A baseline shorter than this, or longer than `LONGEST_M`, may be in another unit than assumed.
 _SHORTEST_M = 0.002
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """A config for a rig, and what it is made from.
+    """A config for a rig, and lines about its making.
 
     Attributes:
         config: the config.
-        text: the config as YAML, with comments that say where its numbers came from.
+        text: the config as YAML, with comments on the origin of its numbers.
         summary: lines about the config, as ``semisynth-gl calibrate`` prints them.
-        notes: sentences on what may be wrong with the input.
+        notes: sentences on possible faults of the input.
     """
 
     config: Config
@@ -78,27 +78,27 @@ def calibrate(
     """Make a config for a rig: its camera, the disparities that it sees, and the photographs to cut patches from.
 
     Args:
-        images: the photographs.
-        calib: calibrations of rectified rigs: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, stereo
-            YAML of OpenCV or ROS.
-        focal_px: focal length, instead of ``calib``; with ``baseline_m`` and ``size``.
-        baseline_m: distance of the cameras.
-        size: width and height of the images, px; also for a calibration without a size.
-        scale: scale of the images against the calibrated size.
-        unit: unit of the translation in a file of OpenCV; by default metres.
-        disparity: disparity maps, true or predicted, to measure the histogram.
-        png_scale: levels of a 16-bit PNG per pixel of disparity.
-        pairs: left and right photographs of the rig, to measure how far they are off rectified; needs OpenCV. By
-            default the pairs among ``images`` that are named as Middlebury's, ETH3D's or KITTI's.
-        range_px: least and largest disparity, where there are no maps.
-        other_camera: whether the photographs are not the rig's, so that they may have any size.
-        trials: how many pairs to render and measure of each recipe with each look of its surfaces; with 0 no pair is
-            rendered, all recipes have one weight, and textures are as in the packaged configs.
-        name: the config's name, or a text to make one of.
-        listener: hears the number of pairs to render, and each pair.
+        images: the photographs: files, folders and globs.
+        calib: calibration files of rectified rigs: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, or
+            the stereo YAML of OpenCV or ROS.
+        focal_px: focal length; with ``baseline_m`` and ``size``, instead of ``calib``.
+        baseline_m: distance between the cameras.
+        size: width and height of the images, px; needed also with a calibration that does not state them.
+        scale: size of the images relative to the calibrated size, such as 0.5 for half the width.
+        unit: unit of the baseline in OpenCV's files; by default metres.
+        disparity: disparity maps, true or predicted, from which the wanted histogram is measured.
+        png_scale: levels per pixel of disparity in 16-bit PNG maps.
+        pairs: left and right photographs of the rig, in which the right camera's deviation is measured; needs OpenCV.
+            By default the pairs among ``images`` that have names as in Middlebury, ETH3D or KITTI.
+        range_px: least and largest disparity, instead of ``disparity``.
+        other_camera: whether another camera took the photographs, so that they may have any size.
+        trials: number of pairs to render and measure for each recipe with each look of its surfaces; with 0, no pair is
+            rendered, recipes have equal weights, and textures are as in the packaged configs.
+        name: the config's name; characters other than letters, digits and hyphens become hyphens.
+        listener: hears the number of pairs to render, and each finished pair.
 
     Raises:
-        InputError: where an argument cannot be used, or arguments do not fit together.
+        InputError: where an argument is not valid, or arguments do not fit together.
         ReadError: where a file cannot be read.
         BackendError: where OpenGL is missing, and ``trials`` is above 0.
     """
@@ -113,7 +113,7 @@ def calibrate(
     if unit is not None:
         check_one_of("`unit`", unit, UNITS)
     if map_sources and range_px is not None:
-        raise InputError("`range_px` says what `disparity` measures: give one of them")
+        raise InputError("`range_px` and `disparity` both state the disparities: give only one of them")
     notes: list[str] = []
     rigs = _rigs(calib_sources, focal_px, baseline_m, _size(size), None if unit is None else UNITS[unit])
     found = map_files(map_sources)
@@ -127,10 +127,10 @@ def calibrate(
         pairs=_pairs(pairs, image_sources, scaled, other_camera, notes),
     )
     name, style = config_name(name), untried_style(facts.recipes)
-    # The template is tried here, since trials take a minute.
+    # The template is checked before the trials, which take a minute.
     config = _parsed(config_text(name, facts, style), name)
     facts = replace(facts, layout=suited_layout(config, rigs))
-    # The patches of the dataset to come: unusable photographs are reported now, and the cache keeps the patches.
+    # Prepares the dataset's patches: unusable photographs are reported now, and the patches are cached.
     report = prepare_atlas(config.textures, Split(0)).report
     place = None
     if trials:
@@ -182,7 +182,7 @@ def _rigs(
     given = [name for name, value in plain.items() if value is not None]
     if calib:
         if given:
-            raise InputError(f"{' and '.join(given)}: `calib` says that already: give one or the other")
+            raise InputError(f"{' and '.join(given)}: `calib` states the same: give one or the other")
         return read_rigs(calib, size=size, unit_m=unit_m)
     if focal_px is None or baseline_m is None or size is None:
         missing = [name for name, value in (plain | {"`size`": size}).items() if value is None]
@@ -197,14 +197,17 @@ def _pairs(
     other_camera: bool,  # noqa: FBT001 - as `calibrate` was given it
     notes: list[str],
 ) -> list[tuple[Path, Path]]:
-    """Return the pairs to match: those that were given, or those among the photographs where they can be matched."""
+    """Return the pairs to match: the given pairs, or those among the photographs.
+
+    Where OpenCV is missing, photographs are not matched, and a note says so.
+    """
     check_type("`pairs`", pairs, Sequence)
     for pair in pairs:
         if isinstance(pair, str) or not isinstance(pair, Sequence) or len(names_of("pairs", pair)) != 2:
             raise InputError(f"`pairs`: expected pairs of a left and a right photograph, got {shown(pair)}")
     if pairs:
         if other_camera:
-            raise InputError("`pairs` are the rig's, but `other_camera` says that another one took the photographs")
+            raise InputError("`pairs` need photographs of the rig, but `other_camera` says that another took them")
         open_matcher()
         return [pair for left, right in pairs for pair in given_pairs(fspath(left), fspath(right))]
     found = [] if other_camera else fitting_pairs(pairs_among(find_images(images)), rigs)
@@ -212,26 +215,26 @@ def _pairs(
         try:
             open_matcher()
         except InputError as error:
-            notes.append(f"not measured in {counted(len(found), 'pair')} how far rows are off rectified: {error}")
+            notes.append(f"the deviation of rows in {counted(len(found), 'pair')} was not measured: {error}")
             return []
     return found
 
 
 def _tried(facts: ConfigFacts, place: MeasuredPlace, trials: int, listener: Listener) -> Style:
     """Render and measure trial pairs for a style."""
-    # Imported here: OpenGL and models take longer to load than a config to write without them.
+    # Imported here: loading OpenGL and models takes longer than writing a config without trials.
     from semisynth_gl.calibration.trial import tried_style  # noqa: PLC0415
 
     try:
         return tried_style(facts, place.side, trials, listener)
     except BackendError as error:
-        message = f"{error}\nWithout OpenGL, 0 `trials` make a config that no pairs were tried for"
+        message = f"{error}\nWithout OpenGL, set `trials` to 0: the config is then made without trial pairs"
         raise BackendError(message) from None
 
 
 def _expectation(config: Config) -> str:
-    """Return how near a config's mix is expected to come to the wanted disparities."""
-    # Imported here: models take longer to load than a config to write without them.
+    """Return a line on the expected distance of the mix's disparities from the wanted ones."""
+    # Imported here: loading models takes longer than writing a config without trials.
     from semisynth_gl.scene.mix import MixSampler  # noqa: PLC0415
     from semisynth_gl.scene.sources import prepare_sources  # noqa: PLC0415
 
@@ -252,7 +255,7 @@ def _style_summary(style: Style, place: MeasuredPlace | None) -> list[str]:
         look += f", exposed by {style.exposure_stops:g} stops"
     lines.append(f"textures         {look}")
     near, compared = style.near(place.side)
-    # A single picture has no deviation.
+    # Without enough pictures of the place, there is no deviation to compare with.
     if compared:
         means = f"means of {near} of {counted(compared, 'measure')}"
         lines.append(f"place            {means} expected within one standard deviation of its pictures")
@@ -260,12 +263,12 @@ def _style_summary(style: Style, place: MeasuredPlace | None) -> list[str]:
 
 
 def _baseline_note(ends_m: tuple[float, float]) -> str | None:
-    """Return a warning about an unlikely baseline, as most files do not say in which unit it is."""
+    """Return a warning about an unlikely baseline, since most files do not state its unit; None for a likely one."""
     if ends_m[0] >= _SHORTEST_M and ends_m[1] <= LONGEST_M:
         return None
     return (
         f"the baseline is {_shown_range(ends_m, 'm')}: ROS and KITTI state it in metres, Middlebury and ETH3D in "
-        "millimetres; is it so in your files?"
+        "millimetres. Check the unit in your files"
     )
 
 
@@ -286,7 +289,7 @@ def _summary(facts: ConfigFacts, report: TextureReport) -> list[str]:
     if facts.rectification is not None:
         lines.append(f"rectification    {facts.rectification.summary()}")
     if 0 < facts.fitting_count < count:
-        lines.append(f"                 {count - facts.fitting_count} have another size than the rig's images")
+        lines.append(f"                 {count - facts.fitting_count} differ in size from the rig's images")
     splits = impossible_splits(facts.subject_count)
     if splits:
         lines.append(f"                 too few to hold some out for {' or '.join(splits)}")

@@ -1,4 +1,4 @@
-"""From a rig's calibration and photographs to a config that `generate` takes, by assets/calibrated.yaml.jinja."""
+"""Writing a config for `generate` from a rig's calibration and photographs, by assets/calibrated.yaml.jinja."""
 
 import json
 import math
@@ -27,15 +27,18 @@ from semisynth_gl.textures.subjects import of_subjects, photographed_subjects
 PROPOSED_PAIRS = 1000
 """Number of pairs that `calibrate` proposes to generate."""
 
+# Columns of the YAML.
 _WIDTH = 100
-# Of the image's width, as in the packaged configs: 60 and 420 px of 1500.
+# Diameters of particles as fractions of the image's width, as in the packaged configs: 60 and 420 px of 1500.
 _SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH = 0.04, 0.28
-# A place with pixels farther than this is no room, and hardly a hall.
+# Rooms, and most halls, have no pixels farther than this.
 _INDOOR_M = 20.0
+# Shares of such far pixels: only indoor scenes suit up to the first, only outdoor scenes beyond the second.
 _INDOOR_AT_MOST, _OUTDOOR_FROM = 0.005, 0.05
-# The back wall has the far end of the histogram alone: particles can hide a wall that is too far, not one too near.
+# Back walls lie at the farthest share of the wanted pixels: particles can hide a wall that is too far, but not one
+# that is too near.
 _WALL_UP_TO = 0.05
-# Place of the far plane between the farthest possible disparity and min_px.
+# Ends of the far plane's disparities, as fractions of the way from the farthest possible disparity to min_px.
 _PLANE_OF_MIN = (0.1, 0.7)
 _SOURCES_SHOWN = 5
 
@@ -44,8 +47,18 @@ _SOURCES_SHOWN = 5
 class ConfigFacts:
     """The facts that a config is written from.
 
-    ``rigs`` are scaled, by the user's ``scale`` where it is given; ``images`` are absolute. ``fitting_count`` is the
-    number of photographs with a calibrated size, and 0 where sizes were not compared.
+    Attributes:
+        rigs: the rigs, scaled by ``scale`` if that is given.
+        scale: the user's scale of images and maps against the calibrated size.
+        disparity: range and wanted histogram of disparity.
+        images: the user's sources of photographs, as absolute paths.
+        photograph_count: number of photographs.
+        subject_count: number of subjects that they show.
+        large_px: side of large patches.
+        grey: whether all photographs are grey.
+        rectification: deviations that were measured in pairs; None without pairs.
+        fitting_count: number of photographs with a calibrated size; 0 where sizes were not compared.
+        layout: the layout that suits the rigs, see `suited_layout`; None for the default.
     """
 
     rigs: Sequence[Rig]
@@ -62,22 +75,22 @@ class ConfigFacts:
 
     @property
     def photographs(self) -> str:
-        """How many photographs there are and, where it is not the same number, of how many subjects."""
+        """Text with the number of photographs and, if that differs, the number of their subjects."""
         return f"{self.photograph_count}{of_subjects(self.photograph_count, self.subject_count)}"
 
     @property
     def size(self) -> Size:
-        """Size of the images."""
+        """Size of the config's images: the median over the rigs."""
         return median_size(self.rigs)
 
     @property
     def ranges(self) -> dict[str, tuple[float, float]]:
-        """The ranges over the rigs, see `rig_ranges`."""
+        """Least and largest value over the rigs, by key of the section ``camera``; see `rig_ranges`."""
         return rig_ranges(self.rigs)
 
     @property
     def far_share(self) -> float:
-        """Share of the wanted pixels that are farther than 20 m: near 0 px but for doffs."""
+        """Share of the wanted pixels that are farther than 20 m, for the middle of the rigs' ranges."""
         ranges = self.ranges
         focal_px, baseline_m = (math.sqrt(math.prod(ranges[key])) for key in ("focal_px", "baseline_m"))
         far_px = focal_px * baseline_m / _INDOOR_M - sum(ranges["doffs_px"]) / 2
@@ -85,7 +98,7 @@ class ConfigFacts:
 
     @property
     def scenes(self) -> tuple[str, ...]:
-        """The scenes that suit the far share: ``indoor``, ``outdoor`` or both."""
+        """The kinds of scenes that suit `far_share`: ``indoor``, ``outdoor`` or both."""
         suitable = {"indoor": self.far_share <= _OUTDOOR_FROM, "outdoor": self.far_share > _INDOOR_AT_MOST}
         return tuple(kind for kind in suitable if suitable[kind])
 
@@ -106,9 +119,17 @@ def config_facts(
 ) -> ConfigFacts:
     """Gather the facts for a config, and check that they fit together.
 
-    ``rigs`` are as calibrated; ``scale`` is that of images and maps against their size. With ``other_camera``,
-    photographs may have any size. ``pairs`` are left and right photographs of the rig, to match. Raises InputError
-    where anything is missing or does not fit together, and ReadError where a map cannot be read.
+    Args:
+        rigs: the rigs as calibrated, before scaling.
+        images: sources of photographs: files, folders and globs.
+        disparity: the source of the range and the histogram of disparity.
+        scale: scale of images and maps against the calibrated size.
+        other_camera: whether another camera took the photographs, so that they may have any size.
+        pairs: left and right photographs of the rig, to match.
+
+    Raises:
+        InputError: where something is missing or does not fit together.
+        ReadError: where a map cannot be read.
     """
     photographs = find_images(images)
     sizes = photograph_sizes(photographs)
@@ -130,10 +151,10 @@ def config_facts(
 
 
 def suited_layout(config: Config, rigs: Sequence[Rig]) -> str | None:
-    """Return the layout of the benchmark from which all calibrations come, or None where they have several or none.
+    """Return the name of the layout of the benchmark that all rigs come from; None if they come from several or none.
 
-    It is None too where the layout cannot hold the config's disparities, or the benchmark's loaders refuse such a
-    dataset.
+    Returns None too where the layout cannot hold the config's disparities, or where the benchmark's loaders would
+    refuse such a dataset.
     """
     name, *others = {rig.layout for rig in rigs}
     if name is None or others:
@@ -167,7 +188,7 @@ def config_text(name: str, facts: ConfigFacts, style: Style) -> str:
 
 
 def config_name(stem: str) -> str:
-    """Return the name of a config from a file's: letters, digits and hyphens."""
+    """Return a name for a config, of letters, digits and hyphens, made from any text such as a file's stem."""
     return re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-") or "calibrated"
 
 
@@ -195,9 +216,9 @@ def _wall_px(facts: ConfigFacts) -> tuple[float, float]:
 
 
 def _turn_deg(facts: ConfigFacts) -> float:
-    """Return the turn at which a wall's disparity at the side of the image differs from that in the middle by a bin.
+    """Return the turn, degrees, at which a wall's disparities at the image's side and middle differ by one bin.
 
-    Turned by a, a wall at the disparity d has (d + doffs) (1 + tan(a) x / f) at x from the middle of the image.
+    For a wall of disparity d turned by a, d + doffs becomes (d + doffs) (1 + tan(a) x / f) at x px from the middle.
     """
     disparity, ranges = facts.disparity, facts.ranges
     steepest = facts.size.width_px / 2 / ranges["focal_px"][0]
@@ -206,7 +227,7 @@ def _turn_deg(facts: ConfigFacts) -> float:
 
 
 def _plane_px(facts: ConfigFacts) -> tuple[float, float]:
-    """Return disparities below min_px, and above that of infinity for the least doffs."""
+    """Return the far plane's range of disparity, below min_px and above that of infinity for the least doffs."""
     min_px = facts.disparity.min_px
     farthest = farthest_px(facts.ranges["doffs_px"][0], signed=facts.disparity.signed)
     low, high = (farthest + float(f"{part * (min_px - farthest):.2g}") for part in _PLANE_OF_MIN)
@@ -214,7 +235,7 @@ def _plane_px(facts: ConfigFacts) -> tuple[float, float]:
 
 
 def _flow(value: Any) -> str:  # noqa: ANN401 - whatever a recipe sets
-    """Return a value in one line of YAML."""
+    """Return a value as one line of YAML."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{key}: {_flow(each)}" for key, each in value.items()) + "}"
     if isinstance(value, Sequence) and not isinstance(value, str):
@@ -233,7 +254,7 @@ def _range(ends: tuple[float, float]) -> str:
 
 
 def _number(value: float) -> str:
-    # All digits of a calibration, without the noise of the last binary digits.
+    # Ten digits hold those of any calibration, but not the rounding noise of binary numbers.
     return f"{float(f'{value:.10g}') + 0.0:.10g}"
 
 

@@ -1,4 +1,4 @@
-"""Counting the disparities of maps, true or predicted, dense or sparse."""
+"""Measuring the disparities of maps, true or predicted, dense or sparse."""
 
 import math
 from collections.abc import Sequence
@@ -14,20 +14,23 @@ from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.histogram import Histogram, PixelCount
 from semisynth_gl.inputs.errors import InputError
 
-# Fine enough for any quantile, and for bins of any round width from 1 px.
+# Width of the fine bins: narrow enough for quantiles, and a divisor of all bins of round width from 1 px on.
 _FINE_PX = 1 / 16
-# Of a map against the rig: beyond it the two are hardly one place, such as a street in a room's shape.
+# Largest ratios of a map's shape and width to the rig's; beyond these, the map is hardly one of this rig.
 _MOST_SHAPE, _MOST_SCALE = 1.5, 16.0
-# A number that more of a map's pixels have, to the last bit, says that there is no disparity.
+# Share of a map's pixels: a number that more pixels have exactly may be a mark for missing values.
 _MARK = 0.001
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredMaps:
-    """The disparities of several maps, each counting the same whatever its number of values.
+    """The disparities of several maps, each with the same weight whatever its number of values.
 
-    ``histogram`` has fine bins, ``valid`` counts pixels with a disparity, and ``scaled`` has the sizes of maps whose
-    disparities were scaled to the rig's width.
+    Attributes:
+        histogram: distribution of disparity in fine bins, px at the rigs' median width.
+        pixels: number of pixels of all maps.
+        valid: number of pixels with a disparity.
+        scaled: sizes of the maps whose disparities were scaled to the rigs' median width.
     """
 
     histogram: Histogram
@@ -37,15 +40,16 @@ class MeasuredMaps:
 
 
 def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = KITTI_DISPARITY.steps) -> MeasuredMaps:
-    """Count the disparities of one or more maps; `read_values` says which numbers mark missing values.
+    """Measure the disparities of one or more maps; `read_values` says which numbers mark missing values.
 
-    The disparities of a view are in proportion to the width of its image, so those of a map that has no rig's size are
-    scaled by the ratio of its width to the rigs' median one. ``png_scale`` is levels of a PNG per pixel of disparity.
-    Raises InputError where a map does not fit the rigs or has no value, and ReadError where it cannot be read.
+    Disparities are in proportion to the width of the image. If a map's size is not that of any rig, its disparities are
+    multiplied by the ratio of the rigs' median width to the map's width. ``png_scale`` is the number of levels per
+    pixel of disparity in a 16-bit PNG. Raises InputError where a map does not fit the rigs or has no value, and
+    ReadError where it cannot be read.
     """
     sizes, median = {rig.size for rig in rigs}, median_size(rigs)
     widest = max(width for width, _ in sizes)
-    # Nothing is farther than infinity.
+    # Bins begin at 0, or at infinity's disparity where that is below 0.
     first_px = -max(0.0, *(rig.camera.doffs_px for rig in rigs))
     edges = np.arange(math.floor(first_px / _FINE_PX), round(widest / _FINE_PX) + 1) * _FINE_PX
     shares = np.zeros(len(edges) - 1)
@@ -61,8 +65,8 @@ def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = 
         largest = float(disparity[has_value].max())
         if largest > size.width_px:
             raise InputError(
-                f"{path}: holds disparities up to {largest:g} px in an image {size.width_px} px wide: expected pixels. "
-                f"For a PNG with other levels than {png_scale:g} per pixel, give their number as `png_scale`"
+                f"{path}: holds disparities up to {largest:g} px in an image {size.width_px} px wide: expected "
+                f"disparities up to the width. If a PNG has other than {png_scale:g} levels per pixel, set `png_scale`"
             )
         if size not in sizes:
             disparity = disparity * np.float32(_scale_to(median, size, path))
@@ -78,13 +82,17 @@ def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = 
 def read_values(path: Path, rigs: Sequence[Rig], png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np.float32]:
     """Read a disparity map of one of several rigs: (H, W) float32, px, nan where a value is missing.
 
-    In .pfm and .npy, inf and nan mark missing values. Without a positive doffs, 0 and negative numbers do too. With
-    one, far points have such disparities, down to -doffs; then only 0 and the map's least number mark missing values,
-    and only where more than a thousandth of the pixels have exactly that number. In 16-bit grey .png, 0 marks them.
+    In 16-bit grey .png, 0 marks a missing value; there ``png_scale`` is the number of levels per pixel of disparity. In
+    .pfm and .npy, inf and nan mark missing values. If no rig has a positive doffs, so do 0 and all negative numbers.
+
+    With a positive doffs, far points have disparities between -doffs and 0. Then all numbers at or below -doffs are
+    missing values. 0 and the map's least number, if negative, also mark them where more than a thousandth of the pixels
+    have exactly that number.
+
     Raises ReadError where the file has another format, or not one value per pixel.
     """
     values = read_disparity_map(path, png_scale)
-    # At the map's own resolution.
+    # The disparity of infinity, at the map's resolution.
     infinity_px = -max(rig.camera.doffs_px * values.shape[1] / rig.size.width_px for rig in rigs)
     finite = np.isfinite(values)
     known = finite & (values > min(infinity_px, 0.0))
@@ -97,7 +105,7 @@ def read_values(path: Path, rigs: Sequence[Rig], png_scale: float = KITTI_DISPAR
 
 
 def _scale_to(rig: Size, size: Size, path: Path) -> float:
-    """Return the factor that scales a map of another size to the rig's width; refuse maps of another shape or scale."""
+    """Return the factor that scales a map's disparities; raises InputError where shape or width differ too much."""
     scale = rig.width_px / size.width_px
     shape = (rig.width_px / rig.height_px) / (size.width_px / size.height_px)
     if not 1 / _MOST_SHAPE <= shape <= _MOST_SHAPE:

@@ -1,4 +1,4 @@
-"""The range and the wanted histogram of disparities: measured from maps, or wide and smooth over a known range."""
+"""The range and the wanted histogram of disparity: measured from maps, or wide and smooth over a known range."""
 
 import math
 from collections.abc import Sequence
@@ -14,27 +14,32 @@ from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.inputs.errors import InputError, abbreviate, counted
 
-# Predictions and lidar have a few values that are far off.
+# Quantiles between which the range lies: predictions and lidar have a few values that are far off.
 _LOWEST, _HIGHEST = 0.001, 0.999
-# Above the largest: the near plane stands at max_px, and objects need some room before it.
+# Ratio of max_px to the largest measured disparity: the near plane lies at max_px, and objects need room behind it.
 _HEADROOM = 1.1
-# Objects are deep: their disparities cannot follow much narrower bins.
+# Largest number of bins. Objects extend in depth, so their disparities cannot follow much narrower bins.
 _MOST_BINS = 22
+# Round widths of bins, to be multiplied by a power of ten.
 _STEPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
-# A config's bins are 1e-6 px wide or wider.
+# Least width of a range: a config's bins are at least 1e-6 px wide.
 _LEAST_PX = _MOST_BINS * 1e-6
-# Of a chosen range without a lower end.
+# Lower end of a chosen range where it is unknown, as a fraction of the way to the upper end.
 _LOW_OF_HIGH = 0.02
-# A chosen histogram: one part even, the other a hump at a sixth of the range that falls off slowly.
+# A chosen histogram has an even part, of this share, and a hump with its peak at this fraction of the range.
 _EVEN_PART = 0.25
 _HUMP = 1 / 6
-# Of maps, in the sentence on them.
+# Largest number of maps that the sentence on the origin names.
 _NAMED = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisparityRange:
-    """The values of the section ``disparity``; bins of ``target`` are ``bin_px`` wide."""
+    """The values of the section ``disparity``.
+
+    ``target`` is the wanted histogram, in bins of width ``bin_px`` from ``min_px`` on. ``origin`` is a sentence on the
+    origin of the values.
+    """
 
     min_px: float
     max_px: float
@@ -44,13 +49,17 @@ class DisparityRange:
 
     @property
     def signed(self) -> bool:
-        """Whether disparities of 0 and below are among them."""
+        """Whether the range includes disparities of 0 or below."""
         return self.min_px <= 0
 
 
 @dataclass(frozen=True, slots=True)
 class DisparitySource:
-    """The user's maps, one of each scene, or range of disparities; without both, calibrations give the bounds."""
+    """The source of the disparities: the user's maps or range, or, without either, the bounds in the calibrations.
+
+    ``maps`` has one map per scene, ``png_scale`` is the number of levels per pixel in 16-bit PNG maps, and ``range_px``
+    has the least and the largest disparity.
+    """
 
     maps: Sequence[Path] = ()
     png_scale: float = KITTI_DISPARITY.steps
@@ -58,7 +67,11 @@ class DisparitySource:
 
 
 def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRange:
-    """Return range and histogram, with their origin; raises InputError where they are not known or do not fit rigs."""
+    """Return the range and the histogram of disparity, with their origin.
+
+    Raises InputError where no source gives a range or it does not fit the rigs, and ReadError where a map cannot be
+    read.
+    """
     least_doffs_px = min(rig.camera.doffs_px for rig in rigs)
     if source.maps:
         measured, count = measure_maps(source.maps, rigs, source.png_scale), len(source.maps)
@@ -81,7 +94,7 @@ def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRa
 
 
 def _scaled_maps(sizes: Sequence[Size], rig: Size) -> str:
-    """Return a sentence on maps of other sizes than the rig's, after a space; "" without such maps."""
+    """Return a sentence, with a space before it, on maps whose size is not the rig's; "" without such maps."""
     if not sizes:
         return ""
     least, most = min(sizes), max(sizes)
@@ -93,7 +106,7 @@ def _scaled_maps(sizes: Sequence[Size], rig: Size) -> str:
 
 
 def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[tuple[float | None, float], str]:
-    """Return the range of disparity that calibrations name, its lower end None where unknown, and its origin."""
+    """Return the range of disparity from calibrations, whose lower end is None where it is unknown, and its origin."""
     largest = []
     for rig in rigs:
         bounds = {"ndisp": rig.bounds.ndisp, "vmax": rig.bounds.vmax_px}
@@ -101,14 +114,14 @@ def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[tupl
         largest += known[:1]
     if not largest:
         raise InputError(
-            f"the size of disparities is not known: {rigs[0].source} has no ndisp; give disparity maps as "
+            f"the range of disparity is not known: {rigs[0].source} has no ndisp and no vmax; give disparity maps as "
             "`disparity`, or the range, low and high, as `range_px`"
         )
     high_px, name, source = max(largest)
-    # 0 stands for an unknown vmin, and no disparity lies beyond infinity.
+    # A vmin of 0 stands for an unknown one, and a vmin beyond infinity is not valid.
     named = [(rig.bounds.vmin_px, -rig.camera.doffs_px) for rig in rigs]
     least = [vmin_px for vmin_px, infinity_px in named if vmin_px and vmin_px > min(infinity_px, 0.0)]
-    # The least vmin stands for all rigs only where every rig has one.
+    # The least vmin is a bound for all rigs only if every rig has one.
     low_px = min(least) if len(least) == len(rigs) else None
     upper, lower = f"{name} of the calibration", "vmin of the calibration"
     if len(rigs) > 1:
@@ -121,18 +134,19 @@ def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[tupl
 
 
 def farthest_px(least_doffs_px: float, *, signed: bool = False) -> float:
-    """Return the limit below all disparities: d + doffs is above 0, and so is d unless disparities are signed."""
+    """Return the lower limit of all disparities, px: d > -doffs, and also d > 0 unless disparities are signed."""
     return -least_doffs_px if signed else max(0.0, -least_doffs_px)
 
 
 def measured_range(histogram: Histogram, least_doffs_px: float = 0.0) -> DisparityRange:
-    """Return the range of all but a thousandth of the disparities at either end, and their histogram.
+    """Return the range without the lowest and highest thousandth of the disparities, and the histogram in its bins.
 
-    ``least_doffs_px`` is the least cx_right - cx_left of the rigs. Raises InputError where disparities lie beyond
-    infinity.
+    The range has a tenth of room above the largest of these disparities. ``histogram`` has fine bins, as that of
+    `measure_maps`. ``least_doffs_px`` is the least cx_right - cx_left of the rigs. Raises InputError where disparities
+    lie beyond infinity.
     """
     low, high = histogram.quantile(_LOWEST), histogram.quantile(_HIGHEST)
-    advice = "give disparity maps of these rigs, or calibrate rigs whose doffs differ one by one"
+    advice = "give disparity maps of these rigs, or calibrate rigs with different doffs separately"
     _check_before_infinity(low, least_doffs_px, "a thousandth of the measured disparities lies below", advice)
     first = _rounded_down(low, farthest_px(least_doffs_px, signed=low <= 0))
     edges, bin_px = _bins(first, max(high * _HEADROOM, high + (_HEADROOM - 1) * (high - first)))
@@ -140,9 +154,10 @@ def measured_range(histogram: Histogram, least_doffs_px: float = 0.0) -> Dispari
 
 
 def chosen_range(low_px: float | None, high_px: float, least_doffs_px: float = 0.0) -> DisparityRange:
-    """Return a wide and smooth histogram over a known range; raises InputError where it is empty or reaches infinity.
+    """Return a known range with a wide and smooth histogram.
 
-    Where ``low_px`` is None, the range begins a fiftieth of the way from the farthest disparity above 0 to ``high_px``.
+    If ``low_px`` is None, the range begins a fiftieth of the way from `farthest_px` to ``high_px``. ``least_doffs_px``
+    is the least cx_right - cx_left of the rigs. Raises InputError where the range is empty or reaches infinity.
     """
     farthest = farthest_px(least_doffs_px)
     if farthest > 0:
@@ -150,9 +165,9 @@ def chosen_range(low_px: float | None, high_px: float, least_doffs_px: float = 0
         _check_before_infinity(high_px, least_doffs_px, "the range of disparity ends at", advice)
     low = farthest + _LOW_OF_HIGH * (high_px - farthest) if low_px is None else low_px
     if not (low < high_px < math.inf and (low > 0 or least_doffs_px > 0)):
-        above = "" if least_doffs_px > 0 else " above 0"
-        raise InputError(f"the range of disparity is {low:g} to {high_px:g} px: expected two numbers{above} that rise")
-    advice = "give one that begins above as `range_px`"
+        above = "" if least_doffs_px > 0 else ", both above 0"
+        raise InputError(f"the range of disparity is {low:g} to {high_px:g} px: expected low < high{above}")
+    advice = "give a range that begins above it as `range_px`"
     _check_before_infinity(low, least_doffs_px, "the range of disparity begins at", advice)
     edges, bin_px = _bins(low, high_px)
     inside = np.clip((np.clip(edges, low, high_px) - low) / (high_px - low), 0, 1)
@@ -163,12 +178,12 @@ def chosen_range(low_px: float | None, high_px: float, least_doffs_px: float = 0
 
 
 def _bins(low: float, high: float) -> tuple[NDArray[np.float64], float]:
-    """Return the edges and the round width of 15 to 22 bins from the lower end of a range to beyond its upper end."""
+    """Return the edges of up to 22 bins from a range's low end to its high end or beyond, and their round width."""
     if high - low < _LEAST_PX:
         raise InputError(
             f"the range of disparity is {low} to {high} px: expected ends that differ by {_LEAST_PX:g} px or more"
         )
-    least = (high - low) / (_MOST_BINS - 1)  # rounding the end may add a bin
+    least = (high - low) / (_MOST_BINS - 1)  # rounding up the end may add a bin
     power = 10.0 ** math.floor(math.log10(least))
     bin_px = next(step * power for step in (*_STEPS, 10.0) if step * power >= least)
     bin_px = float(f"{bin_px:.6g}")  # 3 x 0.1 is 0.30000000000000004
@@ -178,13 +193,16 @@ def _bins(low: float, high: float) -> tuple[NDArray[np.float64], float]:
 def _check_before_infinity(low_px: float, least_doffs_px: float, what: str, advice: str) -> None:
     if low_px + least_doffs_px <= 0:
         raise InputError(
-            f"{what} {low_px:g} px, but with doffs = {least_doffs_px:g} px (cx_right - cx_left) a disparity at "
-            f"{-least_doffs_px:g} px is infinitely far, and less is nowhere: expected more; {advice}"
+            f"{what} {low_px:g} px, but with doffs = {least_doffs_px:g} px (cx_right - cx_left) the disparity of "
+            f"infinity is {-least_doffs_px:g} px: expected larger disparities; {advice}"
         )
 
 
 def _rounded_down(value: float, above: float) -> float:
-    """Round a value down to two digits, or only its distance above a limit where two digits would halve that."""
+    """Round a value down to two digits, but keep at least half of its distance above the limit ``above``.
+
+    Where rounding the value would lose more, its distance above the limit is rounded down to two digits instead.
+    """
     rounded = _two_digits(value) if value > 0 else above
     return rounded if rounded - above >= (value - above) / 2 else above + _two_digits(value - above)
 

@@ -1,4 +1,4 @@
-"""Points that both photographs of a pair show, by OpenCV's SIFT, which is an extra."""
+"""Matching points of two views by OpenCV's SIFT; OpenCV is an extra."""
 
 from collections.abc import Sequence
 from importlib import import_module
@@ -15,18 +15,19 @@ from semisynth_gl.textures.image_files import find_images
 from semisynth_gl.textures.images import read_image
 
 MOST_PAIRS = 24
-"""Pairs that are matched, evenly spread over all."""
+"""Largest number of pairs that are matched; more pairs are sampled evenly."""
 
+# Largest number of features per image.
 _FEATURES = 4000
-# Lowe's ratio: a match is kept where the second nearest feature is that much farther away.
+# Lowe's ratio: a match is kept if its distance is less than this times that of the second nearest feature.
 _RATIO = 0.75
-# Names of the views of a pair beside each other, as Middlebury, ETH3D and KITTI have them: files, then folders.
+# Names of right views by those of left views, in Middlebury, ETH3D and KITTI: of files in one folder, and of folders.
 _RIGHT_OF_NAME = {"im0": "im1"}
 _RIGHT_OF_FOLDER = {"image_2": "image_3", "image_0": "image_1", "colored_0": "colored_1"}
 
 
 def open_matcher() -> Any:  # noqa: ANN401 - a module without types
-    """Return OpenCV; raises InputError where it is not installed."""
+    """Return the module of OpenCV; raises InputError where it cannot be imported."""
     try:
         return import_module("cv2")
     except ImportError as error:
@@ -37,21 +38,25 @@ def open_matcher() -> Any:  # noqa: ANN401 - a module without types
 
 
 def given_pairs(left: str, right: str) -> list[tuple[Path, Path]]:
-    """Return the pairs of two sources, each a file, a folder or a glob, in the order of their names."""
+    """Return pairs of left and right images from two sources, each a file, a folder or a glob.
+
+    Images are paired in the order of their names. Raises InputError where the numbers of images differ, or an image is
+    on both sides.
+    """
     lefts, rights = find_images([left]), find_images([right])
     if len(lefts) != len(rights):
         raise InputError(
             f"`pairs` {left} {right}: {counted(len(lefts), 'left image')} and {counted(len(rights), 'right image')}: "
-            "expected one of each, in the same order by name"
+            "expected equal numbers, in the same order by name"
         )
     same = [path for path in lefts if path in set(rights)]
     if same:
-        raise InputError(f"`pairs` {left} {right}: {same[0]} is on both sides: expected the left views, then the right")
+        raise InputError(f"`pairs` {left} {right}: {same[0]} is on both sides: expected left views, then right views")
     return list(zip(lefts, rights, strict=True))
 
 
 def pairs_among(images: Sequence[Path]) -> list[tuple[Path, Path]]:
-    """Return the pairs among images whose names tell left and right, as in Middlebury, ETH3D and KITTI."""
+    """Return the pairs of left and right images that are named as in Middlebury, ETH3D or KITTI."""
     given, pairs = set(images), []
     for path in images:
         right = None
@@ -65,7 +70,10 @@ def pairs_among(images: Sequence[Path]) -> list[tuple[Path, Path]]:
 
 
 def match_pair(left: Path, right: Path) -> tuple[Matches, tuple[int, int]]:
-    """Match features of both views, some of them wrongly; also return the images' width and height."""
+    """Return the matches of a pair's features, of which some are wrong, and the images' width and height.
+
+    Raises InputError where an image cannot be read, the sizes differ, or OpenCV is missing.
+    """
     images = [to_grey(read_image(path)) for path in (left, right)]
     height, width = images[0].shape
     if images[0].shape != images[1].shape:
@@ -75,7 +83,7 @@ def match_pair(left: Path, right: Path) -> tuple[Matches, tuple[int, int]]:
 
 
 def match_images(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Matches:
-    """Match features of two grey images, (H, W) uint8 each: those that are each other's nearest."""
+    """Match features of two grey images, (H, W) uint8 each. Features match if each is the other's nearest."""
     cv2 = open_matcher()
     detector = cv2.SIFT_create(_FEATURES)
     (points, own), (others, foreign) = (detector.detectAndCompute(image, None) for image in (left, right))
@@ -89,7 +97,7 @@ def match_images(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Matches:
         for first, second in matcher.knnMatch(own, foreign, k=2)
         if first.distance < _RATIO * second.distance and back.get(first.trainIdx) == first.queryIdx
     ]
-    # A feature with several orientations is several, at one place.
+    # OpenCV returns a feature with several orientations several times, at the same place.
     places = {(points[one].pt, others[other].pt) for one, other in kept}
     if not places:
         return Matches(none, none)

@@ -1,4 +1,4 @@
-"""The user's photographs: a check that they fit the calibration, and the splits that they are too few for."""
+"""Checks of the user's photographs: whether they fit the calibration, and which splits they are too few for."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -13,13 +13,13 @@ from semisynth_gl.textures.images import ImageError, read_image, stored_size
 from semisynth_gl.textures.prepare import share_photographs
 
 _SIZES_SHOWN = 3
-# Of large patches. Two dozen of the largest take 100 MB.
+# Limits of the side of large patches, px. Two dozen patches of the largest side take 100 MB.
 _SMALLEST_SIDE, _LARGEST_SIDE = 256, 1024
 _ROUND_SCALES = tuple(sorted({part / whole for whole in range(2, 9) for part in (1, 2, 3)} | {2.0, 4.0}))
 
 
 def photograph_sizes(images: Sequence[Path]) -> list[Size]:
-    """Return the sizes in the headers of photographs; a file that cannot be read is passed over."""
+    """Return the sizes in the headers of photographs; files that cannot be read are left out."""
     sizes = list[Size]()
     for path in images:
         with suppress(ImageError):
@@ -29,7 +29,7 @@ def photograph_sizes(images: Sequence[Path]) -> list[Size]:
 
 
 def are_grey(images: Sequence[Path]) -> bool:
-    """Return whether all photographs that can be read have one channel, or three equal ones."""
+    """Return whether all readable photographs have one channel or three equal ones; False if none is readable."""
     seen = False
     for path in images:
         with suppress(ImageError):
@@ -41,7 +41,10 @@ def are_grey(images: Sequence[Path]) -> bool:
 
 
 def check_sizes(photographs: Sequence[Size], calibrated: Sequence[Size], scale: float | None = None) -> int:
-    """Return how many photographs have a calibration's size, times ``scale``; raises InputError where none has."""
+    """Return the number of photographs whose size is a calibrated size, times ``scale`` if that is given.
+
+    Raises InputError, with advice, where there are photographs but none of them has such a size.
+    """
     sizes = Counter(photographs)
     wanted = [size if scale is None else size.scaled(scale) for size in calibrated]
     fitting = sum(count for size, count in sizes.items() if size in wanted)
@@ -68,14 +71,17 @@ def check_sizes(photographs: Sequence[Size], calibrated: Sequence[Size], scale: 
 
 
 def large_side(photographs: Sequence[Size], width_px: int) -> int:
-    """Return a side for large patches: the median of photographs' largest squares, but no more than the rig can see."""
+    """Return the side of large patches, px, from 256 to 1024.
+
+    It is the median over photographs of the shorter side, but at most the width of the rig's images, ``width_px``.
+    """
     sides = sorted(map(min, photographs))
     median = sides[len(sides) // 2] if sides else 0
     return max(min(median, width_px, _LARGEST_SIDE), _SMALLEST_SIDE)
 
 
 def impossible_splits(subjects: int) -> list[str]:
-    """Return the splits that a number of subjects is too small for, such as ``["both validation and test"]``."""
+    """Return the splits that have too few subjects, such as ``["test"]`` or ``["both validation and test"]``."""
 
     def enough(*splits: SplitName) -> bool:
         try:
@@ -90,12 +96,12 @@ def impossible_splits(subjects: int) -> list[str]:
 
 
 def _scale_that_fits(sizes: Counter[Size], calibrated: Sequence[Size]) -> float | None:
-    """Return the scale under which most photographs, and at least half, have the size of a calibration; or None."""
+    """Return the scale at which the most photographs have a calibrated size; None if fewer than half of them do."""
     candidates = {1.0, *_ROUND_SCALES, *(size[0] / rig_size[0] for size in sizes for rig_size in calibrated)}
     fitting = {
         scale: sum(sizes[size] for size in {rig_size.scaled(scale) for rig_size in calibrated}) for scale in candidates
     }
-    # Of several equally good scales a round one: sizes are rounded, so that many scales fit.
+    # Among equally good scales, a round one is preferred: since sizes are rounded, many scales fit.
     best = max(
         fitting, key=lambda scale: (fitting[scale], scale == 1 or scale in _ROUND_SCALES, -len(f"{scale:.6g}"), scale)
     )

@@ -1,4 +1,4 @@
-"""The recipes that a calibrated config mixes, from the wanted disparities and the kind of scenes alone."""
+"""The recipes of a calibrated config, which depend only on the wanted disparities and the kind of scenes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,18 +6,22 @@ from typing import Any
 
 from semisynth_gl.calibration.disparity_range import DisparityRange
 
-# Floating things of scenes that are mostly something else. With two to six, pairs were either empty or heaps.
+# Number of particles in scenes that mostly show other objects. With two to six, views were either empty or full.
 _FLOATING = [12, 40]
-# Shares of the wanted pixels that are farther than the ends of ranges: of these things, of the walls, of the panels.
+# Ends of ranges of disparity, as quantiles of the wanted distribution: of these particles, of walls, of panels.
 _NEAR = (0.4, 0.98)
 _ROOM_ENDS = (0.1, 0.4)
 _PANELS = (0.1, 0.8)
+# Sides of panels, as fractions of the image's width.
 _PANEL_OF_WIDTH = (0.3, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
 class SceneRecipe:
-    """A recipe of the mix: the keys that it changes, by section, and what its scenes show, for a comment."""
+    """A recipe of the mix.
+
+    ``meaning`` says what its scenes show, for a comment; ``keys`` are the keys that it changes, by section.
+    """
 
     name: str
     meaning: str
@@ -25,12 +29,18 @@ class SceneRecipe:
 
 
 def suitable_recipes(scenes: Sequence[str], disparity: DisparityRange, width_px: int) -> tuple[SceneRecipe, ...]:
-    """Return the recipes that suit a place, whose scenes are "indoor", "outdoor" or both.
+    """Return the recipes that suit a place.
 
-    Recipes of furnished, open and still scenes state their floating things: walls, ground and panels stand where the
-    wanted disparities are. The last two recipes are solved for what the others leave of the wanted distribution.
+    Recipes of furnished, open and still scenes state their particles as layers, since their walls, ground and panels
+    already lie at the wanted disparities. The last two recipes, of which the last is clutter, are solved for the part
+    of the wanted distribution that the other recipes leave.
+
+    Args:
+        scenes: the kinds of the place's scenes: "indoor", "outdoor" or both.
+        disparity: the wanted disparities, px.
+        width_px: width of the config's images.
     """
-    # As the config states them.
+    # Rounded as in the written config, so that ranges lie within its limits.
     least, most = (float(f"{limit:.10g}") for limit in (disparity.min_px, disparity.max_px))
 
     def between(shares: tuple[float, float]) -> list[float]:

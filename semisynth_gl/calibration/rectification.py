@@ -1,4 +1,4 @@
-"""How far the photographs of pairs are off rectified, as the section ``rig`` says it; see `calibration.vertical`."""
+"""Deviations of photographed pairs from rectified ones, by key of the section ``rig``; see `calibration.vertical`."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -13,7 +13,7 @@ from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.seeds.spread import spread
 from semisynth_gl.textures.images import stored_size
 
-# A pair belongs to a rig of another resolution if width over height differs by no more.
+# Largest relative difference in width over height between the images of one rig at different resolutions.
 _SAME_SHAPE = 0.02
 
 
@@ -21,9 +21,13 @@ _SAME_SHAPE = 0.02
 class Rectification:
     """The deviations of several pairs' right cameras.
 
-    ``ranges`` has the least and the largest value by key of the section ``rig``; it is empty where matching cannot tell
-    the pairs from rectified ones. ``deviations`` and ``points``, the number of matches, are from the pairs that have
-    enough matches.
+    Attributes:
+        ranges: least and largest value by key of the section ``rig``; empty where matching cannot tell the pairs from
+            rectified ones.
+        deviations: deviation of each pair that could be used: its matches `agree`, so at least `FEWEST` of them, and
+            half of all, fit one deviation.
+        points: number of matches in these pairs.
+        pairs: number of pairs that were matched, whether they could be used or not.
     """
 
     ranges: dict[str, tuple[float, float]]
@@ -33,7 +37,7 @@ class Rectification:
 
     @property
     def origin(self) -> str:
-        """A sentence on where the ranges are from."""
+        """Sentences on the origin of the ranges, for a comment; there must be deviations."""
         used = len(self.deviations)
         residuals = sorted(each.residual_px for each in self.deviations)
         return (
@@ -44,12 +48,12 @@ class Rectification:
         )
 
     def summary(self) -> str:
-        """Return what was found, in a line."""
+        """Return the result in a line."""
         used = f"{len(self.deviations)} of {counted(self.pairs, 'pair')} matched"
         if not self.deviations:
-            return f"unknown: none of {counted(self.pairs, 'pair')} has {FEWEST} points whose rows agree"
+            return f"unknown: none of {counted(self.pairs, 'pair')} has enough fitting matches ({FEWEST}, half of all)"
         if not self.ranges:
-            return f"{used}: as good as matches can tell, {MATCHING_PX:g} px"
+            return f"{used}: rectified within the accuracy of matching, {MATCHING_PX:g} px"
         shown = {
             key: f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}" for key, (low, high) in self.ranges.items()
         }
@@ -57,7 +61,7 @@ class Rectification:
 
 
 def fitting_pairs(pairs: Sequence[tuple[Path, Path]], rigs: Sequence[Rig]) -> list[tuple[Path, Path]]:
-    """Return the pairs whose left photograph has the shape of a rig's images; see `measure_rectification`."""
+    """Return the pairs whose left photograph has the size of a rig's images, or their shape at another resolution."""
     fitting = []
     for left, right in pairs:
         with suppress(InputError):
@@ -68,10 +72,11 @@ def fitting_pairs(pairs: Sequence[tuple[Path, Path]], rigs: Sequence[Rig]) -> li
 
 
 def measure_rectification(pairs: Sequence[tuple[Path, Path]], rigs: Sequence[Rig]) -> Rectification:
-    """Match the views of one or more pairs, up to `MOST_PAIRS` of them, and fit the deviations of their right cameras.
+    """Match the views of one or more pairs, at most `MOST_PAIRS`, and fit the deviations of their right cameras.
 
-    Pairs of another resolution count for the rig of the median size. Raises InputError where an image cannot be read, a
-    pair's size is no rig's, or OpenCV is not installed.
+    A pair whose size is not that of a rig is taken for one of the rig nearest to the median width, at another
+    resolution. Raises InputError where an image cannot be read, a pair has another shape than the rig's images, or
+    OpenCV is not installed.
     """
     chosen = [pairs[number] for number in spread(len(pairs), MOST_PAIRS)]
     matched, points = [], 0
@@ -86,7 +91,7 @@ def measure_rectification(pairs: Sequence[tuple[Path, Path]], rigs: Sequence[Rig
 
 
 def _camera_of(size: Size, rigs: Sequence[Rig], path: Path) -> StereoCamera:
-    """Return the rectified camera of images of a size."""
+    """Return the rectified camera of images of ``size``; raises InputError, naming ``path``, if no rig fits."""
     for rig in rigs:
         if rig.size == size:
             return rig.camera
@@ -94,7 +99,7 @@ def _camera_of(size: Size, rigs: Sequence[Rig], path: Path) -> StereoCamera:
     if abs(size.width_px * median.height_px / (size.height_px * median.width_px) - 1) > _SAME_SHAPE:
         raise InputError(
             f"{path}: has {size} pixels, but the images of the calibration have {median}: expected pairs of this rig, "
-            "at any resolution"
+            "with the same ratio of width to height"
         )
     nearest = min(rigs, key=lambda rig: abs(rig.size.width_px - median.width_px))
     return nearest.scaled(size.width_px / nearest.size.width_px).camera

@@ -1,4 +1,4 @@
-"""Rectified rigs: the checks that all formats of calibrations share, and the ranges over several rigs."""
+"""Rectified rigs: checks that are common to all formats of calibrations, and ranges over several rigs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,12 +11,13 @@ from semisynth_gl.config.fields import LARGEST, SMALLEST
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.errors import InputError
 
-# The loss of calibrations that are printed with six digits, and far less than can be seen in an image.
+# Largest differences between equal values, relative and in px: the rounding of calibrations that are printed with six
+# digits, which is invisible in images.
 _SAME_FOCAL = 1e-4
 _SAME_CY_PX = 0.05
-# KITTI's second camera stands 0.5 % of the baseline off its place, and is called rectified.
+# Largest distance of a rectified right camera from the x axis, as a fraction of the baseline; KITTI's is off by 0.5 %.
 _OFF_BASELINE = 0.01
-# A focal length times a baseline is the largest entry of a projection matrix.
+# Largest entry of a projection matrix: the product of a focal length and a baseline.
 _LARGEST_ENTRY = LARGEST**2
 
 
@@ -35,7 +36,7 @@ class Size(NamedTuple):
 
 
 class DisparityBounds(NamedTuple):
-    """Least and largest disparity, pixels, where a calibration has them; ``ndisp`` is an upper bound too."""
+    """Bounds of disparity, px, or None where a calibration has none; ``ndisp`` is an upper bound, as is ``vmax_px``."""
 
     ndisp: float | None = None
     vmin_px: float | None = None
@@ -47,9 +48,15 @@ NO_BOUNDS = DisparityBounds()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Projections:
-    """Two projection matrices (3, 4) of a calibration, pixels from metres, before `rectified` checks them.
+    """Two projection matrices of a calibration, before `rectified` checks them.
 
-    ``source`` names the file, or both files, for messages; ``layout`` is that of the benchmark whose form the file has.
+    Attributes:
+        left: (3, 4) float64, maps points in metres to pixels of the left image.
+        right: the matrix of the right image, from points in the same frame.
+        size: size of the images; None where the calibration does not state it.
+        source: name of the file, or of both files, for messages.
+        bounds: the stated bounds of disparity.
+        layout: layout of the benchmark whose calibration this is; None for any other.
     """
 
     left: NDArray[np.float64]
@@ -62,7 +69,7 @@ class Projections:
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """A rectified rig; ``source`` and ``layout`` as in `Projections`."""
+    """A rectified rig; ``source``, ``bounds`` and ``layout`` are as in `Projections`."""
 
     camera: StereoCamera
     source: str
@@ -86,10 +93,10 @@ class Rig:
         return Size(self.camera.width_px, self.camera.height_px)
 
     def scaled(self, scale: float) -> "Rig":
-        """Return the rig of images that are reduced by a factor below 1, or enlarged.
+        """Return the rig of images whose sides are multiplied by ``scale``: reduced below 1, enlarged above.
 
-        Pixel centres are at whole numbers, so that a position c becomes (c + 0.5) s - 0.5. Middlebury's own reduced
-        calibrations have c s, which moves both principal points alike and no disparity.
+        Pixel centres are at whole numbers, so a position c becomes (c + 0.5) scale - 0.5. Middlebury's own reduced
+        calibrations have c times scale, which shifts both principal points equally and changes no disparity.
         """
         camera = self.camera
         left, right, cy = ((c + 0.5) * scale - 0.5 for c in (camera.cx_left_px, camera.cx_right_px, camera.cy_px))
@@ -99,17 +106,18 @@ class Rig:
 
 
 def plain_rig(focal_px: float, baseline_m: float, size: Size) -> Rig:
-    """Return the rig of three numbers, with central principal points; raises InputError where one is out of range."""
+    """Return a rig with central principal points; raises InputError where a number is out of range."""
     if not baseline_m > 0:
         raise InputError(f"`baseline_m` {baseline_m:g}: expected a distance above 0, from the left camera to the right")
     return Rig(StereoCamera.centred(*size, focal_px, baseline_m), "the focal length, baseline and size given")
 
 
 def rectified(projections: Projections, size: Size | None) -> Rig:
-    """Check projection matrices, and return their rig; ``size`` is the user's.
+    """Check projection matrices, and return their rig.
 
-    A rectified pair has K [I | t] on both sides, with one focal length, one cy and t along x alone. Raises InputError
-    where the pair is not rectified, the baseline is not above 0, or sizes are missing or differ.
+    Both matrices of a rectified pair are K [I | t] with the same focal length and cy, and with t along x only. ``size``
+    is the user's size of the images; where the calibration states a size too, they must be equal. Raises InputError
+    where the pair is not rectified, the baseline is not above 0, or the size is missing or differs.
     """
     left, right, source = projections.left, projections.right, projections.source
     for name, matrix in (("left", left), ("right", right)):
@@ -126,19 +134,19 @@ def rectified(projections: Projections, size: Size | None) -> Rig:
     cy_px, right_cy_px = float(left[1, 2]), float(right[1, 2])
     if abs(cy_px - right_cy_px) > _SAME_CY_PX:
         raise _not_rectified(source, f"cy differs: {cy_px:g} px left, {right_cy_px:g} px right")
-    # The left camera's place in the right one's frame, metres: P = K [I | t].
+    # Translations t, metres, from P = K [I | t]; their difference places the right camera in the left one's frame.
     left_m, right_m = (np.linalg.solve(matrix[:, :3], matrix[:, 3]) for matrix in (left, right))
     baseline_m, down_m, forward_m = map(float, left_m - right_m)
     if np.hypot(down_m, forward_m) > _OFF_BASELINE * abs(baseline_m):
         raise _not_rectified(
             source,
             f"the right camera stands {baseline_m:g} m to the right, but also {down_m:g} m below and {forward_m:g} m "
-            f"before the left one, more than {_OFF_BASELINE:.0%} of the baseline",
+            f"in front of the left one, more than {_OFF_BASELINE:.0%} of the baseline",
         )
     if baseline_m <= 0:
         raise InputError(
-            f"{source}: the baseline is {baseline_m:g} m: expected the right camera at the right of the left one; "
-            "swap the two, in the calibration and in your images"
+            f"{source}: the baseline is {baseline_m:g} m: expected the right camera to the right of the left one; "
+            "swap left and right, in the calibration and in your images"
         )
     if projections.size is not None and size is not None and projections.size != size:
         raise InputError(
@@ -153,14 +161,15 @@ def rectified(projections: Projections, size: Size | None) -> Rig:
 
 
 def median_size(rigs: Sequence[Rig]) -> Size:
-    """Return the median of the widths and of the heights of the images of one or more rigs."""
+    """Return the median width and the median height of the images of one or more rigs."""
     return Size(*(sorted(sides)[len(rigs) // 2] for sides in zip(*(rig.size for rig in rigs), strict=True)))
 
 
 def rig_ranges(rigs: Sequence[Rig]) -> dict[str, tuple[float, float]]:
     """Return the least and the largest value over one or more rigs, by key of the config's section ``camera``.
 
-    Principal points keep their distance to the centre of an image of `median_size`.
+    The keys are ``focal_px``, ``baseline_m``, ``cx_left_px``, ``doffs_px`` and ``cy_px``. Principal points are moved
+    into images of `median_size`, so that they keep their distance from the centre.
     """
     size = median_size(rigs)
     values = [
@@ -177,18 +186,18 @@ def rig_ranges(rigs: Sequence[Rig]) -> dict[str, tuple[float, float]]:
 
 
 def _check_pinhole(source: str, name: str, matrix: NDArray[np.float64]) -> None:
-    """Check that a (3, 4) matrix begins with [f 0 cx; 0 f cy; 0 0 1]."""
-    if not (np.abs(matrix) <= _LARGEST_ENTRY).all():  # nan is not either
+    """Check that the first three columns of a (3, 4) matrix are [fx 0 cx; 0 fy cy; 0 0 1] with fx above 0."""
+    if not (np.abs(matrix) <= _LARGEST_ENTRY).all():  # written so that nan fails too
         fault = f"holds {matrix.tolist()}: expected finite numbers of at most {_LARGEST_ENTRY:g}"
         raise InputError(f"{source}: the {name} projection matrix {fault}")
     focal_px = float(matrix[0, 0])
     if not focal_px > 0:
-        raise InputError(f"{source}: the {name} focal length is {focal_px:g} px: expected a calibrated camera, above 0")
+        raise InputError(f"{source}: the {name} focal length is {focal_px:g} px: expected a number above 0")
     zeros = (matrix[0, 1], matrix[1, 0], matrix[2, 0], matrix[2, 1])
     if max(map(abs, zeros)) > _SAME_FOCAL * focal_px or abs(matrix[2, 2] - 1) > _SAME_FOCAL:
         raise _not_rectified(
             source,
-            f"the {name} projection matrix turns or skews: expected [f 0 cx; 0 f cy; 0 0 1], got "
+            f"the {name} projection matrix has rotation or skew: expected [f 0 cx; 0 f cy; 0 0 1], got "
             f"{matrix[:, :3].tolist()}",
         )
 

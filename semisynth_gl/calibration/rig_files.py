@@ -21,30 +21,33 @@ FORMATS = (
     "calib.txt of Middlebury and ETH3D (cam0=[...], cam1=[...], baseline=...)",
     "calib_cam_to_cam.txt of KITTI (P_rect_02: ..., P_rect_03: ...) or its P2: and P3:",
     "OpenCV's YAML with P1 and P2",
-    "camera_info of ROS with projection_matrix, or p where `ros2 topic echo` printed it, of both cameras or the right",
+    "camera_info of ROS with projection_matrix, or p as `ros2 topic echo` prints it, of both cameras or only the right",
 )
-"""All formats, for messages."""
+"""The formats that `read_rigs` reads, as text for messages."""
 
 _EXPECTED = f"expected {'; '.join(FORMATS)}"
 _EXTENSIONS = (".txt", ".yaml", ".yml")
-# There is one way at most to match a text, so that a text that does not match is given up at once.
+# At most one way to match each text: without alternatives to try, a text that does not match fails fast.
 _NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _KITTI = re.compile(
     rf"^(P_rect_0[0-3]|P[0-3]|S_rect_0[0-3])[ \t]*:[ \t]*({_NUMBER}(?:[ \t]+{_NUMBER})*)[ \t\r]*$", re.MULTILINE
 )
 _KITTI_PAIRS = (("P_rect_02", "P_rect_03"), ("P_rect_00", "P_rect_01"), ("P2", "P3"), ("P0", "P1"))
+# First part of the name of a folder that ETH3D's archives have.
 _ETH3D = "two_view_"
 _OPENCV_PAIRS = (("P1", "P2"), ("LEFT.P", "RIGHT.P"))
-# ROS's calibration files, messages of ROS 2, and messages of ROS 1.
+# Keys of the projection matrix in ROS's calibration files, in messages of ROS 2, and in messages of ROS 1.
 _ROS_MATRICES = ("projection_matrix", "p", "P")
+# Keys of OpenCV files that describe cameras before rectification.
 _RAW_CAMERAS = ("M1", "K1", "cameraMatrix1", "camera_matrix_1", "LEFT.K", "R", "T")
-# Characters of a matrix in a message.
+# Largest number of characters of a matrix in a message.
 _SHOWN = 400
+# Keys of the width and the height, and keys of lists or mappings with both.
 _SIZES = (("image_width", "image_height"), ("width", "height"), ("LEFT.width", "LEFT.height"))
 _SIZE_PAIRS = ("image_size", "imageSize", "size")
 
-# A longer baseline in an OpenCV file without a unit is taken for one in millimetres.
 LONGEST_M = 5.0
+"""Longest likely baseline. An OpenCV file with a longer one is refused unless the user states the unit."""
 _LARGEST_BYTES = 1 << 20
 _LARGEST_SIDE_PX = 99_999
 
@@ -52,10 +55,17 @@ _LARGEST_SIDE_PX = 99_999
 def read_rigs(sources: Sequence[str | Path], *, size: Size | None = None, unit_m: float | None = None) -> list[Rig]:
     """Read rectified rigs from calibration files and globs, in the order of the files.
 
-    Each file describes a rig, except for ROS's camera_info: two of these, in two files or in one, make a rig, the left
-    one first, or the right camera's alone. ``size`` is for files without one, and ``unit_m`` is metres in the unit of
-    an OpenCV file's translation. Raises InputError where there is no file or a rig is not rectified, and ReadError
-    where a file has none of the formats or breaks its own.
+    Each file describes a rig, except for ROS's camera_info, which describes one camera. Those of both cameras, the left
+    camera's first, in two files or in one, make a rig; the right camera's suffices, since it holds the baseline.
+
+    Args:
+        sources: names of files, and globs.
+        size: size of the images, for files that do not state it; where a file does, both must be equal.
+        unit_m: metres per unit of the translation in OpenCV files; None for files in metres, and for other formats.
+
+    Raises:
+        InputError: where there is no file, or a rig is not rectified.
+        ReadError: where a file has none of the formats, or breaks its format.
     """
     paths: dict[Path, None] = {}
     for source in sources:
@@ -63,7 +73,7 @@ def read_rigs(sources: Sequence[str | Path], *, size: Size | None = None, unit_m
             raise InputError(f"`calib` {source}: is a folder; give files, or a glob such as '{source}/*/calib.txt'")
         matches = find_files([source], _EXTENSIONS)
         if not matches:
-            raise InputError(f"`calib` {source}: no such file, and no .txt, .yaml or .yml that the glob matches")
+            raise InputError(f"`calib` {source}: no such file, and as a glob it matches no .txt, .yaml or .yml")
         paths |= dict.fromkeys(matches)
     calibrations = [calibration for path in paths for calibration in _read(path, unit_m)]
     pairs = [pair for pair in calibrations if isinstance(pair, Projections)]
@@ -71,8 +81,8 @@ def read_rigs(sources: Sequence[str | Path], *, size: Size | None = None, unit_m
     if cameras and (pairs or len(cameras) > 2):
         names = ", ".join(camera.source for camera in cameras[:4]) + (", ..." if len(cameras) > 4 else "")
         raise InputError(
-            f"{len(cameras)} of {len(calibrations)} calibrations are of one camera ({names}): expected two, the left "
-            "one first, or the right camera's alone"
+            f"{len(cameras)} of {len(calibrations)} calibrations are of one camera ({names}): expected two of "
+            "these, the left camera's first, or only the right camera's"
         )
     if cameras:
         pairs = [_paired(cameras)]
@@ -80,7 +90,7 @@ def read_rigs(sources: Sequence[str | Path], *, size: Size | None = None, unit_m
 
 
 class _Camera(NamedTuple):
-    """The camera_info of one camera."""
+    """The camera_info of one camera: its projection matrix (3, 4), the size of its images, and its file."""
 
     matrix: NDArray[np.float64]
     size: Size | None
@@ -95,16 +105,16 @@ def _paired(cameras: Sequence[_Camera]) -> Projections:
             raise InputError(f"{source}: images of {left.size} and of {right.size}: expected one size")
         if np.array_equal(left.matrix[:, 3], right.matrix[:, 3]):
             raise InputError(
-                f"{source}: both have {right.matrix[0, 3]:g} in the first row's last place, so that the baseline is 0 "
-                "m: expected 0 for the left camera and -(focal length x baseline) for the right one, as calibrating a "
-                "rig writes them; cameras that were calibrated one by one are no rig"
+                f"{source}: both matrices have {right.matrix[0, 3]:g} at the end of the first row, so the baseline is "
+                "0 m: expected 0 for the left camera and -(focal length x baseline) for the right one. Calibrate both "
+                "cameras together, as a rig"
             )
         return Projections(left.matrix, right.matrix, left.size, source)
     (right,) = cameras
     if right.matrix[0, 3] == 0:
         raise InputError(
-            f"{right.source}: is the left camera's, with no baseline in it (0 in the first row's last place): give the "
-            "right camera's too, as a further `calib`"
+            f"{right.source}: is the left camera's, which has no baseline (0 at the end of the first row): give the "
+            "right camera's file too, as another `calib`"
         )
     left_matrix = right.matrix.copy()
     left_matrix[:, 3] = 0
@@ -137,7 +147,7 @@ def _parsed(text: str, source: str, unit_m: float | None) -> Sequence[Projection
                 return [_opencv(documents[0], (left, right), source, unit_m)]
         calibrations = _ros(documents, source)
     if unit_m is not None:
-        raise _FormatError("its format states the unit: leave `unit` out, which is for OpenCV's files alone")
+        raise _FormatError("its format states the unit: leave `unit` out, which is only for OpenCV's files")
     return calibrations
 
 
@@ -164,7 +174,7 @@ def _middlebury(values: Mapping[str, str], source: str) -> Projections:
         )
     size = (number("width"), number("height")) if "width" in values and "height" in values else None
     ndisp, vmin, vmax = (number(key) if key in values else None for key in ("ndisp", "vmin", "vmax"))
-    # Both have one form: ETH3D's archives are told by their folders, two_view_training and two_view_test.
+    # ETH3D's files have the same form as Middlebury's, but lie in folders such as two_view_training or two_view_test.
     layout = "eth3d" if any(part.startswith(_ETH3D) for part in Path(source).absolute().parts) else "middlebury"
     return Projections(left, right, _checked_size(size), source, DisparityBounds(ndisp, vmin, vmax), layout)
 
@@ -201,8 +211,8 @@ def _opencv(values: Mapping[str, Any], keys: tuple[str, str], source: str, unit_
         matrix[:, 3] *= 1.0 if unit_m is None else unit_m
     if unit_m is None and right[0, 0] > 0 and abs(right[0, 3]) > LONGEST_M * right[0, 0]:
         raise _FormatError(
-            f"the baseline would be {abs(right[0, 3] / right[0, 0]):g} m: its unit is that of the board that was used "
-            "to calibrate; say so with `unit` mm, cm or m",
+            f"the baseline would be {abs(right[0, 3] / right[0, 0]):g} m: the file is probably not in metres. Set "
+            "`unit` to mm, cm or m, the unit of the calibration board's squares",
         )
     return Projections(left, right, _size(values), source)
 
@@ -217,8 +227,8 @@ def _ros(documents: Sequence[Mapping[str, Any]], source: str) -> Sequence[Projec
 
 
 def _distinct(documents: Sequence[Mapping[str, Any]]) -> dict[int, Mapping[str, Any]]:
-    """Return documents by their number, from 1; of messages that differ in their time alone, the first."""
-    # `ros2 topic echo` without --once prints a camera's message until it is stopped.
+    """Return documents by their number, from 1; of messages that differ only in their time, only the first."""
+    # `ros2 topic echo` without --once prints a camera's message again and again until it is stopped.
     seen: list[tuple[Any, Mapping[str, Any]]] = []
     distinct = {}
     for number, values in enumerate(documents, 1):
@@ -237,8 +247,8 @@ def _ros_camera(values: Mapping[str, Any], prefix: str, source: str) -> _Camera:
         raw = [key for key in _RAW_CAMERAS if key in values]
         if raw:
             raise _FormatError(
-                f"{prefix}is not rectified: it has {', '.join(raw)}, the raw cameras, but no P1 and P2. Rectify first "
-                "(OpenCV: stereoRectify gives P1 and P2), and store them beside",
+                f"{prefix}is not rectified: it has {', '.join(raw)}, of raw cameras, but no P1 and P2. Rectify first "
+                "(OpenCV: stereoRectify gives P1 and P2), and store both in this file",
             )
         missing = f"{prefix}projection_matrix: missing: it " if prefix else ""
         raise _FormatError(f"{missing}has {', '.join(list(values)[:8]) or 'nothing'}; {_EXPECTED}")
@@ -255,13 +265,13 @@ def _ros_camera(values: Mapping[str, Any], prefix: str, source: str) -> _Camera:
 
 
 def _check_whole_image(values: Mapping[str, Any], prefix: str, size: Size | None) -> None:
-    """Refuse a message of ROS whose images are a part of what its matrices are for."""
+    """Refuse a message of ROS whose images are binned, or a window of the calibrated images."""
     for key in ("binning_x", "binning_y"):
         if values.get(key, 0) not in (0, 1):
             fault = f"{prefix}{key}: expected 0 or 1, got {values[key]!r}"[:200]
             raise _FormatError(
-                f"{fault}: images with binning are smaller than those that the calibration is of. Take them without; "
-                "or, where both directions are binned alike, write 1 here and give `scale`, 0.5 for a binning of 2",
+                f"{fault}: binned images are smaller than the calibrated ones. Take images without binning; "
+                "or, if both directions are binned alike, write 1 here and give `scale`, 0.5 for a binning of 2",
             )
     roi = values.get("roi")
     if not isinstance(roi, Mapping):
@@ -270,14 +280,14 @@ def _check_whole_image(values: Mapping[str, Any], prefix: str, size: Size | None
     if window not in ([0, 0, 0, 0], [0, 0, *(size or ())]):
         fault = f"{prefix}roi: expected 0 for x_offset, y_offset, width and height, got {window}"[:200]
         raise _FormatError(
-            f"{fault}: the images are a window of those that the calibration is of. Take whole images; or write 0 for "
+            f"{fault}: the images are a window of the calibrated images. Take whole images; or write 0 for "
             "all four, the window's size as the message's width and height, and subtract the offsets from cx and cy in "
             "its projection matrix",
         )
 
 
 def _matrix(key: str, node: Any) -> NDArray[np.float64]:  # noqa: ANN401 - any YAML value
-    """Return a (3, 4) matrix of a mapping with ``data``, of rows, or of 12 numbers."""
+    """Return a (3, 4) matrix from a mapping with ``data``, a list of rows, or a list of 12 numbers."""
     data = node.get("data") if isinstance(node, Mapping) else node
     try:
         values = np.array(data, np.float64)
@@ -318,15 +328,15 @@ def _checked_size(size: Sequence[Any] | None) -> Size | None:
 
 
 def _yaml(text: str) -> Sequence[Mapping[str, Any]]:
-    """Return one or more documents."""
-    # OpenCV's first line is no directive of YAML: it has a colon in place of the space. Its matrices are mappings.
+    """Return the documents of a YAML text, at least one, without empty ones."""
+    # OpenCV's first line, %YAML:1.0, is not valid YAML. The tag of its matrices is dropped, as they are plain mappings.
     text = re.sub(r"\A%YAML:[^\n]*\n|!!opencv-matrix\b", "", text)
     try:
         documents = read_documents(text)
     except YamlError as error:
         line = "" if error.line is None else f"line {error.line}: "
         raise _FormatError(f"is no calibration and no YAML ({line}{error}); {_EXPECTED}") from None
-    # `ros2 topic echo` ends each message with a line that opens another document.
+    # `ros2 topic echo` ends each message with ---, which begins an empty document after the last message.
     documents = [values for values in documents if values is not None]
     if not documents or not all(isinstance(values, Mapping) for values in documents):
         raise _FormatError(f"is no calibration; {_EXPECTED}")

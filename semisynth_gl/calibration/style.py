@@ -1,8 +1,8 @@
 """The style of a calibrated dataset: the mix of its recipes and the look of its surfaces, chosen by what a place shows.
 
-A mean over the pairs of a mix, or a distribution, is the mean of its recipes' by their weights, so a few pairs of each
-recipe tell what any mix comes to. Blur and exposure are put on rendered images, so that one pair tells of all amounts
-of them.
+A mean or a distribution over the pairs of a mix is the weighted mean over its recipes, so a few pairs of each recipe
+suffice to predict any mix. Blur and exposure are applied to rendered images, so one pair can be measured with every
+amount of them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,8 +18,8 @@ from semisynth_gl.comparison.measures import MEASURES, Measure
 from semisynth_gl.comparison.sides import Side
 from semisynth_gl.inputs.errors import counted
 
-# The values that are tried of textures.texels_per_pixel and flat_share, and of imperfections.blur_px, at the working
-# width, and exposure_stops.
+# Tried values of textures.texels_per_pixel, textures.flat_share, imperfections.blur_px (in pixels at the working width)
+# and imperfections.exposure_stops.
 TEXELS = ((0.8, 1.5), (0.4, 0.75))
 FLATS = (0.0, 0.5)
 BLURS = (0.0, 0.3, 0.5, 0.7, 1.0)
@@ -27,33 +27,37 @@ EXPOSURES = (-0.6, 0.0)
 
 _OF_MIX = ("background.room", "background.street", "structures.panels", "particles.density", "disparity.target")
 _OF_LOOK = "imperfections.blur_px", "imperfections.exposure_stops", "textures.texels_per_pixel", "textures.flat_share"
-# Between the values that were tried.
+# Values that may be chosen: the measures between tried values are interpolated.
 _FINE_FLATS, _FINE_BLURS, _FINE_EXPOSURES = (
     np.round(np.arange(tried[0], tried[-1] + step / 2, step), 9) + 0.0
     for tried, step in ((FLATS, 0.05), (BLURS, 0.05), (EXPOSURES, 0.1))
 )
-# Weights are multiples of a twentieth.
+# Weights are multiples of one over this number.
 _PARTS = 20
-# How much a mix of equal weights is worth beside a mix of one recipe, in deviations of one measure.
+# Cost of uneven weights: this times the sum of their squares, in the unit of `_far`.
 _EVENNESS = 0.1
-# A share of pixels with disparities that are not wanted, which counts as a deviation of one measure.
+# Share of pixels at unwanted disparities that costs as much as one measure that is off by one standard deviation.
 _SURPLUS = 0.07
-# What a stop of exposure costs: darker images must gain more than this.
+# Cost of darkening by one stop: darker images are chosen only where the measures gain more than this.
 _DARK = 0.5
 _EQUAL, _UNTRIED = "Equal weights: no disparity map says otherwise.", "Equal weights: no pairs were tried."
-# Of a mean: the deviation of a place that has one picture, and the least that counts.
+# Shares of a measure's mean: standard deviation assumed for a place with a single picture, and the least one used.
 _UNKNOWN, _LEAST = 0.25, 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """Means of the measures over ``pairs`` trial pairs.
+    """The measures of trial pairs of R recipes; M is the number of `MEASURES`.
 
-    ``means`` is (R, T, F, B, E, M) float64 by recipe, `TEXELS`, `FLATS`, `BLURS`, `EXPOSURES` and `MEASURES`, and
-    ``geometry`` (P, M) float64 of each recipe, the measures of its P pairs, of which those of disparity maps count;
-    both nan where a pair does not have the measure. ``shares`` is (R, K) float64, the expected share of each recipe's
-    pixels in each bin of the wanted disparities, 0 for recipes that are solved for what the others lack; ``wanted`` is
-    (K,) float64.
+    Attributes:
+        means: (R, T, F, B, E, M) float64, means over pairs by recipe and by index into `TEXELS`, `FLATS`, `BLURS`,
+            `EXPOSURES` and `MEASURES`; nan where no pair has the measure.
+        geometry: for each recipe, (P, M) float64 measures of its P pairs; only measures of disparity maps are used. nan
+            where a pair does not have the measure.
+        pairs: number of all trial pairs.
+        shares: (R, K) float64, expected share of each recipe's pixels in each of the K bins of the wanted histogram of
+            disparities; 0 for recipes that are solved for the disparities that the other recipes lack.
+        wanted: (K,) float64, shares of the wanted histogram.
     """
 
     means: NDArray[np.float64]
@@ -65,10 +69,19 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """What a config says of its recipes and surfaces, and where it is from.
+    """The recipes of a config and the look of its surfaces, with sentences on their origin.
 
-    ``weights`` are above 0, with a sum of 1. ``blur_px`` counts pixels of the config's images. ``expected`` is what the
-    pairs of such a dataset are expected to come to, by the key of each measure; nothing where none was tried.
+    Attributes:
+        recipes: the recipes of the mix.
+        weights: weight of each recipe, above 0; the sum is 1.
+        texels_per_pixel: low and high end of ``textures.texels_per_pixel``.
+        blur_px: ``imperfections.blur_px``, in pixels of the config's images.
+        flat_share: ``textures.flat_share``.
+        exposure_stops: ``imperfections.exposure_stops``.
+        mix_origin: sentence on the origin of the weights, for a comment.
+        look_origin: sentence on the origin of the other values, for a comment.
+        expected: expected mean of each measure over a dataset with this style, by the measure's key; empty where no
+            pairs were tried.
     """
 
     recipes: tuple[SceneRecipe, ...]
@@ -82,7 +95,11 @@ class Style:
     expected: Mapping[str, float] = field(default_factory=dict)
 
     def near(self, place: Side) -> tuple[int, int]:
-        """Return how many measures are expected within a place's standard deviation, and how many both have."""
+        """Compare the expected means with those of a place.
+
+        Returns the number of measures whose expected means are within the place's standard deviation of its means, and
+        the number of measures that could be compared.
+        """
         both = [
             (abs(expected - mean), deviation)
             for measure in MEASURES
@@ -94,23 +111,28 @@ class Style:
 
 
 def untried_style(recipes: Sequence[SceneRecipe]) -> Style:
-    """Return the style for a place that no pair was tried for."""
+    """Return the style of a config without trial pairs: equal weights, and surfaces as in the packaged configs."""
     return Style(tuple(recipes), (1 / len(recipes),) * len(recipes))
 
 
 def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur_scale: float) -> Style:
-    """Choose the style whose pairs are expected to come near to a place, in standard deviations of its pictures.
+    """Choose the style whose pairs are expected to be nearest to a place, in standard deviations of its pictures.
 
-    Weights follow from the distributions of the measures of disparity maps that recipes move, and from the wanted
-    disparities: what a mix shows too much of, no recipe can take back. Texture scale, blur, flat share and exposure
-    follow from the means of the measures of images, and of borders, that they move; see
-    `semisynth_gl.comparison.changes`. ``blur_scale`` is pixels of the images for a pixel of blur that was tried.
+    The weights of recipes are chosen by the distributions of the measures of disparity maps that recipes change, and by
+    the wanted disparities, since no recipe can remove pixels that a mix has too many of. Texture scale, blur, flat
+    share and exposure are chosen by the means of the measures that they change; see `semisynth_gl.comparison.changes`.
+
+    Args:
+        recipes: the R recipes to mix, in the order of ``trial``; the last one is clutter.
+        trial: the measures of their trial pairs.
+        place: the measures of the place's pictures, at the working width.
+        blur_scale: pixels of the config's images per pixel at the working width, to convert the tried `BLURS`.
     """
-    wanted, unit = _wanted(place)
+    place_means, unit = _wanted(place)
     weights, mix_origin = np.full(len(recipes), 1 / len(recipes)), ""
-    # Of geometry: nothing that surfaces wear moves it.
+    # Measures of disparity maps, which do not depend on the look of surfaces.
     geometry = _mean(trial.means[:, :, :, 0, 0], axis=(1, 2))
-    rows = _rows([measure for measure in moved_by(*_OF_MIX) if measure.of_maps], wanted, geometry)
+    rows = _rows([measure for measure in moved_by(*_OF_MIX) if measure.of_maps], place_means, geometry)
     if rows:
         mixes = _mixes(len(recipes))
         off = np.stack([_apart(mixes, trial.geometry, place, row) / unit[row] for row in rows], axis=-1)
@@ -119,10 +141,10 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur
         weights, mix_origin = mixes[best], f"Weights by {_named(rows)} and the wanted disparities"
     looks = _mean(trial.means, 0, weights[:, None, None, None, None, None])
     fine = (FLATS, _FINE_FLATS), (BLURS, _FINE_BLURS), (EXPOSURES, _FINE_EXPOSURES)
-    for axis, (tried, wanted_values) in enumerate(fine, 1):
-        looks = _between(looks, axis, tried, wanted_values)
-    rows = _rows(moved_by(*_OF_LOOK), wanted, looks.reshape(-1, looks.shape[-1]))
-    far = _far((looks[..., rows] - wanted[rows]) / unit[rows]) - _DARK * _FINE_EXPOSURES
+    for axis, (tried, fine_values) in enumerate(fine, 1):
+        looks = _between(looks, axis, tried, fine_values)
+    rows = _rows(moved_by(*_OF_LOOK), place_means, looks.reshape(-1, looks.shape[-1]))
+    far = _far((looks[..., rows] - place_means[rows]) / unit[rows]) - _DARK * _FINE_EXPOSURES
     texels, flat, blur, exposure = map(int, np.unravel_index(np.argmin(far), far.shape))
     expected = looks[texels, flat, blur, exposure]
     of_pairs = f"of {counted(trial.pairs, 'pair')} that were rendered and measured"
@@ -141,8 +163,11 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur
 
 
 def _wanted(place: Side) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return each measure's mean, nan where the place has none, and its deviation, the unit of differences."""
-    # As float64, None is nan.
+    """Return the place's mean of each measure, nan where it has none, and the unit of differences from it, (M,) each.
+
+    The unit is the standard deviation over pictures, or a share of the mean where that is unknown or too small.
+    """
+    # Converted to float64, None becomes nan.
     means = np.array([place.mean(measure) for measure in MEASURES], np.float64)
     deviations = np.array([place.deviation(measure) for measure in MEASURES], np.float64)
     units = np.where(np.isnan(deviations), _UNKNOWN * np.abs(means), deviations)
@@ -152,9 +177,10 @@ def _wanted(place: Side) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def _apart(
     mixes: NDArray[np.float64], geometry: Sequence[NDArray[np.float64]], place: Side, row: int
 ) -> NDArray[np.float64]:
-    """Return how far the distributions of a measure in mixes, (N, R) weights of recipes, are from a place's: (N,).
+    """Return the Wasserstein-1 distances, (N,), between a measure's distributions in N mixes and in the place.
 
-    The distribution function of a mix is the mean of its recipes' by their weights; see `Comparison.distance`.
+    ``mixes`` are weights (N, R) of recipes, ``geometry`` is that of `Trial`, and ``row`` is the measure's number in
+    `MEASURES`. The distribution function of a mix is the weighted mean of those of its recipes.
     """
     samples = [
         values[np.isfinite(values)]
@@ -166,27 +192,30 @@ def _apart(
     return apart
 
 
-def _rows(measures: Sequence[Measure], wanted: NDArray[np.float64], found: NDArray[np.float64]) -> list[int]:
-    """Return the numbers of the measures that the place and all of (..., M) have."""
+def _rows(measures: Sequence[Measure], place_means: NDArray[np.float64], found: NDArray[np.float64]) -> list[int]:
+    """Return the numbers in `MEASURES` of those ``measures`` that can be compared.
+
+    The place has a mean (M,) other than 0, and no row of the means (N, M) that were ``found`` in trials is nan.
+    """
     chosen = {measure.key for measure in measures}
-    there = np.isfinite(wanted) & np.isfinite(found).all(axis=0) & (wanted != 0)
+    there = np.isfinite(place_means) & np.isfinite(found).all(axis=0) & (place_means != 0)
     return [number for number, measure in enumerate(MEASURES) if measure.key in chosen and there[number]]
 
 
 def _far(off: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far (..., M) differences in deviations are together, (...).
+    """Return a total (...) of differences (..., M), which are in standard deviations.
 
-    Small ones count by their square and large ones by themselves: in a sum of squares, a measure that is far off would
-    pull the others away.
+    Small differences count in proportion to their square, large ones in proportion to themselves: in a sum of squares,
+    one measure that is far off would outweigh all others.
     """
     far: NDArray[np.float64] = (np.sqrt(1 + off**2) - 1).sum(axis=-1)
     return far
 
 
 def _mixes(recipes: int) -> NDArray[np.float64]:
-    """Return all weights (N, R) in twentieths, 1 together, above 0 for the last recipe, which is clutter.
+    """Return all N sets of weights of R ``recipes``, (N, R), in twentieths with a sum of 1.
 
-    Clutter makes up for what the others lack of the wanted disparities.
+    The last weight is above 0: the last recipe, clutter, adds the wanted disparities that the other recipes lack.
     """
     places = _PARTS + recipes - 2
     cuts = np.array([(-1, *cut, places) for cut in combinations(range(places), recipes - 1)])
@@ -199,7 +228,7 @@ def _mixes(recipes: int) -> NDArray[np.float64]:
 def _mean(
     values: NDArray[np.float64], axis: int | tuple[int, ...], weights: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
-    """Return means along axes over the values that are not nan; nan where all are."""
+    """Return weighted means along axes over the values that are not nan; nan where all values are nan."""
     there = np.isfinite(values)
     shares = there * (1.0 if weights is None else weights)
     sums, total = (shares * np.where(there, values, 0)).sum(axis=axis), shares.sum(axis=axis)
@@ -208,10 +237,10 @@ def _mean(
 
 
 def _between(
-    values: NDArray[np.float64], axis: int, tried: Sequence[float], wanted: NDArray[np.float64]
+    values: NDArray[np.float64], axis: int, tried: Sequence[float], chosen: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return what values along an axis, of ``tried`` in rising order, come to at those that are wanted."""
-    parts = np.array([np.interp(wanted, tried, each) for each in np.eye(len(tried))])
+    """Interpolate ``values`` along an axis: from its points ``tried``, in rising order, to points ``chosen``."""
+    parts = np.array([np.interp(chosen, tried, each) for each in np.eye(len(tried))])
     found: NDArray[np.float64] = np.moveaxis(np.tensordot(values, parts, (axis, 0)), -1, axis)
     return found
 

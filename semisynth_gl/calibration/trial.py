@@ -1,4 +1,4 @@
-"""Trial pairs: a few pairs of each recipe, rendered as the dataset's would be, and measured."""
+"""Trial pairs: a few pairs of each recipe, rendered like the pairs of the dataset to come, and measured."""
 
 from dataclasses import replace
 
@@ -21,16 +21,24 @@ _SEED = 0
 
 
 def tried_style(facts: ConfigFacts, place: Side, pairs: int, listener: Listener) -> Style:
-    """Choose the best style by ``pairs`` pairs of each recipe with each of `TEXELS` and `FLATS`.
+    """Render trial pairs, and choose the style whose pairs are nearest to a place.
 
-    Each pair is measured with each of `BLURS` and `EXPOSURES`. ``place`` has the measures of the place at the
-    `working_width`. Raises InputError where inputs cannot be used, and BackendError where OpenGL cannot be.
+    Args:
+        facts: the facts of the config to come.
+        place: measures of the place's pictures at the `working_width`.
+        pairs: number of pairs of each recipe with each of `TEXELS` and each of `FLATS`; each pair is measured with all
+            `BLURS` and `EXPOSURES`.
+        listener: hears the number of all trial pairs, and each finished pair.
+
+    Raises:
+        InputError: where inputs cannot be used.
+        BackendError: where OpenGL cannot be used.
     """
     return fitted_style(facts.recipes, _try(facts, pairs, listener), place, _blur_scale(facts.size.width_px))
 
 
 def _blur_scale(width_px: int) -> float:
-    """Return the pixels of an image for one of the working width, at which a blur of the image is less of one."""
+    """Return image pixels per pixel at the working width: it converts a blur at that width to one of the image."""
     return width_px / working_width(width_px)
 
 
@@ -53,12 +61,12 @@ def _try(facts: ConfigFacts, pairs: int, listener: Listener) -> Trial:
         text = config_text("trial", facts, replace(style, flat_share=flat))
         with PairRenderer(_as_tried(parse_config(text, "the trial's config")), _SEED) as renderer:
             for recipe, sampler in zip(renderer.sampler.recipes, renderer.sampler.samplers, strict=True):
-                # Neither texels nor flat surfaces move them.
+                # Expected shares do not depend on texels or flat surfaces.
                 r, k = cells[str(recipe.name)]
                 if k == f == 0 and recipe.config.particles.layers is not None:
                     shares[r] = sampler.population.expected().rebinned(target.edges_px).shares
             for number in range(f * each, (f + 1) * each):
-                # Unchecked: a trial is no dataset, and what is drawn again for its checks is the same sort of scene.
+                # Unchecked: a trial is not a dataset, and scenes drawn again would be of the same sort.
                 pair = renderer.render(number, checked=False)
                 r, k = cells[pair.provenance["recipe"]]
                 values = _looks(pair, facts.size.width_px)
@@ -72,12 +80,12 @@ def _try(facts: ConfigFacts, pairs: int, listener: Listener) -> Trial:
 
 
 def _looks(pair: Pair, width_px: int) -> NDArray[np.float64]:
-    """Return the measures of a trial pair, (B, E, M), nan where it does not have them; see `Trial`."""
+    """Return a trial pair's measures by blur and exposure, (B, E, M), nan where it has none; see `Trial`."""
     view = pair.frame.left
     values = np.full((len(BLURS), len(EXPOSURES), len(MEASURES)), np.nan)
     of_maps = np.array([measure.of_maps for measure in MEASURES])
     measured = make_view(str(pair.index), working_width(width_px), image=view.image, disparity=view.disparity)
-    # What is measured in the map alone is worked out once.
+    # Measures of the disparity map do not depend on blur or exposure.
     values[..., of_maps] = _measured(measured, of_maps)
     for b, blur in enumerate(BLURS):
         drawn = Imperfections(blur * _blur_scale(width_px), 0.0, 0.0, 1.0)
@@ -89,15 +97,15 @@ def _looks(pair: Pair, width_px: int) -> NDArray[np.float64]:
 
 
 def _measured(view: MeasuredView, chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return some of the measures of a view, nan where it does not have them."""
-    # As float64, None is nan.
+    """Return the measures of a view where ``chosen``, (M,) bool, is true; nan where the view does not have one."""
+    # Converted to float64, None becomes nan.
     return np.array([MEASURES[m].measure(view) for m in np.flatnonzero(chosen).tolist()], np.float64)
 
 
 def _as_tried(config: Config) -> Config:
-    """Draw no more than is measured, and give each recipe that is solved the config's target for its own.
+    """Return the config with only the outputs that are measured, and with its target in recipes without ``layers``.
 
-    The rest of a mix takes long to work out.
+    With targets of their own, these recipes are solved separately: solving them for what a mix lacks takes long.
     """
     values = config.model_dump(mode="json") | {"outputs": [], "truth": "left"}
     target = values["disparity"].pop("target")

@@ -1,12 +1,12 @@
-"""How far pairs are off rectified: the right camera's deviation that explains the rows of matched points.
+"""Deviations of pairs from rectified ones: the right camera's deviation is fitted to the rows of matched points.
 
-A right camera that stands where the rectified one would, but is turned, or has another focal length or a lower
-principal point, moves each point of its image to a place that does not depend on depth. So what brings the rows of all
-right points to the rows of the left ones is the deviation, with no depth known and nothing linearised.
+A right camera at the rectified camera's place that is turned, or has another focal length or a lower principal point,
+shifts each point of its image by an amount that does not depend on depth. So the deviation that brings the rows of all
+right points to the rows of the left ones can be fitted without depths and without linearising the model.
 
 Signs follow the config's section ``rig``: the camera's frame is x right, y down, z forward, and the rotation
-right_from_rectified = Rx(pitch) Rz(roll), both right-handed: a positive roll turns what the right image shows
-clockwise, a positive pitch moves it upwards, and a positive ``right_y_px`` moves it down.
+right_from_rectified = Rx(pitch) Rz(roll), both right-handed. A positive roll turns the contents of the right image
+clockwise, a positive pitch moves them up, and a positive ``right_y_px`` moves them down.
 """
 
 from collections.abc import Sequence
@@ -18,31 +18,35 @@ from numpy.typing import NDArray
 from semisynth_gl.frame.camera import StereoCamera
 
 KEYS = ("right_y_px", "right_roll_deg", "focal_ratio", "right_pitch_deg")
-"""Keys of the section ``rig``, in the order of the deviation's numbers."""
+"""Keys of the section ``rig``, in the order in which a deviation's numbers are listed."""
 MATCHING_PX = 0.2
-"""What matching can tell: a deviation that moves no row by more may be one of matches. docs/calibrate.md says of which
-rectified photographs this was measured."""
+"""Accuracy of matching: a deviation that moves no row by more than this may come from errors of matches.
+docs/calibrate.md names the rectified photographs on which it was measured."""
 FEWEST = 40
-"""Matches that fit without which a pair says nothing."""
+"""Least number of matches that must fit for a pair to be used."""
 
 Values = NDArray[np.float64]
 
+# Number of iterations of a fit, and of the first ones, with absolute residuals.
 _ITERATIONS, _ROUGH_ITERATIONS = 30, 8
-# Matches whose rows differ by more are wrong, of the height.
+# Matches whose difference in rows is farther than this from the median, as a fraction of the height, are wrong.
 _MOST_OF_HEIGHT = 0.15
-# Least noise of a match, so that perfect ones do not weigh infinitely.
+# Least standard deviation of a match, so that the weights of perfect matches stay finite.
 _LEAST_SIGMA_PX = 0.02
+# Residuals of this many standard deviations and more get no weight (Tukey's biweight).
 _TUKEY = 4.685
+# A pitch is sure if it is larger than this many of its standard deviations.
 _SURE_DEVIATIONS = 4.0
+# Least share of a pair's matches that must fit for the pair to be used.
 _LEAST_SHARE = 0.5
 _NONE = np.array([0.0, 0.0, 1.0, 0.0])
-# Small steps of the numbers, by which derivatives are taken: px, radians, a ratio, radians.
+# Steps of the numbers for numerical derivatives: px, radians, a ratio, radians.
 _STEPS = np.array([1e-3, 1e-6, 1e-6, 1e-6])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
-    """Points that both views of a pair show, (N, 2) float64 each, x and y px."""
+    """N matched points of a pair: ``left`` and ``right`` are (N, 2) float64, x and y px; row i of both is a match."""
 
     left: Values
     right: Values
@@ -50,11 +54,16 @@ class Matches:
 
 @dataclass(frozen=True, slots=True)
 class FittedDeviation:
-    """The deviation of a pair's right camera, see `semisynth_gl.frame.camera.Deviation`, and how well it is known.
+    """The deviation of a pair's right camera, see `semisynth_gl.frame.camera.Deviation`, and its accuracy.
 
-    ``pitch_rad`` is 0 where the rows cannot tell it from ``y_px``, and its standard deviation ``pitch_error_rad`` then
-    inf. ``residual_px`` is the standard deviation of the rows that fit, and ``share`` the share of the matches that
-    fit.
+    Attributes:
+        y_px: distance by which the right principal point lies below the rectified one.
+        roll_rad: rotation about the viewing direction.
+        focal_ratio: ratio of the right focal length to the rectified one.
+        pitch_rad: rotation about the x axis; 0 where pitch was not fitted.
+        residual_px: standard deviation of the differences in rows that remain, over the matches that fit.
+        share: share of the matches that fit.
+        pitch_error_rad: standard deviation of ``pitch_rad``; inf where pitch was not fitted.
     """
 
     y_px: float
@@ -66,12 +75,15 @@ class FittedDeviation:
     pitch_error_rad: float = np.inf
 
     def numbers(self, scale: float = 1.0) -> tuple[float, float, float, float]:
-        """Return the numbers in the units and the order of `KEYS`, for images so many times as wide."""
+        """Return the numbers in the units and the order of `KEYS`, for images ``scale`` times as wide."""
         return self.y_px * scale, float(np.rad2deg(self.roll_rad)), self.focal_ratio, float(np.rad2deg(self.pitch_rad))
 
 
 def agree(matches: Matches, camera: StereoCamera) -> bool:
-    """Return whether enough of a pair's matches fit one deviation."""
+    """Return whether enough of a pair's matches fit one deviation: at least `FEWEST`, and at least half of all.
+
+    ``camera`` is the rectified camera of the pair's images.
+    """
     if len(matches.left) < FEWEST:
         return False
     share = fit_deviation(matches, camera, pitch=False).share
@@ -83,10 +95,10 @@ def deviation_ranges(
 ) -> tuple[dict[str, tuple[float, float]], tuple[FittedDeviation, ...]]:
     """Return the ranges of the section ``rig`` over pairs, for images ``width_px`` wide, and each pair's deviation.
 
-    Each pair is matches that `agree`, with the rectified camera of its images. A key whose deviation moves rows by no
-    more than `MATCHING_PX` (the root mean square over pairs, of the rows that it moves most) is left out: it is not
-    told from matches that are a little off. Pitch is told by what it moves the upper and lower rows more than those in
-    the middle, which takes a wide view.
+    Each pair consists of matches that `agree` and the rectified camera of its images. The ranges are the least and the
+    largest value by key of `KEYS`. A key is left out if it moves rows by no more than `MATCHING_PX` (root mean square
+    over pairs, of the rows that it moves most), since that could come from errors of matches. Pitch moves upper and
+    lower rows more than those in the middle; only a wide view can tell it from ``right_y_px``.
     """
     if not pairs:
         return {}, ()
@@ -107,9 +119,10 @@ def deviation_ranges(
 
 
 def fit_deviation(matches: Matches, camera: StereoCamera, *, pitch: bool) -> FittedDeviation:
-    """Fit the deviation that brings right points to the rows of the left ones, robustly, as some matches are wrong.
+    """Fit the deviation that brings right points to the rows of the left ones, robustly, since some matches are wrong.
 
-    ``camera`` is the rectified camera of the pair's images. There are at least as many matches as numbers to fit.
+    ``camera`` is the rectified camera of the pair's images. With ``pitch``, four numbers are fitted, otherwise three
+    and the pitch is 0; there must be at least as many matches.
     """
     rows = matches.left[:, 1]
     difference = matches.right[:, 1] - rows
@@ -123,12 +136,12 @@ def fit_deviation(matches: Matches, camera: StereoCamera, *, pitch: bool) -> Fit
         residual = rectified_rows(right, camera, numbers) - left[:, 1]
         sigma = max(1.4826 * float(np.median(np.abs(residual))), _LEAST_SIGMA_PX)
         if iteration < _ROUGH_ITERATIONS:
-            # First the absolute residuals, which have one least sum wherever the fit begins.
+            # First minimise absolute residuals, whose sum has a single minimum, wherever the fit begins.
             weight = 1 / np.maximum(np.abs(residual), sigma)
         else:
             weight = np.maximum(1 - (residual / (_TUKEY * sigma)) ** 2, 0) ** 2
         slopes = np.stack([_slope(right, camera, numbers, number) for number in fitted], axis=1)
-        # In units of a row, so that the sums are well conditioned.
+        # Scale the columns to length 1, so that the sums are well conditioned.
         unit = np.maximum(np.sqrt((weight[:, None] * slopes**2).sum(axis=0)), 1e-12)
         scaled = slopes / unit
         inverse = np.linalg.pinv((weight[:, None] * scaled).T @ scaled, rcond=1e-9) / np.outer(unit, unit)
@@ -143,12 +156,12 @@ def fit_deviation(matches: Matches, camera: StereoCamera, *, pitch: bool) -> Fit
 def rectified_rows(right: Values, camera: StereoCamera, numbers: Values) -> Values:
     """Return the rows (N,) that right points (N, 2) would have in the image of the rectified ``camera``.
 
-    ``numbers`` are y_px, roll_rad, focal_ratio, pitch_rad of the camera that took them.
+    ``numbers``, (4,), are y_px, roll_rad, focal_ratio and pitch_rad of the deviating camera that took the points.
     """
     y_px, roll_rad, ratio, pitch_rad = numbers
     x = (right[:, 0] - camera.cx_right_px) / (camera.focal_px * ratio)
     y = (right[:, 1] - camera.cy_px - y_px) / (camera.focal_px * ratio)
-    # Back by Rx(pitch), then by Rz(roll).
+    # Undo Rx(pitch), then Rz(roll).
     sine, cosine = np.sin(pitch_rad), np.cos(pitch_rad)
     unpitched, depth = cosine * y + sine, cosine - sine * y
     row: Values = camera.focal_px * (np.cos(roll_rad) * unpitched - np.sin(roll_rad) * x) / depth + camera.cy_px
@@ -156,7 +169,7 @@ def rectified_rows(right: Values, camera: StereoCamera, numbers: Values) -> Valu
 
 
 def _slope(right: Values, camera: StereoCamera, numbers: Values, number: int) -> Values:
-    """Return the derivative of the rows by one of the numbers."""
+    """Return the derivatives (N,) of the rows by the number at index ``number``."""
     step = np.zeros(4)
     step[number] = _STEPS[number]
     ends = (rectified_rows(right, camera, numbers + sign * step) for sign in (1, -1))
@@ -165,7 +178,7 @@ def _slope(right: Values, camera: StereoCamera, numbers: Values, number: int) ->
 
 
 def _most_px(deviation: FittedDeviation, camera: StereoCamera) -> tuple[float, float, float, float]:
-    """Return by how much each of the numbers moves the row that it moves most; pitch, beyond what y_px moves too."""
+    """Return how far, px, each number moves the row that it moves most; for pitch, relative to the middle rows."""
     across, down = (camera.width_px - 1) / 2, (camera.height_px - 1) / 2
     bend_px = deviation.pitch_rad * down**2 / camera.focal_px
     return deviation.y_px, deviation.roll_rad * across, (deviation.focal_ratio - 1) * down, bend_px

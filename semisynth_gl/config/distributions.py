@@ -199,7 +199,7 @@ def _cut_histogram(target: Distribution, edges_px: NDArray[np.float64], doffs_px
                     f"disparity.min_px: {low:g} px lies beyond infinity for cameras whose doffs is {doffs_px:g} px on "
                     f"average: a target uniform in depth needs a min_px above {-doffs_px:g}"
                 )
-            # Depth is f B / (d + doffs): a bin's share of the depths is a difference of 1 / (d + doffs), before scaling.
+            # Depth is f B / (d + doffs): a bin's share of the depths is a difference of 1 / (d + doffs), scaled.
             return Histogram.from_counts(edges_px, -np.diff(1 / (edges_px + doffs_px)))
         case GammaTarget():
             return target.histogram(edges_px)

@@ -278,7 +278,7 @@ def test_ros_left_and_right_are_two_files_or_the_right_one_alone(tmp_path, ros):
     assert alone.camera.doffs_px == 0
     with pytest.raises(InputError) as error:
         read_rigs([left])
-    refused(error, "left.yaml", "the left camera's, with no baseline", "further `calib`")
+    refused(error, "left.yaml", "the left camera's, which has no baseline", "another `calib`")
     with pytest.raises(InputError) as error:
         read_rigs([right, left])
     refused(error, "the baseline is -0.193", "swap")
@@ -291,7 +291,7 @@ def test_an_opencv_unit_is_asked_for_where_it_cannot_be_metres(tmp_path):
     path = write(tmp_path, "stereo.yml", opencv(unit_m=0.001))
     with pytest.raises(ReadError) as error:
         read_rigs([path])
-    refused(error, "193.001 m", "`unit` mm")
+    refused(error, "193.001 m", "Set `unit` to mm")
     (rig,) = read_rigs([path], unit_m=0.001)
     assert rig.camera.baseline_m == pytest.approx(CAMERA.baseline_m)
     for text in (MIDDLEBURY, KITTI, ros()):
@@ -313,7 +313,7 @@ def test_the_size_comes_from_the_file_or_the_user(tmp_path):
     [
         (MIDDLEBURY.replace("cam1=[994.978 0", "cam1=[990 0"), ["not rectified", "994.978 px left, 990 right"]),
         (MIDDLEBURY.replace("279; 0 994.978 254.877", "279; 0 994.978 255.9"), ["cy differs", "254.877", "255.9"]),
-        (MIDDLEBURY.replace("0 994.978 254.877", "3 994.978 254.877"), ["not rectified", "turns or skews"]),
+        (MIDDLEBURY.replace("0 994.978 254.877", "3 994.978 254.877"), ["not rectified", "has rotation or skew"]),
         (MIDDLEBURY.replace("0 994.978 254.877", "0 990.1 254.877"), ["fx = 994.978 and fy = 990.1"]),
         (MIDDLEBURY.replace("baseline=193", "baseline=-193"), ["baseline is -0.193001 m", "swap"]),
         (MIDDLEBURY.replace("baseline=193.001", "baseline=0"), ["baseline is 0 m"]),
@@ -334,9 +334,9 @@ def test_the_size_comes_from_the_file_or_the_user(tmp_path):
          ["not rectified", "M1, R", "stereoRectify"]),
         (ros().replace("994.978", "0"), ["focal length is 0"]),
         ("left:\n  a: 1\nright:\n  b: 2\n", ["left.projection_matrix: missing"]),
-        (echoed(side=0), ["is the left camera's, with no baseline", "further `calib`"]),
-        (echoed(side=0) + echoed(side=0, frame="other"), ["both have 0 in the first row's last place", "no rig"]),
-        (echoed(side=1) + echoed(side=1, frame="other"), ["both have -192.032", "baseline is 0 m", "no rig"]),
+        (echoed(side=0), ["is the left camera's, which has no baseline", "another `calib`"]),
+        (echoed(side=0) + echoed(side=0, frame="other"), ["both matrices have 0 at the end of", "as a rig"]),
+        (echoed(side=1) + echoed(side=1, frame="other"), ["both matrices have -192.032", "baseline is 0 m", "a rig"]),
         (echoed(side=1) + echoed(side=0), ["the baseline is -0.193", "swap"]),
         (echoed(side=0) + echoed(side=1, frame="b") * 2 + echoed(side=1), ["3 of 3 calibrations are of one camera"]),
         (echoed(side=0) + "a: [\n", ["no YAML", "line 5"]),
@@ -378,7 +378,7 @@ def test_any_bytes_are_read_or_refused(tmp_path_factory, data):
 
 
 def test_files_that_are_not_there_are_refused(tmp_path):
-    for source, words in (("no.txt", "no such file"), ("*.txt", "that the glob matches"), (".", "is a folder")):
+    for source, words in (("no.txt", "no such file"), ("*.txt", "as a glob it matches"), (".", "is a folder")):
         with pytest.raises(InputError, match=words):
             read_rigs([tmp_path / source])
 
@@ -779,7 +779,7 @@ def test_the_far_plane_of_a_negative_doffs_is_before_infinity():
 def test_what_lies_beyond_infinity_is_refused_with_its_numbers(call, tmp_path):
     with pytest.raises(InputError) as error:
         measured_range(Histogram.from_counts([4.0, 46.0], [1.0]), -5.0)
-    refused(error, "a thousandth of the measured disparities lies below 4.042 px", "doffs = -5 px", "at 5 px")
+    refused(error, "a thousandth of the measured disparities lies below 4.042 px", "doffs = -5 px", "infinity is 5 px")
     with pytest.raises(InputError, match=r"range of disparity begins at 5 px, but with doffs = -5 px .*`range_px`"):
         chosen_range(5.0, 46.0, -5.0)
     with pytest.raises(InputError, match=r"range of disparity ends at 4 px, but with doffs = -5 px"):
@@ -800,7 +800,7 @@ def test_a_chosen_histogram_is_smooth_and_covers_its_range():
     assert shares.min() > 0.2 / len(shares)
     assert (np.sign(np.diff(np.sign(np.diff(shares)))) != 0).sum() <= 1  # one hump
     for low, high in ((5, 5), (9, 3), (0, 8), (-4, 8), (1, float("inf")), (float("nan"), 8)):
-        with pytest.raises(InputError, match="expected two numbers above 0 that rise"):
+        with pytest.raises(InputError, match="expected low < high, both above 0"):
             chosen_range(low, high)
 
 
@@ -1076,7 +1076,7 @@ def test_an_invalid_config_is_reported_under_its_own_name(call, tmp_path, monkey
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--calib", "calib.txt", "--focal-px", "7"], ["--focal-px: --calib says that already"]),
+        (["--calib", "calib.txt", "--focal-px", "7"], ["--focal-px: --calib states the same"]),
         (["--focal-px", "700"], ["--baseline-m, --size missing"]),
         (["--focal-px", "700", "--baseline-m", "-0.1", "--size", "741x500"], ["--baseline-m -0.1", "above 0"]),
         (["--focal-px", "700", "--baseline-m", "0.1", "--size", "741"], ["--size 741", "1280x720"]),
@@ -1088,7 +1088,7 @@ def test_an_invalid_config_is_reported_under_its_own_name(call, tmp_path, monkey
             ["--calib", "calib.txt", "--range-px", "1e-9", "2e-9"],
             ["1e-09 to 2e-09 px: expected ends that differ by 2.2e-05"],
         ),
-        (["--calib", "calib.txt", "--range-px", "1", "4", "--disparity", "x.pfm"], ["give one of them"]),
+        (["--calib", "calib.txt", "--range-px", "1", "4", "--disparity", "x.pfm"], ["give only one of them"]),
         (
             ["--calib", "calib.txt", "--scale", "0.5"],
             ["371 x 250 with --scale 0.5", "741 x 500", "without --scale they fit"],
@@ -1133,7 +1133,7 @@ def test_real_photographs_of_two_benchmarks(call, tmp_path):
     given = ("calibrate", "--trials", 0, "--images", images, "--calib", "calib.txt")
     code, out, err = call(*given, "--out", "eth3d.yaml")
     assert (code, err) == (0, "")
-    assert "5 have another size than the rig's images" in out
+    assert "5 differ in size from the rig's images" in out
     write(tmp_path, "full.txt", MIDDLEBURY.replace("width=741", "width=1434").replace("height=500", "height=984"))
     code, _, err = call("calibrate", "--images", SHARED / "textures/middlebury/AustraliaP.png", "--calib", "full.txt",
                         "--out", "m.yaml")  # fmt: skip

@@ -95,7 +95,7 @@ def test_calibrate_makes_a_config_and_refuses_in_the_words_of_python(tmp_path):
     assert made.text.startswith("# my-lab: written by semisynth-gl calibrate.")
     assert "The range is the one given" in made.text
     for changed, words in (
-        ({"disparity": ["a.pfm"]}, "`range_px` says what `disparity` measures"),
+        ({"disparity": ["a.pfm"]}, "`range_px` and `disparity` both state the disparities"),
         ({"size": None}, "`size` missing: give `calib`, or `focal_px`, `baseline_m` and `size`"),
         ({"size": (300,)}, "`size`: expected width and height"),
         ({"baseline_m": -1}, "`baseline_m` -1: expected a distance above 0"),

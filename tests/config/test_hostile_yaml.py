@@ -184,7 +184,7 @@ def test_documents_are_read_one_by_one_within_limits_of_all():
 def test_configs_that_extend_each_other_without_end(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text(f"extends: ../{tmp_path.name}/mine.yaml\n")
-    with pytest.raises(InputError, match="more than 16 configs extend each other"):
+    with pytest.raises(InputError, match="more than 16 configs in a chain"):
         load_config(path)
 
 

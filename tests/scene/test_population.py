@@ -409,7 +409,7 @@ def test_more_objects_than_can_be_made_are_refused():
 
 
 def test_density_and_stated_layers_contradict_each_other():
-    with pytest.raises(InputError, match="density shares out"):
+    with pytest.raises(InputError, match="give either density or layers"):
         load_config("middlebury", ["particles.density=sparse", "particles.layers=[{disparity_px: 20, count: 3}]"])
 
 

@@ -247,7 +247,10 @@ def test_a_mix_can_be_sent_to_other_processes():
         ("{recipe: a, weight: 0}", "mix.yaml:2: scenes: expected a weight above 0"),
         ("{recipe: a}\n- {recipe: a}", "several are named a"),
         ("{recipe: a, particles: {density: few}}", "mix.yaml:3: scenes.0.particles.density: "),
-        ("{recipe: a, particles: {density: 5, layers: []}}", "mix.yaml:3: scenes.0.particles: density shares out"),
+        (
+            "{recipe: a, particles: {density: 5, layers: []}}",
+            "mix.yaml:3: scenes.0.particles: give either density or layers",
+        ),
         ("{recipe: a, camera: {baseline_m: null}}", "mix.yaml:3: scenes.0.camera: baseline_m is missing"),
         (
             "{recipe: a, structures: {panel_disparity_px: 400}}",
