@@ -1,6 +1,7 @@
-"""Errors of predictions against the truth, as each benchmark counts them.
+"""Errors of predictions against the truth, by the definitions of each benchmark.
 
-`score` compares two arrays, `evaluate` the files of a whole set; `unconfirmed` and `evaluate_views` need no truth.
+`score` compares two arrays, and `evaluate` compares the files of a whole set. `unconfirmed` and `evaluate_views` need
+no truth.
 """
 
 from semisynth_gl.metrics.confirmation import evaluate_views, unconfirmed

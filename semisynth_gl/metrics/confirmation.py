@@ -1,4 +1,4 @@
-"""Predictions judged without truth: the share of a left view's disparities that the right view's do not confirm."""
+"""Predictions judged without truth: the share of left disparities that the right view's disparities do not confirm."""
 
 from os import PathLike, fspath
 from pathlib import Path
@@ -14,22 +14,22 @@ from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.metrics.protocol import shown_size
 
 CONFIRMED_PX = 1.0
-"""The largest difference between the disparities of a point that confirm each other, as in the benchmarks' bad-1."""
+"""Largest difference at which the two disparities of a point confirm each other, px: the bound of bad-1."""
 
 
 def unconfirmed(left: NDArray[np.float32], right: NDArray[np.float32]) -> float:
-    """Return the share of a left view's pixels, in percent, whose disparity the right view's does not confirm.
+    """Return the share of a left view's pixels, in percent, whose disparity the right view does not confirm.
 
-    The right view's disparity is taken at the nearest pixel to x - d. Pixels without a disparity are not confirmed, and
-    pixels whose point lies outside of the right image do not count. Occluded pixels do count, since only a truth could
-    tell them from wrong ones; they are about the same share for every network.
+    A left pixel with disparity d is compared with the right view's pixel nearest to x - d. A pixel without a disparity
+    counts as unconfirmed. A pixel whose point lies outside the right image does not count. Occluded pixels do count,
+    since only a truth could tell them from wrong pixels; their share is about the same for every network.
 
     Args:
         left: (H, W) float32 px, predicted for the left view; not finite where there is no disparity.
-        right: (H, W) float32 px, predicted for the right view.
+        right: (H, W) float32 px, predicted for the right view; both views have disparities of x_left - x_right.
 
     Raises:
-        InputError: where the sizes differ, or no pixel counts.
+        InputError: where the sizes differ, or no disparity leads into the right image.
     """
     if left.shape != right.shape:
         raise InputError(f"the left view has {shown_size(left)}, the right one {shown_size(right)}: expected one size")
@@ -48,15 +48,19 @@ def evaluate_views(predictions: str | PathLike[str], predictions_right: str | Pa
     """Judge predictions for both views of some pairs, as ``semisynth-gl evaluate --pred-right`` does.
 
     Args:
-        predictions: a folder of .pfm, .npy or 16-bit .png, one for each pair's left view, also in folders below it.
-        predictions_right: a folder of predictions for the right views, under the same names but for the ending.
+        predictions: a folder with a .pfm, .npy or 16-bit .png file for each pair's left view, in it or in its
+            subfolders.
+        predictions_right: a folder with a file for each pair's right view, under the same name; the extension may
+            differ.
 
     Returns:
-        What ``--json`` writes, in JSON's types: ``mean`` has the mean of the pairs, and ``images`` has each pair's
-        ``name``, both files, and ``unconfirmed`` in percent; see `unconfirmed`.
+        The content of ``--json``, in JSON's types: ``confirmed_px`` (see `CONFIRMED_PX`), the number of ``pairs``,
+        ``mean`` with the mean of the pairs as ``unconfirmed``, and ``images`` with each pair's ``name``, its files
+        ``left`` and ``right``, and ``unconfirmed`` in percent (see `unconfirmed`).
 
     Raises:
-        InputError: where folders, names or sizes do not fit.
+        InputError: where a folder does not exist or has no disparity map, a pair has no file or several files in a
+            folder, or the sizes of a pair's maps differ.
         ReadError: where a file cannot be read.
     """
     lefts, rights = _maps("predictions", predictions), _maps("predictions_right", predictions_right)
@@ -64,7 +68,7 @@ def evaluate_views(predictions: str | PathLike[str], predictions_right: str | Pa
     if missing:
         side = "right" if missing[0] in lefts else "left"
         raise InputError(
-            f"{counted(len(missing), 'pair')} with a prediction for one view alone: {missing[0]} has none for the "
+            f"{counted(len(missing), 'pair')} with a prediction for only one view: {missing[0]} has none for the "
             f"{side} view, for example; expected the same names in `predictions` and `predictions_right`"
         )
     images = []
@@ -80,7 +84,7 @@ def evaluate_views(predictions: str | PathLike[str], predictions_right: str | Pa
 
 
 def _maps(name: str, folder: str | PathLike[str]) -> dict[str, Path]:
-    """Return the disparity maps of a folder by their paths below it, without the ending."""
+    """Return the disparity maps of a folder and its subfolders, by their relative paths without extension."""
     check_type(name, folder, str | PathLike)
     root = expanded(fspath(folder))
     if not root.is_dir():
@@ -91,7 +95,7 @@ def _maps(name: str, folder: str | PathLike[str]) -> dict[str, Path]:
         if not is_disparity_map(path):
             continue
         if stem in maps:
-            raise InputError(f"`{name}` {folder}: {maps[stem].name} and {path.name} are of one pair: keep one file")
+            raise InputError(f"`{name}` {folder}: {maps[stem].name} and {path.name} are for one pair: keep one file")
         maps[stem] = path
     if not maps:
         raise InputError(f"`{name}` {folder}: has no disparity map: expected {', '.join(MAP_EXTENSIONS)}")

@@ -13,7 +13,7 @@ _KITTI_COLOURS = np.array(
     ],
     np.uint8,
 )
-# The colours, the same half as bright, and black.
+# The ten colours, the same colours at half brightness for occluded pixels, and black.
 _KITTI_PALETTE = np.concatenate([_KITTI_COLOURS, _KITTI_COLOURS // 2, np.zeros((1, 3), np.uint8)])
 _GOOD, _BAD, _OCCLUDED, _UNKNOWN = (255, 255, 255), (0, 0, 0), (128, 128, 128), (0, 0, 255)
 
@@ -21,9 +21,10 @@ _GOOD, _BAD, _OCCLUDED, _UNKNOWN = (255, 255, 255), (0, 0, 0), (128, 128, 128), 
 def draw_error_map(
     comparison: PixelComparison, protocol: Protocol, visible: NDArray[np.bool_] | None = None
 ) -> NDArray[np.uint8]:
-    """Draw the errors of a prediction, RGB: with a ``map_px`` of the protocol bad pixels as ETH3D, else as KITTI does.
+    """Draw the errors of a prediction as an image (H, W, 3) uint8 RGB.
 
-    ``visible`` says where pixels are not occluded; None where that is not known.
+    If the protocol has a ``map_px``, the image shows bad pixels, in ETH3D's colours. Otherwise it shows the size of the
+    errors, in KITTI's colours. ``visible`` (H, W) bool is True where pixels are not occluded; None means unknown.
     """
     if protocol.map_px is None:
         return _kitti_error_map(comparison, visible)
@@ -31,26 +32,27 @@ def draw_error_map(
 
 
 def _kitti_error_map(comparison: PixelComparison, visible: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """Draw KITTI's map of errors: ten colours from blue to red, each for errors twice as large as the one before.
+    """Draw KITTI's error map: ten colours from blue to red, each for errors twice as large as the previous colour's.
 
-    Source: ``errorImage`` in io_disp.h and log_colormap.h of KITTI's development kit. The colour is that of the smaller
-    of e / 3 px and e / 5 % of the truth; from 1 on, the outliers of D1, it is yellow to red. Occluded pixels are half
-    as bright, and pixels without truth near them black. The kit paints each pixel with truth as 3 x 3 pixels, so that
-    sparse truth can be seen; here so too, but never over another pixel with truth, and up to the borders.
+    Source: ``errorImage`` in io_disp.h and log_colormap.h of KITTI's development kit. The colour stands for the smaller
+    of e / 3 px and e / 5 % of the truth. Values of 1 and above are the outliers of D1: yellow to red. Occluded pixels
+    are half as bright. As in the kit, each pixel with truth is painted as 3 x 3 pixels, so that sparse truth can be
+    seen; all other pixels are black. Unlike the kit, this never paints over another pixel with truth, and it paints up
+    to the image's borders.
     """
     error = comparison.error
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        # No error is small beside a truth of 0, but none at all.
+        # Beside a truth of 0, the relative error is infinite, unless the error is 0 too.
         relative = np.where(error == 0, 0.0, 20.0 * error.astype(np.float64) / np.abs(comparison.truth))
         magnitude = np.minimum(error / 3.0, relative).astype(np.float32)
-    # NaN sorts after all bounds, as the worst.
+    # NaN sorts after all bounds and so gets the worst colour.
     colour = np.searchsorted(_KITTI_BOUNDS, magnitude, side="right").astype(np.uint8)
     if visible is not None:
         colour[~visible] += len(_KITTI_COLOURS)
     height, width = colour.shape
     padded, judged = np.pad(colour, 1), np.pad(comparison.judged, 1)
     painted = np.full(colour.shape, len(_KITTI_PALETTE) - 1, np.uint8)
-    # In the kit's order, row by row, a later pixel paints over an earlier one; its own pixel comes last here.
+    # As in the kit, later pixels paint over earlier ones, row by row; unlike there, a pixel's own colour comes last.
     for dy, dx in (*np.ndindex(3, 3), (1, 1)):
         shifted = slice(dy, dy + height), slice(dx, dx + width)
         np.copyto(painted, padded[shifted], where=judged[shifted])
@@ -60,10 +62,10 @@ def _kitti_error_map(comparison: PixelComparison, visible: NDArray[np.bool_] | N
 def _bad_pixel_map(
     comparison: PixelComparison, threshold_px: float, visible: NDArray[np.bool_] | None, *, invalid_is_bad: bool
 ) -> NDArray[np.uint8]:
-    """Draw bad pixels black, or grey where occluded; good ones white, and those that no figure counts blue.
+    """Draw bad pixels black, or grey where occluded, good pixels white, and pixels that no figure counts blue.
 
-    Source of the colours: src/main.cc of github.com/ETH3D/two-view-evaluation. It paints pixels that it leaves out of
-    every figure white; here they are blue, like those without truth.
+    Source of the colours: src/main.cc of github.com/ETH3D/two-view-evaluation. That program paints pixels that it
+    leaves out of all figures white; here they are blue, like pixels without truth.
     """
     counted = comparison.judged if invalid_is_bad else comparison.scored
     bad = np.where(comparison.scored, comparison.error > threshold_px, counted)

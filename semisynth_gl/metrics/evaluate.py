@@ -1,4 +1,4 @@
-"""Predictions of a set against its truth: pair by pair, then as JSON and as tables for the terminal."""
+"""Evaluate the predictions for a set against its truth, pair by pair; report the results as JSON and as tables."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,15 +21,15 @@ from semisynth_gl.seeds.splits import SplitName
 
 ALL, VISIBLE = "all", "non-occluded"
 REGIONS = (ALL, VISIBLE)
-"""The regions of figures: all pixels with truth, and those among them that both views see."""
+"""The regions that figures are given for: all pixels with truth, and the pixels with truth that both views see."""
 SIGN_HINT = (
     "most values are negative, but disparity is x_left - x_right, which is positive: if they are the flow from "
     "the left image to the right one, as RAFT-Stereo writes it, negate them"
 )
-"""What to say about a prediction that is `Evaluation.negative`."""
+"""The hint to the user about a prediction that is `Evaluation.negative`."""
 _BACKGROUND, _FOREGROUND = "background", "foreground"
 _PARTS: Mapping[str, str] = {_BACKGROUND: "D1-bg", _FOREGROUND: "D1-fg"}
-# Columns of tables, in their order; some benchmarks have others between them.
+# `_COLUMNS` has all columns of tables in their order; the table of every benchmark has those in `_COMMON`.
 _COMMON = frozenset({"bad-0.5", "bad-1", "bad-2", "bad-4", "D1-all", "rms", "A50", "A90", "A95", "A99"})
 _COLUMNS = (
     *("bad-0.5", "bad-1", "bad-2", "bad-4", "D1-bg", "D1-fg", "D1-all", "D1-est", "avgerr", "epe", "rms"),
@@ -39,10 +39,14 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
-    """The result for a pair, with the error map, RGB, where it was asked for.
+    """The result for a pair.
 
-    Scores are by (region,), and, where the truth has a map of objects, by (region, ``background`` or ``foreground``)
-    too. ``negative`` says that most predicted values are below 0, as in a flow to the right image, but no true one is.
+    Attributes:
+        scores: by (region,); under a pooled protocol, and where the truth has a map of objects, also by
+            (region, ``background``) and (region, ``foreground``).
+        error_map: (H, W, 3) uint8 RGB; None where it was not asked for.
+        negative: whether most predicted values are below 0, as in a flow to the right image, though the set's
+            disparities are not signed.
     """
 
     name: str
@@ -63,18 +67,22 @@ def evaluate(
     """Evaluate a folder of predictions, as ``semisynth-gl evaluate`` does.
 
     Args:
-        predictions: a folder of .pfm, .npy or 16-bit .png, under the pairs' names or under the truth's.
+        predictions: a folder of .pfm, .npy or 16-bit .png files, named after the pairs or after the files of the truth;
+            see `find_predictions`.
         truth: a dataset of this program or a folder of Middlebury, ETH3D or KITTI; see `find_truth`.
-        protocol: one of `PROTOCOLS`, or its name; by default that of the benchmark whose form the truth has.
-        split: the split of a dataset of this program; None for all pairs.
-        masks: a folder of masks, 255 where not occluded, instead of the truth's own.
-        partial: whether predictions may be missing.
+        protocol: one of `PROTOCOLS`, or its name; by default the protocol of the benchmark whose layout the truth has.
+        split: a split of a dataset of this program; None for all pairs.
+        masks: a folder of 8-bit masks, 255 where not occluded, to use instead of the truth's own masks.
+        partial: whether predictions for some pairs may be missing.
 
     Returns:
-        What ``--json`` writes, in JSON's types: ``mean`` has figures by region and name, ``images`` each pair's.
+        The content of ``--json``, in JSON's types: ``protocol``, ``source``, ``unit``, ``average``, the number of
+        ``pairs``, the names of ``missing`` pairs, ``mean`` (figures by region and name) and ``images`` (for each pair
+        its ``name``, ``prediction``, counts of ``pixels`` by region, and ``figures`` as in ``mean``). `Score.figures`
+        explains the figures; figures that are not finite are None.
 
     Raises:
-        InputError: where folders, names or sizes do not fit, or predictions are missing.
+        InputError: where a folder or a protocol does not exist, names or sizes do not fit, or predictions are missing.
         ReadError: where a file cannot be read.
     """
     for name, value in (("predictions", predictions), ("truth", truth)):
@@ -89,9 +97,11 @@ def evaluate(
 
 
 def evaluate_pair(pair: TruePair, prediction: Prediction, protocol: Protocol, *, draw: bool = False) -> Evaluation:
-    """Evaluate a prediction for a pair, and draw an error map where it is asked for.
+    """Evaluate a prediction for a pair; with ``draw``, draw its error map too.
 
-    A prediction without any disparity raises ReadError; sizes that do not fit, and a truth without any, InputError.
+    Raises:
+        InputError: where the sizes do not fit, or the truth has no disparity.
+        ReadError: where a file cannot be read, or the prediction has no disparity.
     """
     truth = pair.read()
     values = read_disparity_map(prediction.path, prediction.png_scale, signed=pair.signed)
@@ -121,9 +131,10 @@ def evaluate_pair(pair: TruePair, prediction: Prediction, protocol: Protocol, *,
 
 
 def region_figures(evaluations: Sequence[Evaluation], region: str) -> dict[str, float]:
-    """Return the figures of pairs in one of `REGIONS`, by name; none where no pair has it. See `mean_figures`.
+    """Return the mean figures of pairs in one of `REGIONS`, by name; {} where no pair has the region.
 
-    With maps of objects there are also D1-bg and D1-fg, outliers in the background and elsewhere.
+    See `mean_figures`. Truths with a map of objects add D1-bg and D1-fg, the shares of outliers in the background and
+    in the foreground.
     """
 
     def scores(*key: str) -> dict[str, Score]:
@@ -136,7 +147,10 @@ def region_figures(evaluations: Sequence[Evaluation], region: str) -> dict[str, 
 
 
 def report_json(evaluations: Sequence[Evaluation], protocol: Protocol, predictions: Predictions) -> dict[str, Any]:
-    """Return the results for the predictions in JSON's types; numbers that are not finite are None."""
+    """Return the results in JSON's types, with None for figures that are not finite; see `evaluate` for the keys.
+
+    The evaluations are in the order of ``predictions.found``.
+    """
 
     def figures(pairs: Sequence[Evaluation]) -> dict[str, dict[str, float | None]]:
         regions = {region: values for region in REGIONS if (values := region_figures(pairs, region))}
@@ -168,15 +182,15 @@ def report_json(evaluations: Sequence[Evaluation], protocol: Protocol, predictio
 def report_table(
     evaluations: Sequence[Evaluation], region: str, protocol: Protocol, most: int | None = None
 ) -> list[str]:
-    """Return the lines of a table with the benchmark's own decimals: a row for each pair, and one for all together.
+    """Return the lines of a table with the benchmark's own decimals: a row for each pair, and a row for all pairs.
 
-    Of more than ``most`` pairs, the worst by `Protocol.headline` have a row, the worst first.
+    If there are more than ``most`` pairs, only the ``most`` worst by `Protocol.headline` have a row, the worst first.
     """
 
     def cell(value: float | None) -> str:
         if value is None or np.isnan(value):
             return "-" if value is None else "nan"
-        # The evaluator prints a float32: its rounding decides the last digit.
+        # Some evaluators print a float32, whose rounding decides the last digit.
         return format(float(np.float32(value)) if protocol.single else value, protocol.decimals)
 
     mean = region_figures(evaluations, region)
@@ -185,7 +199,7 @@ def report_table(
     head = f"{region} pixels; shares in {'%' if protocol.percent else 'fractions'}, errors in px"
     if most is not None and len(figures) > most:
         head += f"; the {most} worst of {counted(len(figures), 'pair')} by {protocol.headline}"
-        # What has no figure is worse than all others.
+        # A pair without the figure counts as the worst.
         figures.sort(key=lambda each: -np.nan_to_num(each[1].get(protocol.headline, np.nan), nan=np.inf))
         del figures[most:]
     figures.append(("pooled" if protocol.pooled else "mean", mean))

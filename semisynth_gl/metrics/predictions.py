@@ -1,4 +1,4 @@
-"""The files of a folder that are predictions for pairs."""
+"""Find the prediction for each pair in a folder."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ _SHOWN = 8
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """A file with a prediction, and the levels of a PNG per pixel of disparity."""
+    """A file with a prediction; if it is a PNG, ``png_scale`` is its number of levels per pixel of disparity."""
 
     path: Path
     png_scale: float
@@ -21,7 +21,7 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True)
 class Predictions:
-    """The pairs of a set that have a prediction, in the set's order, and the names of the others."""
+    """The pairs of a set that have a prediction, in the set's order, and the names of the pairs that have none."""
 
     found: Sequence[tuple[TruePair, Prediction]]
     missing: Sequence[str]
@@ -30,10 +30,18 @@ class Predictions:
 def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) -> Predictions:
     """Find the prediction for each pair.
 
-    A prediction has one of the pair's names, see `TruePair`, and ends in .pfm, .npy or .png. In a scene's folder it may
-    also be ``disp0<METHOD>.pfm``, as Middlebury wants it; the truth's own name counts only where there is no such file,
-    since Middlebury's results lie beside the truth. Of several files, pictures are left out: networks write them beside
-    their results. With ``partial`` some predictions may be missing, but never all.
+    A prediction has one of the pair's names (see `TruePair`) and the extension .pfm, .npy or .png. In a scene's folder
+    it may also be named ``disp0<METHOD>``, as Middlebury asks for. Middlebury's results lie beside the truth, so a file
+    with the truth's name counts only where the folder has no other. If a pair has several files, pictures are
+    ignored, since networks write them beside their results.
+
+    Args:
+        folder: the folder with the predictions.
+        pairs: the pairs of the set.
+        partial: whether predictions for some pairs, but not for all, may be missing.
+
+    Raises:
+        InputError: where the folder does not exist, a pair has several predictions, or predictions are missing.
     """
     if not folder.is_dir():
         raise InputError(f"`predictions` {folder}: {'is a file' if folder.exists() else 'there is no such folder'}")
@@ -56,7 +64,7 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
     if missing and (not partial or not found):
         names = ", ".join(pair.name for pair in missing[:_SHOWN]) + (", ..." if len(missing) > _SHOWN else "")
         expected = " or ".join(str(folder / f"{stem}.pfm") for stem in list(missing[0].stems)[:2])
-        advice = "; `partial` evaluates the others" if found else ""
+        advice = "; `partial` evaluates the pairs that have one" if found else ""
         raise InputError(
             f"`predictions` {folder}: no prediction for {len(missing)} of {counted(len(pairs), 'pair')}: {names}: "
             f"expected {expected} (or .npy, .png), for example{advice}"
@@ -65,7 +73,7 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
 
 
 def _files(path: Path) -> list[Path]:
-    """Return the files of a name without ending; of disp0 and disp0GT also those named disp0<METHOD> beside them."""
+    """Return the existing maps of a path without extension; for disp0 and disp0GT also disp0<METHOD> beside them."""
     files = [path.with_name(f"{path.name}{extension}") for extension in MAP_EXTENSIONS]
     if path.name in SCENE_STEMS:
         methods = (file for file in sorted(path.parent.glob("disp0?*")) if file.suffix.lower() in MAP_EXTENSIONS)

@@ -1,7 +1,7 @@
 """The definitions of each benchmark's own evaluator: judged pixels, treatment of predictions, averages.
 
-Everything below was read from the evaluators' sources. Their common part (bad: error > t, never >=) is in
-`semisynth_gl.metrics.score`.
+All definitions are taken from the evaluators' source code. The part that all evaluators share (a pixel is bad where
+error > t, never >=) is in `semisynth_gl.metrics.score`.
 """
 
 from collections.abc import Callable, Mapping
@@ -15,26 +15,26 @@ from numpy.typing import NDArray
 from semisynth_gl.inputs.errors import InputError, shown
 
 ProtocolName = Literal["middlebury", "eth3d", "kitti", "paper"]
-"""A benchmark; ``paper`` counts as HSM's eval_mb.py does."""
+"""Name of a benchmark; ``paper`` stands for the definitions of HSM's eval_mb.py."""
 PROTOCOL_NAMES: tuple[ProtocolName, ...] = get_args(ProtocolName)
 UNFILLED = np.float32(-1)
-"""KITTI's value for no disparity; where holes cannot be filled, it is compared with the truth like any other."""
+"""KITTI's value for no disparity. Where a hole cannot be filled, this value is compared with the truth."""
 
 Disparity = NDArray[np.float32]
 Where = NDArray[np.bool_]
 
-# The five hard ones of the 15 training pairs count half in the table on Middlebury's page.
+# In the table on Middlebury's page, the five hard ones of the 15 training pairs have half the weight.
 _MIDDLEBURY_WEIGHTS = dict.fromkeys(("PianoL", "Playroom", "Playtable", "Shelves", "Vintage"), 0.5)
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The entries of a truth's calib.txt on disparities.
+    """Limits of a truth's disparities, as its calib.txt gives them.
 
     Attributes:
-        ndisp: an upper bound, px of the truth's size; None for no bound.
-        isint: whether the truth is in whole pixels.
-        signed: whether disparities of 0 and below are valid, which no benchmark has.
+        ndisp: an upper bound of the disparities, in pixels of the truth's size; None for no bound.
+        isint: whether the disparities are whole pixels.
+        signed: whether disparities of 0 and below are valid; always False for a benchmark's own truth.
     """
 
     ndisp: int | None = None
@@ -47,10 +47,14 @@ UNLIMITED = Limits()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PixelComparison:
-    """A prediction against the truth, px, pixel by pixel, (H, W) each.
+    """A prediction compared with the truth pixel by pixel; all arrays are (H, W) of the truth's size.
 
-    The benchmark asks for a disparity where ``judged``, and the prediction itself has one where ``estimated``. The
-    absolute error counts where ``scored``, which is a part of judged, and means nothing elsewhere.
+    Attributes:
+        truth: px.
+        error: absolute error, px; meaningless where a pixel is not scored.
+        judged: where the benchmark asks for a disparity.
+        estimated: where the prediction itself has a valid disparity.
+        scored: where the error counts; scored pixels are judged pixels.
     """
 
     truth: Disparity
@@ -65,18 +69,18 @@ class Protocol:
     """The definitions of a benchmark.
 
     Attributes:
-        name: the benchmark's.
-        source: the origin of the definitions.
-        compare: a function of a prediction (H, W) float32 px, a truth (H, W) float32 px and the truth's limits; raises
+        name: name of the benchmark.
+        source: the program whose definitions these are.
+        compare: compares a prediction (H, W) float32 px with a truth (H, W) float32 px under the truth's limits; raises
             InputError where the sizes do not fit.
-        columns: figures of the benchmark's table beside the common ones, each with its name in that table.
-        decimals: a format specification, with which the evaluator prints numbers.
-        percent: whether shares are percents; else fractions.
-        single: whether printed numbers are float32, which decides some last digits.
-        invalid_is_bad: whether a pixel that is judged and not scored counts as bad; else it is left out of the shares.
-        pooled: whether several images count as one large image; else their figures are averaged.
-        map_px: the error above which an error map shows a pixel as bad; None where the map shows the error itself.
-        weights: of images in the mean, by name; 1 for all others.
+        columns: the figures that the benchmark's table has in addition to the common ones, each with its name there.
+        decimals: the format specification of printed numbers, as in the evaluator.
+        percent: whether shares are given in percent rather than as fractions.
+        single: whether the evaluator prints float32 numbers, whose rounding decides some last digits.
+        invalid_is_bad: whether a pixel that is judged but not scored counts as bad; otherwise shares leave it out.
+        pooled: whether several images count as one large image; otherwise their figures are averaged.
+        map_px: the error above which an error map shows a pixel as bad, px; None where the map shows the error itself.
+        weights: weights of images in the mean, by name; an image that is not listed has the weight 1.
     """
 
     name: ProtocolName
@@ -93,23 +97,24 @@ class Protocol:
 
     @property
     def headline(self) -> str:
-        """The name of the figure that pairs are ranked by: of bad pixels where error maps have a bound, else D1-all."""
+        """Name of the figure by which pairs are ranked: the bad pixels above ``map_px``, or D1-all without it."""
         return "D1-all" if self.map_px is None else f"bad-{self.map_px:g}"
 
     @property
     def full_share(self) -> float:
-        """The share of all pixels in the protocol's unit: 100 percent, or a fraction of 1."""
+        """The share that stands for all pixels in the protocol's unit: 100 percent, or a fraction of 1."""
         return 100.0 if self.percent else 1.0
 
 
 def _compare_middlebury(prediction: Disparity, truth: Disparity, limits: Limits) -> PixelComparison:
     """Compare as Middlebury does.
 
-    Source: evaldisp.cpp, version 1.6, of the MiddEval3 SDK. Judged is where the truth is not +inf. A prediction of half
-    or a quarter of the truth's size, in pixels of its own size, is scaled; each pixel takes the nearest. Only +inf is
-    invalid. All else is clipped to [0, s ndisp] (signed, above alone) and then, where the truth is in whole pixels,
-    rounded, halves away from 0. Here s is the scale, and ndisp that of the prediction's size: the full size's, divided
-    and rounded up. NaN stays NaN: it is never bad, and makes the mean error NaN.
+    Source: evaldisp.cpp, version 1.6, of the MiddEval3 SDK. Pixels are judged where the truth is not +inf. A prediction
+    of half or a quarter of the truth's size, in pixels of its own size, is enlarged: each pixel takes the value of the
+    nearest one. Only +inf is invalid. All other values are clipped to [0, s n], where s is the scale and n is ndisp at
+    the prediction's size (the truth's ndisp / s, rounded up); signed values are clipped only from above. If the truth
+    is in whole pixels, values are then rounded, halves upwards. NaN stays NaN: it is never bad, and makes the mean
+    error NaN.
     """
     scales = [scale for scale in (1, 2, 4) if tuple(scale * side for side in prediction.shape) == truth.shape]
     if not scales:
@@ -121,7 +126,7 @@ def _compare_middlebury(prediction: Disparity, truth: Disparity, limits: Limits)
     largest = np.inf if limits.ndisp is None else scale * ceil(limits.ndisp / scale)
     values = np.clip(values, np.float32(-np.inf if limits.signed else 0), np.float32(largest))
     if limits.isint:
-        # In float64: 0.5 added to the float32 below 0.5 is 1.
+        # In float64: in float32, 0.5 plus the largest number below 0.5 would be 1.
         values = np.floor(values.astype(np.float64) + 0.5).astype(np.float32)
     judged = truth != np.inf
     return PixelComparison(truth, _error(values, truth), judged, valid, judged & valid)
@@ -130,8 +135,8 @@ def _compare_middlebury(prediction: Disparity, truth: Disparity, limits: Limits)
 def _compare_eth3d(prediction: Disparity, truth: Disparity, _: Limits) -> PixelComparison:
     """Compare as ETH3D's two-view benchmark does.
 
-    Source: src/main.cc of github.com/ETH3D/two-view-evaluation. Judged is where the truth is finite. A prediction that
-    is NaN, infinite, or beyond plus or minus the image's width is left out of every figure but coverage.
+    Source: src/main.cc of github.com/ETH3D/two-view-evaluation. Pixels are judged where the truth is finite. A
+    prediction that is NaN, infinite, or larger in size than the image's width counts only in coverage and invalid.
     """
     _require_same_size(prediction, truth)
     judged = np.isfinite(truth)
@@ -142,11 +147,11 @@ def _compare_eth3d(prediction: Disparity, truth: Disparity, _: Limits) -> PixelC
 def _compare_kitti(prediction: Disparity, truth: Disparity, limits: Limits) -> PixelComparison:
     """Compare as KITTI 2015 does.
 
-    Source: evaluate_scene_flow.cpp and io_disp.h of its development kit. Judged is where the truth has a value (in its
-    PNG: not 0). Holes of the prediction are filled, see `fill_holes`, and judged like the rest; density is the share of
-    pixels that were no holes. The kit reads 16-bit PNG alone; here NaN, infinite values, 0 and below are holes too, as
-    they would be in a PNG, and float predictions are not rounded to 1/256 px. Of signed disparities, 0 and below are
-    values like any other.
+    Source: evaluate_scene_flow.cpp and io_disp.h of its development kit. Pixels are judged where the truth has a value
+    (in its PNG: not 0). Holes of the prediction are filled (see `fill_holes`) and judged like all other pixels; density
+    is the share of pixels that were not holes. The kit reads only 16-bit PNG. Here float predictions are not rounded to
+    1/256 px, and their NaN, infinite values, 0 and negative values are holes. Where disparities are signed, 0 and
+    negative values are valid.
     """
     _require_same_size(prediction, truth)
     judged = np.isfinite(truth) & (limits.signed | (truth > 0))
@@ -155,11 +160,11 @@ def _compare_kitti(prediction: Disparity, truth: Disparity, limits: Limits) -> P
 
 
 def _compare_paper(prediction: Disparity, truth: Disparity, limits: Limits) -> PixelComparison:
-    """Compare as the paper of this method does, with the script of HSM.
+    """Compare as the paper of this method does, which uses HSM's script.
 
-    Source: eval_mb.py of github.com/gengshan-y/high-res-stereo. Judged is where the truth is not +inf. A prediction is
-    clipped above, at ndisp, and nowhere else: +inf becomes ndisp, and no pixel is invalid. The script also resizes
-    predictions of other sizes, linearly; here they are refused.
+    Source: eval_mb.py of github.com/gengshan-y/high-res-stereo. Pixels are judged where the truth is not +inf. A
+    prediction is clipped only from above, at ndisp: +inf becomes ndisp, and no pixel is invalid. The script resizes
+    predictions of other sizes linearly; here they raise InputError.
     """
     _require_same_size(prediction, truth)
     values = prediction if limits.ndisp is None else np.minimum(prediction, np.float32(limits.ndisp))
@@ -168,16 +173,17 @@ def _compare_paper(prediction: Disparity, truth: Disparity, limits: Limits) -> P
 
 
 def fill_holes(disparity: Disparity, valid: Where) -> Disparity:
-    """Fill holes of a prediction (H, W) px, where it is not valid, as KITTI's kit does.
+    """Return a prediction (H, W) px with its holes, where ``valid`` is False, filled as KITTI's kit does.
 
-    Source: ``interpolateBackground`` in io_disp.h of KITTI's development kit. Within a row a hole takes the smaller of
-    its left and right neighbours; at the row's ends it takes the only one. Rows above the first row that has a value
-    take that row's, and rows below the last take the last's. Rows without any value between such rows stay `UNFILLED`.
+    Source: ``interpolateBackground`` in io_disp.h of KITTI's development kit. Within a row, a hole takes the smaller of
+    the nearest valid values to its left and right; at the row's ends it takes the only one. Rows above the first row
+    with a value become copies of that row, and rows below the last row with a value become copies of the last. Rows
+    without any value that lie between rows with values stay `UNFILLED`.
     """
     known, columns = np.where(valid, disparity, np.float32(np.nan)), np.arange(disparity.shape[1])
     before = np.maximum.accumulate(np.where(valid, columns, 0), axis=1)
     after = np.minimum.accumulate(np.where(valid, columns, columns[-1])[:, ::-1], axis=1)[:, ::-1]
-    # At the ends of a row one of the sides is NaN, and fmin takes the other one.
+    # At the ends of a row one side is NaN, and fmin takes the other side.
     filled = np.fmin(*(np.take_along_axis(known, column, axis=1) for column in (before, after)))
     rows = np.flatnonzero(valid.any(axis=1))
     if rows.size:
@@ -202,11 +208,11 @@ def _wrong_size(prediction: Disparity, truth: Disparity, expected: str) -> Input
 
 
 def shown_size(image: NDArray[np.generic]) -> str:
-    """Return the size of an image, (H, W), as messages give it: width x height."""
+    """Return the size of an image (H, W) or (H, W, C) for messages: width x height."""
     return f"{image.shape[1]} x {image.shape[0]}"
 
 
-# Decimals are those that each evaluator prints; ETH3D's prints six significant digits.
+# Each evaluator's own number of decimals; ETH3D's prints six significant digits.
 PROTOCOLS: Mapping[ProtocolName, Protocol] = {
     protocol.name: protocol
     for protocol in (
@@ -254,7 +260,7 @@ PROTOCOLS: Mapping[ProtocolName, Protocol] = {
 
 
 def find_protocol(name: ProtocolName | Protocol) -> Protocol:
-    """Return a benchmark's definitions by their name, or the given ones; an InputError lists the names."""
+    """Return the protocol of a name, or a protocol as it is; an unknown name raises InputError."""
     if isinstance(name, Protocol):
         return name
     if not isinstance(name, str) or name not in PROTOCOLS:

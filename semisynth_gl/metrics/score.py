@@ -34,15 +34,16 @@ class Score:
 
     Attributes:
         protocol: the benchmark's definitions.
-        judged: pixels where a disparity was asked for.
-        estimated: judged pixels with an estimate of the prediction's own.
-        scored: judged pixels whose error counts; all of them where holes are filled or cannot be.
-        bad: scored pixels whose error exceeds each of `THRESHOLDS_PX`; an equal error is not bad.
-        outliers: scored pixels that are off by more than 3 px and more than 5 %; see `is_outlier`.
-        outliers_estimated: outliers among the estimated pixels.
-        sum_px: sum of the absolute errors.
-        sum_squared_px2: sum of their squares.
-        quantiles_px: errors that the shares `QUANTILES` of the pixels do not exceed; see `error_quantiles`.
+        judged: number of pixels where a disparity was asked for.
+        estimated: number of judged pixels for which the prediction itself has a value.
+        scored: number of judged pixels whose error counts: all of them under protocols that fill holes (KITTI) or
+            have no invalid values (``paper``).
+        bad: for each of `THRESHOLDS_PX`, number of scored pixels with a larger error; an equal error is not bad.
+        outliers: number of scored pixels that are off by more than 3 px and more than 5 %; see `is_outlier`.
+        outliers_estimated: number of outliers among the estimated pixels.
+        sum_px: sum of the absolute errors of the scored pixels.
+        sum_squared_px2: sum of the squares of these errors.
+        quantiles_px: errors that the shares `QUANTILES` of the scored pixels do not exceed; see `error_quantiles`.
     """
 
     protocol: Protocol
@@ -57,20 +58,22 @@ class Score:
     quantiles_px: tuple[float, ...]
 
     def figures(self) -> dict[str, float]:
-        """Return the figures of benchmarks, shares in the protocol's unit, errors in px.
+        """Return the figures of benchmarks by name: shares in the protocol's unit, errors in px.
 
-        ``bad-t``: share of pixels with an error above t px: of the judged pixels, invalid ones being bad (Middlebury),
-            or of the scored pixels (ETH3D; in the others these are the same).
+        ``bad-t``: share of pixels with an error above t px. Middlebury's is a share of the judged pixels, and counts
+            invalid pixels as bad. ETH3D's is a share of the scored pixels. In the other protocols both are the same.
         ``D1-all``: share of outliers among the same pixels (KITTI 2015).
-        ``D1-est``: share of outliers among the estimated pixels (``errors_*_result`` of KITTI's kit); NaN without any.
-        ``avgerr``, ``epe``: mean absolute error of the scored pixels, under the names of benchmarks and training code.
+        ``D1-est``: share of outliers among the estimated pixels (``errors_*_result`` of KITTI's kit); NaN without
+            estimated pixels.
+        ``avgerr``, ``epe``: mean absolute error of the scored pixels; benchmarks use the first name, training code the
+            second.
         ``rms``: root of the mean squared error of the scored pixels.
         ``A50`` to ``A99``: see `error_quantiles`.
         ``coverage``: share of the judged pixels with an estimate; KITTI's density.
         ``invalid``: share of the judged pixels without an estimate.
 
-        All are NaN where no pixel was judged. Where none was scored, all pixels are bad; errors are infinite for ETH3D
-        and NaN for Middlebury, as their evaluators have them.
+        All figures are NaN where no pixel was judged. If pixels were judged, but none was scored, all of them are bad,
+        and errors are infinite under ETH3D's protocol and NaN under Middlebury's, as in their evaluators.
         """
         full = self.protocol.full_share
         # Under Middlebury's protocol pixels without a score are bad too.
@@ -104,18 +107,19 @@ def score(
     mask: NDArray[np.bool_] | None = None,
     limits: Limits = UNLIMITED,
 ) -> Score:
-    """Score a prediction.
+    """Score a prediction against the truth by a benchmark's definitions.
 
     Args:
-        prediction: (H, W) floats, px; the protocol decides which values are no disparity. Middlebury takes half and
-            quarter sizes too. Errors are computed in float32, as in the evaluators.
+        prediction: (H, W) floats, px; the protocol decides which values are invalid. Middlebury also takes predictions
+            of half or a quarter of the truth's size. Errors are computed in float32, as in the evaluators.
         truth: (H, W) floats, px, inf where there is no disparity.
         protocol: one of `PROTOCOLS`, or its name.
-        mask: (H, W) bool, the pixels to count, such as those that both views see; None for all.
-        limits: ndisp and isint of the truth.
+        mask: (H, W) bool of the truth's size, True for the pixels to count, such as the pixels that both views see;
+            None for all pixels.
+        limits: ndisp and isint of the truth, and whether its disparities are signed.
 
     Raises:
-        InputError: where sizes differ, or there is no such protocol.
+        InputError: where sizes differ, an array is not (H, W), or there is no such protocol.
     """
     protocol = find_protocol(protocol)
     check_type("mask", mask, np.ndarray | None)
@@ -128,7 +132,11 @@ def score(
 
 
 def tally(comparison: PixelComparison, protocol: Protocol, mask: NDArray[np.bool_] | None = None) -> Score:
-    """Count the pixels of a comparison that are in a mask (H, W) of the truth's size, or all."""
+    """Count the pixels of a comparison in a mask (H, W) of the truth's size, or all pixels without a mask.
+
+    Raises:
+        InputError: where the mask has another size.
+    """
     judged, scored = comparison.judged, comparison.scored
     if mask is not None:
         if mask.shape != judged.shape:
@@ -138,7 +146,7 @@ def tally(comparison: PixelComparison, protocol: Protocol, mask: NDArray[np.bool
     estimated = judged & comparison.estimated
     error, truth = comparison.error[scored], comparison.truth[scored]
     outlier = is_outlier(error, truth)
-    # Squares of float32, summed in double, and the root of a float32: as ETH3D's evaluator, digit by digit.
+    # Squares in float32, summed in double, and the root of a float32 give the same digits as ETH3D's evaluator.
     with np.errstate(over="ignore"):
         squared = float(np.square(error).sum(dtype=np.float64))
     return Score(
@@ -149,7 +157,7 @@ def tally(comparison: PixelComparison, protocol: Protocol, mask: NDArray[np.bool
         bad=tuple(int((error > threshold).sum()) for threshold in THRESHOLDS_PX),
         outliers=int(outlier.sum()),
         outliers_estimated=int((outlier & estimated[scored]).sum()),
-        # ETH3D sums in double too. Middlebury's kit sums in float32, which at 1500 x 1000 is off from the 3rd digit on.
+        # ETH3D sums in double too. Middlebury's kit sums in float32, which is off from the 3rd digit on at 1500 x 1000.
         sum_px=float(error.sum(dtype=np.float64)),
         sum_squared_px2=squared,
         quantiles_px=error_quantiles(error) if error.size else (_worst_px(protocol, judged.sum()),) * len(QUANTILES),
@@ -157,10 +165,11 @@ def tally(comparison: PixelComparison, protocol: Protocol, mask: NDArray[np.bool
 
 
 def is_outlier(error: NDArray[np.float32], truth: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Tell which errors are above 3 px and above 5 % of the truth.
+    """Return which errors (N,) px are above 3 px and above 5 % of the truth (N,) px.
 
-    Source: ``disparityErrorsOutlier`` in evaluate_scene_flow.cpp of KITTI's development kit. The quotient is a float32
-    and the bound a double, just below the float32 next to it: exactly 5 % is an outlier, exactly 3 px is none.
+    Source: ``disparityErrorsOutlier`` in evaluate_scene_flow.cpp of KITTI's development kit. The kit compares a float32
+    quotient with the double 0.05, which is slightly below the float32 nearest to it. So an error of exactly 5 % is an
+    outlier, and an error of exactly 3 px is not.
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         quotient = error / np.abs(truth)
@@ -169,10 +178,11 @@ def is_outlier(error: NDArray[np.float32], truth: NDArray[np.float32]) -> NDArra
 
 
 def error_quantiles(error: NDArray[np.float32]) -> tuple[float, ...]:
-    """Return A50, A90, A95 and A99: number floor(n q), counted from 0, of the n errors in ascending order, n above 0.
+    """Return A50, A90, A95 and A99 of the n errors, n above 0.
 
-    Source: src/main.cc of github.com/ETH3D/two-view-evaluation, where n q is a float32. Middlebury's page reports the
-    same figures, but its kit has none. NaN sorts last.
+    The quantile q is the error at place floor(n q), counted from 0, in ascending order; NaN sorts last. Source:
+    src/main.cc of github.com/ETH3D/two-view-evaluation, where n q is a float32. Middlebury's page reports the same
+    figures, but its kit does not compute them.
     """
     places = [min(int(np.floor(np.float32(error.size) * np.float32(q))), error.size - 1) for q in QUANTILES]
     return tuple(float(value) for value in np.partition(error, places)[places])
@@ -184,12 +194,12 @@ def _worst_px(protocol: Protocol, judged: int) -> float:
 
 
 def pool(scores: Sequence[Score]) -> Score:
-    """Pool the pixels of several scores, as KITTI does with its images.
+    """Pool the pixels of several scores into one score, as KITTI does with its images.
 
-    Quantiles cannot be pooled from counts; the mean of the images' stands for them.
+    Quantiles cannot be pooled from counts, so the pooled quantiles are the means of the scores' quantiles.
 
     Args:
-        scores: at least one, all by one protocol.
+        scores: at least one score; all have the same protocol.
     """
     sums: dict[str, Any] = {name: sum(getattr(score, name) for score in scores) for name in _SUMMED}
     bad = tuple(map(sum, zip(*(score.bad for score in scores), strict=True)))
@@ -199,10 +209,13 @@ def pool(scores: Sequence[Score]) -> Score:
 
 
 def mean_figures(scores: Mapping[str, Score]) -> dict[str, float]:
-    """Return the figures of several images together, by name, as their benchmark averages them.
+    """Return the figures of several images together, by the figure's name, averaged as their benchmark does it.
 
-    KITTI pools the pixels of all images. The others average the images' figures; Middlebury halves the weight of five
-    of its training pairs. An image without a judged pixel takes no part.
+    KITTI pools the pixels of all images. The other benchmarks average the images' figures; Middlebury halves the weight
+    of five of its training pairs. An image without a judged pixel does not count.
+
+    Args:
+        scores: at least one score, by the image's name; all have the same protocol.
     """
     protocol = next(iter(scores.values())).protocol
     counted = {name: score for name, score in scores.items() if score.judged} or scores

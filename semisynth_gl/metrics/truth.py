@@ -24,15 +24,15 @@ from semisynth_gl.inputs.errors import InputError, ReadError, cut, shown
 from semisynth_gl.metrics.protocol import UNLIMITED, Limits, ProtocolName, shown_size
 from semisynth_gl.seeds.splits import SplitName
 
-# Levels per pixel of disparity in a 16-bit PNG, where the set does not say otherwise.
+# Levels per pixel of disparity in a 16-bit PNG, unless the set has another scale.
 _STEPS: float = KITTI_DISPARITY.steps
 _PROTOCOL_OF_LAYOUT: Mapping[str, ProtocolName] = {"kitti": "kitti", "eth3d": "eth3d"}
 _OBJECTS_ROLE = "objects"
 _OCC, _NOC, _OBJECTS = "disp_occ_0", "disp_noc_0", "obj_map"
-# A folder of results, as KITTI's kit wants it.
+# The folder of results that KITTI's kit asks for.
 _KITTI_RESULTS = "disp_0"
 SCENE_STEMS = ("disp0GT", "disp0")
-"""Names of the truth in a scene's folder, without their ending; the first one that a set has counts."""
+"""Names of the truth in a scene's folder, without extension; a set's truth is the first of these that it has."""
 _SCENE_TRUTHS = tuple(f"{stem}.pfm" for stem in SCENE_STEMS)
 _MASK = "mask0nocc"
 _ETH3D = "two_view_training_gt"
@@ -44,12 +44,13 @@ _Values = TypeVar("_Values", bound=np.generic)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """The truth of a pair's left view, (H, W) each.
+    """The truth of a pair's left view; all arrays are (H, W).
 
     Attributes:
         disparity: px, inf where unknown.
-        visible: where the right view sees the point too; None where that is not known.
-        objects: 0 in the background, as in KITTI's obj_map; None where there is no such map.
+        visible: True where the right view sees the point too; None where the set has no mask.
+        objects: 0 in the background, the number of an object elsewhere, as in KITTI's obj_map; None without such a map.
+        limits: the limits of the disparities.
     """
 
     disparity: NDArray[np.float32]
@@ -60,12 +61,17 @@ class Truth:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruePair:
-    """A pair, by a name that is unique in its set, with its truth; messages name the truth's file, the source.
+    """A pair with its truth.
 
     Attributes:
-        stems: names that a prediction for the pair may have, below the folder of predictions and without their ending,
-            the most specific first; each with the levels per pixel of disparity in a 16-bit PNG of that name.
-        signed: whether disparities of 0 and below are valid; PNGs count 1/256 px from 32768 on then.
+        name: unique in the set.
+        source: the truth's file, for messages.
+        stems: paths that a prediction for the pair may have, relative to the folder of predictions and without
+            extension, the most specific first; each with the levels per pixel of disparity in a 16-bit PNG of that
+            path.
+        read: reads the truth; raises ReadError where a file cannot be read.
+        signed: whether disparities of 0 and below are valid; 16-bit PNGs then have 1/256 px per level, and 32768
+            stands for 0.
     """
 
     name: str
@@ -77,9 +83,10 @@ class TruePair:
 
 @dataclass(frozen=True, slots=True)
 class TrueSet:
-    """The pairs of a set, and the benchmark whose form it has.
+    """The pairs of a set, and the benchmark whose layout it has.
 
-    ``local`` is the folder of a dataset of this program; None for other sets, and for datasets that are in no folder.
+    ``local`` is the folder of a dataset of this program; None for other sets, and for datasets that are not in a local
+    folder.
     """
 
     pairs: Sequence[TruePair]
@@ -88,14 +95,17 @@ class TrueSet:
 
 
 def find_truth(address: str, split: SplitName | None = None, masks: Path | None = None) -> TrueSet:
-    """Find the true disparities of a set, with the masks of a folder instead of its own, 255 where not occluded.
+    """Find the true disparities of a set.
 
-    The set is a dataset of this program, in any layout, in a folder or at an address that fsspec knows; KITTI 2015's
-    ``training`` folder or the one above it; a folder with a disp0GT.pfm (or disp0.pfm) in each scene's folder, as
-    Middlebury and ETH3D have; or a folder of disparity maps, one a pair.
+    Args:
+        address: a dataset of this program, in any layout, in a folder or at an address that fsspec knows; KITTI 2015's
+            ``training`` folder or its parent; a folder with a disp0GT.pfm (or disp0.pfm) in each scene's subfolder, as
+            in Middlebury and ETH3D; or a folder with a disparity map for each pair.
+        split: a split of a dataset of this program; None for all pairs.
+        masks: a folder of 8-bit masks, 255 where not occluded, to use instead of the set's own masks.
 
     Raises:
-        InputError: where there is no such set, names are not unique, or a mask is missing.
+        InputError: where there is no such set or split, names are not unique, or a mask is missing.
     """
     folder = Path(address)
     if "://" in address or (folder / INDEX).is_file() or (folder / PLAN).is_file():
@@ -106,7 +116,7 @@ def find_truth(address: str, split: SplitName | None = None, masks: Path | None 
         if split is not None:
             raise InputError(f"`split` {split}: `truth` {address} has no splits, since this program did not write it")
         truths = _folder_truths(folder)
-    # A name of several pairs, such as disp0GT, names none of them.
+    # A name that several pairs have, such as disp0GT, identifies none of them.
     counts = Counter(stem for pair in truths.pairs for stem in pair.stems)
     unique = [{stem: scale for stem, scale in pair.stems.items() if counts[stem] == 1} for pair in truths.pairs]
     pairs = [replace(pair, stems=stems) for pair, stems in zip(truths.pairs, unique, strict=True)]
@@ -135,7 +145,7 @@ def _dataset_truths(dataset: Dataset, only_split: SplitName | None) -> TrueSet:
 def _read_pair(dataset: Dataset, place: int) -> Truth:
     index, frame = dataset.about, dataset[place]
     disparity, visibility = frame.left.disparity, frame.left.get("visibility")
-    # KITTI's map of objects is no array of a frame.
+    # A frame has no array for KITTI's map of objects.
     name = index.files(*dataset.pair(place)).get(_OBJECTS_ROLE)
     objects = None
     if name is not None:
@@ -148,7 +158,7 @@ def _read_pair(dataset: Dataset, place: int) -> Truth:
     if frame.calibration is not None:
         limits = Limits(frame.calibration.ndisp, signed=index.signed)
     else:
-        # Layouts without calib.txt: the number that would be in it.
+        # In layouts without calib.txt, ndisp is the number that calib.txt would have.
         largest_px = index.config.disparity.max_px
         limits = UNLIMITED if largest_px is None else Limits(max(1, ceil(largest_px)), signed=index.signed)
     return Truth(disparity, None if visibility is None else visibility == VISIBLE, objects, limits)
@@ -180,9 +190,9 @@ def _folder_truths(folder: Path) -> TrueSet:
 
 
 def _find_scenes(folder: Path) -> list[Path]:
-    """Return the truth's file of each scene below a folder, sorted; folders may be links.
+    """Return the file of each scene's truth below a folder, sorted; folders may be links.
 
-    A folder counts once, by its own name before that of a link, so links may lead in circles.
+    Each folder is visited once, by its own name rather than by a link's, so circular links do no harm.
     """
     found: dict[str, list[Path]] = {name: [] for name in _SCENE_TRUTHS}
     seen: set[Path] = set()
@@ -238,7 +248,11 @@ def _read_map(path: Path) -> Truth:
 
 
 def read_limits(path: Path) -> Limits:
-    """Read ndisp and isint, whole numbers, of a calib.txt of Middlebury or ETH3D, which may lack either."""
+    """Read ndisp and isint from a calib.txt of Middlebury or ETH3D; either may be missing.
+
+    Raises:
+        ReadError: where the file cannot be read, or a value is not a whole number or out of range.
+    """
     text = read_bytes(path, _LARGEST_CALIB).decode("utf-8", "replace")
     values = {key: value for key, value in calib_values(text).items() if key in ("ndisp", "isint")}
     try:
@@ -253,7 +267,7 @@ def read_limits(path: Path) -> Limits:
 
 
 def _whole(text: str) -> int:
-    # Some programs write 64.0.
+    # Some programs write a whole number as 64.0.
     number = float(text)
     if not number.is_integer():
         raise ValueError(text)
@@ -284,12 +298,12 @@ def _same_size(
 
 
 def _grey_map(path: Path, truth: NDArray[np.float32], beside: Path) -> NDArray[np.uint8] | None:
-    """Return the 8-bit map of a file, which has the truth's size; None where there is no such file."""
+    """Return the 8-bit map of a file, which must have the truth's size; None where there is no such file."""
     return _same_size(GREY8.read(path), truth, path, beside) if path.is_file() else None
 
 
 def _path_stems(path: PurePosixPath, png_scale: float = _STEPS) -> dict[str, float]:
-    """Return a file's path without its ending, the same without its first folder, and so on, each with the scale."""
+    """Return a path without extension, with all of its folders, without the first, and so on, each with the scale."""
     parts = (*path.parts[:-1], path.stem)
     stems = {"/".join(parts[first:]): png_scale for first in range(len(parts))}
     # "000000_left.disp" is also the disparity of "000000_left".

@@ -112,11 +112,11 @@ def test_folders_that_do_not_fit_are_refused(folders, tmp_path):
         with pytest.raises(InputError, match=words):
             raise run("--pred", *arguments).exception
     (right / "a.npy").rename(right / "d.npy")
-    with pytest.raises(InputError, match="2 pairs with a prediction for one view alone: a has none for the right view"):
+    with pytest.raises(InputError, match="2 pairs with a prediction for only one view: a has none for the right view"):
         evaluate_views(left, right)
     (right / "d.npy").unlink()
     (left / "a.npy").rename(left / "b" / "c.npy")
-    with pytest.raises(InputError, match=r"c\.npy and c\.pfm are of one pair"):
+    with pytest.raises(InputError, match=r"c\.npy and c\.pfm are for one pair"):
         evaluate_views(left, right)
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match="has no disparity map"):
