@@ -1,6 +1,6 @@
-"""Pairs for PyTorch: rendered while a network trains, `StereoStream`; read, `StereoDataset`; mixed, `StereoMix`.
+"""Pairs for PyTorch: `StereoStream` renders them, `StereoDataset` reads them from files, `StereoMix` mixes sources.
 
-No other room of the package imports torch.
+No other subpackage imports torch.
 """
 
 from semisynth_gl.inputs.errors import how_to_install

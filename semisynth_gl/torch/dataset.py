@@ -1,4 +1,4 @@
-"""Written pairs for a training loop: `StereoDataset`, a map-style dataset over any layout."""
+"""Written pairs for a training loop: `StereoDataset`, a map-style dataset that reads any layout."""
 
 from collections.abc import Callable, Mapping
 from copy import copy
@@ -15,22 +15,23 @@ from semisynth_gl.torch.samples import Sample, check_crop, check_transform, draw
 
 
 class StereoDataset(Dataset[Any]):
-    """The pairs of a written dataset, in any layout: ``dataset[i]`` is the sample that `StereoStream` yields of it.
+    """The pairs of a written dataset, in any layout: ``dataset[i]`` is a sample as `StereoStream` would yield it.
 
-    A sample is a dictionary, see `to_sample`. Files are read when a sample is asked for, and none stays open: it can be
-    pickled, and workers may be forked or spawned. It needs no OpenGL.
+    A sample is a dictionary, see `to_sample`. Files are read when a sample is asked for, and no file stays open, so the
+    dataset can be pickled, and workers may be forked or spawned. It needs no OpenGL.
 
     Args:
         address: the dataset's folder, or an address that fsspec knows.
         split: a split of the dataset; None for all pairs, training pairs first.
         crop: height and width, px: read a crop of each pair; None for whole images.
-        seed: of the places of crops, which follow from it, the pair's sequence and the epoch; by default the dataset's
-            own, which gives the places of `StereoStream`.
-        transform: gets the sample, returns the object that the dataset has instead.
+        seed: decides, with the pair's sequence and the epoch, the places of crops; by default the seed of the dataset,
+            with which the places are those of `StereoStream`.
+        transform: a function that gets the sample and returns the object to use instead.
 
     Attributes:
-        pairs: the dataset as `open_dataset` opens it: ``dataset.pairs[i].provenance`` says what made a pair.
-        identity: all that decides what the samples are, in JSON's types; not where the dataset lies.
+        pairs: the dataset as `open_dataset` opens it: ``dataset.pairs[i].provenance`` says how a pair was made.
+        identity: everything that decides the content of the samples, in JSON's types; the dataset's address is not
+            part of it.
 
     Raises:
         InputError: where the address has no dataset, the dataset is not finished or has no such split, or an argument
@@ -73,7 +74,7 @@ class StereoDataset(Dataset[Any]):
         """Read a sample; its ``index`` is the pair's number in its split.
 
         Raises:
-            InputError: where the number is no whole number, or a codec needs a package that is not installed.
+            InputError: where the number is not a whole number, or a codec needs a package that is not installed.
             IndexError: where the dataset has fewer pairs.
             ReadError: where a file is missing, cut off or cannot be read.
         """
@@ -87,10 +88,10 @@ class StereoDataset(Dataset[Any]):
         return sample if self._transform is None else self._transform(sample)
 
     def at_epoch(self, epoch: int) -> "StereoDataset":
-        """Return this dataset with the crops of an epoch, counted from 0; the places of crops differ between epochs.
+        """Return a copy of this dataset with the crops of an epoch, counted from 0; each epoch has other crops.
 
         Raises:
-            InputError: where the epoch is no whole number of 0 or more.
+            InputError: where the epoch is not a whole number of 0 or more.
         """
         other = copy(self)
         other._epoch = to_whole("an epoch", epoch, least=0)  # noqa: SLF001 - its own

@@ -27,7 +27,7 @@ class Selection:
         first: number of the first sample. To resume a stream, take its first number plus
             ``steps * batch_size * world_size``.
         pairs: number of samples; None for no end.
-        frames: frames of each sequence that the stream yields, rising; None for all frames.
+        frames: numbers of the frames that the stream yields of each sequence, from 0 and rising; None for all frames.
 
     Raises:
         InputError: where a value cannot be used.
@@ -44,10 +44,10 @@ class Selection:
         named = all(isinstance(split, str) and split in SPLITS for split in (self.split, *self.splits))
         if not named or self.split not in self.splits:
             raise InputError(
-                f"split: expected one of splits, which name all that the dataset has of {', '.join(SPLITS)}, got "
+                f"split: expected one of splits, and as splits the dataset's own among {', '.join(SPLITS)}, got "
                 f"split={shown(self.split)} and splits={shown(self.splits)}"
             )
-        # A state has Python's own numbers.
+        # States are written as JSON, which needs Python's own numbers.
         first = to_whole("first, the number of a sample,", self.first, 0, LARGEST_NUMBER)
         object.__setattr__(self, "first", first)
         if self.pairs is not None:
@@ -55,19 +55,19 @@ class Selection:
             object.__setattr__(self, "pairs", pairs)
         if self.frames is not None:
             check_type("frames", self.frames, Sequence)
-            frames = tuple(to_whole("a number of frames", frame, least=0) for frame in self.frames)
+            frames = tuple(to_whole("a number in frames", frame, least=0) for frame in self.frames)
             object.__setattr__(self, "frames", frames)
 
     def frames_in(self, length: int) -> tuple[int, ...]:
         """Return the frames that the stream yields of each sequence of ``length`` frames.
 
         Raises:
-            InputError: where the frames do not rise, or a sequence does not have them.
+            InputError: where ``frames`` is empty or does not rise, or a sequence is too short for it.
         """
         frames = tuple(range(length) if self.frames is None else self.frames)
         if not frames or not set(frames) <= set(range(length)) or list(frames) != sorted(set(frames)):
             raise InputError(
-                f"frames: expected growing numbers from 0 to {length - 1}, since the config's sequence.length is "
+                f"frames: expected rising numbers from 0 to {length - 1}, since the config's sequence.length is "
                 f"{length}, got {frames}"
             )
         return frames
@@ -78,11 +78,11 @@ class TrainingProcess:
     """One of the training processes that share a stream.
 
     Attributes:
-        rank: number of the process.
-        world_size: number of processes.
+        rank: number of this process, from 0.
+        world_size: number of all processes.
 
     Raises:
-        InputError: where no process has the rank.
+        InputError: where the rank is not from 0 to world_size - 1.
     """
 
     rank: int = 0
@@ -106,7 +106,7 @@ class TrainingProcess:
 
 
 class Worker(NamedTuple):
-    """A worker's number in its training process, of a total in each process; without workers, the process itself."""
+    """A worker's number in its training process, from 0, and the total in each process; (0, 1) without workers."""
 
     number: int = 0
     total: int = 1
@@ -114,10 +114,13 @@ class Worker(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Dealing:
-    """Samples first, first + 1 ... in blocks, which go to the workers of all processes in turn.
+    """The rule that deals samples out: blocks of successive samples go to the workers of all processes in turn.
 
-    A block has complete batches and complete sequences, of ``batch`` and ``frames`` samples. Without a number of
-    samples there is no end.
+    Attributes:
+        first: number of the first sample.
+        samples: number of samples; None for no end.
+        batch: samples of a batch; a block consists of complete batches.
+        frames: samples that stay together, such as those of a sequence; a block does not divide them.
     """
 
     first: int
@@ -131,8 +134,8 @@ class Dealing:
         return lcm(self.batch, self.frames)
 
     def numbers(self, process: TrainingProcess, worker: Worker, skipped: int = 0) -> Iterator[int]:
-        """Yield the numbers of a worker's samples, rising, without the first ``skipped`` ones."""
-        # All processes have their first batch before one has its second.
+        """Yield the numbers of a worker's samples in rising order, without the first ``skipped`` numbers."""
+        # Every process gets its first block before any process gets its second.
         turn, turns = worker.number * process.world_size + process.rank, worker.total * process.world_size
         for number in count(skipped):
             block, within = divmod(number, self.block)
@@ -142,7 +145,7 @@ class Dealing:
             yield self.first + offset
 
     def count(self, process: TrainingProcess) -> int | None:
-        """Return the number of a process's samples; None for no end."""
+        """Return the number of a process's samples; None for a stream without end."""
         if self.samples is None:
             return None
         rounds, rest = divmod(self.samples, self.block * process.world_size)

@@ -1,7 +1,7 @@
 """Pixels from OpenGL to CUDA on one GPU, without a detour through the computer's memory.
 
-OpenGL copies an attachment into a buffer (`PixelBuffers`), and CUDA maps that buffer and copies it into a tensor. The
-second half uses NVIDIA's bindings of the CUDA runtime; they and torch share the device's primary context.
+OpenGL copies an attachment into a buffer (`PixelBuffers`). CUDA maps that buffer and copies it into a tensor, by way of
+NVIDIA's bindings of the CUDA runtime, which share the device's primary context with torch.
 """
 
 from collections.abc import Iterator
@@ -19,7 +19,11 @@ _MOST_DEVICES = 64
 
 
 class CudaReader:
-    """Reads attachments into tensors on a numbered CUDA device, on whose GPU OpenGL draws; see `Reader` in `render`."""
+    """A `Reader` (see `render`) that reads attachments into tensors on a CUDA device.
+
+    The device must have an index, and OpenGL must draw on the same GPU. Without NVIDIA's bindings of CUDA the
+    constructor raises InputError.
+    """
 
     def __init__(self, device: torch.device) -> None:
         try:
@@ -37,7 +41,11 @@ class CudaReader:
     def __call__(
         self, framebuffer: Any, viewport: Viewport, attachment: int, kind: str, components: int  # noqa: ANN401 - only render/ knows OpenGL's types
     ) -> torch.Tensor:  # fmt: skip
-        """Return a rectangle of an attachment on the device, (H, W) or (H, W, C)."""
+        """Return a rectangle of an attachment as a tensor on the device, (H, W) or (H, W, C).
+
+        Raises:
+            BackendError: where OpenGL draws on another GPU, or CUDA reports an error.
+        """
         if self._context is None:
             self._check_device()
             self._context = framebuffer.ctx
@@ -50,7 +58,7 @@ class CudaReader:
         stream = torch.cuda.current_stream(self._device).cuda_stream
         with self._mapped(self._resources[buffer.glo], stream) as (pointer, size):
             if size < buffer.size:
-                raise BackendError(f"CUDA maps {size} bytes of a buffer of {buffer.size}: is the driver whole?")
+                raise BackendError(f"CUDA maps only {size} of a buffer's {buffer.size} bytes: check the driver")
             within = self._cuda.cudaMemcpyKind.cudaMemcpyDeviceToDevice
             self._call("cudaMemcpyAsync", tensor.data_ptr(), pointer, buffer.size, within, stream)
         return tensor
@@ -69,7 +77,10 @@ class CudaReader:
 
     @contextmanager
     def _mapped(self, resource: Any, stream: int) -> Iterator[tuple[int, int]]:  # noqa: ANN401 - the bindings have no types
-        """Map a buffer for CUDA; give its address and bytes. CUDA waits for OpenGL here, and OpenGL for CUDA after."""
+        """Map a buffer for CUDA and yield its address and its size in bytes.
+
+        Mapping makes CUDA wait for OpenGL; unmapping makes OpenGL wait for CUDA.
+        """
         self._call("cudaGraphicsMapResources", 1, resource, stream)
         try:
             pointer, size = self._call("cudaGraphicsResourceGetMappedPointer", resource)
@@ -78,12 +89,12 @@ class CudaReader:
             self._call("cudaGraphicsUnmapResources", 1, resource, stream)
 
     def _check_device(self) -> None:
-        # The bindings return as many numbers as there is room for.
+        # The bindings return a list of _MOST_DEVICES numbers; only the first `count` of them are devices.
         count, numbers = self._call("cudaGLGetDevices", _MOST_DEVICES, self._cuda.cudaGLDeviceList.cudaGLDeviceListAll)
         devices = list(numbers)[:count]
         if self._device.index not in devices:
             raise BackendError(
-                f"OpenGL draws on CUDA's device {', '.join(map(str, devices)) or 'none'}, but pairs shall be on "
+                f"OpenGL draws on CUDA's device {', '.join(map(str, devices)) or 'none'}, but the tensors belong on "
                 f"{self._device}: give gpus=({self._device.index},)"
             )
 

@@ -1,4 +1,4 @@
-"""What `StereoStream` and `StereoMix` have in common: numbered samples, dealt out, iterated over and resumed."""
+"""The common part of `StereoStream` and `StereoMix`: numbered samples that are dealt out, iterated over and resumed."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping
@@ -19,27 +19,27 @@ _STATE = {"yielded", "worker", "workers", "stream"}
 
 
 class Source(Protocol):
-    """Samples that have numbers: any process can make each of them from its number alone.
+    """A source of numbered samples: any process can make a sample from its number.
 
-    Goes to worker processes by pickling: it holds settings, and opens its resources when it is entered.
+    A source is pickled for worker processes, so it holds only settings; `open` opens its resources.
     """
 
     @property
     def together(self) -> int:
-        """How many successive samples one worker should make, such as the frames of a sequence."""
+        """Number of successive samples that one worker should make, such as the frames of a sequence."""
 
     @property
     def identity(self) -> Mapping[str, Any]:
-        """All that decides what the samples are, in JSON's types; asked for where a state is saved or loaded."""
+        """Everything that decides the content of the samples, in JSON's types; used to save and load states."""
 
     def open(self, worker: Worker) -> AbstractContextManager[Callable[[int], Any]]:
-        """Open the resources in a worker; give a function from a sample's number to the sample."""
+        """Open a worker's resources; the context yields a function that makes a sample from its number."""
 
 
 class DealtDataset(IterableDataset[Any]):
     """The samples of a source, dealt out to the loader's workers and to the training processes.
 
-    Without a process, torch.distributed says which one this is.
+    If ``process`` is None, torch.distributed gives the number of the process.
     """
 
     def __init__(self, source: Source, dealing: Dealing, process: TrainingProcess | None) -> None:
@@ -61,16 +61,16 @@ class DealtDataset(IterableDataset[Any]):
         return samples
 
     def __iter__(self) -> Iterator[Any]:
-        """Begin at the first sample, or, once, at the sample that follows a loaded state.
+        """Begin at the first sample; the first iteration after `load_state_dict` begins where the state ended.
 
         Raises:
-            InputError: where the state is another worker's.
+            InputError: where the state is from another worker.
         """
         worker = _this_worker()
         resumed, self._resumed = self._resumed, None
         if resumed is not None and resumed[1] != worker:
             raise InputError(
-                f"the state that was loaded is of worker {resumed[1].number} of {resumed[1].total}, and this is worker "
+                f"the loaded state is from worker {resumed[1].number} of {resumed[1].total}, and this is worker "
                 f"{worker.number} of {worker.total}: resume with the same number of workers through torchdata's "
                 "StatefulDataLoader, or select first=steps * batch_size * world_size"
             )
@@ -78,13 +78,14 @@ class DealtDataset(IterableDataset[Any]):
         return self._samples(worker, self._yielded)
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the position of this process in the stream, and what decides the samples, in JSON's types.
+        """Return the position of this process or worker in the stream, in JSON's types.
 
-        A worker's stream has a state of its own: torchdata's StatefulDataLoader gathers them.
+        Each worker has its own state; torchdata's StatefulDataLoader gathers them. The keys are ``yielded`` (number of
+        samples), ``worker``, ``workers`` and ``stream`` (everything that decides the content of the samples).
 
         Raises:
-            InputError: where this process has yielded nothing, since the loader's workers do, or photographs or models
-                cannot be used.
+            InputError: where this process has not begun to iterate, as when the loader's workers iterate instead, or
+                photographs or models cannot be used.
         """
         if self._yielded is None:
             raise InputError(
@@ -95,28 +96,28 @@ class DealtDataset(IterableDataset[Any]):
         return {"yielded": self._yielded, "worker": number, "workers": total, "stream": self._identity}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Let the next iteration go on after the samples that the state has yielded.
+        """Let the next iteration continue after the samples that were yielded before the state was saved.
 
         Args:
             state: the result of `state_dict`.
 
         Raises:
-            InputError: where the state is no stream's, or of a stream that yields other samples, such as those of other
-                photographs; or where photographs or models cannot be used.
+            InputError: where the state is not a stream's, or is from a stream that yields other samples, for example
+                because its photographs have changed; or where photographs or models cannot be used.
         """
         yielded, worker, identity = _position(state)
         changed = differences(identity, self._identity)
         if changed:
             raise InputError(
-                f"the state is of a stream that yields other samples: {abbreviate(changed)}. Make the stream "
-                "as it was, of the same photographs and models"
+                f"the state is from a stream that yields other samples: {abbreviate(changed)}. Make the stream "
+                "as it was, with the same photographs and models"
             )
         self._yielded = yielded
         self._resumed = yielded, worker
 
     @property
     def _identity(self) -> dict[str, Any]:
-        """All that decides which samples come; the number of samples decides only where they end."""
+        """Everything that decides which samples come; not the number of samples, which only decides where they end."""
         return {
             "version": version(PROGRAM),
             **self.source.identity,
@@ -135,10 +136,10 @@ class DealtDataset(IterableDataset[Any]):
 
 
 def _position(state: object) -> tuple[int, Worker, Mapping[str, Any]]:
-    """Return how many samples a state has yielded, its worker, and its stream's identity."""
+    """Return a state's number of yielded samples, its worker, and its stream's identity; check all three."""
     if not isinstance(state, Mapping) or not set(state) >= _STATE:
         raise InputError(
-            f"expected what state_dict() of a stream has returned, with the keys {', '.join(sorted(_STATE))}, got "
+            f"expected the result of a stream's state_dict(), with the keys {', '.join(sorted(_STATE))}, got "
             f"{shown(state)}"
         )
     numbers = [
@@ -150,7 +151,7 @@ def _position(state: object) -> tuple[int, Worker, Mapping[str, Any]]:
     try:
         json.dumps(identity)
     except (TypeError, ValueError, RecursionError) as error:
-        raise InputError(f"stream of a state must have JSON's types alone, got {shown(identity)}: {error}") from None
+        raise InputError(f"stream of a state must have only JSON's types, got {shown(identity)}: {error}") from None
     return numbers[0], Worker(*numbers[1:]), identity
 
 

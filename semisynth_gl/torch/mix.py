@@ -1,7 +1,7 @@
 """Streams and datasets mixed in shares: `StereoMix`.
 
-The source of sample n, and the number of its sample, follow from the seed and n alone, so any worker can make any
-sample, and a mix goes on anywhere at once.
+Sample n of a mix is a sample of one of its sources. The source, and the number of the sample in it, depend only on the
+seed and n. So any worker can make any sample, and a mix can be resumed anywhere at once.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,26 +22,27 @@ from semisynth_gl.torch.dealing import Dealing, TrainingProcess, Worker
 from semisynth_gl.torch.iteration import DealtDataset, Source
 
 _WINDOW = 256
-"""Turns whose order is drawn at once."""
+"""Number of turns whose order is drawn at once."""
 _UNIT = 2**32
 _GOLDEN = 2654435769
-"""The golden section of `_UNIT`: its multiples are spread more evenly than multiples of any other number."""
+"""The golden section of `_UNIT`: its multiples are spread more evenly than those of any other number."""
 
 
 class StereoMix(DealtDataset):
-    """Mixes streams and datasets in shares; an IterableDataset that is dealt out and resumed as `StereoStream` is.
+    """Mixes streams and datasets in shares; an IterableDataset that is dealt out and resumed like a `StereoStream`.
 
-    Sample n is the next one of a source that the seed and n decide. Shares are exact in the long run: of each 256
-    successive samples a source of share s has 256 s, rounded up or down, and what falls short is made up for. Datasets
-    are read over and over, each time in another order and, of a `StereoDataset`, with the crops of another epoch;
-    streams go on, or begin again where they have an end. The batch size and the process of a stream that is mixed do
-    not count.
+    The seed and n decide from which source sample n comes; each source gives its samples in order. Shares are exact in
+    the long run: a source of share s gets 256 s of each 256 turns, rounded up or down, and later turns make good the
+    difference. A turn is one sample, or several where a source keeps samples together, such as the frames of a
+    sequence. Datasets are read again and again, each time in another order; a `StereoDataset` then also has the crops
+    of another epoch. Streams continue, and begin again at their end. The batch size and the process of a mixed stream
+    are ignored.
 
     Args:
-        sources: each a `StereoStream`, a `StereoDataset`, another map-style dataset or a `StereoMix`, with its share, a
-            number above 0; what counts are the ratios.
-        seed: of the mix and of the orders of datasets, 0 or more.
-        first: number of the first sample. To go on with a mix that began at 0, take
+        sources: pairs of a source and its share. A source is a `StereoStream`, a `StereoDataset`, another map-style
+            dataset or a `StereoMix`. A share is a number above 0; only the ratios of the shares count.
+        seed: decides the order of turns and the orders of datasets; 0 or more.
+        first: number of the first sample. To resume a mix that began at 0, take
             ``steps * batch_size * world_size``.
         pairs: number of samples, of all training processes together; None for no end.
         batch_size: the DataLoader's: batches then consist of successive samples, and come in order.
@@ -72,9 +73,10 @@ class StereoMix(DealtDataset):
 
 
 class MixedSamples:
-    """Samples of several sources as one `Source`, for arguments of `StereoMix`.
+    """The samples of several sources as one `Source`; see `StereoMix` for the arguments.
 
-    From one source come ``together`` successive samples: as many as keep each source's own together.
+    Each turn takes ``together`` successive samples of a source: the least common multiple of the sources' own
+    ``together``, so that no source's samples are separated.
     """
 
     def __init__(self, sources: Sequence[tuple[Dataset[Any], float]], seed: int) -> None:
@@ -92,7 +94,7 @@ class MixedSamples:
 
     @property
     def identity(self) -> Mapping[str, Any]:
-        """All that decides what the samples are."""
+        """Everything that decides the content of the samples, in JSON's types."""
         return {
             "seed": self._seed,
             "sources": {
@@ -108,7 +110,7 @@ class MixedSamples:
 
     @contextmanager
     def open(self, worker: Worker) -> Iterator[Callable[[int], Any]]:
-        """Open all sources in a worker; give a function from a sample's number to the sample."""
+        """Open all sources in a worker; yield a function that makes a sample from its number."""
         turns = Turns(self._shares, self._seed)
         with ExitStack() as stack:
             reads = [stack.enter_context(part.source.open(worker)) for part in self._parts]
@@ -125,11 +127,11 @@ class MixedSamples:
 
 
 class Turns:
-    """Whose turn it is: a sequence without end of sources, in which each has its share.
+    """An endless sequence of turns, in which each source has its share; the shares' sum is 1.
 
-    Turns are drawn in windows of 256. Over each window stand 256 points at equal distances, a source gets those that
-    fall into its share, and the seed decides on their order. From window to window the points are shifted by the golden
-    section, so that what falls short in one window is made up for in another. The sum of the shares is 1.
+    Turns are drawn in windows of 256. Each window has 256 points at equal distances. A source gets the points that fall
+    into its share, and the seed decides the order of the turns. From window to window the points are shifted by the
+    golden section, so that rounding in one window evens out in other windows.
     """
 
     def __init__(self, shares: Sequence[Fraction], seed: int) -> None:
@@ -139,7 +141,7 @@ class Turns:
         self._draw(0)
 
     def __getitem__(self, turn: int) -> tuple[int, int]:
-        """Return the source whose turn it is, and how many turns it has had before."""
+        """Return the index of the source whose turn it is, and the number of its earlier turns."""
         window, within = divmod(turn, _WINDOW)
         if window != self._window:
             self._draw(window)
@@ -148,7 +150,7 @@ class Turns:
     def _draw(self, window: int) -> None:
         """Work out the turns of a window from all windows before it."""
         phases = (self._offset + np.arange(window + 1, dtype=np.int64) * _GOLDEN) % _UNIT
-        # How many of a window's points, which stand at phase + k * _UNIT, are below the end of each source's share.
+        # The points of a window are phase + k * _UNIT; count those below the end of each source's share.
         below = (self._ends[:, None] - phases + _UNIT - 1) // _UNIT
         counts = np.diff(below, axis=0, prepend=0)
         rng = generator(self._seed, Purpose.MIX, window)
@@ -161,7 +163,7 @@ class Turns:
 
 
 class _Passes:
-    """A map-style dataset as a `Source`: read over and over, each pass in another order."""
+    """A map-style dataset as an endless `Source`: it is read again and again, each pass in another order."""
 
     together = 1
 
@@ -172,7 +174,7 @@ class _Passes:
 
     @contextmanager
     def open(self, _: Worker) -> Iterator[Callable[[int], Any]]:
-        """Give a function from a sample's number to the sample; nothing has to be opened."""
+        """Yield a function that reads a sample by its number; nothing has to be opened."""
         current, order, dataset = -1, np.arange(0), self._dataset
 
         def read(number: int) -> Any:  # noqa: ANN401 - whatever the dataset has
@@ -196,7 +198,7 @@ def _exact(share: object) -> Fraction:
 
 
 def _dealt(source: object, seed: int, place: int) -> DealtDataset:
-    """Return a stream or a mix as it is, and a map-style dataset as a stream of its passes."""
+    """Return a stream or a mix as it is, and a map-style dataset as an endless stream of its samples."""
     if isinstance(source, DealtDataset):
         return source
     if not isinstance(source, Dataset) or isinstance(source, IterableDataset) or not hasattr(source, "__len__"):

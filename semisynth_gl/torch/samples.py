@@ -1,4 +1,4 @@
-"""A pair as a dictionary of tensors, its crop, and a batch of such dictionaries."""
+"""A pair as a dictionary of tensors; crops of pairs; batches of dictionaries."""
 
 from collections.abc import Sequence
 from numbers import Integral
@@ -22,18 +22,19 @@ _CAMERA = ("focal_px", "baseline_m", "doffs_px", "cx_left_px", "cx_right_px", "c
 
 
 def to_sample(index: int, frame: Frame) -> Sample:
-    """Make a dictionary of a pair that default_collate can batch.
+    """Return a pair as a dictionary that default_collate can batch.
 
     Args:
         index: the pair's number in its split.
-        frame: rendered, or read from files.
+        frame: a pair, rendered or read from files.
 
     Returns:
-        ``index``, int; ``camera``, a dictionary of floats (``focal_px``, ``baseline_m``, ``doffs_px``, the principal
-        points, of a crop the crop's, and how the right camera deviates: ``right_roll_rad``, ``right_pitch_rad``,
-        ``right_y_px``, ``focal_ratio``); and each array of `Frame.arrays`, under its role: images as (3, H, W)
-        uint8, of monochrome cameras as (1, H, W), normals as (3, H, W) float32, flow as (2, H, W) float32, ids as
-        (H, W) int32, the rest as (H, W) of its own dtype.
+        ``index``, an int; ``camera``, a dictionary of floats; and each array of `Frame.arrays` as a tensor under its
+        role. The camera has ``focal_px``, ``baseline_m``, ``doffs_px``, the principal points ``cx_left_px``,
+        ``cx_right_px`` and ``cy_px`` (in a crop, in the crop's pixels), and the right camera's deviation:
+        ``right_roll_rad``, ``right_pitch_rad``, ``right_y_px`` and ``focal_ratio``. Images are (3, H, W) uint8, or
+        (1, H, W) from a monochrome camera; normals are (3, H, W) float32; flow and correspondences are (2, H, W)
+        float32; ids are (H, W) int32; all other arrays are (H, W) of their own dtype.
     """
     deviation = frame.camera.deviation
     camera = {name: float(getattr(frame.camera, name)) for name in _CAMERA}
@@ -48,10 +49,10 @@ def to_sample(index: int, frame: Frame) -> Sample:
 def collate(samples: Sequence[Sample]) -> Sample:
     """Batch samples whose sizes or keys differ: ``DataLoader(..., collate_fn=collate)``.
 
-    Smaller arrays get columns on the right and rows at the bottom, with the value that says "nothing": inf for
-    disparity, depth and flow, 0 for all else. Grey images among coloured ones get three equal channels. The cameras
-    stay true. Keys that some of the samples lack are left out.
-    For the rest this is PyTorch's default_collate.
+    Smaller arrays get columns on the right and rows at the bottom, filled with the value that stands for "nothing": inf
+    for disparity, depth, flow and the like, 0 for images, masks, normals and ids. Since padding moves no pixel, the
+    cameras stay true. Grey images in a batch with colour images get three equal channels. Keys that some of the samples
+    lack are left out. In all other respects this is PyTorch's default_collate.
 
     Args:
         samples: dictionaries, as `to_sample` makes them; further keys are batched by default_collate.
@@ -60,7 +61,8 @@ def collate(samples: Sequence[Sample]) -> Sample:
         ``left`` (B, 3, H, W), ``disparity_left`` (B, H, W) and so on, with the largest H and W of the batch.
 
     Raises:
-        InputError: where there is no sample, or one is no dictionary, as after a transform that returns something else.
+        InputError: where there is no sample, or a sample is not a dictionary, as with a transform that returns other
+            objects.
     """
     check_type("samples", samples, Sequence)
     if not samples:
@@ -75,25 +77,29 @@ def collate(samples: Sequence[Sample]) -> Sample:
 
 
 def check_transform(transform: object) -> None:
-    """Check that a transform is a function, or None."""
+    """Check that a transform is a function or None; otherwise raise InputError."""
     if transform is not None and not callable(transform):
         raise InputError(f"transform must be a function of a sample, got {shown(transform)}")
 
 
 def check_crop(crop: Any, sides: tuple[int, int], whose: str) -> None:  # noqa: ANN401 - that is what it checks
-    """Check that a crop is (height, width) within images of ``sides``, likewise; the message says whose these are."""
+    """Check that a crop (height, width) fits into images of ``sides`` (height, width), px; otherwise raise InputError.
+
+    ``whose`` names the owner of the images in the message.
+    """
     whole = isinstance(crop, Sequence) and len(crop) == 2 and all(isinstance(side, Integral) for side in crop)
     if not whole or not all(1 <= side <= most for side, most in zip(crop, sides, strict=True)):
         raise InputError(
-            f"crop: expected (height, width), whole numbers of up to {sides} px, which is what {whose} has, got "
+            f"crop: expected (height, width), whole numbers of up to {sides} px, the image size of {whose}, got "
             f"{shown(crop)}"
         )
 
 
 def draw_crop(crop: tuple[int, int], sides: tuple[int, int], seed: int, sequence: int, epoch: int = 0) -> Crop:
-    """Draw the place of a crop, (height, width), in images of ``sides``, from the seed of the split.
+    """Draw the place of a crop (height, width) in images of ``sides`` (height, width), px.
 
-    All frames of a sequence get one place, so that flow leads from one to the next. The places differ between epochs.
+    The place depends on the split's ``seed``, the number of the ``sequence`` and the ``epoch``. All frames of a
+    sequence get the same place, so that flow leads from frame to frame.
     """
     rng = generator(seed, Purpose.CROP, sequence, *([epoch] if epoch else []))
     height, width = crop
@@ -107,13 +113,13 @@ def _tensor(array: Any) -> torch.Tensor:  # noqa: ANN401 - an array, or what a r
         array = np.require(array, requirements=("C", "W"))
     tensor = torch.as_tensor(array)
     if tensor.dtype == torch.uint16:
-        # torch can do next to nothing with it.
+        # torch has hardly any operations for uint16.
         tensor = tensor.to(torch.int32)
     return tensor.permute(2, 0, 1).contiguous() if tensor.ndim == 3 else tensor.contiguous()
 
 
 def _of_one_size(name: str, values: list[Any]) -> list[Any]:
-    """Pad the arrays of a role to the largest height and width; return all else as it is."""
+    """Pad the arrays of a role to the largest height and width; return the values of other keys as they are."""
     if name not in ROLES:
         return values
     if len({value.shape[0] for value in values}) > 1 and name in EYES:

@@ -1,7 +1,7 @@
 """Pairs rendered while a network trains: `StereoStream`, an IterableDataset without files.
 
-Sample n of the stream is a pair of the dataset that the same config and seed give, whichever process renders it.
-`Dealing` says which process gets which samples, so workers and training processes share only the stream's arguments.
+The samples of a stream are the pairs of the dataset that the same config and seed give, whichever process renders them.
+`Dealing` decides which process gets which samples, so workers and training processes share only the stream's arguments.
 """
 
 import os
@@ -37,11 +37,12 @@ class Hardware:
 
     Attributes:
         backend: "auto", "egl" or "osmesa".
-        gpus: CUDA's numbers of the GPUs that workers take turns on; empty for the first device of EGL.
-        device: "cpu", or "cuda" for tensors that never leave the GPU, without workers.
+        gpus: numbers, as CUDA counts, of the GPUs that workers use in turn; empty for EGL's first device, or, with
+            device "cuda", for torch's current one.
+        device: "cpu", or "cuda" for tensors that never leave the GPU; "cuda" needs a DataLoader without workers.
 
     Raises:
-        InputError: where a value is not one of these.
+        InputError: where a value cannot be used.
     """
 
     backend: Backend = "auto"
@@ -51,30 +52,30 @@ class Hardware:
     def __post_init__(self) -> None:
         check_type("gpus", self.gpus, Sequence)
         for number in self.gpus:
-            to_whole("a number of gpus", number, least=0)
+            to_whole("a number in gpus", number, least=0)
         check_one_of("backend", self.backend, BACKENDS)
         check_one_of("device", self.device, get_args(TensorDevice))
 
 
 class StereoStream(DealtDataset):
-    """Renders pairs one after the other, in the DataLoader's workers if it has any; writes no files.
+    """Renders pairs one after the other, in the DataLoader's workers if it has any, and writes no files.
 
-    Samples are numbered from 0 on and never repeat within an iteration; each iteration begins at ``selection.first``.
+    Samples are numbered from 0 and never repeat within an iteration; each iteration begins at ``selection.first``.
     Without ``selection.frames``, sample n is pair n. A sample is a dictionary, see `to_sample`. Each process that
     iterates opens a renderer when it begins and releases it when it ends.
 
     Args:
-        config: the configuration.
-        seed: 0 or more.
-        selection: the samples; by default all pairs of ``train``, without end.
+        config: the config of the pairs.
+        seed: decides, with the config, the content of all pairs; 0 or more.
+        selection: the samples to yield; by default all pairs of ``train``, without end.
         crop: height and width, px: yield a crop of each pair, at a place that follows from the seed and the pair's
             sequence; None for whole images.
         checked: whether pairs that fail the config's checks are drawn again, as in a dataset. Without checks, crops are
-            much faster, and the few pairs that would have failed differ from the dataset's.
-        transform: gets the sample, returns the object that the stream yields instead.
-        batch_size: the DataLoader's: batches then consist of successive samples, and come in order.
-        process: the training process; by default the process that torch.distributed says.
-        hardware: the hardware that draws, and the device of the tensors; by default any, and "cpu".
+            much faster, and the few pairs that would have failed differ from the dataset's pairs.
+        transform: a function that gets the sample and returns the object to yield instead.
+        batch_size: the DataLoader's batch size, with which batches consist of successive samples and come in order.
+        process: this training process; by default as torch.distributed numbers it.
+        hardware: the hardware that draws, and the device of the tensors; see `Hardware` for the defaults.
 
     Raises:
         InputError: where an argument cannot be used.
@@ -126,12 +127,15 @@ class RenderedPairs:
         self._digests: Mapping[str, str] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        # Each worker takes patches and models from the cache: an atlas has up to 134 MB.
+        # Workers load patches and models from the cache: an atlas of up to 134 MB would be slow to pickle.
         return self.__dict__ | {"_sources": None, "_digests": None}
 
     @property
     def identity(self) -> Mapping[str, Any]:
-        """All that decides what the samples are: arguments, digests of patches and models, versions of plug-ins."""
+        """Everything that decides the content of the samples, in JSON's types.
+
+        This includes arguments, digests of patches and models, and versions of plug-ins.
+        """
         if self._digests is None:
             self._digests = self._prepared().digests()
         return {
@@ -149,13 +153,11 @@ class RenderedPairs:
 
     @contextmanager
     def open(self, worker: Worker) -> Iterator[Callable[[int], Any]]:
-        """Open a worker's renderer; give a function from a sample's number to the sample."""
+        """Open a worker's renderer; yield a function that renders a sample by its number."""
         name = "the stream"
         if get_worker_info() is not None:
             if self.hardware.device == "cuda":
-                raise InputError(
-                    "device='cuda' goes with num_workers=0 alone: tensors on a GPU do not leave their process"
-                )
+                raise InputError("device='cuda' needs num_workers=0, since tensors on a GPU do not leave their process")
             name = f"worker {worker.number} of {worker.total}"
             os.environ.setdefault(THREADS, str(threads_each(worker.total)))
         gpus, backend = self.hardware.gpus, self.hardware.backend
@@ -172,7 +174,7 @@ class RenderedPairs:
             raise BackendError(f"{name} cannot render: {error}") from error
         renderer.forget_pixels()
         if get_worker_info() is not None:
-            self._sources = None  # of many workers, each would hold its own copy of the pixels
+            self._sources = None  # each of many workers would hold its own copy of the pixels
         try:
             with renderer, nullcontext() if reader is None else closing(reader):
                 yield lambda number: self._render(renderer, number)
@@ -180,7 +182,7 @@ class RenderedPairs:
             self._sources = None
 
     def _prepared(self) -> Sources:
-        """Return patches and models, which stay from the first question for them to the end of an iteration."""
+        """Return patches and models; they are kept from the first call to the end of an iteration."""
         if self._sources is None:
             self._sources = prepare_sources(self.config, self._split)
             self._digests = None  # files may have changed since

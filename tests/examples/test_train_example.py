@@ -339,7 +339,10 @@ def test_what_cannot_be_followed_is_refused(arguments, words, tmp_path, monkeypa
 def test_crops_larger_than_the_pairs_are_refused(dataset):
     done = run("--data", dataset, "--steps", "1", "--crop", "80", "64")
     assert done.exit_code == 2
-    assert f"crop: expected (height, width), whole numbers of up to (64, 96) px, which is what {dataset}" in done.output
+    assert (
+        f"crop: expected (height, width), whole numbers of up to (64, 96) px, the image size of {dataset}"
+        in done.output
+    )
 
 
 def test_cuda_is_refused_where_there_is_none(monkeypatch):

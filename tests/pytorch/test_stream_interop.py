@@ -175,7 +175,7 @@ def test_a_renderer_on_another_gpu_is_refused(backend, runtime, reader):
     with (
         PairRenderer(cheap(), SEED, backend, read=reader) as renderer,
         pytest.raises(
-            BackendError, match=r"draws on CUDA's device 1, 2, but pairs shall be on cpu:0: give gpus=\(0,\)"
+            BackendError, match=r"draws on CUDA's device 1, 2, but the tensors belong on cpu:0: give gpus=\(0,\)"
         ),
     ):
         renderer.render(0, checked=False)
@@ -235,7 +235,7 @@ def test_a_stream_on_a_gpu_yields_the_same(gpu):
 def test_tensors_on_a_gpu_do_not_come_from_workers():
     one = StereoStream(cheap(), SEED, hardware=Hardware(device="cuda"), checked=False)
     loaded = torch.utils.data.DataLoader(one, num_workers=1, multiprocessing_context="fork")
-    with pytest.raises(InputError, match="num_workers=0 alone"):
+    with pytest.raises(InputError, match="needs num_workers=0"):
         next(iter(loaded))
 
 

@@ -241,7 +241,7 @@ def test_what_lacks_pixels_is_filled_with_nothing(hand_made):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"crop": (33, 10)}, r"up to \(32, 48\) px, which is what .*hand-made.* has, got \(33, 10\)"),
+        ({"crop": (33, 10)}, r"up to \(32, 48\) px, the image size of .*hand-made.*, got \(33, 10\)"),
         ({"crop": (0, 10)}, r"got \(0, 10\)"),
         ({"crop": 10}, "got 10"),
         ({"crop": (10.0, 10)}, r"got \(10.0, 10\)"),
