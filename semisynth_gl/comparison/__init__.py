@@ -1,4 +1,4 @@
-"""What `semisynth_gl.compare` measures in a dataset's pairs, and in photographs and disparity maps of its place."""
+"""The measures by which `semisynth_gl.compare` compares a dataset's pairs with photographs and maps of its place."""
 
 from semisynth_gl.comparison.measures import MEASURES, Measure
 from semisynth_gl.comparison.sides import MeasuredPlace, Side

@@ -1,6 +1,6 @@
-"""The table of changes: which keys of a config move which measures, and which way.
+"""The table of changes: which keys of a config raise or lower which measures.
 
-`compare` names the keys by it, and `calibrate` sets each key by the measures that it moves.
+`compare` takes its advice from this table, and `calibrate` sets each key by the measures that the key moves.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,10 +17,16 @@ _KINDS = ("cuboid", "plane", "room", "street")
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A key of the config, section and name, and the keys of each `Measure` that more of it raises or lowers.
+    """A key of the config, and the measures that it moves.
 
-    Where there are kinds, weights of the section ``background``, the key counts only in scenes that have one of them.
-    ``more`` and ``less`` say how to have more or less of it where "raise KEY" and "lower KEY" do not.
+    Attributes:
+        key: section and name, such as ``room.small``.
+        up: keys of each `Measure` that rises with the key's value.
+        down: keys of each `Measure` that falls when the key's value rises.
+        kinds: kinds of background, by their keys in the section ``background``: the key counts only in scenes that may
+            have one of them; empty for all scenes.
+        more: advice for a larger value, where "raise KEY" is not possible.
+        less: advice for a smaller value, where "lower KEY" is not possible.
     """
 
     key: str
@@ -70,20 +76,24 @@ CHANGES: tuple[Change, ...] = (
     Change("imperfections.exposure_stops", up=("luminance", "contrast", "gradient"), down=("flat", "smooth")),
     Change("imperfections.gamma", down=("luminance",)),
 )
-"""All changes; those that move most come first."""
+"""All changes, in order of effect, the largest first."""
 
 
 def moved_by(*keys: str) -> tuple[Measure, ...]:
-    """Return the measures that some keys of the table move, in their order."""
+    """Return the measures that any of the keys moves, in the order of `MEASURES`."""
     moved = {each for change in CHANGES if change.key in keys for each in (*change.up, *change.down)}
     return tuple(measure for measure in MEASURES if measure.key in moved)
 
 
 def advice(measure: Measure, recipes: Sequence[Mapping[str, Any]], *, more: bool) -> str:
-    """Return what to change in a config for more of a measure, or for less; "" where no key moves it.
+    """Return what to change in a config for a larger or smaller value of a measure; "" where no key moves it.
 
-    Of the recipes, at least one, there are the values in JSON's types. Keys that move nothing in the scenes of any
-    recipe are not named, and neither are changes that the values have already.
+    Keys that have no effect in the scenes of any recipe are not named, nor are settings that the config already has.
+
+    Args:
+        measure: the measure to move.
+        recipes: the config of each recipe, in JSON's types; at least one.
+        more: True for a larger value, False for a smaller one.
     """
     changes = [change for change in CHANGES if _counts(change, recipes)]
     raised = [change for change in changes if measure.key in (change.up if more else change.down)]
@@ -99,7 +109,7 @@ def advice(measure: Measure, recipes: Sequence[Mapping[str, Any]], *, more: bool
 
 
 def _counts(change: Change, recipes: Sequence[Mapping[str, Any]]) -> bool:
-    """Return whether a key moves anything in the scenes of a recipe."""
+    """Return whether a key has an effect in the scenes of any recipe."""
     if change.key == "scenes":
         return len(recipes) > 1
     return any(_counts_in(change, values) for values in recipes)

@@ -1,4 +1,4 @@
-"""A dataset's pairs beside the place that they are made for: measured alike, and what to change in the config."""
+"""Compare a dataset's pairs with the place that they are made for, and advise what to change in the config."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from semisynth_gl.listener import Listener
 from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.textures.image_files import find_images
 
-# In standard deviations of the place: of means, and of distributions.
+# Largest difference of means, and largest distance of distributions, that count as near, in the place's `Side.unit`.
 _OFF = _FAR = 1.0
 
 
@@ -29,12 +29,12 @@ class Comparison:
     """The measures of a dataset and of its place.
 
     Attributes:
-        width_px: the working width.
-        dataset: measures of left views of the dataset.
-        pairs: number of these.
-        dataset_pairs: number of pairs that the dataset has, or its split.
+        width_px: the working width, to which all images and maps were brought.
+        dataset: measures of the left views of the dataset's pairs.
+        pairs: number of measured pairs.
+        dataset_pairs: number of all pairs of the dataset, or of the chosen split.
         place: measures of the place.
-        recipes: the values of each recipe's config in JSON's types; the config's own where it has no recipes.
+        recipes: the config of each recipe in JSON's types; the config itself where it has no recipes.
     """
 
     width_px: int
@@ -45,7 +45,7 @@ class Comparison:
     recipes: Sequence[Mapping[str, Any]]
 
     def difference(self, measure: Measure) -> float | None:
-        """Return the dataset's mean minus the place's in the place's `Side.unit`; None for none."""
+        """Return the dataset's mean minus the place's, in the place's `Side.unit`; None where one of these is None."""
         place = self.place.side
         ours, theirs, unit = self.dataset.mean(measure), place.mean(measure), place.unit(measure)
         if ours is None or theirs is None or unit is None:
@@ -53,10 +53,11 @@ class Comparison:
         return (ours - theirs) / unit
 
     def distance(self, measure: Measure) -> float | None:
-        """Return how far the distributions over the pictures of both sides are apart; None where a side has none.
+        """Return the distance between both sides' distributions over their pictures.
 
-        This is the Wasserstein-1 distance in the place's `Side.unit`, at least the `difference` without its sign. Where
-        the means agree and the dataset's pictures differ r times as much as the place's, it is about 0.8 |r - 1|.
+        This is the Wasserstein-1 distance in the place's `Side.unit`; it is never less than the size of `difference`.
+        Where the means agree, and the deviation of the dataset's pictures is r times that of the place's, the distance
+        is about 0.8 |r - 1|. The result is None where the place has no unit or the dataset no value.
         """
         unit, ours = self.place.side.unit(measure), self.dataset.values[measure.key]
         if unit is None or not len(ours):
@@ -64,11 +65,11 @@ class Comparison:
         return distance(ours, self.place.side.values[measure.key]) / unit
 
     def compared(self) -> list[tuple[Measure, float]]:
-        """Return each measure that both sides have, with its `distance`, in the order of the table."""
+        """Return each measure that has a `distance`, with this distance, in the order of the table."""
         return [(measure, apart) for measure in MEASURES if (apart := self.distance(measure)) is not None]
 
     def too_few(self) -> list[Measure]:
-        """Return the measures that both sides have, but fewer than `FEWEST` pictures of the place."""
+        """Return the measures that both sides have, but that fewer than `FEWEST` pictures of the place have."""
         theirs = self.place.side.values
         return [each for each in MEASURES if len(self.dataset.values[each.key]) and 0 < len(theirs[each.key]) < FEWEST]
 
@@ -77,12 +78,15 @@ class Comparison:
         return [measure for measure, apart in self.compared() if apart <= _FAR]
 
     def advice(self) -> list[tuple[Measure, float, str]]:
-        """Return each measure that is more than one deviation apart, the farthest first, with what to change."""
+        """Return each measure whose distributions are more than one standard deviation apart, the farthest first.
+
+        With each measure come its `distance` and the advice what to change, which may be "".
+        """
         far = sorted((-apart, measure.name, measure) for measure, apart in self.compared() if apart > _FAR)
         return [(measure, -apart, self._change(measure)) for apart, _, measure in far]
 
     def _change(self, measure: Measure) -> str:
-        """Return which keys move a mean that is off, or what to do where pictures differ too much or too little."""
+        """Return the advice for a measure: how to move its mean or, where the mean fits, how to change its spread."""
         by = self.difference(measure) or 0.0
         if abs(by) > _OFF:
             return advice(measure, self.recipes, more=by < 0)
@@ -112,17 +116,17 @@ def compare(
 
     Args:
         dataset: a folder, or an address that fsspec knows.
-        images: photographs of the place.
-        disparity: disparity maps of the place: .pfm, .npy and 16-bit .png.
+        images: photographs of the place: files, folders or globs.
+        disparity: disparity maps of the place: .pfm, .npy and 16-bit .png files, folders or globs.
         png_scale: levels of a 16-bit PNG map per pixel of disparity.
-        width_px: the width to which all images and maps are brought before they are measured; by default
-            `WORKING_WIDTH`, or the pairs' own where that is less.
-        sample: how many pairs to measure, evenly spread.
+        width_px: the width, from 32 to 4096 px, to which all images and maps are brought before they are measured; by
+            default `WORKING_WIDTH`, or the pairs' own width if that is less.
+        sample: number of pairs to measure, evenly spread.
         split: a split of the dataset; None for all pairs.
-        listener: hears the number of pairs, and each pair.
+        listener: is told the number of pairs to measure, and each measured pair.
 
     Raises:
-        InputError: where there is no such dataset, photograph or map, or a map cannot be used.
+        InputError: where there is no such dataset, split, photograph or map, or a map cannot be used.
         ReadError: where a file cannot be read.
     """
     if width_px is not None:
@@ -139,7 +143,7 @@ def compare(
 
 
 def comparison_table(comparison: Comparison) -> list[str]:
-    """Return the lines of a table: each measure's mean and deviation on both sides, difference and distance."""
+    """Return the lines of a table: for each measure, mean and deviation on both sides, difference and distance."""
     few = comparison.too_few()
     rows: list[tuple[str, ...]] = [("", "unit", "dataset", "place", "off by", "apart")]
     for measure in MEASURES:
@@ -160,7 +164,7 @@ def comparison_table(comparison: Comparison) -> list[str]:
 
 
 def comparison_json(comparison: Comparison) -> dict[str, Any]:
-    """Return all results in JSON's types, unrounded; what a side does not have is None."""
+    """Return all results in JSON's types, unrounded, with None for values that a side does not have."""
     changes = {measure.key: change for measure, _, change in comparison.advice()}
 
     def side(values: Side, measure: Measure) -> dict[str, Any]:

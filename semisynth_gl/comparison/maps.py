@@ -1,4 +1,4 @@
-"""Disparity maps of a place, true or predicted, dense or sparse: finding and reading them."""
+"""Find and read disparity maps of a place, true or predicted, dense or sparse."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,19 +12,22 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.textures.image_files import KITTI_2012_MAPS, KITTI_2015_MAPS, find_files
 
-# Where the image of a map is, by the map's name or its folder's, as Middlebury, ETH3D and KITTI have them.
+# The image of a map, by the map's name (Middlebury and ETH3D), and the images' folder, by the maps' folder (KITTI).
 _IMAGE_OF_NAME = {"disp0GT": "im0.png", "disp0": "im0.png", "disp1GT": "im1.png", "disp1": "im1.png"}
 _IMAGE_OF_FOLDER = dict(zip(KITTI_2015_MAPS, ("image_2", "image_2", "image_3", "image_3"), strict=True))
-# Maps of a scene, of which the first counts: the left view's, and that with the pixels that one eye sees.
+# Maps of the same scene, the preferred one first: left before right views, and maps with occluded pixels before others.
 _OF_ONE_SCENE = (("disp0GT", "disp1GT"), ("disp0", "disp1"), KITTI_2015_MAPS, KITTI_2012_MAPS)
 _OF_RIGHT_VIEWS = frozenset({"disp1GT", "disp1", *KITTI_2015_MAPS[2:]})
 
 
 def map_files(sources: Sequence[str | Path]) -> list[Path]:
-    """Return the disparity maps of files, folders and globs: .pfm, .npy and 16-bit grey .png.
+    """Return the disparity maps in files, folders and globs: .pfm, .npy and 16-bit grey .png.
 
-    In folders and globs, PNG files of other kinds are passed over: images and masks lie beside disparity maps. A
-    source that matches no map raises InputError, and a PNG that cannot be read ReadError.
+    Images and masks may lie beside disparity maps, so PNG files of other kinds are ignored in folders and globs.
+
+    Raises:
+        InputError: where a source matches no map.
+        ReadError: where a PNG cannot be read.
     """
     paths: dict[Path, None] = {}
     for source in sources:
@@ -41,32 +44,35 @@ def map_files(sources: Sequence[str | Path]) -> list[Path]:
 
 
 def one_of_each_scene(maps: Sequence[Path]) -> list[Path]:
-    """Leave out the maps that show again what another one shows, as Middlebury, ETH3D and KITTI name them.
+    """Return the maps without those that show the same scene as another map, as Middlebury, ETH3D and KITTI name them.
 
-    Of the maps of a scene the left view's counts (``disp0GT`` before ``disp1GT``, ``disp_occ_0`` before
-    ``disp_occ_1``), and that with the pixels that one eye sees (``disp_occ_0`` before ``disp_noc_0``).
+    A left view's map is preferred to a right view's (``disp0GT`` to ``disp1GT``, ``disp_occ_0`` to ``disp_occ_1``), and
+    a map with the pixels that only one eye sees to a map without them (``disp_occ_0`` to ``disp_noc_0``).
     """
     given = set(maps)
     return [path for path in maps if given.isdisjoint(_before(path))]
 
 
 def read_map(path: Path, png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np.float32]:
-    """Read a disparity map (H, W) px, nan where it has no value.
+    """Read a disparity map, (H, W) float32 px, with nan where it has no value.
 
-    Inf, nan, 0 and negative numbers of .pfm and .npy stand for no value, and 0 in 16-bit grey .png, which counts
-    ``png_scale`` levels per pixel of disparity.
+    In .pfm and .npy, inf, nan, 0 and negative numbers mean that there is no value; in a 16-bit grey .png, 0 does. A PNG
+    has ``png_scale`` levels per pixel of disparity.
+
+    Raises:
+        ReadError: where the file cannot be read.
     """
     values = read_disparity_map(path, png_scale)
     return np.where(np.isfinite(values) & (values > 0), values, np.float32(np.nan))
 
 
 def is_of_right_view(path: Path) -> bool:
-    """Return whether a map is of a right view, as its name or its folder's says."""
+    """Return whether a map is of a right view, by its name or its folder's name."""
     return bool(_OF_RIGHT_VIEWS.intersection((path.stem, path.parent.name)))
 
 
 def image_beside(path: Path) -> Path | None:
-    """Return the image that a disparity map is of, as Middlebury, ETH3D and KITTI name it, or None."""
+    """Return the image that belongs to a disparity map, as Middlebury, ETH3D and KITTI name it; None without one."""
     if path.stem in _IMAGE_OF_NAME:
         image = path.with_name(_IMAGE_OF_NAME[path.stem])
     elif path.parent.name in _IMAGE_OF_FOLDER:
@@ -77,7 +83,7 @@ def image_beside(path: Path) -> Path | None:
 
 
 def _before(path: Path) -> list[Path]:
-    """Return the names under which a map of the same scene would count instead."""
+    """Return the paths of maps of the same scene that would be preferred to this one."""
     for names in _OF_ONE_SCENE:
         if path.stem in names:
             return [path.with_stem(name) for name in names[: names.index(path.stem)]]

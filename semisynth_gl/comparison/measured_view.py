@@ -1,4 +1,4 @@
-"""A view as it is measured: luminance, disparity and masks at the working width, so that resolutions compare."""
+"""A view to measure: its luminance, disparity and masks at one working width, so that views of all sizes compare."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -17,7 +17,7 @@ WORKING_WIDTH = 512
 
 _DENSE = 0.5
 _STRIP_PIXELS = 1 << 20
-# Each quantity, and the array of a view that it is worked out from.
+# The function that computes each quantity, and the array of a view that it takes.
 _QUANTITIES: Mapping[str, tuple[Callable[[NDArray[np.float32]], NDArray[Any]], str]] = {
     "run_lengths": (quantities.run_lengths, "surfaces"),
     "region_sizes": (quantities.region_sizes, "surfaces"),
@@ -30,18 +30,17 @@ _QUANTITIES: Mapping[str, tuple[Callable[[NDArray[np.float32]], NDArray[Any]], s
 
 @dataclass(frozen=True, eq=False)
 class MeasuredView:
-    """What is known of one view, at the working width.
+    """The arrays of one view at the working width.
 
     Attributes:
         name: for messages.
-        luminance: (H, W) float32, 8-bit levels; None of a map without an image.
+        luminance: (H, W) float32, 8-bit levels; None for a map without an image.
         disparity: (H, W) float32, px of the working width, nan where unknown; None for a photograph.
-        surfaces: the disparity without holes: a hole takes the smaller of the values beside it in its row, since most
-            holes are background that one eye sees, and a row without any value is the nearest row that has some. None
-            where fewer than half of the pixels have a disparity, as of lidar: holes are then most of it.
+        surfaces: (H, W) float32, the disparity with its holes filled; see `fill_holes`. None where fewer than half of
+            the pixels have a disparity, as in maps from lidar, and None for a photograph.
         background: (H, W) bool, whether the pixel shows a wall, ground or other flat face; None where unknown.
-        enlarged: whether the image is narrower than the working width, so that it lacks the finest detail.
-        worked_out: quantities of these arrays, by name; see `array`.
+        enlarged: whether the view's arrays were narrower than the working width, so that it lacks the finest detail.
+        worked_out: quantities of these arrays that have been computed, by name; see `array`.
     """
 
     name: str
@@ -53,7 +52,10 @@ class MeasuredView:
     worked_out: dict[str, NDArray[Any] | None] = field(default_factory=dict, init=False)
 
     def array(self, name: str) -> NDArray[Any] | None:
-        """Return an array or a quantity of the view by its name, worked out once; None where the view lacks it."""
+        """Return an array or a quantity of the view by its name; None where the view lacks it.
+
+        A quantity is computed when it is first asked for, and then kept.
+        """
         if name not in _QUANTITIES:
             own: NDArray[Any] | None = getattr(self, name)
             return own
@@ -64,25 +66,29 @@ class MeasuredView:
         return self.worked_out[name]
 
     def with_image(self, image: NDArray[np.uint8]) -> "MeasuredView":
-        """Return the view with another image, (H, W, 3) RGB or (H, W) grey in any size; it must have had one."""
+        """Return the view with another image, (H, W, 3) uint8 RGB or (H, W) grey of any size.
+
+        Raises:
+            InputError: where the view has no image to replace.
+        """
         if self.luminance is None:
             raise InputError(f"{self.name}: expected a view with an image, got one without")
         return replace(self, luminance=mean_luminance(image, self.luminance.shape))
 
     def exposed(self, stops: float) -> "MeasuredView":
-        """Return the view with its luminance multiplied by 2 to this power."""
+        """Return the view with its luminance multiplied by 2 to the power of ``stops``."""
         factor = np.float32(2.0**stops)
         exposed = replace(self, luminance=None if self.luminance is None else self.luminance * factor)
         for name, (_, source) in _QUANTITIES.items():
             if source == "luminance":
                 levels = self.array(name)
-                # What is in levels grows along: to work it out again takes longer.
+                # These quantities are in levels, so they scale with the luminance, which is faster than computing anew.
                 exposed.worked_out[name] = None if levels is None else levels * factor
         return exposed
 
 
 def working_width(width_px: int) -> int:
-    """Return `WORKING_WIDTH`, or the pairs' own width where that is less: enlarged images lack the finest detail."""
+    """Return `WORKING_WIDTH`, or the pairs' width if that is less, since enlarged images lack the finest detail."""
     return min(WORKING_WIDTH, width_px)
 
 
@@ -97,10 +103,20 @@ def make_view(
 ) -> MeasuredView:
     """Bring the arrays of a view to the working width.
 
-    The image is (H, W, 3) uint8 RGB, or (H, W) grey, and is averaged over areas. From each other array a pixel takes
-    the value at its centre: a mean of two surfaces would be a surface between them that nobody saw. The disparity
-    (H, W) px shrinks with the image; inf, nan and, unless it is signed, 0 and below stand for no value. Arrays of
-    different sizes raise InputError.
+    Images are averaged over areas. In all other arrays a pixel takes the value at its centre, since the mean of two
+    surfaces would be a surface between them that does not exist.
+
+    Args:
+        name: for messages.
+        width_px: the working width.
+        image: (H, W, 3) uint8 RGB, or (H, W) grey.
+        disparity: (H, W) float32, px of its own width; inf, nan and, unless it is signed, 0 and below stand for no
+            value.
+        background: (H, W) bool; see `MeasuredView`.
+        signed: whether disparities of 0 and below are valid.
+
+    Raises:
+        InputError: where the arrays have different sizes, or there is none.
     """
     shapes = {array.shape[:2] for array in (image, disparity, background) if array is not None}
     if len(shapes) != 1:
@@ -126,14 +142,14 @@ def make_view(
 
 
 def mean_luminance(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.float32]:
-    """Return the luminance of an image (H, W, 3) or (H, W) in another size (h, w): each pixel the mean over its area.
+    """Return the luminance of an image (H, W, 3) or (H, W) in another size (h, w), (h, w) float32 levels.
 
-    The levels are float32, by the weights of ITU-R BT.601, and not rounded, so that images that keep their size
-    compare with averaged ones.
+    Each pixel is the mean over its area. Luminance has the weights of ITU-R BT.601. Levels are not rounded, so that
+    images that keep their size compare with averaged images.
     """
     height, width = image.shape[:2]
     rows = max(1, _STRIP_PIXELS // width)
-    # Columns first and in strips: of a large image they leave little.
+    # Averaging columns first, and in strips, keeps the memory for large images small.
     parts = (image[top : top + rows] for top in range(0, height, rows))
     luminances = (part.astype(np.float64) if part.ndim == 2 else part @ LUMINANCE_PARTS for part in parts)
     strips = [_mean_along_rows(luminance, size[1]) for luminance in luminances]
@@ -141,9 +157,10 @@ def mean_luminance(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[n
 
 
 def fill_holes(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Give each nan pixel of (H, W) px the smaller of the nearest values to its left and to its right.
+    """Return a disparity (H, W) px in which each nan pixel has the smaller of the nearest values to its left and right.
 
-    A row without any value becomes the nearest row that has some; there must be one.
+    The smaller value is taken since most holes are background that only one eye sees. A row without any value becomes a
+    copy of the nearest row with values; at least one row must have some.
     """
     rows = np.flatnonzero(np.isfinite(disparity).any(axis=1))
     nearest = rows[np.abs(rows[:, None] - np.arange(len(disparity))).argmin(axis=0)]
@@ -152,12 +169,12 @@ def fill_holes(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
     known, column = np.isfinite(disparity), np.arange(width)
     before = np.maximum.accumulate(np.where(known, column, 0), axis=1)
     after = np.minimum.accumulate(np.where(known, column, width - 1)[:, ::-1], axis=1)[:, ::-1]
-    # fmin: where there is a value on one side alone, that one.
+    # Where only one side has a value, fmin takes it.
     return np.fmin(np.take_along_axis(disparity, before, axis=1), np.take_along_axis(disparity, after, axis=1))
 
 
 def _mean_along_rows(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Return (H, ``count``) float64: each element is the mean over its part of a row of ``values``, (H, W)."""
+    """Return (H, ``count``) float64, the means over ``count`` equal parts of each row of ``values`` (H, W)."""
     width = values.shape[1]
     if count == width:
         return values

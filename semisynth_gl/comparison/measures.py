@@ -1,4 +1,4 @@
-"""The tables of measures and profiles: what is compared, and in which unit."""
+"""The tables of measures and profiles by which views are compared, with their units."""
 
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
@@ -21,13 +21,13 @@ _OF_IMAGES = frozenset({"luminance", "gradients", "local_contrasts", "octave_con
 
 @dataclass(frozen=True, slots=True)
 class _Quantity:
-    """What is worked out from a view.
+    """The common part of `Measure` and `Profile`: a quantity that is computed from a view.
 
     Attributes:
-        key: its name in JSON.
-        name: its name in tables and plots.
-        of: the arrays and quantities of a `MeasuredView` that it is computed from, by name.
-        fine: whether it depends on the finest detail, which images narrower than the working width lack.
+        key: the quantity's name in JSON.
+        name: the quantity's name in tables and plots.
+        of: names of the arrays of a `MeasuredView` that the quantity is computed from; see `MeasuredView.array`.
+        fine: whether the quantity depends on the finest detail, which images narrower than the working width lack.
     """
 
     key: str
@@ -38,34 +38,34 @@ class _Quantity:
 
     @property
     def of_images(self) -> bool:
-        """Whether an image is enough for it, without a disparity map."""
+        """Whether the quantity needs only an image."""
         return _OF_IMAGES.issuperset(self.of)
 
     @property
     def of_maps(self) -> bool:
-        """Whether a disparity map is enough for it, without an image."""
+        """Whether the quantity needs no image."""
         return _OF_IMAGES.isdisjoint(self.of)
 
     def arrays(self, view: MeasuredView) -> list[NDArray[Any]] | None:
-        """Return the arrays it needs; None where the view lacks one, or was enlarged and it measures fine detail."""
+        """Return the arrays ``of`` the view; None where it lacks one, or was enlarged and the quantity is ``fine``."""
         arrays = [array for name in self.of if (array := view.array(name)) is not None]
         return None if (self.fine and view.enlarged) or len(arrays) < len(self.of) else arrays
 
 
 @dataclass(frozen=True, slots=True)
 class Measure(_Quantity):
-    """A number that a view has.
+    """A quantity that is one number for each view.
 
     Attributes:
-        unit: its unit.
-        value: the number from these arrays, nan where they do not have it.
+        unit: the unit of the number.
+        value: computes the number from the arrays ``of``; returns nan where they do not determine it.
     """
 
     unit: str
     value: Callable[..., float]
 
     def measure(self, view: MeasuredView) -> float | None:
-        """Return the number of a view, or None where the view does not have it."""
+        """Return the number for a view; None where the view lacks an array, or its arrays do not determine it."""
         arrays = self.arrays(view)
         value = float("nan") if arrays is None else float(self.value(*arrays))
         return value if np.isfinite(value) else None
@@ -73,13 +73,13 @@ class Measure(_Quantity):
 
 @dataclass(frozen=True, slots=True)
 class Profile(_Quantity):
-    """A distribution that a view has, or its contrast by octave.
+    """A quantity that is a distribution for each view, or its contrast by octave.
 
     Attributes:
-        label: what its bins are of, with the unit.
-        edges: (K + 1,) float64, edges of the bins; where the first is above 0, bins have equal ratios.
-        values: (K,) from these arrays and the edges: the share of each bin in %, unless `name` says otherwise; nan
-            where they do not have it.
+        label: the quantity on the axis of the bins, with its unit.
+        edges: (K + 1,) float64, edges of the bins; if the first edge is above 0, the bins have equal ratios.
+        values: computes (K,) values from the arrays ``of`` and the edges: the share of each bin in %, unless ``name``
+            says otherwise; nan where the arrays do not determine them.
     """
 
     label: str
@@ -87,7 +87,7 @@ class Profile(_Quantity):
     values: Callable[..., NDArray[np.float64]]
 
     def measure(self, view: MeasuredView) -> NDArray[np.float64] | None:
-        """Return the values of a view, (K,), or None where the view does not have them."""
+        """Return the values (K,) for a view; None where it lacks an array, or its arrays do not determine them."""
         arrays = self.arrays(view)
         values = None if arrays is None else self.values(*arrays, self.edges)
         return values if values is not None and np.isfinite(values).all() else None
@@ -106,7 +106,7 @@ def _percent_below(bound: float) -> Callable[[NDArray[Any]], float]:
 
 
 def _weighted_by_itself(sizes: NDArray[np.int64]) -> float:
-    """Return the mean over pixels of the size of what each pixel is in."""
+    """Return the mean over pixels of the size of the run or region that the pixel belongs to."""
     return float(np.average(sizes.astype(np.float64), weights=sizes))
 
 
@@ -144,8 +144,8 @@ def _finest_over_third(octaves: NDArray[np.float64]) -> float:
 def _shares(
     values: NDArray[Any], edges: NDArray[np.float64], weights: NDArray[Any] | None = None
 ) -> NDArray[np.float64]:
-    """Return the share of each bin in %; the outer bins count what lies beyond them."""
-    # A shade below the last edge, which is a part of the last bin anyway.
+    """Return the share of each bin in %; the outer bins also count the values beyond them."""
+    # Values above the last edge move to it, and numpy's last bin includes its upper edge.
     counts = np.histogram(np.clip(values, edges[0], edges[-1]), edges, weights=weights)[0]
     total = counts.sum()
     return 100 * counts / total if total > 0 else np.full(len(counts), np.nan)

@@ -1,4 +1,4 @@
-"""The place: its photographs, and its disparity maps with the images that they are of."""
+"""The files of a place: its photographs, and its disparity maps with their images."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,8 +18,9 @@ from semisynth_gl.textures.images import ImageError, read_image
 class PlaceFiles:
     """Photographs of the place that a dataset is made for, and its disparity maps, true or predicted.
 
-    Maps are of left views unless their name says otherwise. An image beside a map, as Middlebury, ETH3D and KITTI name
-    it, is read with it, to measure borders of objects. A 16-bit PNG has ``png_scale`` levels per pixel of disparity.
+    Maps are of left views unless their names say otherwise. To measure borders of objects, a map is read together with
+    its image, if Middlebury's, ETH3D's or KITTI's names tell where that is. A 16-bit PNG map has ``png_scale`` levels
+    per pixel of disparity.
     """
 
     photographs: Sequence[Path]
@@ -30,24 +31,30 @@ class PlaceFiles:
 def find_place(
     photographs: Sequence[Path], maps: Sequence[Path], png_scale: float = KITTI_DISPARITY.steps
 ) -> PlaceFiles:
-    """Return a place of files as folders hold them: without what is `beside_photographs`, and `one_of_each_scene`."""
+    """Return the files of a place without masks and maps among the photographs, and with one map of each scene.
+
+    See `beside_photographs` and `one_of_each_scene`.
+
+    Raises:
+        InputError: where no photograph is left.
+    """
     images = [path for path in photographs if not beside_photographs(path)]
     if not images:
-        raise InputError("no photographs to compare with: expected at least one image that is no mask")
+        raise InputError("no photographs to compare with: expected at least one image that is not a mask or map")
     return PlaceFiles(images, one_of_each_scene(maps), png_scale)
 
 
 def left_out(images: Sequence[Path], maps: Sequence[Path]) -> str:
-    """Return a sentence on the images and maps that `find_place` leaves out; "" where it takes all."""
+    """Return a note on the images and maps that `find_place` leaves out; "" where it takes all."""
     taken = set(one_of_each_scene(maps))
     beside = [path for path in images if beside_photographs(path)]
     files = list(dict.fromkeys([*beside, *(path for path in maps if path not in taken)]))
-    reason = "masks and maps among photographs, and maps of a scene that has another"
+    reason = "masks and maps among photographs, and further maps of the same scene"
     return f"left out {counted(len(files), 'file')}, such as {files[0]}: {reason}" if files else ""
 
 
 def photograph_views(photographs: Sequence[Path], skipped: list[Skipped], width_px: int) -> Iterator[MeasuredView]:
-    """Yield photographs at the working width; those that cannot be read go to ``skipped``."""
+    """Yield photographs at the working width ``width_px``; photographs that cannot be read are added to ``skipped``."""
     for path in photographs:
         try:
             image = read_image(path)
@@ -58,11 +65,14 @@ def photograph_views(photographs: Sequence[Path], skipped: list[Skipped], width_
 
 
 def map_views(place: PlaceFiles, width_px: int = WORKING_WIDTH) -> Iterator[MeasuredView]:
-    """Yield the maps at the working width, each with its image where there is one."""
+    """Yield the maps at the working width ``width_px``, each with its image where there is one.
+
+    Right views are mirrored, so that they count as left views. A map without any disparity raises InputError.
+    """
     for path in place.maps:
         disparity, beside = read_map(path, place.png_scale), image_beside(path)
         if not np.isfinite(disparity).any():
-            raise InputError(f"{path}: holds no disparity: all of its values are 0 or below, inf or nan")
+            raise InputError(f"{path}: has no disparity: all of its values are 0 or below, inf or nan")
         image = None if beside is None else read_image(beside)
         if is_of_right_view(path):
             # The mirror image of a right view is a left view.

@@ -1,4 +1,4 @@
-"""The plots of a comparison as one picture."""
+"""Draw the plots of a comparison as one picture."""
 
 import io
 
@@ -14,12 +14,15 @@ from semisynth_gl.comparison.sides import Side
 
 _COLUMNS = 4
 _PANEL_IN = (3.6, 2.3)
-# Told apart by readers of any colour vision.
+# Readers of any colour vision can tell these two apart.
 _DATASET, _PLACE = "#d1730f", "#2a5fa5"
 
 
 def comparison_png(comparison: Comparison, title: str) -> bytes:
-    """Draw a PNG: the profiles of both sides with the range between their quartiles, above all pictures' values."""
+    """Return a PNG with the profiles of both sides, and below them the measures of all pictures.
+
+    A profile is the mean over a side's pictures, with the range between the quartiles.
+    """
     sides = ((comparison.place.side, _PLACE, "place"), (comparison.dataset, _DATASET, "dataset"))
     measures = [measure for measure in MEASURES if any(len(side.values[measure.key]) for side, _, _ in sides)]
     profiles = [profile for profile in PROFILES if any(len(side.profiles[profile.key]) for side, _, _ in sides)]
@@ -29,7 +32,7 @@ def comparison_png(comparison: Comparison, title: str) -> bytes:
         figure = Figure((_COLUMNS * width, sum(rows) * height + 0.4), dpi=100)
         FigureCanvasAgg(figure)
         figure.suptitle(title, fontsize=10, y=1 - 0.1 / figure.get_figheight())
-        # matplotlib's own layouts take longer than all the drawing.
+        # matplotlib's own layouts would take longer than the drawing.
         frame = {"left": 0.05, "right": 0.985, "bottom": 0.03, "top": 1 - 0.6 / figure.get_figheight()}
         grid = figure.add_gridspec(sum(rows), _COLUMNS, hspace=0.5, wspace=0.25, **frame)
         for number, profile in enumerate(profiles):
@@ -63,7 +66,7 @@ def _draw_profile(axes: Axes, side: Side, profile: Profile, colour: str, name: s
 
 def _draw_values(axes: Axes, side: Side, measure: Measure, level: int, colour: str) -> None:
     values = side.values[measure.key]
-    # Spread in a fixed pattern: values of many pictures would hide each other in one line.
+    # On one line, the values of many pictures would hide each other; so they are spread in a fixed pattern.
     offset = 0.25 * np.sin(2.4 * np.arange(len(values)))
     axes.plot(values, level + offset, ".", color=colour, alpha=0.5, markersize=4)
     mean, deviation = side.mean(measure), side.deviation(measure)

@@ -1,4 +1,8 @@
-"""What is measured in a picture, pixel by pixel: jumps, runs, slants, contrasts."""
+"""Quantities measured in a picture, pixel by pixel: jumps, runs, slants, contrasts.
+
+Below, ``surfaces`` is (H, W) float32 px without holes, as in a `MeasuredView`, and ``luminance`` is (H, W) float32
+8-bit levels.
+"""
 
 from typing import TypeVar
 
@@ -6,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 JUMP_PX = 1.0
-"""A larger difference between neighbouring pixels' disparities is a jump: two surfaces, or one seen edge-on."""
+"""Larger differences between the disparities of neighbours are jumps: two surfaces, or one surface seen edge-on."""
 HIGH_JUMP_PX = 2.0
-"""A jump that counts as the border of an object."""
+"""Larger jumps count as the border of an object."""
 SLANT_SPAN_PX = 16
-"""Pixels over which the slant of a surface is measured: maps that are rounded to 1/2 px need several."""
+"""Distance over which the slant of a surface is measured: in maps that are rounded to 1/2 px, 1 px is too short."""
 
 _NEAR_PX = 5
 _CONTRAST_SIDE = 9
@@ -28,15 +32,18 @@ Values = NDArray[np.float32] | NDArray[np.float64]
 
 
 def jumps(surfaces: NDArray[np.float32], axis: int, least_px: float = JUMP_PX) -> Mask:
-    """Return where neighbours in a column (axis 0) or a row (axis 1) lie on two surfaces, (H - 1, W) or (H, W - 1).
+    """Return where two neighbours in a column (axis 0) or in a row (axis 1) differ by more than ``least_px``.
 
-    Surfaces are (H, W) float32 px, all finite, as of a `MeasuredView`, here and below.
+    The result is (H - 1, W) or (H, W - 1) bool.
     """
     return np.abs(np.diff(surfaces, axis=axis)) > least_px
 
 
 def run_lengths(surfaces: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Return the length of each smooth run, (R,) px: pixels of a row between two jumps, or a jump and the border."""
+    """Return the length of each smooth run, (R,) px.
+
+    A run is the pixels of a row between two jumps, or between a jump and the image's border.
+    """
     height, width = surfaces.shape
     ends = np.ones((height, width), np.bool_)
     ends[:, :-1] = jumps(surfaces, 1)
@@ -44,15 +51,15 @@ def run_lengths(surfaces: NDArray[np.float32]) -> NDArray[np.int64]:
 
 
 def region_sizes(surfaces: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Return the pixels of each region, (R,) above 0: they are connected along rows and columns without a jump."""
+    """Return the number of pixels of each region, (R,); a region's pixels are connected by steps without a jump."""
     lengths = run_lengths(surfaces)
     run = np.repeat(np.arange(len(lengths)), lengths).reshape(surfaces.shape)
     upper, lower = run[:-1], run[1:]
     touching = ~jumps(surfaces, 0)
-    # Two runs touch in many columns; one of them is enough.
+    # Two runs touch in many columns, of which one is enough.
     touching[:, 1:] &= (np.diff(upper, axis=1) + np.diff(lower, axis=1) > 0) | ~touching[:, :-1]
     first, second = upper[touching], lower[touching]
-    # Of two regions that touch, the one with the higher number joins the other, until none do.
+    # Of two regions that touch, the one with the higher number joins the other, until no two regions touch.
     region = np.arange(len(lengths))
     while len(first):
         np.minimum.at(region, np.maximum(first, second), np.minimum(first, second))
@@ -66,9 +73,9 @@ def region_sizes(surfaces: NDArray[np.float32]) -> NDArray[np.int64]:
 
 
 def near_jumps(surfaces: NDArray[np.float32]) -> Mask:
-    """Return the five pixels on each side of a high jump, (H, W) bool.
+    """Return the pixels near a high jump, (H, W) bool: five on each side.
 
-    They are the pixels beside it, and those at most four rows and columns from one of these.
+    These are the two pixels of the jump, and all pixels at most four rows and four columns from one of them.
     """
     near = np.zeros(surfaces.shape, np.bool_)
     for axis in (0, 1):
@@ -88,11 +95,13 @@ def near_jumps(surfaces: NDArray[np.float32]) -> Mask:
 
 
 def hidden(disparity: NDArray[np.float32]) -> Mask:
-    """Return the pixels of a left view that the right view cannot show, judged by the left map alone.
+    """Return the pixels of a left view that the right view cannot show, (H, W) bool, by the left disparity.
 
-    A pixel is hidden where a nearer one takes its place in the right view, or where that place is outside the image.
-    Pairs with a mask are judged so too: both sides of a comparison are to have one definition. Pixels (H, W) whose
-    disparity is unknown, nan, are not hidden.
+    A pixel is hidden where a nearer pixel has the same place in the right view, or where that place is outside the
+    image. Pairs with a mask are judged in the same way, so that both sides of a comparison have one definition.
+
+    Args:
+        disparity: (H, W) float32 px; pixels with nan are not hidden.
     """
     height, width = disparity.shape
     known = np.isfinite(disparity)
@@ -100,7 +109,7 @@ def hidden(disparity: NDArray[np.float32]) -> Mask:
     outside: Mask = known & ((place < -0.5) | (place >= width - 0.5))
     inside = known & ~outside
     column = np.clip(np.rint(place), 0, width - 1).astype(np.int64)
-    # The nearest surface in each pixel of the right view; a surface that faces to the left leaves gaps of a pixel.
+    # The nearest surface in each pixel of the right view. A surface that faces to the left has gaps of one pixel there.
     nearest = np.full((height, width + 2), float(disparity[inside].min(initial=0.0)), np.float32)
     at = (column + (np.arange(height) * (width + 2) + 1)[:, None])[inside]
     np.maximum.at(nearest.reshape(-1), at, disparity[inside])
@@ -109,9 +118,9 @@ def hidden(disparity: NDArray[np.float32]) -> Mask:
 
 
 def slants(surfaces: NDArray[np.float32]) -> Values:
-    """Return how fast disparity changes on surfaces: the length of its gradient, in px per px, over `SLANT_SPAN_PX`.
+    """Return the slant of surfaces, (N,) px per px: the length of the gradient of disparity, over `SLANT_SPAN_PX`.
 
-    It is measured at the N pixels around which neither the row nor the column has a jump over that span.
+    It is measured at all pixels around which neither row nor column has a jump within that span.
     """
     span, half = SLANT_SPAN_PX, SLANT_SPAN_PX // 2
     height, width = surfaces.shape
@@ -130,7 +139,7 @@ def slants(surfaces: NDArray[np.float32]) -> Values:
 
 
 def gradients(luminance: NDArray[np.float32]) -> Values:
-    """Return the length of the gradient between neighbouring pixels, levels per px, (H - 1, W - 1)."""
+    """Return the length of the luminance's gradient between neighbouring pixels, levels per px, (H - 1, W - 1)."""
     return np.hypot(np.diff(luminance, axis=1)[1:], np.diff(luminance, axis=0)[:, 1:])
 
 
@@ -139,17 +148,17 @@ def local_contrasts(luminance: NDArray[np.float32]) -> Values:
     side = _CONTRAST_SIDE
     if min(luminance.shape) < side:
         return np.zeros(0)
-    # About the mean: the sums of squares stay small, so that their difference keeps its digits.
+    # Without the mean, the sums of squares are small, so their difference keeps its digits.
     levels = luminance.astype(np.float64) - luminance.mean()
     mean, mean_square = (_window_sums(values, side) / side**2 for values in (levels, levels**2))
     return np.sqrt(np.maximum(mean_square - mean**2, 0))
 
 
 def octave_contrasts(luminance: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return the contrast of each octave of detail, levels: the root mean square deviation within blocks of 2 x 2.
+    """Return the contrast of each of five octaves of detail, the finest first, (5,) levels.
 
-    The blocks are of pixels for the first, finest octave, and of the means of the previous octave's blocks for others.
-    There are 5, nan from the octave on for which the image is too small.
+    It is the root mean square deviation within blocks of 2 x 2. The first octave has blocks of pixels, and each further
+    octave has blocks of the means of the previous octave's blocks. Octaves for which the image is too small are nan.
     """
     contrasts = np.full(_OCTAVES, np.nan)
     levels = luminance.astype(np.float64)
@@ -166,11 +175,12 @@ def octave_contrasts(luminance: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 def border_steps(luminance: NDArray[np.float32], surfaces: NDArray[np.float32]) -> tuple[Values, Values]:
-    """Return the step of the image at each border of an object, and the contrast between its sides, (N,) levels each.
+    """Return the luminance's step at each border of an object, and the contrast of the border's sides.
 
-    Borders are high jumps in a row with five pixels of one surface to each side. The contrast is the difference between
-    the means of the third to fifth pixels; the step is the largest between neighbours within one pixel of the jump,
-    since measured maps are rarely better aligned with their images. Contrasts below 10 levels say nothing.
+    Both are (N,) levels. Borders are high jumps in a row with five pixels of one surface on each side. The contrast is
+    the difference between the means of each side's third to fifth pixels. The step is the largest difference between
+    neighbours within one pixel of the jump, since measured maps are rarely better aligned with their images. Borders
+    with a contrast below 10 levels are left out.
     """
     reach = _MIXED + _PLAIN
     width = surfaces.shape[1]
@@ -189,13 +199,13 @@ def border_steps(luminance: NDArray[np.float32], surfaces: NDArray[np.float32]) 
 
 
 def border_hardness(luminance: NDArray[np.float32], surfaces: NDArray[np.float32]) -> float:
-    """Return the mean step over the mean contrast of an image's borders; nan where it has fewer than 20."""
+    """Return the mean step divided by the mean contrast of an image's borders; nan with fewer than 20 borders."""
     step, contrast = border_steps(luminance, surfaces)
     return float(step.sum() / contrast.sum()) if len(step) >= _FEWEST_BORDERS else float("nan")
 
 
 def _shifted(values: NDArray[_Value], axis: int, step: int) -> tuple[NDArray[_Value], NDArray[_Value]]:
-    """Return views of all but the last and of all but the first ``step`` slices along an axis."""
+    """Return two views of an array: without its last, and without its first ``step`` slices along an axis."""
     along = np.moveaxis(values, axis, 0)
     return np.moveaxis(along[:-step], 0, axis), np.moveaxis(along[step:], 0, axis)
 

@@ -1,4 +1,4 @@
-"""The two sides of a comparison: measures of a dataset's pairs, and of a place."""
+"""The two sides of a comparison: the measures of a dataset's pairs, and the measures of a place."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -18,11 +18,11 @@ from semisynth_gl.seeds.spread import spread
 from semisynth_gl.textures.subjects import photographed_subjects
 
 SAMPLE = 100
-"""Pairs of a dataset that are measured, unless the caller wants another number."""
+"""Default number of a dataset's pairs to measure."""
 
 FEWEST = 4
-"""Pictures of a place whose standard deviation is a unit. Were dataset and place alike, one measure in four would be
-more than one unit apart by chance; with eleven pictures, one in thirty."""
+"""Least number of a place's pictures whose standard deviation serves as a unit. With four pictures, and a dataset like
+its place, one measure in four is more than one unit apart by chance; with eleven pictures, one in thirty."""
 
 _ROUNDING = 1e-9
 
@@ -32,16 +32,17 @@ class Side:
     """The measures of one side's pictures.
 
     Attributes:
-        values: by the key of each `Measure`, (N,) float64 of the N pictures that have it; of several photographs of one
-            subject the mean.
-        profiles: by the key of each `Profile`, (N, K) float64 likewise.
+        values: by the key of each `Measure`, (N,) float64, the numbers of the N pictures that have the measure. Several
+            photographs of one subject count as one picture, with their mean.
+        profiles: by the key of each `Profile`, (N, K) float64, the values of the N pictures that have the profile;
+            photographs of one subject count as in ``values``.
     """
 
     values: dict[str, NDArray[np.float64]]
     profiles: dict[str, NDArray[np.float64]]
 
     def mean(self, measure: Measure) -> float | None:
-        """Return the mean over pictures; None without pictures."""
+        """Return the mean over the pictures that have the measure; None without such pictures."""
         values = self.values[measure.key]
         return float(values.mean()) if len(values) else None
 
@@ -51,7 +52,10 @@ class Side:
         return float(values.std(ddof=1)) if len(values) > 1 else None
 
     def unit(self, measure: Measure) -> float | None:
-        """Return the standard deviation as a unit; None with fewer than `FEWEST` pictures, or where all are alike."""
+        """Return the deviation, in which differences are expressed.
+
+        The result is None with fewer than `FEWEST` pictures, or where the value of all pictures is the same.
+        """
         mean, deviation = self.mean(measure), self.deviation(measure)
         if mean is None or deviation is None or len(self.values[measure.key]) < FEWEST:
             return None
@@ -63,13 +67,13 @@ class MeasuredPlace:
     """The measures of a place.
 
     Attributes:
-        side: measures of images alone from the photographs, all others from the maps.
+        side: the measures; those that need only an image are taken from the photographs, all others from the maps.
         photographs: number of measured photographs.
-        subjects: number of subjects that they show; each counts once.
-        narrow: number of these that are narrower than the working width.
+        subjects: number of subjects that the photographs show; each subject counts once.
+        narrow: number of photographs that are narrower than the working width.
         maps: number of measured maps.
-        maps_with_image: number of these with an image beside them.
-        sparse_maps: number of these with a disparity in fewer than half of their pixels.
+        maps_with_image: number of maps with an image beside them.
+        sparse_maps: number of maps with a disparity in fewer than half of their pixels.
         skipped: photographs that cannot be read.
     """
 
@@ -91,7 +95,11 @@ def distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
 
 
 def measure_views(views: Iterable[MeasuredView], *, of_images: bool | None = None) -> Side:
-    """Measure views one by one, without keeping them: all measures and profiles, or those that are ``of_images``."""
+    """Measure views one by one, without keeping them.
+
+    With ``of_images`` True, only the measures and profiles that need only an image are taken; with False, only all
+    others; with None, all of them. The other measures are missing from the result.
+    """
     tables = [[each for each in table if of_images in (None, each.of_images)] for table in (MEASURES, PROFILES)]
     found: list[dict[str, list[Any]]] = [{each.key: [] for each in table} for table in tables]
     for view in views:
@@ -104,7 +112,10 @@ def measure_views(views: Iterable[MeasuredView], *, of_images: bool | None = Non
 
 
 def measure_dataset(dataset: Dataset, width_px: int, sample: int, listener: Listener | None = None) -> Side:
-    """Measure left views of a dataset at the working width, a sample of pairs evenly spread."""
+    """Measure the left views of at most ``sample`` evenly spread pairs of a dataset, at the working width ``width_px``.
+
+    The listener is told the number of pairs to measure, and each measured pair.
+    """
     listener = listener or Listener()
     count = min(sample, len(dataset))
     listener.on_total(count)
@@ -118,7 +129,7 @@ def measure_dataset(dataset: Dataset, width_px: int, sample: int, listener: List
 
 
 def _one_sample_each(sides: Sequence[Side]) -> Side:
-    """Return a side that has one view for each of these, with the means of its views."""
+    """Return a side with one picture for each of ``sides``: the mean of its pictures."""
 
     def means(arrays: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
         return np.array([array.mean(axis=0) for array in arrays if len(array)], np.float64)
@@ -131,7 +142,7 @@ def _one_sample_each(sides: Sequence[Side]) -> Side:
 
 @dataclass(frozen=True, slots=True)
 class _Facts:
-    """What `MeasuredPlace` counts of a view: all views together would fill the memory."""
+    """The facts of a view that `MeasuredPlace` counts; the views themselves would fill the memory."""
 
     narrow: bool
     with_image: bool
@@ -139,14 +150,14 @@ class _Facts:
 
 
 def _noted(views: Iterable[MeasuredView], facts: list[_Facts]) -> Iterator[MeasuredView]:
-    """Pass views on, and note the facts of each."""
+    """Yield the views unchanged, and add the facts of each to ``facts``."""
     for view in views:
         facts.append(_Facts(view.enlarged, view.luminance is not None, view.surfaces is None))
         yield view
 
 
 def measure_place(place: PlaceFiles, width_px: int) -> MeasuredPlace:
-    """Measure a place's photographs, as many samples as they have subjects, and its maps.
+    """Measure a place's photographs, where each subject counts as one picture, and its maps, at a working width.
 
     Raises:
         InputError: where no photograph can be read, or a map does not fit its image or has no disparity.
@@ -179,7 +190,7 @@ def measure_place(place: PlaceFiles, width_px: int) -> MeasuredPlace:
 
 
 def frame_view(frame: StoredFrame, width_px: int = WORKING_WIDTH) -> MeasuredView:
-    """Return the left view of a pair as it is measured; with the output ``instances`` it has its background too."""
+    """Return a pair's left view at the working width ``width_px``; the background needs the output ``instances``."""
     instances, background = frame.left.get("instances"), None
     listed = frame.provenance.get("instances")
     if instances is not None and isinstance(listed, list):

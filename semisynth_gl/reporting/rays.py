@@ -66,7 +66,7 @@ class RayCaster:
         scenes = self._rebuilt(frame.split)
         rebuilt = scenes.sampled(frame)
         if rebuilt is None:
-            raise InputError("config and seed of the index give another scene than the pair's provenance has")
+            raise InputError("config and seed of the index give a scene that differs from the pair's provenance")
         scene = rebuilt.scene
         x_px, y_px = x.astype(np.float64), y.astype(np.float64)
         hits = cast_rays(scene, scenes.models, "left", x_px, y_px)

@@ -1,1 +1,1 @@
-"""Checks of a finished dataset: from its files' arrays to findings. docs/verify.md says where each bound comes from."""
+"""Checks of a dataset's files, which report faults as findings. docs/verify.md derives the bounds."""

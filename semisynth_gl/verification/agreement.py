@@ -1,4 +1,4 @@
-"""Statistics shared by several checks: vectors against their references, and masks against expected masks."""
+"""Statistics shared by several checks: vectors compared with references, and masks compared with expected masks."""
 
 from dataclasses import dataclass
 from functools import reduce
@@ -21,22 +21,27 @@ _MEDIAN_SHARE = 0.002
 _MASK_SHARE = 0.005
 _CLASS_SHARE = 0.05
 SEEN_PX = 0.05
-"""A point is seen where the difference is smaller."""
+"""Where a vector differs by less from its reference, px, both views see the same point."""
 MIN_PIXELS = 200
-"""Below this number of pixels a median or a fit says nothing."""
+"""Least number of pixels for a median or a fit; with fewer, it says nothing."""
 UNCERTAIN = 1
-"""The value of an expected mask where either value of the mask may be right."""
+"""Value of an expected mask where any value of the judged mask may be right."""
 DEVIATIONS = 5.0
-"""So many standard deviations are not left by chance, in millions of pairs."""
-# Of a pixel and its neighbours, which see the same thin thing, all are wrong or none.
+"""Bound in standard deviations that chance does not exceed, even in millions of pairs."""
+# A pixel and its eight neighbours see the same thin object, so that either all of them are wrong or none.
 _TOGETHER = 9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Points:
-    """N pixels (row, column) of an image, and the points (x, y) of another image that correspond to them.
+    """N pixels of an image, and their corresponding points in another image.
 
-    With ``on_rows`` the points lie on the rows of their pixels.
+    Attributes:
+        row: (N,), row of each pixel.
+        column: (N,), column of each pixel.
+        x: (N,) px, the point's position along the other image's rows.
+        y: (N,) px, the point's position along the other image's columns.
+        on_rows: whether each point lies on the row of its pixel, so that no interpolation between rows is needed.
     """
 
     row: NDArray[np.int64]
@@ -46,7 +51,7 @@ class Points:
     on_rows: bool = False
 
     def select(self, which: NDArray[np.bool_ | np.intp]) -> "Points":
-        """Return the pixels of a mask (N,) bool, or of indices."""
+        """Return the points of some pixels, given as a mask (N,) bool or as indices."""
         return Points(self.row[which], self.column[which], self.x[which], self.y[which], self.on_rows)
 
     def corners(self, array: Floats) -> Floats:
@@ -61,11 +66,19 @@ class Points:
 
 
 class Agreement:
-    """Vectors of an image's pixels (N, C) px against references: another image's array, interpolated at the points.
+    """Compares the vectors of an image's pixels with references: another image's vectors, interpolated at the points.
 
-    Messages name the array (H, W, C) that is judged, and its reference with the place. Of the other image there are the
-    ``corners`` around the points, see `Points.corners`. Encodings cause differences of up to ``error_px``, and vectors
-    shorter than ``scaled_from_px`` are not judged by their relative difference.
+    Args:
+        names: for messages, the name of the judged array, and the name of the reference with its place.
+        own: (H, W, C) px, the array to judge.
+        corners: (2 or 4, N, C) px, the other image's vectors around the points; see `Points.corners`.
+        targets: the N pixels to compare, and their points in the other image.
+        error_px: largest difference that the encodings cause.
+        scaled_from_px: least length of a vector whose relative difference is judged.
+
+    Attributes:
+        vectors: (N, C) px, the vectors of the pixels.
+        references: (N, C) px, interpolated between the corners.
     """
 
     def __init__(
@@ -87,25 +100,32 @@ class Agreement:
 
     @property
     def known(self) -> Where:
-        """Where vectors and references are finite, (N,) bool."""
+        """Where both vector and reference are finite, (N,) bool."""
         return all_components(np.isfinite(self.vectors) & np.isfinite(self.references))
 
     @property
     def close(self) -> Where:
-        """Where the pixels around the points have similar vectors, as on one surface, (N,) bool."""
+        """Where the vectors around the point differ by less than 1 px, as on one surface, (N,) bool."""
         return all_components(np.ptp(self.corners, axis=0) < 1)
 
     @property
     def agree(self) -> Where:
-        """Where the vectors are so near their references that one point is seen twice, (N,) bool."""
+        """Where the vector is so near its reference that both images see the same point, (N,) bool."""
         return all_components(np.abs(self.vectors - self.references) < SEEN_PX + self.error_px)
 
     def check(self, check: str, measure: str, judged: Where, surface: Where, verdict: Verdict) -> None:
         """Judge the vectors by the share of outliers, and by the median of the difference.
 
-        Outliers lie outside the range of the pixels around the point; so do unknown references. A constant error shifts
-        the median difference, a wrong factor shifts the median of the relative difference. Medians are taken where
-        pixel and point lie on one ``surface``, (N,) as ``judged``. ``measure`` begins the measures' names.
+        An outlier is a vector outside the range of the vectors around its point, or a vector whose reference is
+        unknown. A constant error shifts the median of the difference, a wrong factor the median of the relative
+        difference.
+
+        Args:
+            check: name of the check in findings.
+            measure: beginning of the measures' names.
+            judged: (N,) bool, the pixels to judge.
+            surface: (N,) bool, where pixel and point lie on one surface; only these judged pixels enter the medians.
+            verdict: gets the findings and measures.
         """
         if not judged.any():
             return
@@ -149,7 +169,7 @@ class Agreement:
 
 
 def check_mask_values(check: str, name: str, mask: NDArray[np.uint8], verdict: Verdict) -> None:
-    """Check that a mask of any shape has the values 0, 128 and 255 alone."""
+    """Check that a mask of any shape has only the values 0, 128 and 255."""
     values = np.unique(mask)
     strange = values[~np.isin(values, (OUTSIDE, OCCLUDED, VISIBLE))]
     if strange.size:
@@ -165,10 +185,19 @@ def check_mask_agreement(
     source: str,
     verdict: Verdict,
 ) -> None:
-    """Judge a mask of any shape by the share of its pixels that are not as expected from the ``source`` of messages.
+    """Judge a mask by the share of its pixels that differ from the expected mask of the same shape.
 
-    Each class is judged by itself too: nearly everything is visible in most pairs, so the mask of another pair may be
-    right nearly everywhere. Where `UNCERTAIN` is expected, nothing is judged.
+    Each class (outside, occluded, visible) is judged by itself too: nearly everything is visible in most pairs, so even
+    the mask of another pair may be right nearly everywhere. Pixels where `UNCERTAIN` is expected are not judged.
+
+    Args:
+        check: name of the check in findings.
+        name: the mask's name in findings.
+        measure: beginning of the measure's name.
+        mask: the mask to judge.
+        expected: the expected mask.
+        source: for messages, what the expected mask was worked out from.
+        verdict: gets the findings and the measure.
     """
     certain = expected != UNCERTAIN
     wrong = certain & (mask != expected)
@@ -187,7 +216,7 @@ def check_mask_agreement(
 def check_visibility(
     name: str, mask: NDArray[np.uint8], valid: Where, expected: NDArray[np.uint8], verdict: Verdict
 ) -> None:
-    """Check a view's mask (H, W): its values, 0 without a ``valid`` disparity, and agreement with the expected mask."""
+    """Check a view's mask (H, W): its values, 0 where ``valid`` is False, and agreement with the expected mask."""
     check_mask_values("mask", name, mask, verdict)
     invalid = ~valid & (mask != OUTSIDE)
     if invalid.any():
@@ -196,38 +225,41 @@ def check_visibility(
 
 
 def most_share(limit: float, pixels: int) -> float:
-    """Return up to which share of pixels may be wrong: the limit, and what chance adds to it.
+    """Return the largest share of ``pixels`` pixels that may be wrong: the limit, and a margin for chance.
 
-    Of few pixels, more may be wrong by chance: of eleven, all where the limit is 5 %.
+    The fewer the pixels, the larger the margin: with a limit of 5 %, all of eleven pixels may be wrong.
     """
     return limit + DEVIATIONS * sqrt(limit * (1 - limit) * _TOGETHER / pixels)
 
 
 def ends(vectors: Floats) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the points x and y (H, W) float64 px of the other image to which vectors (H, W, 2) px lead."""
+    """Return x and y, (H, W) float64 px each, of the other image's points to which vectors (H, W, 2) px lead."""
     height, width = vectors.shape[:2]
     along, down = np.moveaxis(vectors.astype(np.float64), 2, 0)
     return np.arange(width) + along, np.arange(height)[:, None] + down
 
 
 def inside_px(x: Floats, y: Floats) -> NDArray[np.float64]:
-    """Return how far points (H, W) lie inside an image of that size; its border is half a pixel beyond the centres."""
+    """Return how far points lie inside an image of their own shape, (H, W) float64 px; negative outside.
+
+    The image's border is half a pixel beyond the centres of its outer pixels.
+    """
     height, width = x.shape
     nearest: NDArray[np.float64] = np.minimum(np.minimum(x, width - 1 - x), np.minimum(y, height - 1 - y))
     return nearest + 0.5
 
 
 def spread_evenly(indices: NDArray[np.intp], most: int) -> NDArray[np.intp]:
-    """Return at most ``most`` of the indices (N,), evenly spread over all."""
+    """Return at most ``most`` of the indices (N,), evenly spread over all of them."""
     return indices[:: max(1, -(-len(indices) // most))]
 
 
 def all_components(where: Where) -> Where:
-    """Return where all components of (..., C) bool are set, (...); numpy's `all` is slow over so short an axis."""
+    """Return where all C components of (..., C) bool are True, (...); numpy's `all` is slow over a short axis."""
     return reduce(np.logical_and, np.moveaxis(where, -1, 0))
 
 
 def dot(first: Floats, second: Floats) -> NDArray[np.float64]:
-    """Return the dot products of vectors (..., C), (...) float64."""
+    """Return the dot products (...) float64 of vectors (..., C)."""
     products = (first[..., k].astype(np.float64) * second[..., k] for k in range(first.shape[-1]))
     return reduce(np.add, products)

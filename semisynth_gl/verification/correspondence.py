@@ -1,4 +1,4 @@
-"""Correspondences against disparities and the camera; and both views against each other, where rows are not shared."""
+"""Correspondences compared with disparities and the camera; views of a deviating rig compared with each other."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +21,12 @@ from semisynth_gl.verification.single_view import DEVIATING_PX
 from semisynth_gl.verification.verdict import Verdict
 from semisynth_gl.verification.view_consistency import HIDDEN_PX
 
-# Points may lie on either side of the image's border by this.
+# Within this distance of the image's border, px, a point may count as inside or outside.
 _BORDER_PX = 2e-3
 
 
 def check_correspondence(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
-    """Check a view's correspondences: where they are, against disparities, and against the camera."""
+    """Check a view's correspondences: where there are any, and whether they fit the disparities and the camera."""
     view, name = frame.view(eye), f"correspondence_{eye}"
     way, disparity = view.get("correspondence"), view.get("disparity")
     if way is None or disparity is None:
@@ -40,7 +40,7 @@ def check_correspondence(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None
     verdict.add_pixels("correspondence", name, "is not the disparity along the row", off)
     expected = frame.ways(eye)
     error = np.abs(np.where(both[..., None], way - expected, 0))[..., 1]
-    # A disparity that was rounded says a little less about the depth.
+    # The rounding of a disparity makes the depth, and with it y, less certain.
     wrong = ~(error <= DEVIATING_PX + frame.rounding_px(disparity))
     verdict.measures[f"{name}_largest_y_px"] = float(error[~wrong].max(initial=0.0))
 
@@ -51,7 +51,7 @@ def check_correspondence(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None
 
 
 def check_deviating_views(frame: StoredFrame, verdict: Verdict, *, imperfect: bool) -> None:
-    """Check both views of a pair against each other where the right camera deviates; see `check_images`."""
+    """Compare both views of a pair whose right camera deviates; ``imperfect`` is as in `check_images`."""
     ways = {eye: frame.ways(eye) for eye in EYES}
     for eye in EYES:
         other = OTHER_EYE[eye]
@@ -75,7 +75,7 @@ def check_deviating_views(frame: StoredFrame, verdict: Verdict, *, imperfect: bo
 def _check_mask(
     frame: StoredFrame, eye: Eye, way: NDArray[np.float64], targets: Points, seen: NDArray[np.bool_], verdict: Verdict
 ) -> None:
-    """Check a view's mask by the points that are surely seen from the other eye (N,), and those surely hidden there."""
+    """Check a view's mask by the points that the other eye surely sees, (N,) bool, or surely does not see."""
     disparity, mask = frame.view(eye)["disparity"], frame.view(eye)["visibility"]
     nearest = targets.corners(frame.view(OTHER_EYE[eye])["disparity"][..., None])[..., 0]
     hidden_px = disparity[targets.row, targets.column] + HIDDEN_PX + 2 * frame.encodings.disparity.error_px

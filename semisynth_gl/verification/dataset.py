@@ -1,4 +1,4 @@
-"""All checks of a dataset, shard after shard and pair after pair."""
+"""All checks of a dataset, shard by shard and pair by pair."""
 
 from collections.abc import Iterator, Mapping
 
@@ -30,15 +30,21 @@ from semisynth_gl.verification.view_consistency import (
     visible_pixels,
 )
 
-# Arrays hold inf or NaN where nothing is known, and no check judges what is computed from these.
+# Arrays hold inf or NaN where nothing is known, and no check judges values that are computed from these.
 _UNKNOWN_VALUES = np.errstate(invalid="ignore", divide="ignore")
 
 
 def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
-    """Check a dataset, with rays through ``oracle_pixels`` pixels of each pair; with 0 no scene is sampled again.
+    """Check a dataset: yield a verdict on the dataset itself, and then one on each pair, in the order of the shards.
 
-    The first verdict is on the dataset itself, the others on each pair, in the order of the shards. The verdict on a
-    shard's first pair has the findings on the shard itself too. Scenes that cannot be sampled again raise InputError.
+    The verdict on a shard's first pair also has the findings about the shard.
+
+    Args:
+        index: the dataset's index.
+        oracle_pixels: number of pixels of each pair to check with rays; with 0, no scene is sampled again.
+
+    Raises:
+        InputError: where rays are asked for, and the scenes cannot be sampled again.
     """
     oracles = {split: OracleCheck(index, split) for split in index.pairs} if oracle_pixels else {}
     verdict = Verdict(DATASET)
@@ -70,20 +76,23 @@ def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
 
 
 def _looked_back_at(number: int, index: Index) -> set[int]:
-    """Return which earlier pairs a pair is compared with: the same view's one frame earlier, and the scene's first."""
+    """Return the numbers of the earlier pairs that a pair is compared with.
+
+    These are the same view's pair one frame earlier, and the first pair of the same scene.
+    """
     scene, view = divmod(number, index.views)
     before = {number - index.views} if scene % index.config.sequence.length else set()
     return before | ({number - view} if view else set())
 
 
 def _still_needed(number: int, index: Index) -> set[int]:
-    """Return which pairs up to a pair those after it are compared with."""
+    """Return the numbers of the pairs with which pairs after ``number`` are yet to be compared."""
     return {at for later in range(number + 1, number + 1 + index.views) for at in _looked_back_at(later, index)}
 
 
 @_UNKNOWN_VALUES
 def _check_against(frame: StoredFrame, recent: Mapping[int, StoredFrame], index: Index, verdict: Verdict) -> None:
-    """Compare a pair with the earlier pairs of its sequence or scene that have the same size."""
+    """Compare a pair with earlier pairs of its sequence or scene; pairs of another size are passed over."""
     sizes = frame.left.image.shape
     for number in _looked_back_at(frame.index, index):
         other = recent.get(number)
@@ -96,7 +105,7 @@ def _check_against(frame: StoredFrame, recent: Mapping[int, StoredFrame], index:
 
 
 def _same_textures(frame: StoredFrame, index: Index) -> bool:
-    """Return whether a point looks alike in all frames of a sequence."""
+    """Return whether a surface point has the same colour in all frames of a sequence."""
     textures = index.config.textures
     changing = isinstance(textures, dict) and bool(textures.get("sequence"))
     return not (index.imperfect or changing) and frame.encodings.image.lossless
@@ -104,7 +113,7 @@ def _same_textures(frame: StoredFrame, index: Index) -> bool:
 
 @_UNKNOWN_VALUES
 def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
-    """Check a pair by itself; return whether all its arrays are of one size."""
+    """Check a pair by itself; return whether all its arrays have the size of its camera."""
     check_origin(frame, index, verdict)
     check_calibration(frame, verdict)
     if not is_of_one_size(frame):

@@ -1,4 +1,4 @@
-"""Files: each file that a loader or the dataset needs is present and as recorded, and no file misleads a loader."""
+"""Checks that all needed files are present and as recorded, and that no other file misleads a loader."""
 
 import hashlib
 import tarfile
@@ -19,12 +19,18 @@ from semisynth_gl.verification.verdict import Verdict
 
 _ABOUT = frozenset({INDEX, PLAN, CARD, CROISSANT})
 _SHOWN = 20
-# Without these roles a pair cannot be judged.
+# A pair that lacks one of these roles cannot be judged.
 _NEEDED = frozenset({"left", "right", "disparity_left", "provenance"})
 
 
 class StoredShard:
-    """One shard as it is stored: the numbers of its pairs in their split, and why its record could not be read."""
+    """A shard as it is stored.
+
+    Attributes:
+        split: the split of the shard's pairs.
+        numbers: the pairs' numbers in their split.
+        fault: why the shard's record cannot be read; None where it can.
+    """
 
     def __init__(self, index: Index, shard: Shard) -> None:
         self.split = shard.split
@@ -42,7 +48,7 @@ class StoredShard:
             self.fault = f"{record_path(shard.name)} {error.reason}: {why}"
 
     def check(self, verdict: Verdict) -> None:
-        """Check the record against the index, and the tar's digest and list of members against the record."""
+        """Compare the record with the index, and the tar's digest and list of members with the record."""
         record, made = self._record, self._index.made
         if record is None:
             verdict.add("shard", str(self.fault))
@@ -83,11 +89,15 @@ class StoredShard:
             verdict.add("shard", f"{counts}; the first difference is {first}")
 
     def listed(self, number: int) -> Mapping[str, StoredFile] | None:
-        """Return a pair's files in the record, by name; None without a record."""
+        """Return a pair's files by name, as the record lists them; None where it has no such pair or is unreadable."""
         return self._samples.get(number)
 
     def read(self, number: int, name: str) -> bytes:
-        """Read a pair's file by its name below the dataset's folder or inside the tar, or raise ReadError."""
+        """Read a file of pair ``number``; its name is relative to the dataset's folder, or a member of the tar.
+
+        Raises:
+            ReadError: where the file or, of a tar, its shard's record is missing or cannot be read.
+        """
         place = self._index.place
         if not self._index.layout.packed:
             try:
@@ -102,7 +112,7 @@ class StoredShard:
             raise ReadError(Path(name), f"cannot be read from its shard: {error.path} {error.reason}") from None
 
     def check_digest(self, number: int, name: str, data: bytes, verdict: Verdict) -> None:
-        """Compare the digest of a file outside tars with the record; a tar has one digest for all its files."""
+        """Compare a file's digest with the record; files in a tar have none, since the whole tar has one digest."""
         file = self._samples.get(number, {}).get(name)
         if file is None or file.sha256 is None:
             return
@@ -112,21 +122,29 @@ class StoredShard:
 
 
 def unmade_pairs(index: Index, shard: Shard, present: AbstractSet[str]) -> range:
-    """Return the pairs of an unfinished dataset's shard of which nothing is there, nor a record of the shard."""
+    """Return the numbers of a shard's pairs that an unfinished dataset does not have yet.
+
+    The range is empty for a finished dataset, and for a shard that has a record. ``present`` has the names of all of
+    the dataset's files.
+    """
     numbers = range(shard.first, shard.end)
     if index.fault is None or record_path(shard.name) in present:
         return numbers[:0]
     if index.layout.packed:
         return numbers[:0] if tar_path(shard.name) in present else numbers
     made = [number for number in numbers if not present.isdisjoint(index.files(shard.split, number).values())]
-    # A worker makes the pairs of a shard in their order.
+    # A worker makes the pairs of a shard in order, so the pairs after the last one with a file are not made yet.
     return range(made[-1] + 1 if made else shard.first, shard.end)
 
 
 def check_index(index: Index, present: AbstractSet[str], unmade: int, verdict: Verdict) -> None:
-    """Check the index against itself, and the names of the present files against the index.
+    """Check that the index agrees with itself, and that the names of the dataset's files are as the index says.
 
-    ``unmade`` is the number of pairs that are not made yet.
+    Args:
+        index: the dataset's index.
+        present: names of all files of the dataset.
+        unmade: number of pairs that are not made yet.
+        verdict: gets the findings.
     """
     if index.fault is not None:
         verdict.add("index", index.fault)
@@ -137,7 +155,7 @@ def check_index(index: Index, present: AbstractSet[str], unmade: int, verdict: V
         verdict.add("index", f"config_values have the digest {digest[:12]}, config_sha256 is {recorded:.12}")
     lists, links = _lists_and_links(index)
     local = index.place.local
-    # Loaders take whatever files they meet for a pair.
+    # Loaders take any file that they find for a part of a pair.
     foreign = sorted(
         name
         for name in present - _ABOUT - lists.keys() - _shard_files(index)
@@ -149,7 +167,7 @@ def check_index(index: Index, present: AbstractSet[str], unmade: int, verdict: V
     if len(foreign) > _SHOWN:
         verdict.add("files", f"{counted(len(foreign) - _SHOWN, 'more file')} that the index does not list")
     if index.fault is not None:
-        return  # the remaining files are written last
+        return  # an unfinished dataset lacks the files that are written last
     for name in sorted(_ABOUT - present):
         verdict.add("files", f"{name} is missing")
     for name, expected in lists.items():
@@ -171,7 +189,7 @@ def _check_list(index: Index, name: str, expected: bytes, verdict: Verdict) -> N
 
 
 def _lists_and_links(index: Index) -> tuple[dict[str, bytes], set[str]]:
-    """Return the layout's lists of pairs with their contents, and the names of its symbolic links."""
+    """Return the layout's lists of pairs, contents by name, and the names of its symbolic links."""
     lists: dict[str, bytes] = {}
     links: set[str] = set()
     for split, pairs in index.pairs.items():
@@ -182,7 +200,7 @@ def _lists_and_links(index: Index) -> tuple[dict[str, bytes], set[str]]:
 
 
 def _shard_files(index: Index) -> set[str]:
-    """Return the names of all files of all shards, and of their records and logs."""
+    """Return the names of the files, records and logs of all shards."""
     names = [shard.name for shard in index.shards]
     paths = {path(name) for name in names for path in (record_path, log_path)}
     if index.layout.packed:
@@ -195,7 +213,7 @@ def _shard_files(index: Index) -> set[str]:
 def read_pair(index: Index, shard: StoredShard, number: int, verdict: Verdict) -> StoredFrame | None:
     """Read a pair's files, and compare their names and digests with the layout and with the shard's record.
 
-    The result is None where the pair cannot be judged further.
+    Faults of the files become findings. The result is None where the pair cannot be judged further.
     """
     if index.layout.packed and shard.fault is not None:
         return None  # the shard has the finding
@@ -232,7 +250,7 @@ def is_of_one_size(frame: StoredFrame) -> bool:
 
 
 def check_origin(frame: StoredFrame, index: Index, verdict: Verdict) -> None:
-    """Compare a pair's provenance with the index and with the pair's place in it."""
+    """Compare a pair's provenance with the index, and with the pair's place in the dataset."""
     provenance = frame.provenance
     for key in ("program", "version", "config", "config_sha256", "seed"):
         if provenance.get(key) != getattr(index.document, key):

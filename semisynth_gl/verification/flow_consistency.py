@@ -1,4 +1,4 @@
-"""Flow and change of disparity, compared with the other view and with the next frame of a sequence."""
+"""Flow and change of disparity compared with the other view, and with the next frame of a sequence."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,15 +22,22 @@ from semisynth_gl.verification.view_consistency import HIDDEN_PX, SMOOTH_PX, Vie
 Values = NDArray[np.float32]
 Where = NDArray[np.bool_]
 
-# Enough for shares and medians; more would only take time.
+# Enough pixels for shares and medians; more would only take longer.
 _MAX_PIXELS = 200_000
 
 
 def check_flow_views(frame: StoredFrame, match: ViewMatch, visible: Where, surface: Where, verdict: Verdict) -> None:
-    """Check the left view's flow and change of disparity against the right view's at x - d, where both see a point.
+    """Compare the left view's flow and change of disparity with the right view's at x - d, where both see a point.
 
-    The point at x - d moves to x + u - (d + change). So the right u is the left one less the change, and v and the
-    change are the same. Backward there is no change to subtract, and v alone is judged. See `one_surface`.
+    The point at x - d moves to x + u - (d + change). So the right u is the left u less the change, and v and the change
+    are the same in both views. Backward flow has no change of disparity to subtract, so only v is judged.
+
+    Args:
+        frame: the pair.
+        match: the left view's match with the right view.
+        visible: (H, W) bool, pixels of the left view that both views see; see `visible_pixels`.
+        surface: (H, W) bool; see `one_surface`.
+        verdict: gets the findings and measures.
     """
     left, right = frame.view("left"), frame.view("right")
     smooth = visible & match.smooth
@@ -40,7 +47,7 @@ def check_flow_views(frame: StoredFrame, match: ViewMatch, visible: Where, surfa
     targets, surface = match.points(row, column), surface[row, column]
 
     def check(check: str, measure: str, names: tuple[str, str], own: Values, other: Values, error_px: float) -> None:
-        """Compare arrays (H, W, C) of the left view and of the right one."""
+        """Compare arrays (H, W, C) of the left and of the right view."""
         agreement = Agreement((names[0], f"{names[1]} at x - d"), own, targets.corners(other), targets, error_px)
         agreement.check(check, measure, agreement.known, surface & agreement.close, verdict)
 
@@ -65,9 +72,10 @@ def check_flow_views(frame: StoredFrame, match: ViewMatch, visible: Where, surfa
 
 
 def follow_flow(flow: Values, disparity: Values) -> Points:
-    """Follow pixels along their flow (H, W, 2) px, where it stays in the image and the surface goes on to all sides.
+    """Return pixels, and the points to which their flow (H, W, 2) px leads.
 
-    Of more than 200,000 pixels, as many are taken, evenly spread.
+    A pixel is taken where its point lies in the image, and its neighbours are on the same surface, by their disparity
+    (H, W) px and their flow. At most 200,000 pixels are taken, evenly spread.
     """
     height, width = disparity.shape
     followed = has_flow(flow) & _is_smooth(disparity[..., None]) & _is_smooth(flow)
@@ -78,9 +86,10 @@ def follow_flow(flow: Values, disparity: Values) -> Points:
 
 
 def check_frames(before: StoredFrame, after: StoredFrame, verdict: Verdict, *, images: bool) -> None:
-    """Check flow, its masks and changes of disparity between a frame and the next one of its sequence, of one size.
+    """Check flow, its masks and changes of disparity between a frame and the next frame of its sequence.
 
-    ``images`` says whether the images of both show the same textures, bit for bit but for resampling.
+    Both frames must have the same size. ``images`` says whether both images show the same textures, apart from
+    resampling, so that they can be compared too.
     """
     for eye in EYES:
         for channel in OPPOSITE:
@@ -111,7 +120,7 @@ def _check_direction(
         agreements.append(("flow-frames", f"{name}_frames", agreement))
         surface &= agreement.close
 
-    # Both frames have the disparity at the later one: the earlier frame's change leads to it.
+    # Compare the disparities at the later time, to which the earlier frame's change leads.
     forward = channel == "flow"
     change = (own if forward else other).get("disparity_change")
     if change is not None:
@@ -130,10 +139,10 @@ def _check_direction(
 
     for check, measure, agreement in agreements:
         agrees &= agreement.agree
-        # Points nearer than the near plane, and values beyond an encoding, have no reference.
+        # A point that moves in front of the near plane, or a value beyond the encoding, has no reference.
         agreement.check(check, measure, visible & agreement.known, surface, verdict)
     if agreements:
-        # Two surfaces of similar disparity are told apart by the flow back alone.
+        # Only the flow back tells two surfaces of similar disparity apart.
         seen = surface & agrees & (flow_back is not None)
         expected = np.where(hidden, OCCLUDED, np.where(seen, VISIBLE, UNCERTAIN)).astype(np.uint8)
         measure = f"{channel}_visibility_{eye}"
@@ -145,7 +154,10 @@ def _check_direction(
 
 
 def _is_smooth(values: Values) -> Where:
-    """Return where a pixel and its neighbours in row and column are one surface, as (H, W, C) bends little; (H, W)."""
+    """Return where a pixel and its neighbours in row and column are one surface, (H, W) bool.
+
+    There, the second differences of the values (H, W, C) px are small.
+    """
     smooth = np.zeros(values.shape[:2], bool)
     inner = smooth[1:-1, 1:-1]
     inner[...] = True

@@ -1,4 +1,4 @@
-"""The strongest check: sample a pair's scene again, and cast float64 rays through some of its pixels."""
+"""The strongest check: sample a pair's scene again, and compare some of its pixels with float64 rays."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -23,15 +23,15 @@ from semisynth_gl.verification.verdict import Verdict, format_vector
 
 Values = NDArray[np.float64]
 RayValues = Mapping[str, Values]
-"""The values that R rays give for a view's channels, each (R, C), px for all but normals and the sky's mask."""
+"""The values of R rays for a view's channels, (R, C) each: px, except for unit normals and the sky's mask."""
 
-# The renderer promises disparity at a pixel's centre to this error.
+# Largest error of disparity at a pixel's centre that the renderer promises.
 _ERROR_PX = 1e-3
 _NORMALS_DEG = 0.01
-# Rasterisers move vertices to a grid of 1/256 px at best, of 1/16 px at worst: beside an edge they may see the
-# surface on its other side.
+# Rasterisers move vertices to a grid of 1/256 px at best and 1/16 px at worst, so a pixel beside an edge may show the
+# surface on the edge's other side.
 _EDGE_PX = 1 / 32
-# Rays around a pixel's centre: 25 steps to the right and down.
+# The 25 rays around a pixel's centre, as steps to the right and down.
 _STEPS = (-_EDGE_PX, -_EDGE_PX / 8, 0.0, _EDGE_PX / 8, _EDGE_PX)
 _AROUND = tuple(steps.ravel() for steps in np.meshgrid(_STEPS, _STEPS))
 _MEASURES = {
@@ -42,14 +42,17 @@ _MEASURES = {
     "flow_backward": "oracle_flow_largest_px",
     "disparity_change": "oracle_change_largest_px",
 }
-# Of quantities not in px: the factor to the shown unit, the unit, and the text after a value.
+# Channels that are not in px: the factor to the shown unit, the unit, and the text after a value.
 _SCALES = {"normals": (degrees(1), "degrees", ""), "sky": (1.0, "", "")}
-# The frame to which a motion leads, and the channels that compare with it.
+# For each motion, the number of frames that it leads on, and the channels that it is compared with.
 _MOTIONS = {"flow": (+1, ("flow", "disparity_change")), "flow_backward": (-1, ("flow_backward",))}
 
 
 class OracleCheck:
-    """Judges the pairs of a split by float64 rays through their scenes; an InputError says why these cannot be made."""
+    """Judges the pairs of a split by float64 rays through their scenes.
+
+    The constructor raises InputError where the scenes cannot be sampled again.
+    """
 
     def __init__(self, index: Index, split: SplitName) -> None:
         try:
@@ -60,10 +63,10 @@ class OracleCheck:
             ) from None
 
     def check(self, frame: StoredFrame, pixels: int, verdict: Verdict) -> None:
-        """Compare a pair's truth with rays through random pixels, half of them in each view."""
+        """Compare a pair's truth with rays through random pixels, half of them in each view with a disparity."""
         sampled = self._scenes.sampled(frame)
         if sampled is None:
-            verdict.add("oracle", "config and seed of the index give another scene than the pair's provenance has")
+            verdict.add("oracle", "config and seed of the index give a scene that differs from the pair's provenance")
             return
         motions = {
             name: self._scenes.motion(sampled, frames)
@@ -110,7 +113,11 @@ def _compare(
     cast: Callable[[Mapping[str, Motion], Values, Values], RayValues],
     verdict: Verdict,
 ) -> None:
-    """Compare a view's arrays with rays; the measures are the largest errors within the bounds."""
+    """Compare a view's arrays with rays through pixels (x, y).
+
+    ``cast`` returns the values of rays through points x and y, with flow for the given motions. Measures are the
+    largest errors within the bounds.
+    """
     x, y = pixels
     rays = cast(motions, x, y)
     for channel, expected in rays.items():
@@ -121,9 +128,9 @@ def _compare(
         bound = _bound(frame, channel, stored)
         encodable = _encodable(frame, channel, rays, stored)
         with np.errstate(invalid="ignore"):
-            # Two inf agree.
+            # inf agrees with inf.
             errors = np.where(stored == encodable, 0.0, np.abs(stored - encodable))
-        # The chord of a small angle is its radians; its cosine would round to 1.
+        # The chord of a small angle is the angle in radians; its cosine would round to 1.
         error = np.linalg.norm(errors, axis=1) if channel == "normals" else errors.max(axis=1)
         scale, unit, suffix = _SCALES.get(channel, (1.0, "px", " px"))
         wrong = np.flatnonzero(~(error <= bound))
@@ -147,7 +154,7 @@ def _compare(
 
 
 def _bound(frame: StoredFrame, channel: str, stored: Values) -> Values:
-    """Return the largest errors that values (R, C) of a file may have, (R,), px or the radians of normals."""
+    """Return the largest errors, (R,) px (for normals radians), that stored values (R, C) of a channel may have."""
     if channel == "sky":
         return np.zeros(len(stored))
     if channel == "normals":
@@ -159,7 +166,7 @@ def _bound(frame: StoredFrame, channel: str, stored: Values) -> Values:
 
 
 def _is_edge(frame: StoredFrame, channel: str, around: RayValues, stored: Values, bound: Values) -> NDArray[np.bool_]:
-    """Return whether a file's values (R, C) lie in the range of the rays around each pixel's centre, (R,)."""
+    """Return where stored values (R, C) lie in the range of the rays around their pixel's centre, (R,) bool."""
     repeated = np.repeat(stored, len(_AROUND[0]), axis=0)
     values = _encodable(frame, channel, around, repeated).reshape(len(stored), -1, stored.shape[1])
     low, high = values.min(axis=1) - bound[:, None], values.max(axis=1) + bound[:, None]
@@ -167,8 +174,8 @@ def _is_edge(frame: StoredFrame, channel: str, around: RayValues, stored: Values
 
 
 def _encodable(frame: StoredFrame, channel: str, rays: RayValues, stored: Values) -> Values:
-    """Return the rays' values (R, C), inf where they are beyond the file's encoding and the file (R, C) has inf."""
-    # Where the disparity is beyond the encoding, its change is missing too.
+    """Return the rays' values (R, C), but inf where they are beyond the encoding and the stored value is inf too."""
+    # Where the disparity is beyond the encoding, its change is not stored either.
     source, largest_px = np.abs(rays["disparity"]), frame.encodings.disparity.limit_px
     if channel == "correspondence":
         return rays[channel]

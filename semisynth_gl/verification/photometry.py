@@ -1,7 +1,7 @@
-"""Images against disparity and flow: does another image, resampled where they lead, give the image?
+"""Images compared by disparity and flow: another image, resampled at the points to which they lead, gives the image.
 
 Textures carry no light and move with their surfaces, so both images sample the same texture at the same point of a
-surface. What remains is the error of interpolating the other image between its pixels.
+surface. They differ only by the error of interpolating the other image between its pixels.
 """
 
 from collections.abc import Mapping
@@ -25,36 +25,37 @@ _UNEXPLAINED_SHARE = 0.1
 _SHIFT_PX = 0.02
 _SCALE = 0.001
 _TILE_PX = 16
-# Of the distance between two pixels, the steps that are told apart.
+# Number of steps into which the distance between two pixels is divided.
 _PHASES = 16
-# Interpolation moves what a facing wall shows by this at most.
+# Largest distance, px, by which interpolation may seem to shift the texture of a wall that faces the camera.
 _PHASE_PX = 0.1
-# Enough to pin a shift to a thousandth of a pixel; more would only take time.
+# Enough pixels to measure a shift to a thousandth of a pixel; more would only take longer.
 _MAX_PIXELS = 200_000
-# Flow leads between rows too: sixteen pixels are read for each, many times over.
+# Flow leads between rows too, so each of its pixels reads sixteen pixels, many times over.
 _MAX_FLOW_PIXELS = 40_000
 _ITERATIONS = 4
 # Below this mean squared slope (levels per pixel) there is no texture to align.
 _TEXTURE = 0.25
-# Images with the imperfections of a rig must still resemble each other.
+# Least correlation of a pair's images with the imperfections of a rig.
 _CORRELATION = 0.5
-# Columns, and rows, of the pixels that a cubic reads about a point.
+# Columns, and rows, of the pixels that a cubic reads, relative to the pixel left of, and above, the point.
 _TAPS: tuple[int, ...] = (-1, 0, 1, 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Warp:
-    """N pixels of an image with their grey levels, and the points of another grey image (H, W) that show the same."""
+    """Grey levels (N,) of N pixels, and the corresponding points of another grey image (H, W)."""
 
     levels: Values
     other: NDArray[np.float32]
     targets: Points
 
     def samples(self, step: float, direction: Values) -> tuple[Values, Values, Values]:
-        """Read the pixels around the points, moved by a step along a direction (N, 2).
+        """Read the pixels around the points, which are first moved by ``step`` times a direction (N, 2) px.
 
-        These are one or four rows of four pixels, (R, 4, N); with them come the points' fractions across and down
-        between the inner pixels.
+        Returns:
+            The levels (R, 4, N) of four pixels in each of R rows, R being 1 or 4; and the points' positions between the
+            inner pixels, from 0 to 1, across (N,) and down (N,).
         """
         height, width = self.other.shape
         targets = self.targets
@@ -66,7 +67,10 @@ class _Warp:
         return np.array(values, np.float64), x - column, y - row
 
     def interpolate(self, step: float, direction: Values) -> tuple[Values, Values]:
-        """Return the other image's levels at the points, moved so, and their derivative by the step, both (N,)."""
+        """Return the other image's levels at the moved points (see `samples`), and their derivatives by the step.
+
+        Both are (N,).
+        """
         samples, across, down = self.samples(step, direction)
         values, slopes = zip(*(_cubic(row, across) for row in samples), strict=True)
         if len(values) == 1:
@@ -85,11 +89,20 @@ def check_images(
     *,
     imperfect: bool = False,
 ) -> None:
-    """Check that the right image, resampled at x - d, is the left image, in visible pixels on one surface, (H, W).
+    """Check that the right image, resampled at x - d, is the left image.
 
-    First the share of pixels whose residual resampling explains; then, by least squares, the shift and the scale of the
-    disparity at which the images fit best: both must be zero. On an imperfect rig, exposure, noise, blur or a tone
-    curve differ between the views: then levels cannot be compared, and only the correlation of the two is judged.
+    First, resampling must explain the residuals of most pixels. Then least squares find the shift and the change of
+    scale of the disparity at which the images fit best: both must be about zero. On an imperfect rig, exposure, noise,
+    blur or a tone curve differ between the views. Levels then cannot be compared, and only the correlation of the
+    images is judged.
+
+    Args:
+        left: (H, W, 3) uint8 RGB, or (H, W) grey.
+        right: as ``left``.
+        match: the left view's match with the right view.
+        surface: (H, W) bool, visible pixels on one surface; see `one_surface`.
+        verdict: gets the findings and measures.
+        imperfect: whether the images have the imperfections of a rig, or a lossy encoding.
     """
     width = left.shape[1]
     inside = surface & (match.position >= 1) & (match.position < width - 2.001)
@@ -113,9 +126,16 @@ def check_flow_images(
     *,
     imperfect: bool = False,
 ) -> None:
-    """Check that another image, resampled where flow or correspondence leads, is an image; as `check_images` does.
+    """Check that the second image, resampled at the points to which flow or correspondence leads, is the first image.
 
-    The targets are visible and on one surface. ``name`` is the flow's, and ``measure`` begins the measures' names.
+    Args:
+        check: name of the check in findings.
+        name: name of the flow in findings.
+        measure: beginning of the measures' names, without the underscore that follows.
+        images: the two images, each (H, W, 3) uint8 RGB or (H, W) grey.
+        targets: visible pixels of the first image on one surface, and their points in the second image.
+        verdict: gets the findings and measures.
+        imperfect: as in `check_images`.
     """
     height, width = images[1].shape[:2]
     x, y = targets.x, targets.y
@@ -141,9 +161,10 @@ def _check_warp(
     *,
     imperfect: bool,
 ) -> None:
-    """Judge the residual, and the steps along directions at which the images fit best; see `check_images`.
+    """Judge the residuals, and the steps along directions at which the images fit best; see `check_images`.
 
-    ``fits`` has, by the end of the measure's name, a symbol for messages and the direction (N, 2) px of a step of 1.
+    The keys of ``fits`` end the measures' names. The values are a symbol for messages, and the direction (N, 2) px in
+    which a step of 1 moves the points.
     """
     if len(targets.x) < MIN_PIXELS:
         return
@@ -172,7 +193,7 @@ def _check_warp(
         step, deviation = best
         verdict.measures[f"{measure}best_{key}"] = step
         scaled = key == "scale_times"
-        # A factor that moves pixels by no more than the allowed shift cannot be told from one.
+        # A change of scale may move pixels by as much as the allowed shift does.
         allowed = _SHIFT_PX / max(_length(direction), _SHIFT_PX)
         bound = max(_SCALE if scaled else 0.0, allowed) + DEVIATIONS * deviation
         if abs(step) > bound:
@@ -202,11 +223,11 @@ def _grey(image: Image) -> NDArray[np.float32]:
 
 
 def _explained(levels: Values, samples: Values) -> NDArray[np.bool_]:
-    """Return where levels (N,) lie in the range of the inner pixels of samples (R, 4, N), up to the image's bend there.
+    """Return where levels (N,) lie in the range of the inner pixels of samples (R, 4, N), with a margin, (N,) bool.
 
-    A function with second derivative at most c lies within c / 8 of its chord. The second differences of the pixels
-    stand for c, doubled, since texture may bend between pixels more than it shows at them. The bends of rows and
-    columns add up.
+    A function whose second derivative is at most c lies within c / 8 of its chord. As c, the margin takes twice the
+    pixels' second difference, since texture may bend more between pixels than their values show. The second differences
+    of rows and columns are added.
     """
     rows = samples[1:3] if len(samples) > 1 else samples
     inner = rows[:, 1:3].reshape(-1, len(levels))
@@ -219,7 +240,10 @@ def _explained(levels: Values, samples: Values) -> NDArray[np.bool_]:
 
 
 def _cubic(samples: Values, fraction: Values) -> tuple[Values, Values]:
-    """Value and slope (N,) of Catmull-Rom's cubic through four pixels (4, N): its error has no preferred direction."""
+    """Return value and slope, (N,) each, of Catmull-Rom's cubic through four pixels (4, N).
+
+    The cubic is used because its error has no preferred direction.
+    """
     before, first, second, after = samples
     linear = second - before
     square = 2 * before - 5 * first + 4 * second - after
@@ -230,12 +254,13 @@ def _cubic(samples: Values, fraction: Values) -> tuple[Values, Values]:
 
 
 def _best_step(warp: _Warp, direction: Values) -> tuple[float, float] | None:
-    """Find the step along a direction (N, 2) at which the images fit best, by Gauss-Newton, and its deviation.
+    """Return the step along a direction (N, 2) at which the images fit best, by Gauss-Newton, and its deviation.
 
-    The result is None where there is no texture. Residuals of one surface resemble each other, and so do residuals of
-    pixels that are compared at one place between two pixels of the other image, as on a wall that faces the camera. So
-    the standard deviation is not taken from pixels, but from tiles of the image and from such places, whichever gives
-    more; from such places it is at most what interpolation may cause.
+    The result is None where there is no texture. Residuals are not independent: those of one surface resemble each
+    other, and so do those of pixels whose points have the same phase, that is, lie at the same place between two pixels
+    of the other image, as on a wall that faces the camera. So the standard deviation is estimated from tiles of the
+    image and from phases, and the larger of the two counts. The estimate from phases is limited to the error that
+    interpolation may cause.
     """
     step = deviation = 0.0
     texture = _TEXTURE * (direction**2).sum()
@@ -247,7 +272,7 @@ def _best_step(warp: _Warp, direction: Values) -> tuple[float, float] | None:
     for _ in range(_ITERATIONS):
         value, slope = warp.interpolate(step, direction)
         residual = warp.levels - value
-        # Cauchy-like weights: pixels beside edges and under reduced texture do not decide.
+        # Cauchy-like weights, so that pixels beside edges and on minified texture do not decide.
         spread = 2 * (1.48 * float(np.median(np.abs(residual))) + 1)
         weight = (1 + (residual / spread) ** 2) ** -2
         pull, hold = slope * weight * residual, weight * slope**2
@@ -265,9 +290,9 @@ def _length(direction: Values) -> float:
 
 
 def _deviation(pull: Values, hold: Values, cluster: NDArray[np.int64]) -> float:
-    """Return the standard deviation of the ratio of two sums (N,), by leaving out each cluster (N,) in turn.
+    """Return the standard deviation of sum(pull) / sum(hold), estimated by leaving out each cluster in turn.
 
-    It is inf where one cluster has all.
+    ``cluster`` (N,) has the number of each element's cluster. The result is inf where one cluster has all of ``hold``.
     """
     pulls, holds = np.bincount(cluster, pull), np.bincount(cluster, hold)
     total = holds.sum()

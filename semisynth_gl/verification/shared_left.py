@@ -1,4 +1,4 @@
-"""The left views of the pairs that show one scene are one view; their disparities differ by the baseline alone."""
+"""Pairs that show the same scene share their left view; their disparities differ only by the right camera."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,10 @@ from semisynth_gl.verification.verdict import Verdict
 
 
 def check_lefts(frame: StoredFrame, other: StoredFrame, verdict: Verdict) -> None:
-    """Check the left view of a pair against the left view of another pair of the same scene and size."""
+    """Compare the left view of a pair with the left view of another pair of the same scene and size."""
     own, camera = frame.camera.left_alone, other.camera.left_alone
     if own != camera:
-        verdict.add("lefts", f"the left camera is not that of {other.name}: it is {own}, there {camera}")
+        verdict.add("lefts", f"the left camera is not that of {other.name}: {own} instead of {camera}")
         return
     for name, channel in CHANNELS.items():
         mine, its = frame.left.get(name), other.left.get(name)
@@ -33,7 +33,7 @@ def check_lefts(frame: StoredFrame, other: StoredFrame, verdict: Verdict) -> Non
 
 
 def _of_another_depth(frame: StoredFrame, other: StoredFrame) -> NDArray[np.bool_]:
-    """Return where a pair's left disparity contradicts the depth that another pair has there, (H, W) bool."""
+    """Return where a pair's left disparity contradicts the depth in another pair's left view, (H, W) bool."""
     disparity, its = frame.left.disparity, other.left.disparity.astype(np.float64)
     camera, its_camera = frame.camera, other.camera
     if not (camera.focal_baseline and its_camera.focal_baseline):

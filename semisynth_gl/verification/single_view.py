@@ -1,6 +1,6 @@
-"""Checks of one view by itself: disparity, calibration, depth, instances, normals, flow and change of disparity.
+"""Checks of one view by itself: disparity, calibration, depth, instances, sky, normals, flow, change of disparity.
 
-Each takes a pair as it was read, and adds findings and measures to the verdict.
+Each check takes a pair as it was read, and adds findings and measures to the verdict.
 """
 
 from collections.abc import Mapping
@@ -20,27 +20,28 @@ from semisynth_gl.verification.verdict import Verdict, count_pixels
 Where = NDArray[np.bool_]
 
 OPPOSITE: Mapping[str, str] = {"flow": "flow_backward", "flow_backward": "flow"}
-"""The two channels of flow, each with that of the other direction."""
+"""The two channels of flow, each with the channel of the opposite direction."""
 # Bounds of flow; docs/verify.md derives them.
 _FLOW_PX = 1e-3
 _FLOW_SHARE = 1e-5
 # calib.txt writes vmin and vmax with six digits, which loses at most 5e-6 of the value.
 _SIX_DIGITS = 1e-5
-# d = f B / Z - doffs in float32: f B and doffs are rounded once each, GPUs may divide with 2.5 units in the last place,
-# and depth and difference are rounded once each. 8 units of 2**-23 leave a margin of two.
+# In d = f B / Z - doffs, f B, doffs, the depth and the difference are each rounded to float32 once, and GPUs may divide
+# with an error of 2.5 units in the last place. 8 units of 2**-23 leave a margin of about two.
 FLOAT32 = 8 * 2.0**-23
-"""Largest relative error of a disparity from its depth, and of the f B / Z and doffs that it is the difference of."""
+"""Largest error of a disparity that follows from a depth, relative to the disparity, and to f B / Z and doffs."""
 DEVIATING_PX = 1e-3
-"""Largest error of the correspondences of a right camera that deviates, which are worked out in more steps."""
+"""Largest error of correspondences where the right camera deviates, px; they are computed in more steps."""
 _UNIT_LENGTH = 1e-5
-# Rasterisers move edges by less than this, so that a pixel may show a surface that its own ray sees from behind.
+# Rasterisers move edges by less than this, px, so a pixel beside an edge may show a surface that its own ray meets
+# from behind.
 _EDGE_PX = 1 / 16
-# A surface that leaves the valid range passes through 0; between two pixels its disparity falls by at most this.
+# A surface that leaves the valid range passes through 0. Largest disparity, px, of its last valid pixel.
 _LAST_VALID_PX = 2.0
 
 
 def check_single_views(frame: StoredFrame, largest_px: float | None, verdict: Verdict) -> None:
-    """Check each view by itself; the config allows disparities up to ``largest_px``, or all."""
+    """Check each view by itself; ``largest_px`` is the largest disparity that the config allows, None for no limit."""
     _check_disparity(frame, largest_px, verdict)
     for check in (_check_depth, _check_instances):
         for eye in EYES:
@@ -54,7 +55,11 @@ def check_single_views(frame: StoredFrame, largest_px: float | None, verdict: Ve
 
 
 def _check_disparity(frame: StoredFrame, largest_px: float | None, verdict: Verdict) -> None:
-    """Check both disparities: no NaN, positive or, if signed, not beyond infinity, inf only where the rig allows it."""
+    """Check both disparities.
+
+    No disparity may be NaN, or above the config's limit. Disparities must be positive or, if signed, at least that of
+    infinity. They may be inf only where the rig allows it.
+    """
     invalid = pixels = 0
     for eye in EYES:
         disparity, name = frame.view(eye).get("disparity"), f"disparity_{eye}"
@@ -84,12 +89,12 @@ def _check_disparity(frame: StoredFrame, largest_px: float | None, verdict: Verd
 
 
 def _always_valid(frame: StoredFrame) -> bool:
-    """Return whether all surfaces but the sky have a valid disparity."""
+    """Return whether the rig and the encoding give every surface but the sky a valid disparity."""
     return frame.encodings.signed or (frame.camera.doffs_px <= 0 and frame.camera.rectified)
 
 
 def _lacking(frame: StoredFrame, eye: Eye, infinite: Where) -> Where | None:
-    """Return where a disparity is inf, except in a sky without disparity; None where the sky is not known."""
+    """Return where a disparity is inf, except in a sky that has none; None where the place of the sky is not known."""
     if frame.encodings.signed or (frame.camera.doffs_px < 0 and frame.camera.rectified):
         return infinite
     sky = frame.sky(eye)
@@ -97,7 +102,7 @@ def _lacking(frame: StoredFrame, eye: Eye, infinite: Where) -> Where | None:
 
 
 def _check_sky(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
-    """Check a view's mask of the sky: its values, its instances, and its depth and disparity, infinitely far away."""
+    """Check a view's mask of the sky: its values, and whether instances, depth and disparity agree with it."""
     view, name, doffs_px = frame.view(eye), f"sky_{eye}", frame.camera.doffs_px
     mask = view.get("sky")
     if mask is None:
@@ -124,11 +129,12 @@ def _check_sky(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
 def _check_infinite(
     frame: StoredFrame, eye: Eye, disparity: NDArray[np.float32], infinite: Where, verdict: Verdict
 ) -> None:
-    """Check that inf stands only where a surface may have left the valid range.
+    """Check that a disparity is inf only where a surface may have left the valid range.
 
-    The background closes the view, so each pixel has a depth, and d = f B / Z - doffs is above 0 unless doffs is
-    positive and the surface far enough. A surface that goes so far passes through 0 first. Where disparities were
-    beyond the encoding, only the number of inf can be judged.
+    The background fills the view, so each pixel has a depth. Then d = f B / Z - doffs is above 0, unless doffs is
+    positive and the surface is far away. A surface that extends so far passes through 0 first, so the disparities
+    beside inf must be small. If the provenance counts disparities beyond the encoding, only the number of inf can be
+    judged.
     """
     name, doffs_px = f"disparity_{eye}", frame.camera.doffs_px
     beyond = _count_beyond(frame, View.disparity, eye)
@@ -139,7 +145,7 @@ def _check_infinite(
             verdict.add("disparity", f"{name} {fault}")
         return
     if _always_valid(frame):
-        why = "what is signed" if frame.encodings.signed else f"a doffs of {doffs_px:g} px"
+        why = "a signed encoding" if frame.encodings.signed else f"a doffs of {doffs_px:g} px"
         verdict.add_pixels("disparity", name, "is inf", infinite, f"; {why} rules that out")
         return
     around = disparity[_neighbours(infinite) & np.isfinite(disparity)]
@@ -149,7 +155,7 @@ def _check_infinite(
 
 
 def _count_beyond(frame: StoredFrame, channel: Channel[Any], eye: Eye) -> int:
-    """Return how many values of a view were beyond the encoding, as the provenance counts them."""
+    """Return the number of a view's values that were beyond the encoding, as the provenance counts them."""
     counts = frame.provenance.get(channel.beyond_key)
     limited = isfinite(frame.encodings.codec(channel.codec).limit_px)
     count = counts.get(eye) if isinstance(counts, dict) and limited else 0
@@ -165,7 +171,7 @@ def _check_camera(frame: StoredFrame, verdict: Verdict) -> None:
     values.pop("deviation", None)  # the provenance's own
     for name, value in values.items():
         expected = recorded.get(name)
-        # Through millimetres and back the baseline may lose its last digit.
+        # The baseline is stored in millimetres, which may cost its last digit.
         if not (isinstance(expected, int | float) and isclose(value, expected, rel_tol=1e-12, abs_tol=1e-12)):
             verdict.add("calib", f"{name} is {value!r}, in the pair's provenance {expected!r}")
 
@@ -176,7 +182,7 @@ def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:
     _check_camera(frame, verdict)
     if calibration is None:
         return
-    # Each number is written with all its digits; their difference is rounded once.
+    # All numbers are written with all their digits; only their difference is rounded, once.
     if not isclose(calibration.doffs_px, camera.doffs_px, rel_tol=1e-9, abs_tol=1e-9):
         verdict.add("calib", f"doffs is {calibration.doffs_px!r}, cx1 - cx0 is {camera.doffs_px!r}")
     disparity = frame.view("left")["disparity"]
@@ -193,7 +199,7 @@ def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:
 
 
 def _check_depth(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
-    """Check Z = f B / (d + doffs) where there is a depth file, to the rounding of float32 and of the encoding."""
+    """Check a view's depth, if any, against Z = f B / (d + doffs), up to the rounding of float32 and the encoding."""
     view, camera = frame.view(eye), frame.camera
     disparity, depth = view.get("disparity"), view.get("depth")
     if depth is None or disparity is None:
@@ -214,7 +220,7 @@ def _check_depth(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
 
 
 def _check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
-    """Check that instance ids count rows of pair.json's ``instances``, and that 0 stands where nothing is seen."""
+    """Check that instance ids are row numbers, from 1, of pair.json's ``instances``, and 0 only without a disparity."""
     view, name, rows = frame.view(eye), f"instances_{eye}", frame.provenance.get("instances")
     ids, disparity = view.get("instances"), view.get("disparity")
     if ids is None or disparity is None:
@@ -230,8 +236,8 @@ def _check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
 def check_normals(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     """Check that a view's normals are unit vectors towards the eye, and 0 exactly where nothing is seen.
 
-    Something is seen where a disparity, a depth or an id says so. The opposite follows only where the view has depth or
-    ids, or where the rig and the encoding give every surface a disparity.
+    A disparity, a depth, an instance id or the sky's mask shows that something is seen. Their absence shows that
+    nothing is seen only if the sky is known, and the view has depth or ids or every surface must have a disparity.
     """
     view, camera, name = frame.view(eye), frame.camera, f"normals_{eye}"
     normals, disparity, depth, ids = (view.get(key) for key in ("normals", "disparity", "depth", "instances"))
@@ -263,17 +269,17 @@ def has_flow(flow: NDArray[np.float32]) -> Where:
 
 
 def flow_bound_px(flow: NDArray[np.floating], encoding_px: float | NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the largest error (...) px of finite flow or changes of disparity (..., C) after rendering and encoding.
+    """Return the largest error (...) px of finite flow or changes of disparity (..., C) px.
 
-    The encoding's part is one number for all, or (...).
+    It is the sum of the renderer's error and the encoding's, ``encoding_px``, which is one number or (...).
     """
     return _FLOW_PX + _FLOW_SHARE * np.sqrt(dot(flow, flow)) + encoding_px
 
 
 def _check_flow(frame: StoredFrame, channel: str, eye: Eye, verdict: Verdict) -> None:
-    """Check a view's flow in one direction: no NaN, both components of a pixel or none, and the mask's zeros.
+    """Check a view's flow in one direction: no NaN, and both components of a pixel are finite or both are inf.
 
-    Of a mask as it was read, `OUTSIDE` stands exactly where there is no flow, or the flow leads out of the image.
+    Its mask must be `OUTSIDE` exactly where there is no flow, or the flow leads out of the image.
     """
     view, name = frame.view(eye), f"{channel}_{eye}"
     flow, mask = view.get(channel), view.get(f"{channel}_visibility")
@@ -281,7 +287,7 @@ def _check_flow(frame: StoredFrame, channel: str, eye: Eye, verdict: Verdict) ->
         return
     infinite = np.isposinf(flow)
     verdict.add_pixels("flow", name, "is NaN or -inf", ~all_components(np.isfinite(flow) | infinite))
-    verdict.add_pixels("flow", name, "is inf in one component alone", infinite[..., 0] != infinite[..., 1])
+    verdict.add_pixels("flow", name, "is inf in only one component", infinite[..., 0] != infinite[..., 1])
     missing = int((~has_flow(flow)).sum())
     beyond = _count_beyond(frame, CHANNELS[channel], eye)
     if missing < beyond:
@@ -312,7 +318,10 @@ def _check_outside(
 
 
 def check_change(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict: Verdict) -> None:
-    """Check a view's change of disparity: finite exactly where disparity and flow are, and to a possible disparity."""
+    """Check a view's change of disparity.
+
+    It must be finite exactly where disparity and flow are, and lead to a disparity that rig and config allow.
+    """
     view = frame.view(eye)
     change, disparity, flow = view.get("disparity_change"), view.get("disparity"), view.get("flow")
     if change is None or disparity is None:
@@ -340,14 +349,14 @@ def check_change(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict
         verdict.add_pixels("change", name, "is finite without flow", known & ~flows, detail)
     missing = np.isfinite(disparity) & flows & infinite
     if missing.any():
-        # A disparity that leaves the valid range passes through 0, which it can where doffs is positive.
+        # A disparity leaves the valid range only through 0, and only if doffs is positive or the right camera deviates.
         around = later[_neighbours(missing) & known]
         if _always_valid(frame) or (around.size and float(around.min()) > _LAST_VALID_PX):
             verdict.add_pixels("change", name, "is inf in spite of disparity and flow", missing)
 
 
 def _neighbours(where: Where) -> Where:
-    """Return the neighbours in the row and the column of the pixels that are set, both (H, W) bool."""
+    """Return the pixels that are neighbours, in row or column, of pixels that are True; both arrays are (H, W)."""
     beside = np.zeros_like(where)
     beside[1:] |= where[:-1]
     beside[:-1] |= where[1:]

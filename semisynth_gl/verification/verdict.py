@@ -1,4 +1,4 @@
-"""Findings: the faults that checks report, and the measurements behind them."""
+"""Verdicts: the faults that checks report as findings, and the measures behind them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -7,12 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 DATASET = "dataset"
-"""Stands for the scene's name in findings about the dataset itself."""
+"""The scene's name in findings about the dataset itself."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One fault of a scene, or of the `DATASET`: what a check expected and what came, with numbers, on one line."""
+    """One fault of a scene, or of the `DATASET`.
+
+    Attributes:
+        scene: name of the pair's scene, with its split in a dataset of several splits; or `DATASET`.
+        check: name of the check.
+        message: the expected and the found values, on one line.
+    """
 
     scene: str
     check: str
@@ -45,10 +51,14 @@ class Verdict:
         wrong: NDArray[np.bool_],
         detail: str | Callable[[tuple[int, int]], str] = "",
     ) -> None:
-        """Add a finding with the number of an array's wrong pixels (H, W) and the first of them, if there is any.
+        """Add a finding with the number of an array's wrong pixels and the place of the first; none if all are right.
 
-        The fault is the sentence from its verb to "in 12 pixels", such as "is NaN". The detail ends the message; as a
-        function it gets row and column of the first wrong pixel.
+        Args:
+            check: name of the check.
+            array: name of the array.
+            fault: the part of the sentence between the array's name and "in 12 pixels", such as "is NaN".
+            wrong: (H, W) bool.
+            detail: end of the message; a function gets row and column of the first wrong pixel and returns it.
         """
         if wrong.any():
             row, column = np.argwhere(wrong)[0].tolist()
@@ -57,12 +67,12 @@ class Verdict:
 
 
 def count_pixels(where: NDArray[np.bool_]) -> str:
-    """Write the number of pixels that are set in a mask of any shape."""
+    """Return the number of pixels that are True in a mask of any shape, as text: "12 pixels"."""
     number = int(where.sum())
     return f"{number} pixel{'' if number == 1 else 's'}"
 
 
 def format_vector(values: NDArray[np.floating]) -> str:
-    """Write a vector (C,): a plain number, or several in parentheses."""
+    """Return a vector (C,) as text: one plain number, or several numbers in parentheses."""
     numbers = ", ".join(f"{float(value):.6g}" for value in values)
     return numbers if len(values) == 1 else f"({numbers})"

@@ -1,4 +1,4 @@
-"""A dataset read back as a stranger would, and what is wrong with it."""
+"""Read a dataset back, with nothing but its files, and report its faults."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
@@ -31,11 +31,15 @@ class Verification:
 
     @property
     def faulty_pairs(self) -> int:
-        """Number of pairs with a fault."""
+        """Number of pairs with a fault; a shard's faults count as its first pair's."""
         return sum(1 for verdict in self.verdicts[1:] if verdict.findings)
 
     def values(self) -> dict[str, Any]:
-        """Return what ``semisynth-gl verify --json`` writes, in JSON's types."""
+        """Return the content of ``semisynth-gl verify --json``, in JSON's types.
+
+        The keys are the number of ``pairs``; ``findings``, each with ``scene``, ``check`` and ``message``; and
+        ``measures`` by scene and name.
+        """
         return {
             "pairs": self.pairs,
             "findings": [asdict(finding) for finding in self.findings],
@@ -51,17 +55,17 @@ def verify(
     listener: Listener | None = None,
     on_finding: Callable[[Finding], None] | None = None,
 ) -> Verification:
-    """Read a dataset back, and check its files against each other and against what it says of itself.
+    """Read a dataset back, and compare its files with each other, with the index and with the shards' records.
 
     Args:
         dataset: a folder, or an address that fsspec knows.
-        oracle: whether to make each scene again and compare it with float64 rays.
-        pixels: rays of each pair, with ``oracle``.
-        listener: hears the number of pairs, and each pair.
-        on_finding: hears each fault when it is found.
+        oracle: whether to sample each scene again and compare the pair with float64 rays through it.
+        pixels: number of rays for each pair, with ``oracle``.
+        listener: is told the number of pairs, and each checked pair.
+        on_finding: is called with each fault as soon as it is found.
 
     Raises:
-        InputError: where there is no dataset, or rays are asked for and its scenes cannot be made again.
+        InputError: where there is no dataset, or ``oracle`` is set and its scenes cannot be sampled again.
     """
     check_type("`dataset`", dataset, str | PathLike)
     pixels, listener = to_whole("`pixels`", pixels, least=1), listener or Listener()

@@ -1,4 +1,4 @@
-"""The two disparities against each other, and the visibility masks against both."""
+"""Left and right disparity compared with each other, and the visibility masks compared with both."""
 
 from dataclasses import dataclass
 
@@ -14,21 +14,23 @@ Where = NDArray[np.bool_]
 
 # Bounds; docs/verify.md derives them.
 SMOOTH_PX = 0.25
-"""A pixel and its neighbours are one surface where the second difference is smaller."""
+"""A pixel and its neighbours are one surface where the second difference of their disparities, px, is smaller."""
 HIDDEN_PX = 0.25
-"""A point is hidden where both pixels around it are nearer by more."""
+"""A point is hidden where the disparities of both pixels around it are larger by more than this, px."""
 _BORDER_PX = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewMatch:
-    """The pixels (H, W) of one view, and their positions, which are columns of the other view.
+    """The pixels of one view matched with columns of the other view; arrays are (H, W) unless noted.
 
     Attributes:
         disparity: px, 0 where it is not valid.
+        valid: where the view has a valid disparity.
+        position: the column of the other view that shows the same point, px.
         inside: where both pixels around the position lie in the image.
-        smooth: where the pixel and its neighbours in the row are one surface.
-        corners: (2, H, W), the other view's disparity in the two pixels around the position.
+        smooth: where the pixel and its two neighbours in the row are one surface.
+        corners: (2, H, W) px, the other view's disparity in the two pixels around the position.
     """
 
     disparity: Values
@@ -39,30 +41,34 @@ class ViewMatch:
     corners: Values
 
     def points(self, row: NDArray[np.intp], column: NDArray[np.intp]) -> Points:
-        """Return pixels (N,) with their points in the other view."""
+        """Return pixels, by row (N,) and column (N,), with their points in the other view."""
         return Points(row, column, self.position[row, column], row.astype(np.float64), on_rows=True)
 
     @property
     def low(self) -> Values:
-        """The smaller disparity of the two pixels, (H, W) float32."""
+        """The smaller disparity of the two pixels around the position, (H, W) float32 px."""
         return np.asarray(self.corners.min(axis=0))
 
     @property
     def reference(self) -> Values:
-        """The other view's disparity, interpolated at the column, (H, W) float32."""
+        """The other view's disparity, interpolated at the position, (H, W) float32 px."""
         fraction = (self.position - np.floor(self.position)).astype(np.float32)
         return np.asarray(self.corners[0] * (1 - fraction) + self.corners[1] * fraction)
 
     @property
     def close(self) -> Where:
-        """Where the two pixels have similar disparities, as on one surface, (H, W) bool."""
+        """Where the two pixels' disparities differ by less than 1 px, as on one surface, (H, W) bool."""
         return np.asarray(np.ptp(self.corners, axis=0) < 1)
 
 
 def match_views(own: Values, other: Values, direction: int, *, signed: bool = False) -> ViewMatch:
-    """Look each pixel of one view up in the other one by its disparity, (H, W) float32 px each.
+    """Find the place of each pixel of one view in the other view, by its disparity.
 
-    The direction is -1 for the left view (x_right = x_left - d), and +1 for the right one.
+    Args:
+        own: (H, W) float32 px, the disparity of the view.
+        other: (H, W) float32 px, the disparity of the other view.
+        direction: -1 to match the left view with the right one (x_right = x_left - d), +1 for the reverse.
+        signed: whether disparities of 0 and below are valid.
     """
     height, width = own.shape
     valid = np.isfinite(own) & (signed | (own > 0))
@@ -84,23 +90,24 @@ def match_views(own: Values, other: Values, direction: int, *, signed: bool = Fa
 
 
 def visible_pixels(match: ViewMatch, mask: NDArray[np.uint8] | None) -> Where:
-    """Return where both views see a point, (H, W) bool: by the mask, or by the two disparities without one."""
+    """Return where both views see the point, (H, W) bool, as the mask says, or without a mask the two disparities."""
     seen = match.low <= match.disparity + HIDDEN_PX if mask is None else mask == VISIBLE
     return np.asarray(match.inside & seen)
 
 
 def one_surface(match: ViewMatch, visible: Where) -> Where:
-    """Return which of the visible pixels lie on a surface that goes on to both sides in both views, (H, W) bool."""
+    """Return the visible pixels whose surface continues to both sides in both views, (H, W) bool."""
     return visible & match.smooth & match.close
 
 
 def check_left_right(
     left: Values, right: Values, match: ViewMatch, visible: Where, verdict: Verdict, *, signed: bool = False
 ) -> None:
-    """Check the left disparity against the right one at x - d, in visible pixels, (H, W) px each.
+    """Compare the left disparity with the right disparity at x - d, in the visible pixels.
 
-    Disparity is linear along the row of a plane, so the right one, interpolated at x - d, is d again. Signed
-    disparities about 0 have no relative difference.
+    Disparity is linear along a row of a plane, so the right disparity, interpolated at x - d, is d again. Signed
+    disparities below 1 px in size are not judged by their relative difference. Disparities are (H, W) px, and
+    ``visible`` is (H, W) bool.
     """
     row, column = np.nonzero(visible & match.smooth)
     targets = match.points(row, column)
@@ -111,7 +118,7 @@ def check_left_right(
 
 
 def check_matched_mask(name: str, mask: NDArray[np.uint8], match: ViewMatch, verdict: Verdict) -> None:
-    """Check a mask, and that it agrees with the disparities where they leave no doubt."""
+    """Check a mask's values, and that it agrees with the disparities wherever these are conclusive."""
     # Beside depth edges the mask depends on where between two pixels of the other view a surface ends.
     border = mask.shape[1] - 0.5
     within = (match.position >= -0.5 + _BORDER_PX) & (match.position <= border - _BORDER_PX)

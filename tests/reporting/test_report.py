@@ -240,7 +240,7 @@ def test_scenes_that_are_others_are_left_out_with_the_reason(changed):
     path = changed / "train" / "MiddEval3" / "trainingF" / "middlebury-000001" / "pair.json"
     edit_json(path, lambda pair: pair["camera"].update(focal_px=99.0))
     measurement = measure(open_dataset(changed), [0, 1], {})
-    reason = "config and seed of the index give another scene than the pair's provenance has"
+    reason = "config and seed of the index give a scene that differs from the pair's provenance"
     assert measurement.ray_faults == {reason: 1}
     assert (measurement.rays.pairs, len(measurement.pairs)) == (1, 2)
 

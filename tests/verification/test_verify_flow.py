@@ -335,7 +335,7 @@ def test_half_an_inf_is_found(copy):
     dataset.change_flow(plant((-np.inf, -np.inf)), "flow1")
     found = said(findings(dataset.root), "flow")
     assert found == [
-        "sceneflow-000000: flow: flow_left is inf in one component alone in 1 pixel, the first at (50, 40)",
+        "sceneflow-000000: flow: flow_left is inf in only one component in 1 pixel, the first at (50, 40)",
         "sceneflow-000000: flow: flow_right is NaN or -inf in 1 pixel, the first at (50, 40)",
     ]
 
