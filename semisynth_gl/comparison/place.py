@@ -72,7 +72,7 @@ def map_views(place: PlaceFiles, width_px: int = WORKING_WIDTH) -> Iterator[Meas
     for path in place.maps:
         disparity, beside = read_map(path, place.png_scale), image_beside(path)
         if not np.isfinite(disparity).any():
-            raise InputError(f"{path}: has no disparity: all of its values are 0 or below, inf or nan")
+            raise InputError(f"{path}: holds no disparity: all of its values are 0 or below, inf or nan")
         image = None if beside is None else read_image(beside)
         if is_of_right_view(path):
             # The mirror image of a right view is a left view.

@@ -1,1 +1,1 @@
-"""A finished dataset as one page, measured from its files and from its rebuilt scenes; the contact sheet."""
+"""The report: a finished dataset as one page, measured from its files and its rebuilt scenes; and the contact sheet."""

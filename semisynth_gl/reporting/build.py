@@ -1,4 +1,4 @@
-"""From a dataset to its page: sample, measure, list and show."""
+"""Build the page of a dataset: measure a sample, find outliers, choose pairs to show, and render."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from semisynth_gl.reporting.redraws import read_redraws
 from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.seeds.spread import spread
 
-# The page also shows the farthest pair in each of the first quantities.
+# For this many of the first quantities, the page also shows the farthest outlier.
 _SHOWN_QUANTITIES = 3
 
 
@@ -23,10 +23,10 @@ class Report:
     """A page, with its numbers.
 
     Attributes:
-        page: HTML.
+        page: the page, as HTML.
         measurement: the measures of the sample.
         shown: number of pairs on the page.
-        step: the page shows every ``step``-th pixel of pairs; 0 where it shows no pair.
+        step: the page shows every ``step``-th pixel of a pair, in both directions; 0 where it shows no pair.
     """
 
     page: str
@@ -47,13 +47,15 @@ def report(
 
     Args:
         dataset: a folder, or an address that fsspec knows.
-        pairs: number of pairs to show, evenly spread; outliers come on top.
-        sample: number of pairs to measure, evenly spread.
+        pairs: number of pairs to show, evenly spread; the page shows up to three outliers in addition. With 0, it shows
+            no pair.
+        sample: number of pairs to measure, evenly spread; never fewer than ``pairs``.
         split: a split of the dataset; None for all splits.
-        listener: hears the number of pairs to measure, and each measured pair.
+        listener: is told the number of pairs to measure, and each measured pair.
 
     Raises:
-        InputError: where there is no dataset, it is not finished, has no such split, or no pair of it can be read.
+        InputError: where there is no dataset, it is not finished or has no such split, or none of the sampled pairs can
+            be read.
     """
     check_type("`dataset`", dataset, str | PathLike)
     pairs, sample = to_whole("`pairs`", pairs, least=0), to_whole("`sample`", sample, least=1)
@@ -77,7 +79,7 @@ def report(
 def _choose(
     measured: Sequence[PairMeasures], pairs: int, outliers: Sequence[Outlier]
 ) -> list[tuple[PairMeasures, str | None]]:
-    """Return the pairs to show, evenly spread ones first, then outliers with the reason to show them."""
+    """Return the pairs to show: first evenly spread pairs, with None, then outliers, with the reason to show them."""
     evenly = [measured[number] for number in spread(len(measured), pairs)]
     chosen: dict[int, tuple[PairMeasures, str | None]] = {pair.position: (pair, None) for pair in evenly}
     for quantity in QUANTITIES[:_SHOWN_QUANTITIES] if evenly else ():

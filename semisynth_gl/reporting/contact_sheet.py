@@ -1,4 +1,4 @@
-"""The contact sheet: pairs with their disparity, and its histogram against the target."""
+"""The contact sheet: pairs with their disparity, and the disparity's histogram beside its target."""
 
 from collections.abc import Sequence
 
@@ -24,8 +24,12 @@ def draw_sheet(
 ) -> Figure:
     """Draw a row for each pair (left, right, left disparity with its scale in px) above the histogram of all pairs.
 
-    The target is the distribution that the config asks for. Names stand under the pairs' left images. Weights say how
-    much each pair counts in the histogram, all alike by default.
+    Args:
+        frames: the pairs, at least one, with a disparity.
+        target: the distribution of disparity that the config asks for.
+        title: title of the sheet.
+        names: a name for each pair, below its left image; () for no names.
+        weights: how much each pair counts in the histogram; by default all count the same.
     """
     first = frames[0].camera
     row_in = (_WIDTH_IN / 3.15) * first.height_px / first.width_px

@@ -1,4 +1,4 @@
-"""A sample of a dataset's pairs measured from their files, and the pairs farthest from the others."""
+"""Measure a sample of a dataset's pairs from their files, and find the pairs that are farthest from typical."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,11 +23,11 @@ from semisynth_gl.seeds.spread import spread
 from semisynth_gl.textures.crops import least_texture
 
 RAYS = 1000
-"""Approximate number of rays in each pair, on a square grid over the left view."""
+"""Approximate number of rays for each pair, on a square grid over the left view."""
 
-# Casting the rays of a pair takes several times as long as reading it.
+# Most pairs with rays: casting the rays of a pair takes several times as long as reading the pair.
 _MOST_SCENES = 64
-# Disparities are counted in bins so narrow that the distance of two distributions does not depend on them.
+# Number of bins in which disparities are counted: so many that the bins do not affect the distance of distributions.
 _BINS = 1024
 _FLOAT32 = 2.0**-23
 # A normal distribution's standard deviation in units of its median absolute deviation.
@@ -39,13 +39,16 @@ class PairMeasures:
     """The measures of one pair.
 
     Attributes:
-        position: the pair's number in the sequence of all pairs.
-        name: with the split in a dataset of several splits.
+        position: index of the pair in the `Dataset` that was measured.
+        key: the pair's split, and its number in the split.
+        name: name of the pair's scene, with the split in a dataset of several splits.
         median_px: median disparity of the left view; NaN where no pixel has a disparity.
-        occluded: share of the left view's pixels that are hidden from the right eye; None without a mask.
-        invalid: share of the left view's pixels without disparity.
-        texture: of the flatter stored image, levels; ``checks.min_texture`` takes it before imperfections.
+        occluded: share of the left view's pixels that are hidden from the right eye, from 0 to 1; None without a mask.
+        invalid: share of the left view's pixels without disparity, from 0 to 1.
+        texture: texture measure of the flatter of the two stored images, levels; ``checks.min_texture`` applies to the
+            same measure before imperfections.
         redraws: number of times that the pair was drawn again.
+        recipe: name of the pair's recipe; None where the config has no recipes.
     """
 
     position: int
@@ -61,9 +64,13 @@ class PairMeasures:
 
 @dataclass(frozen=True, slots=True)
 class RecipeMeasures:
-    """The measures of a recipe's sampled pairs: means of `PairMeasures`, None without any, and the sum of redraws.
+    """The measures of a recipe's sampled pairs: means of `PairMeasures`, and the sum of redraws.
 
-    The wanted share of sequences is the config's; None where this version cannot read the config.
+    Attributes:
+        name: name of the recipe.
+        wanted: share of sequences that the config gives the recipe; None where this version cannot read the config.
+        pairs: number of the recipe's sampled pairs.
+        median_px: mean of the pairs' medians; like the other means, None where no pair has a value.
     """
 
     name: str
@@ -81,13 +88,16 @@ class Measurement:
 
     Attributes:
         dataset_pairs: number of pairs of the dataset, or of the split that the sample is from.
-        unread: the faults of the unreadable pairs of the sample.
-        disparity: distribution over all pixels of the left views; None where no pixel has a disparity.
+        pairs: measures of each pair of the sample that could be read.
+        recipes: measures of each recipe.
+        unread: messages about the pairs of the sample that could not be read.
+        disparity: distribution of disparity over all pixels of the left views; None where no pixel has a disparity.
         target: distribution that the config asks for; None where this version cannot read the config.
-        spacing_px: distance of neighbouring pixels of a grid.
-        depth_m: (D,) planar depth of the grid's pixels, from the stored disparity; not of the sky.
+        target_fault: why this version cannot read the config; None where it can.
+        spacing_px: distance between neighbouring pixels of the grid of rays.
+        depth_m: (D,) planar depths of the grid's pixels in all pairs, from the stored disparity, without the sky.
         rays: rays through the grid's pixels, in at most 64 pairs.
-        ray_faults: why pairs have no rays, with the number of pairs for each reason.
+        ray_faults: number of pairs without rays, by the reason.
     """
 
     dataset_pairs: int
@@ -109,7 +119,17 @@ def measure(
     redraws: Mapping[PairKey, Sequence[str]],
     listener: Listener | None = None,
 ) -> Measurement:
-    """Read pairs, of which one must be readable, and measure them; ``redraws`` has the faults of failed attempts."""
+    """Read pairs and measure them.
+
+    Args:
+        dataset: the dataset to measure.
+        positions: indices of the pairs in the dataset.
+        redraws: messages about the failed attempts of each pair that was drawn again; see `read_redraws`.
+        listener: is told the number of pairs, and each pair.
+
+    Raises:
+        InputError: where none of the pairs can be read.
+    """
     index = dataset.about
     listener = listener or Listener()
     listener.on_total(len(positions))
@@ -165,7 +185,7 @@ def measure(
 
 
 def _depth_m(frame: StoredFrame, x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the left view's depths at pixels (R,), except where they may be infinite."""
+    """Return the left view's depths at pixels x (R,) and y (R,), without depths that may be infinite."""
     disparity_px = frame.left.disparity[y, x].astype(np.float64)
     known = np.isfinite(disparity_px)
     x_px, y_px, disparity_px = x[known].astype(np.float64), y[known].astype(np.float64), disparity_px[known]
@@ -177,9 +197,9 @@ def _depth_m(frame: StoredFrame, x: NDArray[np.int64], y: NDArray[np.int64]) -> 
 
 
 def _edges(index: Index, target: Histogram | None, frame: StoredFrame) -> NDArray[np.float64]:
-    """Return bins from 0 to the config's limit, or to the image's width without a limit, with the target's edges.
+    """Return the edges of the bins of disparity: from 0 to the config's limit, or to the image's width without a limit.
 
-    Signed disparities begin at the disparity of infinity, if it is below 0.
+    The target's edges are among them. Bins of signed disparities begin at that of infinity, if it is below 0.
     """
     target_edges = [] if target is None else target.edges_px.tolist()
     limit_px = index.config.disparity.max_px
@@ -233,9 +253,12 @@ def _mean(values: Iterable[float | None]) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A quantity that pairs are compared by: an attribute of `PairMeasures`, None or NaN without a value.
+    """A quantity by which pairs are compared.
 
-    The name has the unit, and the format specification writes a value.
+    Attributes:
+        name: name with the unit.
+        attribute: attribute of `PairMeasures` that has the value; None or NaN where a pair has none.
+        format: format specification for a value.
     """
 
     name: str
@@ -254,9 +277,14 @@ QUANTITIES = (
 
 @dataclass(frozen=True, slots=True)
 class Outlier:
-    """A pair whose value of a quantity is far from the typical one, the median over all measured pairs.
+    """A pair whose value of a quantity is far from the typical value.
 
-    Its distance is in standard deviations, estimated by the median absolute deviation.
+    Attributes:
+        pair: the pair.
+        quantity: the quantity.
+        value: the pair's value.
+        typical: the median over all measured pairs.
+        deviations: distance of value and median in standard deviations, as estimated by `find_outliers`.
     """
 
     pair: PairMeasures
@@ -267,10 +295,10 @@ class Outlier:
 
 
 def find_outliers(pairs: Sequence[PairMeasures], quantity: Quantity, most: int = 3) -> list[Outlier]:
-    """Return the pairs that are farthest from the median of a quantity, the farthest first.
+    """Return the at most ``most`` pairs that are farthest from the median of a quantity, the farthest first.
 
-    Where more than half of all pairs have the same value, the mean absolute deviation takes the place of the median
-    absolute deviation. Pairs that do not differ from the median are left out.
+    The standard deviation is estimated from the median absolute deviation. Where more than half of the pairs have the
+    same value, the mean absolute deviation is used instead. Pairs that do not differ from the median are left out.
     """
     # As float64, None is NaN.
     values = np.array([getattr(pair, quantity.attribute) for pair in pairs], np.float64)

@@ -1,4 +1,4 @@
-"""The page: one HTML file that needs no server and no network. Its template is assets/report.html."""
+"""Render the page: one HTML file that needs neither server nor network. Its template is assets/report.html."""
 
 import json
 from collections import Counter
@@ -27,7 +27,7 @@ Values = Mapping[str, Any]
 _MOST_REDRAWN = 20
 _DISPARITY_BINS = 72
 
-# Colours of the overlays, RGB. Blue is not in the colour map, and readers of any colour vision tell the masks apart.
+# Colours of the overlays, RGB. The colour map has no blue, and readers of any colour vision can tell the masks apart.
 _NO_DISPARITY = (64, 96, 192)
 _OCCLUDED = (230, 97, 0)
 _OUTSIDE = (93, 58, 155)
@@ -35,9 +35,13 @@ _OUTSIDE = (93, 58, 155)
 
 @dataclass(frozen=True, slots=True)
 class ShownPair:
-    """A pair that the page shows: as an outlier for a reason, and as an evenly spread pair for None.
+    """A pair that the page shows.
 
-    The label is the pair's number, with its split in a dataset of several splits.
+    Attributes:
+        measures: the pair's measures.
+        label: the pair's number, with its split in a dataset of several splits.
+        picture: the pair's images and arrays.
+        reason: why an outlier is shown; None for an evenly spread pair.
     """
 
     measures: PairMeasures
@@ -48,7 +52,7 @@ class ShownPair:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """A histogram as an SVG element, with quantiles of its values."""
+    """A histogram as an SVG element, with the 5 %, 50 % and 95 % quantiles of its values."""
 
     svg: str
     low: float
@@ -59,7 +63,15 @@ class Chart:
 def render_page(
     index: Index, measurement: Measurement, redraws: Redraws, outliers: Sequence[Outlier], shown: Sequence[ShownPair]
 ) -> str:
-    """Render the page of a dataset, or of the split that measurement and redraws are from."""
+    """Return the page of a dataset, or of the split that measurement and redraws are from, as HTML.
+
+    Args:
+        index: the dataset's index.
+        measurement: the measures of the sample.
+        redraws: the failed attempts of the dataset or split.
+        outliers: the outliers to list.
+        shown: the pairs to show.
+    """
     assets = data_root("assets")
     environment = template_environment()
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
@@ -92,7 +104,7 @@ def render_page(
         jpeg_quality=JPEG_QUALITY,
         viewer={
             "pairs": [_viewed(pair) for pair in shown],
-            # Of disparities, from the smallest to the largest.
+            # The colours of disparities, from the smallest to the largest.
             "colours": colormaps[COLOUR_MAP](range(256), bytes=True)[:, :3].tolist(),
             "none": _NO_DISPARITY,
             "occluded": _OCCLUDED,
@@ -104,7 +116,7 @@ def render_page(
 
 
 def _viewed(pair: ShownPair) -> dict[str, Any]:
-    """Return the values that report.js takes for a pair, without images and arrays."""
+    """Return the values that report.js needs for a pair, except images and arrays."""
     measures, picture = pair.measures, pair.picture
     caption = [f"{measures.name}: median disparity {measures.median_px:.4g} px"]
     if measures.recipe is not None:
@@ -131,7 +143,7 @@ def _viewed(pair: ShownPair) -> dict[str, Any]:
 
 
 def _charts(configs: Sequence[Values], measurement: Measurement) -> dict[str, Chart | None]:
-    """Draw the distributions; a chart without values is None."""
+    """Draw the distributions, by the names under which the template uses them; a chart without values is None."""
     pairs, rays, disparity = measurement.pairs, measurement.rays, measurement.disparity
 
     def chart(
@@ -169,7 +181,7 @@ def _charts(configs: Sequence[Values], measurement: Measurement) -> dict[str, Ch
 
 
 def _disparity_chart(achieved: Histogram, target: Histogram | None) -> Chart:
-    # Bins end where the last pixels are.
+    # The outermost 0.01 % of pixels on either side would make the axis too long.
     both = [achieved] if target is None else [achieved, target]
     low = min(histogram.quantile(1e-4) for histogram in both)
     high = max(histogram.quantile(1 - 1e-4) for histogram in both)
@@ -181,7 +193,10 @@ def _disparity_chart(achieved: Histogram, target: Histogram | None) -> Chart:
 
 
 def _config_range(configs: Sequence[Values], section: str, key: str) -> list[float]:
-    """Return the ends of a range over all recipes, or its only number; nothing where one has no number there."""
+    """Return the two ends of a config's range over all recipes, or its only number.
+
+    The result is empty where a recipe has no number for this key.
+    """
     found = []
     for config in configs:
         keys = config.get(section)
@@ -194,7 +209,7 @@ def _config_range(configs: Sequence[Values], section: str, key: str) -> list[flo
 
 
 def _size_range_px(configs: Sequence[Values]) -> list[float]:
-    """Return the range ``particles.size_px``; nothing where another key sizes models, too."""
+    """Return the range ``particles.size_px`` over all recipes; [] where a recipe has another key that sizes models."""
     for config in configs:
         particles = config.get("particles")
         if not isinstance(particles, dict) or particles.get("size_m") is not None:
@@ -218,7 +233,10 @@ def _left_file(index: Index, key: PairKey) -> str:
 def _most_redrawn(
     index: Index, redraws: Redraws, measured: Sequence[PairMeasures]
 ) -> list[tuple[str, int | None, tuple[str, ...]]]:
-    """Return names, positions (None outside the sample) and messages of the pairs with the most failed attempts."""
+    """Return name, position and messages of each of the pairs with the most failed attempts.
+
+    The position is that of `PairMeasures`, or None for a pair outside the sample.
+    """
     positions = {pair.key: pair.position for pair in measured}
     most = sorted(redraws.messages.items(), key=lambda item: -len(item[1]))[:_MOST_REDRAWN]
     prefixes = {split: f"{split} " if len(index.pairs) > 1 else "" for split in index.pairs}
@@ -226,7 +244,7 @@ def _most_redrawn(
 
 
 def _licences(sources: Mapping[SplitName, SplitSources]) -> list[tuple[str, str, int, str]]:
-    """Return split, kind, number and licence of photographs and models."""
+    """Return rows of split, kind (``photographs`` or ``models``), number of sources, and their licence."""
     return [
         (split, kind, count, licence)
         for split, source in sources.items()

@@ -17,17 +17,18 @@ from numpy.typing import ArrayLike, NDArray
 COLOUR_MAP = "inferno"
 """The colour map of disparities: perceptually uniform, and dark at small disparities."""
 
-# matplotlib counts 72 pixels of an SVG in an inch.
+# Width and height of a drawing: in SVG, matplotlib has 72 pixels in an inch.
 _SIZE_IN = (400 / 72, 210 / 72)
 _AXES = (0.105, 0.18, 0.87, 0.77)
 _FEWEST_BINS, _MOST_BINS = 8, 48
-# Of the width of a bin; a gap separates bars.
+# Width of a bar as a share of its bin's width; the rest is the gap between bars.
 _BAR_WIDTH = 0.94
-# Ticks stand at these multiples of powers of ten; of a longer logarithmic axis at the powers, of a shorter one evenly.
+# Ticks stand at these multiples of powers of ten. Logarithmic axes whose ends have a ratio of _MOST_RATIO or more have
+# ticks only at the powers; those with a ratio below _LEAST_RATIO have evenly spaced ticks.
 _ROUND = (1, 2, 5, 10)
 _LEAST_RATIO, _MOST_RATIO = 7.0, 1e4
 
-# matplotlib knows no CSS variables: these colours stand for them until the drawing is text.
+# matplotlib knows no CSS variables, so these colours and this font stand for them until the drawing is text.
 _BAR, _OUTLINE, _LINE, _SOFT, _FONT = "#5b8fd6", "#b3470f", "#d5d9e0", "#5c6270", "DejaVu Sans"
 _IN_PAGE = {
     _BAR: "var(--bar)",
@@ -52,7 +53,13 @@ _STYLE: dict[Any, Any] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bars:
-    """Shares (K,) of values in bins with rising edges (K + 1,), above 0 on a logarithmic axis."""
+    """The bars of a histogram.
+
+    Attributes:
+        edges: (K + 1,), rising edges of the bins; above 0 on a logarithmic axis.
+        shares: (K,), share of the values in each bin, as a fraction of 1.
+        log: whether the axis is logarithmic.
+    """
 
     edges: NDArray[np.float64]
     shares: NDArray[np.float64]
@@ -60,10 +67,14 @@ class Bars:
 
 
 def count_bars(values: ArrayLike, *, log: bool = False, limits: tuple[float, float] | None = None) -> Bars:
-    """Count finite values, at least one, in 8 to 48 bins, about twice the root of the number of values.
+    """Count values in 8 to 48 bins; within these limits, the number of bins is twice the root of the number of values.
 
-    Bins have equal widths, or, on a logarithmic axis, equal ratios: it ignores values of 0 or less. The limits are the
-    outer edges, by default the smallest and the largest value.
+    Args:
+        values: numbers; NaN and infinite ones are ignored. Without ``limits``, at least one must remain.
+        log: whether the axis is logarithmic. Bins then have equal ratios instead of equal widths, and values of 0 and
+            below are ignored.
+        limits: the outer edges, by default the smallest and the largest value; values beyond them count in the outer
+            bins.
     """
     array = np.asarray(values, np.float64).ravel()
     array = array[np.isfinite(array) & ((array > 0) | (not log))]
@@ -86,10 +97,14 @@ def draw_histogram(
     outline: NDArray[np.float64] | None = None,
     marks: Sequence[tuple[float, str]] = (),
 ) -> str:
-    """Draw bars as an SVG element, with an outline over them: shares of another distribution in the same bins.
+    """Return bars as an SVG element with tooltips.
 
-    Bars and marks have tooltips; marks are values on the x axis, and ignored outside it. Ids inside depend on the name,
-    so drawings of one page need different names.
+    Args:
+        name: decides the ids in the element, so drawings of one page need different names.
+        bars: the bars.
+        label: label of the x axis.
+        outline: (K,), shares of another distribution in the same bins, drawn as a line over the bars.
+        marks: values on the x axis to mark, each with its tooltip; values outside the axis are ignored.
     """
     file = io.StringIO()
     with mpl.rc_context(_STYLE | {"svg.hashsalt": name}):
@@ -103,7 +118,7 @@ def draw_histogram(
         axes.xaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_major_locator(MaxNLocator(5, steps=_ROUND))
         axes.yaxis.set_major_formatter("{x:g} %")
-        # Clipping would put references into the page, and nothing sticks out of the axes.
+        # Clip paths would need ids that are unique in the page; nothing extends beyond the axes anyway.
         axes.grid(axis="y", clip_on=False)
         tooltips: dict[str, str] = {}
         for low_edge, high_edge, share in zip(bars.edges[:-1], bars.edges[1:], bars.shares, strict=True):
@@ -124,7 +139,7 @@ def draw_histogram(
 
 
 def _ticks(ratio: float) -> Locator:
-    """Return the ticks of a logarithmic axis that ends at ``ratio`` times its beginning."""
+    """Return the ticks of a logarithmic axis whose end is ``ratio`` times its beginning."""
     if ratio < _LEAST_RATIO:
         return MaxNLocator(6, steps=_ROUND)
     return LogLocator(subs=_ROUND[:-1] if ratio < _MOST_RATIO else _ROUND[:1])
@@ -133,7 +148,7 @@ def _ticks(ratio: float) -> Locator:
 def _for_page(svg: str, tooltips: Mapping[str, str]) -> str:
     """Cut a drawing out of its file, and give it the page's colours and its tooltips."""
     svg = svg[svg.index("<svg") :]
-    # The style would hold for the whole page, and all drawings have groups of the same ids.
+    # The style would apply to the whole page, and all drawings have groups with the same ids.
     svg = re.sub(r"<defs>\s*<style.*?</style>\s*</defs>", "", svg, flags=re.DOTALL)
     svg = re.sub(
         r'<g id="((bar|mark)-\d+)">', lambda tag: f'<g class="{tag[2]}"><title>{escape(tooltips[tag[1]])}</title>', svg

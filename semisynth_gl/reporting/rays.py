@@ -1,4 +1,4 @@
-"""Exact quantities of the surfaces that rays hit, in the rebuilt scenes of a dataset."""
+"""Exact quantities of the surfaces that rays hit in the rebuilt scenes of a dataset."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,18 +17,27 @@ from semisynth_gl.scene.raycast import Hits, cast_rays
 from semisynth_gl.scene.scene import Scene
 from semisynth_gl.seeds.splits import SplitName
 
-# The renderer promises this error of disparity at a pixel's centre.
+# Largest error of disparity at a pixel's centre that the renderer promises.
 _ERROR_PX = 1e-3
-# Pixels beside edges may show the surface on the other side. In a different scene, some rays agree by chance.
+# Least share of agreeing rays. Some rays do not agree, since pixels beside an edge may show the surface on its other
+# side; in a different scene, some rays agree by chance.
 _LEAST_AGREEING = 0.9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rays:
-    """Rays that were cast through the rebuilt scenes of one pair or several, and what the agreeing rays meet there.
+    """Rays that were cast through the rebuilt scenes of one or more pairs, and the surfaces that they hit.
 
-    An agreeing ray gives the stored disparity. Each has the measures of `surfaces_at`, and each object that one hits
-    has a diameter, once for each pair; see `diameters_px`.
+    A ray agrees if it gives the stored disparity.
+
+    Attributes:
+        pairs: number of pairs.
+        cast: number of rays.
+        agreeing: number of agreeing rays.
+        slant_deg: (R,), slants at the agreeing rays that hit a surface other than the sky; see `surfaces_at`.
+        texels_per_pixel: (R,), texels along the side of a pixel at the same rays; see `surfaces_at`.
+        diameter_px: (N,), diameters of the objects that these rays hit, without backgrounds, once for each pair; see
+            `diameters_px`.
     """
 
     pairs: int
@@ -40,7 +49,7 @@ class Rays:
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """Join the rays of several pairs, or of none."""
+        """Return the rays of any number of pairs as one; without any, all numbers are 0 and all arrays empty."""
         numbers = {name: sum(getattr(part, name) for part in parts) for name in ("pairs", "cast", "agreeing")}
         arrays: dict[str, Any] = {
             name: np.concatenate([np.empty(0), *(getattr(part, name) for part in parts)])
@@ -50,7 +59,7 @@ class Rays:
 
 
 class RayCaster:
-    """Casts rays through the scenes of a dataset's pairs, which it rebuilds."""
+    """Rebuilds the scenes of a dataset's pairs, and casts rays through them."""
 
     def __init__(self, index: Index) -> None:
         self._index = index
@@ -58,7 +67,7 @@ class RayCaster:
         self._scenes: dict[str, RebuiltScenes | str] = {}
 
     def cast(self, frame: StoredFrame, x: NDArray[np.int64], y: NDArray[np.int64]) -> Rays:
-        """Cast rays through the pixels (x, y), (R,) each, of a pair's left view.
+        """Cast rays through pixels x (R,) and y (R,) of a pair's left view.
 
         Raises:
             InputError: where the scene cannot be rebuilt, or differs from the stored pair.
@@ -117,16 +126,24 @@ def surfaces_at(
     """Measure the surfaces that rays from the left eye hit.
 
     A ray r = ((x - cx) / f, (y - cy) / f, 1) meets the plane n . P = c of a triangle at P = Z r with Z = c / (n . r).
-    From there, the plane's point moves with the pixel as dP/dx = Z (r' - r (n . r') / (n . r)) where r' = dr/dx, and
-    likewise for y. Patch coordinates are affine on a triangle: G maps both of its edges to their differences in UV.
-    So J = patch_px diag(uv_scale) G (dP/dx, dP/dy) is the Jacobian of texels by pixels, and sqrt(|det J|), the
-    geometric mean of its two singular values, the number of texels along the side of a pixel. For UV without
-    stretching, of s patches per metre, this is patch_px s Z / (f sqrt(|n . r|)) with n of length 1.
+    As the pixel moves, this point moves by dP/dx = Z (r' - r (n . r') / (n . r)) with r' = dr/dx, and in the same way
+    for y. Patch coordinates are affine on a triangle: G maps each of two edges to its difference in UV. So
+    J = patch_px diag(uv_scale) G (dP/dx, dP/dy) is the Jacobian of texels by pixels. sqrt(|det J|), the geometric mean
+    of its two singular values, is the number of texels along the side of a pixel. For UV without stretching, with s
+    patches per metre, this is patch_px s Z / (f sqrt(|n . r|)) with n of length 1.
 
-    ``patch_px`` (N,) has the side in texels of the patch that each instance wears. The first result has the angle in
-    degrees between normal and ray: 0 where a surface faces the camera, 90 where it is seen edge on. The second has the
-    side in texels of a square with the area of patch that a pixel sees. Both are (R,), and NaN for a ray that hits
-    nothing or the sky.
+    Args:
+        scene: the scene.
+        models: the meshes to which the scene's instances refer.
+        patch_px: (N,), the side, in texels, of the patch that each instance wears.
+        x_px: (R,), x of the rays' pixels.
+        y_px: (R,), y of the rays' pixels.
+        hits: the R rays' hits.
+
+    Returns:
+        The angle between normal and ray in degrees, 0 where a surface faces the camera and 90 where it is seen edge-on;
+        and the side, in texels, of a square with the area of the patch that a pixel sees. Both are (R,), and NaN for a
+        ray that hits nothing or the sky.
     """
     slant, texels = np.full(len(x_px), np.nan), np.full(len(x_px), np.nan)
     rays = scene.camera.rays("left", x_px, y_px)
@@ -155,10 +172,11 @@ def surfaces_at(
 
 
 def diameters_px(scene: Scene, models: Sequence[Mesh], instances: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the diameters on the screen of instances' bounding spheres before stretching, (N,) float64.
+    """Return the diameters of instances in the left image, (N,) float64 px, as the config's sizes mean them.
 
-    Sizes in the config, such as ``particles.size_px``, mean this diameter: of the sphere about a model at the largest
-    of its three scales, seen at the depth of its centre. The scene's models are indices of the meshes.
+    Sizes such as ``particles.size_px`` are diameters of the sphere about the model, scaled by the largest of the
+    instance's three scales, at the depth of its centre. ``instances`` (N,) are indices of the scene's instances, and
+    ``models`` are the meshes to which the scene refers.
     """
     view_from_model = scene.camera_from_world @ scene.world_from_model[instances]
     scale = np.linalg.norm(view_from_model[:, :3, :3], axis=1).max(axis=1)

@@ -1,4 +1,4 @@
-"""Pairs that were drawn again, and why: read from the records of all shards."""
+"""Read from the records of all shards which pairs were drawn again, and why."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -9,13 +9,17 @@ from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.seeds.splits import SplitName
 
 PairKey = tuple[SplitName, int]
+"""A pair's split, and its number in the split."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A kind of fault for which pairs were drawn again, such as ``too dark``, with the first message of this kind.
+    """A kind of fault for which pairs were drawn again.
 
-    An attempt may have several faults, and counts in the ``attempts`` of each.
+    Attributes:
+        name: the kind, such as ``too dark``.
+        attempts: number of failed attempts with this fault; an attempt with several faults counts for each of them.
+        example: the first message of this kind.
     """
 
     name: str
@@ -29,9 +33,11 @@ class Redraws:
 
     Attributes:
         pairs: number of pairs in the records.
-        messages: about each failed attempt of a pair, where it has any; the first frame of a sequence stands for all.
+        attempts: number of all failed attempts.
+        messages: a message for each failed attempt, by the pair's key, for the pairs that have failed attempts; those
+            of a sequence are listed under its first frame.
         faults: all kinds of faults, the most frequent first.
-        unread: messages about unreadable records.
+        unread: messages about the records that could not be read.
     """
 
     pairs: int
@@ -42,7 +48,7 @@ class Redraws:
 
 
 def read_redraws(index: Index, split: SplitName | None = None) -> Redraws:
-    """Read the records of all shards, or of a split's, one after the other."""
+    """Read the records of all shards, or of the shards of one split; unreadable records are listed in the result."""
     messages: dict[PairKey, tuple[str, ...]] = {}
     examples: dict[str, str] = {}
     counts: Counter[str] = Counter()
