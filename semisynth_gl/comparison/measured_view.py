@@ -116,7 +116,7 @@ def make_view(
         signed: whether disparities of 0 and below are valid.
 
     Raises:
-        InputError: where the arrays have different sizes, or there is none.
+        InputError: where the arrays have different sizes, or no array is given.
     """
     shapes = {array.shape[:2] for array in (image, disparity, background) if array is not None}
     if len(shapes) != 1:

@@ -1,6 +1,6 @@
 """The samples of a stream, and the rule by which training processes and their workers share them.
 
-The rule alone says which process gets which samples, so the processes need not communicate.
+The rule decides which process gets which samples, so the processes need not communicate.
 """
 
 from collections.abc import Iterator, Sequence
@@ -27,7 +27,7 @@ class Selection:
         first: number of the first sample. To resume a stream, take its first number plus
             ``steps * batch_size * world_size``.
         pairs: number of samples; None for no end.
-        frames: numbers of the frames that the stream yields of each sequence, from 0 and rising; None for all frames.
+        frames: rising numbers, counted from 0, of the frames that the stream yields of each sequence; None for all.
 
     Raises:
         InputError: where a value cannot be used.

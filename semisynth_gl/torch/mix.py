@@ -31,12 +31,12 @@ _GOLDEN = 2654435769
 class StereoMix(DealtDataset):
     """Mixes streams and datasets in shares; an IterableDataset that is dealt out and resumed like a `StereoStream`.
 
-    The seed and n decide from which source sample n comes; each source gives its samples in order. Shares are exact in
-    the long run: a source of share s gets 256 s of each 256 turns, rounded up or down, and later turns make good the
-    difference. A turn is one sample, or several where a source keeps samples together, such as the frames of a
-    sequence. Datasets are read again and again, each time in another order; a `StereoDataset` then also has the crops
-    of another epoch. Streams continue, and begin again at their end. The batch size and the process of a mixed stream
-    are ignored.
+    The seed and n decide from which source sample n comes. The sources take turns: a turn is one sample, or several
+    where a source keeps samples together, such as the frames of a sequence. Shares are exact in the long run: of each
+    256 turns, a source of share s gets 256 s, rounded up or down, and the rounding evens out in later turns. Datasets
+    are read again and again, each time in another order; a `StereoDataset` then also has the crops of another epoch.
+    Streams continue where their last turn ended, and begin again at their end. The batch size and the process of a
+    mixed stream are ignored.
 
     Args:
         sources: pairs of a source and its share. A source is a `StereoStream`, a `StereoDataset`, another map-style

@@ -21,7 +21,7 @@ _MEDIAN_SHARE = 0.002
 _MASK_SHARE = 0.005
 _CLASS_SHARE = 0.05
 SEEN_PX = 0.05
-"""Where a vector differs by less from its reference, px, both views see the same point."""
+"""Difference between a vector and its reference, px, below which both views see the same point."""
 MIN_PIXELS = 200
 """Least number of pixels for a median or a fit; with fewer, it says nothing."""
 UNCERTAIN = 1

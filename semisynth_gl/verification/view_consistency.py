@@ -14,9 +14,9 @@ Where = NDArray[np.bool_]
 
 # Bounds; docs/verify.md derives them.
 SMOOTH_PX = 0.25
-"""A pixel and its neighbours are one surface where the second difference of their disparities, px, is smaller."""
+"""Second difference of disparity, px, below which a pixel and its neighbours are one surface."""
 HIDDEN_PX = 0.25
-"""A point is hidden where the disparities of both pixels around it are larger by more than this, px."""
+"""A point is hidden where both pixels around it have a disparity that is larger by more than this, px."""
 _BORDER_PX = 1e-3
 
 

@@ -316,7 +316,7 @@ def test_a_state_of_another_stream_is_refused_with_what_differs():
     with pytest.raises(InputError, match=r"expected the result of a stream's state_dict\(\)"):
         there.load_state_dict({"_snapshot": {}})
     for wrong in WRONG_STATES:
-        with pytest.raises(InputError, match=r"of a state must |expected what state_dict\(\) of a stream"):
+        with pytest.raises(InputError, match=r"of a state must |expected the result of a stream's state_dict\(\)"):
             there.load_state_dict(wrong if not isinstance(wrong, tuple) else state | dict([wrong]))
     there.load_state_dict(state | {"worker": 1, "workers": 2})
     with pytest.raises(InputError, match=r"from worker 1 of 2, and this is worker 0 of 1.*first="):
