@@ -429,7 +429,7 @@ def test_a_process_that_has_yielded_nothing_has_no_state():
             "from 0 to 2, since the config's sequence.length is 3, got \\(0, 1, 2, 3\\)",
         ),
         ({"selection": Selection(frames=())}, "got \\(\\)"),
-        ({"selection": Selection(frames=(1, 0))}, "growing"),
+        ({"selection": Selection(frames=(1, 0))}, "rising"),
         ({"crop": (49, 10)}, "up to \\(48, 64\\) px.*got \\(49, 10\\)"),
         ({"crop": (0, 10)}, "got \\(0, 10\\)"),
         ({"hardware": Hardware(device="cuda")}, "checked=False.*pin_memory=True"),
