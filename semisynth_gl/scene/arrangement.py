@@ -1,4 +1,4 @@
-"""Things that rest: models that stand, lie and hang in a frame whose z points up, and flat rectangles beside them."""
+"""Still things: models that stand, lie and hang in a frame whose z points up, and flat rectangles beside them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,15 +16,15 @@ from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway
 from semisynth_gl.scene.scene import placed_vertices
 from semisynth_gl.scene.support import surfaces_below
 
-# Kinds that are as large as walls.
+# Kinds that wear a large patch, as walls do.
 _LARGE = frozenset({"house"})
-# Cosine of the steepest slope that a thing stands on.
+# Cosine of the steepest slope that counts as level, so that a thing can stand on it.
 _LEVEL = 0.98
 
 Diameters = Mapping[str, tuple[float, float]]
-"""The smallest and the largest diameter of the bounding spheres of some kinds, metres."""
+"""The smallest and the largest diameter of the bounding sphere of each kind, by the kind's name, metres."""
 Picked = tuple[int, float]
-"""The number of a model, and the diameter of its bounding sphere, metres."""
+"""The number of a model in a catalogue, and the diameter of its bounding sphere, metres."""
 Corner = tuple[float, float]
 """A corner of a rectangle: x and y on the floor, or u and v on a wall."""
 
@@ -41,7 +41,16 @@ class FloorView:
     def over_floor(
         cls, camera: StereoCamera, near_m: float, height_m: float, yaw_rad: float, pitch_rad: float, roll_rad: float
     ) -> "FloorView":
-        """Place a camera over a floor, turned from y to the right, downwards, and about its optical axis."""
+        """Place a camera over a floor.
+
+        Args:
+            camera: the camera.
+            near_m: depth that nothing comes nearer than.
+            height_m: height of the left camera above the floor.
+            yaw_rad: turn of the optical axis from y to the right.
+            pitch_rad: turn of the optical axis downwards.
+            roll_rad: turn about the optical axis; a positive one moves the camera's right side down.
+        """
         ahead = np.array([np.sin(yaw_rad) * np.cos(pitch_rad), np.cos(yaw_rad) * np.cos(pitch_rad), -np.sin(pitch_rad)])
         right = np.array([np.cos(yaw_rad), -np.sin(yaw_rad), 0.0])
         down = cross(ahead, right)
@@ -52,16 +61,16 @@ class FloorView:
         return cls(camera, matrix, near_m)
 
     def depth_m(self, points: Floats) -> Floats:
-        """Return the planar depths of points (N, 3) of the floor's frame."""
+        """Return the planar depths (N,) of points (N, 3) of the floor's frame, for the left camera."""
         return np.asarray(points @ self.camera_from_floor[2, :3] + self.camera_from_floor[2, 3])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Catalogue:
-    """The models that things are taken from: the still models, then the library."""
+    """The M models that still things are made of: the still models, then those of the library."""
 
     models: tuple[Mesh, ...]
-    by_name: Mapping[str, Ints]  # the numbers of the models that things may be, by their names
+    by_name: Mapping[str, Ints]  # the numbers of the library's models that may be drawn, by kind
     low: Floats  # (M, 3) the lower corner of each model's bounding box, model units
     high: Floats  # (M, 3) the opposite corner
 
@@ -76,29 +85,30 @@ class Catalogue:
 
 @dataclass(slots=True, eq=False)
 class Arrangement:
-    """Still things, gathered one by one; things that share a texture name the first of them in ``wears``."""
+    """Still things, gathered one by one; things that share a texture name the first of these things in ``wears``."""
 
     view: FloorView
     catalogue: Catalogue
-    metre: float  # the length of a metre there
+    metre: float  # length of one metre of the arrangement, which may be scaled, in true metres
     rng: np.random.Generator
-    farthest_m: float = np.inf  # no view shows more than this depth, if the walls could be brought in so far
+    farthest_m: float = np.inf  # depth that no view exceeds, if the walls could be brought in that far
     sway: Sway = STILL
     model: list[int] = field(default_factory=list)
     floor_from_model: list[Floats] = field(default_factory=list)  # (4, 4) each
-    unit_m: list[tuple[float, float]] = field(default_factory=list)  # the length of one UV unit
+    unit_m: list[tuple[float, float]] = field(default_factory=list)  # the lengths of one unit of u and of v
     wears: list[int] = field(default_factory=list)  # the thing whose texture each wears: itself, or an earlier one
     large: list[bool] = field(default_factory=list)  # whether each wears a large patch, where there are any
-    _taken: list[tuple[float, float, float]] = field(default_factory=list)
-    _raised: list[tuple[Corner, Corner, float]] = field(default_factory=list)
+    _taken: list[tuple[float, float, float]] = field(default_factory=list)  # circles on the floor: x, y and radius
+    _raised: list[tuple[Corner, Corner, float]] = field(default_factory=list)  # two corners and the height between them
 
     def __len__(self) -> int:
         return len(self.model)
 
     def pick(self, sizes_m: Diameters) -> Picked | None:
-        """Draw a model of some kinds and its diameter; None where the library lacks all of them.
+        """Draw a model of one of several kinds, and its diameter; return None where the library has none of the kinds.
 
-        Kinds count alike: the config's weights are for things in the air.
+        All kinds are equally likely: the config's weights are for particles. The diameters are in the arrangement's own
+        metres; the drawn one is in true metres.
         """
         kind, variant, size = self.rng.random(3)
         known = [name for name in sizes_m if name in self.catalogue.by_name]
@@ -110,14 +120,22 @@ class Arrangement:
         return int(numbers[int(variant * len(numbers))]), (low + (high - low) * float(size)) * self.metre
 
     def extent_m(self, picked: Picked) -> Floats:
-        """Return the lengths (3,) of a picked model's bounding box."""
+        """Return the lengths (3,) of a picked model's bounding box, in metres."""
         number, size_m = picked
         return self.catalogue.extent(number) * size_m / 2
 
     def add(
         self, model: int, matrix: Floats, unit_m: tuple[float, float], wears: int | None = None, *, large: bool = True
     ) -> int:
-        """Add a thing; return its number."""
+        """Add a thing; return its number.
+
+        Args:
+            model: number of its model in the catalogue.
+            matrix: (4, 4) floor_from_model.
+            unit_m: the lengths of one unit of u and of v.
+            wears: number of the earlier thing whose texture it wears; by default it has a texture of its own.
+            large: whether it wears a large patch, where there are any.
+        """
         self.large.append(large)
         self.model.append(model)
         self.floor_from_model.append(matrix)
@@ -128,9 +146,10 @@ class Arrangement:
     def add_rectangle(
         self, corner: ArrayLike, u: ArrayLike, v: ArrayLike, *, model: Mesh = FACE, wears: int | None = None
     ) -> int:
-        """Add a rectangle, or another still model over the unit square, that shows the texture upright and unmirrored.
+        """Add a rectangle that shows its texture upright and unmirrored; return its number.
 
-        Seen from its front, ``corner`` (3,) is at the top left, and the edges ``u`` and ``v`` lead right and down.
+        Seen from its front, ``corner`` (3,) is at the top left, and the edges ``u`` and ``v``, (3,) each, lead right
+        and down. Another still ``model`` over the unit square may take the rectangle's place; see `add` for ``wears``.
         """
         edges = np.array([u, v], np.float64)
         sizes = np.linalg.norm(edges, axis=1)
@@ -142,10 +161,15 @@ class Arrangement:
         return self.add(self.catalogue.number(model), matrix, (float(sizes[0]), float(sizes[1])), wears)
 
     def add_box(self, middle: ArrayLike, half: ArrayLike, yaw_rad: float = 0.0, wears: int | None = None) -> int | None:
-        """Add five sides of a box, all but its bottom; return the number of the first, or None where it is too near.
+        """Add the five sides of a box without its bottom; return the number of the first side.
 
-        ``middle`` (3,) is the middle of its bottom, and ``half`` (3,) half its width, half its depth, and its height.
-        By default its sides share a texture that nothing else wears.
+        A box that comes too near to the camera is not added: the result is None.
+
+        Args:
+            middle: (3,) middle of the box's bottom.
+            half: (3,) half the width, half the depth, and the whole height.
+            yaw_rad: turn about z.
+            wears: as in `add`; by default the sides share a texture that nothing else wears.
         """
         (x, y, z), at = np.asarray(half, np.float64), np.asarray(middle, np.float64)
         turn = turned_about_z(yaw_rad)
@@ -164,9 +188,10 @@ class Arrangement:
         return first
 
     def stand(self, picked: Picked, at: ArrayLike, yaw_rad: float, stretch: Floats | None = None) -> int | None:
-        """Stand a model on a place (3,), upright; return its number, or None where it comes too near, and is not added.
+        """Stand a model upright on a place (3,), which lies below the model's origin; return the thing's number.
 
-        The place lies below the model's middle; ``stretch`` (3,) are factors along the model's own axes.
+        A model that comes too near to the camera is not added: the result is None. ``stretch`` (3,) has a factor for
+        each axis of the model.
         """
         number, size_m = picked
         scale = size_m / 2 * (np.ones(3) if stretch is None else stretch)
@@ -182,19 +207,19 @@ class Arrangement:
         return self.add(number, matrix, (unit, unit), large=self.catalogue.models[number].name in _LARGE)
 
     def _too_near(self, low: ArrayLike, high: ArrayLike, turn: Floats, at: Floats) -> bool:
-        """Whether a box between two corners, turned and then moved, has a corner too near."""
+        """Return whether a box between two opposite corners, turned and then moved, comes too near to the camera."""
         corners = np.array(list(product(*np.stack([low, high], axis=1))))
         return bool(self.view.depth_m(corners @ turn.T + at).min() < BEYOND_NEAR * self.view.near_m)
 
     def top(self, number: int, x: float, y: float) -> float | None:
-        """Return the height of a thing over a place of the floor; None where its top is not level there."""
+        """Return the height of a thing's top over a place (x, y) on the floor; None where the top is not level."""
         mesh = self.catalogue.models[self.model[number]]
         corners = placed_vertices(mesh, self.floor_from_model[number])[mesh.triangles]
         top = surfaces_below(corners, np.array([[x, y, np.inf]]))[0]
         return None if top is None or top.normal[2] < _LEVEL else top.height
 
     def raise_floor(self, low: Corner, high: Corner, height_m: float) -> None:
-        """Make the floor between two corners higher, as on a pavement."""
+        """Set the height of the floor between its corner of lowest x and y and the opposite one, as for a pavement."""
         self._raised.append((low, high, height_m))
 
     def floor_m(self, x: float, y: float) -> float:
@@ -203,9 +228,9 @@ class Arrangement:
         return next(raised, 0.0)
 
     def is_free(self, x: float, y: float, radius_m: float) -> bool:
-        """Whether a circle on the floor meets no taken circle; things may come close."""
+        """Return whether a circle on the floor keeps clear of all taken circles; they may overlap by a fifth."""
         return all((x - a) ** 2 + (y - b) ** 2 > (0.8 * (radius_m + r)) ** 2 for a, b, r in self._taken)
 
     def take(self, x: float, y: float, radius_m: float) -> None:
-        """Take a circle on the floor."""
+        """Mark a circle on the floor as taken."""
         self._taken.append((x, y, radius_m))

@@ -42,14 +42,15 @@ def _ground() -> Mesh:
     return make_mesh("ground", np.c_[across, np.zeros(len(u)), along], np.c_[across, along], triangles)
 
 
-# Both are grids, because float32 rounds a vertex by its distance: a near surface must not hang between vertices far
-# away.
+# Both are grids: float32 rounds a vertex in steps that grow with its distance, so the near part of a surface must not
+# depend on far vertices.
 FACE, GROUND = _face(), _ground()
 
-# Side walls stand between these fractions of the way from the nearest allowed place to just outside the view.
+# Range of the places of side walls: fractions of the way from the nearest allowed place to the edge of the view.
 _SIDE_WALL = Range(0.3, 1.1)
 # Walls continue behind each other by this share of their size: edges that only met would leave gaps in float32.
 OVERLAP = 1e-4
+# Columns and rows of the coarse grid over the view; see `grid_px`.
 GRID = (48, 32)
 
 
@@ -57,15 +58,15 @@ GRID = (48, 32)
 class Background:
     """F flat faces in the left camera's frame, metres."""
 
-    world_from_face: Floats  # (F, 4, 4) places the unit square `FACE`
+    world_from_face: Floats  # (F, 4, 4) poses of the unit square `FACE`
     size_m: Floats  # (F, 2) lengths of the two edges
     normal: Floats  # (F, 3) unit, away from the camera
     offset_m: Floats  # (F,) distance from the left camera's centre; points of a face have normal . p = offset
-    visible_depth_m: Floats  # (F,) median depth of a face in the left view; of a hidden face, the back wall's depth
-    sky: bool = False  # whether it is one face that is infinitely far away; it then stands where its texture is placed
+    visible_depth_m: Floats  # (F,) median depth of a face in the left view; for a hidden face, the drawn wall depth
+    sky: bool = False  # whether the only face is infinitely far away; its pose then says where its texture lies
 
     def disparity_px(self, camera: StereoCamera) -> Floats:
-        """Return disparities of the bare background on a coarse grid over the left view, flat float64."""
+        """Return the background's disparities without anything before it, (R,), on the coarse grid of `grid_px`."""
         if self.sky:
             return np.full(GRID[0] * GRID[1], -camera.doffs_px)
         return camera.disparity_px(first_hit(self.normal, self.offset_m, camera.rays("left", *grid_px(camera)))[0])
@@ -75,7 +76,7 @@ Kind = Literal["cuboid", "plane", "room", "street"]
 
 
 def draw_kind(section: BackgroundSection, rng: np.random.Generator) -> Kind:
-    """Draw the kind of one sequence's background, by the weights of a config."""
+    """Draw the kind of one sequence's background by the config's weights."""
     kinds: tuple[Kind, ...] = get_args(Kind)
     weights = np.cumsum([getattr(section, kind) for kind in kinds])
     return kinds[int(np.searchsorted(weights, rng.random() * weights[-1], side="right"))]
@@ -90,7 +91,13 @@ def draw_plane(
     *,
     sky: bool = False,
 ) -> Background:
-    """Draw a far plane that fills both views at any moment of the sway; it may be the sky."""
+    """Draw a far plane that fills both views at any moment of the sway.
+
+    As ``sky`` the plane is infinitely far away; its depth is where its texture lies and where a ground before it ends.
+
+    Raises:
+        InputError: where the drawn disparity lies beyond infinity, or the plane would have to be endless.
+    """
     disparity_px = section.plane_disparity_px.draw(rng)
     check_reachable(camera, disparity_px, "background.plane_disparity_px")
     depth = float(camera.depth_m(disparity_px))
@@ -98,14 +105,14 @@ def draw_plane(
     if sway.moves:
         aside, widest = abs(camera.offset_m("right")) + sway.reach_m, _widest_rad(camera, sway)
         if not sky and not disparity.signed:
-            # In no view its disparity falls below half of what was drawn: to turn away from it deepens it.
+            # The plane's disparity never falls below half of what was drawn. A camera that turns away sees it deeper.
             most, deepens = float(camera.depth_m(disparity_px / 2)), np.tan(widest) * np.sin(sway.angle_rad)
             depth = min(depth, (most - sway.reach_m - aside * (deepens + np.sin(sway.angle_rad))) / (1 + deepens))
-        # With a large doffs the plane is near, and the camera may sway towards it.
+        # With a large doffs the plane may be so near that the camera sways into it.
         depth = max(depth, float(smallest_offsets(camera, ahead, near_depth_m(camera, disparity), sway)[0]))
     corners = _corner_points(camera, depth)
     if sky:
-        # Both eyes see it from the same place.
+        # Both eyes see the sky from the same place.
         rays = corner_rays(camera)
         corners = np.concatenate([corners, rays / rays[:, 2:] * depth])
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -124,15 +131,16 @@ def _widest_rad(camera: StereoCamera, sway: Sway) -> float:
     """Return the largest angle between a ray of any view and the far plane's normal.
 
     Raises:
-        InputError: where a plane that fills such views would have to be endless.
+        InputError: where a plane that fills the swaying views would have to be endless.
     """
     rays = corner_rays(camera)
     widest = float(np.arctan2(np.linalg.norm(rays[:, :2], axis=1), rays[:, 2]).max()) + sway.angle_rad
     if widest >= WIDEST_RAD:
         raise InputError(
             f"camera.sway_deg turns views by up to {np.rad2deg(sway.angle_rad):.0f} degrees, and their corners to "
-            f"{np.rad2deg(widest):.0f} degrees off the far plane's normal, at most {np.rad2deg(WIDEST_RAD):.0f} "
-            "can be filled: lower it, take a narrower view, or set background.plane and background.street to 0"
+            f"{np.rad2deg(widest):.0f} degrees off the far plane's normal, but a plane fills views only up to "
+            f"{np.rad2deg(WIDEST_RAD):.0f} degrees: lower camera.sway_deg, take a narrower view, or set "
+            "background.plane and background.street to 0"
         )
     return widest
 
@@ -144,9 +152,12 @@ def draw_cuboid(
     rng: np.random.Generator,
     sway: Sway = STILL,
 ) -> Background:
-    """Draw a cuboid with both cameras inside at any moment of the sway.
+    """Draw a cuboid that holds both cameras at any moment of the sway.
 
     No wall comes nearer than the depth of ``disparity.max_px`` in either view.
+
+    Raises:
+        InputError: where the drawn disparity of the wall lies beyond infinity.
     """
     turn = np.deg2rad(section.wall_turn_deg)
     angles = rng.uniform(-turn, turn, 3)
@@ -168,7 +179,8 @@ def draw_cuboid(
         reach = (_corner_points(camera, wall_depth) @ normal.T).max(axis=0)
         offset[:4] = smallest[:4] + fraction * np.maximum(reach[:4] - smallest[:4], 0)
         offset[4] = wall_depth * max(float(normal[4] @ centre_ray), 0.1)
-        # The back wall's far corner keeps to min_px where the turn allows it; side walls may cut it off before.
+        # Keep the back wall's farthest corner within min_px where the turn allows it, even if side walls hide the
+        # corner.
         steepest = float((corner_rays(camera) @ normal[4]).min())
         if steepest > 0:
             offset[4] = min(offset[4], farthest * steepest)
@@ -193,18 +205,19 @@ def draw_cuboid(
 
 
 def _corner_points(camera: StereoCamera, depth_m: float) -> Floats:
-    """Return the corners of both views at one depth of the left camera, (R, 3), in its frame."""
+    """Return the corners of both views at one planar depth, (R, 3), in the left camera's frame."""
     at_one_m = {eye: (rays := corner_rays(camera, eye)) / rays[:, 2:] for eye in EYES}
     return np.concatenate([at_one_m[eye] * depth_m + np.array([camera.offset_m(eye), 0, 0]) for eye in EYES])
 
 
 def lay_ground(camera: StereoCamera, depth_m: Range, across: Floats, along: Floats, offset_m: float) -> Floats:
-    """Return the pose (4, 4) of a ground (see `GROUND`), which covers a range of depths, in the left camera's frame.
+    """Return the pose (4, 4) of the model `GROUND`, in the left camera's frame, that covers a range of depths.
 
-    Its unit vectors ``across`` and ``along`` (3,) lead right and ahead; ``offset_m`` is its distance from the camera.
+    The unit vectors ``across`` and ``along``, (3,) each, lie in the ground and lead right and ahead; ``offset_m`` is
+    the ground's distance from the left camera.
     """
     down = cross(along, across)
-    # The wedge's tip lies behind the cameras, so far that both views fit between its sides.
+    # The wedge's tip lies far enough behind the cameras for both views to fit between the sides.
     widest = float(np.abs(corner_rays(camera)[:, 0]).max()) * 1.1
     behind = abs(camera.offset_m("right")) / widest + 0.5 * depth_m.low
     length = behind + 1.05 * depth_m.high
@@ -213,14 +226,18 @@ def lay_ground(camera: StereoCamera, depth_m: Range, across: Floats, along: Floa
 
 
 def grid_px(camera: StereoCamera) -> tuple[Floats, Floats]:
-    """Return columns and rows, flat, of a coarse grid over the view."""
+    """Return the columns and the rows, (R,) px each, of a coarse grid of `GRID` points over the view, row by row."""
     sizes = zip(GRID, (camera.width_px, camera.height_px), strict=True)
     columns, rows = np.meshgrid(*((np.arange(count) + 0.5) / count * size - 0.5 for count, size in sizes))
     return columns.ravel(), rows.ravel()
 
 
 def first_hit(normal: Floats, offset: Floats, rays: Floats) -> tuple[Floats, NDArray[np.intp]]:
-    """Return the depth of the first of F walls that each ray (R, 3) with Z = 1 hits, and that wall: both (R,)."""
+    """Return the depth at which each ray hits a wall first, and the wall's number: (R,) each.
+
+    The walls are planes normal . p = offset, of unit normals (F, 3) and offsets (F,); rays (R, 3) have Z = 1. A ray
+    that hits no wall has the depth inf.
+    """
     with np.errstate(divide="ignore"):
         depth = offset / (rays @ normal.T)
     depth[~(depth > 0)] = np.inf

@@ -5,8 +5,8 @@ probability exp(-lambda) (a Boolean model). A pixel shows less than d px where n
 
     F(d) = F_background(d) * product over layers k of exp(-lambda_k S_k(d)),
 
-with S_k(d) the probability that a particle of layer k shows d px or more where it covers a pixel. Particles are deep,
-so S_k is no step: the lambdas bring F nearest to the wanted F at the edges of all layers at once.
+where S_k(d) is the probability that a particle of layer k shows d px or more where it covers a pixel. Particles have
+depth, so S_k is not a step function: the lambdas are fitted to the wanted F at the edges of all layers at once.
 """
 
 from dataclasses import dataclass
@@ -21,11 +21,13 @@ from semisynth_gl.scene import Bools, Floats
 from semisynth_gl.scene.particles import Sizes, StatedLayer, path_px
 
 _MOST_LAYERS = 48
-# Above this coverage a layer is closed for all practical purposes (98 %).
+# Largest mean coverage of a layer, which closes 98 % of its pixels.
 _DENSEST = 4.0
-# Below this share of open pixels, more open pixels make no difference.
+# Smallest wanted share of open pixels; smaller shares are raised to it.
 _CLOSED = 0.01
+# Iterations of the solver.
 _ROUNDS = 200
+# Points over which the probabilities of a particle are averaged.
 _SAMPLES = 128
 
 
@@ -44,7 +46,7 @@ class DepthLayers:
 
     @classmethod
     def of(cls, stated: StatedLayer) -> "DepthLayers":
-        """Return one layer that the config states."""
+        """Return a layer that the config states, as the only one."""
         return cls(np.array([stated.disparity_px.low]), np.array([stated.disparity_px.high]))
 
     def __len__(self) -> int:
@@ -63,47 +65,58 @@ class DepthLayers:
     def exceedance(
         self, edges_px: Floats, camera: StereoCamera, drift: Range, sizes: Sizes, heights: Floats, near_m: float
     ) -> Floats:
-        """Return the probability that a particle shows at least a disparity (J,) where it covers a pixel, (K, J).
+        """Return how probably a particle of each layer shows at least some disparities where it covers a pixel.
 
-        ``drift`` is the config's, ``heights`` the models' mean relief (see `Silhouette`). Particles that come too near
-        the near plane are not drawn.
+        Particles that come too near to the near plane are not drawn, and show nothing.
+
+        Args:
+            edges_px: (J,) the disparities.
+            camera: the camera.
+            drift: ``particles.drift`` of the config.
+            sizes: the particles' diameters.
+            heights: the models' mean relief, see `Silhouette`.
+            near_m: depth of the near plane.
+
+        Returns:
+            (K, J) probabilities.
         """
         where = _unit_points()
         disparity = self.low_px[:, None] + (self.high_px - self.low_px)[:, None] * where[:, 0]
         radius = sizes.radius_px(camera, disparity, where[:, 1])
         height = heights[(where[:, 2] * len(heights)).astype(np.int64)]
         speed = drift.low + (drift.high - drift.low) * where[:, 3]
-        # Half a turn of headings covers both directions of an axis; a particle is at the path's middle at half its age.
+        # Half a turn of headings covers both directions of each axis. A particle is in the middle of its path at half
+        # its age.
         path, age = speed * path_px(camera, radius), where[:, 5] - 0.5
-        # In units of the depth of the path's middle, as all depths here.
+        # All depths here are in units of the depth of the path's middle.
         room = 1 - radius / camera.focal_px - near_m / camera.depth_m(disparity)
         nearest = 2 * np.maximum(room, 0.0)
         depth = 1 + age * np.clip(path * np.cos(np.pi * where[:, 4]) / camera.focal_px, -nearest, nearest)
-        # Particles that drift in are missing at the side they come from; on the right (on the left where disparity is
-        # negative) the other view's margin has them.
+        # Particles that drift sideways are missing at the side that they come from. On the right (or, with a negative
+        # disparity, on the left) the margin for the other view supplies them.
         sideways = age * path * np.sin(2 * np.pi * where[:, 4])
         missing = np.maximum(sideways - np.maximum(-disparity, 0), 0)
         missing += np.maximum(-sideways - np.maximum(disparity, 0), 0)
         shown = (disparity + camera.doffs_px) / (depth - height * radius / camera.focal_px) - camera.doffs_px
-        # A large particle covers more pixels. Particles that come nearer grow, but are as much farther apart.
+        # A larger particle covers more pixels. Particles that come nearer grow, but their distances grow as much.
         weight = np.where(room > 0, radius**2 / (radius**2).sum(axis=1, keepdims=True), 0.0)
         at_least = shown[:, :, None] >= edges_px
         return np.asarray(np.einsum("ks,ksj->kj", weight * np.maximum(1 - missing / camera.width_px, 0.0), at_least))
 
 
 def merge_bins(target: Histogram) -> Histogram:
-    """Merge neighbouring bins until there are 48 at most: particles are deeper than narrower bins."""
+    """Merge neighbouring bins until there are at most 48: narrower bins would be finer than particles are deep."""
     step = -(-len(target.shares) // _MOST_LAYERS)
     edges = np.append(target.edges_px[:-1:step], target.edges_px[-1])
     return target.rebinned(edges) if step > 1 else target
 
 
 def solve_coverage(shares: Floats, bare: Floats, exceedances: Floats, least: Floats, has_room: Bools) -> Floats:
-    """Solve the layers' mean coverages lambda, (..., K), by least squares of F between their limits.
+    """Find the layers' mean coverages lambda, within their limits, that bring F nearest to the wanted F.
 
-    The solver stands beside scipy's `lsq_linear`, because it solves the views of all pilot scenes at once: for 32 views
-    it takes a twentieth of the time. Importing scipy takes about as long as importing all else that samples scenes, and
-    scipy's solutions differ from these, so that existing datasets would change.
+    This solver takes the place of scipy's `lsq_linear`, because it solves the views of all pilot scenes at once: for 32
+    views it takes a twentieth of the time. Importing scipy takes about as long as importing everything else that
+    samples scenes. Its solutions differ, too, so existing datasets would change.
 
     Args:
         shares: (K,) wanted share of a view in each bin.
@@ -111,6 +124,9 @@ def solve_coverage(shares: Floats, bare: Floats, exceedances: Floats, least: Flo
         exceedances: (..., K, K - 1), `DepthLayers.exceedance` at the inner edges.
         least: (..., K) smallest coverages.
         has_room: (K,) whether the layer can hold particles.
+
+    Returns:
+        (..., K) coverages, from ``least`` to 4; 0 in layers without room.
     """
     wanted = np.maximum(np.cumsum(shares)[:-1], _CLOSED)
     usable = bare > 0
@@ -118,13 +134,14 @@ def solve_coverage(shares: Floats, bare: Floats, exceedances: Floats, least: Flo
     most = np.where(has_room, _DENSEST, 0.0)
     result, still_open = least, np.broadcast_to(wanted, bare.shape)
     for _ in range(2):
-        # An error of log F is an error of F where much is open, and no error where all is closed.
+        # Errors of log F matter in proportion to F: they are errors of F where much is open, and none where all is
+        # closed.
         weighted = exceedances * np.where(usable, np.maximum(still_open, wanted) ** 2, 0.0)[..., None, :]
         product = weighted @ np.swapaxes(exceedances, -1, -2)
         aim = weighted @ needed[..., None]
         # Fast projected gradient (Beck and Teboulle 2009); the diagonal matrix of row sums bounds the quadratic form.
         step = 1 / np.maximum(np.abs(product).sum(axis=-1), np.finfo(np.float64).tiny)
-        # In place: the arrays of one scene are so small that to make new ones takes longer than to fill them.
+        # In place: the arrays of one scene are so small that allocating new ones takes longer than filling them.
         momentum, before, ahead, result = 1.0, np.array(result), np.array(result), np.empty_like(result)
         change, gradient = np.empty_like(result), np.empty_like(aim)
         for _ in range(_ROUNDS):
@@ -145,7 +162,10 @@ def solve_coverage(shares: Floats, bare: Floats, exceedances: Floats, least: Flo
 
 
 def expected_shares(coverage: Floats, bare: Floats, exceedances: Floats) -> Floats:
-    """Return the shares of the view in the bins, (..., K), by the Boolean model; see `solve_coverage`."""
+    """Return the share of the view in each bin, (..., K), by the Boolean model.
+
+    ``coverage`` is (..., K); see `solve_coverage` for the other arguments.
+    """
     ends = np.zeros((*coverage.shape[:-1], 1))
     return np.diff(np.concatenate([ends, _open_shares(coverage, bare, exceedances), ends + 1], axis=-1))
 
@@ -156,9 +176,9 @@ def _open_shares(coverage: Floats, bare: Floats, exceedances: Floats) -> Floats:
 
 @cache
 def _unit_points() -> Floats:
-    """Evenly spread points of the unit cube of six dimensions, (128, 6): Roberts' sequence.
+    """Return points that are evenly spread over the unit cube of six dimensions, (128, 6): Roberts' sequence.
 
-    Its steps are powers of the root of x^(d + 1) = x + 1.
+    Its steps are the negative powers -1 to -d of the root of x^(d + 1) = x + 1, for d = 6.
     """
     root = 1.5
     for _ in range(50):

@@ -1,4 +1,4 @@
-"""What stands, lies and hangs in a room."""
+"""The furniture of a room: things that stand, lie and hang in it."""
 
 from typing import Final
 
@@ -37,7 +37,7 @@ _STANDING: Final[Diameters] = {
     "capsule": (0.5, 0.9),
 }
 _FURNITURE: Final = {name: _STANDING[name] for name in ("table", "bookcase", "shelf", "cuboid", "cube")}
-"""Things with a flat top, on which small things stand: half of all that stands."""
+"""Things with a flat top, on which small things stand; half of the furniture is drawn from these only."""
 _AT_WALLS: Final = frozenset({"bookcase", "shelf", "picture_frame", "bench", "clothes_rack", "stairs"})
 _SMALL: Final[Diameters] = {
     "bottle": (0.2, 0.35),
@@ -83,7 +83,10 @@ _TRIES = 8
 
 
 def furnish(room: Arrangement, section: RoomSection, walls: tuple[Wall, ...]) -> None:
-    """Put things into a room. Its walls are the wall ahead, the right wall and the left wall."""
+    """Put things into a room, by the numbers that the config draws.
+
+    The walls are the wall ahead, the right wall and the left wall. Wall places that things take are marked as taken.
+    """
     rng = room.rng
     tops: list[int] = []
     if rng.random() < section.rug:
@@ -108,7 +111,10 @@ def furnish(room: Arrangement, section: RoomSection, walls: tuple[Wall, ...]) ->
 
 
 def fill_niche(room: Arrangement, wall: Wall, low: Corner, high: Corner, deep_m: float) -> None:
-    """Stand small things in a wall's niche, which reaches from one corner to the opposite one."""
+    """Stand small things in a niche of a wall.
+
+    The niche reaches from one corner (u, v), shares of the wall's edges, to the opposite one, and ``deep_m`` into it.
+    """
     for share in (np.arange(4) + room.rng.uniform(0.2, 0.8, 4)) / 4:
         picked = room.pick(_SMALL)
         if picked is not None and room.rng.random() < 0.8:
@@ -117,7 +123,7 @@ def fill_niche(room: Arrangement, wall: Wall, low: Corner, high: Corner, deep_m:
 
 
 def _on_top(room: Arrangement, number: int) -> tuple[float, float, float] | None:
-    """Draw a place on top of a thing; None where its top is not level there."""
+    """Draw a place (x, y, z) on top of the thing with a number; return None where the top is not level there."""
     low, high = room.catalogue.low[room.model[number]], room.catalogue.high[room.model[number]]
     matrix, spot = room.floor_from_model[number], low + (high - low) * (*room.rng.uniform(0.12, 0.88, 2), 1)
     x, y, _ = matrix[:3, :3] @ spot + matrix[:3, 3]
@@ -126,7 +132,7 @@ def _on_top(room: Arrangement, number: int) -> tuple[float, float, float] | None
 
 
 def _on_floor(room: Arrangement, walls: tuple[Wall, ...]) -> tuple[float, float]:
-    """Draw a place on the floor, inside the walls, within the view's angle or just beside it."""
+    """Draw a place (x, y) on the floor, inside the walls, within the view's angle or just beside it."""
     camera, pose = room.view.camera, room.view.camera_from_floor
     ahead, right, left = walls[0].corner[1], walls[1].corner[0], walls[2].corner[0]
     x, y = 0.0, 0.0
@@ -148,7 +154,7 @@ def _on_floor(room: Arrangement, walls: tuple[Wall, ...]) -> tuple[float, float]
 
 
 def _add_standing(room: Arrangement, walls: tuple[Wall, ...]) -> int | None:
-    """Stand a piece of furniture; return its number where it has a flat top."""
+    """Stand a piece of furniture at a free place, if there is one; return its number where it has a flat top."""
     rng = room.rng
     picked = room.pick(_FURNITURE if rng.random() < 0.5 else _STANDING)
     if picked is None:
@@ -190,7 +196,7 @@ def _add_pillar(room: Arrangement, walls: tuple[Wall, ...]) -> None:
 
 
 def _hang(room: Arrangement, walls: tuple[Wall, ...]) -> None:
-    """Hang a picture, or a thing, on a wall; not before a doorway, a niche or what hangs there already."""
+    """Hang a picture or another thing on a wall, clear of doorways, niches and whatever hangs there already."""
     rng = room.rng
     picked = room.pick(_HANGING) if rng.random() < 0.3 else None
     for _ in range(_TRIES):
@@ -214,7 +220,10 @@ def _hang(room: Arrangement, walls: tuple[Wall, ...]) -> None:
 
 
 def _hang_picture(room: Arrangement, wall: Wall, corner: Floats, wide: float, high: float, thick: float) -> bool:
-    """Hang a picture with its corner at the top left on a wall; False where it comes too near, and is not added."""
+    """Hang a picture on a wall; return False, without adding it, where it would come too near to the camera.
+
+    ``corner`` (3,) is its top left corner on the wall; ``wide``, ``high`` and ``thick`` are in metres.
+    """
     corner = corner - thick * wall.out
     across, down = wall.right / wall.length_m * wide, wall.down / np.linalg.norm(wall.down) * high
     if (room.view.depth_m(np.array([corner, corner + across, corner + down])) <= room.view.near_m).any():
@@ -227,7 +236,7 @@ def _hang_picture(room: Arrangement, wall: Wall, corner: Floats, wide: float, hi
 
 
 def _hang_curtain(room: Arrangement, wall: Wall) -> None:
-    """Hang a curtain from the ceiling, or from below it, before a wall."""
+    """Hang a curtain before a wall, from just below the ceiling."""
     picked = room.pick({"curtain": (1.0, 1.0)})
     if picked is None:
         return

@@ -1,6 +1,6 @@
-"""A glance at a scene: what each of a few hundred rays of the left view hits first, for all triangles at once.
+"""A glance at a scene: the first hits of the left view's rays on a coarse grid, for all triangles at once.
 
-The ray caster gives the same answer one instance after the other, which takes longer.
+The ray caster finds the same hits instance by instance, which takes longer.
 """
 
 from collections.abc import Sequence
@@ -17,16 +17,19 @@ from semisynth_gl.scene.scene import Scene, placed_vertices
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Glance:
-    """What R rays of the left view hit first."""
+    """The first hits of R rays of the left view."""
 
-    depth_m: Floats  # (R,) planar depth; inf where nothing is hit, or the sky
-    instance: Ints  # (R,), -1 where nothing is hit
-    uv: Floats  # (R, 2) the model's UV there
+    depth_m: Floats  # (R,) planar depth; inf where a ray hits the sky or nothing
+    instance: Ints  # (R,) index of the instance that is hit; -1 where a ray hits nothing
+    uv: Floats  # (R, 2) the model's UV at the hit; 0 where a ray hits nothing
 
 
 def glance(scene: Scene, models: Sequence[Mesh]) -> Glance:
-    """Look at a scene on the coarse grid of `grid_px`; ``scene.model`` counts the models."""
-    # Points with their UV, and the triangles between them.
+    """Return the first hits of the left view's rays through the points of `grid_px`.
+
+    ``scene.model`` holds indices into ``models``.
+    """
+    # Points with their UV, the triangles between the points, and the instance that owns each triangle.
     points, triangles, owners, count = [np.empty((0, 5))], [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)], 0
     for number in range(len(scene)):
         mesh = models[int(scene.model[number])]
@@ -46,12 +49,12 @@ def glance(scene: Scene, models: Sequence[Mesh]) -> Glance:
 
 
 def _cut(corners: Floats, near_m: float) -> Floats:
-    """Return the parts of triangles (T, 3, 5) beyond the near plane, as triangles (U, 3, 5)."""
+    """Return the parts of triangles (T, 3, 5), x y z u v, that lie beyond the near plane, as triangles (U, 3, 5)."""
     beyond = corners[..., 2] >= near_m
     count = np.count_nonzero(beyond, axis=1)
     crossing = np.flatnonzero((count == 1) | (count == 2))
     one, beyond = count[crossing] == 1, beyond[crossing]
-    # The corner that lies alone on its side of the plane comes first.
+    # The corner that is the only one on its side of the plane comes first.
     odd = np.where(one, beyond.argmax(axis=1), beyond.argmin(axis=1))
     first, second, third = (corners[crossing, (odd + k) % 3] for k in range(3))
 
@@ -70,9 +73,13 @@ def _cut(corners: Floats, near_m: float) -> Floats:
 
 
 def _rasterised(scene: Scene, points: Floats, triangles: Ints, owner: Ints) -> Glance:
-    """Return what the rays hit first of triangles, each of which an instance owns.
+    """Return the rays' first hits on T triangles.
 
-    Points (V, 5) are x, y and z in metres, and u and v; each column of ``triangles``, (3, T), names three of them.
+    Args:
+        scene: the scene.
+        points: (V, 5) x, y and z in metres, and u and v.
+        triangles: (3, T) the numbers of each triangle's three points.
+        owner: (T,) the instance that each triangle belongs to.
     """
     camera, inverse = scene.camera, 1 / points[:, 2]
     sides = zip((0, 1), (camera.width_px, camera.height_px), (camera.cx_left_px, camera.cy_px), strict=True)
@@ -81,14 +88,14 @@ def _rasterised(scene: Scene, points: Floats, triangles: Ints, owner: Ints) -> G
         for axis, size_px, middle_px in sides
     )
     triangle, cell, u, v = covered_cells(x, y, triangles, *GRID)
-    # 1 / Z is linear on the screen.
+    # 1 / Z is linear over the image.
     own = inverse[triangles[:, triangle]].T
     depth_m = 1 / (own[:, 0] + u * (own[:, 1] - own[:, 0]) + v * (own[:, 2] - own[:, 0]))
     shown_m = np.where(scene.sky[owner[triangle]], np.inf, depth_m)
     order = np.lexsort((shown_m, cell))
     hit, first_of_cell = np.unique(cell[order], return_index=True)
     first = order[first_of_cell]
-    # So is UV over Z.
+    # UV / Z is linear, too.
     share = np.stack([1 - u - v, u, v], axis=1)[first] * own[first] * depth_m[first, None]
     rays = GRID[0] * GRID[1]
     seen = Glance(np.full(rays, np.inf), np.full(rays, -1), np.zeros((rays, 2)))

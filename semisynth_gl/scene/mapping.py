@@ -8,33 +8,33 @@ from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.scene import Bools, Floats
 
-# Large patches are enlarged up to this factor so that they do not repeat.
+# Largest factor by which large patches are enlarged so that they do not repeat.
 _ENLARGED = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surfaces:
-    """The surfaces of N instances, as their patches have to cover them."""
+    """The surfaces of N instances, measured for the patches that cover them."""
 
     depth_m: Floats  # (N,) the depth at which the mapping scale holds
-    unit_m: Floats  # (N, 2) length of one UV unit
+    unit_m: Floats  # (N, 2) lengths of one unit of u and of v
     low: Floats  # (N, 2) the lowest UV that is seen
     high: Floats  # (N, 2) the highest UV that is seen
-    large: Bools  # (N,) whether it wears a large patch however little of it is seen
+    large: Bools  # (N,) whether a surface wears a large patch however little of it is seen
 
     def __add__(self, other: "Surfaces") -> "Surfaces":
         both = ((getattr(self, key.name), getattr(other, key.name)) for key in fields(self))
         return Surfaces(*(np.concatenate(pair) for pair in both))
 
     def extent_px(self, camera: StereoCamera) -> Floats:
-        """Return what is seen of each surface, (N, 2): its lengths on the screen as if it faced the camera."""
+        """Return the lengths in px, along u and v, of each surface's visible part if it faced the camera, (N, 2)."""
         return np.asarray((self.high - self.low) * self.unit_m * (camera.focal_px / self.depth_m)[:, None])
 
 
 def wears_large(surfaces: Surfaces, camera: StereoCamera, section: TexturesSection, texels: Floats) -> Bools:
-    """Return which surfaces wear a large patch, (N,): the large ones, and those on which a small one would repeat.
+    """Return which surfaces wear a large patch, (N,): large surfaces, and those on which a small patch would repeat.
 
-    There are ``texels``, (N,), per pixel where a surface faces the camera at its depth.
+    ``texels`` (N,) are the texels per pixel of each surface where it faces the camera at its depth.
     """
     return np.asarray(surfaces.large | (surfaces.extent_px(camera).max(axis=1) * texels > section.patch_px))
 
@@ -42,21 +42,29 @@ def wears_large(surfaces: Surfaces, camera: StereoCamera, section: TexturesSecti
 def map_patches(
     surfaces: Surfaces, camera: StereoCamera, section: TexturesSection, texels: Floats, place: Floats, large: Bools
 ) -> tuple[Floats, Floats]:
-    """Lay patches on surfaces: small ones anywhere, large ones so that they do not repeat where that is possible.
+    """Lay patches on N surfaces: small patches anywhere, large patches so that they do not repeat if that is possible.
 
-    There are ``texels``, (N,), per pixel where a surface faces the camera at its depth; ``place``, (N, 2) from 0 to 1,
-    is where its patch lies. Return the patches per UV unit and the offset in patches, (N, 2) each.
+    Args:
+        surfaces: the surfaces.
+        camera: the camera.
+        section: the config's textures.
+        texels: (N,) texels per pixel where a surface faces the camera at its depth.
+        place: (N, 2) uniform numbers from 0 to 1 that say which part of its patch a surface shows.
+        large: (N,) whether a surface wears a large patch.
+
+    Returns:
+        Patches per UV unit, and offsets in patches, (N, 2) each: `Scene.uv_scale` and `Scene.uv_offset`.
     """
-    # At a large surface's depth, where it faces the camera, one patch spans the view at least.
+    # One patch spans at least the width of the view on a large surface that faces the camera.
     spanning = large & surfaces.large
     texels = np.where(spanning, np.minimum(texels, section.large_px / camera.width_px), texels)
     patch_px = np.where(large, section.large_px, section.patch_px)
     if large.any():
         seen = surfaces.extent_px(camera).max(axis=1) * texels / patch_px
         texels = np.where(large, texels / np.clip(seen, 1.0, _ENLARGED), texels)
-    # A patch at its own resolution covers this part of a ray's slope X / Z, inverted.
+    # At one texel per pixel, this many patches cover a unit of a ray's slope X / Z.
     patches_per_slope = camera.focal_px / patch_px
     scale = surfaces.unit_m * (patches_per_slope * texels / surfaces.depth_m)[:, None]
-    # What is seen lies between two borders of the patch, at which it would be mirrored.
+    # The visible part must lie between two borders of the patch, since the patch is mirrored beyond them.
     free = 1 - (surfaces.high - surfaces.low) * scale
     return scale, np.where(large[:, None], place * free - surfaces.low * scale, place)

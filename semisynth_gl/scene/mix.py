@@ -1,4 +1,4 @@
-"""The scenes of a dataset, each sequence by the recipe that it takes."""
+"""The scenes of a dataset with several recipes, of which each sequence takes one."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,17 +19,17 @@ from semisynth_gl.scene.scene import Motion, Scene
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
-# Sequences among which the first one of a recipe is sought.
+# Number of sequences that are searched for the first one of each recipe.
 _SOUGHT = 100_000
-# Multiples of this number spread over [0, 1) almost as evenly as multiples of the golden ratio. Its root is unrelated
-# to the roots that share out the numbers of particles: 221 is 13 times 17, and they are roots of primes.
+# Multiples of this number, modulo 1, spread over [0, 1) almost as evenly as multiples of the golden ratio. The root of
+# 221 = 13 * 17 is unrelated to the roots of primes that share out the numbers of particles.
 _STEP = (221**0.5 - 11) / 10
 
 
 class Shares:
-    """Shares out sequences among recipes, so that successive sequences have each recipe as often as its share says.
+    """Shares out sequences among recipes: among successive sequences, each recipe is as frequent as its share says.
 
-    Shares, (R,), are above 0 and have the sum 1. The seed draws where the sequence of recipes begins.
+    The R ``shares`` are above 0 and add up to 1. The ``seed`` decides where the order of recipes begins.
     """
 
     def __init__(self, shares: Sequence[float], seed: int) -> None:
@@ -41,7 +41,10 @@ class Shares:
         return int(self._recipes(np.array(sequence)))
 
     def firsts(self) -> dict[int, int]:
-        """Return the first sequence of each recipe by the recipe's number; recipes of a tiny share are left out."""
+        """Return the first sequence of each recipe, by the recipe's number.
+
+        Recipes whose share is so tiny that the first 100,000 sequences have none of them are left out.
+        """
         numbers, sequences = np.unique(self._recipes(np.arange(_SOUGHT)), return_index=True)
         return dict(zip(numbers.tolist(), sequences.tolist(), strict=True))
 
@@ -53,11 +56,14 @@ class Shares:
 class MixSampler:
     """Samples the scenes of one dataset.
 
-    A sequence's scene is the one that a config of its recipe alone, with the same seed, has for the same sequence; but
-    where recipes state their layers or a target of their own, the others are solved for what the dataset's target then
-    lacks.
+    A sequence has the scene that a config of only its recipe, with the same seed, has for that sequence. There is one
+    exception: where some recipes state their layers or a target of their own, the remaining recipes are solved for the
+    part of the dataset's target that these leave open.
 
     The libraries, one for each recipe, and the atlas's patches come from the same config and seed.
+
+    Raises:
+        InputError: where a recipe's target cannot be met.
     """
 
     def __init__(
@@ -81,11 +87,11 @@ class MixSampler:
         rest = self._rest(stated) if 0 < len(stated) < len(made) else None
         by_name = stated | samplers(solved=True, wanted=rest)
         self.samplers = tuple(by_name[recipe.name] for recipe in self.recipes)
-        # Those that `Scene.model` counts: the models of still things, then the models of all recipes.
+        # The models that `Scene.model` refers to: the models of still things, then the models of all recipes.
         self.models: tuple[Mesh, ...] = self.samplers[0].models
 
     def sample(self, index: int, attempt: int = 0) -> SampledScene:
-        """Sample the scene of pair ``index``; see `SceneSampler.sample`. All attempts take the same recipe."""
+        """Sample the scene of pair ``index``; see `SceneSampler.sample`. All attempts use the same recipe."""
         sampler = self._sampler(index // self._sequence_pairs)
         with _named(sampler.recipe):
             return sampler.sample(index, attempt)
@@ -107,9 +113,9 @@ class MixSampler:
         return self._sampler(sampled.sequence).instance_table(sampled)
 
     def expected(self) -> Histogram:
-        """Return the mean distribution of the disparities of the dataset's pairs; see `Population.expected`.
+        """Return the mean distribution of the disparities of the dataset's pairs.
 
-        `Population.expected` is for the longest baseline; this covers all of them, see `Config.across_baselines`.
+        It covers all baselines (see `Config.across_baselines`), where `Population.expected` covers the longest one.
         """
         both = zip(self.recipes, self.samplers, strict=True)
         parts = [(recipe.share, recipe.config.across_baselines(self._expected(sampler))) for recipe, sampler in both]
@@ -118,10 +124,10 @@ class MixSampler:
         return mix_histograms(parts, merge_bins(self._config.shown_histogram()).edges_px)
 
     def overview(self, pairs: int) -> list[int]:
-        """Return the numbers of so many pairs, 1 or more, that show each recipe, in their order.
+        """Return the numbers of some ``pairs``, at least 1, that show as many recipes as possible, in ascending order.
 
-        They are the first pair of each recipe, the more frequent recipes before the others, and then the first pairs of
-        the dataset that are not among these.
+        The first pair of each recipe is taken, beginning with the most frequent recipe, and then the first of the
+        dataset's other pairs.
         """
         firsts = self._shares.firsts()
         frequent = sorted(firsts, key=lambda number: (-self.recipes[number].share, firsts[number]))
@@ -129,7 +135,7 @@ class MixSampler:
         return sorted(list(dict.fromkeys([*chosen, *range(pairs)]))[:pairs])
 
     def in_view(self) -> list[InView]:
-        """Return what the pairs of each recipe show on average; see `Population.in_view`."""
+        """Return what the left views of each recipe show on average; see `Population.in_view`."""
         seen = []
         for sampler in self.samplers:
             with _named(sampler.recipe):
@@ -141,13 +147,13 @@ class MixSampler:
             return sampler.population.expected()
 
     def _rest(self, others: Mapping[str | None, SceneSampler]) -> Histogram:
-        """Return what the target of the mix lacks beside other recipes."""
+        """Return the part of the mix's target that other recipes leave open."""
         target = self._config.wanted_histogram()
         rest = target.shares.copy()
         for recipe in self.recipes:
             if recipe.name in others:
                 rest -= recipe.share * self._expected(others[recipe.name]).rebinned(target.edges_px).shares
-        # Where the others show more than is wanted of some disparities, no recipe can take that back.
+        # Where the other recipes show too much of some disparities, no recipe can take that back.
         return Histogram.from_counts(target.edges_px, np.maximum(rest, 0))
 
     def _sampler(self, sequence: int) -> SceneSampler:
@@ -156,7 +162,7 @@ class MixSampler:
 
 @contextmanager
 def _named(recipe: str | None) -> Iterator[None]:
-    """Name the recipe in errors of its scenes."""
+    """Name the recipe in each InputError that its scenes raise."""
     try:
         yield
     except InputError as error:

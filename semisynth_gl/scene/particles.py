@@ -1,13 +1,12 @@
 """The particle system: an emission plane above each depth layer releases models that fall, drift and spin.
 
-All positions are in closed form, so any moment can be computed alone. A slot is one stream of models: it keeps its
-layer, depth, size and speed, and releases one model after the other. Model number g of a slot (its generation) leaves
+All positions are in closed form, so any moment can be computed directly. A slot is one stream of models: it keeps its
+layer, depth, size and speed, and releases one model after another. Model number g of a slot (its generation) leaves
 the emission plane when model g - 1 has fallen out of the view, so the number of particles per layer stays constant. A
 slot may rest: then it shows its first model, which stays where it lies.
 
-Nothing in view appears or disappears: a path begins and ends where its model is just out of both views, and its drift
-in depth is limited so that the model stays beyond the near plane. A slot whose depth leaves no room for that shows
-nothing.
+No model appears or disappears in view: a path begins and ends just outside both views, and its drift in depth is
+limited so that the model stays beyond the near plane. A slot that is too near for this shows nothing.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -32,13 +31,15 @@ class Slots:
     """S streams of falling models."""
 
     depth_m: Floats  # (S,) planar depth of the path's middle
-    disparity_px: Floats  # (S,) disparity there
-    radius_px: Floats  # (S,) radius of the bounding sphere on the screen
+    disparity_px: Floats  # (S,) disparity of the path's middle
+    radius_px: Floats  # (S,) radius of the bounding sphere in the image, at the depth of the path's middle
     period_s: Floats  # (S,) time from the emission plane to the end of the view
     phase: Floats  # (S,) age at time 0, in periods, in [0, 1)
-    path_m: Floats  # (S,) length of a path that does not drift
-    room_m: Floats  # (S,) how much nearer than its path's middle a model may come; 0 or less where it is too near there
-    view: Height
+    path_m: Floats  # (S,) length that the path would have without drift
+    room_m: (
+        Floats  # (S,) how much nearer than its path's middle a model may come; 0 or less where the middle is too near
+    )
+    view: Height  # where both views end above and below
     resting: Mapping[int, Floats] = field(default_factory=dict)  # poses (4, 4) of the models that rest, by slot
 
     def __len__(self) -> int:
@@ -46,7 +47,7 @@ class Slots:
 
     @property
     def shown(self) -> Bools:
-        """(S,) bool, whether a slot shows its models: those that keep clear of the near plane, or rest."""
+        """(S,) bool, whether a slot shows its models: it does where they keep clear of the near plane, or rest."""
         shown = self.room_m > 0
         shown[list(self.resting)] = True
         return shown
@@ -65,7 +66,7 @@ class Release:
     start_px: Floats  # (S,) image x of the path's middle, left view
     quaternion: Floats  # (S, 4) rotation at release, x y z w
     axis: Floats  # (S, 3) unit axis of the spin
-    spin_rad_s: Floats  # (S,)
+    spin_rad_s: Floats  # (S,) speed of the spin
     drift: Floats  # (S, 2) speed in x and z relative to the speed downwards
     scale: Floats  # (S, 3) scale along the model's axes relative to its radius, the largest 1
 
@@ -76,17 +77,17 @@ class Sizes:
 
     low: float
     high: float
-    metric: bool = False  # whether diameters are in metres, so that far models are smaller on the screen, or in pixels
+    metric: bool = False  # whether diameters are in metres, so that far models look smaller; else they are in pixels
 
     def radius_px(self, camera: StereoCamera, disparity_px: Floats, quantile: Floats) -> Floats:
-        """Return the radius on the screen of quantiles at disparities; both broadcast."""
+        """Return the radii, px, that quantiles of the sizes (0 to 1) have at disparities; the two arrays broadcast."""
         radius = self.low / 2 * (self.high / self.low) ** quantile
         if self.metric:
             radius = radius * camera.focal_px / camera.depth_m(disparity_px)
         return np.broadcast_to(radius, np.broadcast_shapes(radius.shape, disparity_px.shape))
 
     def scaled(self, factor: float) -> "Sizes":
-        """Return sizes that are larger by a factor."""
+        """Return these sizes times a factor."""
         return Sizes(self.low * factor, self.high * factor, self.metric)
 
 
@@ -103,9 +104,9 @@ def stated_sizes(section: ParticlesSection, layer: DepthLayerSection | None = No
 class Batch:
     """Particles of one range of disparities."""
 
-    low_px: float
-    high_px: float
-    count: int
+    low_px: float  # lowest disparity of a path's middle
+    high_px: float  # highest disparity of a path's middle
+    count: int  # number of particles
     sizes: Sizes
 
 
@@ -118,14 +119,17 @@ class StatedLayer:
     sizes: Sizes
 
     def batch(self, rng: np.random.Generator) -> Batch:
-        """Draw its number of particles, rounded."""
+        """Return the layer's particles, with a number drawn from its range and rounded."""
         return Batch(self.disparity_px.low, self.disparity_px.high, round(self.count.draw(rng)), self.sizes)
 
 
 def stated_layers(
     layers: Sequence[DepthLayerSection], section: ParticlesSection, wanted: Histogram
 ) -> tuple[StatedLayer, ...]:
-    """Return the layers that a config states; layers without disparities get the range of most wanted pixels."""
+    """Return the layers that a config states.
+
+    Layers without disparities get the range from the first to the last decile of the ``wanted`` distribution.
+    """
     middle = Range(wanted.quantile(0.1), wanted.quantile(0.9))
     return tuple(
         StatedLayer(layer.disparity_px or middle, layer.count, stated_sizes(section, layer)) for layer in layers
@@ -133,9 +137,9 @@ def stated_layers(
 
 
 def expected_cover(camera: StereoCamera, sizes: Sizes, disparity_px: Floats, fill: float) -> Floats:
-    """Return the mean number of times that one particle of a layer covers a pixel of the view, (K,).
+    """Return how many times, on average, one particle of each layer covers a pixel of the left view, (K,).
 
-    The layers lie at disparities (K,); ``fill`` comes from the models' mean `Silhouette`.
+    The layers lie at disparities (K,); ``fill`` is that of the models' mean `Silhouette`.
     """
     radius = sizes.radius_px(camera, disparity_px[:, None], _QUANTILES)
     area = fill * np.pi * radius**2 * _mean_secant(camera)
@@ -151,7 +155,7 @@ def expected_in_view(camera: StereoCamera, sizes: Sizes, disparity_px: Floats) -
 
 
 def _mean_secant(camera: StereoCamera) -> float:
-    """Return the mean factor by which things are larger towards the sides of the left view than in its middle.
+    """Return the mean factor, over the left view, by which the image enlarges areas compared with its middle.
 
     A surface of area a that faces a ray at an angle t to the axis, at depth Z, takes the solid angle a cos(t)^2 / Z^2,
     and a solid angle takes f^2 / cos(t)^3 of the picture: together 1 / cos(t) of the area in the middle.
@@ -167,7 +171,7 @@ def _release_width_px(camera: StereoCamera, disparity_px: Floats, radius_px: Flo
 
 
 def path_px(camera: StereoCamera, radius_px: Floats) -> Floats:
-    """Return how many rows of the left image a particle passes on its way through both views of a rig at rest."""
+    """Return the lengths in px of particles' paths through both views of a rig at rest; any shape."""
     view = height_of_view(camera)
     return np.asarray((view.bottom - view.top) * camera.focal_px + sum(view.secants) * radius_px)
 
@@ -180,7 +184,11 @@ def draw_slots(
     near_m: float = 0.0,
     sway: Sway = STILL,
 ) -> Slots:
-    """Draw the slots of one sequence: the batches, cut in proportion where there are more than ``section.most``."""
+    """Draw the slots of one sequence, one for each particle of the batches.
+
+    Batches of more than ``section.most`` particles together are cut in proportion. ``near_m`` is the depth of the near
+    plane, which the models keep clear of at any moment of the sway.
+    """
     counts = np.array([batch.count for batch in batches], np.int64)
     if counts.sum() > section.most:
         counts = counts * section.most // counts.sum()
@@ -208,7 +216,7 @@ def draw_release(camera: StereoCamera, section: ParticlesSection, slots: Slots, 
     """Draw the release of every slot's model of one generation."""
     total = len(slots)
     width = _release_width_px(camera, slots.disparity_px, slots.radius_px)
-    # What has a negative disparity comes into the right view from the left.
+    # Particles of negative disparity enter the right view from the left.
     start = rng.random(total) * width - slots.radius_px - 0.5 + np.minimum(slots.disparity_px, 0)
     quaternion = rng.normal(size=(total, 4))
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
@@ -227,7 +235,7 @@ class Particles:
 
     generation: Ints  # (S,) number of the model in its slot
     radius_m: Floats  # (S,) radius of the bounding sphere
-    world_from_model: Floats  # (S, 4, 4) places models of radius 1
+    world_from_model: Floats  # (S, 4, 4) poses of models of radius 1
 
 
 def particles_at(
@@ -239,12 +247,17 @@ def particles_at(
 ) -> Particles:
     """Place every slot's model at any time, directly and without stepping.
 
-    By default this is the model that the slot shows at that time. A model of another generation, (S,), continues its
-    path, before its release and after its end. ``release`` returns the release of all slots for a generation.
+    Args:
+        camera: the camera.
+        slots: the slots.
+        release: returns the release of all slots for the number of a generation.
+        time_s: the time.
+        generation: (S,) the model of each slot; by default the one that the slot shows at that time. Other models go on
+            along their paths, before their release and after their end.
     """
     if generation is None:
         generation = slots.generation(time_s)
-    # Periods since the release: 0 to 1 for a model that its slot shows.
+    # Periods since the release: 0 to 1 while the slot shows the model.
     age = time_s / slots.period_s + slots.phase - generation
     metre = slots.depth_m / camera.focal_px
     matrix = np.tile(np.eye(4), (len(slots), 1, 1))

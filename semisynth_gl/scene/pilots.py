@@ -1,7 +1,7 @@
-"""Pilot scenes, of which only camera and background are drawn: what a dataset's scenes show without particles.
+"""Pilot scenes, in which only camera, background and structures are drawn: a dataset's scenes without particles.
 
-Each process that renders a dataset needs them before its first pair, and a room takes longer to furnish than to draw.
-So they are kept in the cache.
+Each process that renders a dataset needs them before its first pair, and furnishing a room takes longer than rendering
+it. So the cache keeps them.
 """
 
 import hashlib
@@ -24,18 +24,18 @@ _KEYS = (Purpose.CAMERA, Purpose.BACKGROUND, Purpose.STRUCTURES, Purpose.SWAY, P
 # The sections that `draw_stage` reads.
 _SECTIONS = {"camera", "rig", "disparity", "background", "room", "street", "structures"}
 VERSION = 1
-"""Raised when pilot scenes come out otherwise; see `semisynth_gl.cache.lookup`."""
+"""To be raised by each change of the code that changes pilot scenes; see `semisynth_gl.cache.lookup`."""
 
 
 class Pilot(NamedTuple):
     """A pilot scene."""
 
     camera: StereoCamera
-    bare_px: Floats  # flat, disparities over its left view without particles
+    bare_px: Floats  # (R,) finite disparities on a coarse grid over the left view, without particles
 
 
 def draw_pilots(config: Config, seed: int, catalogue: Catalogue) -> list[Pilot]:
-    """Draw the pilot scenes of a recipe, or load them from the cache.
+    """Draw the 32 pilot scenes of a recipe, or load them from the cache.
 
     Raises:
         InputError: where a disparity of the config lies beyond infinity, or a far plane would have to be endless.
@@ -62,7 +62,7 @@ def _draw_pilot(config: Config, seed: int, number: int, catalogue: Catalogue) ->
 
 
 def _digest(catalogue: Catalogue) -> str:
-    """Return the SHA-256 of all that things at rest are picked by, and made of."""
+    """Return the SHA-256 of the names by which still things are picked, and of the models."""
     digest = hashlib.sha256()
     for name, numbers in catalogue.by_name.items():
         digest.update(f"{name!r} {numbers.tolist()}\n".encode())

@@ -1,8 +1,8 @@
 """The numbers of particles in a scene, by depth layer and size, for the dataset's wanted disparities.
 
-Each scene is solved for itself, with its own camera and background. Where a wall keeps a scene from the target, the
-other scenes make up for it: pilot scenes, of which only camera and background are drawn, give the dataset's mean, and
-the aim of all scenes is shifted until the mean is the target.
+Each scene is solved separately, with its own camera and background. Where a wall keeps a scene from the target, the
+other scenes compensate: pilot scenes, in which only camera, background and structures are drawn, give the dataset's
+mean, and the aim of all scenes is shifted until the mean is the target.
 """
 
 from collections.abc import Sequence
@@ -24,35 +24,41 @@ from semisynth_gl.scene.pilots import Pilot, draw_pilots
 from semisynth_gl.scene.rig import check_reachable, near_depth_m
 from semisynth_gl.seeds.seeds import Purpose, generator
 
+# Number of pilot scenes in which objects are counted to find the sizes for a density.
 _COUNTED_PILOTS = 8
+# Number of times that the aim is shifted towards the target.
 _CORRECTIONS = 6
+# Number of objects in view for each density, relative to the stated sizes.
 _DENSITY = {"sparse": 1 / 3, "default": 1.0, "dense": 3.0}
-# A range of densities is solved at so many numbers, and its mean is taken over so many.
+# Numbers of densities in a range: those that are solved, and those over which a mean is taken.
 _DENSITIES, _QUANTILES = 4, 32
+# Smallest factor of the stated sizes.
 _SMALLEST = 0.05
+# Largest mean number of particles in a scene, in units of particles.most.
 _BEYOND_MOST = 2.0
+# Number of bisections in the search for a factor of sizes.
 _HALVINGS = 10
-# Multiples of their roots, which are irrational and unrelated, spread evenly over [0, 1) for each layer by itself.
-# These are 50 primes, for 48 layers at most and the density.
+# Multiples of the roots of primes, modulo 1, spread evenly over [0, 1) for each layer separately, since the roots are
+# irrational and unrelated. There are 50 primes, for at most 48 layers and the density.
 _OF_DENSITY = 48
 _PRIMES = np.array([n for n in range(2, 230) if all(n % k for k in range(2, n))], np.float64)
-# The aim for a bin keeps this share of itself in each correction: from 0 it could not rise again.
+# Smallest share of the aim for a bin that each correction leaves: from 0 the aim could not rise again.
 _LEAST_OF_AIM = 0.1
-# A background is never bare: particles of the background's layer cover a pixel this often.
+# Smallest mean coverage of the background's layer, so that no background is bare.
 _POPULATED = 0.5
 
 
 class InView(NamedTuple):
-    """What the left views show on average, by the Boolean model."""
+    """The average content of the left views, by the Boolean model."""
 
     objects: float  # number of particles that reach into the view
-    still: float  # share of the view, 0 to 1, that shows background, structures and things at rest
+    still: float  # share of the view, 0 to 1, that shows background, structures and other still things
 
 
 class _Views(NamedTuple):
     """The effect of particles in K layers on V views."""
 
-    bare: Floats  # (V, K - 1) share of the view that shows less than each inner edge without solved particles
+    bare: Floats  # (V, K - 1) share of the view below each inner edge of the target's bins, without solved particles
     exceedances: Floats  # (V, K, K - 1), see `DepthLayers.exceedance`
     least: Floats  # (V, K) smallest coverages
     cover: Floats  # (V, K) coverage that one particle adds
@@ -62,11 +68,11 @@ class _Aim(NamedTuple):
     """The aim that each scene is solved for."""
 
     shares: Floats  # (K,) in the target's bins
-    achieved: Floats  # (K,) mean shares of scenes that are solved for it
-    sizes: Sizes  # of the particles
+    achieved: Floats  # (K,) mean shares in scenes that are solved for this aim
+    sizes: Sizes  # sizes of the particles
 
     def towards(self, other: "_Aim", share: float) -> "_Aim":
-        """Return an aim at a share of the way to another one."""
+        """Return the aim at a share, 0 to 1, of the way to another aim."""
         shares, achieved = (
             mine + share * (its - mine) for mine, its in ((self.shares, other.shares), (self.achieved, other.achieved))
         )
@@ -74,10 +80,17 @@ class _Aim(NamedTuple):
 
 
 class Population:
-    """Numbers of particles for the scenes of one dataset, whose models have a mean silhouette.
+    """Numbers of particles for the scenes of one dataset.
 
-    The seed and the catalogue are for the pilot scenes. By default the config's distribution is wanted; ``target`` is
-    the wanted distribution in bins that depth layers can follow.
+    Args:
+        config: the config of a recipe.
+        seed: the dataset's seed.
+        silhouette: mean silhouette of the models.
+        catalogue: models for the still things of pilot scenes.
+        wanted: the wanted distribution of disparity; by default the config's.
+
+    Attributes:
+        target: the wanted distribution, in bins that depth layers can follow.
     """
 
     def __init__(
@@ -95,14 +108,20 @@ class Population:
         self._stated_by_key = {"layers": layers, "clutter": clutter}
         self._stated = (*layers, *clutter)
         self._layers = DepthLayers.from_bins(self.target, config.disparity.min_px, config.disparity.max_px)
-        # One for each layer, and the last one for the density.
+        # A quantile for each layer; the last one is for the density.
         self._first_quantile = generator(seed, Purpose.COUNTS).random(len(self._layers) + 1)
 
     def draw(self, sequence: int, camera: StereoCamera, bare_px: Floats, rng: np.random.Generator) -> list[Batch]:
-        """Draw the numbers for one scene, whose left view has disparities ``bare_px`` without particles.
+        """Draw the numbers of particles of one scene.
 
-        Successive scenes share out each layer's numbers evenly, so that a dataset comes to its target with fewer pairs
-        than independent draws would need. Only the numbers that the config states are drawn from ``rng``.
+        The numbers of each layer are spread evenly over successive scenes, so that a dataset reaches its target with
+        fewer pairs than independent draws would need.
+
+        Args:
+            sequence: number of the scene's sequence.
+            camera: the scene's camera.
+            bare_px: (R,) finite disparities of its left view without particles.
+            rng: draws the numbers of layers that the config states, and nothing else.
 
         Raises:
             InputError: where a layer that the config states lies beyond infinity, or the target takes more particles
@@ -118,7 +137,7 @@ class Population:
         aim = self._aim(float(quantile[-1]))
         views = self._views([(camera, bare_px)], aim.sizes)
         mean = (self._coverage(aim.shares, views) / views.cover)[0]
-        # The limit cuts the rest in any case.
+        # `draw_slots` cuts the number to particles.most in any case.
         mean *= min(1.0, _BEYOND_MOST * self._config.particles.most / max(float(mean.sum()), 1.0))
         counts = poisson_counts(mean, quantile[:-1])
         layers = zip(self._layers.low_px, self._layers.high_px, counts, strict=True)
@@ -139,7 +158,7 @@ class Population:
         return Histogram.from_counts(self.target.edges_px, shares)
 
     def in_view(self) -> InView:
-        """Return what the left views show on average: the mean over the pilot scenes.
+        """Return the average content of the left views: the mean over the pilot scenes.
 
         Raises:
             InputError: where the target cannot be met, see `draw`.
@@ -151,7 +170,7 @@ class Population:
         return InView(*np.mean(seen, axis=0).tolist())
 
     def _solved_in_view(self, aim: _Aim) -> list[InView]:
-        """Return what the pilot scenes show of solved particles and clutter."""
+        """Return the content of each pilot scene's view, with particles that are solved for an aim."""
         views = self._views(self._pilots, aim.sizes)
         seen, coverages = [], self._coverage(aim.shares, views)
         for n, ((camera, bare_px), coverage) in enumerate(zip(self._pilots, coverages, strict=True)):
@@ -165,9 +184,10 @@ class Population:
     def _one_in_view(
         self, camera: StereoCamera, bare_px: Floats, objects: float = 0.0, cover: Floats | float = 0.0
     ) -> InView:
-        """Return what one view shows of stated particles, and of so many solved ``objects``.
+        """Return the content of one view, with the stated particles and a number ``objects`` of solved ones.
 
-        The solved ones cover a pixel so many times at all, and with each inner edge of the target or more: (K,).
+        ``cover`` (K,) says how many times the solved particles cover a pixel: first with any disparity, then with at
+        least each inner edge of the target's bins.
         """
         for stated in self._stated:
             layer = DepthLayers.of(stated)
@@ -178,7 +198,7 @@ class Population:
         return InView(objects, float(np.exp(-np.interp(bare_px, self.target.edges_px, before)).mean()))
 
     def _mean_aims(self) -> list[_Aim]:
-        """Return aims that the mean over a dataset is taken over."""
+        """Return the aims over which a dataset's mean is taken."""
         return [self._aim((k + 0.5) / _QUANTILES) for k in range(_QUANTILES if len(self._aims[1]) > 1 else 1)]
 
     def _aim(self, quantile: float) -> _Aim:
@@ -193,7 +213,7 @@ class Population:
 
     @cached_property
     def _aims(self) -> tuple[list[float], list[_Aim]]:
-        """Numbers of objects in view, rising, and the aims for them: one, or some over the range of densities."""
+        """Rising numbers of objects in view, and the aim for each; only a range of densities has more than one."""
         density, sizes = self._config.particles.density, stated_sizes(self._config.particles)
         if density == "default":
             return [0.0], [self._corrected(sizes)]
@@ -208,11 +228,14 @@ class Population:
         return [self._in_view(each) for each in scaled], [self._corrected(each) for each in scaled]
 
     def _scale(self, sizes: Sizes, wanted: float, *, stated: bool) -> float:
-        """Return the factor of sizes at which a number of objects is in the left view on average.
+        """Return the factor of sizes at which a wanted number of objects is in the left view on average.
 
-        Too few are refused where the config states the number, and otherwise come as near as they can.
+        A number that is too small is refused where the config states it; otherwise the result comes as near as it can.
+
+        Raises:
+            InputError: where the number is too large or, if it is ``stated``, too small.
         """
-        # The largest particles of the nearest layer get as wide as the image.
+        # At the largest factor, the largest particles of the nearest layer are as wide as the image.
         camera = self._pilots[0][0]
         largest_px = float(sizes.radius_px(camera, np.array(self._layers.high_px.max()), np.array(1.0)))
         low, high = _SMALLEST, max(1.0, camera.width_px / 2 / largest_px)
@@ -235,7 +258,11 @@ class Population:
         return float((low * high) ** 0.5)
 
     def _corrected(self, sizes: Sizes) -> _Aim:
-        """Shift the aim until the pilot scenes come to the target on average."""
+        """Shift the aim until the mean of the pilot scenes is near the target.
+
+        Raises:
+            InputError: where the target takes more particles than ``particles.most``.
+        """
         wanted, most = self.target.shares, self._config.particles.most
         views = self._views(self._pilots, sizes)
         number = float((self._coverage(wanted, views) / views.cover).sum(axis=1).mean())
@@ -254,7 +281,7 @@ class Population:
         return min(aims, key=lambda aim: float(np.abs(aim.achieved - wanted).sum()))
 
     def _coverage(self, shares: Floats, views: _Views) -> Floats:
-        """Return the mean coverages, (V, K); rounded, since processors differ in the last digits."""
+        """Return the mean coverages, (V, K), rounded because processors differ in the last digits."""
         coverage = solve_coverage(shares, views.bare, views.exceedances, views.least, self._layers.has_room)
         return np.round(coverage, 9)
 
@@ -273,7 +300,7 @@ class Population:
         return draw_pilots(self._config, self._seed, self._catalogue)
 
     def _views(self, pilots: Sequence[tuple[StereoCamera, Floats]], sizes: Sizes) -> _Views:
-        """Work out the effect of particles on views, given as camera and disparities without particles."""
+        """Work out the effect of particles on views, each given by a camera and its disparities without particles."""
         edges, layers = self.target.edges_px, self._layers
         bare, exceedances, least, cover = [], [], [], []
         for camera, bare_px in pilots:
@@ -285,13 +312,13 @@ class Population:
         return _Views(np.array(bare), np.array(exceedances), np.array(least), np.array(cover))
 
     def _bare_shares(self, camera: StereoCamera, bare_px: Floats) -> Floats:
-        """Return the share of a view that shows less than each inner edge without solved particles, (K - 1,)."""
+        """Return the share of a view below each inner edge of the target's bins, without solved particles, (K - 1,)."""
         inner = self.target.edges_px[1:-1]
         below = np.searchsorted(np.sort(bare_px), inner) / len(bare_px)
         return np.asarray(below * np.exp(-self._stated_cover(camera, inner)))
 
     def _stated_cover(self, camera: StereoCamera, edges_px: Floats) -> Floats:
-        """Return how many times stated particles cover a pixel with each of some edges or more, (E,)."""
+        """Return how many times stated particles cover a pixel with at least each of some disparities (E,), (E,)."""
         total = np.zeros(len(edges_px))
         for stated in self._stated:
             layer = DepthLayers.of(stated)
@@ -309,9 +336,10 @@ class Population:
 
 
 def poisson_counts(mean: Floats, quantile: Floats) -> Ints:
-    """Return quantiles, (K,) in [0, 1), of Poisson distributions with K means: numbers of particles, (K,) int64.
+    """Return the value at each quantile (K,), in [0, 1), of Poisson distributions with means (K,): (K,) int64.
 
-    Particles that are thrown independently are Poisson in number. The sum stands here since scipy takes long to import.
+    The number of particles that are thrown independently has a Poisson distribution. It is summed up here because scipy
+    takes long to import.
     """
     largest = mean.max(initial=0.0)
     number = np.arange(int(largest + 12 * largest**0.5 + 24))

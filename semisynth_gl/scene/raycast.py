@@ -1,8 +1,8 @@
-"""A float64 ray caster in plain numpy: the oracle and the report judge with it.
+"""A float64 ray caster in plain numpy, with which the oracle and the report judge.
 
-The caster shares nothing with `semisynth_gl.render` but the scene's arrays: rays come from the camera's intrinsics,
-triangles from the models' vertices (float32 as the renderer has them) placed in float64. It is plain on purpose: no
-tree of boxes, only the rays in the rows of each triangle.
+The caster shares only the scene's arrays with `semisynth_gl.render`: rays come from the camera's intrinsics, triangles
+from the models' vertices (float32 as the renderer has them) placed in float64. It is simple on purpose: it has no tree
+of boxes, and compares each triangle with the rays in its rows.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,9 +16,9 @@ from semisynth_gl.geometry.mesh import Mesh, cross
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.scene import Scene, placed_vertices
 
-# Rays are compared with triangles' bounding boxes about this many comparisons at a time, to bound memory.
+# Number of comparisons of rays and triangles' bounding boxes that are made at a time, about, to bound memory.
 _COMPARISONS = 1_000_000
-# Bounding boxes are wider by this margin, so that rounding of the projection never loses a ray on an edge.
+# Margin by which bounding boxes are wider, so that rounding of the projection never loses a ray on an edge.
 _BOX_MARGIN_PX = 1e-3
 
 
@@ -26,17 +26,24 @@ _BOX_MARGIN_PX = 1e-3
 class Hits:
     """The first surfaces that R rays hit."""
 
-    depth_m: Floats  # (R,) planar depth in the eye's view; inf where a ray hits nothing, or the sky
-    instance: Ints  # (R,), -1 where a ray hits nothing
-    triangle: Ints  # (R,) index into the triangles of the instance's model
+    depth_m: Floats  # (R,) planar depth in the eye's view; inf where a ray hits the sky or nothing
+    instance: Ints  # (R,) index of the instance that a ray hits; -1 where it hits nothing
+    triangle: Ints  # (R,) index into the triangles of the instance's model; -1 where a ray hits nothing
 
 
 def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px: Floats) -> Hits:
     """Cast rays from one eye through R pixel positions, whole (the centres of pixels) or fractional.
 
-    Of surfaces at one depth, the first instance and triangle wins. Rays pass through surfaces nearer than
-    ``scene.near_of(eye)``, which the renderer does not draw. The sky is behind all else; of several skies, the first
-    instance wins.
+    Among surfaces at the same depth, a ray hits the first instance and triangle. Rays pass through surfaces nearer than
+    ``scene.near_of(eye)``, which the renderer does not draw. The sky is behind everything else; among several skies, a
+    ray hits the first instance.
+
+    Args:
+        scene: the scene.
+        models: the meshes that ``scene.model`` refers to.
+        eye: the eye.
+        x_px: columns, R in any shape.
+        y_px: rows, as many.
     """
     camera = scene.camera
     x, y = np.asarray(x_px, np.float64).ravel(), np.asarray(y_px, np.float64).ravel()
@@ -59,7 +66,7 @@ def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px
             ray = by_row[place]
             depth_m = _depths(rays[ray], vertices[mesh.triangles[triangle]], near_m)
             order = np.flatnonzero(np.isfinite(depth_m))
-            # Ascending depth with the lowest triangle first, then the first of each ray.
+            # Sort by ray, depth and triangle, then keep the first hit of each ray.
             order = order[np.lexsort((triangle[order], depth_m[order], ray[order]))]
             order = order[np.unique(ray[order], return_index=True)[1]]
             if sky:
@@ -75,7 +82,7 @@ def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px
 def _boxes(camera: StereoCamera, eye: Eye, vertices: Floats, triangles: NDArray[np.integer], near_m: float) -> Floats:
     """Return the bounding boxes (4, T), x0 x1 y0 y1, of triangles on the image.
 
-    A triangle that crosses the near plane has an infinite box, and a triangle before that plane an empty one.
+    A triangle that crosses the near plane has an infinite box; a triangle in front of that plane has an empty box.
     """
     depth = vertices[:, 2]
     safe = np.where(depth > 0, depth, 1.0)
@@ -83,7 +90,7 @@ def _boxes(camera: StereoCamera, eye: Eye, vertices: Floats, triangles: NDArray[
     corners = triangles.T
     *middle, focal = camera.lens_px(eye)
     for axis, centre in enumerate(middle):
-        # A corner beside the camera's plane may be infinitely far away on the image.
+        # A corner close to the camera's own plane may be projected to infinity.
         with np.errstate(over="ignore"):
             one, two, three = (focal * vertices[:, axis] / safe + centre)[corners]
         boxes[2 * axis] = np.minimum(np.minimum(one, two), three) - _BOX_MARGIN_PX
@@ -95,14 +102,17 @@ def _boxes(camera: StereoCamera, eye: Eye, vertices: Floats, triangles: NDArray[
 
 
 def _inside(boxes: Floats, x: Floats, y: Floats) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Yield all pairs of a position and a box (4, T) around it, in parts of ascending boxes; y ascends."""
+    """Yield all pairs of a position and a box (4, T) around it, as two arrays of numbers, in parts of ascending boxes.
+
+    Positions must be sorted by y.
+    """
     x0, x1, y0, y1 = boxes
     begin, end = np.searchsorted(y, y0.min()), np.searchsorted(y, y1.max(), side="right")
     near = begin + np.flatnonzero((x[begin:end] >= x0.min()) & (x[begin:end] <= x1.max()))
     if not len(near):
         return
     x, y = x[near], y[near]
-    # Of each box the positions in its rows follow each other, and so do all pairs with them.
+    # The positions in a box's rows are contiguous, and so are all pairs with the box.
     first = np.searchsorted(y, y0)
     count = np.maximum(np.searchsorted(y, y1, side="right") - first, 0)
     last = np.cumsum(count)
@@ -116,9 +126,9 @@ def _inside(boxes: Floats, x: Floats, y: Floats) -> Iterator[tuple[NDArray[np.in
 
 
 def _depths(direction: Floats, corners: Floats, near_m: float) -> Floats:
-    """Return the depths at which rays hit their triangles (Moller and Trumbore 1997), inf where a ray misses.
+    """Return the depths (N,) at which rays hit their triangles (Moller and Trumbore 1997); inf where a ray misses.
 
-    Directions have z = 1, so the ray's parameter is the planar depth.
+    Directions (N, 3) have z = 1, so the ray's parameter is the planar depth. Each ray has its own triangle (N, 3, 3).
     """
     edge_1, edge_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     p = cross(direction, edge_2)
@@ -135,5 +145,5 @@ def _depths(direction: Floats, corners: Floats, near_m: float) -> Floats:
 
 
 def _dot(left: Floats, right: Floats) -> Floats:
-    """Return the dot products of vectors (N, 3): numpy's sums over such short rows take longer."""
+    """Return the dot products (N,) of vectors (N, 3), sooner than by numpy's sums over short rows."""
     return left[:, 0] * right[:, 0] + left[:, 1] * right[:, 1] + left[:, 2] * right[:, 2]

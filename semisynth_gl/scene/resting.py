@@ -1,4 +1,4 @@
-"""Particles at rest: models that lie on what is below them, instead of falling."""
+"""Particles at rest: models that lie on the surface below them instead of falling."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.scene import placed_vertices
 from semisynth_gl.scene.support import surfaces_below
 
-# Cosine of the steepest slope that a model comes to rest on.
+# Cosine of the steepest slope on which a model comes to rest.
 _STEEPEST = 0.5
 
 
@@ -21,10 +21,19 @@ def triangles_of(models: Sequence[Mesh], model: Ints, world_from_model: Floats) 
 
 
 def come_to_rest(poses: Floats, meshes: Sequence[Mesh], corners: Floats, up: Floats) -> dict[int, Floats]:
-    """Let P particles with poses (P, 4, 4) down onto triangles (T, 3, 3); return their poses at rest, by number.
+    """Lower P particles onto the surfaces below them.
 
-    Each keeps its turn, and touches the surface below its centre with the point that is lowest over it. One that has
-    nothing below it, or a slope of more than 60 degrees, is left out. ``up`` is a unit vector (3,).
+    Each particle keeps its rotation, and touches the plane of the surface below its centre with the point that is
+    lowest over that plane. A particle above nothing, or above a slope of more than 60 degrees, is left out.
+
+    Args:
+        poses: (P, 4, 4) world_from_model.
+        meshes: the P models.
+        corners: (T, 3, 3) corners of the triangles to rest on, in the world's frame.
+        up: (3,) unit vector that points up.
+
+    Returns:
+        The poses (4, 4) of the particles that have come to rest, by number.
     """
     # A frame whose z points up.
     aside = np.cross(up, least_axis(up))

@@ -1,6 +1,6 @@
-"""The rig of one sequence: its stereo camera, how the camera sways, and the rotation matrices for all that turns.
+"""The rig of one sequence: its stereo camera, how the camera sways, and rotation matrices for everything that turns.
 
-The sway is a bounded formula of time. So any frame can be rendered first, and walls keep clear of the camera.
+The sway is a bounded function of time: any frame can be rendered first, and walls can keep clear of the camera.
 """
 
 from collections.abc import Callable
@@ -16,15 +16,17 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Floats
 from semisynth_gl.seeds.seeds import Purpose
 
+# Number of points along each border of the image at which disparities are measured.
 _ALONG_BORDER = 129
+# Number of steps in the search for the near plane of a camera that deviates.
 _STEPS = 8
 
 BEYOND_NEAR = 1.01
-"""Walls keep this much more than the smallest allowed depth, so that rounding never puts a pixel beyond max_px."""
+"""Smallest depth of walls, in units of the near plane's, so that rounding never puts a disparity above max_px."""
 
 
 def draw_camera(section: CameraSection, rng: np.random.Generator) -> StereoCamera:
-    """Draw every range of the section once, always in the same order; of several baselines the first one."""
+    """Draw a camera: every range of the section once, always in the same order, and only the first of the baselines."""
 
     def draw(key: Range | None, default: float) -> float:
         return (key or Range(default, default)).draw(rng)
@@ -44,7 +46,7 @@ def draw_camera(section: CameraSection, rng: np.random.Generator) -> StereoCamer
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sway:
-    """Six independent oscillations of the left camera, about the world's origin and axes."""
+    """The sway of the left camera: six independent oscillations, three along and three about the world's axes."""
 
     shift_m: Floats  # (3,) amplitude of the position along x, y and z
     turn_rad: Floats  # (3,) amplitude of the rotation vector's x, y and z
@@ -63,11 +65,11 @@ class Sway:
 
     @property
     def moves(self) -> bool:
-        """True where the camera moves."""
+        """Whether the camera moves at all."""
         return self.reach_m > 0 or self.angle_rad > 0
 
     def camera_from_world(self, time_s: float) -> Floats:
-        """Return the left camera's pose at a time, (4, 4) float64; the identity where the camera stands still."""
+        """Return camera_from_world of the left camera at a time, (4, 4) float64; the identity for a still camera."""
         camera_from_world = np.eye(4)
         if not self.moves:
             return camera_from_world
@@ -87,7 +89,11 @@ STILL = Sway(np.zeros(3), np.zeros(3), np.ones(6), np.zeros(6))
 def draw_rig(
     config: Config, generator_for: Callable[[Purpose], np.random.Generator]
 ) -> tuple[tuple[StereoCamera, ...], Sway]:
-    """Draw the camera of each right view, and their sway, with the generators for CAMERA, RIG and SWAY."""
+    """Draw the camera of each right view, and the sway that they share.
+
+    ``generator_for`` returns the generator for CAMERA, RIG (where right cameras deviate) and SWAY. Where the config
+    asks for twins, each deviating camera is followed by its rectified twin.
+    """
     rng = generator_for(Purpose.CAMERA)
     views = draw_views(config.camera, draw_camera(config.camera, rng), rng)
     if not config.rig.none():
@@ -98,17 +104,17 @@ def draw_rig(
 
 
 def _draw_deviation(section: RigSection, rng: np.random.Generator) -> Deviation:
-    """Draw every range of the section once, always in the same order."""
+    """Draw a deviation: every range of the section once, always in the same order."""
     roll, pitch = (np.deg2rad(range_.draw(rng)).item() for range_ in (section.right_roll_deg, section.right_pitch_deg))
     return Deviation(roll, pitch, section.right_y_px.draw(rng), section.focal_ratio.draw(rng))
 
 
 def draw_views(section: CameraSection, camera: StereoCamera, rng: np.random.Generator) -> tuple[StereoCamera, ...]:
-    """Return the camera of each right view of a scene; they differ in the right eye alone.
+    """Return the camera of each right view of a scene; the cameras differ only in the right eye.
 
-    The difference of the principal points that was drawn is the longest baseline's. Shorter ones have it in proportion,
-    unless the config says where the right principal point is: a surface that has a disparity in one view then has one
-    in all, since all disparities are in proportion too. The camera comes from `draw_camera` with the same generator.
+    ``camera`` comes from `draw_camera` with the same generator, and has the first baseline. Its doffs is that of the
+    longest baseline. Shorter baselines have a doffs in proportion, unless the config states the right principal point.
+    Disparities are then in proportion, too, so that a surface with a valid disparity in one view has one in all views.
     """
     baselines_m = [camera.baseline_m, *(range_m.draw(rng) for range_m in section.baseline_ranges_m[1:])]
 
@@ -121,9 +127,9 @@ def draw_views(section: CameraSection, camera: StereoCamera, rng: np.random.Gene
 
 
 def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
-    """Return the depth of the near plane, where the largest disparity of the image is ``max_px``.
+    """Return the depth of the near plane, at which the largest disparity of the image is ``max_px``.
 
-    A right camera that deviates has a plane that is right for its rectified twin too.
+    For a right camera that deviates, the plane is far enough away for its rectified twin, too.
 
     Raises:
         InputError: where ``min_px`` lies beyond infinity for this camera, or the deviation alone takes ``max_px``.
@@ -133,9 +139,9 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
     if camera.rectified:
         return depth_m
     for _ in range(_STEPS):
-        # As if the deviation changed nothing with the depth, which is nearly so.
+        # Take the deviation's share of the disparity for independent of the depth, as it nearly is.
         deviates_px = _largest_disparity_px(camera, depth_m) - float(camera.disparity_px(depth_m))
-        if not section.max_px - deviates_px + camera.doffs_px > 0:  # Not a number, too: the eye looks behind the other.
+        if not section.max_px - deviates_px + camera.doffs_px > 0:  # True for nan, too: a point lies behind an eye.
             raise InputError(
                 f"disparity.max_px: {section.max_px:g} px leaves no depth in front of a camera that deviates by "
                 f"{camera.deviation}, which alone moves pixels by up to {deviates_px:g} px: raise disparity.max_px, or "
@@ -146,8 +152,8 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
 
 
 def _largest_disparity_px(camera: StereoCamera, depth_m: float) -> float:
-    """Return the largest disparity that either image shows of a plane at a planar depth of the left view."""
-    # It lies on the border: of a quotient of two linear functions, the Hessian has a negative determinant everywhere.
+    """Return the largest disparity in either image of a plane that has one planar depth in the left view."""
+    # It lies on the border: the Hessian of a quotient of two linear functions has a negative determinant everywhere.
     along, across = np.tile(np.linspace(0, 1, _ALONG_BORDER), 2), np.repeat((0.0, 1.0), _ALONG_BORDER)
     x_px = np.concatenate([along, across]) * camera.width_px - 0.5
     y_px = np.concatenate([across, along]) * camera.height_px - 0.5
@@ -158,10 +164,10 @@ def _largest_disparity_px(camera: StereoCamera, depth_m: float) -> float:
 
 
 def check_reachable(camera: StereoCamera, disparity_px: float, key: str) -> None:
-    """Check that a disparity, which the config states under a key, has a depth in front of the camera.
+    """Check that a disparity, which the config states under ``key``, has a depth in front of the camera.
 
     Raises:
-        InputError: where d + doffs is not positive: the two rays of such a point never meet.
+        InputError: where d + doffs is not positive: the two rays of a point with this disparity never meet.
     """
     if disparity_px + camera.doffs_px <= 0:
         raise InputError(
@@ -171,7 +177,7 @@ def check_reachable(camera: StereoCamera, disparity_px: float, key: str) -> None
 
 
 def draw_sway(section: CameraSection, rng: np.random.Generator) -> Sway:
-    """Draw an amplitude for each axis, and a period and a phase for each oscillation."""
+    """Draw a sway: an amplitude of the shift and of the turn for each axis, and each oscillation's period and phase."""
     return Sway(
         section.sway_m.draw_many(rng, 3),
         np.deg2rad(section.sway_deg.draw_many(rng, 3)),

@@ -22,24 +22,25 @@ from semisynth_gl.scene.view_volume import (
 )
 from semisynth_gl.scene.wall import Wall
 
-# Walls of a room whose metres are true stand so far away; a nearer or farther room is scaled.
+# Range of the wall's depth, metres, in rooms of true size; a nearer or farther room is scaled.
 _TRUE = Range(2.5, 9.0)
+# Range of the ceiling's height, metres, in rooms of true size.
 _HEIGHT = Range(2.4, 3.3)
-# Where holes begin and end: columns of each, and rows of doorways and of niches, as shares of the wall's edges.
+# Begin and end of holes, as shares of the wall's edges: columns of each, and rows of doorways and of niches.
 _HOLES: Final = ((0.12, 0.4), (0.37, 0.63), (0.6, 0.88))
 _DOORWAY_ROWS, _NICHE_ROWS = (0.2, 1.0), (0.3, 0.62)
-# By this share of a wall's edges, what lies behind a hole goes on behind the wall.
+# Share of a wall's edges by which the space behind a hole extends beyond the hole.
 _BEHIND = 1e-3
-# A second room is made smaller by these factors until it fits; it is at least so deep.
+# Factors by which a second room is made smaller until it fits, and its smallest depth, in metres of the room.
 _SMALLER = (1.0, 0.7, 0.5, 0.35, 0.25)
 _SHALLOWEST_M = 0.3
 
 _Rectangle = tuple[Floats, Floats, Floats]
-"""Corner at the top left, edge to the right and edge downwards, (3,) each; see `Arrangement.add_rectangle`."""
+"""Top left corner, edge to the right and edge downwards, (3,) each; see `Arrangement.add_rectangle`."""
 
 
 def _pierced(low: Corner, high: Corner, name: str) -> Mesh:
-    """Build the unit square of x and y, with a rectangular hole from ``low`` to ``high``; u along x and v along y."""
+    """Build the unit square of the x-y plane with a rectangular hole from ``low`` to ``high``; u is x, and v is y."""
     lines = [
         np.unique(np.concatenate([np.linspace(0, a, 4), np.linspace(a, b, 4), np.linspace(b, 1, 4)]))
         for a, b in zip(low, high, strict=True)
@@ -69,12 +70,16 @@ NICHES: Final = tuple(_pierced(*_hole(k, _NICHE_ROWS), "wall with a niche") for 
 def draw_room(
     config: Config, camera: StereoCamera, catalogue: Catalogue, rng: np.random.Generator, sway: Sway
 ) -> Arrangement:
-    """Draw a room with all that is in it; nothing comes nearer than the depth of ``disparity.max_px``."""
+    """Draw a room with everything in it; nothing comes nearer than the depth of ``disparity.max_px``.
+
+    Raises:
+        InputError: where the drawn disparity of the wall lies beyond infinity.
+    """
     section, background, disparity = config.room, config.background, config.disparity
     wall_px = (background.wall_disparity_px or Range(disparity.min_px, disparity.min_px)).draw(rng)
     check_reachable(camera, wall_px, "background.wall_disparity_px")
     wall_m, near_m = float(camera.depth_m(wall_px)), near_depth_m(camera, disparity)
-    # Walls keep clear of the near plane first: a large doffs may leave less than that between the range's two ends.
+    # Walls must keep clear of the near plane, even if a large doffs leaves hardly any depths between min_px and max_px.
     farthest_m = max(float(camera.depth_m(min(wall_px, disparity.min_px))), BEYOND_NEAR * near_m)
     metre = wall_m / float(np.clip(wall_m, _TRUE.low, _TRUE.high))
     height = section.camera_height_m.draw(rng) * metre
@@ -125,7 +130,7 @@ def draw_room(
 
 
 def _add_doorway(room: Arrangement, wall: Wall) -> None:
-    """Add a wall with a doorway and a room behind it, as large as fits, or the wall alone where none does."""
+    """Add a wall with a doorway and the largest room behind it that fits, or a wall without one where no room fits."""
     place = int(room.rng.integers(len(_HOLES)))
     deep = room.rng.uniform(0.8, 4) * room.metre
     aside = room.rng.uniform(0.3, 1.5) * room.metre / wall.length_m
@@ -141,7 +146,7 @@ def _add_doorway(room: Arrangement, wall: Wall) -> None:
 
 
 def _add_niche(room: Arrangement, wall: Wall) -> None:
-    """Add a wall with a niche, and things in it, or the wall alone where the niche does not fit."""
+    """Add a wall with a niche and things in it, or a wall without a niche where the niche does not fit."""
     place, deep = int(room.rng.integers(len(_HOLES))), room.rng.uniform(0.15, 0.4) * room.metre
     low, high = _hole(place, _NICHE_ROWS)
     behind = _behind(wall, low, high, deep)
@@ -151,20 +156,23 @@ def _add_niche(room: Arrangement, wall: Wall) -> None:
     room.add_rectangle(wall.corner, wall.right, wall.down, model=NICHES[place])
     wall.take(low, high)
     _add_behind(room, behind)
-    # On the niche's floor, which lies a little below its hole.
+    # The niche's floor, on which the things stand, lies a little below its hole.
     fill_niche(room, wall, low, (high[0], high[1] + _BEHIND), deep)
 
 
 def _fits(room: Arrangement, behind: list[_Rectangle]) -> bool:
-    """Whether no view shows rectangles beyond the farthest depth that a config wants."""
+    """Return whether all views show the rectangles within the room's farthest depth."""
     faces = np.array([[corner, corner + u, corner + u + v, corner + v] for corner, u, v in behind])
     pose = room.view.camera_from_floor
     return deepest_m(room.view.camera, faces @ pose[:3, :3].T + pose[:3, 3], room.sway) <= room.farthest_m
 
 
 def _behind(wall: Wall, low: Corner, high: Corner, deep: float) -> list[_Rectangle]:
-    """Return the inside of a box behind a wall: its far side, floor, ceiling and two sides."""
-    # A little larger than its hole: edges that only met would leave gaps in float32.
+    """Return the inside of a box behind a wall: its far side, floor, ceiling, left side and right side.
+
+    The box reaches from one corner (u, v) of the wall to the opposite one, and ``deep`` metres behind the wall.
+    """
+    # The box is a little larger than its hole: edges that only met would leave gaps in float32.
     (left, top), (right, bottom) = (low[0] - _BEHIND, low[1] - _BEHIND), (high[0] + _BEHIND, high[1] + _BEHIND)
     across, down, out = (right - left) * wall.right, (bottom - top) * wall.down, deep * wall.out
     return [
@@ -177,7 +185,7 @@ def _behind(wall: Wall, low: Corner, high: Corner, deep: float) -> list[_Rectang
 
 
 def _add_behind(room: Arrangement, behind: list[_Rectangle]) -> None:
-    """Add what `_behind` returned; both sides wear one texture."""
+    """Add the rectangles that `_behind` returned; the left and the right side share a texture."""
     *others, left, right = behind
     for rectangle in others:
         room.add_rectangle(*rectangle)

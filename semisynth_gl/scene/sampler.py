@@ -1,4 +1,4 @@
-"""Pair i of a dataset as a scene, from (config, seed, i) and nothing else."""
+"""The scene of pair i of a dataset, from only the config, the seed and i."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -26,36 +26,36 @@ from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 from semisynth_gl.textures.shares import patch_chances
 
-# Stands before the attempt in the keys of generators; no generation reaches it.
+# Mark before the attempt's number in the keys of generators; no generation's number reaches it.
 _REDRAWN = 2**31
 # Multiples of this number spread evenly over [0, 1).
 _GOLDEN = (5**0.5 - 1) / 2
-# Generations released before time 0 count from here in the keys of generators; no later one reaches it.
+# First key of generations that were released before time 0; no later generation's number reaches it.
 _BEFORE = 2**30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledScene:
-    """A scene as one right view sees it, with the origin of its N instances; those that stand still come first."""
+    """A scene with the camera of one right view, and the origin of its N instances; those of the stage come first."""
 
     scene: Scene
-    views: tuple[StereoCamera, ...]  # the camera of each right view; they differ in the right eye alone
-    view: int  # number of the right view, whose camera is the scene's
-    recipe: str | None  # name of the recipe that the scene is made by; None where the config has no recipes
-    background: str  # its kind, such as "room"
-    farthest_m: float  # depth that the views of a room keep within; inf for other backgrounds
-    sequence: int
-    frame: int  # within the sequence
-    attempt: int  # number of attempts of the sequence that failed before
+    views: tuple[StereoCamera, ...]  # the camera of each right view; the cameras differ only in the right eye
+    view: int  # number of the right view whose camera the scene has
+    recipe: str | None  # name of the scene's recipe; None where the config has no recipes
+    background: str  # kind of the background, such as "room"
+    farthest_m: float  # depth that no view of a room exceeds; inf for other backgrounds
+    sequence: int  # number of the sequence
+    frame: int  # number of the frame within the sequence
+    attempt: int  # number of earlier attempts at the sequence, which failed
     patch_px: Ints  # (N,) side of the patch that each instance wears
     patch: Ints  # (N,) the patch that each instance wears; a patch of video frames has an atlas layer per frame
-    slot: Ints  # (N,) the particles' slot that each instance comes from; -1 where it stands still
-    generation: Ints  # (N,) number of the model in its slot; -1 where it stands still
-    resting: Bools  # (N,) whether it is a particle at rest
+    slot: Ints  # (N,) the particles' slot that each instance comes from; -1 for the stage's things
+    generation: Ints  # (N,) number of the model in its slot; -1 for the stage's things
+    resting: Bools  # (N,) whether each instance is a particle at rest
 
     @property
     def still(self) -> Bools:
-        """(N,) bool, true for walls, grounds, panels and all else of flat faces; models at rest or falling are not."""
+        """(N,) bool, true for walls, grounds, panels and other surfaces; false for furniture and particles."""
         return self.scene.model < len(STILL_MODELS)
 
     def seen_by(self, view: int) -> "SampledScene":
@@ -65,7 +65,7 @@ class SampledScene:
 
 @dataclass(frozen=True, slots=True)
 class _Draw:
-    """The source of one sequence's randomness."""
+    """The source of one sequence's random numbers."""
 
     seed: int
     sequence: int
@@ -78,9 +78,9 @@ class _Draw:
     def per_slot(
         self, purpose: Purpose, generation: Ints, slot: NDArray[np.intp], width: int, first_key: int = 0
     ) -> Floats:
-        """Draw uniform numbers (N, width) that belong to a slot's generation, whatever other slots exist.
+        """Draw uniform numbers (N, width) for slots and generations, (N,) each, whatever other slots exist.
 
-        The generators of the generations have keys from ``first_key`` on.
+        The keys of the generations' generators count from ``first_key``.
         """
         result = np.empty((len(slot), width))
         for number in np.unique(generation):
@@ -91,12 +91,12 @@ class _Draw:
 
 
 def _generation_key(generation: int) -> int:
-    """Return a generation's number in the keys of generators, which must not be below 0."""
+    """Return the key of a generation's generator; keys must not be negative."""
     return generation if generation >= 0 else _BEFORE - generation
 
 
 class _Sequence(NamedTuple):
-    """What all frames of a sequence share."""
+    """The state that all frames of a sequence share."""
 
     draw: _Draw
     stage: Stage
@@ -105,21 +105,26 @@ class _Sequence(NamedTuple):
 
 
 def _ends(patches: Sequence[Patch], section: TexturesSection) -> Floats:
-    """Return where the chance of each patch ends in [0, 1), (K,)."""
+    """Return the cumulative sums of K patches' chances, (K,)."""
     flat = np.array([patch.texture < section.min_texture for patch in patches], np.bool_)
     return np.cumsum(patch_chances([patch.shown for patch in patches], flat, section.flat_share))
 
 
 def _drawn(ends: Floats, chance: Floats) -> Ints:
-    """Return the numbers whose chances, which end at (K,) cumulative sums, uniform numbers fall on."""
+    """Return the items, (N,), that uniform numbers (N,) choose from K items with cumulative chances (K,)."""
     return np.minimum(np.searchsorted(ends, chance, side="right"), len(ends) - 1)
 
 
 class SceneSampler:
-    """Samples the scenes of one recipe, whose name is None where a dataset has but one.
+    """Samples the scenes of one recipe.
 
-    The recipes in its config are not looked at. The models and the atlas's patches come from the same config and seed.
-    ``wanted`` is the distribution of disparity that the scenes are to come to; by default the config's.
+    Args:
+        config: the recipe's config; recipes in it are ignored.
+        seed: the dataset's seed.
+        library: the models, from the same config and seed.
+        patches: the atlas's patches, from the same config and seed, with small patches before large ones.
+        recipe: the recipe's name; None where the dataset has no recipes.
+        wanted: the distribution of disparity that the scenes aim for; by default the config's.
     """
 
     def __init__(
@@ -136,12 +141,12 @@ class SceneSampler:
         self._seed = seed
         self._model_library = library
         self._catalogue = take_stock(library)
-        # Those that `Scene.model` counts: the models of still things, then the library.
+        # The models that `Scene.model` refers to: the models of still things, then the library.
         self.models = self._catalogue.models
         self.population = Population(config, seed, library.silhouette, self._catalogue, wanted)
         self._patches = patches
         self._small = sum(not patch.large for patch in patches)
-        # Of the small patches, and of the large ones.
+        # Cumulative chances of the small patches, and of the large ones.
         self._ends = [_ends(those, config.textures) for those in (patches[: self._small], patches[self._small :])]
         self._first_layer = np.array([patch.first_layer for patch in patches])
         self._layer_count = np.array([patch.layer_count for patch in patches])
@@ -151,15 +156,19 @@ class SceneSampler:
         self._latest: _Sequence | None = None
 
     def sample(self, index: int, attempt: int = 0) -> SampledScene:
-        """Sample the scene of pair ``index``, 0 or more; each ``attempt`` draws its whole sequence anew."""
+        """Sample the scene of pair ``index``, 0 or more; each ``attempt`` draws the pair's whole sequence anew.
+
+        Raises:
+            InputError: where the config's disparities cannot be met; see `draw_stage` and `Population.draw`.
+        """
         scene, view = divmod(index, self._config.views)
         number, frame = divmod(scene, self._config.sequence.length)
         return self._sample_frame(self._sequence(number, attempt), frame, view)
 
     def motion(self, sampled: SampledScene, frames: int) -> Motion:
-        """Return the motion of a scene's instances to a later frame, or to an earlier one where ``frames`` is negative.
+        """Return the motion of a scene's instances to the frame that is ``frames`` later, or earlier if it is negative.
 
-        That frame may lie beyond both ends of the sequence.
+        That frame may lie before the first or after the last frame of the sequence.
         """
         sequence = self._sequence(sampled.sequence, sampled.attempt)
         target = self._sample_frame(sequence, sampled.frame + frames, sampled.view)
@@ -172,9 +181,9 @@ class SceneSampler:
         return Motion(target.scene, self._moved(sequence, sampled, target.frame), instance)
 
     def moment(self, sampled: SampledScene, frames: float) -> Scene:
-        """Return a scene's own instances, as they wear what they wear, where they and the camera are at another moment.
+        """Return the scene with its own instances and their textures, where they and the camera are at another moment.
 
-        The other moment is ``frames`` times between frames later, or earlier where that is negative.
+        The other moment is ``frames`` frame times later, or earlier if that is negative; it need not be a whole number.
         """
         sequence = self._sequence(sampled.sequence, sampled.attempt)
         frame = sampled.frame + frames
@@ -187,7 +196,8 @@ class SceneSampler:
     def provenance(self, sampled: SampledScene) -> dict[str, Any]:
         """Return the origin of a pair's scene, in JSON's types.
 
-        ``models`` and ``images`` count the instances of each; ``patches`` are indices into the dataset's patches.
+        ``models`` and ``images`` hold the number of instances by name; ``patches`` are indices into the dataset's
+        patches.
         """
         models = Counter(self.models[index].name for index in sampled.scene.model.tolist())
         images = Counter(self._patches[index].source for index in sampled.patch.tolist())
@@ -222,12 +232,12 @@ class SceneSampler:
         ]
 
     def _sequence(self, number: int, attempt: int) -> _Sequence:
-        """Draw what all frames of a sequence share; the latest sequence is kept."""
+        """Draw the state that all frames of a sequence share; the latest sequence is kept for the next call."""
         draw = _Draw(self._seed, number, attempt)
         if self._latest is None or self._latest.draw != draw:
             stage = draw_stage(self._config, self._catalogue, draw.generator)
             rng = draw.generator(Purpose.PARTICLES, 0)
-            # A scene that is drawn again takes a number that no other scene has.
+            # A sequence that is drawn again gets a number that no other sequence has.
             batches = self.population.draw(number + _REDRAWN * attempt, stage.camera, stage.still.disparity_px, rng)
             near_m = near_depth_m(stage.camera, self._config.disparity)
             slots = draw_slots(stage.camera, self._config.particles, batches, rng, near_m, stage.sway)
@@ -236,7 +246,7 @@ class SceneSampler:
         return self._latest
 
     def _resting(self, sequence: _Sequence) -> dict[int, Floats]:
-        """Let some slots' models down onto what is below them; return their poses (4, 4) by slot."""
+        """Lower the models of some slots onto the surfaces below them; return their poses (4, 4) by slot."""
         draw, stage, near_m, slots = sequence
         chance = draw.generator(Purpose.RESTING).random(len(slots))
         chosen = np.flatnonzero(chance < self._config.particles.resting)
@@ -259,7 +269,7 @@ class SceneSampler:
         return resting
 
     def _sample_frame(self, sequence: _Sequence, frame: int, view: int) -> SampledScene:
-        """Sample the scene of any frame of a sequence; the stage's camera is the rig that it is composed for."""
+        """Sample the scene of any frame of a sequence, as the right view of a number sees it."""
         draw, stage, near_m, slots = sequence
         config, still = self._config, stage.still
         particles = self._particles(sequence, frame)
@@ -268,7 +278,7 @@ class SceneSampler:
         generations = particles.generation[kept]
         drawn = self._drawn_models(draw, generations, kept)
         patch, scale, offset = self._textures(sequence, particles, kept, drawn)
-        # Each instance starts its video at a random frame, and goes round.
+        # Each instance starts its video at a random frame, and repeats it.
         count = self._layer_count[patch]
         scene = Scene(
             camera=stage.views[view],
@@ -300,7 +310,7 @@ class SceneSampler:
         )
 
     def _moved(self, sequence: _Sequence, sampled: SampledScene, frame: float) -> Floats:
-        """Return the poses (N, 4, 4) of a scene's instances at another time, which they need not be drawn at."""
+        """Return the poses (N, 4, 4) of a scene's instances at another frame, in which they need not be drawn."""
         still = len(sequence.stage.still)
         world_from_model = sampled.scene.world_from_model.copy()
         slots, generation = sampled.slot[still:], np.zeros(len(sequence.slots), np.int64)
@@ -309,7 +319,7 @@ class SceneSampler:
         return world_from_model
 
     def _particles(self, sequence: _Sequence, frame: float, generation: Ints | None = None) -> Particles:
-        """Place the models of all slots at a frame: the models shown then, or of the given generations."""
+        """Place the models of all slots at a frame: those of given generations (S,), or those that are shown then."""
         camera, slots = sequence.stage.camera, sequence.slots
 
         def release(number: int) -> Release:
@@ -319,14 +329,14 @@ class SceneSampler:
         return particles_at(camera, slots, release, frame * self._config.sequence.frame_s, generation)
 
     def _drawn_models(self, draw: _Draw, generation: Ints, slot: NDArray[np.intp]) -> Ints:
-        """Return the model of the library that each slot shows in a generation."""
+        """Return the number, (N,), of the library's model that each of N slots shows in its generation."""
         chance = draw.per_slot(Purpose.SHAPE, generation, slot, 1)[:, 0]
         return self._model_library.drawn[_drawn(self._cumulative, chance)]
 
     def _textures(
         self, sequence: _Sequence, particles: Particles, slot: NDArray[np.intp], model: Ints
     ) -> tuple[Ints, Floats, Floats]:
-        """Return the patch (N,), patches per UV unit (N, 2) and UV offset (N, 2) in patches of all instances."""
+        """Return each instance's patch (N,), patches per UV unit (N, 2), and UV offset in patches (N, 2)."""
         draw, stage, _, slots = sequence
         section, still = self._config.textures, stage.still
         of_still = draw.generator(Purpose.TEXTURE, 0).random((len(still), 4))
@@ -334,10 +344,10 @@ class SceneSampler:
         drawn = np.concatenate([of_still[still.wears], of_slots])
         range_ = section.texels_per_pixel
         texels = range_.low * (range_.high / range_.low) ** drawn[:, 3]
-        # Lengths of one UV unit: of a model its unit under its mean scale.
+        # Length of one UV unit: a particle's model unit times the mean of its scales.
         scale = np.linalg.norm(particles.world_from_model[slot, :3, :3], axis=1).mean(axis=1)
         surfaces = still.surfaces + Surfaces(
-            # The depth of the path's middle instead of the model's: texture must not slide over it from frame to frame.
+            # Use the depth of the path's middle, not the model's: a texture must not slide over its model.
             slots.depth_m[slot],
             np.repeat(scale[:, None], 2, axis=1),
             self._uv[model, 0],
@@ -348,8 +358,8 @@ class SceneSampler:
         if self._small < len(self._patches):
             large = wears_large(surfaces, stage.camera, section, texels)
             wearing = np.flatnonzero(large[: len(still)])
-            # Still things share out the large patches, so that few of them wear the same one, and each side of a box
-            # shows another part of its patch.
+            # The large patches are spread over the still things, so that few things wear the same patch. Each side of a
+            # box shows another part of its patch.
             order = np.unique(still.wears[wearing], return_inverse=True)[1]
             drawn[wearing, 0] = (of_still[0, 0] + order * _GOLDEN) % 1.0
             drawn[wearing, 1:3] = of_still[wearing, 1:3]

@@ -1,4 +1,4 @@
-"""The scene of one pair, as the arrays that the renderer draws, and its motion to another moment."""
+"""The scene of one pair, as arrays for the renderer, and its motion to another moment."""
 
 from dataclasses import dataclass, field, replace
 from types import EllipsisType
@@ -11,7 +11,8 @@ from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.inputs.arguments import LEAST, check_magnitudes, check_type, to_array, to_magnitude
 from semisynth_gl.inputs.errors import InputError
 
-# Of a view as wide as it is deep, what a right camera may turn makes no point nearer to it by more.
+# Smallest depth of a point for a deviating right camera, in units of its depth for the left one, in a view that is no
+# wider than deep.
 _DEVIATING_NEAR = 0.5
 
 
@@ -19,19 +20,24 @@ _DEVIATING_NEAR = 0.5
 class Scene:
     """A camera and N instances of models, each wearing one layer of the patch atlas.
 
-    Numbers are up to 1e9 in magnitude: poses are composed in float64, but what is drawn of them is float32.
+    Numbers may be up to 1e9 in magnitude: poses are composed in float64, but drawn in float32.
 
     Attributes:
         camera: the stereo camera.
         near_m: depth of the near plane, 1e-9 to 1e9; nearer surfaces are not drawn.
-        camera_from_world: (4, 4) float64, the left camera's pose; the identity places instances in the camera frame.
-        model: (N,) int64, index into the renderer's models.
-        world_from_model: (N, 4, 4) float64, affine.
-        layer: (N,) int64, index into the patch atlas.
+        camera_from_world: (4, 4) float64, the left camera's pose, metres; with the identity, the world is the left
+            camera's frame.
+        model: (N,) int64, indices into the renderer's models.
+        world_from_model: (N, 4, 4) float64, affine poses of the instances, metres.
+        layer: (N,) int64, indices into the patch atlas; large patches follow the others.
         uv_scale: (N, 2) float64, patches per unit of the model's UV.
         uv_offset: (N, 2) float64, patches; patch coordinate = uv * uv_scale + uv_offset.
-        sky: (N,) bool, instances that are infinitely far away: both eyes see them in the directions in which they stand
-            from the world's origin, behind all others, and turned with the cameras; by default none.
+        sky: (N,) bool, whether each instance is infinitely far away; by default none is. Both eyes see such an instance
+            behind all others, in the directions in which it stands from the world's origin, and it keeps these
+            directions as the cameras turn.
+
+    Raises:
+        InputError: where shapes or values are wrong.
     """
 
     camera: StereoCamera
@@ -67,22 +73,28 @@ class Scene:
     def near_of(self, eye: Eye) -> float:
         """Return the depth of one eye's near plane.
 
-        A right camera that deviates has it nearer, so that it cuts off nothing that the left one shows.
+        The plane of a deviating right camera is nearer, so that it cuts off nothing that the left camera shows.
         """
         return self.near_m if eye == "left" or self.camera.rectified else self.near_m * _DEVIATING_NEAR
 
     def view_from_model(self, which: int | EllipsisType = ...) -> NDArray[np.float64]:
-        """Return the pose of an instance in the left camera's frame, (4, 4) float64, or of all, (N, 4, 4)."""
+        """Return the poses of all instances in the left camera's frame, (N, 4, 4) float64, or of one, (4, 4).
+
+        ``which`` is the index of one instance.
+        """
         pose: NDArray[np.float64] = self.camera_from_world @ self.world_from_model[which]
         sky = self.sky[which]
         if sky.any():
-            # The camera's place makes no difference to infinitely distant things.
+            # The camera's position makes no difference to infinitely distant instances.
             turned = (self.camera_from_world[:3, :3] @ self.world_from_model[which][..., :3, 3:])[..., 0]
             pose[..., :3, 3] = np.where(sky[..., None], turned, pose[..., :3, 3])
         return pose
 
     def offset_m(self, eye: Eye, which: int | EllipsisType = ...) -> NDArray[np.float64]:
-        """Return how much farther left an instance is to one eye than to the left one, () float64, or all, (N,)."""
+        """Return how much farther left an eye sees all instances than the left eye does, (N,) float64, or one, ().
+
+        It is the distance of the eye from the left eye, and 0 for the sky.
+        """
         return np.where(self.sky[which], 0.0, self.camera.offset_m(eye))
 
 
@@ -91,9 +103,13 @@ class Motion:
     """The motion of a scene's N instances to another moment.
 
     Attributes:
-        scene: the scene at the other moment; its camera has the same intrinsics.
-        world_from_model: (N, 4, 4) float64, poses of the instances at the other moment, drawn then or not.
+        scene: the scene at the other moment; it has the same camera.
+        world_from_model: (N, 4, 4) float64, poses of this scene's instances at the other moment, even if they are not
+            drawn then.
         instance: (N,) int64, index of each instance in the other ``scene``; -1 for an instance that is not drawn then.
+
+    Raises:
+        InputError: where shapes or values are wrong.
     """
 
     scene: Scene
@@ -112,17 +128,20 @@ class Motion:
 
 
 def placed_vertices(mesh: Mesh, target_from_model: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a model's vertices, (V, 3) float64, in the frame that a matrix (4, 4) places it in."""
+    """Return a model's vertices, (V, 3) float64, in the target frame of a pose (4, 4)."""
     return np.asarray(mesh.positions.astype(np.float64) @ target_from_model[:3, :3].T + target_from_model[:3, 3])
 
 
 def move(scene: Scene, *, world_from_model: object = None, camera_from_world: object = None) -> Motion:
-    """Move the instances and the camera of a scene made by hand.
+    """Return the motion of a hand-made scene to another moment.
 
     Args:
         scene: the scene.
-        world_from_model: (N, 4, 4), array-like: poses of the instances then; by default they stay.
-        camera_from_world: (4, 4), array-like: pose of the camera then; by default it stays.
+        world_from_model: (N, 4, 4) array-like, the instances' poses at the other moment; by default they stay.
+        camera_from_world: (4, 4) array-like, the left camera's pose at the other moment; by default it stays.
+
+    Returns:
+        The motion, in which every instance is drawn at both moments.
 
     Raises:
         InputError: where shapes or values are wrong.
@@ -149,18 +168,18 @@ def make_scene(
     near_m: float = 0.01,
     sky: object = False,
 ) -> Scene:
-    """Build a `Scene` of N instances from anything array-like.
+    """Build a `Scene` of N instances from array-likes; `Scene` says more about each of them.
 
     Args:
         camera: the stereo camera.
-        model: (N,), index into the renderer's models.
-        world_from_model: (N, 4, 4), affine, metres.
-        layer: (N,), index into the patch atlas.
+        model: (N,) indices into the renderer's models.
+        world_from_model: (N, 4, 4) affine poses, metres.
+        layer: (N,) indices into the patch atlas.
         uv_scale: (2,) or (N, 2), patches per unit of the model's UV.
         uv_offset: (2,) or (N, 2), patches.
         camera_from_world: (4, 4), the left camera's pose; by default the identity.
         near_m: depth of the near plane.
-        sky: () or (N,) bool, instances that are infinitely far away.
+        sky: () or (N,) bool, whether instances are infinitely far away.
 
     Raises:
         InputError: where shapes or values are wrong.
@@ -186,7 +205,7 @@ def make_scene(
 
 
 def _for_each(name: str, value: object, n: int) -> NDArray[np.float64]:
-    """Return an (N, 2) array of a value that is (2,) for all instances, (N, 2), or broadcasts to that."""
+    """Return a value as an (N, 2) array: (2,) for all instances, (N, 2), or anything that broadcasts to this."""
     array = to_array(name, value, np.float64)
     try:
         return np.broadcast_to(array, (n, 2))

@@ -18,9 +18,12 @@ from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.prepare import prepare_atlas, split_images
 
-_LENGTH = 1e-5  # radii of a model; shares and heights too
+# Steps to which checksums round: lengths in radii of a model, and shares and heights; means of pixels in levels.
+_LENGTH = 1e-5
 _LEVELS = 0.5
+# Part of a step by which values are shifted before they are rounded down.
 _OFF_ROUND_NUMBERS = 0.317
+# Parts of a patch along each side, over which means are taken, and the step from one row that counts to the next.
 _PARTS = 4
 _EACH_ROW = 8
 
@@ -31,7 +34,7 @@ class Sources:
 
     atlas: Atlas  # as the config's cameras see it: in grey where they are monochrome
     libraries: tuple[ModelLibrary, ...]  # the models of each recipe, all with the same `models`; at least one
-    photographs: tuple[Path, ...] = ()  # the files that patches may come from; none where all patches are drawn
+    photographs: tuple[Path, ...] = ()  # the files that patches may come from; empty where all patches are procedural
 
     @property
     def models(self) -> tuple[Mesh, ...]:
@@ -40,20 +43,20 @@ class Sources:
 
     @property
     def skipped_models(self) -> tuple[Skipped, ...]:
-        """The user's models that could not be used."""
+        """The user's models that could not be used, with the reasons."""
         return tuple(dict.fromkeys(skipped for library in self.libraries for skipped in library.skipped))
 
     def without_pixels(self) -> "Sources":
-        """Return the sources without the pixels of the patches, of which a full atlas has hundreds of MB."""
+        """Return the sources without the patches' pixels, which take hundreds of MB in a full atlas."""
         atlas = self.atlas
         empty, large = (np.zeros((0, *layers.shape[1:]), np.uint8) for layers in (atlas.layers, atlas.large_layers))
         return replace(self, atlas=replace(atlas, layers=empty, large_layers=large))
 
     def digests(self) -> dict[str, str]:
-        """Return a checksum of the patches and one of the models, in JSON's types.
+        """Return the checksums "patches" and "models", hexadecimal.
 
-        Both are the same on all processors, which differ in the last bits of sines and of products of matrices: lengths
-        are rounded to 1e-5 of a model's radius, and of pixels the means over sixteenths of a patch count, in half
+        Processors differ in the last bits of sines and of matrix products, but the checksums do not: lengths are
+        rounded to 1e-5 of a model's radius, and pixels enter as means over sixteenths of a patch, rounded to half
         levels.
         """
         patches = 0
@@ -78,15 +81,15 @@ class Sources:
 
 
 def _rounded(values: NDArray[Any], step: float) -> Ints:
-    """Round values to whole steps, so that values that differ in their last bits alone come out equal.
+    """Round values to whole steps, so that values that differ only in their last bits become equal.
 
-    Zero and round numbers are frequent, so they lie well inside a step: no last bit moves them to the next.
+    Zero and round numbers are frequent, so they are made to lie well inside a step, where no last bit matters.
     """
     return np.floor(np.ascontiguousarray(values, np.float64) / step + _OFF_ROUND_NUMBERS).astype(np.int64)
 
 
 def _means(layers: NDArray[np.uint8]) -> Floats:
-    """Return the mean of each component over 4 x 4 parts of each layer, every eighth row counting."""
+    """Return the mean of each component over 4 x 4 parts of each layer, by every eighth row: (L, 4, 4[, C])."""
     some = layers[:, ::_EACH_ROW]
     rows, columns = (np.unique(np.arange(_PARTS) * extent // _PARTS) for extent in some.shape[1:3])
     sums = np.add.reduceat(np.add.reduceat(some, rows, axis=1, dtype=np.uint32), columns, axis=2)
@@ -100,9 +103,9 @@ def prepare_sources(config: Config, split: Split) -> Sources:
     """Cut the patches and build the models of a split, or take them from the cache.
 
     Raises:
-        InputError: where images or models cannot be used, or are too few to hold some out.
+        InputError: where images or models cannot be used, or there are too few of them for the splits.
     """
-    # Models take seconds to build, and that there is no photograph is known at once.
+    # Photographs come first: missing ones are noticed at once, while models take seconds to build.
     photographs = split_images(config.textures, split)
     libraries = recipe_libraries(config, split)
     atlas = prepare_atlas(config.textures, split, photographs)

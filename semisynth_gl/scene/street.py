@@ -1,4 +1,4 @@
-"""An open scene: ground to the horizon, a road with kerbs, houses, vehicles, trees, poles, fences, people."""
+"""A street: an open scene with ground to the horizon, a road with kerbs, houses, vehicles, trees, fences and people."""
 
 from typing import Final
 
@@ -38,14 +38,16 @@ _LOW: Final[Diameters] = {
 }
 _FENCES: Final[Diameters] = {"fence": (2.2, 3.0)}
 
-# A scene whose metres are true reaches at least this far; where disparities end before, everything is scaled.
+# Smallest depth of the backdrop in a street of true size; where it is nearer, everything is scaled down.
 _TRUE_REACH_M = 25.0
+# Largest distance of things, and height of kerbs, in metres of the street.
 _FARTHEST = 90.0
 _KERB = 0.14
+# Number of places that are tried for a thing.
 _TRIES = 6
 
 _Span = tuple[float, float]
-"""Where something begins and ends, metres."""
+"""Begin and end of an interval, metres."""
 
 
 def draw_street(
@@ -57,7 +59,13 @@ def draw_street(
     *,
     sky: bool = False,
 ) -> Arrangement:
-    """Draw an open scene, its backdrop first; nothing comes nearer than the depth of ``disparity.max_px``."""
+    """Draw a street; nothing comes nearer than the depth of ``disparity.max_px``.
+
+    The first thing of the arrangement is the backdrop: a far plane or, with ``sky``, the sky.
+
+    Raises:
+        InputError: see `draw_plane`.
+    """
     section, disparity = config.street, config.disparity
     backdrop = draw_plane(config.background, disparity, camera, rng, sway, sky=sky)
     backdrop_m, near_m = float(backdrop.offset_m[0]), near_depth_m(camera, disparity)
@@ -97,7 +105,7 @@ def draw_street(
 
 
 def _add_ground(street: Arrangement, depth_m: Range, height_m: float) -> None:
-    """Lay the ground along the direction that the camera looks in."""
+    """Lay the ground along the direction in which the camera looks."""
     camera_from_floor = street.view.camera_from_floor
     ahead = camera_from_floor[2, :3] * (1, 1, 0)
     along = camera_from_floor[:3, :3] @ (ahead / np.linalg.norm(ahead))
@@ -109,7 +117,7 @@ def _add_ground(street: Arrangement, depth_m: Range, height_m: float) -> None:
 
 
 def _add_pavement(street: Arrangement, kerb: float, side: int, width: float, ahead_m: _Span) -> None:
-    """Add a raised pavement in slabs that grow with their distance; the nearest ones may be left out."""
+    """Add a raised pavement in slabs that get longer with distance; slabs that are too near are left out."""
     (near_m, reach), metre = ahead_m, street.metre
     begin, first = 0.3 * near_m, None
     while begin < reach:
@@ -124,7 +132,7 @@ def _add_pavement(street: Arrangement, kerb: float, side: int, width: float, ahe
 
 
 def _add_row(street: Arrangement, section: StreetSection, border: float, side: int, ahead_m: _Span) -> None:
-    """Add a row of houses, fences and gaps along one side."""
+    """Add a row of houses, fences and gaps along one side of the road; ``side`` is -1 for the left, 1 for the right."""
     metre, rng = street.metre, street.rng
     y = rng.uniform(0.2, 1.5) * ahead_m[0]
     while y < ahead_m[1]:
@@ -147,7 +155,7 @@ def _add_row(street: Arrangement, section: StreetSection, border: float, side: i
                 if picked is None:
                     break
                 wide, deep, _ = street.extent_m(picked)
-                # Clear of the pavement's edge.
+                # Keep the fence clear of the pavement's edge.
                 street.stand(picked, (border + side * (0.1 * metre + deep / 2), y + wide / 2, 0), np.pi / 2)
                 y += wide
             y += 0.5 * metre
@@ -156,7 +164,10 @@ def _add_row(street: Arrangement, section: StreetSection, border: float, side: i
 
 
 def _stand(street: Arrangement, sizes_m: Diameters, x_m: _Span, y_m: _Span, yaw_rad: float | None = None) -> None:
-    """Stand a thing at a free place, turned anyhow by default; near and far places count alike in disparity."""
+    """Stand a thing at a free place, if there is one; by default its yaw is random.
+
+    Places are drawn uniformly in the logarithm of their distance.
+    """
     picked, rng = street.pick(sizes_m), street.rng
     if picked is None:
         return

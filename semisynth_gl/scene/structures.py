@@ -1,4 +1,4 @@
-"""The stage of a sequence: its camera, background and structures (a ground plane, slanted panels, curved panels)."""
+"""The stage of a sequence: its camera, and its background with structures (ground plane, panels) or furniture."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ _HALF_ARC_RAD = np.pi / 3
 
 
 def _curved_panel() -> Mesh:
-    """A third of a cylinder over the unit square about the origin, its middle towards -z; u along the arc."""
+    """Build a third of a cylinder over the unit square about the origin, its middle towards -z; u is along the arc."""
     u, v, triangles = mesh_grid(_ARC_ROWS, _ARC_COLUMNS)
     radius = 0.5 / np.sin(_HALF_ARC_RAD)
     angle = (2 * u - 1) * _HALF_ARC_RAD
@@ -39,27 +39,28 @@ def _curved_panel() -> Mesh:
 
 
 CURVED_PANEL = _curved_panel()
-# The sampler counts them in this order. Flat panels are faces too.
+# `SampledScene` refers to the models in this order. Flat panels are faces, too.
 STILL_MODELS = (FACE, GROUND, CURVED_PANEL, *DOORWAYS, *NICHES)
 _FACE, _GROUND, _CURVED = range(3)
 
-# The share of rays at each end that counts as seeing nothing of a surface: a ground that reaches to the horizon is
-# seen where it is near.
+# Share of rays at each end of a surface's UV that is ignored: a ground that reaches to the horizon is measured where it
+# is near.
 _LEFT_OUT = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """The S still things of one scene, the background's faces first."""
+    """The S still things of one scene; the background's faces, or a street's backdrop, come first."""
 
-    model: Ints  # (S,) index into `STILL_MODELS` and, behind them, the models of the library
+    model: Ints  # (S,) indices into `STILL_MODELS` and, behind them, the models of the library
     world_from_model: Floats  # (S, 4, 4), left camera's frame, metres
     wears: Ints  # (S,) the still thing whose texture each wears: itself, or an earlier one
-    # In the left view: the median depths, and about the lowest and the highest UV, which are 0 where a thing is hidden.
-    # Hidden faces have the depth of the back wall, and other hidden things their nearest depth or the near plane's.
+    # Median depths in the left view, and about the lowest and the highest UV there, which are 0 for hidden things. The
+    # depths of hidden things are substitutes: the background's faces have `Background.visible_depth_m`, structures the
+    # depth of their nearest vertex, and the things of rooms and streets that of their origin, or the near plane's.
     surfaces: Surfaces
-    sky: Bools  # (S,) whether it is infinitely far away
-    disparity_px: Floats  # flat, on a coarse grid over the left view
+    sky: Bools  # (S,) whether each thing is infinitely far away
+    disparity_px: Floats  # (R,) finite disparities on a coarse grid over the left view
 
     def __len__(self) -> int:
         return len(self.model)
@@ -69,17 +70,17 @@ class Surroundings:
 class Stage:
     """The camera of one sequence, and the still things that it sees."""
 
-    camera: StereoCamera  # the one that the scenes are composed for, of the longest baseline
+    camera: StereoCamera  # the camera of the longest baseline, for which the scenes are composed
     views: tuple[StereoCamera, ...]  # the camera of each right view, see `draw_views`
     sway: Sway
     background: Kind
-    still: Surroundings  # background and structures
+    still: Surroundings  # background, structures and furniture
     up: Floats  # (3,) unit, the direction upwards in the left camera's frame
-    farthest_m: float = np.inf  # depth that the views of a room keep within; inf for other backgrounds
+    farthest_m: float = np.inf  # depth that no view of a room exceeds; inf for other backgrounds
 
 
 def take_stock(library: ModelLibrary) -> Catalogue:
-    """Return the still models and a library's as the models that things at rest are taken from."""
+    """Return the catalogue of the still models and a library's models, from which still things are taken."""
     drawn = library.drawn[library.chances > 0]
     names = np.array([library.models[number].name for number in drawn])
     by_name = {str(name): len(STILL_MODELS) + drawn[names == name] for name in np.unique(names)}
@@ -91,7 +92,7 @@ def take_stock(library: ModelLibrary) -> Catalogue:
 def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Purpose], np.random.Generator]) -> Stage:
     """Draw the stage of one sequence.
 
-    It takes the generators for CAMERA, RIG, SWAY, BACKGROUND, STRUCTURES and SKY.
+    ``generator_for`` returns the generator for CAMERA, RIG, SWAY, BACKGROUND, STRUCTURES and SKY.
 
     Raises:
         InputError: where a disparity of the config lies beyond infinity, or a far plane would have to be endless.
@@ -119,7 +120,7 @@ def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Pu
 
 
 def _surroundings(things: Arrangement, *, sky: bool) -> Surroundings:
-    """Measure what the camera sees of things at rest, before a sky if the first of them is one."""
+    """Measure how the left view shows an arrangement of still things; with ``sky`` the first thing is the sky."""
     view = things.view
     matrices = view.camera_from_floor @ np.array(things.floor_from_model)
     scene = _still_scene(view.camera, view.near_m, things.model, matrices, sky=sky)
@@ -130,7 +131,7 @@ def _surroundings(things: Arrangement, *, sky: bool) -> Surroundings:
 
 
 def _still_scene(camera: StereoCamera, near_m: float, model: list[int], matrices: Floats, *, sky: bool) -> Scene:
-    """Return still things as a scene; the first of them may be the sky."""
+    """Return still things as a scene; with ``sky`` the first thing is the sky."""
     layer, is_sky = np.zeros(len(model), np.int64), np.arange(len(model)) < int(sky)
     return make_scene(camera, model=model, world_from_model=matrices, layer=layer, near_m=near_m, sky=is_sky)
 
@@ -138,7 +139,11 @@ def _still_scene(camera: StereoCamera, near_m: float, model: list[int], matrices
 def _measured(
     scene: Scene, models: Sequence[Mesh], unit_m: Floats, wears: Ints, large: Bools, hidden_m: Floats
 ) -> Surroundings:
-    """Measure what the left view sees of still things; the sky, and what it does not see, have depths ``hidden_m``."""
+    """Measure how the left view shows a scene of S still things.
+
+    ``unit_m`` (S, 2), ``wears`` (S,) and ``large`` (S,) are as in `Arrangement`. The sky and hidden things get the
+    depths ``hidden_m`` (S,).
+    """
     seen = glance(scene, models)
     depth_m, (low, high) = hidden_m.copy(), np.zeros((2, len(scene), 2))
     for number in np.unique(seen.instance[seen.instance >= 0]):
@@ -167,7 +172,7 @@ def draw_surroundings(
     rng: np.random.Generator,
     sway: Sway = STILL,
 ) -> Surroundings:
-    """Draw structures before a background.
+    """Draw structures in front of a background, and measure how the left view shows both.
 
     No structure comes nearer than the depth of ``disparity.max_px`` in either view. Where the camera sways, only the
     ground keeps this distance, and the near plane cuts off panels that come too near.
@@ -199,7 +204,7 @@ def draw_surroundings(
         np.ones(count, bool),
         np.append(background.visible_depth_m, hidden_m),
     )
-    # As if nothing stood before the background.
+    # The background is measured as if nothing stood in front of it.
     still.surfaces.depth_m[:faces] = background.visible_depth_m
     return still if structures else replace(still, disparity_px=bare_px[np.isfinite(bare_px)])
 
@@ -230,10 +235,10 @@ def _ground_height_m(section: StructuresSection, camera: StereoCamera, rng: np.r
 
 
 def _farther_half(disparity: DisparitySection, camera: StereoCamera) -> Range:
-    """Return the disparities of the farther half of the range, by ratios."""
+    """Return the disparities of the farther half of the config's range, where the halves have equal ratios."""
     if not disparity.signed:
         return Range(disparity.min_px, (disparity.min_px * disparity.max_px) ** 0.5)
-    # By ratios of depths: disparities may lie to both sides of 0.
+    # Here the halves have equal ratios of depths, since disparities may lie on both sides of 0.
     nearness = (disparity.min_px + camera.doffs_px) * (disparity.max_px + camera.doffs_px)
     return Range(disparity.min_px, max(disparity.min_px, nearness**0.5 - camera.doffs_px))
 
@@ -263,7 +268,7 @@ def _place_panel(
     matrix = np.eye(4)
     matrix[:3, 0], matrix[:3, 1] = first * size[0], second * size[1]
     matrix[:3, 2] = normal * size.mean() * (1 if facing else -1)
-    # A face begins at its corner, a curved panel lies about its middle.
+    # The origin of a face is its corner, and that of a curved panel is its middle.
     begin = np.zeros(3) if curved else -(matrix[:3, 0] + matrix[:3, 1]) / 2
     matrix[:3, 3] = begin
     nearest = float(placed_vertices(STILL_MODELS[number], matrix)[:, 2].min())

@@ -1,4 +1,4 @@
-"""What lies below a place: the surface that a thing can stand on."""
+"""The surface below a place, on which a thing can stand."""
 
 from typing import NamedTuple
 
@@ -11,19 +11,19 @@ from semisynth_gl.scene import Floats, Ints
 class Support(NamedTuple):
     """A place on a surface."""
 
-    height: float  # its z
-    normal: Floats  # (3,) unit, upwards
+    height: float  # z of the place
+    normal: Floats  # (3,) the surface's unit normal, upwards
 
 
 def surfaces_below(corners: Floats, places: Floats) -> list[Support | None]:
-    """Find for each place (P, 3) the highest of triangles (T, 3, 3) that is not above it, or None.
+    """Find, for each place (P, 3), the nearest of triangles (T, 3, 3) below it; None where there is none.
 
-    Both are in a frame whose z points up. A place with z = inf finds the highest triangle of all.
+    Places and triangles are in a frame whose z points up. A place with z = inf finds the highest triangle of all.
     """
     place, triangle = _pairs_over(corners[..., :2], places[:, :2])
     first = corners[triangle, 0]
     edge_1, edge_2 = corners[triangle, 1] - first, corners[triangle, 2] - first
-    # Seen from above, the place is the origin: how far it lies along both edges, in their lengths.
+    # Seen from above with the place as the origin: u and v say how far it lies along both edges, in their lengths.
     seen = corners[triangle, :, :2] - places[place, None, :2]
     (from_x, from_y), (x_1, y_1), (x_2, y_2) = seen[:, 0].T, (seen[:, 1] - seen[:, 0]).T, (seen[:, 2] - seen[:, 0]).T
     area = x_1 * y_2 - y_1 * x_2
@@ -32,7 +32,7 @@ def surfaces_below(corners: Floats, places: Floats) -> list[Support | None]:
         v = (from_x * y_1 - from_y * x_1) / area
         height = first[:, 2] + u * edge_1[:, 2] + v * edge_2[:, 2]
         found = np.flatnonzero((u >= 0) & (v >= 0) & (u + v <= 1) & (height <= places[place, 2]))
-    # The highest of each place comes first.
+    # The highest triangle of each place comes first.
     found = found[np.lexsort((-height[found], place[found]))]
     reached, number = np.unique(place[found], return_index=True)
     highest = found[number]
@@ -45,7 +45,7 @@ def surfaces_below(corners: Floats, places: Floats) -> list[Support | None]:
 
 
 def _pairs_over(corners: Floats, places: Floats) -> tuple[Ints, Ints]:
-    """Return each place (P, 2) and triangle (T, 3, 2) whose bounding box holds it, as two arrays of numbers."""
+    """Return all pairs of a place (P, 2) and a triangle (T, 3, 2) whose bounding box holds it: two arrays of numbers."""
     (low_x, low_y), (high_x, high_y) = corners.min(axis=1).T.copy(), corners.max(axis=1).T.copy()
     held = []
     for x, y in places.tolist():

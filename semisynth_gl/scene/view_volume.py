@@ -1,4 +1,4 @@
-"""The space that both views show, at any moment of the sway: how near walls may come in it, and how deep they are."""
+"""The space that the two views show at any moment of the sway: how near walls may come in it, and how deep they are."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -11,30 +11,36 @@ from semisynth_gl.scene import Floats
 from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway
 
 WIDEST_RAD = np.deg2rad(85).item()
-"""Rays that may turn farther off the optical axis than this have no bounds."""
+"""Largest angle of a ray to the optical axis at any moment of the sway; wider views are treated as unbounded."""
 
 _BOUNDS = (-WIDEST_RAD, WIDEST_RAD)
 
-# The corners of a view and of a face, in turn.
+# Order in which a view's or a face's corners follow its border.
 _IN_TURN = (0, 1, 3, 2)
+# Largest number of times that a box is made smaller.
 _FITS = 16
+# Smallest cosine of the sway's angle that is divided by.
 _LEAST_COSINE = 1e-3
 TURNED_BACK = (1.0, 0.5, 0.25, 0.0)
-"""A box whose corner is too deep is turned by these shares of its angles: one that is not turned shows a wall ahead."""
+"""Shares of its angles by which a box is turned, tried until no corner is too deep; unturned, it shows a wall ahead."""
 
-# Walls that are brought in end this much before the depth that they were brought in for.
+# Share by which walls that are brought in stay short of the farthest depth.
 _ROUNDING = 1e-9
 
 
 def corner_rays(camera: StereoCamera, *eyes: Eye) -> Floats:
-    """Return rays (R, 3) through the corners of the named views, or of both, as `StereoCamera.rays` does."""
+    """Return rays (R, 3), as `StereoCamera.rays` does, through the corners of the views of ``eyes``, by default of
+    both.
+
+    Where the right camera deviates, the corners of its rectified twin's views are included.
+    """
     return np.concatenate([rays for eye, rays in _corner_rays(camera) if not eyes or eye in eyes])
 
 
 def _corner_rays(camera: StereoCamera) -> Iterator[tuple[Eye, Floats]]:
     """Yield each view's eye, and rays (4, 3) through its corners.
 
-    Where the right camera deviates, the views of its rectified twin count, too: pairs of both may show the scene.
+    Where the right camera deviates, the views of its rectified twin are included: the scene may be shown by both pairs.
     """
     x, y = np.array([(0, 0), (1, 0), (0, 1), (1, 1)]).T * [[camera.width_px], [camera.height_px]] - 0.5
     twins = (camera,) if camera.rectified else (camera, replace(camera, deviation=RECTIFIED))
@@ -48,9 +54,16 @@ def smallest_offsets(camera: StereoCamera, normal: Floats, near_m: float, sway: 
 
     Along a ray from an eye at e, a wall normal . p = offset has depth Z = (offset - normal . e) / (normal . ray), and
     normal . ray is linear over the image: its largest value is at a corner. A sway moves the eyes by at most its reach,
-    and the right one by 2 B sin(angle / 2) more; and it turns a ray by at most its angle towards the normal.
+    and the right eye by 2 B sin(angle / 2) more; and it turns a ray by at most its angle towards the normal.
 
-    The unit normals (F, 3) lead away from the camera, and the distances (F,) begin at the left camera's centre.
+    Args:
+        camera: the camera.
+        normal: (F, 3) the walls' unit normals, away from the camera.
+        near_m: depth of the near plane.
+        sway: the sway.
+
+    Returns:
+        (F,) distances from the left camera's centre, metres.
     """
     smallest = np.zeros(len(normal))
     for eye in EYES:
@@ -68,15 +81,15 @@ def smallest_offsets(camera: StereoCamera, normal: Floats, near_m: float, sway: 
 
 
 def deepest_m(camera: StereoCamera, faces: Floats, sway: Sway = STILL) -> float:
-    """Return the largest planar depth of what either view shows of flat faces at any moment of the sway; 0 for nothing.
+    """Return the largest planar depth at which either view shows flat faces at any moment of the sway; 0 for none.
 
-    Faces that hide each other count alike. They are convex, with corners (F, 4, 3) in turn, in the left camera's frame
-    without its sway.
+    Faces count even if others hide them. They are convex; ``faces`` (F, 4, 3) has their corners in order around the
+    border, in the left camera's frame without its sway.
     """
     largest = 0.0
     for eye, rays in _corner_rays(camera):
         inwards = _inwards(rays, sway.angle_rad)
-        # Of points of a plane, how far they are on its inner side.
+        # Smallest normal . p of the points on the inner side of each side of the view.
         least = inwards[:, 0] * camera.offset_m(eye) - _reach_m(camera, eye, sway)
         for face in faces:
             part = face
@@ -84,19 +97,23 @@ def deepest_m(camera: StereoCamera, faces: Floats, sway: Sway = STILL) -> float:
                 part = _clipped(part, normal, float(offset))
             if len(part):
                 aside = np.linalg.norm(part[:, :2], axis=1)
-                # The optical axis turns towards the side: the depth is convex, so a corner is the deepest.
+                # The optical axis may turn towards a point at the side. The depth is convex, so a corner is the
+                # deepest.
                 depth_m = part[:, 2] + aside * np.sin(sway.angle_rad) + sway.reach_m
                 largest = max(largest, float(depth_m.max()))
     return largest
 
 
 def box_normals(axes: Floats) -> Floats:
-    """Return the outward normals (6, 3) of a box whose axes are columns (3, 3): of each axis, and of its opposite."""
+    """Return the outward normals (6, 3) of a box: the columns of ``axes`` (3, 3), each followed by its opposite."""
     return np.concatenate([axes.T[k // 2][None] * (1 - 2 * (k % 2)) for k in range(6)])
 
 
 def box_faces(normal: Floats, offset_m: Floats) -> Floats:
-    """Return the faces (6, 4, 3) of a box around the left camera, of `box_normals` and the walls' distances (6,)."""
+    """Return the corners (6, 4, 3) of the faces of a box around the left camera, in order around each face.
+
+    ``normal`` (6, 3) comes from `box_normals`; ``offset_m`` (6,) are the walls' distances from the left camera.
+    """
     walls = normal * offset_m[:, None]
     faces = []
     for wall in range(6):
@@ -117,9 +134,19 @@ def fitted_offsets(
     *,
     movable: int = 6,
 ) -> tuple[Floats, bool]:
-    """Move the walls of a box out to their smallest distances, and the first ones in until no view shows too deep.
+    """Move the walls of a box out to their smallest distances, then bring some in until no view sees too deep.
 
-    Return the distances (6,) of the walls, and whether all views now keep to the depth; see `box_faces`.
+    Args:
+        camera: the camera.
+        normal: (6, 3) the walls' normals, see `box_normals`.
+        offset_m: (6,) the walls' distances from the left camera.
+        smallest_m: (6,) their smallest distances, see `smallest_offsets`.
+        farthest_m: the largest depth that a view may show.
+        sway: the sway.
+        movable: how many walls, from the first one on, may be brought in.
+
+    Returns:
+        The new distances (6,), and whether no view shows more than ``farthest_m``.
     """
     offset_m = np.maximum(offset_m, smallest_m)
     for _ in range(_FITS):
@@ -132,10 +159,10 @@ def fitted_offsets(
 
 
 def clear_depth_m(near_m: float, radius_m: Floats | float, aside_m: Floats | float, sway: Sway) -> Floats:
-    """Return the least depth of a sphere's middle with which the sphere stays beyond the near plane in any sway.
+    """Return the smallest depth of a sphere's centre at which the sphere stays beyond the near plane at any moment.
 
-    ``aside_m`` is its largest distance from the optical axis of the camera without its sway: a sphere at the side comes
-    nearer where the camera turns towards it.
+    ``aside_m`` is the centre's largest distance from the optical axis of the camera without its sway: a sphere at the
+    side comes nearer where the camera turns away from it.
     """
     turn = np.sin(sway.angle_rad), max(float(np.cos(sway.angle_rad)), _LEAST_COSINE)
     return np.asarray((near_m + radius_m + sway.reach_m + aside_m * turn[0]) / turn[1])
@@ -143,11 +170,11 @@ def clear_depth_m(near_m: float, radius_m: Floats | float, aside_m: Floats | flo
 
 @dataclass(frozen=True, slots=True)
 class Height:
-    """Where both views end above and below, at any moment of the sway."""
+    """The upper and the lower end of what both views show, at any moment of the sway."""
 
     top: float  # y / z of the highest rays; y points down
     bottom: float  # y / z of the lowest rays
-    reach_m: float  # so far the sway moves an eye
+    reach_m: float  # largest distance by which the sway moves an eye
 
     @property
     def secants(self) -> tuple[float, float]:
@@ -156,12 +183,12 @@ class Height:
 
 
 def height_of_view(camera: StereoCamera, sway: Sway = STILL) -> Height:
-    """Return where both views end above and below, at any moment of the sway."""
+    """Return the upper and the lower end of what both views show, at any moment of the sway."""
     rays = corner_rays(camera)
     angles = np.arctan2(rays[:, 1], rays[:, 2])
     low, high = float(angles.min()), float(angles.max())
     if sway.angle_rad > 0:
-        # As in `_inwards`; what turns away farther than any image reaches is not followed.
+        # As in `_inwards`, but angles that no image reaches are clipped.
         nearest = float((rays[:, 2] / np.linalg.norm(rays, axis=1)).min())
         low, high = (
             float(np.clip(end + sign * np.arcsin(min(np.sin(sway.angle_rad) * np.cos(end) / nearest, 1.0)), *_BOUNDS))
@@ -171,15 +198,15 @@ def height_of_view(camera: StereoCamera, sway: Sway = STILL) -> Height:
 
 
 def _reach_m(camera: StereoCamera, eye: Eye, sway: Sway) -> float:
-    """Return how far a sway moves one eye at most."""
+    """Return the largest distance by which a sway moves one eye."""
     aside = abs(camera.offset_m(eye)) * 2 * np.sin(min(sway.angle_rad, np.pi) / 2)
     return float(sway.reach_m + aside)
 
 
 def _inwards(rays: Floats, angle_rad: float) -> Floats:
-    """Return the unit normals (4, 3) of the sides of a view, inwards; (0, 3) where its rays have no bounds.
+    """Return the inward unit normals (4, 3) of a view's four sides, or (0, 3) where the view is unbounded.
 
-    The view has rays (4, 3) through its corners, and turns by up to an angle about any axis.
+    ``rays`` (4, 3) go through the view's corners; the view turns by up to ``angle_rad`` about any axis.
     """
     rays = rays[list(_IN_TURN)]
     normal = np.array([cross(rays[k], rays[(k + 1) % 4]) for k in range(4)])
@@ -187,8 +214,8 @@ def _inwards(rays: Floats, angle_rad: float) -> Floats:
     if angle_rad == 0:
         return normal
     middle, towards = np.array([0, 0, 1.0]), rays / np.linalg.norm(rays, axis=1, keepdims=True)
-    # A side turns outwards about the line that it has in common with the image. Its sine to a turned ray must stay
-    # positive: rays of the view lie within `widest` of the axis.
+    # Each side is turned outwards about its line in the image, until the view's rays lie on its inner side however the
+    # view turns. All rays lie within `widest` of the optical axis.
     widest = float(np.arccos(towards[:, 2].min()))
     tilt_rad = np.arccos(np.clip(normal @ middle, -1, 1))
     more = np.sin(angle_rad) * np.sin(tilt_rad) / np.cos(widest)
@@ -201,7 +228,7 @@ def _inwards(rays: Floats, angle_rad: float) -> Floats:
 
 
 def _clipped(polygon: Floats, normal: Floats, least: float) -> Floats:
-    """Return the part of a convex polygon (N, 3) where normal . p >= least, (M, 3)."""
+    """Return the part (M, 3) of a convex polygon (N, 3) in which normal . p >= least."""
     if not len(polygon):
         return polygon
     inner = polygon @ normal - least
@@ -211,6 +238,6 @@ def _clipped(polygon: Floats, normal: Floats, least: float) -> Floats:
     crosses = (inner >= 0) != (beyond >= 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         crossing = polygon + (inner / (inner - beyond))[:, None] * (following - polygon)
-    # Each corner that stays, and behind it the crossing of its side.
+    # Each corner that stays, followed by the crossing on the side that begins at the corner.
     both = np.stack([polygon, crossing], axis=1).reshape(-1, 3)
     return np.asarray(both[np.stack([inner >= 0, crosses], axis=1).ravel()])

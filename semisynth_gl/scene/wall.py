@@ -8,7 +8,18 @@ from semisynth_gl.scene.arrangement import Corner
 
 
 class Wall:
-    """A wall as the room sees it: its corner at the top left, its edges to the right and down, and its far side."""
+    """A wall as it is seen from inside the room.
+
+    Args:
+        corner: (3,) top left corner, in the floor's frame.
+        right: (3,) edge from that corner to the right.
+        height_m: height of the wall.
+
+    Attributes:
+        down: (3,) edge from the corner down.
+        length_m: length of the edge to the right.
+        out: (3,) unit normal, from the room outwards.
+    """
 
     def __init__(self, corner: Floats, right: Floats, height_m: float) -> None:
         self.corner = corner
@@ -16,26 +27,25 @@ class Wall:
         self.height_m = height_m
         self.down = np.array([0, 0, -height_m])
         self.length_m = float(np.linalg.norm(right))
-        # From the room outwards, where "right" and "down" are as seen from inside.
         self.out = cross(right, self.down) / (height_m * self.length_m)
-        # Opposite corners (u, v) of its doorway or niche, and of what hangs on it.
+        # Opposite corners (u, v) of the doorway or niche, and of the things that hang on the wall.
         self._taken: list[tuple[Corner, Corner]] = []
 
     @property
     def yaw_rad(self) -> float:
-        """Turn about z of a model whose back, +y, is to the wall."""
+        """The turn about z that puts a model's back, +y, to the wall."""
         return float(np.arctan2(self.out[1], self.out[0]) - np.pi / 2)
 
     def is_free(self, low: Corner, high: Corner) -> bool:
-        """Whether a rectangle from one corner (u, v) to the opposite one lies on the wall, and meets none taken."""
+        """Return whether a rectangle, from its lowest to its highest (u, v), lies on the wall clear of all taken ones."""
         if min(low) < 0 or max(high) > 1:
             return False
         return not any(all(low[k] < end[k] and begin[k] < high[k] for k in (0, 1)) for begin, end in self._taken)
 
     def take(self, low: Corner, high: Corner) -> None:
-        """Take a rectangle for a doorway, a niche or something that hangs."""
+        """Mark a rectangle as taken by a doorway, a niche or a thing that hangs."""
         self._taken.append((low, high))
 
     def at(self, u: float, v: float, out_m: float = 0.0) -> Floats:
-        """Return the place (3,) at shares of the wall's edges, and so far behind the wall."""
+        """Return the place (3,) at shares ``u`` and ``v`` of the wall's edges, ``out_m`` behind the wall."""
         return np.asarray(self.corner + u * self.right + v * self.down + out_m * self.out)
