@@ -1,8 +1,7 @@
 """The oracle: disparity, visibility, normals and flow by float64 rays, against which the renderer is measured.
 
-The oracle judges with the rays of `semisynth_gl.scene.raycast`. The judged scenes share this caster with the oracle,
-and nothing else: the scene sampler measures with it where background and structures are hidden. The renderer uses
-neither.
+The oracle judges with the rays of `semisynth_gl.scene.raycast`. Neither the scene sampler nor the renderer uses this
+caster.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,15 +16,16 @@ from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.scene.raycast import Hits, cast_rays
 from semisynth_gl.scene.scene import Motion, Scene
 
-# A second ray meets the same point up to float64's rounding; a surface in front of the point is nearer by more.
+# Largest relative difference of the depths at which two rays meet the same point; it covers float64's rounding, and a
+# surface in front of the point is nearer by more.
 _SAME_POINT = 1e-9
 
 
 def disparity_px(camera: StereoCamera, hits: Hits, *, signed: bool = False) -> NDArray[np.float64]:
     """Return the disparities of R hits, (R,) float64 px.
 
-    They are -doffs where the sky is hit, and inf where nothing is hit or, unless they are ``signed``, where f B / Z -
-    doffs is not positive.
+    The disparity of the sky is -doffs. It is inf where nothing is hit and, unless disparities are ``signed``, where
+    f B / Z - doffs is not positive. The pair must be rectified.
     """
     disparity = camera.disparity_px(hits.depth_m)
     return np.where((hits.instance >= 0) & _is_valid(disparity, signed=signed), disparity, np.inf)
@@ -45,7 +45,7 @@ def correspondence_px(
     *,
     signed: bool = False,
 ) -> NDArray[np.float64]:
-    """Return the way from each of R hits of one eye's rays to where the other eye would see it.
+    """Return the way from each of R rays' pixel positions to where the other eye would see the hit.
 
     Args:
         camera: the camera of the rays.
@@ -56,8 +56,8 @@ def correspondence_px(
         signed: whether disparities of 0 and below are valid.
 
     Returns:
-        (R, 2) float64 px, right and down: the disparity x_left - x_right is minus the first in the left view, and the
-        first in the right view. Inf where nothing is hit, or the disparity is not valid.
+        (R, 2) float64 px, right and down; inf where nothing is hit, or the disparity is not valid. `disparity_of`
+        returns the disparities of ways.
     """
     way = camera.correspondence(eye, np.asarray(x_px, np.float64), np.asarray(y_px, np.float64), hits.depth_m)
     disparity = way[:, 0] * (-1 if eye == "left" else 1)
@@ -72,7 +72,7 @@ def _in_image(camera: StereoCamera, place_px: NDArray[np.float64]) -> NDArray[np
 
 
 def disparity_of(eye: Eye, way: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the disparities x_left - x_right (R,) of ways (R, 2) from one eye's view; inf for inf."""
+    """Return the disparities x_left - x_right, (R,), of ways (R, 2) from one eye's view; inf where a way is inf."""
     return way[:, 0] if eye == "right" else np.where(np.isinf(way[:, 0]), np.inf, -way[:, 0])
 
 
@@ -86,9 +86,16 @@ def visibility(
     *,
     signed: bool = False,
 ) -> NDArray[np.uint8]:
-    """Return whether the other eye sees the hit points, by a second ray to each point from there.
+    """Return whether the other eye sees the hit points, by a second ray to each point from that eye.
 
-    Takes the scene with its models and one eye's R rays; see `correspondence_px`.
+    Args:
+        scene: the scene.
+        models: the meshes to which ``scene.model`` refers.
+        eye: the eye of the R rays.
+        x_px: (R,) columns of the rays.
+        y_px: (R,) rows of the rays.
+        hits: the R hits.
+        signed: whether disparities of 0 and below are valid.
 
     Returns:
         (R,) uint8: VISIBLE, OCCLUDED or OUTSIDE of `semisynth_gl.frame.frame`.
@@ -119,9 +126,10 @@ class Flows:
     Attributes:
         flow_px: (R, 2) float64, x right and y down; inf where there is no hit, or where the point is nearer than the
             near plane at the other moment.
-        disparity_change_px: (R,) float64, in a rectified pair; inf at the same rays, and where a disparity is not valid
-            at one of the moments.
-        visibility: (R,) uint8, at the other moment: VISIBLE, OCCLUDED or OUTSIDE of `semisynth_gl.frame.frame`.
+        disparity_change_px: (R,) float64, for rectified pairs; inf where the flow is, and where the disparity is not
+            valid at one of the moments.
+        visibility: (R,) uint8, whether the same eye sees the point at the other moment: VISIBLE, OCCLUDED or OUTSIDE of
+            `semisynth_gl.frame.frame`.
     """
 
     flow_px: NDArray[np.float64]
@@ -142,15 +150,15 @@ def flow(
 ) -> Flows:
     """Follow hit points of one eye's R rays to another moment, each on its own instance.
 
-    The sky turns with the camera alone. ``motion`` has the scene at the other moment, and the pose of each instance
-    there; see `correspondence_px` for the other arguments.
+    The camera's translation does not move the sky. ``motion`` leads from the scene to the other moment; see
+    `visibility` for the other arguments.
     """
     camera = scene.camera
     x, y = np.asarray(x_px, np.float64), np.asarray(y_px, np.float64)
     later, depth_m = np.full((len(x), 3), np.inf), hits.depth_m
     is_sky = np.isin(hits.instance, np.flatnonzero(scene.sky))
     if is_sky.any():
-        # A point of the instance stands for the sky in its direction.
+        # The sky in each direction is represented by a point of its instance.
         depth_m = np.where(is_sky, depth_on_planes(scene, models, eye, x, y, hits), depth_m)
     then = replace(scene, camera_from_world=motion.scene.camera_from_world, world_from_model=motion.world_from_model)
     turn = camera.turn(eye)
@@ -159,7 +167,7 @@ def flow(
         now_from_model, later_from_model = scene.view_from_model(number), then.view_from_model(number)
         eye_offset = np.array([scene.offset_m(eye, number), 0.0, 0.0])
         point = camera.rays(eye, x[rays], y[rays]) * depth_m[rays, None] + eye_offset
-        # By the triangle's corners and the point's place among them: flat models have no inverse matrix.
+        # Move the triangle's corners, and the point with its place among them: matrices of flat models have no inverse.
         mesh = models[int(scene.model[number])]
         corners = mesh.positions.astype(np.float64)[mesh.triangles[hits.triangle[rays]]]
         weights = _place_among(corners @ now_from_model[:3, :3].T + now_from_model[:3, 3], point)
@@ -189,7 +197,7 @@ def flow(
 
 
 def normals(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -> NDArray[np.float64]:
-    """Return the normals of the triangles that one eye's R rays hit, which point to this eye's side.
+    """Return the normals of the triangles that one eye's R rays hit, on the side that faces this eye.
 
     Returns:
         (R, 3) float64 unit vectors in the eye's frame; 0 where a ray hits nothing.
@@ -205,7 +213,10 @@ def normals(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -> NDArr
 def _triangles_hit(
     scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits
 ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]]:
-    """Yield, per instance, the hits (N,) on it, their triangles' corners (N, 3, 3) from the eye, normals (N, 3)."""
+    """Yield, for each instance, its hits' numbers (N,), and their triangles' corners (N, 3, 3) and normals (N, 3).
+
+    Corners and normals are in the eye's frame; the normals are not unit vectors.
+    """
     turn = scene.camera.turn(eye)
     for number in np.unique(hits.instance[hits.instance >= 0]):
         hit = np.flatnonzero(hits.instance == number)
@@ -220,7 +231,7 @@ def _triangles_hit(
 
 
 def _place_among(corners: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Barycentric coordinates (R, 3) of points (R, 3) in the planes of triangles (R, 3, 3)."""
+    """Return the barycentric coordinates (R, 3) of points (R, 3) in the planes of triangles (R, 3, 3)."""
     edge_1, edge_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normal = np.cross(edge_1, edge_2)
     across = point - corners[:, 0]
@@ -233,9 +244,17 @@ def _place_among(corners: NDArray[np.float64], point: NDArray[np.float64]) -> ND
 def depth_on_planes(
     scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64], hits: Hits
 ) -> NDArray[np.float64]:
-    """Return the depth, at R pixel positions, of the planes of triangles that rays through other positions hit.
+    """Return the depths, at R pixel positions, of the planes of triangles that rays through other positions hit.
 
-    Beside an edge it tells on which surface a pixel lies: the tests of hard cases ask for that.
+    Close to an edge, the depths tell on which surface a pixel lies, which the tests of hard cases need.
+
+    Args:
+        scene: the scene.
+        models: the meshes to which ``scene.model`` refers.
+        eye: the eye of the rays and the positions.
+        x_px: (R,) columns of the positions.
+        y_px: (R,) rows of the positions.
+        hits: the R hits of rays that may go through other positions.
 
     Returns:
         (R,) float64 m; inf where there is no hit.

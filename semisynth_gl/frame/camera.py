@@ -1,7 +1,7 @@
-"""The stereo camera: two pinholes that differ by a baseline and, in some rigs, by cx; crops of its images.
+"""The stereo camera: two pinholes that differ by a baseline and, in some rigs, by cx or a deviation; crops of images.
 
-Frame (OpenCV's): x right, y down, z forward, metres, origin in the left camera. The right camera stands at
-(+baseline, 0, 0), and looks the same way unless it deviates. Pixels: the centre of the top-left pixel is (0, 0).
+Frame (OpenCV's): x right, y down, z forward, metres, origin in the left camera. The right camera is at
+(+baseline, 0, 0), and looks in the same direction unless it deviates. The centre of the top left pixel is (0, 0).
 """
 
 from collections.abc import Mapping
@@ -21,13 +21,16 @@ OTHER_EYE: Mapping[Eye, Eye] = {"left": "right", "right": "left"}
 
 @dataclass(frozen=True, slots=True)
 class Crop:
-    """A rectangle of both images, whole pixels.
+    """A rectangle of whole pixels, the same in both images.
 
     Attributes:
-        x_px: column of its left pixels.
-        y_px: row of its top pixels.
+        x_px: first column.
+        y_px: first row.
         width_px: number of columns.
         height_px: number of rows.
+
+    Raises:
+        InputError: where the rectangle is empty, or begins before pixel 0.
     """
 
     x_px: int
@@ -53,20 +56,23 @@ class Crop:
 
 
 MOST_TURN_RAD = np.deg2rad(10.0).item()
-"""Most that a right camera may turn: with more, no network would be asked for horizontal disparities."""
+"""Largest roll and pitch of a right camera: with more, nobody would ask a network for horizontal disparities."""
 MOST_FOCAL_RATIO = 1.25
-"""Most that the right focal length may differ, for the same reason."""
+"""Largest ratio of the two focal lengths, for the same reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """How a right camera deviates from the rectified one, about its own centre.
+    """The deviation of a right camera from the rectified one, about its own centre.
 
     Attributes:
-        roll_rad: rotation about z, right-handed as all: a positive one turns what it shows clockwise.
-        pitch_rad: rotation about x, after the roll; a positive one moves what it shows upwards.
-        y_px: its principal point lies this much lower than the left one.
-        focal_ratio: its focal length, in units of the left one.
+        roll_rad: right-handed rotation about z; a positive roll turns the image's content clockwise.
+        pitch_rad: right-handed rotation about x, after the roll; a positive pitch moves the image's content upwards.
+        y_px: how much lower than the left principal point the right one lies.
+        focal_ratio: the right focal length divided by the left one.
+
+    Raises:
+        InputError: where a turn is larger than 10 degrees, or the ratio is not 0.8 to 1.25.
     """
 
     roll_rad: float = 0.0
@@ -106,7 +112,7 @@ _MOST_PX = 2**31 - 1
 
 @dataclass(frozen=True, slots=True)
 class StereoCamera:
-    """A pair of pinhole cameras with one focal length, rectified but for what the right one deviates.
+    """A pair of pinhole cameras with one focal length, rectified except for the right one's deviation.
 
     Attributes:
         width_px: image width.
@@ -117,7 +123,10 @@ class StereoCamera:
             px of pixel 0.
         cx_right_px: x of the right principal point.
         cy_px: y of both principal points.
-        deviation: how the right camera deviates from the rectified one, of which all else here speaks.
+        deviation: deviation of the right camera from the rectified one, which all other attributes describe.
+
+    Raises:
+        InputError: where a value has the wrong type or is out of range.
     """
 
     width_px: int
@@ -157,7 +166,7 @@ class StereoCamera:
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> Self:
-        """Build a camera from what `values` returned.
+        """Build a camera from the dictionary that `values` returns.
 
         Raises:
             KeyError, TypeError, InputError: where values are missing or wrong.
@@ -166,10 +175,10 @@ class StereoCamera:
         return cls(**known, deviation=Deviation(**values["deviation"]) if "deviation" in values else RECTIFIED)
 
     def values(self, *, deviation: bool = False) -> dict[str, Any]:
-        """Return the camera in JSON's types, doffs too.
+        """Return the camera in JSON's types: the attributes by name, and "doffs_px".
 
         Args:
-            deviation: whether to state the zero deviation of a rectified pair, too.
+            deviation: whether a rectified pair has the key "deviation", too.
         """
         values = asdict(self)
         stated = values.pop("deviation")
@@ -204,7 +213,7 @@ class StereoCamera:
 
     @property
     def left_alone(self) -> tuple[float, ...]:
-        """What the left view depends on: cameras that are equal in it differ in the right eye alone."""
+        """The values on which the left view depends: cameras with equal values differ only in the right eye."""
         return self.width_px, self.height_px, self.focal_px, self.cx_left_px, self.cy_px
 
     @property
@@ -222,7 +231,7 @@ class StereoCamera:
         return self.cx_left_px if eye == "left" else self.cx_right_px
 
     def lens_px(self, eye: Eye) -> tuple[float, float, float]:
-        """Return x and y of one eye's principal point, and its focal length."""
+        """Return x and y of one eye's principal point, and the eye's focal length, px."""
         if eye == "left":
             return self.cx_left_px, self.cy_px, self.focal_px
         deviation = self.deviation
@@ -233,20 +242,20 @@ class StereoCamera:
         return 0.0 if eye == "left" else self.baseline_m
 
     def turn(self, eye: Eye) -> NDArray[np.float64] | None:
-        """Return the rotation eye_from_left of one eye's frame, (3, 3) float64; None for none."""
+        """Return the rotation eye_from_left of one eye's frame, (3, 3) float64; None where the eye is not rotated."""
         return None if eye == "left" or self.rectified else self.deviation.rotation
 
     def disparity_px(self, depth_m: NDArray[np.float64] | float) -> NDArray[np.float64]:
         """Return the disparity x_left - x_right = f B / Z - doffs of planar depths, in a rectified pair.
 
-        Any shape, float64, not clamped. `correspondence` holds for all pairs.
+        The result is float64, of any shape, and not clamped. For all pairs, see `correspondence`.
         """
         return self.focal_baseline / np.asarray(depth_m, np.float64) - self.doffs_px
 
     def depth_m(self, disparity_px: NDArray[np.float64] | float) -> NDArray[np.float64]:
         """Return the planar depth Z = f B / (d + doffs) of disparities in a rectified pair; any shape, float64.
 
-        Inf, a negative value or, with a baseline of 0, nan stand for no depth. `depth_at` holds for all pairs.
+        Inf, negative values and, with a baseline of 0, nan stand for no depth. For all pairs, see `depth_at`.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             return self.focal_baseline / (np.asarray(disparity_px, np.float64) + self.doffs_px)
@@ -254,7 +263,7 @@ class StereoCamera:
     def rays(self, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return directions (..., 3) through pixel positions (...), in the left camera's frame.
 
-        Each goes one unit of planar depth along the eye's own view: z = 1 but where the right camera deviates.
+        Each direction has a planar depth of 1 in the eye's own view, so that z = 1 unless the right camera deviates.
         """
         directions = self.rays_of_eye(eye, x_px, y_px)
         turn = self.turn(eye)
@@ -263,7 +272,7 @@ class StereoCamera:
     def correspondence(
         self, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64], depth_m: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the way from pixel positions of one view to where the other view has the same points.
+        """Return the way from pixel positions in one view to the positions of the same points in the other view.
 
         Args:
             eye: the view.
@@ -272,7 +281,7 @@ class StereoCamera:
             depth_m: (...) planar depths of the points in that view; inf for points at infinity.
 
         Returns:
-            (..., 2) float64 px: to the right and down; not finite where the point is not in front of the other eye.
+            (..., 2) float64 px, right and down; not finite where the point is not in front of the other eye.
         """
         if self.rectified:
             along = self.disparity_px(depth_m) * (-1 if eye == "left" else 1)
@@ -298,7 +307,7 @@ class StereoCamera:
             eye: the view.
             x_px: (...) columns.
             y_px: (...) rows.
-            disparity_px: (...).
+            disparity_px: (...) disparities x_left - x_right.
 
         Returns:
             (...) float64 m; inf, negative values and nan stand for no depth.
@@ -307,7 +316,7 @@ class StereoCamera:
             return self.depth_m(disparity_px)
         direction, shift, (cx, _, focal) = self._seen_from_other(eye, x_px, y_px)
         sign = -1 if eye == "left" else 1
-        # The column in the other view, of which the depth is the only unknown.
+        # The column in the other view, from its principal point: an equation in which only the depth is unknown.
         column = np.asarray(x_px, np.float64) + sign * np.asarray(disparity_px, np.float64) - cx
         with np.errstate(divide="ignore", invalid="ignore"):
             result: NDArray[np.float64] = (focal * shift[0] - column * shift[2]) / (
@@ -325,7 +334,7 @@ class StereoCamera:
     def _seen_from_other(
         self, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[float, float, float]]:
-        """Return directions (..., 3) of pixels and the eye's place (3,) in the other eye's frame, and its lens."""
+        """Return pixels' directions (..., 3) and the eye's place (3,) in the other eye's frame, and that eye's lens."""
         other = OTHER_EYE[eye]
         direction = self.rays(eye, x_px, y_px)
         shift = np.array([self.offset_m(eye) - self.offset_m(other), 0.0, 0.0])

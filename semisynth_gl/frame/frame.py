@@ -24,7 +24,7 @@ Colour = Literal["rgb", "grey"]
 TruthViews = Literal["both", "left"]
 TRUTH_VIEWS: tuple[TruthViews, ...] = get_args(TruthViews)
 
-# Drivers have powers of two as numbers of samples.
+# Antialiasings that exist; numbers of samples are powers of two in all drivers.
 ANTIALIAS_PATTERN = r"^(none|edges|msaa(2|4|8|16|32)|ssaa[2-8])$"
 
 Value = TypeVar("Value", bound=np.generic)
@@ -32,17 +32,17 @@ _UINT8, _FLOAT32 = np.dtype(np.uint8), np.dtype(np.float32)
 
 
 def as_rgb(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return an image with three channels, (H, W, 3); a grey image (H, W) gets three equal ones.
+    """Return an image with three components, (H, W, 3); a grey image (H, W) gets three equal components.
 
-    A grey one is not copied, and cannot be written to.
+    The result for a grey image is a read-only view of it, not a copy.
     """
     return image if image.ndim == 3 else np.broadcast_to(image[..., np.newaxis], (*image.shape, 3))
 
 
 def finite_range(values: NDArray[np.float32]) -> tuple[int, float, float]:
-    """Return how many of some values are finite, their smallest and their largest; 0 for all three where none is."""
+    """Return the number of finite values, the smallest and the largest of them; all three are 0 where there is none."""
     if values.size:
-        # Where both are finite, all values are; so it is in most pairs, and nothing is copied.
+        # If both are finite, all values are. This is so in most pairs, and needs no copy.
         low, high = float(values.min()), float(values.max())
         if isfinite(low) and isfinite(high):
             return values.size, low, high
@@ -51,29 +51,29 @@ def finite_range(values: NDArray[np.float32]) -> tuple[int, float, float]:
 
 
 def through_levels(image: NDArray[np.uint8], levels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return an image of any shape with each 8-bit value v replaced by ``levels[v]``, a table of 256."""
-    # A third of the time of numpy's indexing.
+    """Return an 8-bit image of any shape with each value v replaced by ``levels[v]``, from a table of 256 uint8."""
+    # This takes a third of the time of numpy's indexing.
     return np.frombuffer(bytearray(image).translate(levels.tobytes()), np.uint8).reshape(image.shape)
 
 
 @dataclass(eq=False)
 class Channel(Generic[Value]):
-    """One quantity of every pixel of a view: a row of the table that `View` is.
+    """A quantity of every pixel of a view: a row of the table in the class `View`.
 
     Attributes:
         dtype: the dtype of the values.
-        meaning: what a value says, with ``{view}`` and ``{other}`` for the view's name and the other view's.
-        codec: see `semisynth_gl.codecs.Encodings.codec`.
+        meaning: the meaning of a value, with ``{view}`` and ``{other}`` for the names of the view and the other view.
+        codec: name of the codec, see `semisynth_gl.codecs.Encodings.codec`.
         components: values per pixel; the array is (H, W) for 1, else (H, W, components).
-        or_grey: whether it is (H, W) all the same where the cameras see no colours.
+        or_grey: whether the array is (H, W) in spite of its components where the cameras are monochrome.
         nothing: the value of a pixel that shows nothing, or for which the quantity does not exist.
-        output: the output that a user asks for to get the channel; None for a channel that every pair has.
-        moment: "next" or "previous" where it compares the scene with that frame, which needs the scene's motion.
-        drawn_by: the pass of the renderer that writes it.
-        attachment: the pass's attachment that holds it; by default called like the channel.
-        reads_triangles: whether that pass looks up the scene's triangles, as all passes behind the drawing do.
+        output: the output that a user asks for to get the channel; None for a channel of every view that has truth.
+        moment: "next" or "previous" for a channel that compares the scene with that frame, which needs its motion.
+        drawn_by: the renderer's pass that writes the channel.
+        attachment: the pass's attachment that holds the channel; by default it has the channel's name.
+        reads_triangles: whether that pass looks up the scene's triangles, as all passes after the drawing do.
         mask: the channel that says whether the other view, or the other moment, shows the same point.
-        of_own_view: whether it is the same wherever the other eye stands: pairs that share a view share it.
+        of_own_view: whether the channel does not depend on the other eye, so that pairs that share a view share it.
         name: the channel's name in `View`.
     """
 
@@ -114,29 +114,30 @@ class Channel(Generic[Value]):
         return array
 
     def fits(self, shape: tuple[int, ...]) -> bool:
-        """Return whether an array of the channel may have a shape."""
+        """Return whether an array of the channel may have this shape; only what follows (H, W) is checked."""
         return shape[2:] in {() if self.components == 1 else (self.components,), *([()] if self.or_grey else [])}
 
     def role(self, eye: Eye) -> str:
-        """Return the name of one eye's array among both views': ``left`` for its image, else ``disparity_left``."""
+        """Return the name of one eye's array among both views' arrays: ``left`` for an image, else ``disparity_left``."""
         return eye if self.name == "image" else f"{self.name}_{eye}"
 
     @property
     def beyond_key(self) -> str:
-        """Key of a pair's provenance: how many pixels of each view have a value that the codec cannot store."""
+        """The key of a pair's provenance with the number of pixels per view whose value the codec cannot store."""
         return f"{self.name}_beyond"
 
 
 class View(Mapping[str, NDArray[Any]]):
-    """What one eye sees: arrays by the names of their channels, those that were made.
+    """One eye's view: the arrays that were made, by the names of their channels.
 
     ``view.disparity`` and ``view["disparity"]`` are the same array; ``"flow" in view`` says whether there is flow.
 
     Args:
-        channels: (H, W) or (H, W, C) arrays by name, as the table below has them.
+        channels: (H, W) or (H, W, C) arrays by name, with the dtypes and components of the table below. Objects that
+            are not arrays, such as tensors, are not checked.
 
     Raises:
-        InputError: where a name is no channel's, or an array has another dtype or another number of components.
+        InputError: where there is no channel of a name, or an array has another dtype or number of components.
     """
 
     image = Channel(
@@ -257,7 +258,7 @@ class View(Mapping[str, NDArray[Any]]):
             if channel is None:
                 raise InputError(f"view: expected channels of {', '.join(CHANNELS)}, got {name}")
             if not isinstance(array, np.ndarray):
-                continue  # a reader of the renderer's may hand out tensors
+                continue  # the renderer's reader may return tensors
             if array.ndim < 2 or not channel.fits(array.shape) or array.dtype != channel.dtype:
                 expected = "(H, W)" if channel.components == 1 else f"(H, W, {channel.components})"
                 expected += " or (H, W)" if channel.or_grey else ""
@@ -276,7 +277,7 @@ class View(Mapping[str, NDArray[Any]]):
         return len(self._arrays)
 
     def with_channels(self, channels: Mapping[str, NDArray[Any]]) -> "View":
-        """Return a view with other arrays in the place of some of these."""
+        """Return a view in which some arrays are added or replaced."""
         return View(self._arrays | dict(channels))
 
 
@@ -288,7 +289,7 @@ CHANNELS: Mapping[str, Channel[Any]] = {
 OUTPUTS: tuple[str, ...] = tuple(
     dict.fromkeys(channel.output for channel in CHANNELS.values() if channel.output is not None)
 )
-"""What a user may ask for beside images and disparities."""
+"""The outputs that a user may ask for beside images and disparities."""
 DEFAULT_OUTPUTS = ("visibility",)
 
 
@@ -304,13 +305,13 @@ FLOW_OUTPUTS = FUTURE_OUTPUTS | PAST_OUTPUTS
 class Frame:
     """A rendered stereo pair with its truth.
 
-    Disparity is x_left - x_right in px in both views; inf where nothing is seen and, unless the config's
-    ``disparity.signed`` makes these valid, where the rig makes it zero or negative. Depth and normals are those of each
-    view by itself, which matters where the right camera deviates. Where truth was asked for in the left view alone, the
-    right view has its image alone.
+    Disparity is x_left - x_right in px in both views. It is inf where nothing is seen, and where it would be zero or
+    negative, unless the config's ``disparity.signed`` makes such values valid. Depth and normals are in each view's own
+    camera frame, which matters where the right camera deviates. Where truth was asked for only in the left view, the
+    right view has only its image.
 
     Attributes:
-        camera: the camera that took it.
+        camera: the camera of the pair; that of the crop for a cropped pair.
         left: the left view.
         right: the right view.
     """
@@ -321,7 +322,7 @@ class Frame:
 
     @classmethod
     def from_arrays(cls, camera: StereoCamera, arrays: Mapping[str, NDArray[Any]]) -> "Frame":
-        """Build a frame from arrays by role, as `arrays` returns them."""
+        """Build a frame from arrays by role, as `arrays` returns them; see `View` for errors."""
         check_type("arrays", arrays, Mapping)
         left, right = (
             View({name: arrays[row.role(eye)] for name, row in CHANNELS.items() if row.role(eye) in arrays})
@@ -334,9 +335,9 @@ class Frame:
         return self.left if eye == "left" else self.right
 
     def ways(self, eye: Eye) -> NDArray[np.float64]:
-        """Return what disparity and camera say of where the other view has the points of a view, which has disparity.
+        """Return the way from each pixel of a view to the same point in the other view, by the view's disparity.
 
-        The output ``correspondence`` says the same, rounded once.
+        The view must have a disparity. The output ``correspondence`` has the same values, rounded once.
 
         Returns:
             (H, W, 2) float64 px, to the right and down; nan where there is no disparity.
@@ -354,9 +355,9 @@ class Frame:
             eye: the view.
 
         Returns:
-            (H, W, 3) float32: x right, y down and z forward in the left camera's frame, metres, for either view; nan
-            in all three where the pixel has no disparity, where it is that of what is infinitely far away, as the sky
-            is, and with a baseline of 0 everywhere.
+            (H, W, 3) float32: x right, y down and z forward in the left camera's frame, metres, for either view. All
+            three are nan where the pixel has no disparity or shows a point at infinity, such as the sky, and everywhere
+            with a baseline of 0.
 
         Raises:
             InputError: where there is no such view, or the view has no disparity.

@@ -1,1 +1,1 @@
-"""The only room that knows OpenGL: contexts, the renderer, the list of devices."""
+"""The only room that uses OpenGL: contexts, the renderer, the list of devices."""

@@ -1,4 +1,4 @@
-"""Antialiased colour: its own framebuffers, beside the truth's, which stay single sample."""
+"""Framebuffers of antialiased colour, apart from those of the truth, which have one sample a pixel."""
 
 import moderngl
 import numpy as np
@@ -12,10 +12,17 @@ from semisynth_gl.render.targets import window
 
 
 class ColourTargets:
-    """Where one image size (width and height, px) is drawn with "msaa" or "ssaa", one eye after the other.
+    """The framebuffers in which images of one size are drawn with "msaa" or "ssaa", one eye after the other.
+
+    Args:
+        loaded: the renderer's context, and what it is to draw.
+        image_size: width and height, px.
+
+    Attributes:
+        fine: the framebuffer to draw into, with several samples a pixel or several pixels for one.
 
     Raises:
-        BackendError: where the driver has fewer samples, or no image that large.
+        BackendError: where the driver has too few samples per pixel, or no images as large as needed.
     """
 
     def __init__(self, loaded: Loaded, image_size: tuple[int, int]) -> None:
@@ -35,7 +42,7 @@ class ColourTargets:
                 f"antialias ssaa{factor} draws {size[0]} x {size[1]} px, but {context.renderer} goes up to "
                 f"{gl.info['GL_MAX_TEXTURE_SIZE']}: lower the factor or the image size"
             )
-        # Formats of three components cannot be drawn into everywhere.
+        # Not every driver can draw into formats of three components.
         stored, self._components = (1, 1) if loaded.patches.grey else (4, 3)
         self._colour = gl.texture(size, stored) if not samples else gl.renderbuffer(size, stored, samples=samples)
         self._depth_buffer = gl.depth_renderbuffer(size, samples=samples)
@@ -49,14 +56,14 @@ class ColourTargets:
             self._vao = gl.vertex_array(self._program, [])
 
     def limit(self, region: Crop | None) -> None:
-        """Let `fine` be drawn and cleared inside a rectangle of the image, or all of it, until the next call."""
+        """Restrict drawing and clearing to a rectangle of the image until the next call; None lifts the restriction."""
         scale = self.fine.width // self._resolve.width
         x, y, width, height = window(region, self._resolve.size)
         self.fine.scissor = scale * x, scale * y, scale * width, scale * height
         self._resolve.scissor = x, y, width, height
 
     def resolve(self) -> None:
-        """Make one sample a pixel of what was drawn into `fine`."""
+        """Reduce the samples that were drawn into `fine` to one per pixel, which `read_colour` reads."""
         if isinstance(self._colour, moderngl.Texture):
             self._resolve.use()
             self._gl.enable_only(moderngl.NOTHING)
@@ -66,13 +73,13 @@ class ColourTargets:
             self._gl.copy_framebuffer(self._resolve, self.fine)
 
     def read_colour(self, crop: Crop | None = None) -> NDArray[np.uint8]:
-        """Copy what was resolved, or a crop of it, out as (H, W, 3) uint8 RGB or (H, W) grey, top row first."""
+        """Return the resolved image, or a crop of it: by default (H, W, 3) uint8 RGB or (H, W) grey, top row first."""
         rectangle = window(crop, self._resolve.size)
         colour: NDArray[np.uint8] = self._read(self._resolve, rectangle, 0, "f1", self._components)
         return colour
 
     def release(self) -> None:
-        """Free everything."""
+        """Free all framebuffers and programs."""
         for resource in (self.fine, self._resolve, self._colour, self._depth_buffer, self._resolved):
             resource.release()
         if self._program is not None:

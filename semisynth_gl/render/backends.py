@@ -1,4 +1,4 @@
-"""The names of the backends; to read them loads no OpenGL."""
+"""The names of the backends; importing this module loads no OpenGL."""
 
 from typing import Literal, get_args
 
@@ -7,5 +7,5 @@ BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
 
 def is_software(renderer: str) -> bool:
-    """Tell by a driver's name whether it draws on the processor."""
+    """Return whether a driver, by its name (GL_RENDERER), draws on the processor."""
     return any(name in renderer.lower() for name in ("llvmpipe", "softpipe", "swrast", "software"))

@@ -1,4 +1,4 @@
-"""The uniform block of all shaders: camera and pass constants, packed once a pass."""
+"""The uniform block of all shaders: constants of the camera and the pass, packed once per pass."""
 
 import moderngl
 import numpy as np
@@ -14,7 +14,7 @@ _LARGEST = 3e38
 
 
 class ConstantsBuffer:
-    """The uniform block's buffer, which stays bound in its context."""
+    """The uniform block's buffer, which stays bound in its context; ``signed`` disparities are valid at 0 and below."""
 
     def __init__(self, gl: moderngl.Context, *, signed: bool = False) -> None:
         self._least_px = -_LARGEST if signed else 0.0
@@ -23,9 +23,12 @@ class ConstantsBuffer:
         self._packed: bytes = b""
 
     def write(self, scene: Scene, eye: Eye, *, projection: NDArray[np.float64] | None = None) -> None:
-        """Set the constants of the passes that follow, for the eye that draws, or whose surfaces are followed.
+        """Set the constants of the passes that follow.
 
-        A (4, 4) ``projection`` takes the place of `clip_from_view`.
+        Args:
+            scene: the scene.
+            eye: the eye whose view is drawn or, in passes that compare two views, whose surfaces are followed.
+            projection: (4, 4) float64 clip_from_view; by default that of `clip_from_view`.
         """
         camera, near_m = scene.camera, scene.near_of(eye)
         values = np.zeros((), CONSTANTS)
@@ -38,7 +41,7 @@ class ConstantsBuffer:
         values["doffs_px"] = camera.doffs_px
         values["near_m"] = near_m
         values["least_px"] = self._least_px
-        # x_right = x_left - d: the surfaces that are followed are the other eye's.
+        # x_right = x_left - d. The passes that use this value follow the other eye's surfaces, so "own" is not `eye`.
         values["other_from_own"] = -1 if eye == "right" else 1
         packed = values.tobytes()
         if packed != self._packed:

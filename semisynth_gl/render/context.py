@@ -1,4 +1,4 @@
-"""Opening a headless OpenGL context: EGL (a GPU, or llvmpipe) or OSMesa."""
+"""Headless OpenGL contexts, opened with EGL (a GPU, or llvmpipe) or OSMesa."""
 
 import os
 from collections.abc import Callable
@@ -18,10 +18,10 @@ from semisynth_gl.render.pass_clock import PassClock
 from semisynth_gl.render.unbound import UnboundCalls
 from semisynth_gl.render.vector_width import separate_compiled_shaders
 
-# 4.5 is where glClipControl, needed for reversed Z, became core; llvmpipe has offered it since Mesa 20.2.
+# OpenGL 4.5 is the first version with glClipControl, which reversed Z needs; llvmpipe has offered it since Mesa 20.2.
 REQUIRED_VERSION = 450
 
-# Processes that have opened a context: this one, or one that it was forked from.
+# Ids of the processes that have opened a context: this process, or one from which it was forked.
 _opened_in: set[int] = set()
 _AFTER_FORK = (
     "drivers do not survive that: start it in another way, a DataLoader's workers with multiprocessing_context='spawn'"
@@ -32,16 +32,22 @@ INSTALL_COMMAND_OSMESA = "apt-get install -y libosmesa6 libgl1"
 
 
 def as_root(command: str) -> str:
-    """Write a command as this user must type it."""
+    """Return a command as this user must type it: with sudo, unless the user is root."""
     return command if os.geteuid() == 0 else f"sudo {command}"
 
 
 @dataclass(frozen=True, slots=True)
 class GraphicsContext:
-    """An open context, made current and set up for reversed Z in [0, 1], and what opened it.
+    """An open context, made current and set up for reversed Z in [0, 1].
 
-    ``renderer`` is what the driver calls itself, for the provenance of every pair; ``clock`` times the passes that are
-    drawn here, while it runs.
+    Attributes:
+        gl: the context.
+        unbound: calls that moderngl lacks.
+        clock: times the passes that are drawn in the context, while it runs.
+        backend: the backend that opened the context, "egl" or "osmesa".
+        renderer: the driver's name for itself (GL_RENDERER), for the provenance of every pair.
+        process: id of the process that opened the context.
+        thread: id of the thread that opened the context.
     """
 
     gl: moderngl.Context
@@ -54,7 +60,7 @@ class GraphicsContext:
 
     @property
     def facts(self) -> dict[str, str]:
-        """Backend, renderer and version of OpenGL, as the driver calls them."""
+        """The "backend", the "renderer" (the driver's name for itself), and the driver's version of "opengl"."""
         return {"backend": self.backend, "renderer": self.renderer, "opengl": str(self.gl.info["GL_VERSION"])}
 
     @property
@@ -72,7 +78,7 @@ class GraphicsContext:
             )
 
     def release(self) -> None:
-        """Free the context and all that lives in it; in a process that was forked later, leave it alone."""
+        """Free the context and everything in it; in a process that was forked later, do nothing."""
         if self.process == os.getpid():
             self.gl.release()
 
@@ -80,10 +86,10 @@ class GraphicsContext:
 def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsContext:
     """Open a headless context; "auto" takes EGL and falls back on OSMesa.
 
-    ``device_index`` is EGL's number of the device, in the order that ``semisynth-gl doctor`` lists.
+    ``device_index`` is EGL's number of the device, as ``semisynth-gl doctor`` lists it; OSMesa ignores it.
 
     Raises:
-        BackendError: where no such context can be had, with each reason and what to install.
+        BackendError: where no context can be opened, with the reason for each backend and what to install.
     """
     check_one_of("backend", backend, BACKENDS)
     openers: dict[Backend, Callable[[], Any]] = {
@@ -91,7 +97,7 @@ def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsCo
         "osmesa": lambda: OSMesaContext(4, 5),
     }
     if _opened_in - {os.getpid()}:
-        # Its threads did not come along, and the driver waits for them for ever.
+        # The driver's threads were not forked, and the driver would wait for them for ever.
         raise BackendError(f"this process was forked from one that had opened OpenGL: {_AFTER_FORK}")
     separate_compiled_shaders()
     load_before_driver()
@@ -114,8 +120,8 @@ def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsCo
 
 
 def _open_egl(device_index: int) -> Any:  # noqa: ANN401 - glcontext has no types
-    # A call to glcontext's own backend() would let GLCONTEXT_* variables override these arguments without a word, and
-    # would ask for libGL.so, which only development packages install.
+    # glcontext's own backend() lets GLCONTEXT_* variables override these arguments silently, and asks for libGL.so,
+    # which only development packages install.
     try:
         return egl.create_context(
             mode="standalone", libgl="libGL.so.1", libegl="libEGL.so.1", glversion=REQUIRED_VERSION,
@@ -141,7 +147,7 @@ def _set_up(raw: Any, backend: Backend) -> GraphicsContext:  # noqa: ANN401 - ei
         gl.release()
         raise
     unbound.set_up()
-    # moderngl asks for more limits than every driver knows.
+    # moderngl asks for limits that some drivers do not know, which leaves errors behind.
     gl.clear_errors()
     clock = PassClock(gl, queries=not is_software(renderer))
     return GraphicsContext(gl, unbound, clock, backend, renderer, os.getpid(), get_ident())

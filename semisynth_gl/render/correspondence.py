@@ -1,4 +1,4 @@
-"""The correspondence pass: where the other eye sees what one eye sees, for right cameras that deviate."""
+"""The correspondence pass: where the other eye sees the points that one eye sees, even if right cameras deviate."""
 
 import numpy as np
 
@@ -14,14 +14,14 @@ class CorrespondencePass:
 
     def __init__(self, loaded: Loaded) -> None:
         self._loaded = loaded
-        # Pixel by pixel, with one list of pixels.
+        # Tiles are single pixels, and there is one list of them.
         self._steps = ListedSteps(loaded.context, "flow.comp", 2, tile_px=1, entries=1, defines={"OTHER_EYE": 1})
 
     def draw(self, pair: DrawnPair, eye: Eye) -> Targets:
-        """Find the correspondences of what one eye's view shows; return what holds them until the next call.
+        """Find the correspondences of one eye's view; return the targets that hold them until the next call.
 
-        Of a rectified pair, they are what the disparities of the view say, and the view's disparities and visibilities
-        are better than those found here.
+        The targets are those of `CORRESPONDENCE`. In a rectified pair the correspondences follow from the view's
+        disparities, and the disparity and the visibility of the targets are not needed: other passes find better ones.
         """
         targets = pair.sized.correspondence
         if targets is None:
@@ -43,7 +43,7 @@ class CorrespondencePass:
 
 
 def _turn_and_shift(camera: StereoCamera, eye: Eye) -> list[tuple[float, ...]]:
-    """Return the rows of R - 1 and of the shift that take a point of one eye's frame to the other eye's."""
+    """Return the three rows of R - 1 and the shift that lead from one eye's frame to the other eye's."""
     other = OTHER_EYE[eye]
     own_turn, other_turn = (np.eye(3) if turn is None else turn for turn in (camera.turn(eye), camera.turn(other)))
     shift = other_turn @ (camera.offset_m(eye) - camera.offset_m(other), 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""OpenGL on this machine: EGL devices, libraries, limits of a context."""
+"""OpenGL on this machine: EGL's devices, the libraries, and the limits of a context."""
 
 import ctypes
 import json
@@ -22,19 +22,19 @@ from semisynth_gl.render.osmesa import OSMESA_LIBRARIES
 _EGL_EXTENSIONS = 0x3055
 _EGL_CUDA_DEVICE_NV = 0x323A
 _EGL_DEVICE_UUID_EXT = 0x335C
-# EGL_RENDERER_EXT and EGL_DRM_DEVICE_FILE_EXT, by the extensions that have them.
+# EGL_RENDERER_EXT and EGL_DRM_DEVICE_FILE_EXT, by the extensions that define them.
 _NAMES = {"EGL_EXT_device_query_name": 0x335F, "EGL_EXT_device_drm": 0x3233}
 _MOST_DEVICES = 64
 _UUID_BYTES = 16
 _VISIBLE = "CUDA_VISIBLE_DEVICES"
 NVIDIA_CONTROL = Path("/dev/nvidiactl")
-"""Is there where the kernel has a GPU of NVIDIA's."""
+"""A file that exists where the kernel has an NVIDIA GPU."""
 NVIDIA_LIBRARY = "libEGL_nvidia.so.0"
 NVIDIA_VENDOR_FILE = f'{{"file_format_version": "1.0.0", "ICD": {{"library_path": "{NVIDIA_LIBRARY}"}}}}'
-"""What tells EGL (libglvnd) of NVIDIA's driver."""
+"""Content of a file that tells EGL (libglvnd) of NVIDIA's driver."""
 _VENDOR_FOLDERS = "/etc/glvnd/egl_vendor.d:/usr/share/glvnd/egl_vendor.d"
 
-# Sonames rather than libGL.so: only development packages install the latter.
+# Libraries, and the Debian packages that bring them. Only development packages install names such as libGL.so.
 LIBRARIES = {
     "libEGL.so.1": "libegl1",
     "libGL.so.1": "libgl1",
@@ -48,11 +48,12 @@ class Device:
     """An EGL device.
 
     Attributes:
-        index: its number, as ``device_index`` counts.
-        name: the driver's name for it, or the device file, as far as EGL tells.
+        index: EGL's number of the device, as ``device_index`` counts.
+        name: the driver's name for the device, or its device file; "Mesa" or "unnamed" where EGL has neither.
         software: whether it is Mesa's software device.
-        cuda: CUDA's number of it among all GPUs of the machine; None where EGL does not tell.
-        uuid: such as CUDA_VISIBLE_DEVICES takes, "GPU-" and hexadecimal digits; None where EGL does not tell.
+        cuda: CUDA's number of the device among all GPUs of the machine; None where EGL does not say.
+        uuid: the device's UUID as CUDA_VISIBLE_DEVICES takes it, "GPU-" and hexadecimal digits; None where EGL does not
+            say.
     """
 
     index: int
@@ -64,7 +65,7 @@ class Device:
 
 @dataclass(frozen=True, slots=True)
 class ContextFacts:
-    """What an opened context says of itself; ``limits`` are names and values worth knowing."""
+    """An opened context's backend, driver (GL_RENDERER), version, and limits by their names for a reader."""
 
     backend: Backend
     renderer: str
@@ -73,15 +74,19 @@ class ContextFacts:
 
 
 def missing_libraries() -> dict[str, str]:
-    """Return the libraries that cannot be loaded, each with the Debian package that brings it."""
+    """Return the libraries that cannot be loaded, each with the Debian package that contains it."""
     load_before_driver()
     return {library: package for library, package in LIBRARIES.items() if not _loads(library)}
 
 
 def check_libraries(backend: Backend) -> None:
-    """Raise BackendError, as `open_context` does, where a backend's libraries are missing.
+    """Check that a backend's libraries are there.
 
-    It takes no time, so that a caller learns of them before it makes patches and models.
+    This takes next to no time, so a caller can check it before preparing patches and models.
+
+    Raises:
+        BackendError: where libraries are missing and no context opens; see `open_context`.
+        InputError: where there is no such backend.
     """
     check_one_of("backend", backend, BACKENDS)
     load_before_driver()
@@ -93,7 +98,7 @@ def check_libraries(backend: Backend) -> None:
 
 
 def nvidia_is_named() -> bool:
-    """Return whether a file tells EGL of NVIDIA's driver, where EGL looks for such files."""
+    """Return whether any of the files that EGL reads tells it of NVIDIA's driver."""
     chosen = os.environ.get("__EGL_VENDOR_LIBRARY_FILENAMES")
     folders = os.environ.get("__EGL_VENDOR_LIBRARY_DIRS", _VENDOR_FOLDERS).split(":")
     files = map(Path, chosen.split(":")) if chosen else (file for each in folders for file in Path(each).glob("*.json"))
@@ -101,7 +106,7 @@ def nvidia_is_named() -> bool:
 
 
 def nvidia_fault(devices: Sequence[Device]) -> str | None:
-    """Say why EGL does not list the NVIDIA GPU that the kernel has; None where it does, or without such a GPU."""
+    """Say why EGL does not list an NVIDIA GPU that the kernel has; None where EGL lists one or the kernel has none."""
     if not NVIDIA_CONTROL.exists() or any(device.cuda is not None for device in devices):
         return None
     if not _loads(NVIDIA_LIBRARY):
@@ -115,10 +120,10 @@ def nvidia_fault(devices: Sequence[Device]) -> str | None:
 
 
 def egl_devices() -> list[Device]:
-    """List EGL's devices, in EGL's order (which is not CUDA's); empty where EGL is missing or cannot tell.
+    """List EGL's devices, in EGL's order (which is not CUDA's); empty where EGL is missing or cannot list devices.
 
-    CUDA_VISIBLE_DEVICES hides no device from EGL, but CUDA's numbers, as EGL tells them, are counted within it, and
-    those of hidden GPUs mean nothing. So where it is set, another process asks without it.
+    CUDA_VISIBLE_DEVICES hides no device from EGL, but it changes the CUDA numbers that EGL reports: they count only the
+    visible GPUs, and those of hidden GPUs mean nothing. So where it is set, another process asks without it.
     """
     devices = query_devices()
     if _VISIBLE not in os.environ or all(device.cuda is None for device in devices):
@@ -127,13 +132,13 @@ def egl_devices() -> list[Device]:
 
 
 def egl_index_of_worker(gpus: Sequence[int], worker: int) -> int:
-    """Return the EGL number of the device on which a worker draws, where workers take turns on GPUs.
+    """Return the EGL number of the device on which a worker draws, where workers are dealt out to GPUs in turn.
 
     ``gpus`` are CUDA's numbers. Without any, all workers draw on the first GPU that CUDA_VISIBLE_DEVICES shows, or on
-    EGL's first device where that is not set or EGL has no GPU of CUDA's.
+    EGL's first device where the variable is not set or EGL lists no CUDA device. ``worker`` counts from 0.
 
     Raises:
-        InputError: where there is no such GPU, or it cannot be told which one it is.
+        InputError: where CUDA has no such GPU, or EGL does not say which of its devices it is.
     """
     visible = os.environ.get(_VISIBLE)
     if gpus:
@@ -147,11 +152,13 @@ def egl_index_of_worker(gpus: Sequence[int], worker: int) -> int:
 def egl_index_of_gpu(gpu: int, devices: Sequence[Device], visible: str | None) -> int:
     """Return the EGL number of a GPU.
 
-    ``gpu`` is CUDA's number of it, counted within ``visible``, the value of CUDA_VISIBLE_DEVICES: numbers, or UUIDs or
-    their beginnings; None where it is not set.
+    Args:
+        gpu: CUDA's number of the GPU, counted within ``visible``.
+        devices: EGL's devices.
+        visible: the value of CUDA_VISIBLE_DEVICES: numbers, UUIDs, or beginnings of UUIDs; None where it is not set.
 
     Raises:
-        InputError: where there is no such GPU, or it cannot be told which one it is.
+        InputError: where CUDA has no such GPU, or EGL does not say which of its devices it is.
     """
     by_cuda = {device.cuda: device for device in devices if device.cuda is not None}
     if not by_cuda:
@@ -176,14 +183,14 @@ def egl_index_of_gpu(gpu: int, devices: Sequence[Device], visible: str | None) -
     if len(matching) != 1:
         known = ", ".join(f"{device.cuda} is {device.uuid or 'unknown'}" for device in by_cuda.values())
         raise InputError(
-            f"`gpus` {gpu}: {_VISIBLE}={visible} names {entry}, which cannot be told among EGL's devices ({known}). "
+            f"`gpus` {gpu}: {_VISIBLE}={visible} names {entry}, which is not exactly one of EGL's devices ({known}). "
             f"Give numbers in {_VISIBLE}"
         )
     return matching[0].index
 
 
 def _visible_entries(visible: str) -> list[str]:
-    """Return the entries that count: CUDA ignores the first one that is wrong, such as -1, and all behind it."""
+    """Return the valid entries: CUDA ignores the first invalid one, such as -1, and all entries behind it."""
     entries = (entry.strip() for entry in visible.split(","))
     return list(takewhile(lambda entry: entry.isdigit() or entry.startswith(("GPU-", "MIG-")), entries))
 
@@ -194,7 +201,7 @@ def _gpus(numbers: Sequence[int]) -> str:
 
 @cache
 def devices_without_mask() -> tuple[Device, ...]:
-    """Ask another process, in which CUDA_VISIBLE_DEVICES is not set, for EGL's devices."""
+    """List EGL's devices as another process sees them in which CUDA_VISIBLE_DEVICES is not set."""
     program = f"from {__name__} import print_devices; print_devices()"
     environment = {name: value for name, value in os.environ.items() if name != _VISIBLE}
     answer = subprocess.run(  # noqa: S603 - this interpreter and this module
@@ -204,12 +211,12 @@ def devices_without_mask() -> tuple[Device, ...]:
 
 
 def print_devices() -> None:
-    """Print EGL's devices as JSON, for the process that asked for it."""
+    """Print EGL's devices as JSON, for `devices_without_mask` of the parent process."""
     sys.stdout.write(json.dumps([asdict(device) for device in query_devices()]))
 
 
 def query_devices() -> list[Device]:
-    """List EGL's devices, with CUDA's numbers as they are in this process."""
+    """List EGL's devices, with CUDA's numbers as this process's CUDA_VISIBLE_DEVICES makes them."""
     load_before_driver()
     try:
         egl = ctypes.CDLL("libEGL.so.1")
@@ -264,13 +271,17 @@ def query_devices() -> list[Device]:
 
 
 def uuid_text(uuid: bytes) -> str:
-    """Write a UUID as CUDA does."""
+    """Return the 16 bytes of a UUID as CUDA writes them, "GPU-" and hexadecimal digits."""
     digits = uuid.hex()
     return f"GPU-{digits[:8]}-{digits[8:12]}-{digits[12:16]}-{digits[16:20]}-{digits[20:]}"
 
 
 def context_facts(backend: Backend, device_index: int = 0) -> ContextFacts:
-    """Open a context, ask it, close it."""
+    """Open a context, and return its facts after closing it.
+
+    Raises:
+        BackendError: see `open_context`.
+    """
     context = open_context(backend, device_index)
     try:
         info = context.gl.info

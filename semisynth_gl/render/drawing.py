@@ -1,4 +1,4 @@
-"""The drawing pass: what each eye sees of a scene, with antialiased colour in a separate pass."""
+"""The drawing pass, which draws each eye's view of a scene; antialiased colour may take a separate pass."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -26,7 +26,7 @@ class Drawing:
     """Draws both eyes' views.
 
     Raises:
-        BackendError: where the driver refuses a program, or cannot hold what antialiasing looks up.
+        BackendError: where the driver refuses a program, or cannot hold the buffers of antialiasing.
     """
 
     def __init__(self, loaded: Loaded) -> None:
@@ -35,16 +35,24 @@ class Drawing:
         drawn, antialias = self._wanted.drawn_by("drawing"), self._wanted.antialias
         self._triangle_readers = frozenset(channel.attachment for channel in drawn if channel.reads_triangles)
         self._occlusion = Occlusion(loaded) if loaded.context.software else None
-        # By attachments and anisotropy.
+        # Programs by attachments and anisotropy.
         self._linked: dict[tuple[tuple[str, ...], int], moderngl.Program] = {}
         for names in (*map(self._wanted.attachments, EYES), *([COLOUR] if antialias.redraws else [])):
             self._programs(names)
         self._edges = EdgePass(loaded) if antialias.kind == "edges" else None
 
     def draw(self, placed: Placed, crop: Crop | None, sized: PairTargets, shared: SharedLeft | None) -> DrawnPair:
-        """Draw what a crop of both images needs; None for the whole images.
+        """Draw the parts of both views that a crop needs; without a crop, draw all of them.
 
-        A shared left view is drawn for the first of its pairs alone; for others, the views have its channels already.
+        Args:
+            placed: the scene's instances.
+            crop: the part of both images that the caller wants, or None.
+            sized: the targets of the image size.
+            shared: the left view, if several pairs share it. It is drawn for the first of these pairs only.
+
+        Returns:
+            The pair. Its views hold the antialiased image, if that takes a separate pass, and the channels of the
+            shared left view that an earlier pair has read.
         """
         scenes = [placed.scene] if shared is None else shared.scenes
         parts = {eye: self._part(scenes, eye, crop) for eye in EYES}
@@ -63,7 +71,7 @@ class Drawing:
         return pair
 
     def draw_image(self, placed: Placed, eye: Eye, sized: PairTargets) -> NDArray[np.uint8]:
-        """Draw one eye's image alone."""
+        """Draw only one eye's image; return it as the reader does, by default (H, W, 3) uint8 RGB or (H, W) grey."""
         filled = self._loaded.models.fill(placed, eye)
         self._loaded.constants.write(placed.scene, eye)
         if sized.samples is not None:
@@ -82,9 +90,9 @@ class Drawing:
         return self._gl.vertex_array(link_program(self._loaded.context, "whole_image.vert", "disparity.frag", {}), [])
 
     def _draw_disparity(self, scene: Scene, targets: EyeTargets, part: Crop | None) -> None:
-        """Fill the disparity of a shared left view, or a part of it, for the scene's camera.
+        """Work out the disparity of a shared left view, or a part of it, for the scene's camera.
 
-        It is made of 1 / Z by the drawing pass's own formula, so that it is the same bit for bit.
+        The formula for 1 / Z is the drawing pass's own, so the result is the same bit for bit.
         """
         if targets.disparity is None:
             raise RuntimeError("these targets were made without 1 / Z")
@@ -97,7 +105,7 @@ class Drawing:
             self._disparity_pass.render(moderngl.TRIANGLES, 3)
 
     def _programs(self, names: tuple[str, ...]) -> list[moderngl.Program]:
-        """Return the programs that draw some attachments, one for each atlas; link those that are missing."""
+        """Return the programs that draw to some attachments, one for each atlas; link those that are missing."""
         for anisotropy in self._loaded.anisotropies:
             if (names, anisotropy) not in self._linked:
                 self._linked[names, anisotropy] = self._link(names, anisotropy)
@@ -116,12 +124,12 @@ class Drawing:
         return program
 
     def _part(self, scenes: Sequence[Scene], eye: Eye, crop: Crop | None) -> Crop | None:
-        """Return the part of one eye's image that a crop needs in any of some scenes; None for all of it."""
-        # Where a camera deviates, rows are looked up too.
+        """Return the part of one eye's image that a crop needs in any of some scenes; None for the whole image."""
+        # Where a camera deviates, other rows are looked up, too.
         if crop is None or not all(scene.camera.rectified for scene in scenes):
             return None
         looked_up = self._wanted.visibility and OTHER_EYE[eye] in self._wanted.truth_eyes
-        # Along edges pixels take on colours of those beside them.
+        # Pixels along edges take on colours of adjacent pixels.
         border_px = 0 if self._edges is None else 1
         parts = [
             _drawn_part(scene, eye, crop, looked_up=looked_up, border_px=border_px, signed=self._wanted.signed)
@@ -131,7 +139,7 @@ class Drawing:
         return Crop(x, y, max(part.right_px for part in parts) - x, max(part.bottom_px for part in parts) - y)
 
     def _draw(self, pair: DrawnPair, eye: Eye, part: Crop | None) -> None:
-        """Draw a part of one eye's image, or all of it; read the crop's image where it is antialiased."""
+        """Draw a part of one eye's view, or all of it; draw and read the image, too, if it takes a separate pass."""
         placed, targets, samples = pair.placed, pair.eyes[eye], pair.sized.samples
         filled = self._loaded.models.fill(placed, eye, part)
         seen: Sequence[Filled] = filled
@@ -145,14 +153,14 @@ class Drawing:
                 self._edges.draw(placed, eye, targets, pair.crop)
         if samples is not None:
             if seen is not filled:
-                # Between the centres of pixels more may be seen.
+                # Instances that are hidden at the centres of pixels may show between them.
                 filled = self._loaded.models.fill(placed, eye, part)
             pair.views[eye]["image"] = self._draw_samples(eye, pair.crop, samples, filled)
 
     def _draw_once(
         self, placed: Placed, eye: Eye, part: Crop | None, targets: EyeTargets, filled: Sequence[Filled]
     ) -> Sequence[Filled]:
-        """Draw a part of one eye's view, one sample a pixel; return what was not left out as hidden."""
+        """Draw a part of one eye's view with one sample a pixel; return the instances that were not found hidden."""
         seen = filled
         with self._clock.timed("draw", eye):
             if self._occlusion is not None:
@@ -164,7 +172,7 @@ class Drawing:
     def _draw_samples(
         self, eye: Eye, crop: Crop | None, targets: ColourTargets, filled: Sequence[Filled]
     ) -> NDArray[np.uint8]:
-        """Draw one eye's colour, or a crop of it, in several samples a pixel."""
+        """Draw one eye's colour, or a crop of it, with several samples a pixel; return the image."""
         targets.limit(crop)
         with self._clock.timed("samples", eye):
             targets.fine.use()
@@ -185,11 +193,14 @@ class Drawing:
 
 
 def _drawn_part(scene: Scene, eye: Eye, crop: Crop, *, looked_up: bool, border_px: int, signed: bool) -> Crop:
-    """Return the part of one eye's image that a crop needs, more where the other eye's points are looked up in it."""
+    """Return the part of one eye's image that a crop needs; it is larger if the other eye's points are looked up in it.
+
+    ``border_px`` pixels are added on each side.
+    """
     camera, left, right = scene.camera, border_px, border_px
     if looked_up:
-        # No disparity is larger than the near plane's. One pixel more is looked at to each side, another is for
-        # rounding.
+        # No disparity is larger than the near plane's. Look-ups reach one pixel farther to each side; another pixel is
+        # for rounding.
         border_px = 2
         reach = max(0, ceil(float(camera.disparity_px(scene.near_m)))) + 2
         # No disparity is smaller than that of infinity.

@@ -1,4 +1,4 @@
-"""Antialiasing along outlines alone: what lies beyond an edge, blended into the pixels that the edge passes."""
+"""Antialiasing along outlines: the colour beyond an edge is blended into the pixels through which the edge passes."""
 
 import moderngl
 import numpy as np
@@ -25,7 +25,7 @@ class EdgePass:
     """Blends along the outlines of one eye's image; see edges.geom and edges.frag.
 
     Raises:
-        BackendError: where the driver does not let shaders look up buffers of that size.
+        BackendError: where the driver does not let shaders look up a buffer that holds all vertices.
     """
 
     def __init__(self, loaded: Loaded) -> None:
@@ -47,7 +47,7 @@ class EdgePass:
         self._vao = gl.vertex_array(program, [])
 
     def draw(self, placed: Placed, eye: Eye, targets: EyeTargets, part: Crop | None) -> None:
-        """Smooth the image of one eye's targets, or a part of it, whose depth is still that of the drawing."""
+        """Smooth the colour of one eye's targets, or a part of it; their depth must be that of the drawing pass."""
         if targets.blending is None:
             raise RuntimeError("these targets were made without blending")
         strips = self._outlines.find(placed, eye)
@@ -68,7 +68,7 @@ class EdgePass:
             self._vao.render(moderngl.POINTS, len(strips))
 
     def _worn(self, placed: Placed, eye: Eye) -> NDArray[np.void]:
-        """Return what edges.geom looks up of each instance, (N,) of `WEARER`."""
+        """Return the numbers that edges.geom looks up for each instance, (N,) of `WEARER`."""
         scene, ends = placed.scene, self._patches.ends
         wearers = np.zeros(len(scene), WEARER)
         wearers["view_from_model"] = placed.rows(eye)

@@ -1,4 +1,4 @@
-"""The flow pass: where what one eye sees is at another moment, and whether the same eye sees it then."""
+"""The flow pass: where the points that one eye sees are at another moment, and whether the same eye sees them then."""
 
 from dataclasses import dataclass, replace
 
@@ -19,23 +19,24 @@ from semisynth_gl.render.targets import Targets
 from semisynth_gl.scene.scene import Motion
 
 _FEWEST_MOVES = 256
-# float32 holds it; anything turned and scaled by more was too small to be seen.
+# Largest entry of a rotation and scaling, which float32 can hold; an instance that is enlarged more was too small to
+# see.
 _LARGEST_TURN = 1e30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moved:
-    """The instances of another moment, and how each instance of now moves to it: (N,) of `MOVE`, for the left eye."""
+    """The motion of a scene's N instances to another moment, as the left eye sees it."""
 
-    then: Placed
-    moves: NDArray[np.void]
+    then: Placed  # the instances that are drawn at the other moment
+    moves: NDArray[np.void]  # (N,) of `MOVE`, how each of the scene's instances moves
 
 
 def place_moved(placed: Placed, motion: Motion, placing: Placing) -> Moved:
     """Place the other moment's instances, and compose how each instance moves.
 
     Raises:
-        InputError: where the motion is of another scene, or its camera of other intrinsics.
+        InputError: where the motion is not that of the scene's instances, or has another camera.
     """
     now, then = placed.scene, motion.scene
     if len(motion.instance) != len(now):
@@ -48,12 +49,13 @@ def place_moved(placed: Placed, motion: Motion, placing: Placing) -> Moved:
         replace(now, camera_from_world=then.camera_from_world, world_from_model=motion.world_from_model)
     )
     moves = np.zeros(len(now), MOVE)
-    # The pseudo-inverse, since a flat model may be placed by a matrix that flattens it.
+    # Use the pseudo-inverse, since the matrix of a flat model may flatten it.
     turn = view_from_model[:, :3, :3] @ np.linalg.pinv(placed.view_from_model[:, :3, :3]) - np.eye(3)
-    # What stays has no flow at all, not one of rounding errors.
+    # The flow of an instance that stays is exactly 0, without rounding errors.
     turn[(view_from_model[:, :3, :3] == placed.view_from_model[:, :3, :3]).all(axis=(1, 2))] = 0
     if now.sky.any():
-        # By directions, of which a flat instance has three dimensions: only they have a place at infinity.
+        # The sky moves by directions, which span three dimensions even for a flat instance: points have no position at
+        # infinity.
         before, after = placed.view_from_model[now.sky, :3], view_from_model[now.sky, :3]
         still = (before == after).all(axis=(1, 2))[:, None, None]
         turn[now.sky] = np.where(still, 0.0, after @ np.linalg.pinv(before) - np.eye(3))
@@ -66,17 +68,17 @@ def place_moved(placed: Placed, motion: Motion, placing: Placing) -> Moved:
 
 
 class FlowPass:
-    """Draws other moments' depth and surfaces, and compares in two compute steps; see flow.comp."""
+    """Draws the depth and surfaces of another moment, and compares them with the pair's in two steps; see flow.comp."""
 
     def __init__(self, loaded: Loaded) -> None:
         self._loaded, context = loaded, loaded.context
         self._draw_program = link_program(context, "mesh.vert", "mesh.frag", {"DEPTH": 0, "SURFACE": 1})
-        # Pixel by pixel, with one list of pixels.
+        # Tiles are single pixels, and there is one list of them.
         self._steps = ListedSteps(context, "flow.comp", 2, tile_px=1, entries=1)
         self._moves = context.gl.buffer(reserve=_FEWEST_MOVES * MOVE.itemsize, dynamic=True)
 
     def draw(self, pair: DrawnPair, moved: Moved, eye: Eye) -> Targets:
-        """Find the flow of what one eye's view shows; return what holds it until the next call."""
+        """Find the flow of one eye's view; return the targets of `FLOW` that hold it until the next call."""
         then, targets = pair.sized.then, pair.sized.flow
         if then is None or targets is None:
             raise RuntimeError("these targets were made without flow")

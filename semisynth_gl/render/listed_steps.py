@@ -1,4 +1,4 @@
-"""Compute passes over an image in steps, of which each lists what it leaves open for the next ones."""
+"""Compute passes over an image in several steps, each of which lists the places that it leaves to later steps."""
 
 from collections.abc import Mapping
 from math import ceil
@@ -9,28 +9,39 @@ from semisynth_gl.frame.camera import Crop
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.programs import link_compute
 
-# Binding of the lists in shaders, and what stands before them: how many entries each has.
+# Binding of the lists in shaders, and the header before them: how many entries each list has.
 _WORK = 5
 _COUNTERS = np.zeros(4, "<u4").tobytes()
 # Invocations of the first step that work together, in columns and rows of tiles.
 _GROUP_TILES = 16, 4
-# Steps that work on lists take turns through them, since only the driver knows how long they are. A GPU hides the time
-# that a fetch takes behind other groups, if it has them.
+# Numbers of groups that share a list. They are fixed, since only the driver knows how long the lists are. A GPU hides
+# the time that a fetch takes behind other groups, so it gets more of them.
 _GROUPS_ON_SOFTWARE, _GROUPS_ON_GPU = 128, 2048
 # Larger images are judged band by band, which bounds the lists.
 _MOST_PIXELS = 1 << 21
 
 
 def groups_of(context: GraphicsContext) -> int:
-    """Return how many groups of invocations take turns through a list."""
+    """Return how many groups of invocations share a list."""
     return _GROUPS_ON_SOFTWARE if context.software else _GROUPS_ON_GPU
 
 
 class ListedSteps:
-    """A compute shader in steps: the first judges tiles of the image, later ones what the lists have.
+    """A compute shader in steps: the first step judges tiles of the image, later steps judge the entries of lists.
 
-    The shader knows its step as STEP, and what is judged now as `band`: left column, first row, width and height, in
-    tiles. All lists together have at most ``entries`` for a tile.
+    The shader knows its step as STEP, and the part of the image that is judged as `band`: left column, first row, width
+    and height, in tiles.
+
+    Args:
+        context: the context.
+        shader: the shader's file.
+        steps: number of steps.
+        tile_px: side of a tile.
+        entries: most entries that all lists together have for a tile.
+        defines: numbers to define in the shader; see `shader_source`.
+
+    Raises:
+        BackendError: where the driver refuses the shader.
     """
 
     def __init__(
@@ -51,14 +62,14 @@ class ListedSteps:
         self._groups = groups_of(context)
 
     def set(self, name: str, value: object) -> None:
-        """Set a uniform of all steps that have it; the compiler removes it from others."""
+        """Set a uniform in all steps that use it."""
         for step in self._steps:
             if name in list(step):
                 step[name] = value
 
     def run(self, part: Crop) -> None:
-        """Judge a part of the image, and what else its tiles hold; whatever comes next sees the result."""
-        # Tiles stand at the same places whatever the part is.
+        """Judge a part of the image, extended to whole tiles; whatever is drawn next sees the result."""
+        # Tiles lie at the same places in the image for all parts.
         x, y = part.x_px // self._tile_px, part.y_px // self._tile_px
         columns, bottom = ceil(part.right_px / self._tile_px) - x, ceil(part.bottom_px / self._tile_px)
         rows = max(1, _MOST_PIXELS // (self._tile_px**2 * columns))

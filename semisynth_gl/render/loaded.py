@@ -1,4 +1,4 @@
-"""What a renderer has loaded into its context, and what its caller wants of it: all that its passes share."""
+"""The state that a renderer's passes share: what is loaded into its context, and what its caller wants."""
 
 from dataclasses import dataclass
 
@@ -12,15 +12,12 @@ from semisynth_gl.render.wanted import Wanted
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A renderer's context with its models, patches and constants, what to draw with them, and who takes the pixels.
-
-    For each atlas, ``anisotropies`` has the most samples of a patch for one pixel.
-    """
+    """A renderer's context with its models, patches and constants, and its options."""
 
     context: GraphicsContext
     models: ModelBuffers
     patches: PatchTextures
-    anisotropies: tuple[int, ...]
+    anisotropies: tuple[int, ...]  # most samples of a patch for one pixel, for each atlas
     constants: ConstantsBuffer
     wanted: Wanted
-    read: Reader
+    read: Reader  # takes the pixels that were drawn

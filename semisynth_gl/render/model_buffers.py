@@ -1,4 +1,4 @@
-"""All models in one vertex buffer, and the draw of a scene's instances of them in two calls."""
+"""All models in one vertex buffer, from which the instances of a scene are drawn with two calls for each atlas."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.structs import COMMAND, DRAWN_INSTANCE, VERTEX, check_attributes, members
 
 _FEWEST_INSTANCES = 256
-# Texture units of common_triangles.glsl, how many triangles or instances stand in a row there, and texels of each.
+# Texture units of common_triangles.glsl, number of triangles or instances in a row of a texture, and texels of each.
 _TRIANGLES, _TRACED = 4, 5
 _PER_ROW = 1024
 _TEXELS = 3
@@ -25,25 +25,32 @@ _TEXELS = 3
 
 @dataclass(frozen=True, slots=True)
 class Filled:
-    """Instances that await drawing, from number ``first`` on: those that show only fronts, then the others."""
+    """A run of instances to draw that wear patches of one atlas."""
 
-    atlas: int
-    first: int
-    fronts: int
-    both_sides: int
+    atlas: int  # number of the atlas
+    first: int  # number of the first instance, in the order of drawing
+    fronts: int  # how many instances show only fronts; they come first
+    both_sides: int  # how many instances may show backs, too
 
 
 class ModelBuffers:
     """The models of a renderer on the GPU, and room for the instances of one eye's draw.
 
-    The meshes, at least one, are as they are drawn: see `centred`. ``atlas_ends`` are those of `PatchTextures`. Shaders
-    can look up triangles (`bind_triangles`) where the models are ``traced``.
+    Args:
+        gl: the context.
+        models: at least one mesh, as it is drawn; see `centred`.
+        atlas_ends: `PatchTextures.ends`.
+        traced: whether shaders look up triangles; see `bind_triangles`.
 
     Attributes:
         meshes: the meshes.
-        vertices: x y z u v of each vertex, float32.
-        vertex_number: (V,) uint32, where each vertex of the models, counted through, stands there.
-        filled: (N,) int64, which instances of the scene `fill` uploaded, in the order of drawing.
+        vertices: buffer with x y z u v of each vertex, float32.
+        vertex_number: (V,) uint32, number in ``vertices`` of each vertex, where all models' vertices are counted
+            through.
+        filled: (N,) int64, the scene's instances that `fill` has uploaded, in the order of drawing.
+
+    Raises:
+        BackendError: where the driver cannot hold the triangles that shaders look up.
     """
 
     def __init__(
@@ -82,13 +89,13 @@ class ModelBuffers:
         return len(self._model_commands)
 
     def fill(self, placed: Placed, eye: Eye, part: Crop | None = None) -> list[Filled]:
-        """Upload the instances that one eye may see in a part of its image, or all of it; return what to draw in turn.
+        """Upload the instances that one eye may see in a part of its image, or all of it; return runs to draw in order.
 
-        Atlases follow each other, with large patches last, since walls hide least. In each, near instances come first:
-        what they hide is then not shaded.
+        Atlases follow each other, with large patches last, since walls hide least. Within an atlas, instances that show
+        only fronts come before the others, and near instances before far ones, so that hidden surfaces are not shaded.
         """
         scene, view_from_model = placed.scene, placed.rows(eye)
-        # No part of the sky is too near.
+        # The sky is never too near, so it is always uploaded.
         seen = np.flatnonzero(placed.in_view(eye, part) | scene.sky)
         fronts_only = placed.fronts_only(eye)[seen]
         atlas = np.searchsorted(self._atlas_ends, scene.layer[seen], side="right")
@@ -122,10 +129,13 @@ class ModelBuffers:
         first_triangle: NDArray[np.int64] | None = None,
         triangles: NDArray[np.int64] | None = None,
     ) -> list[Filled]:
-        """Choose from what `fill` uploaded and returned, until it is called again; return what to draw in its place.
+        """Choose from the instances that `fill` has uploaded, until it is called again; return what to draw instead.
 
-        ``numbers``, (S,) and ascending, are the places of instances in the order of drawing. Of a model's triangles,
-        draw ``triangles`` (S,) from ``first_triangle`` (S,) on; None for all.
+        Args:
+            filled: what `fill` returned.
+            numbers: (S,) ascending places of the chosen instances in the order of drawing; an instance may be repeated.
+            first_triangle: (S,) first triangle to draw, counted within the model; None to draw all triangles.
+            triangles: (S,) number of triangles to draw; None to draw all.
         """
         commands = self._filled_commands[numbers]
         if first_triangle is not None and triangles is not None:
@@ -140,7 +150,7 @@ class ModelBuffers:
         return selected
 
     def draw(self, program: moderngl.Program, filled: Filled) -> None:
-        """Draw a part of what `fill` uploaded into the framebuffer in use."""
+        """Draw a run of uploaded instances into the framebuffer in use."""
         if filled.fronts:
             self._gl.enable(moderngl.CULL_FACE)
             # Image rows run downwards in the window, which mirrors the sense of rotation.
@@ -153,12 +163,12 @@ class ModelBuffers:
             )
 
     def triangles_of(self, model: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the first triangle of models, as `bind_triangles` counts them, and how many each has, (N,) int64."""
+        """Return each model's first triangle, as `bind_triangles` counts, and its number of triangles, (N,) int64."""
         commands = self._model_commands[model]
         return commands["first_index"].astype(np.int64) // 3, commands["count"].astype(np.int64) // 3
 
     def bind_triangles(self, placed: Placed, eye: Eye) -> None:
-        """Bind the textures of common_triangles.glsl, with all instances relative to one eye."""
+        """Bind the textures of common_triangles.glsl: all models' triangles, and all instances relative to one eye."""
         if self._triangles is None:
             raise RuntimeError("these models were uploaded without their neighbours")
         scene = placed.scene
@@ -204,14 +214,14 @@ class ModelBuffers:
 
 
 def _whole_rows(numbers: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """Fill the last row of what goes into a texture of `ModelBuffers` up; there is a row at least."""
+    """Pad the content of a texture of `ModelBuffers` to whole rows, at least one."""
     rows = np.zeros((max(1, ceil(len(numbers) / _PER_ROW)) * _PER_ROW, 4 * _TEXELS), np.uint32)
     rows[: len(numbers)] = numbers
     return rows
 
 
 def _corners(models: Sequence[Mesh]) -> NDArray[np.uint32]:
-    """Return the bits of each triangle's corners, (T, 12): x, y, z and the triangle across the edge to the next."""
+    """Return the bits of each triangle's corners, (T, 12): x, y, z, and the triangle across the edge to the next."""
     positions = np.concatenate([mesh.positions.astype("<f4")[mesh.triangles] for mesh in models]).view("<u4")
     across, first = [], 0
     for mesh in models:
@@ -222,13 +232,13 @@ def _corners(models: Sequence[Mesh]) -> NDArray[np.uint32]:
 
 
 def _by_last_corner(triangles: NDArray[np.int64], vertices: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Repeat vertices so that triangle t has the number t as its last corner, and no other triangle has.
+    """Repeat vertices so that vertex t is the last corner of triangle t, and of no other triangle.
 
-    A vertex shader then knows the triangle, since flat outputs are the last vertex's. gl_PrimitiveID says it too, but
-    for that llvmpipe takes all triangles apart.
+    A vertex shader then knows the triangle, since flat outputs are those of the last vertex. gl_PrimitiveID would say
+    it, too, but makes llvmpipe take all triangles apart.
 
     Returns:
-        (V,) which of the vertices each new one is, and (T, 3), the same triangles in the same order.
+        (V,) the old number of each new vertex, and (T, 3) the same triangles, in the same order, by new numbers.
     """
     number = np.arange(len(triangles))
     is_last = np.zeros(vertices, bool)
@@ -238,7 +248,7 @@ def _by_last_corner(triangles: NDArray[np.int64], vertices: int) -> tuple[NDArra
     key = source[by_source] * len(source) + by_source
     result = number.repeat(3).reshape(-1, 3)
     for corner in (0, 1):
-        # The copy that stands nearest in the order: the driver may still have it.
+        # Take the copy that is nearest in the order: the driver may still have it in its cache.
         own = triangles[:, corner]
         place = np.searchsorted(key, own * len(source) + number)
         before, after = by_source[np.maximum(place - 1, 0)], by_source[np.minimum(place, len(source) - 1)]
@@ -249,14 +259,14 @@ def _by_last_corner(triangles: NDArray[np.int64], vertices: int) -> tuple[NDArra
 
 
 def refill(buffer: moderngl.Buffer, rows: NDArray[Any]) -> None:
-    """Replace the content of a buffer, which grows where the rows need more room and never shrinks."""
+    """Replace the content of a buffer; the buffer grows where the rows need more room, and never shrinks."""
     buffer.orphan(2 * rows.nbytes if rows.nbytes > buffer.size else -1)
     if len(rows):
         buffer.write(rows)
 
 
 def _format(program: moderngl.Program, dtype: np.dtype[Any], suffix: str) -> tuple[str, list[str]]:
-    """Return buffer format and names; an attribute that the compiler removed from a program is passed over."""
+    """Return the buffer format and the attributes' names; attributes that the compiler has removed become padding."""
     parts, names = [], []
     check_attributes(program, dtype)
     for name, _, count, kind in members(dtype):

@@ -1,8 +1,8 @@
-"""Triangles that hide behind others are left out of the drawing, where the processor draws and there are many of them.
+"""Leaves hidden triangles out of the drawing, where the processor draws and there are many triangles.
 
-The instances that cover most of the image with the fewest triangles are drawn first, depth alone. What this depth hides
-for certain, by the bounding boxes of instances and of runs of their triangles, cannot show in any pixel: the images are
-the same without it, bit for bit. Everything else is drawn in its order.
+The instances that cover most of the image with the fewest triangles are drawn first, only into the depth buffer.
+Instances, and runs of their triangles, whose bounding boxes certainly lie behind this depth cannot show in any pixel:
+the images are the same without them, bit for bit. Everything else is drawn in the usual order.
 """
 
 from collections.abc import Sequence
@@ -20,28 +20,29 @@ from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.targets import EyeTargets, window
 
-# Fewer triangles in view are drawn sooner than hidden ones are found.
+# Fewest triangles in view for which finding hidden ones takes less time than drawing them.
 _FEWEST_TRIANGLES = 150_000
-# The share of the triangles in view that hides others.
+# Largest share of the triangles in view that is drawn first to hide others.
 _HIDING = 0.05
+# Triangles of a run, and side of a tile.
 _RUN_TRIANGLES = 128
 _TILE_PX = 16
-# For rounding: of the place of a vertex in the image, and of depth.
+# Margins for rounding: of positions in the image, and of depth as a share.
 _BORDER_PX = 1
 _ROUNDING = 1e-3
-# How much farther the depth that is drawn first is: 1 / 1024 to 1 / 2048 of a triangle's largest.
+# Offset that puts the depth that is drawn first farther away, by 1 / 1024 to 1 / 2048 of a triangle's largest depth.
 _BEHIND_ULP = -8192.0
 _WHICH_END = np.indices((2, 2, 2)).reshape(3, 8).T
 
 
 @dataclass(frozen=True, slots=True)
 class _Runs:
-    """The triangles of all M models in R runs of a few, model by model.
+    """The triangles of all M models in R runs of about 128, model by model.
 
     Attributes:
-        corners: (R, 8, 3) float64, of their bounding boxes, in model units.
-        first_triangle: (R,) int64, counted within the model.
-        triangles: (R,) int64, how many.
+        corners: (R, 8, 3) float64, corners of the runs' bounding boxes, in model units.
+        first_triangle: (R,) int64, first triangle of each run, counted within the model.
+        triangles: (R,) int64, how many triangles each run has.
         first: (M,) int64, the first run of each model.
         count: (M,) int64, how many runs each model has.
     """
@@ -54,7 +55,7 @@ class _Runs:
 
 
 class Occlusion:
-    """Finds what is hidden."""
+    """Finds instances and triangles that are hidden."""
 
     def __init__(self, loaded: Loaded) -> None:
         context, models = loaded.context, loaded.models.meshes
@@ -83,10 +84,10 @@ class Occlusion:
     def without_hidden(
         self, placed: Placed, eye: Eye, part: Crop | None, targets: EyeTargets, filled: Sequence[Filled]
     ) -> Sequence[Filled]:
-        """Leave out what cannot be seen from all that `ModelBuffers.fill` returned.
+        """Leave hidden instances and triangles out of the runs ``filled`` that `ModelBuffers.fill` returned.
 
-        The constants of the eye's drawing pass are bound, and the depth of its targets is drawn over. Where there is
-        too little to leave out, the same list is returned.
+        The constants of the eye's drawing pass must be bound. The depth of its targets is overwritten, unless there are
+        so few triangles that ``filled`` itself is returned.
         """
         shown = self._models.filled
         model = placed.scene.model[shown]
@@ -119,7 +120,7 @@ class Occlusion:
         self._unbound.clear_depth(0.0)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">"
-        # What is drawn later must pass, the same surfaces too, and whichever of two at the same depth comes first.
+        # All that is drawn later must pass the depth test, even the same surfaces and others at the same depth.
         self._gl.polygon_offset = 0.0, _BEHIND_ULP
         for own in filled:
             self._models.draw(self._program, own)
@@ -135,10 +136,18 @@ def _corners(low: NDArray[np.float32], high: NDArray[np.float32]) -> NDArray[np.
 def _boxes(
     placed: Placed, eye: Eye, part: Crop | None, rows: NDArray[np.float64], corners: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Bound in the image what lies inside boxes, by (N, 3, 4) rows of view from model and (N, 8, 3) corners.
+    """Return bounds, in an eye's image, of the content of N boxes.
 
-    The (5, N) result has left, top, right and bottom, px of the part, and the largest depth, infinite where a box is
-    cut open.
+    Args:
+        placed: the scene's instances.
+        eye: the eye.
+        part: the part of the image that is drawn; None for all of it.
+        rows: (N, 3, 4) rows of view_from_model.
+        corners: (N, 8, 3) corners of the boxes, in model units.
+
+    Returns:
+        (5, N): left, top, right and bottom, px of the part, and the largest depth (near / Z), which is infinite where
+        the near plane cuts a box open.
     """
     scene = placed.scene
     camera = scene.camera if part is None else scene.camera.cropped(part)
@@ -153,9 +162,9 @@ def _boxes(
 
 
 def _most_area(boxes: NDArray[np.float64], size: tuple[int, int], triangles: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Choose the instances that cover most of the image, as far as their boxes tell, with a share of the triangles."""
+    """Choose the instances that cover most of the image, by their boxes, with a limited share of the triangles."""
     (left, right), (top, bottom) = (boxes[[0, 2]].clip(0, size[0]), boxes[[1, 3]].clip(0, size[1]))
-    # What is cut open stands around all the others, as walls do.
+    # Instances that the near plane cuts open surround all others, as walls do, so they hide none of them.
     depth = np.where(np.isfinite(boxes[4]), boxes[4], 0.0)
     order = np.argsort(-depth * (right - left) * (bottom - top) / triangles, kind="stable")
     chosen = np.zeros(len(triangles), bool)
@@ -164,9 +173,9 @@ def _most_area(boxes: NDArray[np.float64], size: tuple[int, int], triangles: NDA
 
 
 def _farthest(depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the smallest depth of 2 ** a x 2 ** b tiles that begin at a tile: (a, b, row, column)."""
+    """Return the smallest depth (near / Z) of blocks of 2 ** a x 2 ** b tiles, by first tile: (a, b, row, column)."""
     height, width = depth.shape
-    # Row by row first, which the processor does eight at a time.
+    # Reduce rows first: the processor does this for eight pixels at a time.
     strips = np.stack([depth[row : row + _TILE_PX].min(axis=0) for row in range(0, height, _TILE_PX)])
     tiles = np.minimum.reduceat(strips, np.arange(0, width, _TILE_PX), axis=1)
     rows, columns = tiles.shape
@@ -182,7 +191,10 @@ def _farthest(depth: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _hidden(farthest: NDArray[np.float32], size: tuple[int, int], boxes: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which boxes lie behind all that the tiles show that they may reach, or beside the image: (N,) bool."""
+    """Return which boxes lie behind everything in the tiles that they may reach, or beside the image: (N,) bool.
+
+    ``farthest`` comes from `_farthest`, and ``boxes`` (5, N) from `_boxes`; ``size`` is the part's width and height.
+    """
     left, top = np.floor(boxes[:2]) - _BORDER_PX
     right, bottom = np.ceil(boxes[2:4]) + _BORDER_PX
     hidden: NDArray[np.bool_] = np.isfinite(boxes[4])
@@ -190,7 +202,7 @@ def _hidden(farthest: NDArray[np.float32], size: tuple[int, int], boxes: NDArray
     ends, level = [], []
     for low, high, length in ((top, bottom, size[1]), (left, right, size[0])):
         begin, last = ((edge.clip(0, length - 1) // _TILE_PX).astype(np.int64) for edge in (low, high))
-        # Two spans of a power of two cover all from the first to the last tile.
+        # Two spans of the same power of two cover all tiles from the first to the last.
         doubled = np.frexp(last - begin + 1)[1] - 1
         level.append(doubled)
         ends.append((begin, last + 1 - (1 << doubled)))

@@ -17,7 +17,7 @@ _OSMESA_PROFILE, _OSMESA_CORE_PROFILE = 0x33, 0x34
 _OSMESA_CONTEXT_MAJOR_VERSION, _OSMESA_CONTEXT_MINOR_VERSION = 0x36, 0x37
 _GL_UNSIGNED_BYTE = 0x1401
 
-# The first that is there is taken.
+# Names of the library; the first one that can be loaded is used.
 OSMESA_LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
 
 
@@ -73,7 +73,7 @@ class OSMesaContext:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave the context current: whoever draws with another makes that one current."""
+        """Leave the context current: whoever draws with another context makes that one current."""
 
     def release(self) -> None:
         """Destroy the context; a second call does nothing."""

@@ -1,4 +1,4 @@
-"""The edges of models where a surface ends as an eye sees it: where it turns away, and its borders."""
+"""The outlines of models: edges where a surface ends for an eye, at its borders or where it turns away."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,31 +12,33 @@ from semisynth_gl.geometry.edges import MeshEdges, find_edges
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.placing import Placed
 
-# Edges of instances that are looked at together, for the memory that it takes.
+# Largest number of edges of instances that are tested at once, to bound memory.
 _MOST_AT_ONCE = 2**22
 
 
 class Outlines:
-    """Finds the outlines of scenes that are made of these models.
+    """Finds the outlines in scenes that are made of these models.
 
-    In what is found, the models' vertices, counted through, have the numbers ``vertex_number``, (V,) uint32.
+    ``vertex_number`` (V,) uint32 has the number that results use for each vertex, where all models' vertices are
+    counted through.
     """
 
     def __init__(self, models: Sequence[Mesh], vertex_number: NDArray[np.uint32]) -> None:
         self._models = models
         ends = np.cumsum([len(mesh.positions) for mesh in models])
         self._vertex_number = np.split(vertex_number, ends[:-1])
-        # Many a library has models that no scene takes, so edges are found at a model's first use.
+        # Edges are found at a model's first use, since many libraries have models that no scene uses.
         self._edges: dict[int, MeshEdges] = {}
 
     def find(self, placed: Placed, eye: Eye) -> NDArray[np.uint32]:
         """Find the outlines that one eye may see, far instances first.
 
-        A row of the (N, 4) uint32 result is the instance, and of the triangle in front the numbers of the vertices that
-        the edge goes from and to, and of the one opposite.
+        Returns:
+            (N, 4) uint32: the instance, and three vertices of the triangle in front of the edge: the edge's begin, its
+            end, and the opposite corner.
         """
         scene, rows = placed.scene, placed.rows(eye)
-        # The sky ends nowhere: beyond it is nothing.
+        # The sky has no outlines: there is nothing beyond it.
         seen = np.flatnonzero(placed.in_view(eye) & ~scene.sky)
         # Outlines in front must cover outlines behind. The order, as in the drawing, follows the far ends of instances.
         seen = seen[np.argsort(-(rows[seen, 2, 3] + placed.radius_m[seen]), kind="stable")]
@@ -62,9 +64,10 @@ _Chosen = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 def _eyes(rows: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Find the eye from (M, 3, 4) rows of view from model: (M, 4) float32, its place in model units times w, and w.
+    """Return the eye's place in M models' units, from rows (M, 3, 4) of view_from_model: (M, 4) float32, homogeneous.
 
-    A matrix that flattens a flat model is then no special case.
+    The first three columns are the place times w, the last is w. A matrix that flattens a flat model needs no special
+    case in this form.
     """
     x, y, z, shift = (np.ascontiguousarray(column) for column in rows.transpose(2, 1, 0))
     adjugate = [_cross(y, z), _cross(z, x), _cross(x, y)]
@@ -79,12 +82,18 @@ def _cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[n
 
 
 def _shown(edges: MeshEdges, eyes: NDArray[np.float32], solid: NDArray[np.bool_]) -> tuple[_Chosen, _Chosen]:
-    """Choose the edges of M instances of a mesh that are outlines to the ``eyes``, (M, 4) of `_eyes`.
+    """Choose the edges of M instances of a mesh that are outlines for an eye.
 
-    Of ``solid`` instances, (M,), fronts alone are drawn. The numbers of instances and edges, (N,) int64 each, are
-    returned for edges that have their first side in front, and for those that have the second one.
+    Args:
+        edges: the mesh's edges.
+        eyes: (M, 4) the eye's place, from `_eyes`.
+        solid: (M,) whether only the fronts of an instance are drawn.
+
+    Returns:
+        The numbers of instances and of edges, (N,) int64 each, for edges whose first side is in front, and the same for
+        edges whose second side is in front.
     """
-    # Whether the eye lies where n . x < n . p of either side, or where it does not if w is negative.
+    # Whether the eye lies where n . x < n . p for the plane of either side; with a negative w, whether it does not.
     homogeneous = eyes * np.array([-1, -1, -1, 1], np.float32)
     below = [homogeneous @ plane > 0 for plane in edges.plane]
     # Both triangles lie on one side of the edge.

@@ -1,4 +1,4 @@
-"""What pairs of one image size are drawn to, and a pair while the passes work on it."""
+"""The targets to which pairs of one image size are drawn, and a pair while the passes work on it."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,17 +18,22 @@ _Part = TypeVar("_Part", ColourTargets, EyeTargets, OpenPoints, Targets)
 
 
 class PairTargets:
-    """All that pairs of one image size (width and height, px) are drawn to, as far as their renderer needs it.
+    """All targets for pairs of one image size that the renderer's passes need; targets that no pass needs are None.
+
+    Args:
+        loaded: the renderer's context, and what it is to draw.
+        size: width and height, px.
+        shared: whether pairs share left views; see `SharedLeft`.
 
     Attributes:
-        eyes: what each eye's drawing pass and visibility pass draw to.
-        shared: likewise for left views that several pairs share, with 1 / Z in the place of the disparity.
-        shared_left: the shared left view that `shared` shows.
-        samples: what colour is drawn to in several samples a pixel.
-        open_points: what the visibility pass leaves open.
-        correspondence: what the correspondence pass writes.
-        then: what the flow pass draws the other moment to.
-        flow: what the flow pass writes.
+        eyes: targets of each eye's drawing pass and visibility pass.
+        shared: targets of the same passes for shared left views, with 1 / Z in the place of the disparity.
+        shared_left: the left view that `shared` holds.
+        samples: targets of colour with several samples a pixel.
+        open_points: the points that the visibility pass leaves open.
+        correspondence: targets of the correspondence pass.
+        then: targets to which the flow pass draws the other moment.
+        flow: targets of the flow pass.
 
     Raises:
         BackendError: where the driver refuses the size.
@@ -40,7 +45,7 @@ class PairTargets:
         context, wanted, read = loaded.context, loaded.wanted, loaded.read
         self.samples = self._keep(ColourTargets(loaded, size)) if wanted.antialias.redraws else None
         visible: dict[Eye, bool] = {eye: wanted.visibility and eye in wanted.truth_eyes for eye in EYES}
-        # A comprehension would hold on to `self` after a failure, and with it to what was made before.
+        # A comprehension would keep `self` alive after a failure, and with it all targets that were made before.
         self.eyes: dict[Eye, EyeTargets] = {}
         for eye in EYES:
             self.eyes[eye] = self._drawn_to(wanted.attachments(eye), visibility=visible[eye])
@@ -57,16 +62,16 @@ class PairTargets:
         self.flow: Targets | None = None
         if wanted.flow:
             self.then = self._keep(EyeTargets(context, size, ("depth", "surface"), visibility=False))
-            # No pass reads or writes depth there, so it shares the other moment's depth buffer.
+            # No pass uses the depth of these targets, so they share the other moment's depth buffer.
             self.flow = self._keep(Targets(context, size, FLOW, read, self.then.depth_buffer))
 
     @cached_property
     def image(self) -> EyeTargets:
-        """What one eye's image alone is drawn to."""
+        """Targets for only one eye's image."""
         return self._drawn_to(COLOUR, visibility=False)
 
     def release(self) -> None:
-        """Free everything."""
+        """Free all targets."""
         for part in reversed(self._parts):
             part.release()
 
@@ -94,11 +99,11 @@ class DrawnPair:
     """A pair whose drawing passes are done.
 
     Attributes:
-        placed: the instances.
-        crop: the part that the caller wants, or None for all of it.
-        sized: the targets of its image size.
-        eyes: of these, what each eye's view was drawn to.
-        views: the channels of each eye that were read already.
+        placed: the scene's instances.
+        crop: the part of both images that the caller wants, or None for all of it.
+        sized: the targets of the pair's image size.
+        eyes: the targets to which each eye's view was drawn.
+        views: the channels of each eye's view that have been read so far, by name.
     """
 
     placed: Placed
@@ -109,5 +114,5 @@ class DrawnPair:
 
     @property
     def area(self) -> Crop:
-        """The part that the caller wants, as a rectangle."""
+        """The part of both images that the caller wants, as a rectangle."""
         return self.crop or Crop(0, 0, *self.sized.size)

@@ -1,4 +1,4 @@
-"""How long each pass of a pair takes: on a GPU by its own clock, in software in CPU time."""
+"""The time that each pass of a pair takes: by the GPU's own clock or, in software, CPU time."""
 
 import time
 from collections import defaultdict
@@ -12,18 +12,19 @@ from semisynth_gl.frame.camera import Eye
 
 PassName = Literal["draw", "edges", "samples", "resolve", "masks", "correspondence", "moment", "flow", "read"]
 PASSES: tuple[PassName, ...] = get_args(PassName)
-"""What a renderer times, each for both eyes; see `semisynth_gl.bench.stages` for what they do."""
+"""The passes that a renderer times for each eye; `semisynth_gl.bench.stages` says what they do."""
 
 PassSeconds = dict[tuple[PassName, Eye], float]
-"""Seconds of each pass that ran."""
+"""Seconds of each pass that has run, by pass and eye."""
 
 
 class PassClock:
     """Times passes from `start` to `stop`; at any other time it does nothing, and asks the driver for nothing.
 
-    With ``queries``, timer queries tell how long a GPU is at a pass, and no pass waits for them. Those of llvmpipe are
-    not to be trusted: where it was made to finish, they say 0, or all that 32 bits hold. So software is made to finish
-    before and after each pass, and the CPU time between counts.
+    With ``queries``, timer queries measure the passes on a GPU without waiting for them. llvmpipe's timer queries are
+    unreliable: after a finish they return 0, or the largest number of 32 bits. So without ``queries``, the driver is
+        made
+    to finish before and after each pass, and the CPU time between is taken.
     """
 
     def __init__(self, gl: moderngl.Context, *, queries: bool) -> None:
@@ -32,7 +33,7 @@ class PassClock:
         self._runs = False
         self._seconds: defaultdict[tuple[PassName, Eye], float] = defaultdict(float)
         self._asked: list[tuple[tuple[PassName, Eye], moderngl.Query]] = []
-        # moderngl frees a query with its context alone.
+        # Queries are reused, since moderngl frees them only with their context.
         self._answered: list[moderngl.Query] = []
 
     def start(self) -> None:
@@ -40,7 +41,7 @@ class PassClock:
         self._runs = True
 
     def stop(self) -> PassSeconds:
-        """Time no more; return the seconds of all passes since the start, once the driver has done them."""
+        """Stop timing; wait until the driver has done all passes since the start, and return their seconds."""
         self._runs = False
         with self._gl:
             for key, query in self._asked:
@@ -52,7 +53,7 @@ class PassClock:
         return seconds
 
     def timed(self, name: PassName, eye: Eye) -> AbstractContextManager[None]:
-        """Time what is drawn in the ``with`` block; blocks may not be inside each other."""
+        """Time the drawing in a ``with`` block; such blocks must not be nested."""
         if not self._runs:
             return nullcontext()
         return self._asked_for(name, eye) if self.queries else self._finished(name, eye)

@@ -1,4 +1,4 @@
-"""Patches on the GPU: one texture array for each size of patch, and their numbers across all of them."""
+"""Patches on the GPU: a texture array, the atlas, for each size of patch; patches are counted through all atlases."""
 
 from collections.abc import Sequence
 
@@ -10,18 +10,21 @@ from semisynth_gl.inputs.errors import BackendError, counted
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.programs import link_program
 
-_UNIT = 0  # of the sampler in mesh.frag
+_UNIT = 0  # texture unit of the sampler in mesh.frag
 
 
 class PatchTextures:
-    """The patch atlases of a renderer: (L, P, P, 4) uint8 RGBA each, or (L, P, P) uint8 grey each; row 0 is the top.
+    """The patch atlases of a renderer on the GPU.
 
-    Beyond a patch's border lies its mirror image where they are ``mirrored``, else the patch again.
+    Args:
+        context: the context.
+        atlases: A arrays, all (L, P, P, 4) uint8 RGBA or all (L, P, P) uint8 grey; row 0 is the top.
+        mirrored: whether a patch continues beyond its border as its mirror image; else it repeats.
 
     Attributes:
-        grey: whether they are grey: shaders then see them in the first component.
-        ends: (A,) int64, number of the patches in an atlas and all before it: `Scene.layer` counts through.
-        sides_px: (A,) int64, side of an atlas's patches.
+        grey: whether the atlases are grey; shaders then see the grey values in the first component.
+        ends: (A,) int64, number of patches in each atlas and all before it; `Scene.layer` counts through all atlases.
+        sides_px: (A,) int64, side of each atlas's patches.
 
     Raises:
         BackendError: where the driver cannot hold an atlas.
@@ -37,7 +40,7 @@ class PatchTextures:
         return int(self.ends[-1])
 
     def use(self, atlas: int, unit: int = _UNIT) -> None:
-        """Let shaders sample an atlas, by default where mesh.frag does."""
+        """Bind an atlas to a texture unit, by default the one that mesh.frag samples."""
         self._textures[atlas].use(unit)
 
 
@@ -50,7 +53,7 @@ def _upload(context: GraphicsContext, layers: NDArray[np.uint8], *, mirrored: bo
             f"the patch atlas has {counted(count, 'patch')} of {side} px, but {context.renderer} holds {most} of up to "
             f"{widest} px: lower textures.max_patches, textures.patch_px or textures.large_px"
         )
-    # moderngl, which has no room for levels, is only asked for a texture.
+    # moderngl makes only the texture; its own storage has no room for smaller levels.
     atlas = context.gl.texture_array((1, 1, 1), 4)
     context.unbound.store_layers(atlas.glo, side.bit_length(), np.ascontiguousarray(layers), software=context.software)
     _draw_levels(context, atlas, side, count)
@@ -61,16 +64,16 @@ def _upload(context: GraphicsContext, layers: NDArray[np.uint8], *, mirrored: bo
 
 
 def _draw_levels(context: GraphicsContext, atlas: moderngl.TextureArray, side: int, count: int) -> None:
-    """Fill the smaller levels of an atlas, each from the one before.
+    """Draw the smaller levels of an atlas, each from the next larger one.
 
-    The bytes equal llvmpipe's own mipmaps, for which it compiles code in each new context. That takes longer than all
-    else that opens a renderer; these shaders come from its cache.
+    The bytes equal those of llvmpipe's own mipmaps. For these it would compile code in each new context, which takes
+    longer than everything else in opening a renderer; the shaders used here come from its cache.
     """
     gl, unbound = context.gl, context.unbound
     in_use = gl.fbo
     program = link_program(context, "level.vert", "level.frag", {}, "level.geom")
     draw = gl.vertex_array(program, [])
-    # Its own image is never drawn to: moderngl takes the size from it.
+    # This image is never drawn to: moderngl takes the framebuffer's size from it.
     whole = gl.renderbuffer((side, side), 4)
     framebuffer = gl.framebuffer([whole])
     framebuffer.use()

@@ -1,7 +1,7 @@
-"""A scene's instances as the eyes see them: poses composed in float64, of models that are drawn about their middle.
+"""A scene's instances as the eyes see them: poses, composed in float64, of models that are drawn about their middle.
 
-float32 holds a number in steps of 2^-24 of it, so the numbers that go to the GPU must be small: of vertices about their
-model's middle, of models about the eye, and of UV about 0.
+float32 holds a number in steps of 2^-24 of its size, so the numbers that go to the GPU must be small: vertices are
+relative to their model's middle, models to the eye, and UV are near 0.
 """
 
 from collections.abc import Sequence
@@ -17,10 +17,10 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render.projection import in_view
 from semisynth_gl.scene.scene import Scene
 
-# A patch goes on in the same way after two of them, mirrored or not. Offsets of up to 16 stay as they are: their steps
-# are 1/2000 of a texel where patches have 512.
+# Patches repeat after two of them, mirrored or not, so larger offsets are reduced by multiples of two. Offsets of up to
+# 16 are kept: float32 holds them in steps of 1/2000 of a texel where patches have 512.
 _PERIOD, _NEAR_PATCHES = 2.0, 16.0
-# An instance that is not seen may be smaller than one that is.
+# Smallest radius of an instance; instances as small as this cannot be seen.
 _LEAST_M = LEAST**2
 
 
@@ -30,10 +30,10 @@ class Placed:
 
     Attributes:
         scene: the scene.
-        view_from_model: (N, 4, 4) float64, of the models that are drawn, relative to the left eye.
-        radius_m: (N,) float64, bounds how far an instance reaches from its centre.
+        view_from_model: (N, 4, 4) float64, poses of the centred models relative to the left eye.
+        radius_m: (N,) float64, upper bound of an instance's reach from its centre.
         solid: (N,) bool, whether only fronts can be seen from outside.
-        patch_from_uv: (N, 4) float64, scale and offset of the UV that is drawn.
+        patch_from_uv: (N, 4) float64, scale and offset, (u, v) each, for the centred models' UV.
     """
 
     scene: Scene
@@ -50,17 +50,17 @@ class Placed:
         return rows if turn is None else turn @ rows
 
     def in_view(self, eye: Eye, part: Crop | None = None) -> NDArray[np.bool_]:
-        """Return which instances may reach into one eye's image, or a part of it, (N,) bool."""
+        """Return which instances may reach into one eye's image, or into a part of it, (N,) bool."""
         camera = self.scene.camera if part is None else self.scene.camera.cropped(part)
         return in_view(camera, eye, self.scene.near_of(eye), self.rows(eye)[:, :, 3], self.radius_m)
 
     def fronts_only(self, eye: Eye) -> NDArray[np.bool_]:
-        """Return which instances show one eye no backs, (N,) bool: solid ones, unless the near plane cuts them open."""
+        """Return which instances show one eye only fronts, (N,) bool: solid ones that the near plane does not cut."""
         return self.solid & (self.rows(eye)[:, 2, 3] - self.radius_m > self.scene.near_of(eye))
 
 
 class Placing:
-    """Places the instances of scenes that are made of these models.
+    """Places the instances of scenes that are made of these models, which are centred for drawing.
 
     Raises:
         InputError: where a model is too small or too large for float32.
@@ -87,8 +87,8 @@ class Placing:
         """
         view_from_model = self.view_from_model(scene)
         linear = view_from_model[:, :3, :3]
-        # The largest row sum of |A^T A| bounds the squared largest singular value from above, and is equal to it where
-        # the instance is scaled along its own axes and then rotated.
+        # The largest row sum of |A^T A| is an upper bound of the squared largest singular value, and equal to it if the
+        # instance is scaled along its own axes and then rotated.
         stretch = np.sqrt(np.abs(linear.transpose(0, 2, 1) @ linear).sum(axis=2).max(axis=1, initial=0.0))
         # A mirrored instance turns its backs outwards.
         solid = self._solid[scene.model]
@@ -96,13 +96,13 @@ class Placing:
         radius_m = self._radius[scene.model] * stretch
         reach_m = np.abs(view_from_model[:, :3, 3]).max(axis=1, initial=0.0) + radius_m
         _refuse(reach_m, reach_m > MOST, "reaches farther from the camera")
-        # Squares of small numbers may be 0.
+        # The radius of a tiny instance may be 0, because squares of small numbers are.
         extended = (np.abs(linear).max(axis=(1, 2), initial=0.0) > 0) & (self._radius[scene.model] > 0)
         _refuse(radius_m, extended & (radius_m < _LEAST_M), "is smaller")
         return Placed(scene, view_from_model, radius_m, solid, self._patch_from_uv(scene))
 
     def view_from_model(self, scene: Scene) -> NDArray[np.float64]:
-        """Return the poses of a scene's instances relative to the left eye, (N, 4, 4), of the models that are drawn."""
+        """Return the poses of a scene's instances, with centred models, relative to the left eye, (N, 4, 4) float64."""
         poses = scene.view_from_model()
         moved = np.flatnonzero(self._moved[scene.model])
         if len(moved):

@@ -16,12 +16,13 @@ _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 def link_program(
     context: GraphicsContext, vertex: str, fragment: str, defines: Mapping[str, int], geometry: str | None = None
 ) -> moderngl.Program:
-    """Compile and link shaders (see `shader_source`), and check the blocks that numpy packs for them.
+    """Compile and link shaders, and check the blocks that numpy packs for them.
 
-    ``defines`` are for the fragment shader.
+    ``vertex``, ``fragment`` and ``geometry`` name the shaders, and ``defines`` are for the fragment shader; see
+    `shader_source`.
 
     Raises:
-        BackendError: where the driver refuses the shaders, with its message, or lays out a block in another way.
+        BackendError: where the driver refuses the shaders, or lays a block out in another way than numpy.
     """
     try:
         program = context.gl.program(
@@ -40,7 +41,7 @@ def link_compute(context: GraphicsContext, compute: str, defines: Mapping[str, i
     """Compile and link a compute shader, and check its blocks, as `link_program` does.
 
     Raises:
-        BackendError: where the driver refuses the shader, with its message, or lays out a block in another way.
+        BackendError: where the driver refuses the shader, or lays a block out in another way than numpy.
     """
     try:
         program = context.gl.compute_shader(shader_source(compute, defines))
@@ -51,10 +52,10 @@ def link_compute(context: GraphicsContext, compute: str, defines: Mapping[str, i
 
 
 def shader_source(name: str, defines: Mapping[str, int] | None = None) -> str:
-    """Return the text of a shader: ``shaders/<name>``, or a file elsewhere whose absolute path the name is.
+    """Return the text of a shader.
 
-    Each ``#include "file"`` line is replaced by that file of shaders/. Each name of ``defines`` is defined as its
-    number, right after the ``#version`` line.
+    ``name`` is a file in shaders/, or an absolute path. Each ``#include "file"`` line is replaced by that file of
+    shaders/, and each name in ``defines`` is defined as its number right after the ``#version`` line.
 
     Raises:
         FileNotFoundError: where the file, or one that it includes, does not exist.

@@ -1,4 +1,4 @@
-"""Readers of drawn pixels: into arrays in the computer's memory by default, or into buffers of the driver."""
+"""Readers of drawn pixels: by default into arrays in the computer's memory, or else into buffers of the driver."""
 
 from typing import Any, Protocol
 
@@ -11,15 +11,15 @@ Viewport = tuple[int, int, int, int]
 
 
 class Reader(Protocol):
-    """Makes something of an attachment's pixels that stands for the array of shape (H, W) or (H, W, C)."""
+    """Takes an attachment's pixels; returns an array (H, W) or (H, W, C), or anything that stands for one."""
 
     def __call__(
         self, framebuffer: moderngl.Framebuffer, viewport: Viewport, attachment: int, kind: str, components: int, /
     ) -> Any:  # noqa: ANN401 - whatever the caller works with
         """Take a rectangle of an attachment of a framebuffer whose context is current.
 
-        ``kind`` is what moderngl calls the type of a component: "f1", "u1", "u2", "f4" ...; ``components`` is C, or 1
-        for (H, W).
+        ``attachment`` is the number of the colour attachment. ``kind`` is moderngl's name for the type of a component:
+        "f1" (bytes that stand for 0 to 1), "u1", "u2" or "f4". ``components`` is C, or 1 for (H, W).
         """
 
 
@@ -29,18 +29,18 @@ _DTYPES = {"f1": np.uint8, "u1": np.uint8, "u2": np.uint16, "f4": np.float32}
 def read_array(
     framebuffer: moderngl.Framebuffer, viewport: Viewport, attachment: int, kind: str, components: int
 ) -> NDArray[Any]:
-    """Copy a rectangle of an attachment out as (H, W) or (H, W, C), top row first; see `Reader`."""
+    """Return a rectangle of an attachment as a new array (H, W) or (H, W, C), top row first; see `Reader`."""
     shape = viewport[3], viewport[2]
     pixels = np.empty((*shape, components) if components > 1 else shape, _DTYPES[kind])
-    # An alignment of 1 keeps rows tightly packed: 3 * 941 bytes is no multiple of 4.
+    # An alignment of 1 keeps rows tightly packed, even if their length is not a multiple of 4.
     framebuffer.read_into(pixels, viewport, components, attachment=attachment, dtype=kind, alignment=1)
     return pixels
 
 
 class PixelBuffers:
-    """Buffers of the driver that pixels are copied into, without a way through the computer's memory.
+    """Buffers of the driver, into which pixels are copied without passing through the computer's memory.
 
-    One for each size, reused: what is in it has to be taken before the next of that size.
+    There is one buffer for each size, which is reused: its content must be taken before the next `fill` of that size.
     """
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class PixelBuffers:
     def fill(
         self, framebuffer: moderngl.Framebuffer, viewport: Viewport, attachment: int, kind: str, components: int
     ) -> moderngl.Buffer:
-        """Copy a rectangle of an attachment; rows are tight, and the first one is the top."""
+        """Copy a rectangle of an attachment into a buffer, tightly packed with the top row first; see `Reader`."""
         size = viewport[2] * viewport[3] * components * int(kind[1:])
         if size not in self._buffers:
             self._buffers[size] = framebuffer.ctx.buffer(reserve=size)
@@ -57,7 +57,7 @@ class PixelBuffers:
         return self._buffers[size]
 
     def release(self) -> None:
-        """Free them; their context must be current."""
+        """Free the buffers; their context must be current."""
         for buffer in self._buffers.values():
             buffer.release()
         self._buffers = {}

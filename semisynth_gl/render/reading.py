@@ -1,4 +1,4 @@
-"""What is read of a drawn pair: its channels, and the results of passes that compare views and moments."""
+"""The reading of a drawn pair: its drawn channels, and the results of passes that compare views and moments."""
 
 from collections.abc import Mapping
 
@@ -25,13 +25,16 @@ class Reading:
         self._flow = FlowPass(loaded) if wanted.flow else None
 
     def find_visibility(self, pair: DrawnPair) -> None:
-        """Mark what the other eye sees, of a rectified pair; of others the correspondences tell."""
+        """Run the visibility pass on a rectified pair; in other pairs, `read` finds visibility by correspondences."""
         if self._visibility is not None and pair.placed.scene.camera.rectified:
             for eye in self._wanted.truth_eyes:
                 self._visibility.draw(pair, eye)
 
     def read(self, pair: DrawnPair, motions: Mapping[str, Motion | None]) -> None:
-        """Add to both views the channels that they lack; those of flow for the motions "future" and "past" given."""
+        """Add the channels that are missing to the pair's views.
+
+        ``motions`` has the motions "future" and "past", for the channels of flow; a motion that is None is left out.
+        """
         for eye in EYES:
             self._read_drawn(pair, eye)
         if self._correspondence is not None:
@@ -41,7 +44,7 @@ class Reading:
                 self._read_flow(self._flow, pair, motion, "next" if name == "future" else "previous")
 
     def _read_drawn(self, pair: DrawnPair, eye: Eye) -> None:
-        """Copy out one eye's channels of the drawing and the visibility pass."""
+        """Read one eye's channels of the drawing pass and the visibility pass."""
         targets, view = pair.eyes[eye], pair.views[eye]
         image, rectified = CHANNELS["image"], pair.placed.scene.camera.rectified
         with self._clock.timed("read", eye):
@@ -54,7 +57,7 @@ class Reading:
                     view[channel.name] = targets.visibility.read(channel.attachment, pair.crop)
 
     def _read_correspondence(self, correspondence: CorrespondencePass, pair: DrawnPair) -> None:
-        """Find the correspondences and, of a pair that deviates, disparities and masks; copy them into the views."""
+        """Find and read the correspondences and, for a pair that deviates, disparities and masks."""
         found = [channel for channel in self._wanted.channels if channel.attachment in CORRESPONDENCE]
         if pair.placed.scene.camera.rectified:
             found = self._wanted.drawn_by("correspondence")
@@ -65,7 +68,7 @@ class Reading:
                     pair.views[eye][channel.name] = compared.read(channel.attachment, pair.crop)
 
     def _read_flow(self, flow_pass: FlowPass, pair: DrawnPair, motion: Motion, moment: Moment) -> None:
-        """Draw the flow to one other moment, and copy out its channels."""
+        """Find the flow to another moment, and read its channels."""
         moved = place_moved(pair.placed, motion, self._placing)
         of_moment = [row for row in self._wanted.drawn_by("flow") if row.moment == moment]
         for eye in self._wanted.truth_eyes:

@@ -1,8 +1,8 @@
 """The renderer: models and patches go to the GPU once, then any number of scenes are drawn from them.
 
-A pair takes three steps: the drawing pass of each eye (`Drawing`: colour, disparity and what else was asked for), the
-visibility pass of each eye, and the copy of the results into arrays, with the passes that compare moments or views in
-other ways (`Reading`). `Wanted` says what is made; what a caller hands in is checked here, and so is what the driver
+A pair takes three steps: the drawing pass of each eye (`Drawing`: colour, disparity and other outputs), the visibility
+pass of each eye, and the copy of the results into arrays, with the passes that compare moments, or views in other ways
+(`Reading`). `Wanted` says what is made. This module checks the caller's arguments and the errors that the driver
 reports.
 """
 
@@ -50,27 +50,29 @@ class Renderer:
     """Draws scenes with a fixed set of models and patches. Use it in a ``with`` block, in the thread that made it.
 
     Args:
-        models: the meshes that `Scene.model` counts.
-        layers: (L, P, P, 4) uint8 RGBA, the patch atlas that `Scene.layer` counts; row 0 is the top. Or (L, P, P) uint8
-            grey: then images are (H, W), of one component all the way.
-        large_layers: (M, Q, Q, 4) uint8 RGBA, or (M, Q, Q) grey like ``layers``, patches of another size, which
-            `Scene.layer` counts from L on; instances that wear them are drawn after the others. None for none.
-        wrap: what lies beyond a patch's border, its mirror image or itself again.
-        anisotropy: most samples of a patch for a pixel that sees it at a grazing angle; 1 blurs there.
-        large_anisotropy: the same of large patches.
-        outputs: what to make beside images and disparities; see `semisynth_gl.frame.frame.OUTPUTS`.
-        truth: of which views disparity and outputs are made, "both" or "left".
-        rectified: False where right cameras may deviate from the rectified one: both eyes' depths are drawn then.
+        models: the meshes to which `Scene.model` refers.
+        layers: (L, P, P, 4) uint8 RGBA, the patch atlas to which `Scene.layer` refers; row 0 is the top. Or (L, P, P)
+            uint8 grey: then images are grey, too, (H, W).
+        large_layers: patches of another size, (M, Q, Q, 4) or (M, Q, Q) uint8 like ``layers``, to which `Scene.layer`
+            refers from L on; instances that wear them are drawn after the others. By default there are none.
+        wrap: whether a patch continues beyond its border as its mirror image, "mirror", or repeats, "repeat".
+        anisotropy: most samples of a patch for a pixel that sees it at a grazing angle, 1 to 16; with 1 such pixels are
+            blurred.
+        large_anisotropy: most samples of a large patch, in the same way.
+        outputs: the outputs to make beside images and disparities; see `semisynth_gl.frame.frame.OUTPUTS`.
+        truth: the views for which disparity and outputs are made, "both" or "left".
+        rectified: False where right cameras may deviate from the rectified one; both eyes' depths are then drawn.
         signed: whether disparities of 0 and below are valid.
-        antialias: "none", "edges", "msaa4" (or what the driver has) or "ssaa2" to "ssaa8"; for colour only.
+        antialias: "none", "edges", "msaa4" (or another number of samples that the driver has) or "ssaa2" to "ssaa8";
+            for colour only.
         backend: "auto", "egl" or "osmesa".
         device_index: EGL's number of the device.
-        read: what takes the pixels that were drawn: arrays in memory by default; see `Reader` for others.
+        read: takes the pixels that were drawn, by default into arrays in memory; see `Reader`.
 
     Attributes:
-        listener: for measurements: hears the end of each stage ("draw", "visibility", "readback"), which the driver is
-            made to finish first. Without a listener stages overlap, and nothing is called. Antialiased colour is read
-            back in the stage "draw", and flow is drawn in the stage "readback".
+        listener: for measurements, told of the end of each stage ("draw", "visibility", "readback"), which the driver
+            is made to finish first; None, the default, for no listener, so that stages overlap. Antialiased colour is
+            read back in the stage "draw", and flow is drawn in the stage "readback".
 
     Raises:
         BackendError: where no context can be opened, or the driver cannot hold the atlas.
@@ -113,7 +115,8 @@ class Renderer:
         self._context = open_context(backend, device_index)
         try:
             self._gl = self._context.gl
-            # Current from its opening on, which would keep what it holds alive after its release.
+            # The context is current from its opening on. Leaving this block ends that: otherwise its objects would
+            # outlive its release.
             with self._gl:
                 patches = PatchTextures(self._context, tuple(atlases.values()), mirrored=wrap == "mirror")
                 drawn = [centred(model) for model in models]
@@ -129,7 +132,8 @@ class Renderer:
         except BaseException:
             self._context.release()
             raise
-        # Frees what a renderer holds that nobody released, when it is collected. Not when Python ends: all goes then.
+        # Frees the context when a renderer that was not released is collected. Not at the exit of Python, which frees
+        # all.
         self._free = finalize(self, self._context.release)
         self._free.atexit = False
         if reported != _NO_ERROR:
@@ -154,16 +158,16 @@ class Renderer:
 
     @property
     def facts(self) -> dict[str, str]:
-        """Backend, renderer and version of OpenGL, as the driver calls them."""
+        """The "backend", the "renderer" (the driver's name for itself), and the driver's version of "opengl"."""
         return self._context.facts
 
     @property
     def clock(self) -> PassClock:
-        """For measurements: times each pass while it runs; it does not before it is started."""
+        """For measurements: the clock that times each pass from its start to its stop."""
         return self._context.clock
 
     def count_objects(self) -> dict[str, int]:
-        """Count what the driver holds for this renderer, by kind; for the search for leaks."""
+        """Count the objects that the driver holds for this renderer, by kind such as "Texture", to find leaks."""
         self._check_open()
         with self._gl:
             return self._context.unbound.count_objects()
@@ -174,17 +178,19 @@ class Renderer:
         """Draw one pair.
 
         Args:
-            scene: indices must lie within the renderer's models and layers.
-            crop: draw and return this part of both images alone; its pixels equal the whole image's, bit for bit.
-            future: how the scene gets to the next frame, for the outputs "flow" and "disparity_change".
-            past: how it gets to the previous frame, for the output "flow_backward".
+            scene: the scene; its indices must lie within the renderer's models and layers.
+            crop: draw and return only this part of both images; its pixels equal the whole image's, bit for bit.
+            future: the scene's motion to the next frame, for the outputs "flow" and "disparity_change".
+            past: the scene's motion to the previous frame, for the output "flow_backward".
 
         Returns:
-            Both images, both disparities and the outputs that were asked for, in new arrays.
+            Both images, and the disparities and outputs of the views that have truth, in new arrays; other readers than
+            the default one may reuse what they return.
 
         Raises:
-            InputError: where an index or the crop is out of range, there are more instances than ids, an output needs
-                a motion that is not there or not the scene's, or float32 cannot hold an instance as the camera sees it.
+            InputError: where an index or the crop is out of range, the output "instances" has too few ids, an output
+                needs a motion that is missing or not the scene's, the right camera deviates although the renderer is
+                rectified, or float32 cannot hold an instance as the camera sees it.
             BackendError: where the image is larger than the driver allows, or drawing failed.
             ContextLostError: where the driver took the context away; another renderer may still be opened.
         """
@@ -202,17 +208,18 @@ class Renderer:
         future: Motion | None = None,
         past: Motion | None = None,
     ) -> SharedLeft:
-        """Prepare the pairs of a scene before several cameras that differ in the right eye alone.
+        """Prepare the pairs of a scene with several cameras that differ only in the right eye.
 
         Args:
-            scene: see `render`, as for the others.
-            cameras: at least one; each is the scene's in the left eye.
-            crop: see there.
-            future: see there; its camera is the scene's.
-            past: likewise.
+            scene: the scene; see `render`.
+            cameras: at least one camera; the left eye of each must be that of the scene's camera.
+            crop: the part of the images to draw; see `render`.
+            future: the motion to the next frame, with the scene's own camera; see `render`.
+            past: the motion to the previous frame, with the scene's own camera; see `render`.
 
         Returns:
-            What draws the pair of any of the cameras when it is asked to, and the left view once for all of them.
+            An object whose `SharedLeft.render` draws the pair of each camera; the left view is drawn once for all
+            pairs.
 
         Raises:
             InputError: where a camera differs in the left eye, and as `render` does.
@@ -250,11 +257,14 @@ class Renderer:
                 raise InputError(f"the output {wanted[0]} needs the scene's motion: render(scene, {name}=Motion(...))")
 
     def render_images(self, scene: Scene, eyes: Collection[Eye] = EYES) -> dict[Eye, NDArray[np.uint8]]:
-        """Draw the images of a pair alone, as `render` draws them, and nothing of its truth.
+        """Draw only the images of a pair, as `render` draws them, without its truth.
 
         Args:
-            scene: indices must lie within the renderer's models and layers.
-            eyes: whose images.
+            scene: the scene; its indices must lie within the renderer's models and layers.
+            eyes: the eyes whose images are drawn, "left", "right" or both.
+
+        Returns:
+            The image of each of these eyes, (H, W, 3) uint8 RGB or (H, W) grey.
 
         Raises:
             InputError: where an index is out of range, or an eye is neither left nor right.
@@ -278,7 +288,7 @@ class Renderer:
         motions: Mapping[str, Motion | None],
         shared: SharedLeft | None = None,
     ) -> Frame:
-        """Draw one pair, and raise what the driver reports."""
+        """Draw one pair; raise an error where the driver reports one."""
         camera = scene.camera if crop is None else scene.camera.cropped(crop)
 
         def finish(stage: RenderStage) -> None:
@@ -298,13 +308,13 @@ class Renderer:
         if shared is not None:
             shared.keep(frame.left)
             if self._wanted.antialias.redraws and "image" not in shared.channels:
-                # The right eye's colour was drawn over it.
+                # The left eye's antialiased colour is gone: the right eye's was drawn over it.
                 sized.shared_left = None
         return frame
 
     @contextmanager
     def _current(self) -> Iterator[None]:
-        """Make the context current, since another renderer of this thread may have made its own so; find faults."""
+        """Make the context current, since another renderer may have made its own current; raise errors of the block."""
         with self._gl:
             try:
                 yield
@@ -315,19 +325,19 @@ class Renderer:
                 raise self._fault(reported)
 
     def _check_open(self) -> None:
-        """Raise BackendError where the renderer was released, or this is not the process or thread that made it.
+        """Raise BackendError where the renderer was released, or was made by another process or thread.
 
-        The driver would crash on the use of either, or wait without end.
+        In these cases the driver would crash, or wait without end.
         """
         if not self._free.alive:
             raise BackendError("this renderer was released: open another one")
         self._context.check_owner()
 
     def _fault(self, error: str) -> BackendError:
-        """Return the error of a drawing that failed, after which a shared left view is drawn anew."""
+        """Return the error to raise for a drawing that failed, and forget the shared left view."""
         if self._targets is not None:
             self._targets.shared_left = None
-        # moderngl knows the errors of a context that lives; any other one is that it does not.
+        # moderngl knows all errors of a context that works; an unknown error means that the context is lost.
         if self._context.unbound.is_lost() or _UNKNOWN_ERROR in (self._gl.error, error):
             return ContextLostError(f"{self.renderer_name} lost its context while it drew a pair: was the GPU reset?")
         return BackendError(f"{self.renderer_name} reported {error} while drawing a pair")
@@ -354,9 +364,9 @@ class Renderer:
             )
 
     def _sized(self, scene: Scene, *, shared: bool) -> PairTargets:
-        """Return the targets of a scene's image size; new ones where it, or what they are for, is new.
+        """Return targets of a scene's image size; make new ones where the size differs, or they cannot be shared.
 
-        A size that the driver refuses leaves the renderer as it was.
+        Where the driver refuses the size, the renderer keeps its earlier targets.
         """
         outgrown, size = self._targets, (scene.camera.width_px, scene.camera.height_px)
         if outgrown is not None and outgrown.size == size and (outgrown.shared is not None or not shared):
@@ -365,7 +375,8 @@ class Renderer:
         try:
             self._targets = PairTargets(self._loaded, size, shared=shared)
         except BaseException as error:
-            # What was made so far goes with the frames that made it, as long as this context is current.
+            # Clearing the frames frees the objects that were made so far, which must happen while this context is
+            # current.
             clear_frames(error.__traceback__)
             raise
         finally:

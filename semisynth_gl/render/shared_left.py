@@ -1,4 +1,4 @@
-"""A left view that is drawn, uploaded and read once, for as many pairs as there are cameras that share it."""
+"""A left view that is drawn, uploaded and read once for all pairs whose cameras share it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -14,16 +14,16 @@ from semisynth_gl.scene.scene import Motion, Scene
 
 
 class SharedLeft:
-    """A scene before several cameras that differ in the right eye alone; `Renderer.share_left` makes it.
+    """A scene with several cameras that differ only in the right eye; `Renderer.share_left` makes it.
 
-    The pair of each is what `Renderer.render` gives of the scene with that camera, bit for bit. What the left views
-    have in common is one array object in all of them, which is read-only therefore.
+    The pair of each camera is the one that `Renderer.render` draws of the scene with that camera, bit for bit. Channels
+    that all left views have in common are the same array object in all of them, which is therefore read-only.
 
     Attributes:
         scenes: the scene with each of the cameras.
-        crop: as in `Renderer.render`.
-        motions: the motions, "future" and "past", to another moment seen by the scene's own camera.
-        channels: what was read of the left view and belongs to all pairs; see `keep`.
+        crop: the part of the images to draw; see `Renderer.render`.
+        motions: the motions "future" and "past" to other moments, with the scene's own camera.
+        channels: the channels of the left view that belong to all pairs and have been read; see `keep`.
 
     Raises:
         InputError: where there is no camera, or one differs from the scene's in the left eye.
@@ -57,7 +57,7 @@ class SharedLeft:
         return len(self.scenes)
 
     def render(self, number: int) -> Frame:
-        """Draw the pair of the camera of a number.
+        """Draw the pair of the camera with a number, 0 or more; see `Renderer.render` for what comes back.
 
         The left view is drawn by the first call, and again where the renderer has drawn another shared left view or
         images of another size in between.
@@ -72,9 +72,9 @@ class SharedLeft:
         return self._draw(self, number)
 
     def keep(self, left: Mapping[str, Any]) -> None:
-        """Keep what all pairs have of a left view's channels: arrays, since a reader may reuse what else it makes.
+        """Keep those of a left view's channels that all pairs have in common, for the pairs that follow.
 
-        Arrays become read-only, since several frames have them.
+        Only arrays are kept, since readers may reuse other objects; they become read-only, since frames share them.
         """
         for name, array in left.items():
             if CHANNELS[name].of_own_view and isinstance(array, np.ndarray):

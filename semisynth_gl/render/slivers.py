@@ -16,21 +16,27 @@ from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.programs import link_compute
 from semisynth_gl.render.structs import BLOCKS, RUN
 
-# Triangles of a run. A group of invocations takes one after the other, and they share the instance.
+# Most triangles of a run. A group of invocations works through one run after another; a run has a single instance.
 _RUN_TRIANGLES = 512
-# Bindings of the lists; before its entries, each has their number in four words.
+# Bindings of the lists, and the bytes of an entry and of the header, four words of which the first counts the entries.
 _NARROW, _CUTS = 6, 7
 _ENTRY = _HEADER = 16
 _FEWEST_ENTRIES = 1 << 16
-# More than most scenes need: the steps run again where a list was too short.
+# Length of the lists for each triangle, more than most scenes need; the steps run again where a list was too short.
 _ENTRIES_OF_TRIANGLE = 0.5
-# Units of what visibility.comp leaves open, as images there and as textures here.
+# Units of the points that visibility.comp leaves open: images in visibility.comp, textures in slivers.comp.
 _OPEN_IMAGES = 1, 2, 3
 _OPEN_TEXTURES = 7, 8, 6
 
 
 class OpenPoints:
-    """The points of one eye's view that the surfaces beside them leave open, by where the other eye would see them."""
+    """The points of one eye's view whose visibility is still open, by the pixels where the other eye would see them.
+
+    ``size`` is the image's width and height, px.
+
+    Raises:
+        BackendError: where the driver has no textures of that size.
+    """
 
     def __init__(self, context: GraphicsContext, size: tuple[int, int]) -> None:
         self._unbound = context.unbound
@@ -47,7 +53,7 @@ class OpenPoints:
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
     def collect(self) -> None:
-        """Forget all points, and let visibility.comp list others."""
+        """Clear the lists, and bind them for visibility.comp to fill."""
         for framebuffer in self._cleared:
             framebuffer.use()
             self._unbound.clear_unsigned(0, 0)
@@ -55,12 +61,12 @@ class OpenPoints:
             texture.bind_to_image(unit, read=True, write=True)
 
     def bind(self) -> None:
-        """Let slivers.comp look the points up."""
+        """Bind the lists for slivers.comp to look up."""
         for texture, unit in zip(self._textures, _OPEN_TEXTURES, strict=True):
             texture.use(unit)
 
     def release(self) -> None:
-        """Free everything."""
+        """Free all textures and framebuffers."""
         for framebuffer in self._cleared:
             framebuffer.release()
         for texture in self._textures:
@@ -81,9 +87,9 @@ class SliverPass:
         self._groups = groups_of(context)
 
     def draw(self, placed: Placed, other: Eye, points: OpenPoints) -> None:
-        """Hide those points of an eye's view that lie behind slivers of the ``other`` eye's.
+        """Mark points of one eye's view as occluded that lie behind slivers in the ``other`` eye's view.
 
-        Both eyes' disparities, the visibility to complete, the triangles and the constants are bound as for
+        Both eyes' disparities, the visibility to complete, the triangles and the constants must be bound as for
         visibility.comp.
         """
         runs = self._runs_of(placed, other)
@@ -94,7 +100,7 @@ class SliverPass:
         points.bind()
         self._steps[0]["run_count"] = len(runs)
         self._make_room({binding: int(runs["triangles"].sum() * _ENTRIES_OF_TRIANGLE) for binding in self._lists})
-        # Which entries a full list has depends on chance; what was hidden already is hidden again.
+        # Which entries a full list holds depends on chance, so all steps run again; marking a point twice does no harm.
         while self._make_room(self._run()):
             pass
 
@@ -109,7 +115,7 @@ class SliverPass:
         return {binding: int(np.frombuffer(entries.read(4), "<u4")[0]) for binding, entries in self._lists.items()}
 
     def _make_room(self, counts: dict[int, int]) -> bool:
-        """Make lists that are shorter than these numbers of entries longer; return whether one was."""
+        """Lengthen the lists that have no room for these numbers of entries; return whether any was lengthened."""
         grown = False
         for binding, count in counts.items():
             size = _HEADER + _ENTRY * count

@@ -1,4 +1,4 @@
-"""The structs that numpy packs for shaders, and the check of each against the driver's own layout of it."""
+"""The structs that numpy packs for shaders, and checks of their layout against the driver's."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,10 +25,10 @@ CONSTANTS = np.dtype(
 """The uniform block of common_constants.glsl, std140."""
 
 WEARER = np.dtype([("view_from_model", "<f4", (3, 4)), ("patch_from_uv", "<f4", 4), ("worn", "<f4", 4)])
-"""The struct of edges.geom, std430."""
+"""The struct Wearer of edges.geom, std430."""
 
 MOVE = np.dtype([("turn_and_shift", "<f4", (3, 4)), ("centre", "<f4", 3), ("", "<f4"), ("then", "<u4"), ("", "<u4", 3)])
-"""The struct of flow.comp, std430."""
+"""The struct Move of flow.comp, std430."""
 
 VERTEX = np.dtype([("position", "<f4", 3), ("uv", "<f4", 2)])
 """The attributes of a vertex in mesh.vert."""
@@ -45,7 +45,7 @@ DRAWN_INSTANCE = np.dtype(
 """The attributes of an instance in mesh.vert."""
 
 RUN = np.dtype([("instance", "<u4"), ("first_triangle", "<u4"), ("triangles", "<u4"), ("fronts_only", "<u4")])
-"""Triangles of an instance that slivers.comp takes together."""
+"""The struct Run of slivers.comp, std430: triangles of one instance."""
 
 COMMAND = np.dtype(
     [("count", "<u4"), ("instances", "<u4"), ("first_index", "<u4"), ("base_vertex", "<i4"), ("base_instance", "<u4")]
@@ -57,12 +57,12 @@ COMMAND = np.dtype(
 class Block:
     """A block of shaders whose elements numpy packs.
 
-    A storage block holds an ``array`` of elements; a uniform block, which has "" there, is one element.
+    A storage block holds an array of elements; a uniform block is a single element.
     """
 
     binding: int
-    dtype: np.dtype[np.void]
-    array: str = ""
+    dtype: np.dtype[np.void]  # of an element
+    array: str = ""  # GLSL's name of a storage block's array; "" for a uniform block
 
 
 BLOCKS: dict[str, Block] = {
@@ -75,10 +75,10 @@ BLOCKS: dict[str, Block] = {
 
 
 def members(dtype: np.dtype[Any]) -> Iterator[tuple[str, int, int, str]]:
-    """Return name in GLSL, offset in bytes, number of components and their kind, "i" or "f", of a struct's members.
+    """Yield name in GLSL, offset in bytes, number of components and their kind, "i" or "f", of a struct's members.
 
-    A field of shape (3, 4) stands for three vec4, the rows of a matrix: its name with ``_x``, ``_y`` and ``_z``. Fields
-    without a name are padding.
+    A field of shape (3, 4) stands for three vec4, the rows of a matrix, whose names end in ``_x``, ``_y`` and ``_z``.
+    Fields without a name are padding.
     """
     for name, field in (dtype.fields or {}).items():
         offset, shape = field[1], field[0].shape
@@ -93,7 +93,7 @@ def members(dtype: np.dtype[Any]) -> Iterator[tuple[str, int, int, str]]:
 
 
 def check_blocks(context: GraphicsContext, program: moderngl.Program | moderngl.ComputeShader) -> None:
-    """Raise BackendError, with both layouts, where a linked program lays a block out otherwise than numpy packs it."""
+    """Raise BackendError, with both layouts, where a program lays a block out differently than numpy packs it."""
     for name, block in BLOCKS.items():
         expected = {member: offset for member, offset, _, _ in members(block.dtype)}
         actual = context.unbound.block_layout(program.glo, name, list(expected), block.array)
@@ -107,7 +107,7 @@ def check_blocks(context: GraphicsContext, program: moderngl.Program | moderngl.
 def check_attributes(program: moderngl.Program, dtype: np.dtype[Any]) -> None:
     """Raise BackendError where numpy packs a vertex attribute with another type or size than a linked program takes.
 
-    Attributes that the compiler removed are passed over.
+    Attributes that the compiler has removed are not checked.
     """
     for name, _, *expected in members(dtype):
         attribute = program.get(name, None)

@@ -17,18 +17,15 @@ from semisynth_gl.render.readers import Reader, Viewport, read_array
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """A texture that a pass draws into, with the components that are read back.
+    """A texture that a pass draws into."""
 
-    ``kind`` is moderngl's name of the components' type, ``nothing`` their value where nothing is drawn.
-    """
-
-    components: int
-    kind: str
-    nothing: float
+    components: int  # components that are read back
+    kind: str  # moderngl's name for the components' type, such as "f4"
+    nothing: float  # value of the components where nothing is drawn
 
     @property
     def texture_components(self) -> int:
-        """Components of the texture; formats of three cannot be drawn into everywhere."""
+        """Components of the texture: 4 instead of 3, since not every driver can draw into formats of three."""
         return 4 if self.components == 3 else self.components
 
 
@@ -36,7 +33,7 @@ def _attachments(drawn_by: Pass) -> dict[str, Attachment]:
     attachments = {}
     for channel in CHANNELS.values():
         if channel.drawn_by == drawn_by:
-            # Colours are stored as fractions of one, since the driver filters and averages them.
+            # Colours are stored as bytes that stand for 0 to 1, since the driver filters and averages them.
             kind = "f1" if channel.attachment == "colour" else f"{channel.dtype.kind}{channel.dtype.itemsize}"
             attachments[channel.attachment] = Attachment(channel.components, kind, channel.nothing)
     return attachments
@@ -51,7 +48,7 @@ DRAWING = {
 _GREY = Attachment(1, "f1", 0)
 VISIBILITY = _attachments("visibility")
 CORRESPONDENCE = {**_attachments("correspondence"), "disparity": DRAWING["disparity"], **VISIBILITY}
-"""Attachments of the correspondence pass, which finds the disparity and the visibility of a pair that deviates too."""
+"""Attachments of the correspondence pass, which also finds the disparity and visibility of a pair that deviates."""
 FLOW = _attachments("flow")
 
 
@@ -61,10 +58,16 @@ def window(crop: Crop | None, size: tuple[int, int]) -> Viewport:
 
 
 class Targets:
-    """A framebuffer of named attachments, whose size is width and height in px, and a depth buffer.
+    """A framebuffer with named attachments and a depth buffer.
 
-    Without one to share, ``depth_buffer`` is a new one of 24 bits. Texture look-ups return a pixel itself, and beyond
-    the image the border's.
+    Texture look-ups in the attachments return unfiltered pixels, and beyond the image those of its border.
+
+    Args:
+        context: the context.
+        size: width and height, px.
+        attachments: the attachments by name, in the order of the shader's outputs.
+        read: takes the pixels of an attachment.
+        depth_buffer: a depth buffer to share; by default a new one of 24 bits.
 
     Raises:
         BackendError: where the driver has no textures or framebuffers of that size.
@@ -100,7 +103,7 @@ class Targets:
         return tuple(self._attachments)
 
     def limit(self, part: Crop | None) -> None:
-        """Let the pass draw and clear inside a rectangle alone, until the next call; None is the whole image."""
+        """Restrict drawing and clearing to a rectangle until the next call; None is the whole image."""
         self.framebuffer.scissor = window(part, self.framebuffer.size)
 
     def bind(self, **units: int) -> None:
@@ -109,18 +112,18 @@ class Targets:
             self._textures[name].use(unit)
 
     def bind_to_images(self, **units: int) -> None:
-        """Bind attachments' textures to image units, for a compute shader to write and to read."""
+        """Bind attachments' textures to image units, for compute shaders to read and write."""
         for name, unit in units.items():
             self._textures[name].bind_to_image(unit, read=True, write=True)
 
     def read(self, name: str, crop: Crop | None = None) -> Any:  # noqa: ANN401 - whatever the reader returns
-        """Let the reader take an attachment, or a crop of it: by default an array (H, W[, C]), top row first."""
+        """Return an attachment, or a crop of it, as the reader does: by default an array (H, W[, C]), top row first."""
         number, attachment = self.names.index(name), self._attachments[name]
         rectangle = window(crop, self.framebuffer.size)
         return self._read(self.framebuffer, rectangle, number, attachment.kind, attachment.components)
 
     def release(self) -> None:
-        """Free everything; the framebuffer first, since it holds on to its attachments."""
+        """Free all resources; the framebuffer goes first, since it holds on to its attachments."""
         self.framebuffer.release()
         for texture in self._textures.values():
             texture.release()
@@ -129,9 +132,9 @@ class Targets:
 
 
 class BlendTargets:
-    """The colour of a drawing pass, which is blended into, and a copy of it to read from meanwhile.
+    """A framebuffer to blend into the colour of a drawing pass, and a copy of that colour to read meanwhile.
 
-    The drawing pass's depth is read and not written.
+    The drawing pass's depth is tested, but not written.
     """
 
     def __init__(self, context: GraphicsContext, colour: moderngl.Texture, depth_buffer: moderngl.Renderbuffer) -> None:
@@ -146,14 +149,14 @@ class BlendTargets:
         self._copy.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
     def use(self, part: Crop | None, unit: int) -> None:
-        """Copy the drawing, bind the copy to a texture unit, and let a part of the image, or all, be blended into."""
+        """Copy the colour, bind the copy to a texture unit, and bind the framebuffer for the image or a part of it."""
         self._gl.copy_framebuffer(self._copied, self._framebuffer)
         self._copy.use(unit)
         self._framebuffer.scissor = window(part, self._framebuffer.size)
         self._framebuffer.use()
 
     def release(self) -> None:
-        """Free everything."""
+        """Free all resources except the colour and the depth buffer."""
         for resource in (self._framebuffer, self._copied, self._copy):
             resource.release()
 
@@ -161,9 +164,22 @@ class BlendTargets:
 class EyeTargets(Targets):
     """The targets of one eye's drawing pass, with a 32-bit float depth buffer, and of its visibility pass.
 
-    ``names`` are the attachments of the drawing pass, in the order of the shader's outputs. Besides `Targets`, it may
-    have some for the ``visibility`` pass, for the pass that makes ``disparity`` of 1 / Z, and for ``blending`` into the
-    colour.
+    Args:
+        context: the context.
+        size: width and height, px.
+        names: attachments of the drawing pass, from `DRAWING`, in the order of the shader's outputs.
+        visibility: whether the visibility pass runs.
+        grey: whether colour has one component.
+        blended: whether outlines are blended into the colour.
+        read: takes the pixels of an attachment.
+
+    Attributes:
+        visibility: targets of the visibility pass, or None.
+        disparity: target of the disparity that is worked out from 1 / Z, where "inverse_depth" is an attachment.
+        blending: targets for blending into the colour, or None.
+
+    Raises:
+        BackendError: where the driver has no images of that size.
     """
 
     def __init__(
@@ -188,7 +204,7 @@ class EyeTargets(Targets):
         super().__init__(context, size, attachments, read)
         context.unbound.make_depth_float32(self.depth_buffer.glo, *size)
         self._depth_alone = context.gl.framebuffer(depth_attachment=self.depth_buffer)
-        # No pass reads or writes depth there, so it shares the drawing pass's depth buffer.
+        # No pass uses the depth of these targets, so they share the drawing pass's depth buffer.
         self.visibility = Targets(context, size, VISIBILITY, read, self.depth_buffer) if visibility else None
         self.disparity: Targets | None = None
         if "inverse_depth" in self._attachments:
@@ -196,19 +212,19 @@ class EyeTargets(Targets):
         self.blending = BlendTargets(context, self._textures["colour"], self.depth_buffer) if blended else None
 
     def bind(self, **units: int) -> None:
-        """Bind as `Targets.bind` does, also the disparity that is made of 1 / Z."""
+        """Bind attachments as `Targets.bind` does, including a disparity that is worked out from 1 / Z."""
         if self.disparity is not None and "disparity" in units:
             self.disparity.bind(disparity=units.pop("disparity"))
         super().bind(**units)
 
     def read(self, name: str, crop: Crop | None = None) -> Any:  # noqa: ANN401 - whatever the reader returns
-        """Read as `Targets.read` does, also the disparity that is made of 1 / Z."""
+        """Read an attachment as `Targets.read` does, or the disparity that is worked out from 1 / Z."""
         if self.disparity is not None and name == "disparity":
             return self.disparity.read(name, crop)
         return super().read(name, crop)
 
     def clear(self, *, depth: bool = True) -> None:
-        """Bind the drawing pass's framebuffer and clear each attachment to its value for nothing, and the depth too."""
+        """Bind the drawing pass's framebuffer; clear each attachment to its ``nothing`` and, by default, the depth."""
         self.framebuffer.use()
         for number, attachment in enumerate(self._attachments.values()):
             if attachment.kind.startswith("u"):
@@ -219,19 +235,19 @@ class EyeTargets(Targets):
             self._unbound.clear_depth(0.0)
 
     def use_depth(self, part: Crop | None) -> None:
-        """Bind a framebuffer of the drawing pass's depth alone, for a part of the image or all of it."""
+        """Bind a framebuffer that has only the drawing pass's depth, for a part of the image or all of it."""
         self._depth_alone.scissor = window(part, self.framebuffer.size)
         self._depth_alone.use()
 
     def read_depth(self, part: Crop | None) -> NDArray[np.float32]:
-        """Copy the depth buffer, or a part of it, out as (H, W) float32: near / Z, 0 where nothing is drawn."""
+        """Return the depth buffer, or a part of it, as (H, W) float32: near / Z, and 0 where nothing is drawn."""
         rectangle = window(part, self.framebuffer.size)
         depth = np.empty((rectangle[3], rectangle[2]), np.float32)
         self._depth_alone.read_into(depth, rectangle, 1, attachment=-1, dtype="f4", alignment=1)
         return depth
 
     def release(self) -> None:
-        """Free everything."""
+        """Free all resources."""
         for shares_depth in (self.visibility, self.disparity, self.blending):
             if shares_depth is not None:
                 shares_depth.release()

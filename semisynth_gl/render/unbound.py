@@ -27,7 +27,7 @@ _GL_UNIFORM, _GL_UNIFORM_BLOCK, _GL_BUFFER_VARIABLE, _GL_SHADER_STORAGE_BLOCK = 
 _GL_OFFSET, _GL_BUFFER_DATA_SIZE, _GL_TOP_LEVEL_ARRAY_STRIDE = 0x92FC, 0x9303, 0x930D
 _GL_INVALID_INDEX = 0xFFFFFFFF
 
-# Kinds of objects, and the names among which they are looked for: drivers hand out small ones.
+# Kinds of objects that are counted, and the limit of the names that are tried: drivers hand out small names.
 _KINDS = ("Texture", "Buffer", "Framebuffer", "Renderbuffer", "Program", "VertexArray")
 _NAMES = 2048
 
@@ -36,7 +36,7 @@ _FLOATS, _UINTS = ctypes.POINTER(ctypes.c_float), ctypes.POINTER(ctypes.c_uint)
 
 
 class UnboundCalls:
-    """OpenGL functions of one context; ``load`` returns the address of one, 0 where the driver has none.
+    """OpenGL functions of one context; ``load`` returns the address of a named function, 0 where the driver has none.
 
     Raises:
         BackendError: where the driver lacks one of them.
@@ -70,8 +70,8 @@ class UnboundCalls:
     def set_up(self) -> None:
         """Map clip z to [0, 1] instead of [-1, 1], and keep colours as they are.
 
-        With [-1, 1] the hardware adds 0.5 on the way to the depth buffer, which throws away what reversed Z gains.
-        OpenGL allows drivers to dither by default.
+        With [-1, 1] the hardware adds 0.5 on the way to the depth buffer, which undoes the precision of reversed Z.
+        Colours would change by dithering, which OpenGL lets drivers do by default.
         """
         self._clip_control(_GL_LOWER_LEFT, _GL_ZERO_TO_ONE)
         self._disable(_GL_DITHER)
@@ -115,23 +115,24 @@ class UnboundCalls:
         return value.value
 
     def is_lost(self) -> bool:
-        """Whether the driver says that the context was lost: the GPU was reset, or taken away."""
+        """Return whether the driver says that the context was lost, because the GPU was reset or taken away."""
         return bool(self._reset_status())
 
     def count_objects(self) -> dict[str, int]:
-        """Count the context's objects by kind, those whose names OpenGL gave away below 2048."""
+        """Return the number of the context's objects by kind, such as "Texture"; only names below 2048 are tried."""
         return {kind: sum(map(is_kind, range(1, _NAMES))) for kind, is_kind in self._is_kind.items()}
 
     def mirror_beyond_border(self, texture: int) -> None:
-        """Let a texture go on as its mirror image."""
+        """Make a texture continue beyond its border as its mirror image."""
         for wrap in (_GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T):
             self._texture_parameter(texture, wrap, _GL_MIRRORED_REPEAT)
 
     def store_layers(self, texture: int, levels: int, layers: NDArray[np.uint8], *, software: bool) -> None:
-        """Give an array texture new storage, for (L, P, P, 4) or (L, P, P) uint8 and smaller levels to be drawn.
+        """Give an array texture storage of several levels, and upload layers, (L, P, P, 4) or (L, P, P) uint8.
 
-        moderngl's own storage has one level. Nobody reads the alpha, and a processor filters three components sooner
-        than four, and one of 32 bits sooner than one of 8; other drivers may not draw levels without alpha.
+        moderngl's own storage has one level. No shader reads the alpha. In ``software``, three components are filtered
+        sooner than four, and one of 32 bits sooner than one of 8; other drivers may be unable to draw levels without
+        alpha.
         """
         count, side = layers.shape[:2]
         given, stored = (_GL_RGBA, _GL_RGB8 if software else _GL_RGBA8)
@@ -139,17 +140,17 @@ class UnboundCalls:
             given, stored = (_GL_RED, _GL_R32F if software else _GL_R8)
         self._texture_storage(texture, levels, stored, side, side, count)
         everything = 0, 0, 0, 0, side, side, count
-        # Rows of one component may have any number of bytes. moderngl sets it anew whenever it writes.
+        # Rows of one component may have any number of bytes. moderngl sets the alignment again whenever it writes.
         self._pixel_store(_GL_UNPACK_ALIGNMENT, 1)
         self._texture_write(texture, *everything, given, _GL_UNSIGNED_BYTE, layers.ctypes.data)
 
     def read_levels(self, texture: int, first: int, last: int) -> None:
-        """Let shaders see these levels of a texture alone."""
+        """Restrict shaders' look-ups in a texture to the levels from ``first`` to ``last``."""
         self._texture_parameter(texture, _GL_TEXTURE_BASE_LEVEL, first)
         self._texture_parameter(texture, _GL_TEXTURE_MAX_LEVEL, last)
 
     def draw_to_level(self, framebuffer: int, texture: int, level: int) -> None:
-        """Let all layers of a texture's level be what a framebuffer's first colour is drawn to."""
+        """Make all layers of one level of a texture the first colour attachment of a framebuffer."""
         self._attach_level(framebuffer, _GL_COLOR_ATTACHMENT0, texture, level)
 
     def make_depth_float32(self, renderbuffer: int, width_px: int, height_px: int, samples: int = 0) -> None:

@@ -1,9 +1,9 @@
 """The vector width that LP_NATIVE_VECTOR_WIDTH sets, and Mesa's folder of compiled shaders for it.
 
-Without the variable, llvmpipe takes the processor's width: 128 bits on ARM and on x86 without AVX, else 256. Mesa finds
-compiled shaders again by the shader and the processor, but not by the width that the variable sets. In a process with
-128 bits, a vertex shader compiled for 256 writes eight vertices at a time into a buffer for a multiple of four, and
-overruns it. So each width gets a folder.
+Without the variable, llvmpipe uses the processor's width: 128 bits on ARM and on x86 without AVX, else 256. Mesa's
+cache of compiled shaders tells shaders and processors apart, but not the widths that the variable sets. In a process
+with 128 bits, a vertex shader compiled for 256 writes eight vertices at a time into a buffer for a multiple of four,
+and overruns it. So each width gets a folder of its own.
 """
 
 import os
@@ -17,7 +17,7 @@ WIDTH = "LP_NATIVE_VECTOR_WIDTH"
 
 # With more than 256 bits, LLVM 15 and 19 crash as they compile the shaders; llvmpipe takes no more by itself.
 _WIDTHS_BITS = "128", "256"
-# In Mesa from 22.1, and before.
+# Names of the variable for Mesa's folder: from Mesa 22.1 on, and before.
 _FOLDERS = "MESA_SHADER_CACHE_DIR", "MESA_GLSL_CACHE_DIR"
 
 
@@ -25,7 +25,7 @@ _FOLDERS = "MESA_SHADER_CACHE_DIR", "MESA_GLSL_CACHE_DIR"
 def separate_compiled_shaders() -> None:
     """Have Mesa keep the compiled shaders of a width that the environment sets in a folder for that width.
 
-    Call it before whatever may load a driver, which reads the environment once, as this does.
+    Call this before anything may load a driver: the driver and this function read the environment only once.
 
     Raises:
         BackendError: where the environment sets another width than 128 or 256 bits.

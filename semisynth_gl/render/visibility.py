@@ -8,12 +8,12 @@ from semisynth_gl.render.pair_targets import DrawnPair
 from semisynth_gl.render.slivers import SliverPass
 
 _TILE_PX = 4
-# Two lists of tiles, and one of pixels.
+# Most entries for a tile: one in each of two lists of tiles, and all its pixels in a list of pixels.
 _ENTRIES = 2 + _TILE_PX**2
 
 
 class VisibilityPass:
-    """Four compute steps, each for what the one before leaves open (visibility.comp), and the sliver pass."""
+    """Four compute steps, each for the pixels that earlier steps leave open (visibility.comp), and the sliver pass."""
 
     def __init__(self, loaded: Loaded) -> None:
         self._loaded = loaded

@@ -1,4 +1,4 @@
-"""What a renderer makes of every pair: which channels, of which views, and what has to be drawn for them."""
+"""A renderer's options: the channels and views that it makes of every pair, and what it has to draw for them."""
 
 import re
 from collections.abc import Collection
@@ -43,7 +43,7 @@ class Antialias:
         """Read "none", "edges", "msaa4", "ssaa2" and their like.
 
         Raises:
-            InputError: where the text is another one.
+            InputError: where the text names no antialiasing.
         """
         if not re.fullmatch(ANTIALIAS_PATTERN, text):
             raise InputError(f"antialias: expected none, edges, msaa2, msaa4, ... or ssaa2 to ssaa8, got {text}")
@@ -59,7 +59,7 @@ class Antialias:
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a renderer was opened for; the arguments of `Renderer` say what each attribute means."""
+    """The options of a renderer; the arguments of `Renderer` say what each attribute means."""
 
     outputs: frozenset[str]
     truth_eyes: tuple[Eye, ...]
@@ -69,10 +69,10 @@ class Wanted:
 
     @classmethod
     def of(cls, outputs: Collection[str], truth: TruthViews, antialias: str, *, rectified: bool, signed: bool) -> Self:
-        """Check a caller's options.
+        """Check a caller's options, and return them; see `Renderer` for the arguments.
 
         Raises:
-            InputError: where one is unknown, or two do not go together.
+            InputError: where an option is unknown, or two options exclude each other.
         """
         check_type("antialias", antialias, str)
         check_type("signed", signed, bool)
@@ -90,7 +90,7 @@ class Wanted:
 
     @cached_property
     def channels(self) -> list[Channel[Any]]:
-        """The channels of a view whose truth is made."""
+        """All channels of a view that has truth."""
         return [row for row in CHANNELS.values() if row.output is None or row.output in self.outputs]
 
     def needing(self, motion: str) -> list[str]:
@@ -125,7 +125,7 @@ class Wanted:
         """Return the attachments that the drawing pass of an eye writes."""
         own = eye in self.truth_eyes
         flow = own and self.flow
-        # What the visibility pass and the flow pass look up is drawn for them.
+        # Attachments that are drawn for later passes, or not drawn because another pass draws them.
         needed = {
             "colour": not self.antialias.redraws,
             "disparity": own or self.visibility,

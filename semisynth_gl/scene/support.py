@@ -45,7 +45,7 @@ def surfaces_below(corners: Floats, places: Floats) -> list[Support | None]:
 
 
 def _pairs_over(corners: Floats, places: Floats) -> tuple[Ints, Ints]:
-    """Return all pairs of a place (P, 2) and a triangle (T, 3, 2) whose bounding box holds it: two arrays of numbers."""
+    """Return all pairs of a place (P, 2) and a triangle (T, 3, 2) whose bounding box holds it, as arrays of numbers."""
     (low_x, low_y), (high_x, high_y) = corners.min(axis=1).T.copy(), corners.max(axis=1).T.copy()
     held = []
     for x, y in places.tolist():

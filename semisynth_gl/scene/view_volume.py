@@ -29,8 +29,7 @@ _ROUNDING = 1e-9
 
 
 def corner_rays(camera: StereoCamera, *eyes: Eye) -> Floats:
-    """Return rays (R, 3), as `StereoCamera.rays` does, through the corners of the views of ``eyes``, by default of
-    both.
+    """Return rays (R, 3), as `StereoCamera.rays` does, through the corners of the views of ``eyes``, or of both views.
 
     Where the right camera deviates, the corners of its rectified twin's views are included.
     """

@@ -37,7 +37,7 @@ class Wall:
         return float(np.arctan2(self.out[1], self.out[0]) - np.pi / 2)
 
     def is_free(self, low: Corner, high: Corner) -> bool:
-        """Return whether a rectangle, from its lowest to its highest (u, v), lies on the wall clear of all taken ones."""
+        """Return whether a rectangle from lowest to highest (u, v) lies on the wall, clear of all taken rectangles."""
         if min(low) < 0 or max(high) > 1:
             return False
         return not any(all(low[k] < end[k] and begin[k] < high[k] for k in (0, 1)) for begin, end in self._taken)

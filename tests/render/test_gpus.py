@@ -46,9 +46,9 @@ def test_the_device_is_found_within_those_that_cuda_sees(visible, indices):
         (0, "-1", "CUDA sees no GPU"),
         (-1, "0", "CUDA sees GPU 0"),
         (0, "7", r"CUDA_VISIBLE_DEVICES=7 names 7, but there is GPUs 0, 1, 2, 3"),
-        (0, "GPU-0a", r"names GPU-0a, which cannot be told .*3 is unknown.*Give numbers"),
-        (0, "GPU-ffff", "cannot be told among EGL's devices"),
-        (1, "0,MIG-0a111111", "names MIG-0a111111, which cannot be told"),
+        (0, "GPU-0a", r"names GPU-0a, which is not exactly one .*3 is unknown.*Give numbers"),
+        (0, "GPU-ffff", "is not exactly one of EGL's devices"),
+        (1, "0,MIG-0a111111", "names MIG-0a111111, which is not exactly one"),
     ],
 )
 def test_what_there_is_is_said_where_a_gpu_is_not_found(gpu, visible, message):
