@@ -8,18 +8,18 @@ layout(std140, binding = 0) uniform Constants {
     float doffs_px;
     float near_m;
     float other_from_own;    // -1 in the left view (x_right = x_left - d), +1 in the right one
-    float least_px;          // disparities are valid above: 0, or -LARGEST where they are signed
+    float least_px;          // only larger disparities are valid: 0, or -LARGEST where disparities are signed
 };
 
-// What masks say, as in semisynth_gl/frame/frame.py.
+// Values of masks, as in semisynth_gl/frame/frame.py.
 const uint VISIBLE = 255u;
 const uint OCCLUDED = 128u;
 const uint OUTSIDE = 0u;
 
-// Larger is infinite.
+// Largest finite value; larger values count as infinite.
 const float LARGEST = 3e38;
 
-// Depth, near / Z, of the sky, which is behind everything, and of all else at least. Not const: some compilers take no call
-// for the value of a global constant.
+// Depth, near / Z, of the sky, which is behind everything, and smallest depth of everything else. They are not constants,
+// since some compilers accept no function call as a global constant's value.
 #define SKY_DEPTH uintBitsToFloat(0x0D800000u)  // 2^-100
 #define LEAST_DEPTH uintBitsToFloat(0x0F000000u)  // 2^-97

@@ -1,4 +1,4 @@
-// Disparity d = f B / Z - doffs, px; where it is not positive there is none, unless disparities are signed.
+// Disparity d = f B / Z - doffs, px; unless disparities are signed, it is valid only where it is positive.
 
 // The includer includes common_constants.glsl before this file.
 
@@ -8,7 +8,7 @@ float or_invalid(float disparity_px) {
     return disparity_px > least_px ? disparity_px : INVALID;
 }
 
-// One rounding instead of two: f B / Z may be far larger than the disparity that doffs leaves of it.
+// fma rounds once instead of twice: f B / Z may be far larger than the disparity that remains after subtracting doffs.
 float disparity_at(float inverse_depth) {
     precise float disparity_px = fma(focal_baseline, inverse_depth, -doffs_px);
     return or_invalid(disparity_px);

@@ -1,13 +1,13 @@
-// What the passes that make masks have in common: places in the other view, disparities there, and what hides a point.
+// Functions that the passes for masks share: places in the other view, disparities there, and whether a point is hidden.
 //
 // The includer includes common_constants.glsl before this file.
 
-// How far the other view's surface may be from the point's disparity between two pixels of one smooth surface.
+// Largest difference, between two pixels of one smooth surface, of the other view's disparity from the point's.
 const float BEND_PX = 0.02;
 const float BEND_RELATIVE = 0.01;
-// Change of disparity from pixel to pixel that passes for one surface without a look at its triangles.
+// Largest change of disparity from pixel to pixel that counts as one surface without a look at its triangles.
 const float STEEPEST = 2.0;
-// How much nearer a surface must be to hide a point: what float32 leaves uncertain.
+// How much nearer a surface must be to hide a point: the uncertainty of float32.
 const float ROUNDING_PX = 1e-3;
 const float ROUNDING_RELATIVE = 2e-6;
 
@@ -17,7 +17,7 @@ float target_of(float column, float disparity_px) {
     return target;
 }
 
-// No disparity is smaller: that of what is infinitely far away, or the end of the valid ones.
+// Smallest disparity: that of points at infinity, or the lower end of the valid disparities.
 float far_px() {
     return max(least_px, -doffs_px);
 }
@@ -26,7 +26,7 @@ float or_far(float disparity_px) {
     return disparity_px > LARGEST ? far_px() : disparity_px;
 }
 
-// Whether one surface with the point on it goes from a pixel to the next: along the row of a plane, disparity is linear.
+// Whether the surface of the point continues from a pixel to the next: along a row, a plane's disparity is linear.
 bool goes_on(float disparity_px, float between, vec2 beside) {
     precise float off = abs(mix(beside.x, beside.y, between) - disparity_px), step = abs(beside.y - beside.x);
     precise float most = BEND_PX + BEND_RELATIVE * step;

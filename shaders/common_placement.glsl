@@ -1,6 +1,6 @@
 // One coordinate of a vertex, by a row of view_from_model.
 //
-// The translation, which is the largest term, comes last: then only the last addition rounds in its steps.
+// The translation, the largest term, is added last, so that only this addition rounds in steps of its size.
 
 float placed(vec4 row, vec3 position) {
     precise float coordinate = fma(row.x, position.x, fma(row.y, position.y, row.z * position.z)) + row.w;

@@ -7,21 +7,21 @@
 #include "common_triangles.glsl"
 
 const uint NO_NEIGHBOUR = 0xFFFFFFFFu;
-const int MOST_STEPS = 512;  // triangles across a pixel; a finer mesh may be given up too early
+const int MOST_STEPS = 512;  // largest number of triangles that are crossed; finer meshes may be given up too early
 const float NOT_COVERED = -1.0;
 // How far a target may be off: float32 rounds columns of some thousand by 1e-4, and disparities too.
 const float OFF_PX = 3e-4;
 
-// The least 1 / Z of a triangle's plane so near a pixel position. A surface that is seen at a grazing angle changes by
-// tens of disparities from pixel to pixel, and would hide its own points.
+// The smallest 1 / Z of a triangle's plane within OFF_PX of a pixel position. The disparity of a surface at a grazing
+// angle changes by tens of px from pixel to pixel, so without this margin the surface would hide its own points.
 float least_inverse_depth_at(vec3 a, vec3 b, vec3 c, vec2 pixel) {
     vec3 normal = cross(b - a, c - a);
     vec2 per_pixel = abs(normal.xy / (focal_px * dot(normal, a)));
     return inverse_depth_at(a, b, c, pixel) - OFF_PX * (per_pixel.x + per_pixel.y);
 }
 
-// 1 / Z of the surface at the target position, less what the position's rounding may add, or NOT_COVERED where it ends
-// before.
+// 1 / Z of the surface at the target position, reduced by what rounding of the position may add, or NOT_COVERED where the
+// surface ends before the target.
 float surface_at(uvec2 surface, vec2 start, vec2 target) {
     Instance instance = instance_at(surface.x);
     uint triangle = surface.y;
@@ -42,11 +42,11 @@ float surface_at(uvec2 surface, vec2 start, vec2 target) {
             vec2 from_start = focal_px * corner[k].xy / corner[k].z + centre_px - start;
             along_beside[k] = vec2(dot(from_start, way) / way_squared, from_start.y * way.x - from_start.x * way.y);
         }
-        // A triangle that crosses the near plane has no outline on the image. Such are walls: they go on.
+        // A triangle that crosses the near plane has no outline in the image. It is taken for a wall, which continues.
         if (!in_front || way_squared == 0.0) {
             return least_inverse_depth_at(corner[0], corner[1], corner[2], target);
         }
-        // Two of the three edges cross the way's line; leave by the one that is farther on, and not the way in.
+        // Two of the three edges cross the line of the way; leave by the farther one, not by the edge of entry.
         float exit = -1e30;
         uint next = NO_NEIGHBOUR;
         for (int k = 0; k < 3; ++k) {

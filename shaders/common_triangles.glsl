@@ -1,6 +1,6 @@
 // The triangles of all models, and the instances of a scene. The includer includes common_constants.glsl before this file.
 //
-// Both are read as textures of four components: llvmpipe takes a storage buffer's numbers one by one.
+// Both are read from textures of four components: llvmpipe reads the numbers of a storage buffer one by one.
 
 struct Instance {
     vec4 view_from_model_x;   // rows, relative to the eye whose view is followed
@@ -8,10 +8,10 @@ struct Instance {
     vec4 view_from_model_z;
 };
 
-layout(binding = 4) uniform usampler2D triangle_corners;  // three of each: position, and the neighbour across the edge to the next
-layout(binding = 5) uniform usampler2D instance_rows;     // three of each
+layout(binding = 4) uniform usampler2D triangle_corners;  // three texels each: position, and the neighbour across the edge to the next
+layout(binding = 5) uniform usampler2D instance_rows;     // three texels each
 
-const uint PER_ROW = 1024u;  // triangles, or instances
+const uint PER_ROW = 1024u;  // triangles, or instances, in a row of the texture
 
 Instance instance_at(uint number) {
     ivec2 at = ivec2(3u * (number % PER_ROW), number / PER_ROW);
@@ -20,7 +20,7 @@ Instance instance_at(uint number) {
                     uintBitsToFloat(texelFetch(instance_rows, at + ivec2(2, 0), 0)));
 }
 
-// One corner of a triangle in model units, its bits, and the triangle across the edge to the next corner.
+// One corner of a triangle: the bits of its position in model units, and the triangle across the edge to the next corner.
 uvec4 corner_bits(uint triangle, int k) {
     return texelFetch(triangle_corners, ivec2(3u * (triangle % PER_ROW) + uint(k), triangle / PER_ROW), 0);
 }

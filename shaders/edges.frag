@@ -1,6 +1,6 @@
 #version 450 core
-// The share of a pixel that lies beyond an edge takes on the colour of what is there: from outside, the patch of the
-// surface that ends at the edge; from inside, what the next pixel across the edge shows.
+// Blends the colour across an edge into a pixel, by the share of the pixel that lies across. A pixel whose centre is
+// outside the surface gets the surface's patch; a pixel whose centre is inside gets the next pixel's colour.
 
 in vec4 seen_patch;  // coordinate of the point of the edge beside this pixel, layer, level
 flat in vec4 line;   // unit normal, away from the surface, and offset: the distance from the edge, px; 1 for a large patch
@@ -21,7 +21,7 @@ void main() {
     float rest = max(0.5 * (longer + shorter) - abs(signed_px), 0.0);
     float share = rest > shorter ? 0.5 - abs(signed_px) / longer : rest * rest / (2.0 * longer * max(shorter, 1e-6));
     if (signed_px < 0.0) {
-        // This pixel has its centre beyond the edge for certain.
+        // The centre of the next pixel certainly lies beyond the edge.
         ivec2 across = extent.x > extent.y ? ivec2(sign(line.x), 0) : ivec2(0, sign(line.y));
         ivec2 next = clamp(ivec2(gl_FragCoord.xy) + across, ivec2(0), textureSize(drawn, 0) - 1);
         colour = vec4(texelFetch(drawn, next, 0).rgb, share);

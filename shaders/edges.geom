@@ -1,5 +1,5 @@
 #version 450 core
-// A strip along an edge where a surface ends, as far beyond the edge and before it as a pixel reaches across.
+// Makes a strip along an edge where a surface ends; it reaches half a pixel's extent to both sides of the edge.
 
 layout(points) in;
 layout(triangle_strip, max_vertices = 4) out;
@@ -23,11 +23,11 @@ layout(std430, binding = 6) readonly buffer Strips { uvec4 strips[]; };
 out vec4 seen_patch;
 flat out vec4 line;
 
-// A strip is nearer than its surface by this share of 1 / Z, for rounding, and by as much as the surface comes nearer
-// within a pixel: no more than its triangle does, or this share where the surface goes on in others.
+// Shares of 1 / Z by which a strip is nearer than its surface: ROUNDING for rounding, and as much as the surface comes
+// nearer within a pixel. The latter is limited to STEEPEST or, if it is more, to what the triangle itself comes nearer.
 const float ROUNDING = 5e-4;
 const float STEEPEST = 0.03;
-// An edge shorter than this shows nothing, px.
+// Length below which an edge is left out.
 const float SHORTEST_PX = 1e-3;
 
 void main() {
@@ -43,7 +43,7 @@ void main() {
         uv[k] = vec2(vertex[at + 3u], vertex[at + 4u]) * wearer.patch_from_uv.xy + wearer.patch_from_uv.zw;
     }
 
-    // What lies before the near plane is cut off.
+    // Cut off the part of the edge in front of the near plane.
     vec3 from = view[0], to = view[1];
     float cut_from = from.z < near_m ? (near_m - from.z) / (to.z - from.z) : 0.0;
     float cut_to = to.z < near_m ? (near_m - to.z) / (from.z - to.z) : 0.0;
@@ -75,7 +75,7 @@ void main() {
         vec3 along_x = vec3(change[0].x, change[1].x, change[2].x), along_y = vec3(change[0].y, change[1].y, change[2].y);
         mat3x2 around = mat3x2(uv[0] - uv_here, uv[1] - uv_here, uv[2] - uv_here) * wearer.worn.z;
         float x_texels = length(around * along_x), y_texels = length(around * along_y);
-        // What reaches into a pixel from beside it is half a pixel wide at most.
+        // A part that reaches into a pixel from its side is at most half a pixel wide.
         float texels = 0.5 * max(max(x_texels, y_texels) / wearer.worn.w, min(x_texels, y_texels));
         float rise = -reach * dot(change * vec3(1.0), vec3(away, 0.0));
         float nearer = 1.0 + ROUNDING + clamp(rise, 0.0, max(STEEPEST, corner.z / nearest_m - 1.0));

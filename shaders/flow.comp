@@ -1,6 +1,6 @@
 #version 450 core
-// Where the point that a pixel of one eye shows is at another moment, seen by the same eye, and whether it is seen then.
-// OTHER_EYE: where the other eye sees it, which takes the place of the other moment, and what disparity that is.
+// Where the same eye sees the point of a pixel at another moment, and whether the point is visible then. With OTHER_EYE,
+// the other eye's view takes the place of the other moment, and the disparity is found, too.
 //
 // Two steps: DEPTHS decides most pixels by the depth map of the other moment alone, and lists those that this leaves open;
 // TRACE follows the surfaces around the point to it.
@@ -65,11 +65,11 @@ uniform uvec4 band;  // pixels: left column, first row, width and height of what
 const uint UNDECIDED = 1u;
 const uint GONE = 0xFFFFFFFFu;
 const uint NOTHING = 0xFFFFFFFFu;
-// What float32 leaves uncertain of 1 / Z.
+// Relative uncertainty of 1 / Z in float32.
 const float ROUNDING = 2e-5;
-// What a surface may bend between four pixels that all show it.
+// Largest relative bend of a surface between four pixels that all show it.
 const float BEND = 2e-4;
-// Nearer by this share is nearer, whatever the surface does between two pixels.
+// Share by which a surface is certainly nearer, however it runs between two pixels.
 const float CLEARLY = 0.01;
 
 // The way of a point to the other moment.
@@ -181,7 +181,7 @@ void main() {
         vec4 nearness = nearness_around(target);
         const ivec2 STEPS[4] = ivec2[4](ivec2(0, 1), ivec2(1, 1), ivec2(1, 0), ivec2(0, 0));
         for (int k = 0; k < 4; ++k) {
-            // What is farther by more than a surface rises within a pixel hides nothing, and nor does the sky.
+            // Surfaces that are farther by more than a surface rises within a pixel hide nothing, nor does the sky.
             if (nearness[k] == 0.0 || nearness[k] * (1.0 + 2.0 * CLEARLY) < inverse_depth_then) {
                 continue;
             }

@@ -1,5 +1,5 @@
 #version 450 core
-// A texel of a patch at half its size: the mean of four, or what the filter takes for it where a side is odd.
+// A texel of a patch at half its size: the mean of four texels, or the filter's approximation where a side is odd.
 
 in vec2 patch_coordinate;
 flat in int patch_layer;

@@ -1,5 +1,5 @@
 #version 450 core
-// Two triangles, a fan, that cover the image for each instance, which is the layer that it is drawn to.
+// A fan of two triangles that cover the image, for each instance; the instance's number is the layer to draw to.
 
 out vec2 corner_coordinate;
 flat out int corner_layer;

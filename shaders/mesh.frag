@@ -1,6 +1,6 @@
 #version 450 core
-// COLOUR: from the patch atlas and nothing else, with up to most_samples where it is ANISOTROPIC; one component alone
-// where it is GREY. The rest is truth: DISPARITY, or INVERSE_DEPTH (1 / Z) where several cameras make disparities of it,
+// COLOUR: from the patch atlas and nothing else, with up to most_samples where it is ANISOTROPIC, and with one component
+// where it is GREY. The rest is truth: DISPARITY, or INVERSE_DEPTH (1 / Z) from which several cameras' disparities follow,
 // DEPTH (planar), INSTANCES (ids from 1), SKY, NORMALS (of the triangle, towards the camera) and SURFACE (which triangle of
 // which instance).
 
@@ -25,7 +25,7 @@ layout(binding = 0) uniform sampler2DArray atlas;
 layout(location = COLOUR) out Colour colour;
 
 #ifdef ANISOTROPIC
-// No constant: where the driver knows it, llvmpipe unrolls the loop and takes the most samples for all pixels.
+// Not a constant: llvmpipe would unroll the loop, and take the most samples for all pixels.
 uniform float most_samples;
 #endif
 
@@ -42,9 +42,9 @@ Colour patch_colour() {
     float x_texels = length(dx * side_texels), y_texels = length(dy * side_texels);
     float longer = max(max(x_texels, y_texels), 1e-6);
     // A pixel that covers many texels in one direction and few in the other is sampled several times along the longer
-    // one. Here and not by the driver's own anisotropic filter, whose results differ, with stray dots on llvmpipe.
+    // one. The driver's own anisotropic filter is not used: its results differ, with stray dots on llvmpipe.
     // One texel a pixel must come out bit for bit, so errors of the derivatives may neither add a sample nor mix in the next
-    // level. OpenGL does not bound them; in floats near the end of a patch of 2048 texels, they come to 1e-3.
+    // level. OpenGL does not bound these errors; near the end of a patch of 2048 texels, they reach 1e-3.
     float taps = clamp(ceil(longer / max(min(x_texels, y_texels), 1.0) - 0.01), 1.0, most_samples);
     float lod = log2(longer / taps);
     lod = lod < 0.003 ? 0.0 : lod;

@@ -50,10 +50,10 @@ vec2 on_image(vec3 corner) {
 #if STEP == TRIANGLES
 uniform uint run_count;
 
-// Wider ones are left to visibility.comp: most of them show at a pixel's centre, where it follows them from. With 1.5,
-// masks of half the size are right in 0.002 % more of the pixels, and take 1.2 times as long.
+// Largest width of a narrow triangle. Most wider triangles show at a pixel's centre, from which visibility.comp follows
+// them. With 1.5, masks of half the size are right in 0.002 % more of the pixels, and take 1.2 times as long.
 const float WIDEST_PX = 0.75;
-// Rows in an entry of the list, so that a tall triangle is shared out.
+// Largest number of rows in an entry of the list, so that several invocations share a tall triangle.
 const uint MOST_ROWS = 4u;
 
 // The rows whose middles cut a narrow triangle, the first and the one after the last.
@@ -64,7 +64,7 @@ uvec2 rows_of(vec3 corner_a, vec3 corner_b, vec3 corner_c) {
     vec2 ab = b - a, ac = c - a;
     bool is_narrow = abs(ab.x * ac.y - ac.x * ab.y) < WIDEST_PX * (most.y - least.y);
     bool in_view = most.x > -0.5 && least.x < last.x + 0.5 && least.y <= last.y && most.y >= 0.0;
-    // What crosses the near plane is a wall.
+    // A triangle that crosses the near plane belongs to a wall.
     bool in_front = min(min(corner_a.z, corner_b.z), corner_c.z) >= near_m;
     vec2 rows = vec2(max(ceil(least.y), 0.0), min(floor(most.y), last.y) + 1.0);
     return is_narrow && in_view && in_front ? uvec2(rows) : uvec2(0u);
@@ -139,11 +139,11 @@ bool is_open(Cut cut) {
     ivec2 last = textureSize(own_disparity, 0) - 1;
     ivec2 at = clamp(ivec2(floor(vec2(cut.begin, cut.end))), ivec2(0), ivec2(last.x));
     uint bits = texelFetch(open_columns, ivec2(at.x / 32, cut.row), 0).r >> uint(at.x % 32);
-    // Few reach into the next 32 columns.
+    // Few cuts reach into the next 32 columns; these are taken for open.
     return (bits & ((2u << uint(min(at.y - at.x, 30))) - 1u)) != 0u || at.y / 32 != at.x / 32;
 }
 
-// Whether a cut is nearer than what pixels around it show, and does not go on with that.
+// Whether a cut is nearer than the surfaces that the pixels beside it show, and does not continue them.
 bool stands_before(Cut cut) {
     float middle = 0.5 * (cut.begin + cut.end), left = floor(middle), disparity_px = disparity_of(cut, middle);
     vec2 beside = vec2(shown_at(int(left), cut.row), shown_at(int(left) + 1, cut.row));
@@ -174,7 +174,7 @@ layout(binding = 0, r8ui) uniform uimage2D visibility;
 layout(binding = 7) uniform usampler2D open_first;
 layout(binding = 8) uniform usampler2D open_next;
 
-// How far a point may be, in columns, from where a surface that goes on would have it.
+// Largest distance, in columns, of a point from where it would be on a surface that continues.
 const int AROUND = 2;
 
 // Hide a pixel's point, if it lies between two columns and behind a cut.

@@ -50,19 +50,19 @@ uvec2 unlisted(uint number) {
     return uvec2(number & 0x7FFFu, number >> 16);
 }
 
-// What stands out of a row by this has an edge there.
+// Difference of disparity by which a surface above or below stands out, so that it may have an edge there.
 const float EDGE_PX = 0.25;
-// What is nearer by this hides, where it is so all around.
+// Difference of disparity by which surfaces hide a point if all pixels around it are nearer.
 const float CLEARLY_PX = 0.5;
-// Two pixels that differ by less leave no gap between them.
+// Smallest difference of two pixels' disparities that may leave a gap between their surfaces.
 const float GAP_PX = 0.25;
 
 bool is_outside(float disparity_px, float target, float last) {
     return disparity_px > LARGEST || target < -0.5 || target >= last + 0.5;
 }
 
-// By the disparities of the other view's two pixels beside the point, and of those above and below. All steps come to the
-// same, whichever pixels they judge together.
+// Judges by the disparities of the other view's two pixels beside the point, and of the pixels above and below these. All
+// steps have the same results, whichever pixels they judge together.
 uint judge(float disparity_px, float between, vec2 above, vec2 beside, vec2 below) {
     vec2 farthest = min(min(above, below), beside);
     precise float clearly = disparity_px + CLEARLY_PX;
@@ -86,7 +86,7 @@ vec4 around_far(vec2 corner) {
 // Six disparities of a row of the other view.
 struct Row { vec3 left, right; };
 
-// Those in columns k and k + 1.
+// The disparities in columns k and k + 1 of a row.
 vec2 pair(Row row, float k) {
     vec2 far_right = k < 3.5 ? vec2(row.right.x, row.right.y) : row.right.yz;
     vec2 right = k < 2.5 ? vec2(row.left.z, row.right.x) : far_right;
@@ -222,8 +222,8 @@ void main() {
         vec4 lower = around_far(vec2(left + 1.0, pixel.y + 1)), upper = around_far(vec2(left + 1.0, pixel.y));
         vec2 beside = lower.wz;
         float around[6] = {beside.x, beside.y, upper.w, upper.z, lower.x, lower.y};
-        // What is farther by more than a surface rises within a pixel hides nothing, and in the rows above and below, what
-        // is not nearer.
+        // Surfaces that are farther by more than a surface rises within a pixel hide nothing, nor do surfaces in the rows
+        // above and below that are not nearer.
         float farthest = goes_on(disparity_px, target.x - left, beside) ? LARGEST : max(disparity_px - STEEPEST, far_px());
         bool hidden = false, is_open = false;
         uvec2 followed = own;  // a surface does not hide itself, and is followed once
