@@ -245,6 +245,35 @@ def test_the_headline_says_what_was_trained():
     assert line.endswith("P, cpu, 1 thread; 2000-01-01")
 
 
+def test_the_documented_table_is_that_of_the_measured_runs():
+    measured = json.loads((ROOT / "benchmarks" / "results" / "training-sets.json").read_text())
+    fine, plain = training_report.halves(measured)
+
+    def figures(pairs):
+        return [f"{np.mean([each[name] for each in pairs for name in names]):.1f}" for names in (fine, plain)]
+
+    expected = {"SGBM": [f"{measured['semi_global']['mean']:.2f}", "", *figures([measured["semi_global"]["pairs"]])]}
+    for name, runs in training_report.runs_by_set(measured).items():
+        assert len(runs) == 3
+        spread = np.std([run["mean"] for run in runs], ddof=1)
+        mean = f"{training_report.mean_of(runs):.2f}"
+        expected[f"`{name}`"] = [mean, f"{spread:.2f}", *figures([run["pairs"] for run in runs])]
+    table = (ROOT / "docs" / "training.md").read_text().split("| trained on |")[1].split("\n\n")[0].splitlines()[2:]
+    documented = {cells[1]: cells[2:6] for cells in ([cell.strip() for cell in row.split("|")] for row in table)}
+    assert documented == expected
+
+
+def test_the_documented_trust_in_a_judge_without_truth_is_the_measured_one():
+    results = ROOT / "benchmarks" / "results"
+    measured, short = (json.loads((results / f"{name}.json").read_text()) for name in ("training-sets", "unconfirmed"))
+    text = " ".join((ROOT / "docs" / "evaluate.md").read_text().split())
+    every = {"runs": measured["runs"] + short["runs"]}
+    assert f"Over {len(every['runs'])} networks" in text
+    assert f"its correlation with bad-1 was {training_report.trust(every):.2f}" in text
+    assert f"over the {len(measured['runs'])} best" in text
+    assert f"none ({training_report.trust(measured):.2f})" in text
+
+
 def test_the_documented_figures_are_those_of_the_measured_runs():
     report = json.loads((ROOT / "benchmarks" / "results" / "calibrated-floating.json").read_text())
     few, many = (report[name] for name in ("two to six floating models", "12 to 40 floating models"))
