@@ -118,7 +118,7 @@ class Channel(Generic[Value]):
         return shape[2:] in {() if self.components == 1 else (self.components,), *([()] if self.or_grey else [])}
 
     def role(self, eye: Eye) -> str:
-        """Return the name of one eye's array among both views' arrays: ``left`` for an image, else ``disparity_left``."""
+        """Return the name of one eye's array in a pair: ``left`` for an image, ``disparity_left`` for a disparity."""
         return eye if self.name == "image" else f"{self.name}_{eye}"
 
     @property
