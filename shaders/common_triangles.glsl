@@ -8,8 +8,8 @@ struct Instance {
     vec4 view_from_model_z;
 };
 
-layout(binding = 4) uniform usampler2D triangle_corners;  // three texels each: position, and the neighbour across the edge to the next
-layout(binding = 5) uniform usampler2D instance_rows;     // three texels each
+layout(binding = 4) uniform usampler2D triangle_corners;  // three texels each; see corner_bits
+layout(binding = 5) uniform usampler2D instance_rows;     // three texels each, the rows of view_from_model
 
 const uint PER_ROW = 1024u;  // triangles, or instances, in a row of the texture
 

@@ -118,7 +118,7 @@ class Channel(Generic[Value]):
         return shape[2:] in {() if self.components == 1 else (self.components,), *([()] if self.or_grey else [])}
 
     def role(self, eye: Eye) -> str:
-        """Return the name of one eye's array in a pair: ``left`` for an image, ``disparity_left`` for a disparity."""
+        """Return the name of one eye's array in a frame: the eye for an image, or a name such as ``disparity_left``."""
         return eye if self.name == "image" else f"{self.name}_{eye}"
 
     @property
