@@ -82,7 +82,7 @@ class Wanted:
             check_one_of("an output", output, OUTPUTS)
         if not rectified and "disparity_change" in outputs:
             raise InputError(
-                "the output disparity_change is a rectified pair's: leave it out, or let no right camera deviate"
+                "the output disparity_change needs rectified pairs: leave it out, or let no right camera deviate"
             )
         check_one_of("truth", truth, TRUTH_VIEWS)
         eyes: tuple[Eye, ...] = EYES if truth == "both" else ("left",)

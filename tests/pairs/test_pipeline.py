@@ -149,7 +149,7 @@ def test_a_negative_index_or_seed_is_refused():
 
 
 def test_images_without_any_are_told(tmp_path):
-    with pytest.raises(InputError, match=r"name them in `textures.images`"):
+    with pytest.raises(InputError, match=r"`textures.images` is empty: name your photographs there"):
         PairRenderer(load_config("ablation-textures-target"), 0)
     del tmp_path
 

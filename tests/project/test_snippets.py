@@ -107,7 +107,6 @@ PRESUMED = {
     "layouts": lambda folder: dataset(folder, ".", 8, "webdataset", 1, name="lab"),
     "loaders": lambda folder: dataset(folder, "out/rooms", 8, camera={"width_px": 400, "height_px": 200}),
     "output": lambda folder: dataset(folder, "data/lab"),
-    "training": lambda folder: dataset(folder, "out/small-rooms", 4),
 }
 
 

@@ -230,7 +230,7 @@ def test_the_state_of_a_mix_of_other_photographs_is_refused(folders, tmp_path):
     iter(there)
     state = json.loads(json.dumps(there.state_dict()))
     StereoMix([(StereoDataset(moved), 1)], SEED).load_state_dict(state)
-    with pytest.raises(InputError, match=r"sources\.0\.dataset\.sources\.train\.patches .*of the same photographs"):
+    with pytest.raises(InputError, match=r"sources\.0\.dataset\.sources\.train\.patches .*with the same photographs"):
         StereoMix([(StereoDataset(other), 1)], SEED).load_state_dict(state)
     config = cheap(textures={"source": "images", "images": [str(tmp_path / "photos")]})
     (tmp_path / "photos").mkdir()

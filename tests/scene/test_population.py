@@ -162,7 +162,7 @@ def test_a_small_part_of_a_mixture_may_lie_anywhere():
 
 
 def test_depths_beyond_infinity_have_no_distribution():
-    with pytest.raises(InputError, match="raise it above 10"):
+    with pytest.raises(InputError, match="needs a min_px above 10"):
         target({"form": "uniform-depth"}, **{"camera.doffs_px": -10.0})
 
 

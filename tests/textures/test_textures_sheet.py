@@ -204,7 +204,7 @@ def test_any_file_name_can_be_shown(call, tmp_path):
         (["--images", "nothing"], "no image matches"),
         (["--config", "nothing"], "no such config"),
         (["--set", "textures.flat_share=1"], "textures.flat_share"),
-        (["--set", "textures.source=images"], "name them in --images"),
+        (["--set", "textures.source=images"], "--images is empty: name your photographs there"),
     ],
 )
 def test_wrong_input_writes_nothing(call, tmp_path, arguments, words):
