@@ -1,6 +1,6 @@
 """Encodings of disparities and of images, measured by encoding and decoding: time to write and to read, bytes, error.
 
-All codecs that a config may choose are measured.
+All installed codecs that a config may choose are measured.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -31,8 +31,8 @@ class Encoding:
     Attributes:
         name: its name in reports.
         text: its description in reports.
-        encode: turns an array into bytes: (H, W) float32 disparity, inf where there is no truth, (H, W, 3) uint8 RGB or
-            (H, W) uint8 grey.
+        encode: turns an array into bytes: either disparity, (H, W) float32 with inf where there is no truth, or an
+            image, (H, W, 3) uint8 RGB or (H, W) uint8 grey.
         decode: turns the bytes and the array's shape into an array again.
     """
 
@@ -43,7 +43,7 @@ class Encoding:
 
 
 def usable_encodings(codecs: Mapping[str, Codec[Any]]) -> tuple[list[Encoding], dict[str, str]]:
-    """Return the encodings whose codecs are installed; and, by its name, why each other one cannot be measured here."""
+    """Return the encodings whose codecs are installed, and the reason why each other codec is left out, by its name."""
     usable: list[Encoding] = []
     left_out: dict[str, str] = {}
     for name, codec in codecs.items():
@@ -75,7 +75,7 @@ def measure_encodings(
 
     Returns:
         A row of `alternative_rows` for each encoding. "error" has the `error_stats` of decoded disparities, and is None
-        for images. The front weighs time to write, time to read, bytes and worst error.
+        for images. The Pareto front weighs time to write, time to read, bytes and worst error.
     """
 
     def encode(encoding: Encoding) -> list[bytes]:

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 from semisynth_gl.inputs.user_files import open_file
 
-# A file that changes twice within one tick of its file system's clock (up to two seconds) keeps its times. So times
-# prove nothing where they were younger than this when the content was read.
+# A file that changes twice within one tick of its file system's clock (up to two seconds) keeps its times. So the times
+# of a file that changed less than this before it was read are not trusted.
 _YOUNG_NS = 2_000_000_000
 
 
@@ -38,8 +38,8 @@ def stat_fingerprint(path: Path) -> FileFingerprint | None:
 def read_fingerprint(path: Path, before: FileFingerprint | None) -> FileFingerprint | None:
     """Return a file's fingerprint with the hash of its content.
 
-    ``before`` is the file's `stat_fingerprint` from before a result was made of it. Returns None where that is None, or
-    the file has changed since or cannot be read.
+    ``before`` is the file's `stat_fingerprint` from before a result was made of it. Returns None if ``before``
+    is None, or if the file has changed since or cannot be read.
     """
     try:
         with open_file(path) as file:

@@ -35,8 +35,8 @@ _SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH = 0.04, 0.28
 _INDOOR_M = 20.0
 # Shares of such far pixels: only indoor scenes suit up to the first, only outdoor scenes beyond the second.
 _INDOOR_AT_MOST, _OUTDOOR_FROM = 0.005, 0.05
-# Back walls lie at the farthest share of the wanted pixels: particles can hide a wall that is too far, but not one
-# that is too near.
+# Back walls have the disparities of this farthest share of the wanted pixels. Particles can hide a wall that is too
+# far, but not one that is too near.
 _WALL_UP_TO = 0.05
 # Ends of the far plane's disparities, as fractions of the way from the farthest possible disparity to min_px.
 _PLANE_OF_MIN = (0.1, 0.7)
@@ -259,6 +259,6 @@ def _number(value: float) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Return any text as a YAML string: JSON's, except for YAML's escape for code points beyond 16 bits."""
+    """Return any text as a YAML string: JSON's, with YAML's escape for characters that cannot be printed."""
     quoted = json.dumps(text, ensure_ascii=False)
     return "".join(letter if letter.isprintable() else f"\\U{ord(letter):08X}" for letter in quoted)

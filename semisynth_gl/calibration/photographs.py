@@ -41,7 +41,7 @@ def are_grey(images: Sequence[Path]) -> bool:
 
 
 def check_sizes(photographs: Sequence[Size], calibrated: Sequence[Size], scale: float | None = None) -> int:
-    """Return the number of photographs whose size is a calibrated size, times ``scale`` if that is given.
+    """Count the photographs whose size equals a calibrated size, which ``scale`` multiplies first if it is given.
 
     Raises InputError, with advice, where there are photographs but none of them has such a size.
     """

@@ -41,7 +41,8 @@ _SURPLUS = 0.07
 # Cost of darkening by one stop: darker images are chosen only where the measures gain more than this.
 _DARK = 0.5
 _EQUAL, _UNTRIED = "Equal weights: no disparity map says otherwise.", "Equal weights: no pairs were tried."
-# Shares of a measure's mean: standard deviation assumed for a place with a single picture, and the least one used.
+# As shares of a measure's mean: the standard deviation assumed for a place with a single picture, and the lower limit
+# of any standard deviation.
 _UNKNOWN, _LEAST = 0.25, 0.05
 
 

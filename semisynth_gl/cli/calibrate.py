@@ -69,8 +69,8 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
     multiple=True,
     metavar="LEFT RIGHT",
     help="Left and right photographs by the rig (two files, folders or globs), to measure how far they are from "
-    "rectified; needs OpenCV, the extra matching. May be repeated. By default, the pairs among --images that have the "
-    "names of Middlebury, ETH3D or KITTI.",
+    "rectified; needs OpenCV: pip install 'semisynth-gl[matching]'. May be repeated. By default, the pairs among "
+    "--images that have the names of Middlebury, ETH3D or KITTI.",
 )
 @option(
     "--range-px", type=(_ANY_NUMBER, _ANY_NUMBER), help="Smallest and largest disparity in pixels, without --disparity."

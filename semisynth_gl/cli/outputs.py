@@ -1,6 +1,7 @@
 """Options that name a file to write.
 
-An existing file is replaced only if the same command wrote it, or with --overwrite; an input or a dataset's file never.
+An existing file is replaced if the same command wrote it. With --overwrite, any other file is replaced too, except
+for an input or a dataset's file.
 """
 
 import json

@@ -38,7 +38,7 @@ _FEWEST = 4
     help=f"How many pairs to show.  [default: {_FEWEST}, or one for each recipe if there are more recipes]",
 )
 def preview(scene: SceneOptions, output: Output, cloud: Output, pairs: int | None) -> None:
-    """Draw a contact sheet: a pair of each recipe, the dataset's first pairs, and their histogram against the config's.
+    """Draw a contact sheet: pairs, if possible one of each recipe, and their histogram against the config's.
 
     The histogram weights each recipe by its share of the scenes.
     """

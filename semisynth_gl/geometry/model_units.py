@@ -17,8 +17,8 @@ UV_LOSS = 0.5
 PULL_LIMIT = 16
 """A triangle's UV is unusable where it stretches the texture this many times as much as the median of its part."""
 
-# A UV map farther from 0 than this many times its size is moved to 0, because float32 would shift its texels. Moving it
-# does no harm, since a patch may lie anywhere on a model.
+# A UV map whose distance from the origin exceeds its extent this many times is moved to the origin, because float32
+# would shift its texels. Moving it does no harm, since a patch may lie anywhere on a model.
 _FAR_UV = 1024
 
 Surface = tuple[Floats, NDArray[np.int64], Floats | None]
@@ -104,7 +104,7 @@ def _unwrapped(name: str, positions: Floats, triangles: NDArray[np.int64], uv: F
     usable = (area == 0) | (mapped & (pull < PULL_LIMIT * scale))
     if area[usable].sum() <= UV_LOSS * area.sum():
         return [project_uv(name, positions, triangles)]
-    # Only triangles that are left out, here or later, can have UV beyond these limits.
+    # Clipping does no harm: only triangles that are left out, here or later as degenerate, have UV beyond the limits.
     held = np.clip(np.where(np.isfinite(uv), uv, 0) * scale, -MOST, MOST)
     kept = make_part(name, positions, held, triangles[usable])
     return [kept] if usable.all() else [kept, project_uv(name, positions, triangles[~usable])]

@@ -1,4 +1,4 @@
-"""How often surfaces wear each patch: subjects have equal shares however many images and patches they have."""
+"""How often surfaces wear each patch: subjects have equal shares, or less where they have few patches."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
