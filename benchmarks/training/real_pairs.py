@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.metrics import Score, score
+from semisynth_gl.metrics import Score, score, unconfirmed
 from semisynth_gl.metrics.score import mean_figures
 from semisynth_gl.metrics.truth import Truth
 
@@ -114,22 +114,6 @@ def judge(pairs: Mapping[str, View], predict: Predictor) -> tuple[dict[str, floa
 def mirrored(view: View) -> View:
     """Swap the eyes of a pair and mirror both: a network's disparities of it are the right view's, mirrored."""
     return replace(view, left=view.right[:, ::-1], right=view.left[:, ::-1])
-
-
-def unconfirmed(left: NDArray[np.float32], right: NDArray[np.float32]) -> float:
-    """Return the share of pixels, in %, whose disparity the other view's does not confirm within 1 px.
-
-    No truth is needed. Pixels whose point lies outside of the right image do not count; occluded ones do, since nothing
-    tells them from wrong ones.
-
-    Args:
-        left: (H, W) px, predicted for the left view.
-        right: (H, W) px, predicted for the right view.
-    """
-    columns = np.rint(np.arange(left.shape[1]) - left).astype(int)
-    inside = (columns >= 0) & (columns < left.shape[1])
-    other = np.take_along_axis(right, np.clip(columns, 0, left.shape[1] - 1), 1)
-    return float(100 * np.mean(np.abs(left - other)[inside] > 1))
 
 
 def judge_without_truth(pairs: Mapping[str, View], predict: Predictor) -> dict[str, float]:

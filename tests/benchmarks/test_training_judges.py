@@ -30,7 +30,6 @@ from real_pairs import (  # noqa: E402
     semi_global,
     shrunk,
     shrunk_disparity,
-    unconfirmed,
 )
 from training_sets import REAL, SETS, config_of  # noqa: E402
 
@@ -138,19 +137,6 @@ def test_semi_global_matching_finds_a_shift():
     assert found.shape == (40, 120)
     assert np.isfinite(found).all()
     assert (np.abs(found - 7) < 0.5)[:, 10:].mean() > 0.95
-
-
-def test_what_the_other_view_confirms_is_right_or_alike_wrong():
-    """A wall before another one: true disparities of both views confirm each other but where one eye alone sees."""
-    left = np.full((4, 60), 4, np.float32)
-    left[:, 30:40] = 10
-    right = np.full((4, 60), 4, np.float32)
-    right[:, 20:30] = 10
-    # Columns 24 to 29 are hidden, and the first four have their points outside of the right image.
-    assert unconfirmed(left, right) == pytest.approx(100 * 6 / 56)
-    wrong = left.copy()
-    wrong[:2, 45:50] += 1.5
-    assert unconfirmed(wrong, right) == pytest.approx(100 * (6 + 2.5) / 56)
 
 
 def test_a_network_is_judged_without_truth_by_the_mirrored_pair():
