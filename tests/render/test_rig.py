@@ -264,6 +264,20 @@ def test_a_deviation_that_takes_the_largest_disparity_is_refused(focal_px, moved
         near_depth_m(camera, section)
 
 
+def test_a_deviation_that_leaves_surfaces_no_disparity_is_refused():
+    turned = StereoCamera(640, 480, 600.0, 0.1, 300, 340, 240, Deviation(0.0, 0.02))
+    straight = replace(turned, deviation=Deviation(0.0, 0.0))
+    section = load_config("middlebury").disparity.model_copy(update={"min_px": 0.1, "max_px": 0.6})
+    assert straight.disparity_px(1.01 * near_depth_m(straight, section)) == pytest.approx(40.6 / 1.01 - 40)
+    with pytest.raises(
+        InputError, match=r"doffs = 40 px nothing is left of 0\.6 px there: expected more than"
+    ) as refused:
+        near_depth_m(turned, section)
+    needed = float(str(refused.value).rpartition(" ")[2])
+    enough = section.model_copy(update={"max_px": 1.1 * needed})
+    assert turned.disparity_px(1.01 * near_depth_m(turned, enough)) > 0
+
+
 @pytest.fixture(scope="module", params=["middlebury", "middlebury-2014", "webdataset"])
 def dataset(request, tmp_path_factory):
     out = tmp_path_factory.mktemp("rig") / "out"

@@ -87,6 +87,13 @@ def rigs(draw):
 def test_every_pixel_has_a_disparity_and_rooms_keep_to_their_range(rig, kind, seed):
     weights = [f"background.{name}={int(name == kind)}" for name in KINDS]
     config = load_config("middlebury", [*CLUTTER_ALONE, *PIERCED, *weights, "disparity.target={form: uniform}", *rig])
+    doffs_px, most_px = config.camera.doffs_px.high, config.disparity.max_px
+    if most_px <= (BEYOND_NEAR - 1) * doffs_px:
+        with pytest.raises(
+            InputError, match=r"disparity\.max_px: every surface lies at least 1% beyond the near plane"
+        ):
+            stage_of(config, seed)
+        return
     stage = stage_of(config, seed)
     for time_s in (0.0, 0.6, 1.9) if stage.sway.moves else (0.0,):
         for camera in stage.views:
@@ -98,6 +105,16 @@ def test_every_pixel_has_a_disparity_and_rooms_keep_to_their_range(rig, kind, se
                 clear_m = BEYOND_NEAR * near_depth_m(stage.camera, config.disparity)
                 farthest_m = max(stage.camera.depth_m(config.disparity.min_px), clear_m)
                 assert px.min() >= camera.disparity_px(farthest_m) - 1e-6
+
+
+def test_a_range_that_the_margin_of_the_near_plane_takes_whole_is_refused():
+    rig = ["camera.width_px=96", "camera.doffs_px=38", "disparity.min_px=0.2", "background.wall_disparity_px=0.2"]
+    rig += ["disparity.target={form: uniform}"]
+    config = load_config("middlebury", [*CLUTTER_ALONE, *rig, "disparity.max_px=0.37"])
+    with pytest.raises(InputError, match=r"doffs = 38 px nothing is left of 0\.37 px there: expected more than 0\.38"):
+        stage_of(config, 0)
+    raised = load_config("middlebury", [*CLUTTER_ALONE, *rig, "disparity.max_px=0.39"])
+    assert seen_px(stage_of(raised, 0), raised, stage_of(raised, 0).camera).min() > 0
 
 
 def test_a_pair_that_is_too_deep_is_drawn_again_and_refused_at_last():
