@@ -208,7 +208,12 @@ def kept_runs(path: Path, setup: Mapping[str, Any]) -> list[dict[str, Any]]:
     metavar="DIR",
     help="Judge by these scenes too: a folder in Middlebury's layout. May be repeated.",
 )
-@click.option("--images", multiple=True, metavar="PATH_OR_GLOB", help="Photographs of the place that all sets wear.")
+@click.option(
+    "--images",
+    multiple=True,
+    metavar="PATH_OR_GLOB",
+    help="Photographs of the place, for all sets but those with pictures of their own.",
+)
 @click.option(
     "--data",
     type=click.Path(path_type=Path),

@@ -1,7 +1,7 @@
 """The datasets that the benchmark compares, each with the question that it answers.
 
-A row is ``rig.yaml`` with some keys overridden, so what differs between two rows is what their overrides say. Add a row
-to ask another question.
+A row is ``rig.yaml`` with some keys overridden, or a written or packaged config at the rig's size. Add a row to ask
+another question.
 """
 
 from collections.abc import Mapping
@@ -39,6 +39,7 @@ class TrainingSet:
         trials: of the `calibrate` that writes the config, for the same rig and disparities; None where it does not.
         share: of the pairs that the other sets have.
         packaged: name of the packaged config whose scenes it has, scaled to the rig's width.
+        own_rig: whether that config keeps its own cameras, disparities and pictures.
     """
 
     what: str
@@ -47,6 +48,7 @@ class TrainingSet:
     trials: int | None = None
     share: float = 1.0
     packaged: str = ""
+    own_rig: bool = False
 
 
 _ROOM = {"background": {"cuboid": 0, "room": 1}, "particles": {"layers": [{"disparity_px": [8, 70], "count": [2, 10]}]}}
@@ -73,7 +75,10 @@ SETS: Mapping[str, TrainingSet] = {
     ),
     "packaged": TrainingSet("the scenes of the packaged config `middlebury`", packaged="middlebury"),
     "room": TrainingSet("furnished rooms", _ROOM),
-    "calibrated": TrainingSet("what `calibrate` writes from the photographs", of_place=True, trials=3),
+    "calibrated": TrainingSet("what `calibrate` writes from the photographs", of_place=True, trials=6),
+    "zero-shot": TrainingSet(
+        "the packaged config `zero-shot`: other rigs, other pictures", packaged="zero-shot", own_rig=True
+    ),
     "large": TrainingSet("few large models, panels and grounds", _LARGE),
     "photographs": TrainingSet("photographs of other things", {"textures.source": "photographs"}, of_place=True),
     "builtin": TrainingSet(
@@ -113,8 +118,10 @@ def config_of(name: str, images: tuple[str, ...], scratch: Path) -> Config:
         written.write_text(f"extends: {row.packaged}\nname: {name}\nscale: {scale}\n", encoding="utf-8")
     else:
         written.write_text(_calibrated(name, row.trials, images, base), encoding="utf-8")
-    # A calibration has maps to measure, or a guess: here all rows are wanted to show the same.
     values = base.model_dump(mode="json")
+    if row.own_rig:
+        return load_config(written, {key: values[key] for key in ("truth", "outputs")})
+    # A calibration has maps to measure, or a guess: here all other rows are wanted to show the same.
     return load_config(written, worn | {key: values[key] for key in ("camera", "disparity", "truth", "outputs")})
 
 
