@@ -52,9 +52,7 @@ def check_sizes(photographs: Sequence[Size], calibrated: Sequence[Size], scale: 
         return fitting
     better = _scale_that_fits(sizes, calibrated)
     if better is None:
-        advice = (
-            "the two differ in shape too, so no `scale` makes them fit: give the calibration of these images; or, if"
-        )
+        advice = "no `scale` gives even half of them a calibrated size: give the calibration of these images; or, if"
     elif better == 1:
         advice = "without `scale` they fit; or, if"
     else:

@@ -416,7 +416,7 @@ def test_photographs_of_another_size_are_refused_with_the_scale_that_fits(tmp_pa
     refused(error, "741 x 500", "371 x 250", "`scale` 0.5", "`other_camera`")
     with pytest.raises(InputError) as error:
         check_sizes(other, [rig.size])
-    refused(error, "400 x 400", "differ in shape", "`other_camera`")
+    refused(error, "400 x 400", "no `scale` gives even half of them a calibrated size", "`other_camera`")
     assert check_sizes(half, [rig.size], 0.5) == 2
 
 
