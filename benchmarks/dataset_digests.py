@@ -83,7 +83,7 @@ def cases() -> Iterator[tuple[str, tuple[str, ...]]]:
         yield f"antialias/{antialias}", (*ETH3D, "--set", f"antialias={antialias}")
     yield "anisotropy", (*ETH3D, "--set", "textures.anisotropy=4")
     yield "imperfections", (*ETH3D, *NOISE)
-    dense = ("--set", "particles.density=dense", "--set", "textures.flat_share=0.2", "--set", "textures.wrap=repeat")
+    dense = ("--set", "particles.density=dense", "--set", "textures.min_texture=4", "--set", "textures.wrap=repeat")
     yield "dense", ("--config", "kitti", "--pairs", "2", "--layout", "middlebury", *dense)
     yield "real-rig", ("--config", str(REAL_RIG), "--pairs", "8")
 

@@ -102,16 +102,15 @@ def built(folder: Path) -> dict[str, Numbers]:
         wide.crop((left, 0, left + 220, 180)).save(photographs / f"view-{number}.png")
     (folder / "models").mkdir()
     (folder / "models/box.obj").write_text(_BOX)
-    own = {"source": "images", "images": (str(photographs),), "patch_px": 32, "min_texture": 1.0}
+    own = {"source": "images", "images": (str(photographs),), "patch_px": 32}
     textures, particles = partial(TexturesSection, **own), ParticlesSection()
     train = Split(0, "train", {"validation": 0.3}, models=True)
     # Rooms and streets hold them too.
     all_kinds = cache(lambda: build_library(ModelsSection(variants=2), particles, Split(0)))
     cases: dict[str, Callable[[], object]] = {
         "photographs": lambda: prepare_atlas(textures(max_patches=60, large_px=128), train),
-        "flat": lambda: prepare_atlas(textures(max_patches=20, flat_share=0.5), Split(0)),
         "frames": lambda: prepare_atlas(textures(max_patches=4, sequence=True), Split(0)),
-        "procedural": lambda: prepare_atlas(textures(source="procedural", max_patches=10, flat_share=0.3), Split(0)),
+        "procedural": lambda: prepare_atlas(textures(source="procedural", max_patches=10), Split(0)),
         "pictures": lambda: prepare_atlas(textures(source="builtin", max_patches=60, large_px=64), Split(0)),
         "all kinds": all_kinds,
         "training": lambda: build_library(ModelsSection(variants=2, complex=0.0), particles, train),

@@ -71,7 +71,7 @@ def calibrate(
     pairs: Sequence[tuple[str | PathLike[str], str | PathLike[str]]] = (),
     range_px: tuple[float, float] | None = None,
     other_camera: bool = False,
-    trials: int = 3,
+    trials: int = 6,
     name: str = "calibrated",
     listener: Listener | None = None,
 ) -> Calibration:
@@ -92,7 +92,7 @@ def calibrate(
             By default the pairs among ``images`` that have names as in Middlebury, ETH3D or KITTI.
         range_px: least and largest disparity, instead of ``disparity``.
         other_camera: whether another camera took the photographs, so that they may have any size.
-        trials: number of pairs to render and measure for each recipe with each look of its surfaces; with 0, no pair is
+        trials: number of pairs to render and measure for each recipe at each of two texture scales; with 0, no pair is
             rendered, recipes have equal weights, and textures are as in the packaged configs.
         name: the config's name; characters other than letters, digits and hyphens become hyphens.
         listener: hears the number of pairs to render, and each finished pair.
@@ -250,7 +250,7 @@ def _style_summary(style: Style, place: MeasuredPlace | None) -> list[str]:
     if place is None:
         return lines
     low, high = style.texels_per_pixel
-    look = f"{low:g} to {high:g} texels per pixel, {style.flat_share:.0%} flat, blurred by {style.blur_px:g} px"
+    look = f"{low:g} to {high:g} texels per pixel, blurred by {style.blur_px:g} px"
     if style.exposure_stops:
         look += f", exposed by {style.exposure_stops:g} stops"
     lines.append(f"textures         {look}")

@@ -18,19 +18,18 @@ from semisynth_gl.comparison.measures import MEASURES, Measure
 from semisynth_gl.comparison.sides import Side
 from semisynth_gl.inputs.errors import counted
 
-# Tried values of textures.texels_per_pixel, textures.flat_share, imperfections.blur_px (in pixels at the working width)
-# and imperfections.exposure_stops.
+# Tried values of textures.texels_per_pixel, imperfections.blur_px (in pixels at the working width) and
+# imperfections.exposure_stops.
 TEXELS = ((0.8, 1.5), (0.4, 0.75))
-FLATS = (0.0, 0.5)
 BLURS = (0.0, 0.3, 0.5, 0.7, 1.0)
 EXPOSURES = (-0.6, 0.0)
 
 _OF_MIX = ("background.room", "background.street", "structures.panels", "particles.density", "disparity.target")
-_OF_LOOK = "imperfections.blur_px", "imperfections.exposure_stops", "textures.texels_per_pixel", "textures.flat_share"
+_OF_LOOK = "imperfections.blur_px", "imperfections.exposure_stops", "textures.texels_per_pixel"
 # Values that may be chosen: the measures between tried values are interpolated.
-_FINE_FLATS, _FINE_BLURS, _FINE_EXPOSURES = (
+_FINE_BLURS, _FINE_EXPOSURES = (
     np.round(np.arange(tried[0], tried[-1] + step / 2, step), 9) + 0.0
-    for tried, step in ((FLATS, 0.05), (BLURS, 0.05), (EXPOSURES, 0.1))
+    for tried, step in ((BLURS, 0.05), (EXPOSURES, 0.1))
 )
 # Weights are multiples of one over this number.
 _PARTS = 20
@@ -51,8 +50,8 @@ class Trial:
     """The measures of trial pairs of R recipes; M is the number of `MEASURES`.
 
     Attributes:
-        means: (R, T, F, B, E, M) float64, means over pairs by recipe and by index into `TEXELS`, `FLATS`, `BLURS`,
-            `EXPOSURES` and `MEASURES`; nan where no pair has the measure.
+        means: (R, T, B, E, M) float64, means over pairs by recipe and by index into `TEXELS`, `BLURS`, `EXPOSURES` and
+            `MEASURES`; nan where no pair has the measure.
         geometry: for each recipe, (P, M) float64 measures of its P pairs; only measures of disparity maps are used. nan
             where a pair does not have the measure.
         pairs: number of all trial pairs.
@@ -77,7 +76,6 @@ class Style:
         weights: weight of each recipe, above 0; the sum is 1.
         texels_per_pixel: low and high end of ``textures.texels_per_pixel``.
         blur_px: ``imperfections.blur_px``, in pixels of the config's images.
-        flat_share: ``textures.flat_share``.
         exposure_stops: ``imperfections.exposure_stops``.
         mix_origin: sentence on the origin of the weights, for a comment.
         look_origin: sentence on the origin of the other values, for a comment.
@@ -89,7 +87,6 @@ class Style:
     weights: tuple[float, ...]
     texels_per_pixel: tuple[float, float] = TEXELS[0]
     blur_px: float = 0.0
-    flat_share: float = 0.0
     exposure_stops: float = 0.0
     mix_origin: str = _UNTRIED
     look_origin: str = "As in the packaged configs: no pairs were tried."
@@ -120,8 +117,8 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur
     """Choose the style whose pairs are expected to be nearest to a place, in standard deviations of its pictures.
 
     The weights of recipes are chosen by the distributions of the measures of disparity maps that recipes change, and by
-    the wanted disparities, since no recipe can remove pixels that a mix has too many of. Texture scale, blur, flat
-    share and exposure are chosen by the means of the measures that they change; see `semisynth_gl.comparison.changes`.
+    the wanted disparities, since no recipe can remove pixels that a mix has too many of. Texture scale, blur and
+    exposure are chosen by the means of the measures that they change; see `semisynth_gl.comparison.changes`.
 
     Args:
         recipes: the R recipes to mix, in the order of ``trial``; the last one is clutter.
@@ -132,7 +129,7 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur
     place_means, unit = _wanted(place)
     weights, mix_origin = np.full(len(recipes), 1 / len(recipes)), ""
     # Measures of disparity maps, which do not depend on the look of surfaces.
-    geometry = _mean(trial.means[:, :, :, 0, 0], axis=(1, 2))
+    geometry = _mean(trial.means[:, :, 0, 0], axis=1)
     rows = _rows([measure for measure in moved_by(*_OF_MIX) if measure.of_maps], place_means, geometry)
     if rows:
         mixes = _mixes(len(recipes))
@@ -140,14 +137,14 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur
         surplus = np.maximum(mixes @ trial.shares - trial.wanted, 0).sum(axis=1, keepdims=True)
         best = np.argmin(_far(off) + _far(surplus / _SURPLUS) + _EVENNESS * (mixes**2).sum(axis=1))
         weights, mix_origin = mixes[best], f"Weights by {_named(rows)} and the wanted disparities"
-    looks = _mean(trial.means, 0, weights[:, None, None, None, None, None])
-    fine = (FLATS, _FINE_FLATS), (BLURS, _FINE_BLURS), (EXPOSURES, _FINE_EXPOSURES)
+    looks = _mean(trial.means, 0, weights[:, None, None, None, None])
+    fine = (BLURS, _FINE_BLURS), (EXPOSURES, _FINE_EXPOSURES)
     for axis, (tried, fine_values) in enumerate(fine, 1):
         looks = _between(looks, axis, tried, fine_values)
     rows = _rows(moved_by(*_OF_LOOK), place_means, looks.reshape(-1, looks.shape[-1]))
     far = _far((looks[..., rows] - place_means[rows]) / unit[rows]) - _DARK * _FINE_EXPOSURES
-    texels, flat, blur, exposure = map(int, np.unravel_index(np.argmin(far), far.shape))
-    expected = looks[texels, flat, blur, exposure]
+    texels, blur, exposure = map(int, np.unravel_index(np.argmin(far), far.shape))
+    expected = looks[texels, blur, exposure]
     of_pairs = f"of {counted(trial.pairs, 'pair')} that were rendered and measured"
     kept = np.flatnonzero(weights).tolist()
     return Style(
@@ -155,7 +152,6 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur
         tuple(float(weights[number]) for number in kept),
         TEXELS[texels],
         float(f"{_FINE_BLURS[blur] * blur_scale:.2g}"),
-        float(_FINE_FLATS[flat]),
         float(_FINE_EXPOSURES[exposure]),
         f"{mix_origin} {of_pairs}." if mix_origin else _EQUAL,
         f"By {_named(rows)} {of_pairs}.",

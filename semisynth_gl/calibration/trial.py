@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.calibration.config_text import ConfigFacts, config_text
-from semisynth_gl.calibration.style import BLURS, EXPOSURES, FLATS, TEXELS, Style, Trial, fitted_style, untried_style
+from semisynth_gl.calibration.style import BLURS, EXPOSURES, TEXELS, Style, Trial, fitted_style, untried_style
 from semisynth_gl.comparison.measured_view import MeasuredView, make_view, working_width
 from semisynth_gl.comparison.measures import MEASURES
 from semisynth_gl.comparison.sides import Side
@@ -26,8 +26,8 @@ def tried_style(facts: ConfigFacts, place: Side, pairs: int, listener: Listener)
     Args:
         facts: the facts of the config to come.
         place: measures of the place's pictures at the `working_width`.
-        pairs: number of pairs of each recipe with each of `TEXELS` and each of `FLATS`; each pair is measured with all
-            `BLURS` and `EXPOSURES`.
+        pairs: number of pairs of each recipe with each of `TEXELS`; each pair is measured with all `BLURS` and
+            `EXPOSURES`.
         listener: hears the number of all trial pairs, and each finished pair.
 
     Raises:
@@ -49,34 +49,32 @@ def _try(facts: ConfigFacts, pairs: int, listener: Listener) -> Trial:
         replace(recipes[r], name=name, keys={**recipes[r].keys, "textures": {"texels_per_pixel": list(TEXELS[k])}})
         for name, (r, k) in cells.items()
     ]
-    style = untried_style(tried)
-    sums = np.zeros((len(recipes), len(TEXELS), len(FLATS), len(BLURS), len(EXPOSURES), len(MEASURES)))
+    sums = np.zeros((len(recipes), len(TEXELS), len(BLURS), len(EXPOSURES), len(MEASURES)))
     counts = np.zeros(sums.shape, np.int64)
     geometry: list[list[NDArray[np.float64]]] = [[] for _ in recipes]
     target = facts.disparity.target
     shares = np.zeros((len(recipes), len(target.shares)))
-    each = pairs * len(cells)
-    listener.on_total(each * len(FLATS))
-    for f, flat in enumerate(FLATS):
-        text = config_text("trial", facts, replace(style, flat_share=flat))
-        with PairRenderer(_as_tried(parse_config(text, "the trial's config")), _SEED) as renderer:
-            for recipe, sampler in zip(renderer.sampler.recipes, renderer.sampler.samplers, strict=True):
-                # Expected shares do not depend on texels or flat surfaces.
-                r, k = cells[str(recipe.name)]
-                if k == f == 0 and recipe.config.particles.layers is not None:
-                    shares[r] = sampler.population.expected().rebinned(target.edges_px).shares
-            for number in range(f * each, (f + 1) * each):
-                # Unchecked: a trial is not a dataset, and scenes drawn again would be of the same sort.
-                pair = renderer.render(number, checked=False)
-                r, k = cells[pair.provenance["recipe"]]
-                values = _looks(pair, facts.size.width_px)
-                there = np.isfinite(values)
-                geometry[r].append(values[0, 0])
-                sums[r, k, f] += np.where(there, values, 0)
-                counts[r, k, f] += there
-                listener.on_pair(FinishedPair("train", number))
+    total = pairs * len(cells)
+    listener.on_total(total)
+    text = config_text("trial", facts, untried_style(tried))
+    with PairRenderer(_as_tried(parse_config(text, "the trial's config")), _SEED) as renderer:
+        for recipe, sampler in zip(renderer.sampler.recipes, renderer.sampler.samplers, strict=True):
+            # Expected shares do not depend on texels.
+            r, k = cells[str(recipe.name)]
+            if k == 0 and recipe.config.particles.layers is not None:
+                shares[r] = sampler.population.expected().rebinned(target.edges_px).shares
+        for number in range(total):
+            # Unchecked: a trial is not a dataset, and scenes drawn again would be of the same sort.
+            pair = renderer.render(number, checked=False)
+            r, k = cells[pair.provenance["recipe"]]
+            values = _looks(pair, facts.size.width_px)
+            there = np.isfinite(values)
+            geometry[r].append(values[0, 0])
+            sums[r, k] += np.where(there, values, 0)
+            counts[r, k] += there
+            listener.on_pair(FinishedPair("train", number))
     means = np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0)
-    return Trial(means, tuple(map(np.array, geometry)), each * len(FLATS), shares, target.shares)
+    return Trial(means, tuple(map(np.array, geometry)), total, shares, target.shares)
 
 
 def _looks(pair: Pair, width_px: int) -> NDArray[np.float64]:

@@ -79,9 +79,9 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
 @option(
     "--trials",
     type=NATURAL,
-    default=3,
-    help="Pairs to render and measure for each recipe, with each of two texture scales and two shares of flat "
-    "surfaces. With 0, all recipes get the same weight, and textures are as in the packaged configs.",
+    default=6,
+    help="Pairs to render and measure for each recipe, with each of two texture scales. With 0, all "
+    "recipes get the same weight, and textures are as in the packaged configs.",
 )
 @output_option("--out", CONFIG, ".yaml", ".yml", required=True, help="YAML file to write.")
 def calibrate(

@@ -28,7 +28,7 @@ from semisynth_gl.textures.reach import photograph_sources
 )
 @images_option()
 @option("--seed", type=SEED, default=0, help="Seed of the dataset whose patches to draw.")
-@set_option(help="Override a key of the config, for example textures.flat_share=0.1. May be repeated.")
+@set_option(help="Override a key of the config, for example textures.patch_px=512. May be repeated.")
 @output_option("--out", marked_png("semisynth-gl textures"), ".png", default="textures.png", help="PNG file to write.")
 def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tuple[str, ...], output: Output) -> None:
     """Draw the patches that a dataset shows, count them, and say how many crops were rejected and why."""

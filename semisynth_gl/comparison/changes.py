@@ -72,7 +72,6 @@ CHANGES: tuple[Change, ...] = (
     Change("imperfections.noise", down=("smooth",)),
     Change("textures.texels_per_pixel", up=("gradient",), down=("flat", "smooth")),
     Change("textures.min_texture", up=("gradient",), down=("flat", "smooth")),
-    Change("textures.flat_share", up=("flat", "smooth"), down=("gradient",)),
     Change("imperfections.exposure_stops", up=("luminance", "contrast", "gradient"), down=("flat", "smooth")),
     Change("imperfections.gamma", down=("luminance",)),
 )

@@ -276,12 +276,11 @@ class TexturesSection(Section):
         images: files, folders and globs of the source ``images``.
         patch_px: side of a patch in the atlas.
         scales: sides of the squares that are cut from images, in multiples of ``patch_px``.
-        min_texture: least texture of a patch that is not flat: the median over 8 x 8 cells of the standard deviation of
-            luminance, 8-bit levels.
+        min_texture: least texture of a patch: the median over 8 x 8 cells of the standard deviation of luminance, 8-bit
+            levels; squares with less than 1 are nearly of one colour, or overexposed.
         min_sharpness: least sharpness of a patch: contrast of its finest octave over the contrast of its third octave.
         min_difference: least difference of two patches, 1 minus the correlation of their luminance gradients on a
             coarse grid; 0 keeps all.
-        flat_share: share of surfaces with flat patches.
         max_patches: largest number of patches.
         large_px: side of large patches, for walls, grounds and other large surfaces; 0 for none.
         texels_per_pixel: texels of a patch per pixel of the image: above 1 the patch looks reduced, below 1 enlarged.
@@ -295,10 +294,9 @@ class TexturesSection(Section):
     images: _Paths = ()
     patch_px: Annotated[int, Field(ge=16, le=8192)] = 256
     scales: Annotated[tuple[_AtLeastOne, ...], FROM_LIST, Field(min_length=1, max_length=100)] = (1.0, 2.0, 4.0)
-    min_texture: NotNegative = 4.0
+    min_texture: NotNegative = 1.0
     min_sharpness: NotNegative = 0.3
     min_difference: Share = 0.04
-    flat_share: Annotated[float, Field(ge=0, lt=1)] = 0.0
     max_patches: Annotated[int, Field(ge=1, le=2048)] = 512
     large_px: Annotated[int, Field(ge=0, le=4096)] = 0
     texels_per_pixel: PositiveRange = Range(0.8, 1.5)
@@ -308,12 +306,6 @@ class TexturesSection(Section):
     sequence: bool = False
 
     def _faults(self) -> Iterator[str]:
-        if self.flat_share > 0 and not (self.min_texture > 0 and self.max_patches > 1):
-            yield (
-                f"flat_share is {self.flat_share:g}: expected a min_texture above 0, below which patches are flat, and "
-                "max_patches of at least 2"
-            )
-
         most = _MOST_TEXELS // self.patch_px**2
         if self.max_patches > most:
             size = self.max_patches * self.patch_px**2 * _BYTES_PER_TEXEL / 1e9

@@ -126,7 +126,6 @@ class _Patch(StoredObject):
     layer_count: _Count
     texture: float
     large: bool = False
-    contrast: float = 1.0
     subject: _Text = ""
     sha256: _Sha256 | None = None
 

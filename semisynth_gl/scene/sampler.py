@@ -1,7 +1,6 @@
 """The scene of pair i of a dataset, from only the config, the seed and i."""
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -9,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.config.model import Config
-from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.histogram import Histogram
@@ -104,12 +102,6 @@ class _Sequence(NamedTuple):
     slots: Slots
 
 
-def _ends(patches: Sequence[Patch], section: TexturesSection) -> Floats:
-    """Return the cumulative sums of K patches' chances, (K,)."""
-    flat = np.array([patch.texture < section.min_texture for patch in patches], np.bool_)
-    return np.cumsum(patch_chances([patch.shown for patch in patches], flat, section.flat_share))
-
-
 def _drawn(ends: Floats, chance: Floats) -> Ints:
     """Return the items, (N,), that uniform numbers (N,) choose from K items with cumulative chances (K,)."""
     return np.minimum(np.searchsorted(ends, chance, side="right"), len(ends) - 1)
@@ -147,7 +139,10 @@ class SceneSampler:
         self._patches = patches
         self._small = sum(not patch.large for patch in patches)
         # Cumulative chances of the small patches, and of the large ones.
-        self._ends = [_ends(those, config.textures) for those in (patches[: self._small], patches[self._small :])]
+        self._ends = [
+            np.cumsum(patch_chances([patch.shown for patch in those]))
+            for those in (patches[: self._small], patches[self._small :])
+        ]
         self._first_layer = np.array([patch.first_layer for patch in patches])
         self._layer_count = np.array([patch.layer_count for patch in patches])
         self._cumulative = np.cumsum(library.chances)

@@ -62,9 +62,8 @@ class Sources:
         patches = 0
         for patch in self.atlas.patches:
             known = patch.described()
-            contrast = round(known.pop("contrast", 1.0), 6)
             del known["texture"]  # follows from the pixels
-            patches = crc32(json.dumps([known, contrast]).encode(), patches)
+            patches = crc32(json.dumps(known).encode(), patches)
         for layers in (self.atlas.layers, self.atlas.large_layers):
             patches = crc32(_rounded(_means(layers), _LEVELS), patches)
         models = 0

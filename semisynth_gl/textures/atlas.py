@@ -29,7 +29,6 @@ class Patch:
         layer_count: number of successive layers.
         texture: its `texture_measure`; the least of its frames.
         large: whether it is a large patch, for walls and grounds; large patches come last in the atlas.
-        contrast: the part of the image's contrast that is left; below 1 where it was lowered to make a flat patch.
         subject: name of the subject's first image, where several images in the atlas show one subject; else empty.
     """
 
@@ -41,7 +40,6 @@ class Patch:
     layer_count: int
     texture: float
     large: bool = False
-    contrast: float = 1.0
     subject: str = ""
 
     @property
@@ -50,8 +48,8 @@ class Patch:
         return self.subject or self.source
 
     def described(self) -> dict[str, Any]:
-        """Return the attributes by name, in JSON's types; of the last three only the values that are not defaults."""
-        usual = {"large": False, "contrast": 1.0, "subject": ""}
+        """Return the attributes by name, in JSON's types; of the last two only the values that are not defaults."""
+        usual = {"large": False, "subject": ""}
         return {key: value for key, value in asdict(self).items() if usual.get(key) != value}
 
 

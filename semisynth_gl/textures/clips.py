@@ -99,7 +99,6 @@ class PatchFrames:
     square: Square
     texture: float
     frames: NDArray[np.uint8]
-    contrast: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,9 +119,10 @@ class ClipSurvey:
     crops: Sequence[MeasuredCrop]
     still: NDArray[np.uint8] | None
 
-    def judged(self, reason: Reason | None) -> list[MeasuredCrop]:
-        """Return the crops that were rejected for a reason, or the good crops for None, in their order."""
-        return [crop for crop in self.crops if crop.reason == reason]
+    @property
+    def good(self) -> list[MeasuredCrop]:
+        """The crops that nothing speaks against, in their order."""
+        return [crop for crop in self.crops if crop.reason is None]
 
     def cut(self, crops: Sequence[MeasuredCrop], patch_px: int) -> list[PatchFrames]:
         """Cut crops out of all frames, which are read again, one at a time."""

@@ -6,15 +6,13 @@ from dataclasses import dataclass, field
 from itertools import chain, zip_longest
 from typing import Literal, NamedTuple, get_args
 
-import numpy as np
-
 from semisynth_gl.inputs.errors import Skipped, abbreviate, counted
 from semisynth_gl.textures.crops import Square
 from semisynth_gl.textures.shares import patch_chances
 from semisynth_gl.textures.subjects import of_subjects
 
 Reason = Literal["flat", "blurred", "duplicate"]
-Outcome = Literal[Reason, "surplus", "kept", "kept_flat", "lowered"]
+Outcome = Literal[Reason, "surplus", "kept"]
 REASONS: tuple[Reason, ...] = get_args(Reason)
 REJECTIONS: tuple[Outcome, ...] = (*REASONS, "surplus")
 
@@ -54,16 +52,13 @@ class JudgedClip:
 class CropCount:
     """Numbers of crops of one side in one image; a square that is followed through several frames counts once.
 
-    ``kept`` counts all patches that the crops became. ``kept_flat`` counts those among them that are nearly without
-    texture, as ``flat_share`` asks for; ``lowered`` counts the flat patches made by lowering a patch's contrast. The
-    other numbers count rejected crops: by `Reason`, or as ``surplus`` where there were more than wanted.
+    ``kept`` counts the crops that became patches. The other numbers count rejected crops: by `Reason`, or as
+    ``surplus`` where there were more than wanted.
     """
 
     source: str
     side_px: int
     kept: int = 0
-    kept_flat: int = 0
-    lowered: int = 0
     flat: int = 0
     blurred: int = 0
     duplicate: int = 0
@@ -87,8 +82,7 @@ class TextureReport:
         subjects: the subject's name by the image's name, for images that share their subject; see `Patch`.
         examples: a few rejected crops, from different images where possible.
         patch_px: side of a patch.
-        min_texture: least `texture_measure` of a crop that is not flat.
-        flat_share: share of the surfaces that wear flat patches.
+        min_texture: least `texture_measure` of a patch.
         longest_clip: largest number of layers of a patch.
     """
 
@@ -102,20 +96,15 @@ class TextureReport:
     examples: tuple[JudgedCrop, ...] = ()
     patch_px: int
     min_texture: float = 0.0
-    flat_share: float = 0.0
     longest_clip: int = 1
 
     @property
     def surface_shares(self) -> dict[str, float]:
         """The share of the surfaces that wear patches of an image, by its name, sum 1; without large patches."""
-        kept = [(count.source, number < count.kept_flat) for count in self.counts for number in range(count.kept)]
-        chances = patch_chances(
-            [self.subjects.get(source, source) for source, _ in kept],
-            np.array([flat for _, flat in kept], np.bool_),
-            self.flat_share,
-        )
+        kept = [count.source for count in self.counts for _ in range(count.kept)]
+        chances = patch_chances([self.subjects.get(source, source) for source in kept])
         shares: dict[str, float] = defaultdict(float)
-        for (source, _), chance in zip(kept, chances.tolist(), strict=True):
+        for source, chance in zip(kept, chances.tolist(), strict=True):
             shares[source] += chance
         return dict(shares)
 
@@ -151,7 +140,7 @@ class TextureReport:
 
     def summary(self) -> str:
         """Return a few lines: patches, rejected crops, subjects with uneven shares, and images that were not used."""
-        kept, kept_flat = self.total("kept"), self.total("kept_flat")
+        kept = self.total("kept")
         frames = f" of up to {self.longest_clip} frames" if self.longest_clip > 1 else ""
         shared = of_subjects(self.images_used, len(self.subject_shares)) if self.subjects else ""
         text = (
@@ -162,13 +151,7 @@ class TextureReport:
             f"{self.total('blurred')} as blurred, {self.total('duplicate')} as duplicates, "
             f"{self.total('surplus')} as more than wanted"
         )
-        lines = [text]
-        if self.flat_share:
-            lines.append(
-                f"{counted(kept_flat, 'patch')} nearly without texture, on {self.flat_share:.1%} of the surfaces; "
-                f"{self.total('lowered')} of them made by lowering the contrast of other patches"
-            )
-        lines += self._uneven()
+        lines = [text, *self._uneven()]
         unused = {
             "not readable": len(self.images_skipped),
             f"smaller than {self.patch_px} pixels": len(self.too_small),
@@ -188,11 +171,7 @@ class TextureReport:
                 f"note: only {counted(len(shares), noun)}, each on about {equal:.0%} of the surfaces: give a few "
                 "dozen photographs"
             )
-        # An image that has only flat crops is not meant to have an equal share.
-        textured = {
-            self.subjects.get(count.source, count.source) for count in self.counts if count.kept > count.kept_flat
-        }
-        few = sorted((shares[subject], subject) for subject in textured if shares[subject] < _UNEVEN * equal)
+        few = sorted((share, subject) for subject, share in shares.items() if share < _UNEVEN * equal)
         if few:
             named = abbreviate([f"{subject} {share:.1%}" for share, subject in few], _MOST_NAMED)
             lines.append(
@@ -202,30 +181,19 @@ class TextureReport:
         return lines
 
 
-def crop_counts(
-    clips: Sequence[JudgedClip], kept: Collection[Square], lowered: Collection[Square]
-) -> tuple[CropCount, ...]:
-    """Count the crops of each clip by side.
-
-    ``kept`` are the squares that became patches. ``lowered`` has the square of each patch that was made by lowering the
-    contrast of another patch.
-    """
-    made = Counter((square.source, square.side_px) for square in lowered)
+def crop_counts(clips: Sequence[JudgedClip], kept: Collection[Square]) -> tuple[CropCount, ...]:
+    """Count the crops of each clip by side; ``kept`` are the squares that became patches."""
     counts = []
     for clip in clips:
         outcomes: Counter[tuple[int, Outcome]] = Counter()
         for crop in clip.crops:
-            outcome: Outcome = crop.reason or "surplus"
-            if crop.square in kept:
-                outcome = "kept_flat" if crop.reason else "kept"
+            outcome: Outcome = "kept" if crop.square in kept else crop.reason or "surplus"
             outcomes[crop.square.side_px, outcome] += 1
         counts += [
             CropCount(
                 clip.source,
                 side,
-                kept=outcomes[side, "kept"] + outcomes[side, "kept_flat"] + made[clip.source, side],
-                kept_flat=outcomes[side, "kept_flat"] + made[clip.source, side],
-                lowered=made[clip.source, side],
+                kept=outcomes[side, "kept"],
                 **{outcome: outcomes[side, outcome] for outcome in REJECTIONS},
             )
             for side in sorted({side for side, _ in outcomes})
@@ -233,13 +201,11 @@ def crop_counts(
     return tuple(counts)
 
 
-def rejected_examples(clips: Sequence[JudgedClip], kept: Collection[Square]) -> tuple[JudgedCrop, ...]:
+def rejected_examples(clips: Sequence[JudgedClip]) -> tuple[JudgedCrop, ...]:
     """Choose a few rejected crops for each reason, one from each clip in turn."""
     examples: list[JudgedCrop] = []
     for reason in REASONS:
-        rejected = [
-            [crop for crop in clip.crops if crop.reason == reason and crop.square not in kept] for clip in clips
-        ]
+        rejected = [[crop for crop in clip.crops if crop.reason == reason] for clip in clips]
         # Evenly spread: the first crops would all show the upper border. Duplicates are in random order already.
         spread = [crops if reason == "duplicate" else crops[:: -(-len(crops) // _EXAMPLES) or 1] for crops in rejected]
         in_turn = [crop for crop in chain.from_iterable(zip_longest(*spread)) if crop is not None]

@@ -8,6 +8,9 @@ from semisynth_gl.textures import cloths, materials, nature, prints
 from semisynth_gl.textures.canvas import Pixels
 from semisynth_gl.textures.pictures import Picture
 
+PLAIN: tuple[Callable[[np.random.Generator], Pixels], ...] = (materials.painted, materials.plaster, nature.sky)
+"""The kinds with little contrast."""
+
 KINDS: tuple[Callable[[np.random.Generator], Pixels], ...] = (
     *(cloths.flowered, cloths.knitting, cloths.rug, cloths.tartan),
     *(materials.bricks, materials.cobbles, materials.marble, materials.peeling),
@@ -15,6 +18,7 @@ KINDS: tuple[Callable[[np.random.Generator], Pixels], ...] = (
     *(nature.fields, nature.fruit, nature.leaves, nature.meadow),
     *(prints.city_map, prints.screen),
     *(prints.books, prints.labels, prints.page, prints.poster),
+    *PLAIN,
 )
 """The kinds of pictures: each function draws one, (`SIDE_PX`, `SIDE_PX`, 3) uint8, with no input but the generator."""
 

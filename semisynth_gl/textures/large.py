@@ -11,7 +11,6 @@ from PIL import Image
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
 from semisynth_gl.textures.crops import CropBox, cut_crop, texture_measure
-from semisynth_gl.textures.flat import flat_count, lower_contrast
 from semisynth_gl.textures.pictures import TextureImage, pixels_of
 
 MOST_LARGE = 24
@@ -30,9 +29,6 @@ def with_large_patches(
     largest square of its image, at a random place, with its pixels averaged. An image smaller than the patch is
     enlarged: near walls are blurred in photographs too.
 
-    With ``section.flat_share``, about that share of the large patches has lowered contrast. They show the last subjects
-    of the order, which have no large patch of full contrast where there are subjects enough for `MOST_LARGE` patches.
-
     Args:
         atlas: the atlas, with no large patches yet.
         find: returns the images with the given names; called once.
@@ -48,29 +44,18 @@ def with_large_patches(
         of_one[0] if len(of_one) == 1 else of_one[int(rng.integers(len(of_one)))]
         for of_one in (sources[subject] for subject in drawn)
     ]
-    flat = flat_count(section.flat_share, min(len(order) + 1, MOST_LARGE))
-    textured, lowered = order[: MOST_LARGE - flat], order[len(order) - flat :]
     images = find(order)
     stacks, patches = list[NDArray[np.uint8]](), list(atlas.patches)
-
-    def add(name: str, box: CropBox, layer: NDArray[np.uint8], texture: float, contrast: float) -> None:
-        number = len(atlas.layers) + len(stacks)
-        subject = subjects[name]
-        patches.append(Patch(name, *box, number, 1, texture, large=True, contrast=contrast, subject=subject))
-        stacks.append(layer)
-
     for name in order:
         pixels = pixels_of(images[name])
         height, width = pixels.shape[:2]
         side = min(height, width)
         left, top = (int(rng.integers(free + 1)) for free in (width - side, height - side))
         box = CropBox(left, top, side)
-        layer = _resized(pixels, box, section.large_px)[np.newaxis]
-        if name in textured:
-            add(name, box, layer, texture_measure(layer[0]), 1.0)
-        if name in lowered:
-            layer, contrast, texture = lower_contrast(layer, section.min_texture, rng)
-            add(name, box, layer, texture, contrast)
+        layer = _resized(pixels, box, section.large_px)
+        number = len(atlas.layers) + len(stacks)
+        patches.append(Patch(name, *box, number, 1, texture_measure(layer), large=True, subject=subjects[name]))
+        stacks.append(layer[np.newaxis])
     return replace(atlas, patches=tuple(patches), large_layers=opaque_layers(stacks))
 
 

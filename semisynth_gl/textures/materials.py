@@ -1,4 +1,4 @@
-"""Drawn pictures of materials: wood, stone, tiles, plaster."""
+"""Drawn pictures of materials: wood, stone, tiles, paint, plaster."""
 
 import numpy as np
 
@@ -163,3 +163,32 @@ def tiles(rng: np.random.Generator) -> Pixels:
     image = mixed(image, (112, 100, 84), 0.3 * (1 - crackle))
     image = mixed(image, (178, 140, 108), step(fractal(rng, coarsest_px=128) - 1.5, 0.1))
     return finished(rng, mixed((120, 112, 102), image, step(edge - 2, 1.5)) * relief(2 * step(edge, 6), 0.2), grain=5)
+
+
+def painted(rng: np.random.Generator) -> Pixels:
+    """A painted wall, nearly of one colour or of two, one above the other, with scuffs and the grain of a roller."""
+    y, x = grid()
+    colours = palette(rng)
+    upper, lower = (pick(rng, colours) * share + (1 - share) * 226 for share in rng.uniform(0.08, 0.4, 2))
+    edge = rng.uniform(0.3, 2) * SIDE_PX + 3 * fractal(rng, coarsest_px=64)
+    image = mixed(upper, lower, step(y - edge, 3))
+    for _ in range(int(rng.integers(2, 7))):
+        turn, at = rng.uniform(0, np.pi), rng.uniform(0, SIDE_PX, 2)
+        along, away = np.cos(turn), np.sin(turn)
+        across = np.abs((y - at[0]) * along - (x - at[1]) * away)
+        beside = (y - at[0]) * away + (x - at[1]) * along
+        line = step(rng.uniform(1, 5) - across, 2) * step(rng.uniform(20, 160) - np.abs(beside), 40)
+        image = mixed(image, pick(rng, colours) * 0.6, rng.uniform(0.1, 0.35) * line)
+    return finished(rng, image * relief(fractal(rng, coarsest_px=8), 0.012), grain=1.5, light=0.12)
+
+
+def plaster(rng: np.random.Generator) -> Pixels:
+    """Plaster in pale colours, with strokes of a trowel, stains and hairline cracks."""
+    pale = 0.25 * pick(rng, palette(rng)) + 0.75 * np.array([216, 208, 194])
+    strokes = resized(fractal(rng, (192, SIDE_PX), coarsest_px=64, persistence=0.8), (SIDE_PX, SIDE_PX))
+    image = lit(np.ones((SIDE_PX, SIDE_PX, 3)) * pale, 1 + 0.03 * strokes)
+    image = mixed(image, 0.8 * pale, 0.3 * step(fractal(rng, coarsest_px=256, persistence=0.7) - 1, 0.6))
+    ridge = np.abs(fractal(rng, coarsest_px=256, persistence=0.6))
+    cracks = step(0.02 - ridge, 0.02) * step(fractal(rng, coarsest_px=256, finest_px=16) - 0.6, 0.5)
+    image = mixed(image, 0.55 * pale, 0.6 * cracks)
+    return finished(rng, image * relief(0.5 * strokes + 0.2 * fractal(rng, coarsest_px=16), 0.06), grain=2, light=0.1)

@@ -1,4 +1,4 @@
-"""Drawn pictures of nature: leaves, meadows, fruit, fields from above."""
+"""Drawn pictures of nature: leaves, meadows, fruit, fields from above, skies."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from semisynth_gl.textures.canvas import (
 
 _GREENS = hex_colours("26461e 426828 628836 8ca84a 345c3e a8b25c")
 _AUTUMN = hex_colours("7a3418 b6541e d4842c e4b248 5c4222 96221e")
+_SKIES = hex_colours("3e6ea8 5a8cc4 78a4d2 94b4cc 6c7e98 a4aab2")
 _CROPS = hex_colours("7e8e3e b09e54 5c7434 c6b070 806242 466232 9caa5c d6be4a")
 
 
@@ -171,3 +172,14 @@ def fields(rng: np.random.Generator) -> Pixels:
     canopy = toned(rough, [[30, 52, 26], [58, 86, 40], [96, 118, 56]]) * relief(2 * crown + 0.4 * rough, 0.3)
     image = mixed(lit(image, 1 - 0.4 * np.roll(mask, (5, 5), (0, 1))), canopy, mask)
     return finished(rng, image, grain=5)
+
+
+def sky(rng: np.random.Generator) -> Pixels:
+    """A sky that is paler below, with or without clouds."""
+    y, _ = grid()
+    zenith = pick(rng, _SKIES)
+    image = mixed(zenith, 0.3 * zenith + 0.7 * np.array([232, 234, 236]), (y / SIDE_PX) ** rng.uniform(0.7, 2))
+    clouds = fractal(rng, coarsest_px=512, persistence=rng.uniform(0.5, 0.6)) - rng.uniform(-0.3, 2)
+    shade = 0.85 + 0.12 * step(fractal(rng, coarsest_px=128, persistence=0.6) + 1, 2)
+    image = mixed(image, lit(np.array([244, 244, 246]), shade), step(clouds, 1.2))
+    return finished(rng, image, grain=1.5, light=0.03)

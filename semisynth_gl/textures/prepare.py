@@ -26,7 +26,7 @@ from semisynth_gl.textures.sources import describe_source, open_source
 from semisynth_gl.textures.subjects import photographed_subjects
 from semisynth_gl.textures.view_names import groups_by_name
 
-VERSION = 2
+VERSION = 3
 """Increase this when the same inputs give other patches or pictures; see `semisynth_gl.cache.lookup`."""
 
 # Memory for pictures that are kept to cut large patches from. The program's own take 42 MB; a plug-in's may be of any
@@ -83,8 +83,7 @@ def _build(section: TexturesSection, split: Split, images: Sequence[Path]) -> tu
     """Return the atlas, and the files that were opened for it."""
     rng = generator(split.seed, Purpose.ATLAS)
     if section.source == "procedural":
-        count, flat_share = section.max_patches, section.flat_share
-        return procedural_atlas(rng, count, section.patch_px, flat_share, section.min_texture), []
+        return procedural_atlas(rng, section.max_patches, section.patch_px), []
     pictures = split_pictures(section, split)
     if not section.large_px or section.sequence:
         return build_atlas(images, section, AtlasLimits(), rng, pictures)

@@ -1,7 +1,6 @@
 """Patches that need no photograph: noise, stripes, checks, gradients and dots in random colours."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import cycle, islice
 
 import numpy as np
@@ -11,7 +10,6 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures.atlas import Atlas, atlas_from_arrays
 from semisynth_gl.textures.canvas import window
 from semisynth_gl.textures.crops import texture_measure
-from semisynth_gl.textures.flat import flat_count, lower_contrast
 
 _Field = NDArray[np.float64]
 _Kind = Callable[[np.random.Generator, int], _Field]
@@ -21,16 +19,13 @@ _MIN_TEXTURE = 5.0
 _FINEST_NOISE_PX = 2
 
 
-def procedural_atlas(
-    rng: np.random.Generator, count: int, patch_px: int, flat_share: float = 0.0, min_texture: float = 0.0
-) -> Atlas:
+def procedural_atlas(rng: np.random.Generator, count: int, patch_px: int) -> Atlas:
     """Make an atlas of ``count`` procedural patches, the counterpart of `build_atlas` where there are no photographs.
 
     Kinds take turns: noise, stripes, checks, gradient, dots. Each patch is a pattern of random size and direction,
     coloured by a random palette. A fine noise of several octaves lies over it, since a matcher would find nothing
     between the edges of a plain stripe or gradient. A patch with less texture than 5 levels (see `texture_measure`) is
-    drawn again. Sources are named like ``procedural/stripes/00006``. The contrast of a share of the patches,
-    ``flat_share``, is lowered until their texture is below ``min_texture``.
+    drawn again. Sources are named like ``procedural/stripes/00006``.
 
     Raises:
         InputError: where ``count`` is below 1 or ``patch_px`` below 16.
@@ -39,19 +34,7 @@ def procedural_atlas(
         raise InputError(f"procedural patches need count >= 1 and patch_px >= 16, got {count} and {patch_px}")
     kinds = list(islice(cycle(_KINDS.items()), count))
     patches = [_textured(rng, kind, patch_px) for _, kind in kinds]
-    contrasts = dict[int, float]()
-    for number in rng.permutation(count)[: flat_count(flat_share, count)].tolist():
-        lowered, contrasts[number], _ = lower_contrast(patches[number][np.newaxis], min_texture, rng)
-        patches[number] = lowered[0]
-    atlas = atlas_from_arrays(patches, [f"procedural/{name}/{i:05d}" for i, (name, _) in enumerate(kinds)])
-    if not contrasts:
-        return atlas
-    counts, described = list(atlas.report.counts), list(atlas.patches)
-    for number, contrast in contrasts.items():
-        counts[number] = replace(counts[number], kept_flat=1, lowered=1)
-        described[number] = replace(described[number], contrast=contrast)
-    report = replace(atlas.report, counts=tuple(counts), flat_share=flat_share, min_texture=min_texture)
-    return replace(atlas, patches=tuple(described), report=report)
+    return atlas_from_arrays(patches, [f"procedural/{name}/{i:05d}" for i, (name, _) in enumerate(kinds)])
 
 
 def _textured(rng: np.random.Generator, kind: _Kind, side_px: int) -> NDArray[np.uint8]:

@@ -3,7 +3,7 @@
 import hashlib
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from itertools import accumulate, chain, cycle, islice, zip_longest
+from itertools import accumulate, chain, zip_longest
 from pathlib import Path
 from typing import TypeVar
 
@@ -24,7 +24,6 @@ from semisynth_gl.textures.clips import (
 )
 from semisynth_gl.textures.crop_report import JudgedClip, JudgedCrop, TextureReport, crop_counts, rejected_examples
 from semisynth_gl.textures.crops import DuplicateFinder
-from semisynth_gl.textures.flat import flat_count, lower_contrast
 from semisynth_gl.textures.image_files import relative_names
 from semisynth_gl.textures.pictures import Picture
 from semisynth_gl.textures.subjects import SubjectFinder
@@ -64,11 +63,6 @@ def build_atlas(
     clip is a subject. Crops are not compared, since successive clips of a video look much the same. Ask for fewer
     patches to get longer clips. A frame that cannot be read is left out of its clip. Frames are read twice, to measure
     and to cut, so that only one is in memory at a time.
-
-    With ``section.flat_share``, that share of the patches is set aside for flat patches, at least one. Flat patches are
-    crops without texture, chosen in the same way. Where a subject has too few flat crops, its other patches are used
-    a second time with their contrast lowered. Where the other patches are too few, flat patches are given up until the
-    share is right. Further images are opened as long as flat crops are missing.
 
     Args:
         images: the files, in any order.
@@ -139,7 +133,6 @@ def _described(chosen: Sequence[PatchFrames], subjects: Mapping[str, str]) -> tu
             layer,
             len(patch.frames),
             patch.texture,
-            contrast=patch.contrast,
             subject=subjects.get(patch.square.source, ""),
         )
         for patch, layer in zip(chosen, first_layers, strict=False)
@@ -153,32 +146,26 @@ class _Selection:
         self, section: TexturesSection, limits: AtlasLimits, rng: np.random.Generator, finder: SubjectFinder
     ) -> None:
         self._section, self._rng, self._finder = section, rng, finder
-        patch_limit = min(section.max_patches, limits.layers)
-        self._flat_limit = flat_count(section.flat_share, patch_limit)
-        self._textured = _Quota(patch_limit - self._flat_limit, finder.subject)
-        self._flat = _Quota(self._flat_limit, finder.subject)
+        self._quota = _Quota(min(section.max_patches, limits.layers), finder.subject)
         self._duplicates = DuplicateFinder(section.min_difference)
         self._judged: dict[int, JudgedClip] = {}
         self._too_small: list[str] = []
 
     @property
     def settled(self) -> bool:
-        return self._textured.settled and self._flat.settled
+        return self._quota.settled
 
     def add(self, index: int, survey: ClipSurvey) -> None:
         """Choose among the crops of a further clip or picture, and make room for them."""
         if not survey.crops:
             self._too_small += survey.names
             return
-        good = _alternate_sides(survey.judged(None), self._rng)
+        good = _alternate_sides(survey.good, self._rng)
         duplicates = self._duplicates.find(
             [crop.square for crop in good], np.array([crop.fingerprint for crop in good])
         )
-        offered = [crop for crop in good if crop.square not in duplicates][: self._textured.room]
-        flat = _alternate_sides(survey.judged("flat"), self._rng)[: self._flat.room] if self._flat_limit else []
-        patches = survey.cut(offered + flat, self._section.patch_px)
-        self._textured.add(index, patches[: len(offered)])
-        self._flat.add(index, patches[len(offered) :])
+        offered = [crop for crop in good if crop.square not in duplicates][: self._quota.room]
+        self._quota.add(index, survey.cut(offered, self._section.patch_px))
         crops = [
             *(JudgedCrop("duplicate", square, like) for square, like in duplicates.items()),
             *(JudgedCrop(crop.reason, crop.square) for crop in survey.crops if crop.square not in duplicates),
@@ -186,52 +173,12 @@ class _Selection:
         self._judged[index] = JudgedClip(len(survey.frames), crops)
 
     def patches(self) -> list[PatchFrames]:
-        """Return all patches by clip, side, row and column; a patch with lowered contrast follows its original."""
-        flat = self._flat_patches()
+        """Return all patches by clip, side, row and column."""
         return [
             patch
-            for index, clip in sorted(self._judged.items())
-            for patch in sorted(
-                [*self._textured.patches[index], *flat.get(clip.source, [])],
-                key=lambda patch: (patch.square.box[::-1], -patch.contrast),
-            )
+            for index in sorted(self._judged)
+            for patch in sorted(self._quota.patches[index], key=lambda patch: patch.square.box[::-1])
         ]
-
-    def _flat_patches(self) -> dict[str, list[PatchFrames]]:
-        """Choose the flat patches, and return them by image.
-
-        They are flat crops, spread evenly over the subjects, and patches made flat where a subject has too few of them.
-        """
-        share, textured = self._section.flat_share, self._textured.total
-        # The number of flat patches that gives them the wanted share of all patches.
-        wanted = min(self._flat_limit, max(1, round(textured * share / (1 - share))))
-        if not (textured and wanted):
-            return {}
-
-        def made(patches: Sequence[PatchFrames]) -> Iterator[PatchFrames]:
-            for patch in cycle(patches):
-                frames, contrast, texture = lower_contrast(patch.frames, self._section.min_texture, self._rng)
-                yield PatchFrames(patch.square, texture, frames, contrast)
-
-        whole, crops = self._textured.by_subject(), self._flat.by_subject()
-        order = [sorted(whole)[place] for place in self._rng.permutation(len(whole))]
-        most = -(-wanted // len(order))
-        own = ([(subject, patch) for patch in crops[subject][:most]] for subject in order)
-        chosen = {subject: list[PatchFrames]() for subject in order}
-        for subject, patch in islice(_in_turn(*own), wanted):
-            chosen[subject].append(patch)
-        rest = {subject: chain(crops[subject][most:], made(whole[subject])) for subject in order}
-        while sum(map(len, chosen.values())) < wanted:
-            subject = min(rest, key=lambda subject: len(chosen[subject]))
-            following = next(rest[subject], None)
-            if following is None:
-                del rest[subject]
-            else:
-                chosen[subject].append(following)
-        by_image: dict[str, list[PatchFrames]] = defaultdict(list)
-        for patch in chain.from_iterable(chosen.values()):
-            by_image[patch.square.source].append(patch)
-        return by_image
 
     def report(self, chosen: Sequence[PatchFrames], skipped: Sequence[Skipped], not_opened: int) -> TextureReport:
         """Return what became of all images and crops, given the chosen patches and the files that were not read."""
@@ -245,12 +192,11 @@ class _Selection:
             too_small=tuple(sorted(self._too_small)),
             images_skipped=tuple(sorted(skipped, key=lambda skipped: skipped.path.as_posix())),
             images_not_opened=not_opened,
-            counts=crop_counts(judged, kept, [patch.square for patch in chosen if patch.contrast < 1]),
+            counts=crop_counts(judged, kept),
             subjects=self._shared_subjects(sources),
-            examples=rejected_examples(judged, kept),
+            examples=rejected_examples(judged),
             patch_px=self._section.patch_px,
             min_texture=self._section.min_texture,
-            flat_share=self._section.flat_share,
             longest_clip=max((len(patch.frames) for patch in chosen), default=0),
         )
 
@@ -297,10 +243,6 @@ class _Quota:
     def room(self) -> int:
         """The largest number of patches that a further clip can end up with."""
         return self._limit if self.total < self._limit else self._largest
-
-    def by_subject(self) -> dict[int, list[PatchFrames]]:
-        """Return the patches by subject, clips taking turns."""
-        return {subject: list(_in_turn(*clips)) for subject, clips in self._clips.items()}
 
     def add(self, clip: int, patches: list[PatchFrames]) -> None:
         self.patches[clip] = patches

@@ -10,24 +10,11 @@ MOST_TIMES = 4
 """A patch is worn at most this many times as often as the mean patch, so subjects with few patches have less share."""
 
 
-def patch_chances(subjects: Sequence[str], flat: NDArray[np.bool_], flat_share: float) -> NDArray[np.float64]:
+def patch_chances(subjects: Sequence[str]) -> NDArray[np.float64]:
     """Return the chance of each patch to be worn by a surface: (N,) float64, sum 1.
 
-    Args:
-        subjects: (N,) names of the subject that each patch shows; the patches of a subject share its chance evenly.
-        flat: (N,) bool, whether a patch is nearly without texture.
-        flat_share: the chance of all flat patches together, where there are flat and textured patches; subjects then
-            have equal shares within each of these sorts. 0 treats both sorts alike.
+    ``subjects``, (N,), names the subject that each patch shows; the patches of a subject share its chance evenly.
     """
-    if not flat_share or flat.all() or not flat.any():
-        return _equal_say(subjects)
-    chances = np.empty(len(subjects))
-    for sort, share in ((flat, flat_share), (~flat, 1 - flat_share)):
-        chances[sort] = share * _equal_say([subjects[k] for k in np.flatnonzero(sort).tolist()])
-    return chances
-
-
-def _equal_say(subjects: Sequence[str]) -> NDArray[np.float64]:
     counts = Counter(subjects)
     shares = equal_shares(counts)
     return np.array([shares[subject] / counts[subject] for subject in subjects])

@@ -38,11 +38,10 @@ _LINE_PX = 15
 _MOST_NAMED = 12
 
 _PAPER, _INK, _FAINT = (250, 250, 248), (30, 30, 30), (110, 110, 110)
-_FLAT_FRAME = (230, 130, 20)
 _ON_TILE = (255, 255, 255)
 
 _MEANING: Mapping[Reason, str] = {
-    "flat": "hardly any texture: textures.min_texture, textures.flat_share",
+    "flat": "hardly any texture: textures.min_texture",
     "blurred": "out of focus or enlarged: textures.min_sharpness",
     "duplicate": "each beside the crop that it hardly differs from: textures.min_difference",
 }
@@ -51,9 +50,9 @@ _MEANING: Mapping[Reason, str] = {
 def draw_texture_sheet(atlas: Atlas, images: Mapping[str, TextureImage], title: str) -> Image.Image:
     """Draw all patches but the large ones, grouped by image, and below them examples of rejected crops.
 
-    Each patch is reduced to a tile, with its scale (image pixels per patch pixel) in the corner where it is not 1, and
-    an orange frame where the patch is flat. A patch from an image sequence is shown by its first frame. ``images`` maps
-    names in the atlas to images; it must have those of `TextureReport.named_images`.
+    Each patch is reduced to a tile, with its scale (image pixels per patch pixel) in the corner where it is not 1. A
+    patch from an image sequence is shown by its first frame. ``images`` maps names in the atlas to images; it must have
+    those of `TextureReport.named_images`.
 
     Raises ImageError where one of these images can no longer be read.
     """
@@ -74,7 +73,7 @@ class _Page:
     """Tiles and texts with their places, collected from top to bottom; the height is known at the end."""
 
     y_px: int = _MARGIN_PX
-    _tiles: list[tuple[int, int, Image.Image, bool]] = field(default_factory=list)
+    _tiles: list[tuple[int, int, Image.Image]] = field(default_factory=list)
     _texts: list[tuple[int, int, str, int, tuple[int, int, int]]] = field(default_factory=list)
 
     def feed(self, height_px: int) -> None:
@@ -85,18 +84,16 @@ class _Page:
     ) -> None:
         self._texts.append((x_px, self.y_px + down_px, printable(text), size, colour))
 
-    def tile(self, x_px: int, pixels: NDArray[np.uint8], *, down_px: int = 0, framed: bool = False) -> None:
+    def tile(self, x_px: int, pixels: NDArray[np.uint8], *, down_px: int = 0) -> None:
         image = Image.fromarray(pixels)
         image.thumbnail((_TILE_PX, _TILE_PX), Image.Resampling.BOX)
-        self._tiles.append((x_px, self.y_px + down_px, image, framed))
+        self._tiles.append((x_px, self.y_px + down_px, image))
 
     def draw(self) -> Image.Image:
         sheet = Image.new("RGB", (_WIDTH_PX, self.y_px + _MARGIN_PX), _PAPER)
         draw = ImageDraw.Draw(sheet)
-        for x, y, image, framed in self._tiles:
+        for x, y, image in self._tiles:
             sheet.paste(image, (x, y))
-            if framed:
-                draw.rectangle((x, y, x + _TILE_PX - 1, y + _TILE_PX - 1), outline=_FLAT_FRAME, width=3)
         for x, y, text, size, colour in self._texts:
             stroke = int(colour == _ON_TILE)  # so that it can be read on any patch
             font = ImageFont.load_default(size)
@@ -126,9 +123,8 @@ def _draw_groups(page: _Page, atlas: Atlas) -> None:
         top = len(lines) * _LINE_PX + 2
         for number, patch in enumerate(shown):
             row, place = divmod(number, columns)
-            flat = patch.texture < atlas.report.min_texture
             tile_x, down = x + place * _STEP_PX, top + row * _STEP_PX
-            page.tile(tile_x, atlas.layers[patch.first_layer, ..., :3], down_px=down, framed=flat)
+            page.tile(tile_x, atlas.layers[patch.first_layer, ..., :3], down_px=down)
             if patch.side_px != atlas.report.patch_px:
                 page.text(tile_x + 4, scales[patch.side_px], down_px=down + _TILE_PX - _LINE_PX, colour=_ON_TILE)
         rows = max(-(-len(shown) // columns), 1)
@@ -138,11 +134,10 @@ def _draw_groups(page: _Page, atlas: Atlas) -> None:
 
 
 def _kept_line(counts: Sequence[CropCount], scales: Mapping[int, str]) -> str:
-    total, flat = count_crops(counts, "kept"), count_crops(counts, "kept_flat")
+    total = count_crops(counts, "kept")
     kept = {name: count_crops(counts, "kept", side) for side, name in scales.items()}
     parts = ", ".join(f"{number} at {name}" for name, number in kept.items() if number)
-    text = counted(total, "patch") + (f": {parts}" if parts else "")
-    return f"{text}; {flat} flat" if flat else text
+    return counted(total, "patch") + (f": {parts}" if parts else "")
 
 
 def _rejected_line(counts: Sequence[CropCount]) -> str:

@@ -121,7 +121,7 @@ def assert_same_library(one, other):
     "values",
     [
         {},
-        {"max_patches": 24, "scales": (1, 1.5), "min_texture": 1},
+        {"max_patches": 24, "scales": (1, 1.5), "min_texture": 4},
         {"sequence": True},
         {"source": "procedural", "max_patches": 3, "images": ()},
     ],
@@ -355,7 +355,7 @@ def test_what_is_kept_of_fixed_inputs_is_another_only_with_another_version(tmp_p
         for name, module in (("models/user", model_library.__name__), ("atlas/batik", prepare.__name__))
     ]
     monkeypatch.setattr(prepare, "VERSION", 999)
-    [fault] = fixed.faults({"atlas/flat": results["atlas/flat"]})
+    [fault] = fixed.faults({"atlas/frames": results["atlas/frames"]})
     assert fault.startswith(f"{prepare.__name__}.VERSION is 999, recorded is {recorded['versions']['atlas']}: record")
 
 

@@ -37,7 +37,7 @@ from semisynth_gl.calibration.rig import (
     rig_ranges,
 )
 from semisynth_gl.calibration.rig_files import FORMATS, read_rigs
-from semisynth_gl.calibration.style import BLURS, EXPOSURES, FLATS, TEXELS, Trial, fitted_style, untried_style
+from semisynth_gl.calibration.style import BLURS, EXPOSURES, TEXELS, Trial, fitted_style, untried_style
 from semisynth_gl.cli import main
 from semisynth_gl.comparison.maps import map_files, read_map
 from semisynth_gl.comparison.measures import MEASURES
@@ -472,21 +472,21 @@ def side(**values):
 
 
 def trial(recipes, shares=((0.0,),), wanted=(1.0,), **values):
-    """A trial whose measures are those given, each of a shape that goes to (recipes, texels, flats, blurs, exposures).
+    """A trial whose measures are those given, each of a shape that goes to (recipes, texels, blurs, exposures).
 
     Its recipes show the ``shares`` of each bin, as far as they are given, and the others none.
     """
-    means = np.full((recipes, len(TEXELS), len(FLATS), len(BLURS), len(EXPOSURES), len(MEASURES)), np.nan)
+    means = np.full((recipes, len(TEXELS), len(BLURS), len(EXPOSURES), len(MEASURES)), np.nan)
     for number, measure in enumerate(MEASURES):
         if measure.key in values:
             means[..., number] = values[measure.key]
     found = np.zeros((recipes, len(wanted)))
     found[: len(shares)] = shares
-    return Trial(means, tuple(means[:, 0, :1, 0, 0]), 99, found, np.array(wanted))
+    return Trial(means, tuple(means[:, :1, 0, 0]), 99, found, np.array(wanted))
 
 
 def of_recipes(*values):
-    return np.reshape(values, (-1, 1, 1, 1, 1))
+    return np.reshape(values, (-1, 1, 1, 1))
 
 
 RECIPES = tuple(SceneRecipe(name, "", {}) for name in ("calm", "steep", "clutter"))
@@ -555,16 +555,6 @@ def test_the_blur_is_that_at_which_detail_is_the_places(blur, scale):
     assert fitted_style(RECIPES, tried, there, scale).blur_px == pytest.approx(blur * scale)
 
 
-@pytest.mark.parametrize(("flat", "share"), [(20, 0), (5, 0), (32, 0.2), (50, 0.5), (99, 0.5)])
-def test_flat_surfaces_make_up_for_what_is_lacking(flat, share):
-    # Half of the surfaces flat: 30 more in a hundred windows, since others are at borders.
-    tried = trial(3, flat=np.reshape([20.0, 50.0], (1, 1, 2, 1, 1)), smooth=np.reshape([30.0, 55.0], (1, 1, 2, 1, 1)))
-    style = fitted_style(RECIPES, tried, side(flat=(flat, 1.0), smooth=(30.0, 400.0)), 1.0)
-    assert style.flat_share == pytest.approx(share)
-    assert style.expected["flat"] == pytest.approx(20 + 60 * share)
-    assert style.expected["smooth"] == pytest.approx(30 + 50 * share)
-
-
 @pytest.mark.parametrize(("contrast", "stops"), [(50, 0), (70, 0), (40, -0.4), (5, -0.6)])
 def test_images_are_darker_where_the_place_has_less_contrast(contrast, stops):
     darker = np.array([0.7, 1.0])
@@ -580,7 +570,7 @@ def test_images_are_darker_where_the_place_has_less_contrast(contrast, stops):
 
 
 def test_blurred_texture_is_enlarged():
-    coarse = np.reshape([20.0, 9.0], (1, 2, 1, 1, 1))
+    coarse = np.reshape([20.0, 9.0], (1, 2, 1, 1))
     style = fitted_style(RECIPES, trial(3, gradient=coarse), side(gradient=(10, 1)), 1.0)
     assert style.texels_per_pixel == TEXELS[1]
 

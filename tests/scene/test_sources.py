@@ -33,7 +33,7 @@ def with_other_last_bits(function, rng):
 
 def test_checksums_are_the_same_where_the_last_bits_of_functions_differ(monkeypatch):
     monkeypatch.setattr(drawn, "KINDS", drawn.KINDS[:4])
-    config = tiny(textures={"source": "builtin", "large_px": 128, "flat_share": 0.1})
+    config = tiny(textures={"source": "builtin", "large_px": 128})
     here = prepare_sources(config, Split(2))
     rng = np.random.default_rng(0)
     for name in FUNCTIONS:
@@ -70,7 +70,7 @@ def test_other_pixels_have_another_checksum(tmp_path):
 
 @pytest.fixture(scope="module")
 def sources():
-    return prepare_sources(cheap(textures={"large_px": 128, "flat_share": 0.2}), Split(2))
+    return prepare_sources(cheap(textures={"large_px": 128}), Split(2))
 
 
 def changed(sources, place):
@@ -81,9 +81,9 @@ def changed(sources, place):
         side = layers.shape[1] // 4
         layers[-1, :side, -side:, 1] //= 2
         return Sources(replace(atlas, **{place: layers}), sources.libraries)
-    if place in {"source", "contrast", "left_px"}:
+    if place in {"source", "left_px"}:
         *some, last = atlas.patches
-        value = {"source": "other.png", "contrast": last.contrast - 1e-3, "left_px": last.left_px + 1}[place]
+        value = {"source": "other.png", "left_px": last.left_px + 1}[place]
         return Sources(replace(atlas, patches=(*some, replace(last, **{place: value}))), sources.libraries)
     if place in {"positions", "uv"}:
         array = getattr(first, place).copy()
@@ -101,7 +101,7 @@ def changed(sources, place):
     return Sources(atlas, (library,))
 
 
-@pytest.mark.parametrize("place", ["layers", "large_layers", "source", "contrast", "left_px"])
+@pytest.mark.parametrize("place", ["layers", "large_layers", "source", "left_px"])
 def test_each_part_of_a_patch_counts(sources, place):
     other = changed(sources, place).digests()
     assert other["patches"] != sources.digests()["patches"]

@@ -41,7 +41,6 @@ def build(
     min_texture: float = 3.0,
     min_sharpness: float = 0.0,
     min_difference: float = 0.0,
-    flat_share: float = 0.0,
     max_patches: int = 100,
     sequence: bool = False,
     seed: int = 0,
@@ -54,7 +53,6 @@ def build(
         min_texture=min_texture,
         min_sharpness=min_sharpness,
         min_difference=min_difference,
-        flat_share=flat_share,
         max_patches=max_patches,
         sequence=sequence,
     )
@@ -69,7 +67,6 @@ def check_consistent(atlas: Atlas, images_given: int) -> None:
     assert atlas.layers.flags.c_contiguous
     assert (atlas.layers[..., 3] == 255).all()
     assert report.total("kept") == len(atlas.patches)
-    assert report.total("kept_flat") == sum(patch.texture < report.min_texture for patch in atlas.patches)
     accounted = report.images_used + report.images_unused + len(report.too_small) + report.images_not_opened
     assert accounted + len(report.images_skipped) == images_given
     at = 0
@@ -78,9 +75,7 @@ def check_consistent(atlas: Atlas, images_given: int) -> None:
         at += patch.layer_count
         textures = [texture_measure(layer) for layer in atlas.layers[patch.first_layer : at, ..., :3]]
         assert patch.texture == min(textures)
-        assert report.flat_share or patch.texture >= report.min_texture
-        assert patch.contrast == 1 or patch.texture < report.min_texture
-    assert report.total("lowered") == sum(patch.contrast < 1 for patch in atlas.patches)
+        assert patch.texture >= report.min_texture
     assert sum(report.surface_shares.values()) == pytest.approx(1)
     assert set(report.surface_shares) == {patch.source for patch in atlas.patches}
 
@@ -237,29 +232,6 @@ def half_flat(folder: Path, count: int, size: int = 128) -> list[Path]:
     return save(folder, **images)
 
 
-@pytest.mark.parametrize(("flat_share", "max_patches"), [(0.25, 16), (0.1, 20), (0.5, 10), (0.9, 10)])
-def test_the_share_of_flat_patches_is_what_is_wanted(tmp_path: Path, flat_share: float, max_patches: int) -> None:
-    paths = half_flat(tmp_path, 6)
-    atlas = build(paths, flat_share=flat_share, max_patches=max_patches)
-    check_consistent(atlas, 6)
-    assert len(atlas.patches) == max_patches
-    assert atlas.report.total("kept_flat") == round(flat_share * max_patches)
-    assert atlas.report.total("lowered") == 0  # of flat crops there are enough
-    assert f"on {flat_share:.1%} of the surfaces" in atlas.report.summary()
-    again = build(paths[::-1], flat_share=flat_share, max_patches=max_patches)
-    assert (atlas.patches, atlas.report) == (again.patches, again.report)
-    np.testing.assert_array_equal(atlas.layers, again.layers)
-    every = sum(c.kept + c.flat + c.blurred + c.duplicate + c.surplus for c in atlas.report.counts)
-    assert every == 16 * len(atlas.report.counts)
-
-
-def test_the_share_of_flat_patches_is_kept_where_there_are_few_others(tmp_path: Path) -> None:
-    paths = half_flat(tmp_path, 1)  # 8 crops with texture, 8 without
-    assert build(paths, flat_share=0.2, max_patches=100).report.total("kept_flat") == 2  # 2 of 10
-    with pytest.raises(InputError, match="without texture"):
-        build(save(tmp_path / "flat", a=FLAT), flat_share=0.5)
-
-
 def test_left_out_crops_are_shown_by_examples_of_different_images(tmp_path: Path) -> None:
     report = build(half_flat(tmp_path, 30), max_patches=400).report
     assert len(report.examples) == 12
@@ -286,7 +258,6 @@ def test_nothing_left_is_an_error_with_reasons(tmp_path: Path) -> None:
         {"min_texture": float("nan")},
         {"min_sharpness": -1.0},
         {"min_difference": 1.5},
-        {"flat_share": 1.0},
         {"scales": ()},
         {"scales": (0.5,)},
         {"scales": (1, 0.99)},

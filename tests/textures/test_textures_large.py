@@ -74,13 +74,6 @@ def test_each_image_has_one_and_there_is_a_limit():
     sources = [patch.source for patch in atlas.patches if patch.large]
     assert len(sources) == len(set(sources)) == MOST_LARGE == len(atlas.large_layers)
     assert asked == sources  # no other image is read
-    # Flat ones are among them, of other images as long as there are others.
-    with_flat = with_large_patches(
-        atlas_of(pictures), among(pictures), section(16, flat_share=0.3), np.random.default_rng(0)
-    )
-    flat = [patch.texture < 4 for patch in with_flat.patches if patch.large]
-    assert (len(flat), sum(flat)) == (MOST_LARGE, 7)
-    assert {patch.source for patch in with_flat.patches if patch.large} == set(sources)
     few = with_large_patches(atlas_of(pictures[:3]), among(pictures), section(16), np.random.default_rng(0))
     assert {patch.source for patch in few.patches if patch.large} == {"p0", "p1", "p2"}
 

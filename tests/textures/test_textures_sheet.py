@@ -17,8 +17,6 @@ from semisynth_gl.textures.image_files import find_files, find_images, printable
 from semisynth_gl.textures.prepare import pack_atlas, prepare_atlas, split_images, unpack_atlas
 from semisynth_gl.textures.sheet import draw_texture_sheet
 
-FRAME = (230, 130, 20)
-
 
 def octaves(seed):
     """Like a photograph: the same contrast at 1, 2, 4, ... 32 pixels."""
@@ -82,24 +80,14 @@ def test_the_sheet_shows_every_patch_and_what_was_left_out(photographs):
         assert places_of(sheet, atlas.layers[patch.first_layer, ..., :3]), patch
 
 
-def test_flat_patches_are_framed(photographs):
-    _, without = drawn(section(photographs))
-    atlas, sheet = drawn(section(photographs, flat_share=0.2))
-    assert atlas.report.total("kept_flat") > 0
-    assert not (without == FRAME).all(axis=2).any()
-    framed = (sheet == FRAME).all(axis=2).sum()
-    assert framed == atlas.report.total("kept_flat") * (72**2 - 66**2)
-
-
 def test_counts_are_those_of_the_patches(photographs):
-    atlas, _ = drawn(section(photographs, flat_share=0.1))
+    atlas, _ = drawn(section(photographs))
     grouped = atlas.report.grouped_counts
     assert sum(count.kept for counts in grouped.values() for count in counts) == len(atlas.patches) > 0
     for source, counts in grouped.items():
         for count in counts:
             own = [patch for patch in atlas.patches if (patch.source, patch.side_px) == (source, count.side_px)]
             assert count.kept == len(own)
-            assert count.kept_flat == sum(patch.texture < atlas.report.min_texture for patch in own)
 
 
 def test_procedural_patches_are_grouped_by_their_kind():
@@ -121,7 +109,7 @@ def test_frames_of_a_video_are_shown_by_their_first(tmp_path):
 
 
 def test_an_atlas_comes_back_from_the_cache_with_its_report(photographs):
-    atlas = prepare_atlas(section(photographs, flat_share=0.1), Split(3))
+    atlas = prepare_atlas(section(photographs), Split(3))
     images = find_images([photographs])
     packed = pack_atlas(atlas, images)
     back = unpack_atlas(Entry(json.loads(json.dumps(packed.values)), packed.arrays), images)
@@ -130,9 +118,7 @@ def test_an_atlas_comes_back_from_the_cache_with_its_report(photographs):
     assert back.patches == atlas.patches
 
 
-@pytest.mark.parametrize(
-    "other", [{"flat_share": 0.2}, {"min_sharpness": 0.0}, {"min_difference": 0.0}, {"min_texture": 0.0}]
-)
+@pytest.mark.parametrize("other", [{"min_sharpness": 0.0}, {"min_difference": 0.0}, {"min_texture": 0.0}])
 def test_another_threshold_is_another_atlas(photographs, other):
     first = prepare_atlas(section(photographs), Split(0))
     assert prepare_atlas(section(photographs, **other), Split(0)).patches != first.patches
@@ -203,7 +189,7 @@ def test_any_file_name_can_be_shown(call, tmp_path):
         (["--out", "no/sheet.png"], "does not exist"),
         (["--images", "nothing"], "no image matches"),
         (["--config", "nothing"], "no such config"),
-        (["--set", "textures.flat_share=1"], "textures.flat_share"),
+        (["--set", "textures.min_difference=2"], "textures.min_difference"),
         (["--set", "textures.source=images"], "--images is empty: name your photographs there"),
     ],
 )
