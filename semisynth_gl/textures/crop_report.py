@@ -147,7 +147,7 @@ class TextureReport:
             f"{counted(kept, 'patch')} of {self.patch_px} x {self.patch_px} pixels{frames} from "
             f"{counted(self.images_used, 'image')}{shared}; "
             f"{counted(self.total('flat'), 'crop')} left out as flat (median over 8 x 8 cells of the standard "
-            f"deviation of luminance below {self.min_texture:g} levels), "
+            f"deviation of luminance, 8-bit levels, below {self.min_texture:g}), "
             f"{self.total('blurred')} as blurred, {self.total('duplicate')} as duplicates, "
             f"{self.total('surplus')} as more than wanted"
         )

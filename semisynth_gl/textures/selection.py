@@ -279,10 +279,10 @@ def _no_patch_message(images_given: int, report: TextureReport) -> str:
     small = f"smaller than a patch of {report.patch_px} pixels along a side (try a smaller patch_px)"
     flat, blurred = report.total("flat"), report.total("blurred")
     unused = (
-        f"without a sharp crop: {blurred} are blurred, {flat} flat (below {report.min_texture:g} levels; try smaller "
+        f"without a sharp crop: {blurred} are blurred, {flat} flat (texture below {report.min_texture:g}; try smaller "
         "min_sharpness and min_texture, or other images)"
         if blurred
-        else f"without texture: none of {counted(flat, 'crop')} reaches {report.min_texture:g} levels (try a smaller "
+        else f"without texture: none of {counted(flat, 'crop')} has a texture of {report.min_texture:g} (try a smaller "
         "min_texture, or other images)"
     )
     reasons += Counter({small: len(report.too_small), unused: report.images_unused})

@@ -109,7 +109,7 @@ def test_report_counts_every_image_and_crop(tmp_path: Path) -> None:
         "13 crops",
         "6 as more",
         "2 not readable",
-        "below 3 levels",
+        "luminance, 8-bit levels, below 3",
         "broken.jpg: is not an image",
     ):
         assert said in summary
