@@ -1,5 +1,6 @@
 """Building an atlas: what is kept, what is counted, that it is fair, and that the same seed gives the same."""
 
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +77,11 @@ def check_consistent(atlas: Atlas, images_given: int) -> None:
         textures = [texture_measure(layer) for layer in atlas.layers[patch.first_layer : at, ..., :3]]
         assert patch.texture == min(textures)
         assert patch.texture >= report.min_texture
+    by_source = [list(own) for _, own in groupby(atlas.patches, lambda patch: patch.source)]
+    assert len(by_source) == len({patch.source for patch in atlas.patches})
+    for own in by_source:
+        places = [(patch.side_px, patch.top_px, patch.left_px) for patch in own]
+        assert places == sorted(places)
     assert sum(report.surface_shares.values()) == pytest.approx(1)
     assert set(report.surface_shares) == {patch.source for patch in atlas.patches}
 

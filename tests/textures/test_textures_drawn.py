@@ -66,7 +66,8 @@ def test_every_kind_is_sharp_and_repeats_nothing_and_all_but_plain_ones_have_con
     boxes = crop_boxes(SIDE_PX, SIDE_PX, 256, (1.0,))
     crops = [cut_crop(picture, box, 256) for box in boxes]
     defaults = TexturesSection()
-    assert sum(texture_of(crop) >= defaults.min_texture for crop in crops) >= 8
+    least = defaults.min_texture if kind in PLAIN else 4.0
+    assert sum(texture_of(crop) >= least for crop in crops) >= 8
     assert sum(sharpness_measure(crop) >= defaults.min_sharpness for crop in crops) >= 8
     finder = DuplicateFinder(defaults.min_difference)
     prints = np.array([fingerprint(crop) for crop in crops])
