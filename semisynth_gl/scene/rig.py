@@ -136,18 +136,9 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
             have no disparity left, or the deviation alone takes ``max_px``.
     """
     check_reachable(camera, section.min_px, "disparity.min_px")
-    least_m = depth_m = float(camera.depth_m(section.max_px))
-    for _ in range(0 if camera.rectified else _STEPS):
-        # Take the deviation's share of the disparity for independent of the depth, as it nearly is.
-        deviates_px = _largest_disparity_px(camera, depth_m) - float(camera.disparity_px(depth_m))
-        if not section.max_px - deviates_px + camera.doffs_px > 0:  # True for nan, too: a point lies behind an eye.
-            raise InputError(
-                f"disparity.max_px: {section.max_px:g} px leaves no depth in front of a camera that deviates by "
-                f"{camera.deviation}, which alone moves pixels by up to {deviates_px:g} px: raise disparity.max_px, or "
-                "narrow the ranges of rig"
-            )
-        depth_m = float(camera.depth_m(section.max_px - deviates_px))
-    depth_m = max(depth_m, least_m)
+    depth_m = float(camera.depth_m(section.max_px))
+    if not camera.rectified:
+        depth_m = max(depth_m, _deviating_depth_m(camera, section.max_px))
     if not section.signed and camera.disparity_px(BEYOND_NEAR * depth_m) <= 0:
         # The deviation takes max_px less what is left at the near plane.
         taken_px = section.max_px - float(camera.disparity_px(depth_m))
@@ -157,6 +148,26 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
             f"doffs = {camera.doffs_px:g} px nothing is left of {section.max_px:g} px there: expected more than "
             f"{expected_px:g}"
         )
+    return depth_m
+
+
+def _deviating_depth_m(camera: StereoCamera, max_px: float) -> float:
+    """Return the depth of a plane at which the largest disparity of a pair that deviates is ``max_px``.
+
+    Raises:
+        InputError: where the deviation alone takes ``max_px``.
+    """
+    depth_m = float(camera.depth_m(max_px))
+    for _ in range(_STEPS):
+        # Take the deviation's share of the disparity for independent of the depth, as it nearly is.
+        deviates_px = _largest_disparity_px(camera, depth_m) - float(camera.disparity_px(depth_m))
+        if not max_px - deviates_px + camera.doffs_px > 0:  # True for nan, too: a point lies behind an eye.
+            raise InputError(
+                f"disparity.max_px: {max_px:g} px leaves no depth in front of a camera that deviates by "
+                f"{camera.deviation}, which alone moves pixels by up to {deviates_px:g} px: raise disparity.max_px, or "
+                "narrow the ranges of rig"
+            )
+        depth_m = float(camera.depth_m(max_px - deviates_px))
     return depth_m
 
 
