@@ -127,7 +127,7 @@ def calibrate(
         pairs=_pairs(pairs, image_sources, scaled, other_camera, notes),
     )
     name, style = config_name(name), untried_style(facts.recipes)
-    # The template is checked before the trials, which take a minute.
+    # The template is checked before the trials, which take longest.
     config = _parsed(config_text(name, facts, style), name)
     facts = replace(facts, layout=suited_layout(config, rigs))
     # Prepares the dataset's patches: unusable photographs are reported now, and the patches are cached.

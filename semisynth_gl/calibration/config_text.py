@@ -254,7 +254,7 @@ def _range(ends: tuple[float, float]) -> str:
 
 
 def _number(value: float) -> str:
-    # Ten digits hold those of any calibration, but not the rounding noise of binary numbers.
+    # Ten digits are enough for any calibration, and leave out the rounding errors of binary numbers.
     return f"{float(f'{value:.10g}') + 0.0:.10g}"
 
 

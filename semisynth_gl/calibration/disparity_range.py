@@ -106,7 +106,7 @@ def _scaled_maps(sizes: Sequence[Size], rig: Size) -> str:
 
 
 def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[tuple[float | None, float], str]:
-    """Return the range of disparity from calibrations, whose lower end is None where it is unknown, and its origin."""
+    """Return the range of disparity that calibrations state, and its origin; an unknown lower end is None."""
     largest = []
     for rig in rigs:
         bounds = {"ndisp": rig.bounds.ndisp, "vmax": rig.bounds.vmax_px}

@@ -21,7 +21,7 @@ MOST_PAIRS = 24
 _FEATURES = 4000
 # Lowe's ratio: a match is kept if its distance is less than this times that of the second nearest feature.
 _RATIO = 0.75
-# Names of right views by those of left views, in Middlebury, ETH3D and KITTI: of files in one folder, and of folders.
+# What the right view is called, by the left view's name: files of one folder (Middlebury, ETH3D), folders (KITTI).
 _RIGHT_OF_NAME = {"im0": "im1"}
 _RIGHT_OF_FOLDER = {"image_2": "image_3", "image_0": "image_1", "colored_0": "colored_1"}
 

@@ -36,7 +36,7 @@ class Size(NamedTuple):
 
 
 class DisparityBounds(NamedTuple):
-    """Bounds of disparity, px, or None where a calibration has none; ``ndisp`` is an upper bound, as is ``vmax_px``."""
+    """Bounds of disparity that a calibration states, px, else None; ``ndisp`` and ``vmax_px`` are upper bounds."""
 
     ndisp: float | None = None
     vmin_px: float | None = None
@@ -53,7 +53,7 @@ class Projections:
     Attributes:
         left: (3, 4) float64, maps points in metres to pixels of the left image.
         right: the matrix of the right image, from points in the same frame.
-        size: size of the images; None where the calibration does not state it.
+        size: size of the images, if the calibration states it, else None.
         source: name of the file, or of both files, for messages.
         bounds: the stated bounds of disparity.
         layout: layout of the benchmark whose calibration this is; None for any other.

@@ -93,10 +93,10 @@ class Style:
     expected: Mapping[str, float] = field(default_factory=dict)
 
     def near(self, place: Side) -> tuple[int, int]:
-        """Compare the expected means with those of a place.
+        """Count the measures whose expected mean is near the place's mean.
 
-        Returns the number of measures whose expected means are within the place's standard deviation of its means, and
-        the number of measures that could be compared.
+        Returns the number of measures that are at most the place's standard deviation off, and the number of measures
+        that could be compared.
         """
         both = [
             (abs(expected - mean), deviation)
@@ -177,7 +177,7 @@ def _apart(
     """Return the Wasserstein-1 distances, (N,), between a measure's distributions in N mixes and in the place.
 
     ``mixes`` are weights (N, R) of recipes, ``geometry`` is that of `Trial`, and ``row`` is the measure's number in
-    `MEASURES`. The distribution function of a mix is the weighted mean of those of its recipes.
+    `MEASURES`. A mix's distribution function is the weighted mean of its recipes' distribution functions.
     """
     samples = [
         values[np.isfinite(values)]

@@ -45,7 +45,7 @@ class Comparison:
     recipes: Sequence[Mapping[str, Any]]
 
     def difference(self, measure: Measure) -> float | None:
-        """Return the dataset's mean minus the place's, in the place's `Side.unit`; None where one of these is None."""
+        """Return the dataset's mean minus the place's mean, in the place's `Side.unit`, or None if one of them is."""
         place = self.place.side
         ours, theirs, unit = self.dataset.mean(measure), place.mean(measure), place.unit(measure)
         if ours is None or theirs is None or unit is None:
@@ -57,7 +57,7 @@ class Comparison:
 
         This is the Wasserstein-1 distance in the place's `Side.unit`; it is never less than the size of `difference`.
         Where the means agree, and the deviation of the dataset's pictures is r times that of the place's, the distance
-        is about 0.8 |r - 1|. The result is None where the place has no unit or the dataset no value.
+        is about 0.8 |r - 1|. If the place has no unit or the dataset no value, the result is None.
         """
         unit, ours = self.place.side.unit(measure), self.dataset.values[measure.key]
         if unit is None or not len(ours):

@@ -36,8 +36,8 @@ class MeasuredView:
         name: for messages.
         luminance: (H, W) float32, 8-bit levels; None for a map without an image.
         disparity: (H, W) float32, px of the working width, nan where unknown; None for a photograph.
-        surfaces: (H, W) float32, the disparity with its holes filled; see `fill_holes`. None where fewer than half of
-            the pixels have a disparity, as in maps from lidar, and None for a photograph.
+        surfaces: (H, W) float32, the disparity with its holes filled; see `fill_holes`. None for a photograph, and for
+            a map in which fewer than half of the pixels have a disparity, as from lidar.
         background: (H, W) bool, whether the pixel shows a wall, ground or other flat face; None where unknown.
         enlarged: whether the view's arrays were narrower than the working width, so that it lacks the finest detail.
         worked_out: quantities of these arrays that have been computed, by name; see `array`.
@@ -52,7 +52,7 @@ class MeasuredView:
     worked_out: dict[str, NDArray[Any] | None] = field(default_factory=dict, init=False)
 
     def array(self, name: str) -> NDArray[Any] | None:
-        """Return an array or a quantity of the view by its name; None where the view lacks it.
+        """Return the array or the quantity of this name, or None if the view lacks it.
 
         A quantity is computed when it is first asked for, and then kept.
         """
@@ -110,8 +110,8 @@ def make_view(
         name: for messages.
         width_px: the working width.
         image: (H, W, 3) uint8 RGB, or (H, W) grey.
-        disparity: (H, W) float32, px of its own width; inf, nan and, unless it is signed, 0 and below stand for no
-            value.
+        disparity: (H, W) float32, px of its own width. inf and nan mean no value; so do 0 and below, unless
+            ``signed``.
         background: (H, W) bool; see `MeasuredView`.
         signed: whether disparities of 0 and below are valid.
 
