@@ -34,6 +34,7 @@ class Purpose(IntEnum):
     RESTING = 18
     RIG = 19
     SKY = 20
+    AUGMENTATION = 21
 
 
 def generator(seed: int, purpose: Purpose, *keys: int | str) -> np.random.Generator:

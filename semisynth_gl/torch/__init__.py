@@ -10,6 +10,7 @@ try:
 except ModuleNotFoundError as error:
     raise ImportError(f"semisynth_gl.torch needs PyTorch, which is not installed: {how_to_install('torch')}") from error
 
+from semisynth_gl.augmentation import PRESETS, Augmentation
 from semisynth_gl.torch.dataset import StereoDataset
 from semisynth_gl.torch.dealing import Selection, TrainingProcess
 from semisynth_gl.torch.mix import StereoMix
@@ -17,6 +18,8 @@ from semisynth_gl.torch.samples import Sample, collate
 from semisynth_gl.torch.stream import Hardware, StereoStream
 
 __all__ = [
+    "PRESETS",
+    "Augmentation",
     "Hardware",
     "Sample",
     "Selection",

@@ -7,11 +7,13 @@ from typing import Any
 
 from torch.utils.data import Dataset
 
+from semisynth_gl.augmentation import Augmentation
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.seeds.splits import Split, SplitName
-from semisynth_gl.torch.samples import Sample, check_crop, check_transform, draw_crop, to_sample
+from semisynth_gl.torch.cutting import Cutting
+from semisynth_gl.torch.samples import Sample, check_transform
 
 
 class StereoDataset(Dataset[Any]):
@@ -26,6 +28,8 @@ class StereoDataset(Dataset[Any]):
         crop: height and width, px: read a crop of each pair; None for whole images.
         seed: decides, with the pair's sequence and the epoch, the places of crops; by default the seed of the dataset,
             with which the places are those of `StereoStream`.
+        augmentation: changes of each pair, before the transform; the seed, the pair's sequence and the epoch decide
+            them.
         transform: a function that gets the sample and returns the object to use instead.
 
     Attributes:
@@ -36,7 +40,8 @@ class StereoDataset(Dataset[Any]):
     Raises:
         InputError: where the address has no dataset, the dataset is not finished or has no such split, or an argument
             cannot be used.
-        ReadError: where a crop is asked for, and the first pair, whose size is looked up, cannot be read.
+        ReadError: where a crop or an augmentation is asked for, and the first pair, whose size is looked up, cannot be
+            read.
     """
 
     def __init__(
@@ -46,6 +51,7 @@ class StereoDataset(Dataset[Any]):
         *,
         crop: tuple[int, int] | None = None,
         seed: int | None = None,
+        augmentation: Augmentation | None = None,
         transform: Callable[[Sample], Any] | None = None,
     ) -> None:
         check_transform(transform)
@@ -53,17 +59,18 @@ class StereoDataset(Dataset[Any]):
         about = self.pairs.about
         self._seed = about.document.seed if seed is None else to_whole("a seed", seed, least=0)
         self._together = about.config.sequence.length * about.views
-        self._crop, self._transform, self._epoch = crop, transform, 0
-        if crop is not None:
+        self._transform, self._epoch = transform, 0
+        sides = (0, 0)
+        if crop is not None or augmentation is not None:
             camera = self.pairs[0].camera
-            self._sides = camera.height_px, camera.width_px
-            check_crop(crop, self._sides, f"{about.place.address}")
+            sides = camera.height_px, camera.width_px
+        self._cutting = Cutting(crop, augmentation, sides, f"{about.place.address}")
         made = ("version", "config", "config_sha256", "seed", "layout", "pairs", "sources", "plugins")
         self.identity: Mapping[str, Any] = {
             # Without plug-ins there is no such key.
             "dataset": {name: value for name, value in about.document.values.items() if name in made},
             "split": split,
-            "crop": crop and [int(side) for side in crop],
+            **self._cutting.identity,
             "crop_seed": self._seed,
         }
 
@@ -81,14 +88,15 @@ class StereoDataset(Dataset[Any]):
         number = to_whole("the number of a pair", number)
         split, index = self.pairs.pair(number)
         frame: Frame = self.pairs[number]
-        if self._crop is not None:
-            seed = Split(self._seed, split).seed
-            frame = frame.cropped(draw_crop(self._crop, self._sides, seed, index // self._together, self._epoch))
-        sample = to_sample(index, frame)
+        sequence, seed = index // self._together, Split(self._seed, split).seed
+        place = self._cutting.place(seed, sequence, self._epoch)
+        if place is not None:
+            frame = frame.cropped(place)
+        sample = self._cutting.sample(frame, seed, sequence, index, self._epoch)
         return sample if self._transform is None else self._transform(sample)
 
     def at_epoch(self, epoch: int) -> "StereoDataset":
-        """Return a copy of this dataset with the crops of an epoch, counted from 0; each epoch has other crops.
+        """Return a copy of this dataset with the crops and changes of an epoch, counted from 0; each epoch has others.
 
         Raises:
             InputError: where the epoch is not a whole number of 0 or more.

@@ -1,7 +1,6 @@
-"""A pair as a dictionary of tensors; crops of pairs; batches of dictionaries."""
+"""A pair as a dictionary of tensors; batches of dictionaries."""
 
 from collections.abc import Sequence
-from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -9,11 +8,10 @@ import torch
 from torch.nn.functional import pad
 from torch.utils.data import default_collate
 
-from semisynth_gl.frame.camera import EYES, Crop
+from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.frame import ROLES, Frame
 from semisynth_gl.inputs.arguments import check_type
 from semisynth_gl.inputs.errors import InputError, shown
-from semisynth_gl.seeds.seeds import Purpose, generator
 
 Sample = dict[str, Any]
 """A pair as `StereoStream` and `StereoDataset` make it, before `transform`: see `to_sample`."""
@@ -21,25 +19,28 @@ Sample = dict[str, Any]
 _CAMERA = ("focal_px", "baseline_m", "doffs_px", "cx_left_px", "cx_right_px", "cy_px")
 
 
-def to_sample(index: int, frame: Frame) -> Sample:
+def to_sample(index: int, frame: Frame, focal_y_px: float | None = None) -> Sample:
     """Return a pair as a dictionary that default_collate can batch.
 
     Args:
         index: the pair's number in its split.
         frame: a pair, rendered or read from files.
+        focal_y_px: vertical focal length of a stretched pair, px; None where it is the horizontal one.
 
     Returns:
         ``index``, an int; ``camera``, a dictionary of floats; and each array of `Frame.arrays` as a tensor under its
         role. The camera has ``focal_px``, ``baseline_m``, ``doffs_px``, the principal points ``cx_left_px``,
-        ``cx_right_px`` and ``cy_px`` (in a crop, in the crop's pixels), and the right camera's deviation:
-        ``right_roll_rad``, ``right_pitch_rad``, ``right_y_px`` and ``focal_ratio``. Images are (3, H, W) uint8, or
-        (1, H, W) from a monochrome camera; normals are (3, H, W) float32; flow and correspondences are (2, H, W)
-        float32; ids are (H, W) int32; all other arrays are (H, W) of their own dtype.
+        ``cx_right_px`` and ``cy_px`` (in a crop, in the crop's pixels), the vertical focal length ``focal_y_px``, and
+        the right camera's deviation: ``right_roll_rad``, ``right_pitch_rad``, ``right_y_px`` and ``focal_ratio``.
+
+        Images are (3, H, W) uint8, or (1, H, W) from a monochrome camera; normals are (3, H, W) float32; flow and
+        correspondences are (2, H, W) float32; ids are (H, W) int32; all other arrays are (H, W) of their own dtype.
     """
     deviation = frame.camera.deviation
     camera = {name: float(getattr(frame.camera, name)) for name in _CAMERA}
     camera |= {f"right_{name}": float(getattr(deviation, name)) for name in ("roll_rad", "pitch_rad", "y_px")}
     camera["focal_ratio"] = float(deviation.focal_ratio)
+    camera["focal_y_px"] = camera["focal_px"] if focal_y_px is None else focal_y_px
     tensors = {role: _tensor(array) for role, array in frame.arrays().items()}
     for role in EYES:
         tensors[role] = tensors[role].reshape(-1, *tensors[role].shape[-2:])
@@ -80,31 +81,6 @@ def check_transform(transform: object) -> None:
     """Check that a transform is a function or None; otherwise raise InputError."""
     if transform is not None and not callable(transform):
         raise InputError(f"transform must be a function of a sample, got {shown(transform)}")
-
-
-def check_crop(crop: Any, sides: tuple[int, int], whose: str) -> None:  # noqa: ANN401 - that is what it checks
-    """Check that a crop (height, width) fits into images of ``sides`` (height, width), px; otherwise raise InputError.
-
-    ``whose`` names the owner of the images in the message.
-    """
-    whole = isinstance(crop, Sequence) and len(crop) == 2 and all(isinstance(side, Integral) for side in crop)
-    if not whole or not all(1 <= side <= most for side, most in zip(crop, sides, strict=True)):
-        raise InputError(
-            f"crop: expected (height, width), whole numbers of up to {sides} px, the image size of {whose}, got "
-            f"{shown(crop)}"
-        )
-
-
-def draw_crop(crop: tuple[int, int], sides: tuple[int, int], seed: int, sequence: int, epoch: int = 0) -> Crop:
-    """Draw the place of a crop (height, width) in images of ``sides`` (height, width), px.
-
-    The place depends on the split's ``seed``, the number of the ``sequence`` and the ``epoch``. All frames of a
-    sequence get the same place, so that flow leads from frame to frame.
-    """
-    rng = generator(seed, Purpose.CROP, sequence, *([epoch] if epoch else []))
-    height, width = crop
-    x, y = rng.integers(sides[1] - width + 1), rng.integers(sides[0] - height + 1)
-    return Crop(int(x), int(y), int(width), int(height))
 
 
 def _tensor(array: Any) -> torch.Tensor:  # noqa: ANN401 - an array, or what a reader has made instead

@@ -13,6 +13,7 @@ from typing import Any, Literal, get_args
 import torch
 from torch.utils.data import get_worker_info
 
+from semisynth_gl.augmentation import Augmentation
 from semisynth_gl.config import Config
 from semisynth_gl.engines.task import THREADS, threads_each
 from semisynth_gl.inputs.arguments import check_one_of, check_type, to_whole
@@ -23,10 +24,11 @@ from semisynth_gl.render.backends import BACKENDS, Backend
 from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.render.readers import read_array
 from semisynth_gl.scene.sources import Sources, prepare_sources
+from semisynth_gl.torch.cutting import Cutting
 from semisynth_gl.torch.dealing import Dealing, Selection, TrainingProcess, Worker
 from semisynth_gl.torch.interop import CudaReader
 from semisynth_gl.torch.iteration import DealtDataset
-from semisynth_gl.torch.samples import Sample, check_crop, check_transform, draw_crop, to_sample
+from semisynth_gl.torch.samples import Sample, check_transform
 
 TensorDevice = Literal["cpu", "cuda"]
 
@@ -70,6 +72,7 @@ class StereoStream(DealtDataset):
         selection: the samples to yield; by default all pairs of ``train``, without end.
         crop: height and width, px: yield a crop of each pair, at a place that follows from the seed and the pair's
             sequence; None for whole images.
+        augmentation: changes of each pair, before the transform; the seed and the pair's sequence decide them.
         checked: whether pairs that fail the config's checks are drawn again, as in a dataset. Without checks, crops are
             much faster, and the few pairs that would have failed differ from the dataset's pairs.
         transform: a function that gets the sample and returns the object to yield instead.
@@ -88,6 +91,7 @@ class StereoStream(DealtDataset):
         selection: Selection | None = None,
         *,
         crop: tuple[int, int] | None = None,
+        augmentation: Augmentation | None = None,
         checked: bool = True,
         transform: Callable[[Sample], Any] | None = None,
         batch_size: int = 1,
@@ -101,7 +105,7 @@ class StereoStream(DealtDataset):
         check_type("process", process, TrainingProcess | None)
         check_type("hardware", hardware, Hardware | None)
         selection = selection or Selection()
-        source = RenderedPairs(config, seed, selection, hardware or Hardware(), crop, checked, transform)
+        source = RenderedPairs(config, seed, selection, hardware or Hardware(), crop, augmentation, checked, transform)
         super().__init__(source, Dealing(selection.first, selection.pairs, batch_size, source.together), process)
 
 
@@ -114,14 +118,16 @@ class RenderedPairs:
     selection: Selection
     hardware: Hardware
     crop: tuple[int, int] | None
+    augmentation: Augmentation | None
     checked: bool
     transform: Callable[[Sample], Any] | None
 
     def __post_init__(self) -> None:
         self._split = self.config.splits.split(self.selection.split, self.selection.splits, self.seed)
         self._frames = self.selection.frames_in(self.config.sequence.length)
-        self._sides = self.config.camera.height_px, self.config.camera.width_px
         self._check()
+        sides = self.config.camera.height_px, self.config.camera.width_px
+        self._cutting = Cutting(self.crop, self.augmentation, sides, "the config's camera")
         self.together = len(self._frames) * self.config.views
         self._sources: Sources | None = None
         self._digests: Mapping[str, str] | None = None
@@ -145,7 +151,7 @@ class RenderedPairs:
             "split": self.selection.split,
             "splits": list(self.selection.splits),
             "frames": list(self._frames),
-            "crop": self.crop and [int(side) for side in self.crop],
+            **self._cutting.identity,
             "checked": self.checked,
             "sources": self._digests,
             "plugins": plugin_records(self.config.used_plugins().values()),
@@ -191,22 +197,20 @@ class RenderedPairs:
     def _render(self, renderer: PairRenderer, number: int) -> Any:  # noqa: ANN401 - what the transform returns
         sequence, rest = divmod(number, self.together)
         frame, view = divmod(rest, self.config.views)
-        crop = None if self.crop is None else draw_crop(self.crop, self._sides, self._split.seed, sequence)
         index = (sequence * self.config.sequence.length + self._frames[frame]) * self.config.views + view
-        pair = renderer.render(index, crop=crop, checked=self.checked)
-        sample = to_sample(pair.index, pair.frame)
+        seed = self._split.seed
+        pair = renderer.render(index, crop=self._cutting.place(seed, sequence), checked=self.checked)
+        sample = self._cutting.sample(pair.frame, seed, sequence, pair.index)
         return sample if self.transform is None else self.transform(sample)
 
     def _check(self) -> None:
         hardware = self.hardware
         check_transform(self.transform)
-        if self.crop is not None:
-            check_crop(self.crop, self._sides, "the config's camera")
         if hardware.device == "cpu":
             return
-        if self.checked or not self.config.imperfections.none():
+        if self.checked or self.augmentation is not None or not self.config.imperfections.none():
             raise InputError(
-                "device='cuda' needs checked=False and a config without imperfections, since checks and imperfections "
+                "device='cuda' needs checked=False and a config without imperfections or augmentation, since these "
                 "work on arrays in the computer's memory: change that, or leave device out and let the loader pin "
                 "memory (pin_memory=True)"
             )

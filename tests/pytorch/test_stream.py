@@ -128,7 +128,7 @@ def test_tensors_have_torchs_order_of_axes_and_types_that_it_works_with():
     assert sample["index"] == 7
     assert sample["camera"] == {
         "focal_px": 6.0, "baseline_m": 0.25, "doffs_px": 1.0, "cx_left_px": 1.5, "cx_right_px": 2.5, "cy_px": 1.5,
-        "right_roll_rad": 0.0, "right_pitch_rad": 0.0, "right_y_px": 0.0, "focal_ratio": 1.0,
+        "right_roll_rad": 0.0, "right_pitch_rad": 0.0, "right_y_px": 0.0, "focal_ratio": 1.0, "focal_y_px": 6.0,
     }  # fmt: skip
     assert set(sample) == {"index", "camera", "left", "right", "disparity_left", "instances_left", "flow_left"}
     assert sample["left"].shape == (3, 4, 5)

@@ -1,0 +1,9 @@
+"""Changes of pairs for training that keep the truth exact: `Augmentation`, and `PRESETS` by name.
+
+It needs no PyTorch; `semisynth_gl.torch` applies it to samples.
+"""
+
+from semisynth_gl.augmentation.augmentation import Augmentation, Drawn
+from semisynth_gl.augmentation.presets import PRESETS
+
+__all__ = ["PRESETS", "Augmentation", "Drawn"]

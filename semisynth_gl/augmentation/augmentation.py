@@ -1,0 +1,278 @@
+"""What a training changes in pairs, drawn anew for each sample and epoch: `Augmentation`."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from math import ceil, pi, radians, sin
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from semisynth_gl.augmentation.colour import Colours
+from semisynth_gl.augmentation.geometry import Warp, mirrored, upside_down
+from semisynth_gl.augmentation.occlusion import occluded
+from semisynth_gl.frame.camera import EYES, Crop, Eye
+from semisynth_gl.frame.frame import Frame
+from semisynth_gl.inputs.arguments import check_type, to_real
+from semisynth_gl.inputs.errors import InputError, shown
+from semisynth_gl.pairs.imperfections import Imperfections
+from semisynth_gl.seeds.seeds import Purpose, generator
+
+Range = tuple[float, float]
+Sides = tuple[int, int]
+
+
+def _limits(least: float, most: float) -> dict[str, Any]:
+    return {"limits": (least, most)}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Augmentation:
+    """Changes of pairs for training. The default changes nothing.
+
+    Ranges are (low, high), from which values are drawn evenly; shares are of samples. What is drawn depends on the
+    seed, the sequence and the epoch; the noise on the pair, too. All frames of a sequence change alike, so that flow
+    leads from frame to frame.
+
+    The truth stays that of the changed pair at the centre of each pixel, see `semisynth_gl.augmentation.resampling`.
+
+    Attributes:
+        scale: factors of both sides; drawn evenly in the logarithm.
+        stretch: further factors of the width; likewise.
+        mirrored: share that is mirrored, whose eyes change places. Needs truth of both views and a rectified rig.
+        upside_down: share whose rows are reversed.
+        right_y_px: by which the right image is moved down, as in a badly rectified rig. Disparities stay those along
+            the row, and the output ``correspondence``, where the pairs have it, has the way down. Needs rectified rigs.
+        right_roll_deg: by which the right image is turned about its principal point, clockwise; likewise.
+        brightness: factors of all levels.
+        contrast: factors of the distance from the mean luminance.
+        saturation: factors of the distance from grey.
+        hue_turns: turns of the hue, as shares of the colour circle.
+        gradient_stops: by how many stops the exposure rises over the image, in any direction.
+        gamma: exponents of the tone curve.
+        asymmetric: share in which each eye's colours (from brightness to gamma) are drawn by themselves.
+        blur_px: standard deviations of a blur, px; of each eye by itself, as are noise and JPEG.
+        noise: standard deviations of noise, levels.
+        jpeg_quality: qualities of a JPEG.
+        jpeg: share of images that go through JPEG.
+        occluded: share of pairs with rectangles in the right image that hide the scene, see `occlusion`.
+        rectangles: their least and largest number.
+        rectangle_px: their sides.
+        recorded: whether a sample says what was drawn: JSON, under the key ``augmentation``.
+
+    Raises:
+        InputError: where a value cannot be used.
+    """
+
+    scale: Range = field(default=(1.0, 1.0), metadata=_limits(0.1, 10))
+    stretch: Range = field(default=(1.0, 1.0), metadata=_limits(0.5, 2))
+    mirrored: float = 0.0
+    upside_down: float = 0.0
+    right_y_px: Range = field(default=(0.0, 0.0), metadata=_limits(-20, 20))
+    right_roll_deg: Range = field(default=(0.0, 0.0), metadata=_limits(-5, 5))
+    brightness: Range = field(default=(1.0, 1.0), metadata=_limits(0, 10))
+    contrast: Range = field(default=(1.0, 1.0), metadata=_limits(0, 10))
+    saturation: Range = field(default=(1.0, 1.0), metadata=_limits(0, 10))
+    hue_turns: Range = field(default=(0.0, 0.0), metadata=_limits(-0.5, 0.5))
+    gradient_stops: Range = field(default=(0.0, 0.0), metadata=_limits(0, 4))
+    gamma: Range = field(default=(1.0, 1.0), metadata=_limits(0.1, 10))
+    asymmetric: float = 0.0
+    blur_px: Range = field(default=(0.0, 0.0), metadata=_limits(0, 20))
+    noise: Range = field(default=(0.0, 0.0), metadata=_limits(0, 100))
+    jpeg_quality: Range = field(default=(60.0, 95.0), metadata=_limits(1, 100))
+    jpeg: float = 0.0
+    occluded: float = 0.0
+    rectangles: Range = field(default=(1, 2), metadata=_limits(1, 20))
+    rectangle_px: Range = field(default=(50, 100), metadata=_limits(1, 10000))
+    recorded: bool = False
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if each.name == "recorded":
+                check_type("recorded", value, bool)
+            elif each.metadata:
+                object.__setattr__(self, each.name, _checked(each.name, value, *each.metadata["limits"]))
+            elif not 0 <= to_real(each.name, value) <= 1:
+                raise InputError(f"{each.name}: expected a share from 0 to 1, got {shown(value)}")
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """All values in JSON's types."""
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+
+    def check(self, crop: Sides | None, sides: Sides) -> None:
+        """Check that crops of a size can be made of images of a size, both (height, width); otherwise raise InputError.
+
+        Args:
+            crop: the size; None for whole images, which keep their size.
+            sides: of the images.
+        """
+        if crop is None:
+            if self._moves:
+                raise InputError("scale, stretch, right_y_px and right_roll_deg need crop=(height, width)")
+            return
+        least = self._least_scale(crop, sides)
+        if least > self.scale[1]:
+            raise InputError(
+                f"scale: expected at least {least:.3g} as its upper end, got {self.scale[1]:g}: crops of "
+                f"{crop[1]} x {crop[0]} px, with {self._margin(sides)} px around them, must fit into {sides[1]} x "
+                f"{sides[0]} px"
+            )
+
+    def draw(self, crop: Sides | None, sides: Sides, seed: int, sequence: int, epoch: int = 0) -> "Drawn":
+        """Draw the changes of a sequence's pairs.
+
+        A scale is at least so large that the crop can be made of the image.
+
+        Args:
+            crop: height and width of the result, px; None for whole images.
+            sides: height and width of the images, px.
+            seed: of the split.
+            sequence: number of the sequence.
+            epoch: from 0.
+        """
+        rng = generator(seed, Purpose.AUGMENTATION, sequence, epoch)
+        scale, stretch = (float(np.exp(rng.uniform(*np.log(each)))) for each in (self.scale, self.stretch))
+        shares = rng.random(5)
+        flips = {"mirrored": bool(shares[0] < self.mirrored), "upside_down": bool(shares[1] < self.upside_down)}
+        moved = rng.uniform(*self.right_y_px), np.deg2rad(rng.uniform(*self.right_roll_deg))
+        size = sides if crop is None else crop
+        margin = self._margin(sides)
+        wide, high = scale * stretch, scale
+        if self._moves:
+            room = [side - 2 * margin - 1 for side in sides]
+            high, wide = max(high, size[0] / room[0]), max(wide, size[1] / room[1])
+        warp = Warp(wide, high, float(moved[0]), float(moved[1]))
+        colours: dict[Eye, Colours] = {}
+        shared = self._colours(rng)
+        for eye in EYES:
+            own = self._colours(rng)
+            tone = own if shares[2] < self.asymmetric else shared
+            further = rng.uniform(*self.blur_px), rng.uniform(*self.noise), rng.uniform(*self.jpeg_quality)
+            quality = round(further[2]) if rng.random() < self.jpeg else None
+            camera = Imperfections(blur_px=further[0], noise=further[1], gamma=tone.camera.gamma, jpeg_quality=quality)
+            plain = {each.name: getattr(tone, each.name) for each in fields(tone)}
+            colours[eye] = Colours(**plain | {"camera": camera})
+        rectangles = self._rectangles(rng, size) if shares[3] < self.occluded else ()
+        return Drawn(warp, **flips, colours=MappingProxyType(colours), rectangles=rectangles, size=crop, margin=margin)
+
+    def noise_rng(self, seed: int, index: int, epoch: int = 0) -> np.random.Generator:
+        """Return the generator of a pair's noise."""
+        return generator(seed, Purpose.AUGMENTATION, index, epoch, "noise")
+
+    @property
+    def _moves(self) -> bool:
+        unmoved = Augmentation()
+        return any(
+            getattr(self, name) != getattr(unmoved, name)
+            for name in ("scale", "stretch", "right_y_px", "right_roll_deg")
+        )
+
+    def _margin(self, sides: Sides) -> int:
+        """Return by how many px at most the right image moves at scale 1, and what an image's filter needs."""
+        if self.right_y_px == self.right_roll_deg == (0, 0):
+            return 0
+        turned = sin(radians(max(map(abs, self.right_roll_deg)))) * sum(sides)
+        shifted = max(map(abs, self.right_y_px)) / self.scale[0]
+        return ceil(turned + shifted) + 2
+
+    def _least_scale(self, crop: Sides, sides: Sides) -> float:
+        margin = self._margin(sides)
+        rest = 1 if self._moves else 0
+        room = [side - 2 * margin - rest for side in sides]
+        if min(room) < 1:
+            return float("inf")
+        return max(side / most for side, most in zip(crop, room, strict=True))
+
+    def _colours(self, rng: np.random.Generator) -> Colours:
+        drawn = {name: float(rng.uniform(*getattr(self, name))) for name in (
+            "brightness", "contrast", "saturation", "hue_turns", "gradient_stops"
+        )}  # fmt: skip
+        angle, gamma = float(rng.uniform(-pi, pi)), float(rng.uniform(*self.gamma))
+        return Colours(**drawn, gradient_rad=angle, camera=Imperfections(gamma=gamma))
+
+    def _rectangles(self, rng: np.random.Generator, size: Sides) -> tuple[Crop, ...]:
+        """Draw rectangles whose first corner lies in the image, as RAFT-Stereo does."""
+        count = int(rng.integers(int(self.rectangles[0]), int(self.rectangles[1]) + 1))
+        drawn = []
+        for _ in range(count):
+            y, x = (int(rng.integers(side)) for side in size)
+            sides = rng.integers(int(self.rectangle_px[0]), int(self.rectangle_px[1]) + 1, 2)
+            drawn.append(Crop(x, y, min(int(sides[0]), size[1] - x), min(int(sides[1]), size[0] - y)))
+        return tuple(drawn)
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """The changes of a sequence's pairs.
+
+    Attributes:
+        warp: scales, and the movement of the right image.
+        mirrored: whether the pair is mirrored, before all else.
+        upside_down: whether its rows are reversed, likewise.
+        colours: of each eye.
+        rectangles: in the changed right image.
+        size: height and width of the result; None for that of the image.
+        margin: around what the result is made of, px.
+    """
+
+    warp: Warp
+    mirrored: bool
+    upside_down: bool
+    colours: Mapping[Eye, Colours]
+    rectangles: tuple[Crop, ...]
+    size: Sides | None
+    margin: int
+
+    @property
+    def source(self) -> Sides | None:
+        """Height and width of the part of the image that the result is made of, px; None for all of it."""
+        return None if self.size is None else self.warp.source(self.size, self.margin)
+
+    def applied(self, frame: Frame, rng: np.random.Generator) -> tuple[Frame, float]:
+        """Change a pair.
+
+        Args:
+            frame: as large as `source` says.
+            rng: draws the noise.
+
+        Returns:
+            The pair, whose camera has the horizontal focal length; and the vertical focal length, px.
+
+        Raises:
+            InputError: where the pair lacks what a change needs; the message names the change.
+        """
+        if self.mirrored:
+            frame = mirrored(frame)
+        if self.upside_down:
+            frame = upside_down(frame)
+        vertical = frame.camera.focal_px
+        if self.size is not None:
+            frame, vertical = self.warp.applied(frame, self.size, self.margin)
+        frame = occluded(frame, self.rectangles)
+        left, right = (
+            frame.view(eye).with_channels({"image": self.colours[eye].applied(frame.view(eye).image, rng)})
+            for eye in EYES
+        )
+        return Frame(frame.camera, left, right), vertical
+
+    def record(self) -> str:
+        """Return what was drawn as JSON."""
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        values["warp"] = asdict(self.warp)
+        values["colours"] = {eye: asdict(each) for eye, each in self.colours.items()}
+        values["rectangles"] = [asdict(each) for each in self.rectangles]
+        return json.dumps(values)
+
+
+def _checked(name: str, value: object, least: float, most: float) -> Range:
+    """Return a range as a tuple of numbers; raise InputError where it is none, or beyond its limits."""
+    pair = tuple(value) if isinstance(value, (tuple, list)) else ()
+    if len(pair) != 2:
+        raise InputError(f"{name}: expected (low, high), got {shown(value)}")
+    low, high = (to_real(name, each) for each in pair)
+    if not least <= low <= high <= most:
+        raise InputError(f"{name}: expected (low, high) in rising order from {least:g} to {most:g}, got {shown(value)}")
+    return low, high

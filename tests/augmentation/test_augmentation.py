@@ -1,0 +1,180 @@
+"""What is drawn, for whom, and that it stays within its ranges; colours; refusals."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_made_pairs import make_frame
+
+from semisynth_gl.augmentation import PRESETS, Augmentation
+from semisynth_gl.augmentation.colour import Colours
+from semisynth_gl.frame.camera import EYES, Crop
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.pairs.imperfections import Imperfections
+
+SIDES, CROP = (240, 320), (120, 160)
+STRONG = replace(
+    PRESETS["raft-stereo"], mirrored=0.5, upside_down=0.5, right_roll_deg=(-0.3, 0.3), gradient_stops=(0, 1),
+    gamma=(0.8, 1.25), blur_px=(0, 1), noise=(0, 4), jpeg=0.5, rectangle_px=(5, 10),
+)  # fmt: skip
+
+
+def many(augmentation, count=400):
+    return [augmentation.draw(CROP, SIDES, 7, sequence) for sequence in range(count)]
+
+
+def test_equal_arguments_give_equal_changes_and_others_give_others():
+    first = STRONG.draw(CROP, SIDES, 7, 3, 1)
+    assert first == STRONG.draw(CROP, SIDES, 7, 3, 1)
+    others = [STRONG.draw(CROP, SIDES, *key) for key in ((8, 3, 1), (7, 4, 1), (7, 3, 2))]
+    assert all(first.warp != other.warp for other in others)
+    noise = [STRONG.noise_rng(*key).random() for key in ((7, 3, 1), (7, 3, 1), (7, 4, 1), (7, 3, 2), (8, 3, 1))]
+    assert noise[0] == noise[1]
+    assert len(set(noise)) == 4
+
+
+def test_draws_fill_their_ranges():
+    drawn = many(STRONG)
+    scales = np.array([each.warp.scale_y for each in drawn])
+    assert 2**-0.2 <= scales.min() < 0.9
+    assert 1.28 < scales.max() <= 2**0.4
+    assert abs(np.log(scales).mean() - 0.1 * np.log(2)) < 0.02
+    stretches = np.array([each.warp.scale_x / each.warp.scale_y for each in drawn])
+    assert 2**-0.2 <= stretches.min() < 0.9
+    assert 1.1 < stretches.max() <= 2**0.2
+    assert abs(np.mean([each.mirrored for each in drawn]) - 0.5) < 0.1
+    assert abs(np.mean([bool(each.rectangles) for each in drawn]) - 0.5) < 0.1
+    assert {len(each.rectangles) for each in drawn} == {0, 1, 2}
+    tones = [
+        [(each.colours[eye].brightness, each.colours[eye].hue_turns, each.colours[eye].camera.gamma) for eye in EYES]
+        for each in drawn
+    ]
+    assert abs(np.mean([left != right for left, right in tones]) - 0.2) < 0.07
+    assert all(each.colours["left"].camera.noise != each.colours["right"].camera.noise for each in drawn)
+    qualities = [each.colours[eye].camera.jpeg_quality for each in drawn for eye in EYES]
+    assert abs(np.mean([quality is None for quality in qualities]) - 0.5) < 0.1
+    assert {60, 95} <= {quality for quality in qualities if quality is not None} <= set(range(60, 96))
+
+
+def test_a_scale_is_raised_until_the_crop_fits():
+    small = Augmentation(scale=(0.1, 1), right_y_px=(-3, 3))
+    sides, crop = (400, 600), (250, 400)
+    for sequence in range(50):
+        drawn = small.draw(crop, sides, 0, sequence)
+        height, width = drawn.source
+        assert height <= sides[0]
+        assert width <= sides[1]
+    with pytest.raises(InputError, match=r"scale: expected at least 1\.13 as its upper end"):
+        small.check((380, 400), sides)
+    with pytest.raises(InputError, match=r"need crop=\(height, width\)"):
+        small.check(None, sides)
+    Augmentation(mirrored=1, brightness=(0.5, 2)).check(None, sides)
+
+
+def test_the_default_changes_nothing():
+    pair = make_frame(1)
+    drawn = Augmentation().draw(None, (32, 48), 0, 0)
+    changed, vertical = drawn.applied(pair, np.random.default_rng(0))
+    assert (changed.camera, vertical) == (pair.camera, pair.camera.focal_px)
+    for role, array in changed.arrays().items():
+        np.testing.assert_array_equal(array, pair.arrays()[role], err_msg=role)
+    assert PRESETS["psmnet"] == Augmentation()
+
+
+def test_the_truth_does_not_depend_on_the_colours():
+    pair = make_frame(5)
+    plain = replace(STRONG, right_y_px=(0, 0), right_roll_deg=(0, 0), occluded=0)
+    grey = replace(plain, brightness=(1, 1), saturation=(0, 0), noise=(0, 0), blur_px=(0, 0), jpeg=0)
+    for sequence in range(5):
+        (one, _), (other, _) = (
+            each.draw((20, 30), (32, 48), 0, sequence).applied(_source(each, pair, sequence), np.random.default_rng(0))
+            for each in (plain, grey)
+        )
+        assert (one.left.image != other.left.image).any()
+        for role, array in one.arrays().items():
+            if role not in EYES:
+                np.testing.assert_array_equal(array, other.arrays()[role], err_msg=role)
+
+
+def _source(augmentation, pair, sequence):
+    height, width = augmentation.draw((20, 30), (32, 48), 0, sequence).source
+    return pair.cropped(Crop(0, 0, width, height))
+
+
+def test_a_record_says_what_was_drawn():
+    drawn = STRONG.draw(CROP, SIDES, 7, 3)
+    record = json.loads(drawn.record())
+    assert record["warp"]["scale_x"] == drawn.warp.scale_x
+    assert record["mirrored"] is drawn.mirrored
+    assert record["colours"]["right"]["camera"]["noise"] == drawn.colours["right"].camera.noise
+    assert record["rectangles"] == [
+        {"x_px": each.x_px, "y_px": each.y_px, "width_px": each.width_px, "height_px": each.height_px}
+        for each in drawn.rectangles
+    ]
+
+
+# --- colours ---
+
+
+IMAGE = np.random.default_rng(0).integers(60, 190, (20, 30, 3)).astype(np.uint8)
+
+
+def coloured(image=IMAGE, **values):
+    return Colours(**values).applied(image, np.random.default_rng(1)).astype(float)
+
+
+def test_colours_do_what_their_names_say():
+    luminance = IMAGE @ np.array([0.299, 0.587, 0.114])
+    np.testing.assert_allclose(coloured(brightness=1.2), IMAGE * 1.2, atol=1)
+    np.testing.assert_allclose(coloured(contrast=0.5), IMAGE * 0.5 + luminance.mean() / 2, atol=1)
+    np.testing.assert_allclose(coloured(saturation=0), np.repeat(luminance[..., None], 3, 2), atol=1.5)
+    turned = coloured(hue_turns=0.2)
+    assert np.abs(turned - IMAGE).mean() > 10
+    soft = (IMAGE // 4 + 90).astype(np.uint8)  # nothing is clipped
+    np.testing.assert_allclose(
+        coloured(soft, hue_turns=0.2) @ [0.299, 0.587, 0.114], soft @ [0.299, 0.587, 0.114], atol=1.5
+    )
+    again = coloured(coloured(soft, hue_turns=0.2).astype(np.uint8), hue_turns=-0.2)
+    np.testing.assert_allclose(again, soft, atol=2)
+    np.testing.assert_array_equal(coloured(hue_turns=0.0), IMAGE)
+
+
+def test_the_exposure_rises_in_its_direction():
+    flat = np.full((11, 21, 3), 100, np.uint8)
+    right = coloured(flat, gradient_stops=1.0)
+    assert right[5, 0, 0] == round(100 * 2**-0.5)
+    assert right[5, -1, 0] == round(100 * 2**0.5)
+    assert (right[5, 10] == 100).all()
+    down = coloured(flat, gradient_stops=1.0, gradient_rad=np.pi / 2)
+    assert (down[-1] == round(100 * 2**0.5)).all()
+
+
+def test_grey_images_have_brightness_and_contrast():
+    grey = IMAGE[..., 0]
+    np.testing.assert_allclose(coloured(grey, brightness=0.8), grey * 0.8, atol=0.51)
+    np.testing.assert_allclose(coloured(grey, contrast=1.3), grey * 1.3 - 0.3 * grey.mean(), atol=0.51)
+    np.testing.assert_array_equal(coloured(grey, saturation=0.0, hue_turns=0.3), grey)
+    noisy = coloured(grey, camera=Imperfections(noise=3.0))
+    assert 2.5 < (noisy - grey).std() < 3.5
+
+
+# --- refusals ---
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"scale": (1.2, 0.9)}, "scale: expected .low, high. in rising order from 0.1 to 10"),
+        ({"scale": 1.2}, r"scale: expected \(low, high\), got 1.2"),
+        ({"scale": (0, 1)}, "scale: expected"),
+        ({"noise": (0, float("nan"))}, "noise must be a finite number"),
+        ({"mirrored": 1.5}, "mirrored: expected a share from 0 to 1, got 1.5"),
+        ({"mirrored": True}, "mirrored must be a finite number"),
+        ({"recorded": 1}, "recorded must be a bool"),
+        ({"hue_turns": "red"}, "hue_turns: expected"),
+    ],
+)
+def test_values_that_cannot_be_used_are_refused_by_name(values, message):
+    with pytest.raises(InputError, match=message):
+        Augmentation(**values)

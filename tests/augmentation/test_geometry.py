@@ -1,0 +1,230 @@
+"""A changed pair is the pair that the renderer draws with the changed camera."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_made_pairs import make_frame
+from tiny_datasets import tiny
+
+from semisynth_gl.augmentation.geometry import Warp, mirrored, upside_down
+from semisynth_gl.augmentation.occlusion import occluded
+from semisynth_gl.frame.camera import EYES, Crop, Deviation
+from semisynth_gl.frame.frame import OCCLUDED, VISIBLE
+from semisynth_gl.frame.frame import OUTPUTS as ALL_OUTPUTS
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.pairs.pipeline import renderer_options
+from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.scene.mix import MixSampler
+from semisynth_gl.scene.sources import prepare_sources
+from semisynth_gl.seeds.splits import Split
+
+OUTPUTS = ("visibility", "correspondence", "instances", "depth", "normals", "sky")
+
+
+@pytest.fixture
+def draw(backend):
+    """Draw the tiny rig's scene of a number, with the camera that a function makes of the scene's."""
+    config = tiny().model_copy(update={"outputs": OUTPUTS})
+    sources = prepare_sources(config, Split(3))
+    sampler = MixSampler(config, 3, sources.libraries, sources.atlas.patches)
+    options = renderer_options(config) | {"rectified": False}
+    with Renderer(sampler.models, sources.atlas.layers, backend=backend, **options) as renderer:
+
+        def drawn(number, change=lambda camera: camera):
+            scene = sampler.sample(number).scene
+            return renderer.render(replace(scene, camera=change(scene.camera)))
+
+        yield drawn
+
+
+def scaled_camera(camera, warp, sides, place, margin):
+    """Make the camera of a crop at another scale, without a stretch, which no `StereoCamera` has."""
+
+    def moved(position, start):
+        return (position - start - margin + 0.5) * warp.scale_x - 0.5
+
+    return replace(
+        camera,
+        width_px=sides[1],
+        height_px=sides[0],
+        focal_px=camera.focal_px * warp.scale_x,
+        cx_left_px=moved(camera.cx_left_px, place.x_px),
+        cx_right_px=moved(camera.cx_right_px, place.x_px),
+        cy_px=moved(camera.cy_px, place.y_px),
+        deviation=Deviation(warp.right_roll_rad, 0.0, warp.right_y_px),
+    )
+
+
+def both(draw, warp, sides=(60, 80), margin=0, corner=(37, 21)):
+    """Change a pair, and draw it so in the first place."""
+    whole = draw(0)
+    height, width = warp.source(sides, margin)
+    place = Crop(*corner, width, height)
+    changed, vertical = warp.applied(whole.cropped(place), sides, margin)
+    expected = draw(0, lambda camera: scaled_camera(camera, warp, sides, place, margin))
+    assert vertical == pytest.approx(whole.camera.focal_px * warp.scale_y)
+    for name in ("focal_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px"):
+        assert getattr(changed.camera, name) == pytest.approx(getattr(expected.camera, name), abs=1e-9)
+    return changed, expected
+
+
+def smooth(view):
+    """Tell where a view has one surface without edges around a pixel."""
+    padded = np.pad(np.where(np.isfinite(view.disparity), view.disparity, 1e6), 1, "edge")
+    around = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
+    return around.max((2, 3)) - around.min((2, 3)) < 1
+
+
+@pytest.mark.one_backend
+@pytest.mark.parametrize(
+    ("warp", "margin"),
+    [
+        (Warp(1.31, 1.31), 0),
+        (Warp(1.1, 1.1, 1.3), 4),
+        (Warp(1.0, 1.0, 1.5), 4),
+        (Warp(0.77, 0.77), 0),
+        (Warp(0.9, 0.9, 1.5, 0.01), 6),
+        (Warp(1.2, 1.2, -2, -0.02), 8),
+    ],
+)
+def test_a_scaled_and_moved_pair_is_the_one_that_its_camera_sees(draw, warp, margin):
+    changed, expected = both(draw, warp, margin=margin)
+    for eye in EYES:
+        found, drawn = changed.view(eye), expected.view(eye)
+        assert set(found) == set(drawn)
+        alike = smooth(found) & smooth(drawn) & (found.instances == drawn.instances)
+        assert alike.mean() > 0.3
+        for name, scale in (("disparity", 1), ("correspondence", 1), ("depth", 20 / np.median(drawn.depth))):
+            errors = np.abs(found[name] - drawn[name])[alike] * scale
+            assert np.quantile(errors, 0.5) < 2e-3, name
+            assert np.quantile(errors, 0.9) < 0.04, name
+            assert np.quantile(errors, 0.99) < 0.2, name
+        assert np.median((found.normals * drawn.normals).sum(-1)[alike]) > 0.9999
+        assert (found.sky == drawn.sky)[alike].all()
+        # Images are resampled once more, and so softer, but at the same place: a pixel aside they differ far more.
+        levels = found.image.astype(float)
+        aside = [np.abs(np.roll(levels, shift, (0, 1)) - drawn.image)[alike].mean() for shift in
+                 ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))]  # fmt: skip
+        assert aside[0] < 0.5 * min(aside[1:])
+
+
+@pytest.mark.one_backend
+def test_a_pair_that_is_not_changed_is_the_crop_bit_for_bit(draw):
+    whole = draw(1)
+    crop = whole.cropped(Crop(10, 5, 90, 70))
+    changed, vertical = Warp().applied(crop, (70, 90), 0)
+    assert (changed.camera, vertical) == (crop.camera, crop.camera.focal_px)
+    for role, array in changed.arrays().items():
+        np.testing.assert_array_equal(array, crop.arrays()[role], err_msg=role)
+
+
+@pytest.mark.one_backend
+def test_a_stretched_pair_has_the_depth_of_before(draw):
+    whole = draw(0).cropped(Crop(30, 20, 40, 60))
+    changed, vertical = Warp(3.0, 1.0).applied(whole, (60, 120), 0)
+    focal, camera = whole.camera.focal_px, changed.camera
+    assert (camera.focal_px, vertical) == (pytest.approx(3 * focal), focal)
+    # Of three columns, the middle one lies on a column of before.
+    np.testing.assert_allclose(changed.left.disparity[:, 1::3], 3 * whole.left.disparity, rtol=1e-6)
+    np.testing.assert_array_equal(changed.left.normals[:, 1::3], whole.left.normals)
+    off = np.abs(camera.depth_m(changed.left.disparity.astype(np.float64)) / changed.left.depth - 1)
+    assert np.quantile(off[np.isfinite(off)], 0.9) < 1e-5
+
+
+@pytest.mark.one_backend
+def test_a_mirror_shows_the_points_on_the_other_side(draw):
+    pair = draw(0)
+    mirror = mirrored(pair)
+    for eye, other in (("left", "right"), ("right", "left")):
+        expected = pair.points(other)[:, ::-1].copy()
+        expected[..., 0] = pair.camera.baseline_m - expected[..., 0]
+        np.testing.assert_allclose(mirror.points(eye), expected, rtol=1e-4, atol=1e-4)
+        np.testing.assert_array_equal(mirror.view(eye).image, pair.view(other).image[:, ::-1])
+        np.testing.assert_array_equal(mirror.view(eye).visibility, pair.view(other).visibility[:, ::-1])
+        # The ways that the camera says are those that the arrays have.
+        ways, known = mirror.ways(eye), np.isfinite(mirror.view(eye).disparity)
+        np.testing.assert_allclose(mirror.view(eye).correspondence[known], ways[known], atol=1e-4)
+
+
+@pytest.mark.parametrize("change", [mirrored, upside_down])
+def test_twice_changed_is_unchanged(change):
+    pair = make_frame(3)
+    again = change(change(pair))
+    assert again.camera == pair.camera
+    for role, array in again.arrays().items():
+        np.testing.assert_array_equal(array, pair.arrays()[role], err_msg=role)
+
+
+def test_directions_turn_with_the_image():
+    pair = make_frame(2)
+    known = np.isfinite(pair.left.flow).all(-1)
+    over, mirror = upside_down(pair), mirrored(pair)
+    for name in ("flow", "flow_backward", "normals", "correspondence"):
+        finite = np.isfinite(pair.left[name]).all(-1)
+        expected = pair.left[name].copy()
+        expected[finite, 1] *= -1
+        np.testing.assert_array_equal(over.left[name], expected[::-1], err_msg=name)
+        expected = pair.left[name].copy()
+        expected[finite, 0] *= -1
+        np.testing.assert_array_equal(mirror.right[name], expected[:, ::-1], err_msg=name)
+    assert not known.all()
+
+
+def test_the_ways_of_a_deviating_rig_upside_down_are_those_of_its_camera():
+    pair = make_frame(1)
+    pair = replace(pair, camera=replace(pair.camera, deviation=Deviation(0.01, -0.02, 0.7, 1.02)))
+    over = upside_down(pair)
+    for eye in EYES:
+        expected = pair.ways(eye)[::-1].copy()
+        expected[..., 1] *= -1
+        np.testing.assert_allclose(over.ways(eye), expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("warp", [Warp(1, 1, 0.4), Warp(1.5, 1.5, -1.0, 0.02)])
+def test_what_has_no_disparity_has_none_in_a_moved_pair(warp):
+    pair = make_frame(2, set(ALL_OUTPUTS) - {"disparity_change"})
+    crop = pair.cropped(Crop(3, 2, *warp.source((16, 20), 3)[::-1]))
+    moved, _ = warp.applied(crop, (16, 20), 3)
+    unmoved, _ = Warp(warp.scale_x, warp.scale_y).applied(crop, (16, 20), 3)
+    np.testing.assert_array_equal(np.isfinite(moved.left.disparity), np.isfinite(unmoved.left.disparity))
+    assert np.isinf(moved.left.disparity).any()
+    for eye in EYES:
+        ways, known = moved.ways(eye), np.isfinite(moved.view(eye).disparity)
+        np.testing.assert_allclose(moved.view(eye).correspondence[known], ways[known], atol=2e-4)
+        assert np.isinf(moved.view(eye).correspondence[~known]).all()
+
+
+def test_what_a_change_cannot_do_is_refused():
+    with pytest.raises(InputError, match="mirrored: expected truth of both views"):
+        mirrored(make_frame(0, truth="left"))
+    pair = make_frame(0)
+    crooked = replace(pair, camera=replace(pair.camera, deviation=Deviation(0.01)))
+    with pytest.raises(InputError, match="mirrored: expected a rectified rig"):
+        mirrored(crooked)
+    with pytest.raises(InputError, match="right_roll_deg: expected a rectified rig"):
+        Warp(1, 1, 1.0).applied(crooked, (20, 30), 2)
+    with pytest.raises(InputError, match="has no disparity_change"):
+        Warp(1, 1, 1.0).applied(pair, (20, 30), 2)
+
+
+def test_a_rectangle_hides_what_lies_behind_it():
+    pair = make_frame(4)
+    rectangle = Crop(10, 6, 12, 9)
+    hidden = occluded(pair, [rectangle])
+    inside = np.zeros((32, 48), bool)
+    inside[6:15, 10:22] = True
+    assert (hidden.right.image[inside] == np.rint(pair.right.image.mean((0, 1)))).all()
+    np.testing.assert_array_equal(hidden.right.image[~inside], pair.right.image[~inside])
+    assert not np.isfinite(hidden.right.disparity[inside]).any()
+    assert not hidden.right.visibility[inside].any()
+    assert not hidden.right.instances[inside].any()
+    np.testing.assert_array_equal(hidden.right.depth[~inside], pair.right.depth[~inside])
+    np.testing.assert_array_equal(hidden.left.disparity, pair.left.disparity)
+    changed = hidden.left.visibility != pair.left.visibility
+    assert changed.any()
+    for y, x in np.argwhere(np.isfinite(pair.left.disparity)):
+        column = round(x - float(pair.left.disparity[y, x]))
+        behind = 10 <= column < 22 and 6 <= y < 15 and pair.left.visibility[y, x] == VISIBLE
+        assert changed[y, x] == behind
+    assert (hidden.left.visibility[changed] == OCCLUDED).all()

@@ -1,0 +1,124 @@
+"""Augmented samples: those of the stream and of the dataset alike, in any process, another one in each epoch."""
+
+import json
+from dataclasses import replace
+
+import pytest
+from hand_made_datasets import write_dataset
+from heavy import heavy
+from tiny_datasets import cheap
+
+from semisynth_gl.augmentation import PRESETS, Augmentation
+from semisynth_gl.frame.frame import ROLES
+from semisynth_gl.generation.generate import generate
+from semisynth_gl.inputs.errors import InputError
+
+torch = heavy("torch")
+pytestmark = pytest.mark.heavy
+
+from torch.utils.data import DataLoader  # noqa: E402 - torch is optional
+
+from semisynth_gl.torch import Hardware, Selection, StereoDataset, StereoMix, StereoStream  # noqa: E402
+
+SEED, CROP = 3, (32, 40)
+CHANGES = replace(
+    PRESETS["raft-stereo"], mirrored=0.5, upside_down=0.5, noise=(1, 4), rectangle_px=(5, 20), recorded=True
+)
+
+
+def same(sample, other):
+    return list(sample) == list(other) and all(
+        torch.equal(value, other[name]) if name in ROLES else value == other[name] for name, value in sample.items()
+    )
+
+
+@pytest.mark.parametrize("backend", ["egl"], indirect=True)
+def test_a_dataset_has_the_augmented_samples_of_the_stream(backend, tmp_path):
+    config = cheap(sequence={"length": 2}, outputs=["visibility", "correspondence", "flow", "depth"])
+    generate(config, tmp_path / "set", 6, SEED, layout="webdataset", backend=backend)
+    stream = StereoStream(config, SEED, Selection(pairs=6), crop=CROP, augmentation=CHANGES)
+    dataset = StereoDataset(tmp_path / "set", crop=CROP, augmentation=CHANGES)
+    samples = list(stream)
+    assert [same(*both) for both in zip(samples, dataset, strict=True)] == [True] * 6
+    assert all(sample["left"].shape == (3, *CROP) for sample in samples)
+    # Both frames of a sequence change alike, but for their noise.
+    records = [sample["augmentation"] for sample in samples]
+    assert records[::2] == records[1::2]
+    assert len(set(records)) == 3
+    assert {json.loads(record)["mirrored"] for record in records} == {True, False}
+    # Where pixels come from does not matter to where they are drawn.
+    unchecked = StereoStream(config, SEED, Selection(pairs=6), crop=CROP, augmentation=CHANGES, checked=False)
+    assert [same(*both) for both in zip(samples, unchecked, strict=True)] == [True] * 6
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("augmented")
+    write_dataset(folder, "webdataset", {"train": 7}, 3)
+    return folder
+
+
+SMALL = Augmentation(scale=(0.8, 1.3), mirrored=0.5, noise=(1, 3), brightness=(0.7, 1.3), recorded=True)
+CUT = (16, 24)
+
+
+def test_samples_are_the_same_in_every_process(folder):
+    dataset = StereoDataset(folder, crop=CUT, augmentation=SMALL)
+    loaded = DataLoader(dataset, batch_size=None, num_workers=2, multiprocessing_context="spawn")
+    assert [same(*both) for both in zip(dataset, loaded, strict=True)] == [True] * 7
+    batch = next(iter(DataLoader(dataset, batch_size=7)))
+    assert batch["left"].shape == (7, 3, *CUT)
+    assert len(batch["augmentation"]) == 7
+
+
+def test_each_epoch_and_each_seed_changes_samples_otherwise(folder):
+    first, second, other = (
+        [sample["augmentation"] for sample in dataset]
+        for dataset in (
+            StereoDataset(folder, crop=CUT, augmentation=SMALL),
+            StereoDataset(folder, crop=CUT, augmentation=SMALL).at_epoch(1),
+            StereoDataset(folder, crop=CUT, augmentation=SMALL, seed=8),
+        )
+    )
+    assert len({*first, *second, *other}) == 21
+
+
+def test_a_state_of_other_changes_is_refused(folder):
+    def mix(augmentation):
+        return StereoMix([(StereoDataset(folder, crop=CUT, augmentation=augmentation), 1)])
+
+    begun = mix(SMALL)
+    samples = iter(begun)
+    for _ in range(9):  # into the second epoch
+        next(samples)
+    resumed = mix(SMALL)
+    resumed.load_state_dict(begun.state_dict())
+    assert same(next(iter(resumed)), next(samples))
+    for other in (None, replace(SMALL, noise=(1, 4))):
+        with pytest.raises(InputError, match="augmentation"):
+            mix(other).load_state_dict(begun.state_dict())
+
+
+def test_without_a_record_a_sample_has_the_keys_of_before(folder):
+    plain, changed = (
+        StereoDataset(folder, crop=CUT, augmentation=changes)[0] for changes in (None, replace(SMALL, recorded=False))
+    )
+    assert list(plain) == list(changed)
+    assert plain["camera"].keys() == changed["camera"].keys()
+    assert plain["camera"]["focal_y_px"] == plain["camera"]["focal_px"]
+
+
+def test_a_stretched_sample_says_its_vertical_focal_length(folder):
+    stretched = StereoDataset(folder, crop=CUT, augmentation=Augmentation(stretch=(1.5, 1.5)))[0]["camera"]
+    assert stretched["focal_px"] == pytest.approx(1.5 * stretched["focal_y_px"])
+
+
+def test_augmentations_that_cannot_be_used_are_refused(folder):
+    with pytest.raises(InputError, match="augmentation must be"):
+        StereoDataset(folder, augmentation="raft-stereo")
+    with pytest.raises(InputError, match="need crop="):
+        StereoDataset(folder, augmentation=SMALL)
+    with pytest.raises(InputError, match="scale: expected at least"):
+        StereoDataset(folder, crop=(30, 40), augmentation=Augmentation(scale=(0.5, 0.8)))
+    with pytest.raises(InputError, match="needs checked=False and a config without imperfections or augmentation"):
+        StereoStream(cheap(), hardware=Hardware(device="cuda"), checked=False, augmentation=Augmentation())
