@@ -261,8 +261,9 @@ def test_the_documented_trust_in_a_judge_without_truth_is_the_measured_one():
     every = {"runs": measured["runs"] + short["runs"]}
     assert f"Over {len(every['runs'])} networks" in text
     assert f"its correlation with bad-1 was {training_report.trust(every):.2f}" in text
-    assert f"over the {len(measured['runs'])} best" in text
-    assert f"none ({training_report.trust(measured):.2f})" in text
+    best = {"runs": [run for run in every["runs"] if run["mean"] < 8]}
+    assert f"over the {len(best['runs'])} best" in text
+    assert f"none ({training_report.trust(best):.2f})" in text
 
 
 def test_the_documented_figures_are_those_of_the_measured_runs():
