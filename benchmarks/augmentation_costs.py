@@ -65,7 +65,7 @@ def job(augmentation: Augmentation, whole: Frame) -> Callable[[int], None]:
 
 
 def torchvision_colours() -> Callable[[int], None] | None:
-    """Return torchvision's colours of both images, or None where it is not installed."""
+    """Return a job that changes two images by torchvision's ColorJitter; None without torchvision."""
     try:
         import torch  # noqa: PLC0415 - optional
         from torchvision.transforms import v2  # noqa: PLC0415 - optional

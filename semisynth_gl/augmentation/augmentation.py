@@ -2,8 +2,8 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
-from math import ceil, pi, radians, sin
+from dataclasses import asdict, dataclass, field, fields, replace
+from math import ceil, inf, pi, radians, sin
 from types import MappingProxyType
 from typing import Any
 
@@ -19,7 +19,7 @@ from semisynth_gl.inputs.errors import InputError, shown
 from semisynth_gl.pairs.imperfections import Imperfections
 from semisynth_gl.seeds.seeds import Purpose, generator
 
-Range = tuple[float, float]
+Interval = tuple[float, float]
 Sides = tuple[int, int]
 
 
@@ -65,26 +65,26 @@ class Augmentation:
         InputError: where a value cannot be used.
     """
 
-    scale: Range = field(default=(1.0, 1.0), metadata=_limits(0.1, 10))
-    stretch: Range = field(default=(1.0, 1.0), metadata=_limits(0.5, 2))
+    scale: Interval = field(default=(1.0, 1.0), metadata=_limits(0.1, 10))
+    stretch: Interval = field(default=(1.0, 1.0), metadata=_limits(0.5, 2))
     mirrored: float = 0.0
     upside_down: float = 0.0
-    right_y_px: Range = field(default=(0.0, 0.0), metadata=_limits(-20, 20))
-    right_roll_deg: Range = field(default=(0.0, 0.0), metadata=_limits(-5, 5))
-    brightness: Range = field(default=(1.0, 1.0), metadata=_limits(0, 10))
-    contrast: Range = field(default=(1.0, 1.0), metadata=_limits(0, 10))
-    saturation: Range = field(default=(1.0, 1.0), metadata=_limits(0, 10))
-    hue_turns: Range = field(default=(0.0, 0.0), metadata=_limits(-0.5, 0.5))
-    gradient_stops: Range = field(default=(0.0, 0.0), metadata=_limits(0, 4))
-    gamma: Range = field(default=(1.0, 1.0), metadata=_limits(0.1, 10))
+    right_y_px: Interval = field(default=(0.0, 0.0), metadata=_limits(-20, 20))
+    right_roll_deg: Interval = field(default=(0.0, 0.0), metadata=_limits(-5, 5))
+    brightness: Interval = field(default=(1.0, 1.0), metadata=_limits(0, 10))
+    contrast: Interval = field(default=(1.0, 1.0), metadata=_limits(0, 10))
+    saturation: Interval = field(default=(1.0, 1.0), metadata=_limits(0, 10))
+    hue_turns: Interval = field(default=(0.0, 0.0), metadata=_limits(-0.5, 0.5))
+    gradient_stops: Interval = field(default=(0.0, 0.0), metadata=_limits(0, 4))
+    gamma: Interval = field(default=(1.0, 1.0), metadata=_limits(0.1, 10))
     asymmetric: float = 0.0
-    blur_px: Range = field(default=(0.0, 0.0), metadata=_limits(0, 20))
-    noise: Range = field(default=(0.0, 0.0), metadata=_limits(0, 100))
-    jpeg_quality: Range = field(default=(60.0, 95.0), metadata=_limits(1, 100))
+    blur_px: Interval = field(default=(0.0, 0.0), metadata=_limits(0, 20))
+    noise: Interval = field(default=(0.0, 0.0), metadata=_limits(0, 100))
+    jpeg_quality: Interval = field(default=(60.0, 95.0), metadata=_limits(1, 100))
     jpeg: float = 0.0
     occluded: float = 0.0
-    rectangles: Range = field(default=(1, 2), metadata=_limits(1, 20))
-    rectangle_px: Range = field(default=(50, 100), metadata=_limits(1, 10000))
+    rectangles: Interval = field(default=(1, 2), metadata=_limits(1, 20))
+    rectangle_px: Interval = field(default=(50, 100), metadata=_limits(1, 10000))
     recorded: bool = False
 
     def __post_init__(self) -> None:
@@ -113,7 +113,8 @@ class Augmentation:
             if self._moves:
                 raise InputError("scale, stretch, right_y_px and right_roll_deg need crop=(height, width)")
             return
-        least = self._least_scale(crop, sides)
+        room = self._room(sides)
+        least = max(side / most for side, most in zip(crop, room, strict=True)) if min(room) >= 1 else inf
         if least > self.scale[1]:
             raise InputError(
                 f"scale: expected at least {least:.3g} as its upper end, got {self.scale[1]:g}: crops of "
@@ -135,15 +136,15 @@ class Augmentation:
         """
         rng = generator(seed, Purpose.AUGMENTATION, sequence, epoch)
         scale, stretch = (float(np.exp(rng.uniform(*np.log(each)))) for each in (self.scale, self.stretch))
-        shares = rng.random(5)
+        shares = rng.random(4)
         flips = {"mirrored": bool(shares[0] < self.mirrored), "upside_down": bool(shares[1] < self.upside_down)}
         moved = rng.uniform(*self.right_y_px), np.deg2rad(rng.uniform(*self.right_roll_deg))
         size = sides if crop is None else crop
         margin = self._margin(sides)
         wide, high = scale * stretch, scale
         if self._moves:
-            room = [side - 2 * margin - 1 for side in sides]
-            high, wide = max(high, size[0] / room[0]), max(wide, size[1] / room[1])
+            height, width = self._room(sides)
+            high, wide = max(high, size[0] / height), max(wide, size[1] / width)
         warp = Warp(wide, high, float(moved[0]), float(moved[1]))
         colours: dict[Eye, Colours] = {}
         shared = self._colours(rng)
@@ -153,8 +154,7 @@ class Augmentation:
             further = rng.uniform(*self.blur_px), rng.uniform(*self.noise), rng.uniform(*self.jpeg_quality)
             quality = round(further[2]) if rng.random() < self.jpeg else None
             camera = Imperfections(blur_px=further[0], noise=further[1], gamma=tone.camera.gamma, jpeg_quality=quality)
-            plain = {each.name: getattr(tone, each.name) for each in fields(tone)}
-            colours[eye] = Colours(**plain | {"camera": camera})
+            colours[eye] = replace(tone, camera=camera)
         rectangles = self._rectangles(rng, size) if shares[3] < self.occluded else ()
         return Drawn(warp, **flips, colours=MappingProxyType(colours), rectangles=rectangles, size=crop, margin=margin)
 
@@ -164,27 +164,24 @@ class Augmentation:
 
     @property
     def _moves(self) -> bool:
-        unmoved = Augmentation()
-        return any(
-            getattr(self, name) != getattr(unmoved, name)
-            for name in ("scale", "stretch", "right_y_px", "right_roll_deg")
-        )
+        return self.scale != (1, 1) or self.stretch != (1, 1) or self._moves_right
+
+    @property
+    def _moves_right(self) -> bool:
+        return self.right_y_px != (0, 0) or self.right_roll_deg != (0, 0)
+
+    def _room(self, sides: Sides) -> Sides:
+        """Return height and width of the largest crop that can be made of images at scale 1; below 1 px for none."""
+        taken = 2 * self._margin(sides) + self._moves
+        return sides[0] - taken, sides[1] - taken
 
     def _margin(self, sides: Sides) -> int:
         """Return by how many px at most the right image moves at scale 1, and what an image's filter needs."""
-        if self.right_y_px == self.right_roll_deg == (0, 0):
+        if not self._moves_right:
             return 0
         turned = sin(radians(max(map(abs, self.right_roll_deg)))) * sum(sides)
         shifted = max(map(abs, self.right_y_px)) / self.scale[0]
         return ceil(turned + shifted) + 2
-
-    def _least_scale(self, crop: Sides, sides: Sides) -> float:
-        margin = self._margin(sides)
-        rest = 1 if self._moves else 0
-        room = [side - 2 * margin - rest for side in sides]
-        if min(room) < 1:
-            return float("inf")
-        return max(side / most for side, most in zip(crop, room, strict=True))
 
     def _colours(self, rng: np.random.Generator) -> Colours:
         drawn = {name: float(rng.uniform(*getattr(self, name))) for name in (
@@ -267,8 +264,8 @@ class Drawn:
         return json.dumps(values)
 
 
-def _checked(name: str, value: object, least: float, most: float) -> Range:
-    """Return a range as a tuple of numbers; raise InputError where it is none, or beyond its limits."""
+def _checked(name: str, value: object, least: float, most: float) -> Interval:
+    """Return (low, high) as a tuple of numbers; raise InputError for other values and beyond the limits."""
     pair = tuple(value) if isinstance(value, (tuple, list)) else ()
     if len(pair) != 2:
         raise InputError(f"{name}: expected (low, high), got {shown(value)}")

@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 from PIL import Image, ImageStat
 
 from semisynth_gl.frame.frame import through_levels
-from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
+from semisynth_gl.pairs.imperfections import LUMINANCE, Imperfections, apply_imperfections
 
-# Weights of red, green and blue in the luminance, and the axes of YIQ, from ITU-R BT.601 and NTSC.
-_LUMINANCE = np.array([0.299, 0.587, 0.114])
-_YIQ = np.array([_LUMINANCE, [0.5959, -0.2746, -0.3213], [0.2115, -0.5227, 0.3112]])
+# The axes of YIQ, from NTSC.
+_YIQ = np.array([LUMINANCE, [0.5959, -0.2746, -0.3213], [0.2115, -0.5227, 0.3112]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +55,7 @@ class Colours:
             levels = np.arange(256) * self.brightness * self.contrast + (1 - self.contrast) * mean
             return through_levels(image, np.rint(levels).clip(0, 255).astype(np.uint8))
         picture = Image.fromarray(image)
-        mean = np.array(ImageStat.Stat(picture).mean) @ _LUMINANCE * self.brightness
+        mean = np.array(ImageStat.Stat(picture).mean) @ LUMINANCE * self.brightness
         cos, sin = np.cos(2 * np.pi * self.hue_turns), np.sin(2 * np.pi * self.hue_turns)
         turn = np.array([[1, 0, 0], [0, cos, -sin], [0, sin, cos]])
         chroma = np.diag([1.0, self.saturation, self.saturation])

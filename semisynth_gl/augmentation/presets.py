@@ -22,6 +22,6 @@ PRESETS: Mapping[str, Augmentation] = {
         rectangles=(1, 2),
         rectangle_px=(50, 100),
     ),
-    # PSMNet cuts crops and changes nothing else.
+    # PSMNet trains on crops that are not changed.
     "psmnet": Augmentation(),
 }

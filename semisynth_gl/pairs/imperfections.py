@@ -23,7 +23,7 @@ from semisynth_gl.frame.frame import Frame, View, through_levels
 # Number of values that are processed at a time.
 _BLOCK = 1 << 17
 # Weights of red, green and blue in the luminance, from ITU-R BT.601, as in JPEG.
-_LUMINANCE = np.array([0.299, 0.587, 0.114], np.float32)
+LUMINANCE = np.array([0.299, 0.587, 0.114], np.float32)
 # The unsharp mask blurs rows and columns with 1 4 6 4 1 (of 16), nearly a Gaussian of 1 px. Here, weights and their sum
 # are divided by 6.
 _NEAR, _FAR, _ALL = np.float32(4 / 6), np.float32(1 / 6), np.float32(16 / 6)
@@ -170,7 +170,7 @@ def _sharpened(image: NDArray[np.uint8], amount: float) -> NDArray[np.uint8]:
         # Beyond the border, the outermost pixels are repeated.
         about = image[np.arange(first - 2, last + 2).clip(0, height - 1)].astype(np.float32)
         if channels > 1:
-            about = about @ _LUMINANCE
+            about = about @ LUMINANCE
         middle = about[2:-2]
         down = (about[1:-3] + about[3:-1]) * _NEAR + (about[:-4] + about[4:]) * _FAR + middle
         down = np.pad(down, ((0, 0), (2, 2)), "edge")

@@ -42,42 +42,38 @@ class Cutting:
         crop = {"crop": self._crop and [int(side) for side in self._crop]}
         return crop if self._augmentation is None else crop | {"augmentation": self._augmentation.values}
 
-    def place(self, seed: int, sequence: int, epoch: int = 0) -> Crop | None:
-        """Return the part of the images that the samples of a sequence are made of; None for all.
+    def draw(self, seed: int, sequence: int, epoch: int = 0) -> tuple[Crop | None, Drawn | None]:
+        """Draw the part of the images that the samples of a sequence are made of, and their changes; None for neither.
 
         Args:
             seed: of the split.
             sequence: number of the sequence.
             epoch: from 0.
         """
-        drawn = self._drawn(seed, sequence, epoch)
-        size = self._crop if drawn is None else drawn.source
-        return None if size is None else draw_crop(size, self._sides, seed, sequence, epoch)
+        drawn, size = None, self._crop
+        if self._augmentation is not None:
+            drawn = self._augmentation.draw(self._crop, self._sides, seed, sequence, epoch)
+            size = drawn.source
+        return None if size is None else draw_crop(size, self._sides, seed, sequence, epoch), drawn
 
-    def sample(self, frame: Frame, seed: int, sequence: int, index: int, epoch: int = 0) -> Sample:
-        """Return a sample from the part of a pair that `place` says.
+    def sample(self, frame: Frame, drawn: Drawn | None, seed: int, index: int, epoch: int = 0) -> Sample:
+        """Return a sample.
 
         Args:
-            frame: that part.
+            frame: the part of a pair that `draw` says.
+            drawn: the changes that it says.
             seed: of the split.
-            sequence: number of the sequence.
             index: the pair's number in its split.
             epoch: from 0.
 
         Raises:
             InputError: where the pair lacks what a change needs.
         """
-        drawn = self._drawn(seed, sequence, epoch)
         if self._augmentation is None or drawn is None:
             return to_sample(index, frame)
         frame, focal_y_px = drawn.applied(frame, self._augmentation.noise_rng(seed, index, epoch))
         sample = to_sample(index, frame, focal_y_px)
         return sample | {"augmentation": drawn.record()} if self._augmentation.recorded else sample
-
-    def _drawn(self, seed: int, sequence: int, epoch: int) -> Drawn | None:
-        if self._augmentation is None:
-            return None
-        return self._augmentation.draw(self._crop, self._sides, seed, sequence, epoch)
 
 
 def check_crop(crop: Any, sides: tuple[int, int], whose: str) -> None:  # noqa: ANN401 - that is what it checks

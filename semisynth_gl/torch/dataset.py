@@ -89,10 +89,10 @@ class StereoDataset(Dataset[Any]):
         split, index = self.pairs.pair(number)
         frame: Frame = self.pairs[number]
         sequence, seed = index // self._together, Split(self._seed, split).seed
-        place = self._cutting.place(seed, sequence, self._epoch)
+        place, drawn = self._cutting.draw(seed, sequence, self._epoch)
         if place is not None:
             frame = frame.cropped(place)
-        sample = self._cutting.sample(frame, seed, sequence, index, self._epoch)
+        sample = self._cutting.sample(frame, drawn, seed, index, self._epoch)
         return sample if self._transform is None else self._transform(sample)
 
     def at_epoch(self, epoch: int) -> "StereoDataset":

@@ -25,7 +25,7 @@ def to_sample(index: int, frame: Frame, focal_y_px: float | None = None) -> Samp
     Args:
         index: the pair's number in its split.
         frame: a pair, rendered or read from files.
-        focal_y_px: vertical focal length of a stretched pair, px; None where it is the horizontal one.
+        focal_y_px: vertical focal length, px; None for the horizontal one, which differs only in a stretched pair.
 
     Returns:
         ``index``, an int; ``camera``, a dictionary of floats; and each array of `Frame.arrays` as a tensor under its

@@ -199,8 +199,9 @@ class RenderedPairs:
         frame, view = divmod(rest, self.config.views)
         index = (sequence * self.config.sequence.length + self._frames[frame]) * self.config.views + view
         seed = self._split.seed
-        pair = renderer.render(index, crop=self._cutting.place(seed, sequence), checked=self.checked)
-        sample = self._cutting.sample(pair.frame, seed, sequence, pair.index)
+        place, drawn = self._cutting.draw(seed, sequence)
+        pair = renderer.render(index, crop=place, checked=self.checked)
+        sample = self._cutting.sample(pair.frame, drawn, seed, pair.index)
         return sample if self.transform is None else self.transform(sample)
 
     def _check(self) -> None:

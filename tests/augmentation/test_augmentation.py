@@ -67,6 +67,8 @@ def test_a_scale_is_raised_until_the_crop_fits():
         assert width <= sides[1]
     with pytest.raises(InputError, match=r"scale: expected at least 1\.13 as its upper end"):
         small.check((380, 400), sides)
+    with pytest.raises(InputError, match="scale: expected at least inf"):
+        Augmentation(right_y_px=(-5, 5)).check((1, 1), (12, 400))
     with pytest.raises(InputError, match=r"need crop=\(height, width\)"):
         small.check(None, sides)
     Augmentation(mirrored=1, brightness=(0.5, 2)).check(None, sides)

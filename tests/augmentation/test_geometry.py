@@ -10,7 +10,7 @@ from tiny_datasets import tiny
 from semisynth_gl.augmentation.geometry import Warp, mirrored, upside_down
 from semisynth_gl.augmentation.occlusion import occluded
 from semisynth_gl.frame.camera import EYES, Crop, Deviation
-from semisynth_gl.frame.frame import OCCLUDED, VISIBLE
+from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.frame.frame import OUTPUTS as ALL_OUTPUTS
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import renderer_options
@@ -211,6 +211,8 @@ def test_what_a_change_cannot_do_is_refused():
 def test_a_rectangle_hides_what_lies_behind_it():
     pair = make_frame(4)
     rectangle = Crop(10, 6, 12, 9)
+    # What the whole right image does not show stays outside, whatever rounding says of it.
+    pair.left.visibility[10, 20:40:2] = OUTSIDE
     hidden = occluded(pair, [rectangle])
     inside = np.zeros((32, 48), bool)
     inside[6:15, 10:22] = True

@@ -1,4 +1,4 @@
-"""Augmented samples: those of the stream and of the dataset alike, in any process, another one in each epoch."""
+"""A stream and a dataset augment a pair alike, in any process, and otherwise in each epoch."""
 
 import json
 from dataclasses import replace
