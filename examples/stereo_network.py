@@ -25,10 +25,12 @@ class Estimates(NamedTuple):
     Attributes:
         disparities: each (B, H, W) px, of the left view, the coarsest first and the final one last.
         scores: (B, D, H/4, W/4), rounded up; the higher, the likelier is a disparity of 4 D px. Softmax gives shares.
+        step_px: from level to level, and the side of a square that has scores.
     """
 
     disparities: list[Tensor]
     scores: Tensor
+    step_px: int = _DISPARITY_STEP_PX
 
 
 def _conv(inputs: int, outputs: int, *, stride: int = 1, dilation: int = 1) -> nn.Sequential:
@@ -244,42 +246,3 @@ def _resized(values: Tensor, like: Tensor) -> Tensor:
     """Interpolate linearly to the size of another tensor."""
     mode = "trilinear" if values.ndim == 5 else "bilinear"
     return functional.interpolate(values, size=like.shape[2:], mode=mode, align_corners=False)
-
-
-def disparity_loss(estimates: Estimates, truth: Tensor, max_disparity: float) -> Tensor:
-    """Smooth L1 of all disparities, the final ones counting most, and cross-entropy of the scores.
-
-    The means of scores alone would teach them slowly: a wrong mean does not say which level is the right one.
-
-    Args:
-        estimates: of the network.
-        truth: (B, H, W), px; pixels that are not finite, not positive, or not below max_disparity are left out.
-        max_disparity: px.
-
-    Returns:
-        A number; 0 where there is no pixel to learn from.
-    """
-    valid = torch.isfinite(truth) & (truth > 0) & (truth < max_disparity)
-    # Left-out pixels are set equal before they are compared: infinite ones would make gradients NaN, though weighted 0.
-    filled = torch.where(valid, truth, 0)
-    pixels = valid.sum().clamp(min=1)
-    loss = _cross_entropy(estimates.scores, filled, valid)
-    for estimate, weight in zip(estimates.disparities, (0.5, 0.7, 1.0), strict=True):
-        compared = torch.where(valid, estimate, 0)
-        loss = loss + weight * functional.smooth_l1_loss(compared, filled, reduction="sum") / pixels
-    return loss
-
-
-def _cross_entropy(scores: Tensor, truth: Tensor, valid: Tensor) -> Tensor:
-    """Compare scores (B, D, H/4, W/4) with truth (B, H, W) px, which lies between two levels and counts for both."""
-    step = _DISPARITY_STEP_PX
-    # The pixel next to the middle of each 4 x 4: a mean would mix what lies before and behind an edge.
-    truth, valid = (each[:, step // 2 :: step, step // 2 :: step] for each in (truth, valid))
-    height, width = truth.shape[1:]
-    shares = scores[..., :height, :width].log_softmax(1)
-    level = (truth / step).clamp(max=scores.shape[1] - 1)
-    low = level.floor().long()
-    high = (low + 1).clamp(max=scores.shape[1] - 1)
-    found_low, found_high = (shares.gather(1, each[:, None])[:, 0] for each in (low, high))
-    missed = -torch.lerp(found_low, found_high, level - low)
-    return torch.where(valid, missed, 0).sum() / valid.sum().clamp(min=1)

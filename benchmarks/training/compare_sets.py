@@ -20,9 +20,9 @@ from typing import Any
 import click
 import torch
 from matching_network import MatchingNetwork
+from network_training import start_process
 from real_pairs import judge, judge_without_truth, plainness, read_pairs, semi_global
 from stereo_evaluation import View
-from train_stereo import find_device
 from trainer import (
     Budget,
     Hardware,
@@ -30,17 +30,18 @@ from trainer import (
     TimeUpError,
     crops,
     find_precision,
-    of_views,
+    of_judges,
     predictor,
     read_dataset,
     rendered,
     train,
 )
 from training_report import headline, table
-from training_sets import REAL, SETS, config_of
+from training_sets import COLOURS, REAL, SETS, config_of
 
 from semisynth_gl.bench.summary import machine_facts
 from semisynth_gl.engines.local import LocalEngine, SerialEngine
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError, SemisynthError
 
@@ -76,21 +77,23 @@ class Sources:
 
     def write(self, name: str, budget: Budget) -> Path:
         """Write the dataset of a set, unless it is there."""
+        name = SETS[name].pairs_of or name
         folder = self.folder / name
         pairs = max(1, round(budget.pairs * SETS[name].share))
         engine = LocalEngine(self.workers, _WORKER_TIMEOUT_S) if self.workers > 1 else SerialEngine()
         generate(config_of(name, self.images, self.folder), folder, pairs, engine=engine)
         return folder
 
-    def samples(self, name: str, budget: Budget) -> list[Sample]:
+    def pairs(self, name: str, budget: Budget) -> list[Frame]:
         """Read the pairs of a set that is not rendered while it trains."""
-        return of_views(self.views) if name == REAL else read_dataset(self.write(name, budget), budget.factor)
+        return of_judges(self.views) if name == REAL else read_dataset(self.write(name, budget), budget.factor)
 
     def batches(self, name: str, budget: Budget, seed: int) -> Iterator[Sample]:
         """Yield the batches of a run."""
+        augmentation = COLOURS if name == REAL else SETS[name].augmentation
         if name == REAL or budget.pairs:
-            return crops(self.samples(name, budget), budget, seed)
-        return rendered(config_of(name, self.images, self.folder), budget, seed, self.workers)
+            return crops(self.pairs(name, budget), budget, augmentation, seed)
+        return rendered(config_of(name, self.images, self.folder), budget, augmentation, seed, self.workers)
 
 
 def choose_sets(names: tuple[str, ...], images: tuple[str, ...], budget: Budget) -> tuple[list[str], dict[str, str]]:
@@ -262,7 +265,7 @@ def run(
         raise InputError(f"--pairs: --budget {budget_name} renders new pairs all the time: leave --pairs out")
     own = {"steps": steps, "pairs": pairs, "minutes": minutes}
     budget = replace(budget, **{key: value for key, value in own.items() if value is not None})
-    on = find_device(device)
+    on, _, _ = start_process(device)
     hardware = Hardware(on, find_precision(on))
     views = read_pairs(folders, budget.factor, budget.max_disparity_px)
     chosen, left_out = choose_sets(names, images, budget)

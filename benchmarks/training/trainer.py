@@ -4,6 +4,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -14,15 +15,19 @@ from real_pairs import Predictor, shrunk_disparity, shrunk_image
 from torch import Tensor, nn
 from torch.utils.data import DataLoader
 
+from semisynth_gl.augmentation import Augmentation
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.reader import open_dataset
+from semisynth_gl.frame.camera import StereoCamera
+from semisynth_gl.frame.frame import Frame, View
 from semisynth_gl.inputs.errors import InputError, SemisynthError
 from semisynth_gl.torch import Selection, StereoStream
+from semisynth_gl.torch.cutting import Cutting
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "examples"))
 
-from stereo_evaluation import View
-from train_stereo import needed, photographed
+from network_data import needed
+from stereo_evaluation import View as Judged
 
 Sample = dict[str, Tensor]
 _LEARNING_RATE = 3e-3
@@ -82,46 +87,49 @@ def find_precision(device: torch.device) -> torch.dtype:
     return torch.bfloat16
 
 
-def tensors(view: View) -> Sample:
-    """Turn a pair into what is trained on: (3, H, W) uint8 twice, and the left disparity (H, W) px."""
-    left, right = (torch.from_numpy(np.ascontiguousarray(each.transpose(2, 0, 1))) for each in (view.left, view.right))
-    return {"left": left, "right": right, "disparity_left": torch.from_numpy(view.truth.disparity)}
+def frame_of(left: NDArray[np.uint8], right: NDArray[np.uint8], disparity: NDArray[np.float32]) -> Frame:
+    """Return a pair of images (H, W, 3) and the left disparity (H, W) px. Its camera is a stand-in that nobody asks."""
+    height, width = disparity.shape
+    camera = StereoCamera.centred(width, height, focal_px=width, baseline_m=0.1)
+    return Frame(camera, View({"image": left, "disparity": disparity}), View({"image": right}))
 
 
-def read_dataset(folder: Path, factor: int) -> list[Sample]:
+def read_dataset(folder: Path, factor: int) -> list[Frame]:
     """Read a dataset of this program into memory, shrunk."""
-    samples = []
-    for frame in open_dataset(folder):
-        images = [shrunk_image(view.image, factor).transpose(2, 0, 1) for view in (frame.left, frame.right)]
-        arrays = (*images, shrunk_disparity(frame.left.disparity, factor))
-        names = ("left", "right", "disparity_left")
-        samples.append({name: torch.from_numpy(array.copy()) for name, array in zip(names, arrays, strict=True)})
-    return samples
+    return [
+        frame_of(
+            *(shrunk_image(view.image, factor) for view in (frame.left, frame.right)),
+            shrunk_disparity(frame.left.disparity, factor),
+        )
+        for frame in open_dataset(folder)
+    ]
 
 
-def crops(pairs: Sequence[Sample], budget: Budget, seed: int) -> Iterator[Sample]:
-    """Cut batches out of pairs at random, without end.
+def of_judges(views: Mapping[str, Judged]) -> list[Frame]:
+    """Turn real pairs into what is trained on."""
+    return [frame_of(view.left, view.right, view.truth.disparity) for view in views.values()]
+
+
+def crops(pairs: Sequence[Frame], budget: Budget, augmentation: Augmentation, seed: int) -> Iterator[Sample]:
+    """Cut batches out of pairs at random and change them, without end.
 
     Raises:
-        InputError: where a pair is smaller than a crop.
+        InputError: where a pair is too small for a crop and its changes.
     """
-    height, width = budget.crop_px
-    for pair in pairs:
-        size = pair["disparity_left"].shape
-        if size[0] < height or size[1] < width:
-            raise InputError(f"a pair has {size[1]} x {size[0]} px: expected at least {width} x {height}, a crop")
+    sides = [(frame.camera.height_px, frame.camera.width_px) for frame in pairs]
+    cuttings = {size: Cutting(budget.crop_px, augmentation, size, "a pair") for size in set(sides)}
     rng = np.random.default_rng(seed)
-    while True:
+    for first in count(0, budget.batch):
         drawn = []
-        for pair in rng.choice(len(pairs), budget.batch):
-            sample = pairs[pair]
-            rows, columns = sample["disparity_left"].shape
-            y, x = rng.integers(rows - height + 1), rng.integers(columns - width + 1)
-            drawn.append({name: each[..., y : y + height, x : x + width] for name, each in sample.items()})
+        for number, pair in enumerate(rng.choice(len(pairs), budget.batch), first):
+            cutting = cuttings[sides[pair]]
+            place, change = cutting.draw(seed, number)
+            frame = pairs[pair] if place is None else pairs[pair].cropped(place)
+            drawn.append(needed(cutting.sample(frame, change, seed, number)))
         yield {name: torch.stack([each[name] for each in drawn]) for name in drawn[0]}
 
 
-def rendered(config: Config, budget: Budget, seed: int, workers: int) -> Iterator[Sample]:
+def rendered(config: Config, budget: Budget, augmentation: Augmentation, seed: int, workers: int) -> Iterator[Sample]:
     """Render batches of crops while they are asked for.
 
     Raises:
@@ -131,7 +139,14 @@ def rendered(config: Config, budget: Budget, seed: int, workers: int) -> Iterato
         raise InputError("pairs that are rendered while a network trains are not shrunk: expected a factor of 1")
     selection = Selection(pairs=budget.steps * budget.batch)
     stream = StereoStream(
-        config, seed, selection, batch_size=budget.batch, crop=budget.crop_px, checked=False, transform=needed
+        config,
+        seed,
+        selection,
+        batch_size=budget.batch,
+        crop=budget.crop_px,
+        augmentation=augmentation,
+        checked=False,
+        transform=needed,
     )
     # Forked workers have no OpenGL once this process has used CUDA.
     context = "spawn" if workers else None
@@ -156,7 +171,7 @@ def train(
         batches: at least ``budget.steps`` of them.
         budget: of the training.
         hardware: where.
-        seed: of weights and of changes of colour.
+        seed: of the weights.
         end: when to give up, by `time.perf_counter`.
         tell: takes a line about how far it is.
 
@@ -171,13 +186,12 @@ def train(
     # PyTorch divides by zero where the rate is to rise for exactly one step; so few steps get one and a half.
     rising = min(max(_RISING, 1.5 / steps), 0.75)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, _LEARNING_RATE, total_steps=steps, pct_start=rising)
-    generator = torch.Generator().manual_seed(seed)
     start, losses = time.perf_counter(), []
     for step in range(1, steps + 1):
         if time.perf_counter() > end:
             raise TimeUpError
         batch = next(batches)
-        left, right = (photographed(batch[view].to(device), generator) for view in ("left", "right"))
+        left, right = (batch[view].to(device).float() / 255 for view in ("left", "right"))
         with torch.autocast(device.type, hardware.precision, enabled=hardware.precision != torch.float32):
             matched = network(left, right)
         loss = matching_loss(matched, batch["disparity_left"].to(device), budget.max_disparity_px)
@@ -200,16 +214,11 @@ def predictor(network: MatchingNetwork, hardware: Hardware) -> Predictor:
     """Return what predicts with a network, in full precision."""
     network.eval()
 
-    def predict(view: View) -> NDArray[np.float32]:
-        sample = tensors(view)
+    def predict(view: Judged) -> NDArray[np.float32]:
+        images = (torch.from_numpy(np.ascontiguousarray(each.transpose(2, 0, 1))) for each in (view.left, view.right))
         with torch.inference_mode():
-            left, right = (sample[name][None].to(hardware.device).float() / 255 for name in ("left", "right"))
+            left, right = (image[None].to(hardware.device).float() / 255 for image in images)
             found: NDArray[np.float32] = network(left, right).final[0].cpu().numpy()
         return found
 
     return predict
-
-
-def of_views(views: Mapping[str, View]) -> list[Sample]:
-    """Turn real pairs into what is trained on."""
-    return [tensors(view) for view in views.values()]

@@ -5,10 +5,11 @@ another question.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from semisynth_gl.augmentation import PRESETS, Augmentation
 from semisynth_gl.calibration.config_text import config_facts, config_text
 from semisynth_gl.calibration.disparity_range import DisparitySource
 from semisynth_gl.calibration.rig import Rig
@@ -24,6 +25,14 @@ from semisynth_gl.listener import Listener
 from semisynth_gl.textures.image_files import find_images
 
 RIG = Path(__file__).with_name("rig.yaml")
+COLOURS = Augmentation(
+    brightness=(0.8, 1.2), white_balance=(0.95, 1.05), gamma=(0.75, 1.33), noise=(0, 5), asymmetric=1
+)
+"""Of every row that does not say otherwise: two cameras, each with an exposure and a tone curve of its own."""
+# Lengths in px, of pairs that are shrunk to half their size.
+_RAFT = replace(PRESETS["raft-stereo"], right_y_px=(-1, 1), rectangle_px=(25, 50))
+_SCALED = replace(COLOURS, scale=_RAFT.scale, stretch=_RAFT.stretch)
+_MOVED = replace(_SCALED, right_y_px=(-1, 1), occluded=0.5, rectangle_px=_RAFT.rectangle_px)
 REAL = "real"
 """The row of the judged pairs themselves, a mark for the range: no pairs made for them teach more."""
 
@@ -40,6 +49,8 @@ class TrainingSet:
         share: of the pairs that the other sets have.
         packaged: name of the packaged config whose scenes it has, scaled to the rig's width.
         own_rig: whether that config keeps its own cameras, disparities and pictures.
+        pairs_of: name of the row whose pairs it has; empty for pairs of its own.
+        augmentation: changes of its crops.
     """
 
     what: str
@@ -49,6 +60,8 @@ class TrainingSet:
     share: float = 1.0
     packaged: str = ""
     own_rig: bool = False
+    pairs_of: str = ""
+    augmentation: Augmentation = COLOURS
 
 
 _ROOM = {"background": {"cuboid": 0, "room": 1}, "particles": {"layers": [{"disparity_px": [8, 70], "count": [2, 10]}]}}
@@ -92,6 +105,21 @@ SETS: Mapping[str, TrainingSet] = {
     ),
     "untried": TrainingSet("what `calibrate --trials 0` writes", of_place=True, trials=0),
     "few": TrainingSet("an eighth of the pairs", share=0.125),
+    "unchanged": TrainingSet(
+        "`calibrated`, crops alone", of_place=True, pairs_of="calibrated", augmentation=PRESETS["psmnet"]
+    ),
+    "raft-stereo": TrainingSet(
+        "`calibrated`, augmented as RAFT-Stereo does", of_place=True, pairs_of="calibrated", augmentation=_RAFT
+    ),
+    "scaled": TrainingSet(
+        "`calibrated`, colours, scale and stretch", of_place=True, pairs_of="calibrated", augmentation=_SCALED
+    ),
+    "moved": TrainingSet(
+        "`calibrated`, colours, scale, stretch, the right image moved and hidden in part",
+        of_place=True,
+        pairs_of="calibrated",
+        augmentation=_MOVED,
+    ),
 }
 
 
@@ -106,6 +134,7 @@ def config_of(name: str, images: tuple[str, ...], scratch: Path) -> Config:
     Raises:
         InputError: where the photographs cannot be used.
     """
+    name = SETS[name].pairs_of or name
     row = SETS[name]
     base = load_config(RIG)
     worn: dict[str, Any] = {"textures.source": "images", "textures.images": list(images)} if images else {}

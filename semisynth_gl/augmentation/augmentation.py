@@ -49,6 +49,7 @@ class Augmentation:
         contrast: factors of the distance from the mean luminance.
         saturation: factors of the distance from grey.
         hue_turns: turns of the hue, as shares of the colour circle.
+        white_balance: factors of red, green and blue, each drawn by itself.
         gradient_stops: by how many stops the exposure rises over the image, in any direction.
         gamma: exponents of the tone curve.
         asymmetric: share in which each eye's colours (from brightness to gamma) are drawn by themselves.
@@ -75,6 +76,7 @@ class Augmentation:
     contrast: Interval = field(default=(1.0, 1.0), metadata=_limits(0, 10))
     saturation: Interval = field(default=(1.0, 1.0), metadata=_limits(0, 10))
     hue_turns: Interval = field(default=(0.0, 0.0), metadata=_limits(-0.5, 0.5))
+    white_balance: Interval = field(default=(1.0, 1.0), metadata=_limits(0.1, 10))
     gradient_stops: Interval = field(default=(0.0, 0.0), metadata=_limits(0, 4))
     gamma: Interval = field(default=(1.0, 1.0), metadata=_limits(0.1, 10))
     asymmetric: float = 0.0
@@ -188,7 +190,9 @@ class Augmentation:
             "brightness", "contrast", "saturation", "hue_turns", "gradient_stops"
         )}  # fmt: skip
         angle, gamma = float(rng.uniform(-pi, pi)), float(rng.uniform(*self.gamma))
-        return Colours(**drawn, gradient_rad=angle, camera=Imperfections(gamma=gamma))
+        red, green, blue = rng.uniform(*self.white_balance, 3).tolist()
+        camera = Imperfections(gamma=gamma)
+        return Colours(**drawn, white_balance=(red, green, blue), gradient_rad=angle, camera=camera)
 
     def _rectangles(self, rng: np.random.Generator, size: Sides) -> tuple[Crop, ...]:
         """Draw rectangles whose first corner lies in the image, as RAFT-Stereo does."""

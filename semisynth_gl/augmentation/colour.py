@@ -22,6 +22,7 @@ class Colours:
         contrast: factor of the levels' distance from the image's mean luminance.
         saturation: factor of the distance from grey; 0 for a grey image.
         hue_turns: turn of the hue, as a share of the colour circle.
+        white_balance: factors of red, green and blue, after all that.
         gradient_stops: by how many stops the exposure rises from one side of the image to the other.
         gradient_rad: direction in which it rises, from the right, clockwise.
         camera: blur, noise, tone curve and JPEG.
@@ -31,6 +32,7 @@ class Colours:
     contrast: float = 1.0
     saturation: float = 1.0
     hue_turns: float = 0.0
+    white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
     gradient_stops: float = 0.0
     gradient_rad: float = 0.0
     camera: Imperfections = field(default_factory=Imperfections)
@@ -39,10 +41,18 @@ class Colours:
         """Return a changed image.
 
         Args:
-            image: (H, W, 3) uint8, or (H, W) of a monochrome camera, which has no hue and no saturation.
+            image: (H, W, 3) uint8, or (H, W) of a monochrome camera, which has no colours to change.
             rng: draws the noise.
         """
-        if (self.brightness, self.contrast, self.saturation, self.hue_turns) != (1, 1, 1, 0):
+        if (self.brightness, self.contrast, self.saturation, self.hue_turns, *self.white_balance) != (
+            1,
+            1,
+            1,
+            0,
+            1,
+            1,
+            1,
+        ):
             image = self._mixed(image)
         if self.gradient_stops:
             image = self._graded(image)
@@ -61,6 +71,7 @@ class Colours:
         chroma = np.diag([1.0, self.saturation, self.saturation])
         matrix = np.linalg.solve(_YIQ, turn @ chroma @ _YIQ) * self.brightness * self.contrast
         table = np.column_stack([matrix, np.full(3, (1 - self.contrast) * mean)])
+        table *= np.array(self.white_balance)[:, None]
         mixed: NDArray[np.uint8] = np.asarray(picture.convert("RGB", tuple(table.ravel().tolist())))
         return mixed
 

@@ -22,6 +22,16 @@ PRESETS: Mapping[str, Augmentation] = {
         rectangles=(1, 2),
         rectangle_px=(50, 100),
     ),
+    # Ours: two cameras that each have an exposure, a white balance and a tone curve of their own, and scales.
+    "semisynth": Augmentation(
+        scale=(2**-0.2, 2**0.4),
+        stretch=(2**-0.2, 2**0.2),
+        brightness=(0.8, 1.2),
+        white_balance=(0.95, 1.05),
+        gamma=(0.75, 1.33),
+        asymmetric=1.0,
+        noise=(0, 5),
+    ),
     # PSMNet trains on crops that are not changed.
     "psmnet": Augmentation(),
 }

@@ -131,6 +131,7 @@ def test_colours_do_what_their_names_say():
     np.testing.assert_allclose(coloured(brightness=1.2), IMAGE * 1.2, atol=1)
     np.testing.assert_allclose(coloured(contrast=0.5), IMAGE * 0.5 + luminance.mean() / 2, atol=1)
     np.testing.assert_allclose(coloured(saturation=0), np.repeat(luminance[..., None], 3, 2), atol=1.5)
+    np.testing.assert_allclose(coloured(white_balance=(1.1, 0.9, 1.0)), IMAGE * [1.1, 0.9, 1.0], atol=1)
     turned = coloured(hue_turns=0.2)
     assert np.abs(turned - IMAGE).mean() > 10
     soft = (IMAGE // 4 + 90).astype(np.uint8)  # nothing is clipped

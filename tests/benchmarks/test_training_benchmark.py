@@ -23,9 +23,11 @@ from click.testing import CliRunner  # noqa: E402
 from matching_network import MatchingNetwork, likenesses, local_level, matching_loss  # noqa: E402
 from stereo_network import correlated  # noqa: E402
 
+from semisynth_gl.augmentation import Augmentation  # noqa: E402
 from semisynth_gl.inputs.errors import InputError  # noqa: E402
 
 CPU = trainer.Hardware(torch.device("cpu"), torch.float32)
+UNCHANGED = Augmentation()
 BUDGET = replace(compare_sets.BUDGETS["cpu"], steps=20, crop_px=(32, 64))
 
 
@@ -92,27 +94,36 @@ def pairs(count=2, size=(40, 80), shift=6):
     """Pairs of noise that is shifted by some pixels."""
     made = []
     for seed in range(count):
-        wide = (255 * noise(3, size[0], size[1] + shift, seed=seed)).byte()
-        truth = torch.full(size, float(shift))
-        made.append({"left": wide[..., : size[1]], "right": wide[..., shift:], "disparity_left": truth})
+        wide = (255 * noise(size[0], size[1] + shift, 3, seed=seed)).byte().numpy()
+        truth = np.full(size, shift, np.float32)
+        made.append(trainer.frame_of(wide[:, : size[1]], wide[:, shift:], truth))
     return made
+
+
+def crops(budget, seed, augmentation=UNCHANGED):
+    return trainer.crops(pairs(), budget, augmentation, seed)
 
 
 def test_crops_are_the_same_part_of_both_images_and_repeat():
     budget = replace(BUDGET, batch=3, crop_px=(16, 24))
-    batch, again = (next(trainer.crops(pairs(), budget, 7)) for _ in range(2))
+    batch, again = (next(crops(budget, 7)) for _ in range(2))
     assert batch["left"].shape == (3, 3, 16, 24)
     assert all(torch.equal(batch[name], again[name]) for name in batch)
     assert torch.equal(batch["left"][..., 6:], batch["right"][..., :-6])
-    with pytest.raises(InputError, match="a pair has 80 x 40 px: expected at least 24 x 64"):
-        next(trainer.crops(pairs(), replace(budget, crop_px=(64, 24)), 7))
+    changed = next(crops(budget, 7, training_sets.COLOURS))
+    assert torch.equal(changed["disparity_left"], batch["disparity_left"])
+    assert not torch.equal(changed["left"][..., 6:], changed["right"][..., :-6])
+    with pytest.raises(
+        InputError, match=r"whole numbers of up to \(40, 80\) px, the image size of a pair, got \(64, 24\)"
+    ):
+        next(crops(replace(budget, crop_px=(64, 24)), 7))
 
 
 def test_a_few_steps_reduce_the_loss(monkeypatch):
     monkeypatch.setattr(trainer, "STEPS_SHOWN", 15)
     lines = []
     budget = replace(BUDGET, steps=30, batch=1)
-    trainer.train(trainer.crops(pairs(), budget, 0), budget, CPU, 0, tell=lines.append)
+    trainer.train(crops(budget, 0), budget, CPU, 0, tell=lines.append)
     losses = [float(line.partition("loss ")[2].partition(",")[0]) for line in lines]
     assert len(losses) == 2
     assert losses[1] < 0.8 * losses[0]
@@ -120,10 +131,7 @@ def test_a_few_steps_reduce_the_loss(monkeypatch):
 
 def test_equal_seeds_give_equal_networks():
     budget = replace(BUDGET, steps=2)
-    networks = [
-        trainer.train(trainer.crops(pairs(), budget, seed), budget, CPU, seed, tell=lambda _: None)
-        for seed in (1, 1, 2)
-    ]
+    networks = [trainer.train(crops(budget, seed), budget, CPU, seed, tell=lambda _: None) for seed in (1, 1, 2)]
     first, again, other = (torch.cat([each.flatten() for each in network.parameters()]) for network in networks)
     assert torch.equal(first, again)
     assert not torch.equal(first, other)
@@ -220,6 +228,6 @@ def test_a_processor_without_units_for_it_is_spared_bfloat16(monkeypatch):
 
 def test_real_pairs_are_learnt_from_as_they_are_judged():
     view = compare_sets.read_pairs([], 2, 40)["Motorcycle"]
-    [sample] = trainer.of_views({"Motorcycle": view})
-    assert np.array_equal(sample["left"].permute(1, 2, 0).numpy(), view.left)
-    assert np.array_equal(sample["disparity_left"].numpy(), view.truth.disparity)
+    [frame] = trainer.of_judges({"Motorcycle": view})
+    assert np.array_equal(frame.left.image, view.left)
+    assert np.array_equal(frame.left.disparity, view.truth.disparity)

@@ -22,8 +22,12 @@ WITH_TORCH = (
     "benchmarks/training/compare_sets.py",
     "benchmarks/training/matching_network.py",
     "benchmarks/training/trainer.py",
+    "examples/network_data.py",
+    "examples/network_losses.py",
+    "examples/network_training.py",
+    "examples/public_networks.py",
     "examples/stereo_network.py",
-    "examples/train_stereo.py",
+    "examples/train_network.py",
 )
 
 

@@ -1,0 +1,108 @@
+"""What a network is trained on: datasets and streams of this program, mixed, cropped and changed."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+from torch import Tensor
+from torch.utils.data import DataLoader, Dataset
+
+from semisynth_gl.augmentation import PRESETS, Augmentation
+from semisynth_gl.config import load_config
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.torch import StereoDataset, StereoMix, StereoStream
+
+Sample = dict[str, Tensor]
+
+
+def needed(sample: dict[str, Any]) -> Sample:
+    """Drop what a sample has beside what is learnt from."""
+    return {name: sample[name] for name in ("left", "right", "disparity_left")}
+
+
+@dataclass(frozen=True, slots=True)
+class Data:
+    """What is trained on.
+
+    Attributes:
+        sources: names or files of configs, whose pairs are rendered, or folders of datasets; each with its share.
+        settings: keys of the configs to override.
+        crop: height and width, px.
+        augmentation: changes of all pairs.
+        batch: samples in each batch of a process.
+        seed: of pairs, crops and changes.
+    """
+
+    sources: tuple[tuple[str, float], ...]
+    settings: tuple[str, ...]
+    crop: tuple[int, int]
+    augmentation: Augmentation
+    batch: int
+    seed: int
+
+    def samples(self, first: int) -> Dataset[Sample]:
+        """Open all sources as one, from a sample on.
+
+        Raises:
+            InputError: where one cannot be used.
+        """
+        parts = [(self._source(name), share) for name, share in self.sources]
+        return StereoMix(parts, self.seed, first=first, batch_size=self.batch)
+
+    def _source(self, name: str) -> Dataset[Sample]:
+        if Path(name).is_dir():
+            # A mix reads a dataset over and over, each time with other crops and changes, in another order.
+            return StereoDataset(name, crop=self.crop, augmentation=self.augmentation, transform=needed)
+        # A crop is rendered alone where the rest of its pair need not be looked at.
+        stream: Dataset[Sample] = StereoStream(
+            load_config(name, list(self.settings)),
+            self.seed,
+            crop=self.crop,
+            augmentation=self.augmentation,
+            checked=False,
+            transform=needed,
+        )
+        return stream
+
+
+def batches_of(data: Data, first: int, workers: int) -> Iterator[Sample]:
+    """Put samples together from one on, with worker processes that read or render ahead."""
+    # Forked workers have no OpenGL once this process has used CUDA.
+    context = "spawn" if workers and torch.cuda.is_initialized() else None
+    loader: DataLoader[Sample] = DataLoader(
+        data.samples(first), batch_size=data.batch, num_workers=workers, multiprocessing_context=context
+    )
+    return iter(loader)
+
+
+def read_sources(values: tuple[str, ...]) -> tuple[tuple[str, float], ...]:
+    """Take ``NAME=SHARE`` apart; a share is 1 where there is none."""
+    sources = []
+    for value in values:
+        name, given, share = value.rpartition("=")
+        try:
+            sources.append((name, float(share)) if given else (value, 1.0))
+        except ValueError:
+            raise InputError(f"--data {value}: expected a number after =, the share, got {share}") from None
+    return tuple(sources)
+
+
+def read_augmentation(value: str) -> Augmentation:
+    """Return a preset by its name, or the keys of a YAML file.
+
+    Raises:
+        InputError: where it is neither, or a key or value cannot be used.
+    """
+    if value in PRESETS:
+        return PRESETS[value]
+    try:
+        keys = YAML(typ="safe").load(Path(value).read_text(encoding="utf-8"))
+        return Augmentation(**keys)
+    except (OSError, YAMLError, TypeError) as error:
+        raise InputError(
+            f"--augment {value}: expected {', '.join(PRESETS)}, or a YAML file with keys of Augmentation: {error}"
+        ) from None
