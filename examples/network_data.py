@@ -56,7 +56,7 @@ class Data:
     def _source(self, name: str) -> Dataset[Sample]:
         if Path(name).is_dir():
             # A mix reads a dataset over and over, each time with other crops and changes, in another order.
-            return StereoDataset(name, crop=self.crop, augmentation=self.augmentation, transform=needed)
+            return StereoDataset(name, crop=self.crop, seed=self.seed, augmentation=self.augmentation, transform=needed)
         # A crop is rendered alone where the rest of its pair need not be looked at.
         stream: Dataset[Sample] = StereoStream(
             load_config(name, list(self.settings)),

@@ -109,7 +109,10 @@ class Training:
         self.network, self.plan, self.step, self.losses = network, plan, 0, list[float]()
         self._device, self._rank, self.identity = device, rank, {**asdict(plan), **identity}
         several = distributed.is_available() and distributed.is_initialized()
-        self._learning: nn.Module = DistributedDataParallel(network) if several else network
+        # RAFT-Stereo, for one, has parameters that take no part.
+        self._learning: nn.Module = (
+            DistributedDataParallel(network, find_unused_parameters=True) if several else network
+        )
         learnt = [each for each in network.parameters() if each.requires_grad]
         self._optimizer = torch.optim.AdamW(learnt, lr=plan.learning_rate, weight_decay=_WEIGHT_DECAY)
         # PyTorch divides by zero where the rate is to rise for exactly one step; so few steps get one and a half.
@@ -123,7 +126,7 @@ class Training:
         """Take a step, and return its loss.
 
         Args:
-            batch: ``left`` and ``right`` (B, 3, H, W) uint8, ``disparity_left`` (B, H, W) px.
+            batch: ``left`` and ``right`` (B, 3 or 1, H, W) uint8, ``disparity_left`` (B, H, W) px.
 
         Raises:
             SemisynthError: where the loss is not finite.
@@ -160,7 +163,7 @@ class Training:
         """Ask the network, without learning, in full precision.
 
         Args:
-            left: (B, 3, H, W) uint8.
+            left: (B, 3 or 1, H, W), levels from 0 to 255.
             right: likewise.
         """
         self.network.eval()
@@ -203,7 +206,8 @@ class Training:
         }
 
     def _images(self, images: Tensor) -> Tensor:
-        return LEVELS[self.plan.levels](images.to(self._device).float())
+        # Grey cameras have one channel.
+        return LEVELS[self.plan.levels](images.to(self._device).float().expand(-1, 3, -1, -1))
 
 
 def load_weights(network: nn.Module, path: Path, device: torch.device) -> None:

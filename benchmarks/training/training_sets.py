@@ -25,10 +25,8 @@ from semisynth_gl.listener import Listener
 from semisynth_gl.textures.image_files import find_images
 
 RIG = Path(__file__).with_name("rig.yaml")
-COLOURS = Augmentation(
-    brightness=(0.8, 1.2), white_balance=(0.95, 1.05), gamma=(0.75, 1.33), noise=(0, 5), asymmetric=1
-)
-"""Of every row that does not say otherwise: two cameras, each with an exposure and a tone curve of its own."""
+COLOURS = PRESETS["semisynth"]
+"""Of every row that does not say otherwise."""
 # Lengths in px, of pairs that are shrunk to half their size.
 _RAFT = replace(PRESETS["raft-stereo"], right_y_px=(-1, 1), rectangle_px=(25, 50))
 _SCALED = replace(COLOURS, scale=_RAFT.scale, stretch=_RAFT.stretch)

@@ -233,6 +233,11 @@ def test_batches_go_on_from_any_sample_whatever_the_workers(dataset):
         assert all(torch.equal(expected[name], found[name]) for name in expected)
 
 
+def test_another_seed_gives_other_crops(dataset):
+    crops, others = crops_of(dataset, 3), crops_of(dataset, 3, seed=4)
+    assert not any(torch.equal(one["left"], other["left"]) for one in crops for other in others)
+
+
 def test_streams_and_datasets_mix(dataset):
     data = replace(DATA, sources=((str(dataset), 1.0), (str(CONFIG), 3.0)), settings=tuple(SMALL))
     samples = iter(data.samples(0))
@@ -372,6 +377,8 @@ def test_levels_are_those_that_networks_take():
         network = Seen()
         network.weight = torch.nn.Parameter(torch.zeros(1))
         training_of(network, levels=levels).estimate(white, white)
+        assert seen["left"][0, :, 0, 0].tolist() == pytest.approx(expected, abs=1e-4)
+        training_of(network, levels=levels).estimate(white[:, :1], white[:, :1])
         assert seen["left"][0, :, 0, 0].tolist() == pytest.approx(expected, abs=1e-4)
 
 
