@@ -5,14 +5,14 @@ by its own number; and batch n is made of the same samples whenever, and by whom
 """
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from math import isfinite
 from pathlib import Path
-from pickle import UnpicklingError
 from typing import Any
 
 import torch
+from network_form import Form, read_state
 from network_losses import LOSSES
 from torch import Tensor, distributed, nn
 from torch.nn.parallel import DistributedDataParallel
@@ -22,18 +22,10 @@ from semisynth_gl.inputs.errors import InputError, SemisynthError
 PRECISIONS: Mapping[str, torch.dtype] = {
     "float32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16,
 }  # fmt: skip
-LEVELS: Mapping[str, Callable[[Tensor], Tensor]] = {
-    "unit": lambda images: images / 255,
-    "byte": lambda images: images,
-    "imagenet": lambda images: (images / 255 - _per_channel(_MEAN, images)) / _per_channel(_DEVIATION, images),
-}
-"""What networks take images as: in [0, 1], in [0, 255], or normalised by ImageNet's mean and deviation."""
-_MEAN, _DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 _RISING = 0.05
 """Share of the steps in which the learning rate rises."""
 _WEIGHT_DECAY = 1e-4
 _LARGEST_GRADIENT = 1.0
-_WRAPPED = "module."
 
 Batch = Mapping[str, Tensor]
 
@@ -45,8 +37,6 @@ class Plan:
     Attributes:
         steps: batches to learn from.
         loss: a name of `LOSSES`.
-        levels: a name of `LEVELS`.
-        max_disparity_px: pixels at or above it are left out.
         learning_rate: at its highest.
         precision: a name of `PRECISIONS`, of convolutions and products.
         fixed_norms: whether batch normalisation keeps its running means, as for small batches and tuned weights.
@@ -55,8 +45,6 @@ class Plan:
 
     steps: int
     loss: str
-    levels: str
-    max_disparity_px: int
     learning_rate: float
     precision: str
     fixed_norms: bool
@@ -92,6 +80,7 @@ class Training:
 
     Args:
         network: on its device; takes (left, right), each (B, 3, H, W) float32, and gives what `estimates_of` takes.
+        form: the network's.
         plan: the rest.
         device: the network's.
         rank: number of this process.
@@ -100,14 +89,21 @@ class Training:
     Attributes:
         step: how many batches it has learnt from.
         losses: of each step, of this process's batches.
-        identity: with the plan's values.
+        identity: with the values of form and plan.
     """
 
     def __init__(
-        self, network: nn.Module, plan: Plan, device: torch.device, rank: int, identity: Mapping[str, Any]
+        self,
+        network: nn.Module,
+        form: Form,
+        plan: Plan,
+        device: torch.device,
+        rank: int,
+        identity: Mapping[str, Any],
     ) -> None:
-        self.network, self.plan, self.step, self.losses = network, plan, 0, list[float]()
-        self._device, self._rank, self.identity = device, rank, {**asdict(plan), **identity}
+        self.network, self.form, self.plan, self.step, self.losses = network, form, plan, 0, list[float]()
+        values = {**asdict(form), "arguments": list(form.arguments), **asdict(plan)}
+        self._device, self._rank, self.identity = device, rank, {**values, **identity}
         several = distributed.is_available() and distributed.is_initialized()
         # RAFT-Stereo, for one, has parameters that take no part.
         self._learning: nn.Module = (
@@ -138,10 +134,10 @@ class Training:
             for module in self.network.modules():
                 if isinstance(module, nn.modules.batchnorm._BatchNorm):  # noqa: SLF001 - all dimensions' common class
                     module.eval()
-        views = (self._images(batch[name]) for name in ("left", "right"))
+        views = (self.form.images(batch[name].to(self._device)) for name in ("left", "right"))
         with torch.autocast(self._device.type, precision, enabled=precision != torch.float32):
             output = self._learning(*views)
-        loss = LOSSES[plan.loss](output, batch["disparity_left"].to(self._device), plan.max_disparity_px)
+        loss = LOSSES[plan.loss](output, batch["disparity_left"].to(self._device), self.form.max_disparity_px)
         found = float(loss.item())
         if not isfinite(found):
             raise SemisynthError(
@@ -159,17 +155,6 @@ class Training:
         self.losses.append(found)
         return found
 
-    def estimate(self, left: Tensor, right: Tensor) -> Any:  # noqa: ANN401 - what the network gives
-        """Ask the network, without learning, in full precision.
-
-        Args:
-            left: (B, 3 or 1, H, W), levels from 0 to 255.
-            right: likewise.
-        """
-        self.network.eval()
-        with torch.inference_mode():
-            return self.network(self._images(left), self._images(right))
-
     def save(self, path: Path) -> None:
         """Write a checkpoint. A kill while it is written leaves the one before."""
         state = {name: part.state_dict() for name, part in self._parts().items()}
@@ -183,7 +168,7 @@ class Training:
         Raises:
             InputError: where it cannot be read, or is from another training.
         """
-        state = _read(path, self._device)
+        state = read_state(path, self._device)
         if not {*self._parts(), "step", "losses", "identity"} <= set(state):
             raise InputError(f"--resume: {path} is no checkpoint of this program: give its weights to --pretrained")
         saved = state["identity"]
@@ -204,49 +189,3 @@ class Training:
             "schedule": self._schedule,
             "scaler": self._scaler,
         }
-
-    def _images(self, images: Tensor) -> Tensor:
-        # Grey cameras have one channel.
-        return LEVELS[self.plan.levels](images.to(self._device).float().expand(-1, 3, -1, -1))
-
-
-def load_weights(network: nn.Module, path: Path, device: torch.device) -> None:
-    """Give a network weights that were learnt before.
-
-    Args:
-        network: of which they are.
-        path: a file of `torch.save`: the weights, or a dictionary with them under network, state_dict or model.
-        device: of the network.
-
-    Raises:
-        InputError: where the file cannot be read, or has the weights of another network.
-    """
-    state = _read(path, device)
-    for key in ("network", "state_dict", "model"):
-        if isinstance(state.get(key), Mapping):
-            state = state[key]
-            break
-    named = {name.removeprefix(_WRAPPED): value for name, value in state.items()}
-    own = network.state_dict()
-    shared = {name for name in own if name in named and named[name].shape == own[name].shape}
-    if len(shared) < max(len(own), len(named)):
-        [example, *_] = sorted({*own, *named} - shared)
-        raise InputError(
-            f"--pretrained {path}: {len(shared)} of its {len(named)} tensors fit the network's {len(own)}, and "
-            f"{example} is not among them: expected the weights of this very network"
-        )
-    network.load_state_dict(named)
-
-
-def _read(path: Path, device: torch.device) -> dict[str, Any]:
-    try:
-        state = torch.load(path, map_location=device, weights_only=True)
-    except (OSError, RuntimeError, ValueError, EOFError, UnpicklingError) as error:
-        raise InputError(f"{path}: expected tensors in a file of torch.save: {error}") from None
-    if not isinstance(state, dict):
-        raise InputError(f"{path}: expected a dictionary of tensors, got {type(state).__name__}")
-    return state
-
-
-def _per_channel(values: tuple[float, ...], like: Tensor) -> Tensor:
-    return like.new_tensor(values).view(1, 3, 1, 1)

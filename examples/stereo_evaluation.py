@@ -162,15 +162,13 @@ def table(judges: Judges, rows: Mapping[str, Mapping[str, float]]) -> str:
     return "\n".join(lines)
 
 
-def picture(
-    view: View, untrained: NDArray[np.float32], trained: NDArray[np.float32], losses: Sequence[float]
-) -> Figure:
+def picture(view: View, before: NDArray[np.float32], now: NDArray[np.float32], losses: Sequence[float]) -> Figure:
     """Draw left image, truth and error, the network before and after, and how its loss fell.
 
     Args:
         view: the pair.
-        untrained: (H, W) px, predicted before training.
-        trained: (H, W) px, predicted after it.
+        before: (H, W) px, predicted before training.
+        now: (H, W) px, predicted after it, or on the way.
         losses: of each step.
     """
     truth = view.truth.disparity
@@ -180,7 +178,7 @@ def picture(
     FigureCanvasAgg(drawn)
     axes = drawn.subplots(2, 3)
     disparity: dict[str, Any] = {"cmap": "turbo", "vmin": 0.0, "vmax": float(truth[known].max())}
-    error = np.ma.masked_where(~known, np.abs(trained - np.where(known, truth, 0)))
+    error = np.ma.masked_where(~known, np.abs(now - np.where(known, truth, 0)))
     panels: list[tuple[str, Any, dict[str, Any]]] = [
         ("left", view.left, {}),
         ("truth, px", np.ma.masked_where(~known, truth), disparity),
@@ -189,8 +187,8 @@ def picture(
             error,
             {"cmap": "inferno", "vmin": 0.0, "vmax": _LARGEST_ERROR_PX},
         ),
-        ("untrained, px", untrained, disparity),
-        ("trained, px", trained, disparity),
+        ("before, px", before, disparity),
+        ("now, px", now, disparity),
     ]
     for axis, (title, values, options) in zip(axes.flat, panels, strict=False):
         image = axis.imshow(values, interpolation="nearest", **options)

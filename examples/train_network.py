@@ -8,14 +8,12 @@
 docs/training.md has what comes out.
 """
 
-import inspect
 import json
 import shlex
 import sys
 import time
-from collections.abc import Callable, Iterator
-from importlib import import_module
-from io import StringIO
+from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -23,20 +21,18 @@ import click
 import numpy as np
 import stereo_evaluation as evaluation
 from numpy.typing import NDArray
-from ruamel.yaml import YAML
 
 from semisynth_gl.augmentation import PRESETS
 from semisynth_gl.bench.summary import machine_facts
-from semisynth_gl.frame.frame import as_rgb
 from semisynth_gl.inputs.errors import InputError, SemisynthError
 
 try:
     import torch
     from network_data import Data, Sample, batches_of, read_augmentation, read_sources
-    from network_losses import LOSSES, estimates_of
-    from network_training import LEVELS, PRECISIONS, Plan, Training, load_weights, start_process
-    from torch import Tensor, distributed, nn
-    from torch.nn import functional
+    from network_form import LEVELS, Form, load_weights
+    from network_losses import LOSSES
+    from network_training import PRECISIONS, Plan, Training, start_process
+    from torch import distributed
 except ModuleNotFoundError as missing:
     if missing.name != "torch":
         raise
@@ -48,91 +44,43 @@ _STEPS_SHOWN = 20
 _REFUSED = 2
 
 
-def make_network(address: str, arguments: tuple[str, ...], max_disparity: int) -> nn.Module:
-    """Make the network that a callable returns; a callable that has ``max_disparity`` gets the searched range.
-
-    Args:
-        address: ``module:callable``; modules beside this file, in the current folder and installed ones.
-        arguments: ``name=value`` of the callable, values in YAML.
-        max_disparity: px.
-
-    Raises:
-        InputError: where there is no such callable, or it returns something else.
-    """
-    module, _, name = address.partition(":")
-    given = dict(argument.partition("=")[::2] for argument in arguments)
-    values = {key: YAML(typ="safe").load(StringIO(value)) for key, value in given.items()}
-    sys.path.append(str(Path.cwd()))
-    try:
-        made_by: Callable[..., Any] = getattr(import_module(module), name)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise InputError(f"--network {address}: expected module:callable: {error}") from None
-    if "max_disparity" in inspect.signature(made_by).parameters:
-        values.setdefault("max_disparity", max_disparity)
-    try:
-        network = made_by(**values)
-    except TypeError as error:
-        raise InputError(f"--network {address} with --argument {' '.join(arguments) or 'none'}: {error}") from None
-    if not isinstance(network, nn.Module):
-        raise InputError(f"--network {address}: expected a torch.nn.Module, got {type(network).__name__}")
-    return network
-
-
-def predictor(training: Training, multiple: int) -> evaluation.Predictor:
-    """Return what predicts with a network, at a pair's full size, padded to sides that are multiples of a number."""
-
-    def predict(view: evaluation.View) -> NDArray[np.float32]:
-        height, width = view.left.shape[:2]
-        # Below and to the right, so that the padding moves no pixel.
-        padding = (0, -width % multiple, 0, -height % multiple)
-        left, right = (
-            functional.pad(
-                torch.from_numpy(as_rgb(image).transpose(2, 0, 1).copy())[None].float(), padding, "replicate"
-            )
-            for image in (view.left, view.right)
-        )
-        found: Tensor = estimates_of(training.estimate(left, right))[-1][0, :height, :width]
-        return found.float().cpu().numpy()
-
-    return predict
-
-
 class Judged:
     """What real pairs say of a network: before it learns, on the way, and after.
 
     Args:
         judges: of real pairs; pictures show the first one's only pair.
-        predict: with the network.
+        training: of the network.
         out: folder for pictures and figures.
         before: name of the network before it learns.
     """
 
-    def __init__(self, judges: list[evaluation.Judges], predict: evaluation.Predictor, out: Path, before: str) -> None:
-        self._judges, self._predict, self._out = judges, predict, out
-        self._rows = [{before: evaluation.figures(each, predict)} for each in judges]
+    def __init__(self, judges: list[evaluation.Judges], training: Training, out: Path, before: str) -> None:
+        self._judges, self._training, self._out = judges, training, out
+        self._rows = [{before: evaluation.figures(each, self._predict)} for each in judges]
         [self._shown] = (read() for read in judges[0].views.values())
-        self._before = predict(self._shown)
+        self._before = self._predict(self._shown)
         self._tell(before, self._rows, before)
 
-    def look(self, training: Training) -> None:
+    def look(self) -> None:
         """Judge the network on the way, and draw what it makes of the first pair."""
         found = [{"now": evaluation.figures(each, self._predict)} for each in self._judges]
-        self._tell(f"step {training.step}", found, "now")
-        self._draw(training)
+        self._tell(f"step {self._training.step}", found, "now")
+        self._draw()
 
-    def report(self, training: Training, facts: dict[str, Any]) -> None:
+    def report(self, facts: dict[str, Any]) -> None:
         """Judge the trained network, and write weights, a picture and all figures."""
         for each, row in zip(self._judges, self._rows, strict=True):
             row["constant, each truth's own median"] = evaluation.figures(each, evaluation.best_constant)
             row["trained"] = evaluation.figures(each, self._predict)
             click.echo(f"\n{evaluation.table(each, row)}")
-        self._draw(training)
-        torch.save({"network": training.network.state_dict()}, self._out / "weights.pt")
+        self._draw()
+        form = {**asdict(self._training.form), "arguments": list(self._training.form.arguments)}
+        torch.save({"network": self._training.network.state_dict(), "form": form}, self._out / "weights.pt")
         results = [
             {"on": each.title, "protocol": each.protocol, "figures": row}
             for each, row in zip(self._judges, self._rows, strict=True)
         ]
-        facts |= {"results": results, "losses": [round(loss, 4) for loss in training.losses]}
+        facts |= {"results": results, "losses": [round(loss, 4) for loss in self._training.losses]}
         (self._out / "metrics.json").write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
         click.echo(f"\nweights, pictures and figures are in {self._out}")
 
@@ -140,11 +88,14 @@ class Judged:
         for each, row in zip(self._judges, rows, strict=True):
             click.echo(f"{when}, {each.title}: avgerr {row[name]['avgerr']:.2f} px")
 
-    def _draw(self, training: Training) -> None:
+    def _predict(self, view: evaluation.View) -> NDArray[np.float32]:
+        return self._training.form.predict(self._training.network, view.left, view.right)
+
+    def _draw(self) -> None:
         folder = self._out / "pictures"
         folder.mkdir(parents=True, exist_ok=True)
-        drawn = evaluation.picture(self._shown, self._before, self._predict(self._shown), training.losses)
-        drawn.savefig(folder / f"step-{training.step:06d}.png")
+        drawn = evaluation.picture(self._shown, self._before, self._predict(self._shown), self._training.losses)
+        drawn.savefig(folder / f"step-{self._training.step:06d}.png")
 
 
 def _progress(training: Training, begun: int, seconds: float) -> str:
@@ -183,7 +134,7 @@ def learn(training: Training, batches: Iterator[Sample], out: Path, every: int, 
             out.mkdir(parents=True, exist_ok=True)
             training.save(out / CHECKPOINT)
             if not last:
-                judged.look(training)
+                judged.look()
     return waited
 
 
@@ -309,19 +260,18 @@ def run(
     data = Data(read_sources(sources), settings, crop, read_augmentation(augment), batch, seed)
     on, rank, processes = start_process(device)
     torch.manual_seed(seed)
-    made = make_network(network, arguments, max_disparity).to(on)
+    form = Form(network, arguments, levels, max_disparity, multiple)
+    made = form.make().to(on)
     if pretrained is not None:
         load_weights(made, pretrained, on)
-    plan = Plan(steps, loss, levels, max_disparity, learning_rate, precision, fixed_norms, seed)
+    plan = Plan(steps, loss, learning_rate, precision, fixed_norms, seed)
     identity = {
-        "network": [network, *arguments],
         "data": [list(map(list, data.sources)), list(settings), list(crop), batch, processes],
         "augmentation": data.augmentation.values,
         "pretrained": pretrained and str(pretrained),
     }
-    training = Training(made, plan, on, rank, identity)
-    predict = predictor(training, multiple)
-    judged = Judged(judges, predict, out, "pretrained" if pretrained else "untrained") if rank == 0 else None
+    training = Training(made, form, plan, on, rank, identity)
+    judged = Judged(judges, training, out, "pretrained" if pretrained else "untrained") if rank == 0 else None
     if resume:
         training.load(checkpoint)
     batches = batches_of(data, training.step * batch * processes, workers)
@@ -346,7 +296,7 @@ def run(
             "seconds_waiting_for_pairs": waited,
             "steps_in_these_seconds": steps - begun,
         }
-        judged.report(training, facts)
+        judged.report(facts)
 
 
 if __name__ == "__main__":

@@ -19,12 +19,14 @@ ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "examples" / "small-rooms.yaml"
 sys.path.insert(0, str(ROOT / "examples"))
 
-import stereo_evaluation as evaluation  # noqa: E402 - found by the line above
+import predict as predict_module  # noqa: E402 - found by the line above
+import stereo_evaluation as evaluation  # noqa: E402
 import train_network  # noqa: E402
 from click.testing import CliRunner  # noqa: E402
 from network_data import Data, batches_of, read_augmentation, read_sources  # noqa: E402
+from network_form import Form, load_weights  # noqa: E402
 from network_losses import LOSSES, cross_entropy_loss, estimates_of, sequence_loss, smooth_l1_loss  # noqa: E402
-from network_training import Plan, Training, load_weights, start_process  # noqa: E402
+from network_training import Plan, Training, start_process  # noqa: E402
 from PIL import Image  # noqa: E402
 from stereo_network import Estimates, StereoNetwork, correlated, warped  # noqa: E402
 
@@ -204,6 +206,10 @@ def test_disparities_are_found_in_what_networks_give():
 DATA = Data((), (), (32, 48), Augmentation(), batch=1, seed=3)
 
 
+def read_disparity(path):
+    return PFM.decode(path.read_bytes(), path)
+
+
 def crops_of(folder, count, **changes):
     """What is trained on, of a dataset."""
     samples = iter(replace(DATA, sources=((str(folder), 1.0),), **changes).samples(0))
@@ -268,10 +274,8 @@ def test_shares_and_augmentations_are_read(tmp_path):
 # --- training ---
 
 
-PLAN = Plan(
-    steps=20, loss="cross-entropy", levels="unit", max_disparity_px=32, learning_rate=2e-3, precision="float32",
-    fixed_norms=False, seed=0,
-)  # fmt: skip
+FORM = Form("somewhere:Network", (), "unit", max_disparity_px=32, multiple_px=1)
+PLAN = Plan(steps=20, loss="cross-entropy", learning_rate=2e-3, precision="float32", fixed_norms=False, seed=0)
 
 
 class Shift(torch.nn.Module):
@@ -289,7 +293,7 @@ class Shift(torch.nn.Module):
 
 
 def training_of(network, **changes):
-    return Training(network, replace(PLAN, **changes), torch.device("cpu"), 0, {"data": ["rooms"]})
+    return Training(network, FORM, replace(PLAN, **changes), torch.device("cpu"), 0, {"data": ["rooms"]})
 
 
 def batch_of(seed=0, size=(8, 8)):
@@ -365,22 +369,32 @@ def test_a_loss_that_is_not_finite_ends_the_training():
     assert network.norm.weight.isfinite().all()
 
 
+class Seen(torch.nn.Module):
+    """A network that keeps what it is asked, and gives its first channel."""
+
+    def __init__(self):
+        super().__init__()
+        self.weight = torch.nn.Parameter(torch.zeros(1))
+
+    def forward(self, left, right):
+        self.asked = left, right
+        return left[:, :1]
+
+
 def test_levels_are_those_that_networks_take():
-    seen = {}
-
-    class Seen(torch.nn.Module):
-        def forward(self, *images):
-            seen["left"] = images[0]
-            return images[0][:, 0]
-
-    white = torch.full((1, 3, 2, 2), 255, dtype=torch.uint8)
+    white = np.full((2, 2, 3), 255, np.uint8)
     for levels, expected in (("unit", [1] * 3), ("byte", [255] * 3), ("imagenet", [2.2489, 2.4286, 2.6400])):
-        network = Seen()
-        network.weight = torch.nn.Parameter(torch.zeros(1))
-        training_of(network, levels=levels).estimate(white, white)
-        assert seen["left"][0, :, 0, 0].tolist() == pytest.approx(expected, abs=1e-4)
-        training_of(network, levels=levels).estimate(white[:, :1], white[:, :1])
-        assert seen["left"][0, :, 0, 0].tolist() == pytest.approx(expected, abs=1e-4)
+        for image in (white, white[..., 0]):  # grey cameras have one channel
+            network = Seen()
+            replace(FORM, levels=levels).predict(network, image, image)
+            assert network.asked[0][0, :, 0, 0].tolist() == pytest.approx(expected, abs=1e-4)
+
+
+def test_images_are_padded_where_no_pixel_moves():
+    image, network = (255 * noise(5, 9, 3)).byte().numpy(), Seen()
+    found = replace(FORM, levels="byte", multiple_px=8).predict(network, image, image)
+    assert network.asked[0].shape == (1, 3, 8, 16)
+    np.testing.assert_array_equal(found, image[..., 0].astype(np.float32))
 
 
 def test_weights_are_found_in_files_of_other_trainings(tmp_path):
@@ -588,15 +602,52 @@ def test_any_network_can_be_trained(dataset, tmp_path, monkeypatch):
     assert "--argument width=7: " in refused.output
 
 
+# --- predictions ---
+
+
+@pytest.mark.usefixtures("small_motorcycle")
+def test_the_trained_network_predicts_pairs(dataset, tmp_path):
+    done = run("--data", dataset, "--steps", "1", *CROP, "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    weights, scenes, found = tmp_path / "out" / "weights.pt", tmp_path / "scenes", tmp_path / "found"
+    frame = open_dataset(dataset)[0]
+    for name in ("one", "two"):
+        (scenes / name).mkdir(parents=True)
+        for eye, view in (("im0", frame.left), ("im1", frame.right)):
+            Image.fromarray(view.image[: 40 if name == "one" else 64]).save(scenes / name / f"{eye}.png")
+
+    def predict(*options, left="*/im0.png"):
+        given = weights, "--left", scenes / left, "--right", scenes / "*/im1.png", "--out", found, *options
+        return CliRunner().invoke(predict_module.main, [str(each) for each in given])
+
+    done = predict("--right-out", tmp_path / "right")
+    assert done.exit_code == 0, done.output
+    network = StereoNetwork(32)
+    network.load_state_dict(torch.load(weights)["network"])
+    expected = FORM.predict(network, frame.left.image, frame.right.image)
+    np.testing.assert_array_equal(read_disparity(found / "two.pfm"), expected)
+    assert read_disparity(found / "one.pfm").shape == (40, 96)
+    flipped = FORM.predict(network, frame.right.image[:, ::-1], frame.left.image[:, ::-1])[:, ::-1]
+    np.testing.assert_array_equal(read_disparity(tmp_path / "right" / "two.pfm"), flipped)
+    for options, words in (
+        ({"left": "one/im0.png"}, "expected as many images of each, got 1 and 2"),
+        ({"left": "absent"}, "no image matches"),
+    ):
+        done = predict(**options)
+        assert (done.exit_code, words in done.output) == (2, True), done.output
+    torch.save(network.state_dict(), weights)
+    assert "expected weights.pt of train_network.py" in predict().output
+
+
 @pytest.mark.parametrize("model", ["raft-stereo-realtime", "igev-stereo"])
 def test_networks_of_the_package_can_be_trained(model):
     pytest.importorskip("stereo_matching", reason="needs pip install stereo-matching timm")
     from public_networks import stereo_matching
 
-    training = training_of(stereo_matching(model, num_iters=2), levels="imagenet", loss="sequence", max_disparity_px=64)
+    training = training_of(stereo_matching(model, num_iters=2), loss="sequence")
     assert np.isfinite(training.learn(batch_of(size=(64, 96))))
-    left = torch.zeros(1, 3, 64, 96, dtype=torch.uint8)
-    assert estimates_of(training.estimate(left, left))[-1].shape == (1, 64, 96)
+    left = np.zeros((64, 96, 3), np.uint8)
+    assert training.form.predict(training.network, left, left).shape == (64, 96)
     with pytest.raises(InputError, match=r"fog: .* has the settings"):
         stereo_matching(model, fog=1)
     with pytest.raises(InputError, match=r"model: expected one of .*raft-stereo.*, got 'absent'"):

@@ -1,0 +1,153 @@
+"""How a network is made, what it takes and gives, and how it predicts: all that its weights do not say."""
+
+import inspect
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from io import StringIO
+from pathlib import Path
+from pickle import UnpicklingError
+from typing import Any
+
+import numpy as np
+import torch
+from network_losses import estimates_of
+from numpy.typing import NDArray
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+from torch import Tensor, nn
+from torch.nn import functional
+
+from semisynth_gl.inputs.errors import InputError
+
+LEVELS: Mapping[str, Callable[[Tensor], Tensor]] = {
+    "unit": lambda images: images / 255,
+    "byte": lambda images: images,
+    "imagenet": lambda images: (images / 255 - _per_channel(_MEAN, images)) / _per_channel(_DEVIATION, images),
+}
+"""What networks take images as: in [0, 1], in [0, 255], or normalised by ImageNet's mean and deviation."""
+_MEAN, _DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+_WRAPPED = "module."
+_STATES = ("network", "state_dict", "model")
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """What a network's weights do not say.
+
+    Attributes:
+        address: ``module:callable`` that returns it; the module lies here, in the current folder, or is installed.
+        arguments: ``name=value`` of the callable, values in YAML.
+        levels: a name of `LEVELS`.
+        max_disparity_px: the end of the searched range; a callable that has ``max_disparity`` gets it.
+        multiple_px: of which sides of images must be multiples.
+    """
+
+    address: str
+    arguments: tuple[str, ...]
+    levels: str
+    max_disparity_px: int
+    multiple_px: int
+
+    def make(self) -> nn.Module:
+        """Make the network, with the weights that it begins with.
+
+        Raises:
+            InputError: where there is no such callable, or it returns something else.
+        """
+        module, _, name = self.address.partition(":")
+        given = dict(argument.partition("=")[::2] for argument in self.arguments)
+        told = f"--network {self.address} with --argument {' '.join(self.arguments) or 'none'}"
+        sys.path.append(str(Path.cwd()))
+        try:
+            values = {key: YAML(typ="safe").load(StringIO(value)) for key, value in given.items()}
+            made_by: Callable[..., Any] = getattr(import_module(module), name)
+        except YAMLError as error:
+            raise InputError(f"{told}: expected name=value: {error}") from None
+        except (ImportError, AttributeError, ValueError) as error:
+            raise InputError(f"--network {self.address}: expected module:callable: {error}") from None
+        if "max_disparity" in inspect.signature(made_by).parameters:
+            values.setdefault("max_disparity", self.max_disparity_px)
+        try:
+            network = made_by(**values)
+        except TypeError as error:
+            raise InputError(f"{told}: {error}") from None
+        if not isinstance(network, nn.Module):
+            raise InputError(f"--network {self.address}: expected a torch.nn.Module, got {type(network).__name__}")
+        return network
+
+    def images(self, images: Tensor) -> Tensor:
+        """Return images as the network takes them: (B, 3, H, W) float32.
+
+        Args:
+            images: (B, 3 or 1, H, W), levels from 0 to 255; grey cameras have one channel.
+        """
+        return LEVELS[self.levels](images.float().expand(-1, 3, -1, -1))
+
+    def predict(self, network: nn.Module, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Return the disparity (H, W) px of the left image, at its full size and in full precision.
+
+        Args:
+            network: of this form.
+            left: (H, W, 3), or (H, W) of a grey camera.
+            right: likewise.
+        """
+        height, width = left.shape[:2]
+        # Below and to the right, so that the padding moves no pixel.
+        padding = (0, -width % self.multiple_px, 0, -height % self.multiple_px)
+        device = next(network.parameters()).device
+        views = []
+        for image in (left, right):
+            channels = image[None] if image.ndim == 2 else image.transpose(2, 0, 1)
+            tensor = torch.from_numpy(np.ascontiguousarray(channels))[None].float().to(device)
+            views.append(self.images(functional.pad(tensor, padding, "replicate")))
+        network.eval()
+        with torch.inference_mode():
+            found = estimates_of(network(*views))[-1][0, :height, :width]
+        disparity: NDArray[np.float32] = found.float().cpu().numpy()
+        return disparity
+
+
+def read_state(path: Path, device: torch.device) -> dict[str, Any]:
+    """Read a dictionary that `torch.save` wrote.
+
+    Raises:
+        InputError: where it is something else.
+    """
+    try:
+        state = torch.load(path, map_location=device, weights_only=True)
+    except (OSError, RuntimeError, ValueError, EOFError, UnpicklingError) as error:
+        raise InputError(f"{path}: expected tensors in a file of torch.save: {error}") from None
+    if not isinstance(state, dict):
+        raise InputError(f"{path}: expected a dictionary of tensors, got {type(state).__name__}")
+    return state
+
+
+def load_weights(network: nn.Module, path: Path, device: torch.device) -> None:
+    """Give a network weights that were learnt before.
+
+    Args:
+        network: of which they are.
+        path: a file of `torch.save`: the weights, or a dictionary with them under network, state_dict or model.
+        device: of the network.
+
+    Raises:
+        InputError: where the file cannot be read, or has the weights of another network.
+    """
+    state = read_state(path, device)
+    state = next((state[key] for key in _STATES if isinstance(state.get(key), Mapping)), state)
+    named = {name.removeprefix(_WRAPPED): value for name, value in state.items()}
+    own = network.state_dict()
+    shared = {name for name in own if name in named and named[name].shape == own[name].shape}
+    if len(shared) < max(len(own), len(named)):
+        [example, *_] = sorted({*own, *named} - shared)
+        raise InputError(
+            f"{path}: {len(shared)} of its {len(named)} tensors fit the network's {len(own)}, and {example} is not "
+            "among them: expected the weights of this very network"
+        )
+    network.load_state_dict(named)
+
+
+def _per_channel(values: tuple[float, ...], like: Tensor) -> Tensor:
+    return like.new_tensor(values).view(1, 3, 1, 1)
