@@ -1,8 +1,10 @@
 """Rectangles in front of the right camera, which hide the scene there and say so in the masks."""
 
 from collections.abc import Sequence
+from math import ceil
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image, ImageStat
 
 from semisynth_gl.frame.camera import Crop
@@ -31,10 +33,12 @@ def occluded(frame: Frame, rectangles: Sequence[Crop]) -> Frame:
         arrays[name][hidden] = CHANNELS[name].nothing
     left = frame.left
     if "visibility" in left:
-        ways = frame.ways("left")
+        top, bottom = _reached(frame, hidden)
+        ways = frame.cropped(Crop(0, top, width, bottom - top)).ways("left")
         along, down = ways[:, :, 0], ways[:, :, 1]
         known = np.isfinite(along)
         y, x = np.nonzero(known)
+        y += top
         column = np.rint(x + along[known]).astype(np.intp)
         row = np.rint(y + down[known]).astype(np.intp)
         within = (column >= 0) & (column < width) & (row >= 0) & (row < height)
@@ -45,3 +49,18 @@ def occluded(frame: Frame, rectangles: Sequence[Crop]) -> Frame:
         visibility[y[covered & seen], x[covered & seen]] = OCCLUDED
         left = left.with_channels({"visibility": visibility})
     return Frame(frame.camera, left, frame.right.with_channels(arrays))
+
+
+def _reached(frame: Frame, hidden: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return the first left row whose points may be hidden, and the one after the last, to look at no others."""
+    disparity, (height, width) = frame.left.disparity, hidden.shape
+    rows = np.flatnonzero(hidden.any(1))
+    finite = disparity[np.isfinite(disparity)]
+    # The way down is largest at a corner, for the nearest or the farthest point.
+    y, x, d = np.meshgrid((0.0, height - 1.0), (0.0, width - 1.0), (finite.min(initial=0), finite.max(initial=0)))
+    ways = frame.camera.correspondence("left", x, y, frame.camera.depth_at("left", x, y, d))
+    down = np.abs(ways[..., 1]).max()
+    if not np.isfinite(down):
+        return 0, height
+    reach = ceil(down) + 1
+    return max(0, int(rows[0]) - reach), min(height, int(rows[-1]) + 1 + reach)

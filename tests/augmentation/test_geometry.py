@@ -208,6 +208,23 @@ def test_what_a_change_cannot_do_is_refused():
         Warp(1, 1, 1.0).applied(pair, (20, 30), 2)
 
 
+@pytest.mark.parametrize("index", range(6))
+def test_a_rectangle_hides_what_lies_behind_it_in_a_crooked_rig(index):
+    pair = make_frame(index)
+    rng = np.random.default_rng(index)
+    roll, pitch, y_px = rng.uniform((-0.05, -0.02, -5), (0.05, 0.02, 5)).tolist()
+    pair = replace(pair, camera=replace(pair.camera, deviation=Deviation(roll, pitch, y_px)))
+    pair.left.visibility[:] = VISIBLE
+    rectangle = Crop(5, int(rng.integers(25)), 30, 5)
+    found = occluded(pair, [rectangle]).left.visibility
+    ways = pair.ways("left")
+    y, x = np.mgrid[:32, :48]
+    column, row = np.rint(x + ways[..., 0]), np.rint(y + ways[..., 1])
+    behind = (column >= 5) & (column < 35) & (rectangle.y_px <= row) & (row < rectangle.bottom_px)
+    assert behind.any()
+    np.testing.assert_array_equal(found, np.where(behind, OCCLUDED, VISIBLE))
+
+
 def test_a_rectangle_hides_what_lies_behind_it():
     pair = make_frame(4)
     rectangle = Crop(10, 6, 12, 9)
