@@ -146,7 +146,7 @@ def learn(training: Training, batches: Iterator[Sample], out: Path, every: int, 
     metavar="MODULE:CALLABLE",
     help="Returns the network, which takes left and right and gives the left disparity.",
 )
-@click.option("--argument", "arguments", multiple=True, metavar="name=value", help="Of that callable.")
+@click.option("--argument", "arguments", multiple=True, metavar="name=value", help="Of that callable. May be repeated.")
 @click.option(
     "--levels",
     type=click.Choice(list(LEVELS)),
@@ -171,7 +171,13 @@ def learn(training: Training, batches: Iterator[Sample], out: Path, every: int, 
     metavar="NAME|FILE.yaml",
     help=f"{', '.join(PRESETS)}, or keys of Augmentation.",
 )
-@click.option("--loss", type=click.Choice(list(LOSSES)), default="cross-entropy", show_default=True)
+@click.option(
+    "--loss",
+    type=click.Choice(list(LOSSES)),
+    default="cross-entropy",
+    show_default=True,
+    help="cross-entropy needs scores, as the small network gives them.",
+)
 @click.option("--steps", type=click.IntRange(1), default=800, show_default=True, help="Batches to learn from.")
 @click.option(
     "--crop", type=click.IntRange(16), nargs=2, default=(160, 320), show_default=True, help="Height and width, px."
@@ -195,7 +201,11 @@ def learn(training: Training, batches: Iterator[Sample], out: Path, every: int, 
     help="Judge by these pairs too: scenes of Middlebury's form, or a dataset of this program. May be repeated.",
 )
 @click.option(
-    "--multiple", type=click.IntRange(1), default=1, show_default=True, help="Of which the network needs sides, px."
+    "--multiple",
+    type=click.IntRange(1),
+    default=1,
+    show_default=True,
+    help="The network needs sides that are multiples of this, px.",
 )
 @click.option(
     "--every", type=click.IntRange(1), default=200, show_default=True, help="Steps between checkpoints and judgements."
