@@ -44,14 +44,21 @@ class Data:
     batch: int
     seed: int
 
-    def samples(self, first: int) -> Dataset[Sample]:
+    def samples(self, first: int = 0) -> StereoMix:
         """Open all sources as one, from a sample on.
 
         Raises:
             InputError: where one cannot be used.
         """
         parts = [(self._source(name), share) for name, share in self.sources]
-        return StereoMix(parts, self.seed, first=first, batch_size=self.batch)
+        mix = StereoMix(parts, self.seed, first=first, batch_size=self.batch)
+        # Otherwise workers would make batches in an order that depends on where the first one is.
+        if mix.dealing.block != self.batch:
+            raise InputError(
+                f"--batch {self.batch}: expected a multiple of the pairs that stay together, sequence.length times "
+                f"camera baselines, here {mix.source.together}; or give --set sequence.length=1"
+            )
+        return mix
 
     def _source(self, name: str) -> Dataset[Sample]:
         if Path(name).is_dir():
@@ -80,7 +87,7 @@ def batches_of(data: Data, first: int, workers: int) -> Iterator[Sample]:
 
 
 def read_sources(values: tuple[str, ...]) -> tuple[tuple[str, float], ...]:
-    """Take ``NAME=SHARE`` apart; a share is 1 where there is none."""
+    """Split each ``NAME=SHARE``; without ``=SHARE``, the share is 1."""
     sources = []
     for value in values:
         name, given, share = value.rpartition("=")

@@ -1,14 +1,15 @@
 """How a network is made, what it takes and gives, and how it predicts: all that its weights do not say."""
 
 import inspect
+import os
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import import_module
 from io import StringIO
 from pathlib import Path
 from pickle import UnpicklingError
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -50,6 +51,16 @@ class Form:
     max_disparity_px: int
     multiple_px: int
 
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Self:
+        """Return the form that has these `values`."""
+        return cls(**{**values, "arguments": tuple(values["arguments"])})
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """All values in JSON's types."""
+        return {**asdict(self), "arguments": list(self.arguments)}
+
     def make(self) -> nn.Module:
         """Make the network, with the weights that it begins with.
 
@@ -59,7 +70,8 @@ class Form:
         module, _, name = self.address.partition(":")
         given = dict(argument.partition("=")[::2] for argument in self.arguments)
         told = f"--network {self.address} with --argument {' '.join(self.arguments) or 'none'}"
-        sys.path.append(str(Path.cwd()))
+        if str(Path.cwd()) not in sys.path:
+            sys.path.append(str(Path.cwd()))
         try:
             values = {key: YAML(typ="safe").load(StringIO(value)) for key, value in given.items()}
             made_by: Callable[..., Any] = getattr(import_module(module), name)
@@ -109,6 +121,19 @@ class Form:
         return disparity
 
 
+def find_device(name: str) -> torch.device:
+    """Turn auto, cpu or cuda into a device; torchrun says which of the GPUs is this process's.
+
+    Raises:
+        InputError: where PyTorch has no CUDA here.
+    """
+    if name == "cuda" and not torch.cuda.is_available():
+        raise InputError("--device cuda: PyTorch finds no CUDA here; give --device cpu, or auto for what there is")
+    if name == "cpu" or not torch.cuda.is_available():
+        return torch.device("cpu")
+    return torch.device("cuda", int(os.environ.get("LOCAL_RANK", "0")))
+
+
 def read_state(path: Path, device: torch.device) -> dict[str, Any]:
     """Read a dictionary that `torch.save` wrote.
 
@@ -117,8 +142,10 @@ def read_state(path: Path, device: torch.device) -> dict[str, Any]:
     """
     try:
         state = torch.load(path, map_location=device, weights_only=True)
-    except (OSError, RuntimeError, ValueError, EOFError, UnpicklingError) as error:
-        raise InputError(f"{path}: expected tensors in a file of torch.save: {error}") from None
+    except OSError as error:
+        raise InputError(f"{path}: expected tensors in a file of torch.save: {error.strerror}") from None
+    except (RuntimeError, ValueError, EOFError, UnpicklingError):
+        raise InputError(f"{path}: expected tensors in a file of torch.save, got what cannot be read as one") from None
     if not isinstance(state, dict):
         raise InputError(f"{path}: expected a dictionary of tensors, got {type(state).__name__}")
     return state

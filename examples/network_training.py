@@ -1,7 +1,7 @@
 """A training that can be killed at any time and goes on exactly where its last checkpoint was.
 
 Three things make it exact: the checkpoint has everything that steps change; each step seeds PyTorch's generators anew,
-by its own number; and batch n is made of the same samples whenever, and by whomever, it is asked for.
+by its number and the process's; and batch n of a process has the same samples whenever it is asked for.
 """
 
 import os
@@ -17,7 +17,8 @@ from network_losses import LOSSES
 from torch import Tensor, distributed, nn
 from torch.nn.parallel import DistributedDataParallel
 
-from semisynth_gl.inputs.errors import InputError, SemisynthError
+from semisynth_gl.dataset.plan import differences
+from semisynth_gl.inputs.errors import InputError, SemisynthError, abbreviate
 
 PRECISIONS: Mapping[str, torch.dtype] = {
     "float32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16,
@@ -51,28 +52,18 @@ class Plan:
     seed: int
 
 
-def start_process(device: str) -> tuple[torch.device, int, int]:
-    """Join the other processes where torchrun started this one.
+def join_processes(device: torch.device) -> tuple[int, int]:
+    """Join the other processes where torchrun started this one; return its number and the number of all.
 
     Args:
-        device: auto, cpu or cuda.
-
-    Returns:
-        The device of this process, its number and the number of all.
-
-    Raises:
-        InputError: where PyTorch has no CUDA here.
+        device: of this process.
     """
-    if device == "cuda" and not torch.cuda.is_available():
-        raise InputError("--device cuda: PyTorch finds no CUDA here; give --device cpu, or auto for what there is")
-    cuda = device == "cuda" or (device == "auto" and torch.cuda.is_available())
     if "LOCAL_RANK" not in os.environ:
-        return torch.device("cuda" if cuda else "cpu"), 0, 1
-    own = torch.device("cuda", int(os.environ["LOCAL_RANK"])) if cuda else torch.device("cpu")
-    if cuda:
-        torch.cuda.set_device(own)
-    distributed.init_process_group("nccl" if cuda else "gloo")
-    return own, distributed.get_rank(), distributed.get_world_size()
+        return 0, 1
+    if device.type == "cuda":
+        torch.cuda.set_device(device)
+    distributed.init_process_group("nccl" if device.type == "cuda" else "gloo")
+    return distributed.get_rank(), distributed.get_world_size()
 
 
 class Training:
@@ -102,8 +93,7 @@ class Training:
         identity: Mapping[str, Any],
     ) -> None:
         self.network, self.form, self.plan, self.step, self.losses = network, form, plan, 0, list[float]()
-        values = {**asdict(form), "arguments": list(form.arguments), **asdict(plan)}
-        self._device, self._rank, self.identity = device, rank, {**values, **identity}
+        self._device, self._rank, self.identity = device, rank, {**form.values, **asdict(plan), **identity}
         several = distributed.is_available() and distributed.is_initialized()
         # RAFT-Stereo, for one, has parameters that take no part.
         self._learning: nn.Module = (
@@ -171,12 +161,11 @@ class Training:
         state = read_state(path, self._device)
         if not {*self._parts(), "step", "losses", "identity"} <= set(state):
             raise InputError(f"--resume: {path} is no checkpoint of this program: give its weights to --pretrained")
-        saved = state["identity"]
-        changed = [name for name in {**saved, **self.identity} if saved.get(name) != self.identity.get(name)]
+        changed = differences(state["identity"], self.identity)
         if changed:
             raise InputError(
-                f"--resume: {path} is from a training with other {', '.join(changed)}: give the options of then, or "
-                "begin anew with another --out"
+                f"--resume: {path} is from another training: {abbreviate(changed)}. Give the options, configs and "
+                "photographs of then, or begin anew with another --out"
             )
         for name, part in self._parts().items():
             part.load_state_dict(state[name])

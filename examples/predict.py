@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 import numpy as np
 import torch
-from network_form import Form, load_weights, read_state
+from network_form import Form, find_device, load_weights, read_state
 from PIL import Image
 
 from semisynth_gl.codecs.pfm import PFM
@@ -29,11 +29,11 @@ _REFUSED = 2
 @click.option(
     "--right-out", type=click.Path(path_type=Path), help="Folder for the right views' disparities, for --pred-right."
 )
-@click.option("--device", default="cpu", show_default=True, help="As PyTorch names it.")
+@click.option("--device", type=click.Choice(("auto", "cpu", "cuda")), default="auto", show_default=True)
 def main(weights: Path, left: str, right: str, out: Path, right_out: Path | None, device: str) -> None:
     """Predict the disparity of pairs, each named like its left image, or its folder where images share a name."""
     try:
-        run(weights, left, right, out, right_out, torch.device(device))
+        run(weights, left, right, out, right_out, find_device(device))
     except (SemisynthError, OSError) as error:
         click.echo(f"Error: {error}", err=True)
         sys.exit(_REFUSED)
@@ -57,7 +57,7 @@ def run(weights: Path, left: str, right: str, out: Path, right_out: Path | None,
     state = read_state(weights, device)
     if "form" not in state:
         raise InputError(f"{weights}: expected weights.pt of train_network.py, which says how to make the network")
-    form = Form(**state["form"] | {"arguments": tuple(state["form"]["arguments"])})
+    form = Form.of(state["form"])
     network = form.make().to(device)
     load_weights(network, weights, device)
     for folder in filter(None, (out, right_out)):

@@ -13,7 +13,6 @@ import shlex
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +28,9 @@ from semisynth_gl.inputs.errors import InputError, SemisynthError
 try:
     import torch
     from network_data import Data, Sample, batches_of, read_augmentation, read_sources
-    from network_form import LEVELS, Form, load_weights
+    from network_form import LEVELS, Form, find_device, load_weights
     from network_losses import LOSSES
-    from network_training import PRECISIONS, Plan, Training, start_process
+    from network_training import PRECISIONS, Plan, Training, join_processes
     from torch import distributed
 except ModuleNotFoundError as missing:
     if missing.name != "torch":
@@ -74,8 +73,8 @@ class Judged:
             row["trained"] = evaluation.figures(each, self._predict)
             click.echo(f"\n{evaluation.table(each, row)}")
         self._draw()
-        form = {**asdict(self._training.form), "arguments": list(self._training.form.arguments)}
-        torch.save({"network": self._training.network.state_dict(), "form": form}, self._out / "weights.pt")
+        weights = self._training.network.state_dict()
+        torch.save({"network": weights, "form": self._training.form.values}, self._out / "weights.pt")
         results = [
             {"on": each.title, "protocol": each.protocol, "figures": row}
             for each, row in zip(self._judges, self._rows, strict=True)
@@ -268,7 +267,8 @@ def run(
         raise InputError(f"--resume: there is no {checkpoint}: leave --resume out to begin")
     judges = [evaluation.motorcycle(), *map(evaluation.folder, folders)]
     data = Data(read_sources(sources), settings, crop, read_augmentation(augment), batch, seed)
-    on, rank, processes = start_process(device)
+    on = find_device(device)
+    rank, processes = join_processes(on)
     torch.manual_seed(seed)
     form = Form(network, arguments, levels, max_disparity, multiple)
     made = form.make().to(on)
@@ -276,14 +276,18 @@ def run(
         load_weights(made, pretrained, on)
     plan = Plan(steps, loss, learning_rate, precision, fixed_norms, seed)
     identity = {
-        "data": [list(map(list, data.sources)), list(settings), list(crop), batch, processes],
+        "data": json.loads(json.dumps(data.samples().source.identity)),
         "augmentation": data.augmentation.values,
+        "batch": batch,
+        "processes": processes,
         "pretrained": pretrained and str(pretrained),
     }
     training = Training(made, form, plan, on, rank, identity)
     judged = Judged(judges, training, out, "pretrained" if pretrained else "untrained") if rank == 0 else None
     if resume:
         training.load(checkpoint)
+        if judged is not None:
+            click.echo(f"going on from step {training.step}")
     batches = batches_of(data, training.step * batch * processes, workers)
     parameters = sum(each.numel() for each in made.parameters())
     if judged is not None:

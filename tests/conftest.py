@@ -39,6 +39,17 @@ def _cache_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[No
         yield
 
 
+@pytest.fixture(scope="module")
+def one_thread() -> Generator[None]:
+    """Let PyTorch use one thread: threads that wait for each other are slow where tests of other processes run too."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
     """Look for no garbage while a million objects are made that stay: it takes a quarter of the time."""

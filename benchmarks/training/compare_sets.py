@@ -20,7 +20,7 @@ from typing import Any
 import click
 import torch
 from matching_network import MatchingNetwork
-from network_training import start_process
+from network_form import find_device
 from real_pairs import judge, judge_without_truth, plainness, read_pairs, semi_global
 from stereo_evaluation import View
 from trainer import (
@@ -265,7 +265,7 @@ def run(
         raise InputError(f"--pairs: --budget {budget_name} renders new pairs all the time: leave --pairs out")
     own = {"steps": steps, "pairs": pairs, "minutes": minutes}
     budget = replace(budget, **{key: value for key, value in own.items() if value is not None})
-    on, _, _ = start_process(device)
+    on = find_device(device)
     hardware = Hardware(on, find_precision(on))
     views = read_pairs(folders, budget.factor, budget.max_disparity_px)
     chosen, left_out = choose_sets(names, images, budget)

@@ -27,7 +27,7 @@ from semisynth_gl.torch.cutting import Cutting
 sys.path.append(str(Path(__file__).resolve().parents[2] / "examples"))
 
 from network_data import needed
-from stereo_evaluation import View as Judged
+from stereo_evaluation import View as RealView
 
 Sample = dict[str, Tensor]
 _LEARNING_RATE = 3e-3
@@ -105,7 +105,7 @@ def read_dataset(folder: Path, factor: int) -> list[Frame]:
     ]
 
 
-def of_judges(views: Mapping[str, Judged]) -> list[Frame]:
+def of_judges(views: Mapping[str, RealView]) -> list[Frame]:
     """Turn real pairs into what is trained on."""
     return [frame_of(view.left, view.right, view.truth.disparity) for view in views.values()]
 
@@ -214,7 +214,7 @@ def predictor(network: MatchingNetwork, hardware: Hardware) -> Predictor:
     """Return what predicts with a network, in full precision."""
     network.eval()
 
-    def predict(view: Judged) -> NDArray[np.float32]:
+    def predict(view: RealView) -> NDArray[np.float32]:
         images = (torch.from_numpy(np.ascontiguousarray(each.transpose(2, 0, 1))) for each in (view.left, view.right))
         with torch.inference_mode():
             left, right = (image[None].to(hardware.device).float() / 255 for image in images)

@@ -47,7 +47,7 @@ class TrainingSet:
         share: of the pairs that the other sets have.
         packaged: name of the packaged config whose scenes it has, scaled to the rig's width.
         own_rig: whether that config keeps its own cameras, disparities and pictures.
-        pairs_of: name of the row whose pairs it has; empty for pairs of its own.
+        pairs_of: another row, whose pairs are used instead of new ones; empty for none.
         augmentation: changes of its crops.
     """
 

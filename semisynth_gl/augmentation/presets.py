@@ -22,8 +22,8 @@ PRESETS: Mapping[str, Augmentation] = {
         rectangles=(1, 2),
         rectangle_px=(50, 100),
     ),
-    # Ours, as benchmarks/training/compare_sets.py chose it: two cameras, each with an exposure, a white balance, a tone
-    # curve and noise of its own. Rendered pairs have many scales, of which more taught no more.
+    # Ours, as benchmarks/training/compare_sets.py chose it: each camera has another exposure, white balance, tone
+    # curve and noise. It does not scale: rendered pairs show many scales already, and scaling them taught no more.
     "semisynth": Augmentation(
         brightness=(0.8, 1.2), white_balance=(0.95, 1.05), gamma=(0.75, 1.33), noise=(0, 5), asymmetric=1.0
     ),

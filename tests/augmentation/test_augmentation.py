@@ -57,6 +57,14 @@ def test_draws_fill_their_ranges():
     assert {60, 95} <= {quality for quality in qualities if quality is not None} <= set(range(60, 96))
 
 
+def test_each_eye_of_the_own_preset_has_another_white_balance():
+    drawn = many(PRESETS["semisynth"], 100)
+    balances = np.array([[each.colours[eye].white_balance for eye in EYES] for each in drawn])
+    assert 0.95 <= balances.min() < 0.955
+    assert 1.045 < balances.max() <= 1.05
+    assert len(np.unique(balances)) == balances.size
+
+
 def test_a_scale_is_raised_until_the_crop_fits():
     small = Augmentation(scale=(0.1, 1), right_y_px=(-3, 3))
     sides, crop = (400, 600), (250, 400)

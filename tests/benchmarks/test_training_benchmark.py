@@ -11,7 +11,7 @@ from backends import backend_fault
 from heavy import heavy
 
 torch = heavy("torch")
-pytestmark = pytest.mark.heavy
+pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("one_thread")]
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks" / "training"))
 
@@ -29,15 +29,6 @@ from semisynth_gl.inputs.errors import InputError  # noqa: E402
 CPU = trainer.Hardware(torch.device("cpu"), torch.float32)
 UNCHANGED = Augmentation()
 BUDGET = replace(compare_sets.BUDGETS["cpu"], steps=20, crop_px=(32, 64))
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _one_thread():
-    """Threads that wait for each other are slow where tests of other processes run too."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def noise(*shape, seed=0):
@@ -117,6 +108,14 @@ def test_crops_are_the_same_part_of_both_images_and_repeat():
         InputError, match=r"whole numbers of up to \(40, 80\) px, the image size of a pair, got \(64, 24\)"
     ):
         next(crops(replace(budget, crop_px=(64, 24)), 7))
+
+
+def test_a_row_says_what_is_changed_in_its_pairs(monkeypatch, tmp_path):
+    monkeypatch.setattr(compare_sets.Sources, "pairs", lambda *_: pairs())
+    sources = compare_sets.Sources((), tmp_path, {}, 0)
+    for row, alike in (("unchanged", True), ("calibrated", False), ("real", False)):
+        batch = next(sources.batches(row, BUDGET, 0))
+        assert torch.equal(batch["left"][..., 6:], batch["right"][..., :-6]) == alike, row
 
 
 def test_a_few_steps_reduce_the_loss(monkeypatch):

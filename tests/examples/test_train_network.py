@@ -14,7 +14,7 @@ from backends import backend_fault
 from heavy import heavy
 
 torch = heavy("torch")
-pytestmark = pytest.mark.heavy
+pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("one_thread")]
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "examples" / "small-rooms.yaml"
 sys.path.insert(0, str(ROOT / "examples"))
@@ -24,9 +24,9 @@ import stereo_evaluation as evaluation  # noqa: E402
 import train_network  # noqa: E402
 from click.testing import CliRunner  # noqa: E402
 from network_data import Data, batches_of, read_augmentation, read_sources  # noqa: E402
-from network_form import Form, load_weights  # noqa: E402
+from network_form import Form, find_device, load_weights  # noqa: E402
 from network_losses import LOSSES, cross_entropy_loss, estimates_of, sequence_loss, smooth_l1_loss  # noqa: E402
-from network_training import Plan, Training, start_process  # noqa: E402
+from network_training import Plan, Training, join_processes  # noqa: E402
 from PIL import Image  # noqa: E402
 from stereo_network import Estimates, StereoNetwork, correlated, warped  # noqa: E402
 
@@ -49,15 +49,6 @@ SMALL = [
     "textures.max_patches=16",
 ]
 CROP = ("--crop", "48", "64", "--max-disparity", "32", "--batch", "2", "--workers", "0", "--device", "cpu")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _one_thread():
-    """Threads that wait for each other are slow where tests of other processes run too."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 @pytest.fixture(scope="module")
@@ -240,6 +231,36 @@ def test_batches_go_on_from_any_sample_whatever_the_workers(dataset):
         assert all(torch.equal(expected[name], found[name]) for name in expected)
 
 
+def test_crops_are_changed_by_the_augmentation_and_their_truth_is_not(dataset):
+    for source in (dataset, CONFIG):
+        plain, changed = (
+            crops_of(source, 3, settings=tuple(SMALL), augmentation=augmentation)
+            for augmentation in (Augmentation(), PRESETS["semisynth"])
+        )
+        for one, other in zip(plain, changed, strict=True):
+            assert torch.equal(one["disparity_left"], other["disparity_left"])
+            assert not torch.equal(one["left"], other["left"])
+
+
+def test_an_edited_config_makes_another_training(tmp_path):
+    config = tmp_path / "rooms.yaml"
+    found = []
+    for density in ("sparse", "dense", "sparse"):
+        config.write_text(f"extends: {CONFIG}\nname: rooms\nparticles: {{density: {density}}}\n")
+        data = replace(DATA, sources=((str(config), 1.0),), settings=tuple(SMALL))
+        found.append(json.dumps(data.samples().source.identity))
+    assert found[0] == found[2] != found[1]
+
+
+def test_batches_that_divide_a_sequence_are_refused():
+    data = replace(DATA, sources=((str(CONFIG), 1.0),), settings=(*SMALL, "sequence.length=4"))
+    assert replace(data, batch=8).samples().dealing.block == 8
+    with pytest.raises(
+        InputError, match=r"--batch 2: expected a multiple of .* here 4; or give --set sequence.length=1"
+    ):
+        replace(data, batch=2).samples()
+
+
 def test_another_seed_gives_other_crops(dataset):
     crops, others = crops_of(dataset, 3), crops_of(dataset, 3, seed=4)
     assert not any(torch.equal(one["left"], other["left"]) for one in crops for other in others)
@@ -343,7 +364,9 @@ def test_a_loaded_checkpoint_goes_on_exactly(precision, tmp_path):
 def test_another_trainings_checkpoint_is_refused(tmp_path):
     path = tmp_path / "checkpoint.pt"
     training_of(Shift(), loss="sequence").save(path)
-    with pytest.raises(InputError, match="from a training with other loss, learning_rate: give the options of then"):
+    with pytest.raises(
+        InputError, match=r"another training: loss \('sequence' there, 'smooth-l1' now\), learning_rate \("
+    ):
         training_of(Shift(), loss="smooth-l1", learning_rate=1.0).load(path)
     torch.save(Shift().state_dict(), path)
     with pytest.raises(InputError, match="is no checkpoint of this program: give its weights to --pretrained"):
@@ -538,15 +561,16 @@ def test_a_killed_training_goes_on_with_the_same_losses(dataset, tmp_path):
     whole, gone_on = (json.loads((each / "metrics.json").read_text()) for each in (tmp_path / "whole", killed))
     assert gone_on["losses"] == whole["losses"]
     assert gone_on["results"] == whole["results"]
+    assert "going on from step" in done.output
     refused = run(*options, "--out", killed, "--resume", "--seed", "1")
-    assert (refused.exit_code, "from a training with other seed" in refused.output) == (2, True)
+    assert (refused.exit_code, "is from another training: seed (0 there, 1 now)" in refused.output) == (2, True)
 
 
 def test_two_processes_learn_what_one_learns_of_batches_twice_as_large(dataset, tmp_path):
     weights = []
     for processes, batch in ((1, 2), (2, 1)):
         out = tmp_path / f"of-{processes}"
-        options = ["--data", dataset, *CROP, "--batch", batch, "--steps", "2", "--augment", "psmnet", "--out", out]
+        options = ["--data", dataset, *CROP, "--batch", batch, "--steps", "6", "--augment", "psmnet", "--out", out]
         command = ["-m", "torch.distributed.run", f"--nproc-per-node={processes}", train_network.__file__, *options]
         done = subprocess.run(
             [sys.executable, *map(str, command)],
@@ -557,11 +581,14 @@ def test_two_processes_learn_what_one_learns_of_batches_twice_as_large(dataset, 
         )
         assert done.returncode == 0, done.stderr
         assert f"on {processes} x cpu" in done.stdout
-        assert done.stdout.count("step 2 of 2") == 1
+        assert done.stdout.count("step 6 of 6") == 1
         weights.append(torch.load(out / "weights.pt")["network"])
-    one, two = weights
-    for name, value in one.items():
-        assert torch.allclose(value, two[name], atol=2e-4), name
+    torch.manual_seed(0)
+    begun, one, two = (
+        torch.cat([value.flatten() for value in state.values()]) for state in (StereoNetwork(32).state_dict(), *weights)
+    )
+    # Adam lets rounding grow where gradients are all but 0.
+    assert (one - two).norm() < 0.1 * (one - begun).norm()
 
 
 NETWORK = """
@@ -686,5 +713,6 @@ def test_crops_larger_than_the_pairs_are_refused(dataset, tmp_path):
 def test_cuda_is_refused_where_there_is_none(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(InputError, match="finds no CUDA"):
-        start_process("cuda")
-    assert start_process("auto") == (torch.device("cpu"), 0, 1)
+        find_device("cuda")
+    assert find_device("auto").type == find_device("cpu").type == "cpu"
+    assert join_processes(torch.device("cpu")) == (0, 1)
