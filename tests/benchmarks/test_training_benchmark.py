@@ -11,7 +11,7 @@ from backends import backend_fault
 from heavy import heavy
 
 torch = heavy("torch")
-pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("one_thread")]
+pytestmark = pytest.mark.heavy
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks" / "training"))
 
@@ -29,6 +29,11 @@ from semisynth_gl.inputs.errors import InputError  # noqa: E402
 CPU = trainer.Hardware(torch.device("cpu"), torch.float32)
 UNCHANGED = Augmentation()
 BUDGET = replace(compare_sets.BUDGETS["cpu"], steps=20, crop_px=(32, 64))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _quiet(one_thread):
+    return one_thread
 
 
 def noise(*shape, seed=0):

@@ -14,7 +14,7 @@ from backends import backend_fault
 from heavy import heavy
 
 torch = heavy("torch")
-pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("one_thread")]
+pytestmark = pytest.mark.heavy
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "examples" / "small-rooms.yaml"
 sys.path.insert(0, str(ROOT / "examples"))
@@ -49,6 +49,11 @@ SMALL = [
     "textures.max_patches=16",
 ]
 CROP = ("--crop", "48", "64", "--max-disparity", "32", "--batch", "2", "--workers", "0", "--device", "cpu")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _quiet(one_thread):
+    return one_thread
 
 
 @pytest.fixture(scope="module")
