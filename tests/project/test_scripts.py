@@ -16,11 +16,18 @@ SCRIPTS = sorted(path for folder in FOLDERS for path in (ROOT / folder).glob("*.
 OF_PEERS = (
     "bpy", "gpu", "mathutils", "OpenGL", "OpenGL.GL", "pygfx", "pyrender", "pyrender.renderer", "wgpu"
 )  # fmt: skip
+# What the benchmark of patch networks learns with; it is in an environment beside this one, too.
+OF_PATCHES = (
+    "h5py", "mc_cnn", "mc_cnn.dataset_generator", "mc_cnn.dataset_generator.middlebury_generator", "mc_cnn.model",
+    "mc_cnn.model.mc_cnn_fast", "mc_cnn.weights"
+)  # fmt: skip
 # They import PyTorch.
 WITH_TORCH = (
     "benchmarks/stream.py",
     "benchmarks/training/compare_sets.py",
+    "benchmarks/training/compare_patches.py",
     "benchmarks/training/matching_network.py",
+    "benchmarks/training/patch_network.py",
     "benchmarks/training/trainer.py",
     "examples/network_data.py",
     "examples/network_form.py",
@@ -46,7 +53,7 @@ def test_a_script_finds_what_it_imports(monkeypatch, capfd, script):
     monkeypatch.syspath_prepend(str(script.parent))
     monkeypatch.setattr(sys, "argv", [str(script), "--no-such-option"])
     monkeypatch.setattr(os, "environ", os.environ.copy())
-    for name in OF_PEERS:
+    for name in (*OF_PEERS, *OF_PATCHES):
         monkeypatch.setitem(sys.modules, name, MagicMock(name=name))
     run_path(str(script), run_name="imported")
     assert "".join(capfd.readouterr()) == ""
