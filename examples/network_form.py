@@ -1,11 +1,12 @@
 """How a network is made, what it takes and gives, and how it predicts: all that its weights do not say."""
 
+import importlib
 import inspect
 import os
 import sys
+import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from importlib import import_module
 from io import StringIO
 from pathlib import Path
 from pickle import UnpicklingError
@@ -20,7 +21,7 @@ from ruamel.yaml.error import YAMLError
 from torch import Tensor, nn
 from torch.nn import functional
 
-from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.inputs.errors import InputError, SemisynthError, cut, described
 
 LEVELS: Mapping[str, Callable[[Tensor], Tensor]] = {
     "unit": lambda images: images / 255,
@@ -31,6 +32,12 @@ LEVELS: Mapping[str, Callable[[Tensor], Tensor]] = {
 _MEAN, _DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 _WRAPPED = "module."
 _STATES = ("network", "state_dict", "model")
+_TAKES = (
+    "expected a forward(left, right) that takes images (B, 3, H, W) and gives the left disparity: a tensor (B, H, W) "
+    "or (B, 1, H, W), px, or a list of estimates with the best one last"
+)
+_PADDED = 32
+"""Networks with more levels than fit into multiples of this, px, are rare."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,29 +72,43 @@ class Form:
         """Make the network, with the weights that it begins with.
 
         Raises:
-            InputError: where there is no such callable, or it returns something else.
+            InputError: where there is no such callable, it fails, or it returns something else.
         """
-        module, _, name = self.address.partition(":")
         given = dict(argument.partition("=")[::2] for argument in self.arguments)
         told = f"--network {self.address} with --argument {' '.join(self.arguments) or 'none'}"
-        if str(Path.cwd()) not in sys.path:
-            sys.path.append(str(Path.cwd()))
         try:
             values = {key: YAML(typ="safe").load(StringIO(value)) for key, value in given.items()}
-            made_by: Callable[..., Any] = getattr(import_module(module), name)
         except YAMLError as error:
             raise InputError(f"{told}: expected name=value: {error}") from None
-        except (ImportError, AttributeError, ValueError) as error:
-            raise InputError(f"--network {self.address}: expected module:callable: {error}") from None
+        made_by = self._find()
         if "max_disparity" in inspect.signature(made_by).parameters:
             values.setdefault("max_disparity", self.max_disparity_px)
         try:
             network = made_by(**values)
-        except TypeError as error:
-            raise InputError(f"{told}: {error}") from None
+        except SemisynthError:
+            raise
+        except Exception as error:  # the user's own code
+            raise InputError(f"{told}: {_raised(error)}") from error
         if not isinstance(network, nn.Module):
             raise InputError(f"--network {self.address}: expected a torch.nn.Module, got {type(network).__name__}")
+        if not any(each.requires_grad for each in network.parameters()):
+            raise InputError(f"--network {self.address}: expected parameters to learn, got a network without any")
         return network
+
+    def _find(self) -> Callable[..., Any]:
+        module, _, name = self.address.partition(":")
+        if str(Path.cwd()) not in sys.path:
+            sys.path.append(str(Path.cwd()))
+        try:
+            made_by = getattr(importlib.import_module(module), name)
+        except (ImportError, AttributeError, ValueError) as error:
+            raise InputError(f"--network {self.address}: expected module:callable: {error}{_place(error)}") from error
+        except Exception as error:  # the user's own code
+            raise InputError(f"--network {self.address}: {module} cannot be imported: {_raised(error)}") from error
+        if not callable(made_by):
+            raise InputError(f"--network {self.address}: expected module:callable, got {type(made_by).__name__}")
+        found: Callable[..., Any] = made_by
+        return found
 
     def images(self, images: Tensor) -> Tensor:
         """Return images as the network takes them: (B, 3, H, W) float32.
@@ -97,6 +118,42 @@ class Form:
         """
         return LEVELS[self.levels](images.float().expand(-1, 3, -1, -1))
 
+    def run(self, network: nn.Module, left: Tensor, right: Tensor, remedy: str) -> Any:  # noqa: ANN401 - as estimates_of
+        """Return what a network gives, which `estimates_of` takes.
+
+        Args:
+            network: of this form.
+            left: (B, 3, H, W) float32, as `images` has it.
+            right: likewise.
+            remedy: what makes the sides multiples of what a network needs.
+
+        Raises:
+            InputError: where it fails, or gives something else than disparities of the images' size.
+        """
+        size = (left.shape[0], *left.shape[2:])
+        told = f"network {self.address}"
+        hint = ""
+        if any(side % max(_PADDED, self.multiple_px) for side in size[1:]):
+            hint = f"; it got images of {size[1]} x {size[2]} px: if their sides must be multiples of N, {remedy}"
+        try:
+            output = network(left, right)
+        except SemisynthError:
+            raise
+        except Exception as error:  # the user's own code
+            if not _place(error):
+                raise InputError(f"{told}: {_raised(error)}: {_TAKES}") from error
+            of_sizes = isinstance(error, (RuntimeError, ValueError, AssertionError))
+            if not of_sizes or isinstance(error, torch.cuda.OutOfMemoryError):
+                hint = ""
+            raise InputError(f"{told}: {_raised(error)}{hint}") from error
+        try:
+            found = tuple(estimates_of(output)[-1].shape)
+        except InputError as error:
+            raise InputError(f"{told} {error}") from None
+        if found != size:
+            raise InputError(f"{told} gave disparities {found}: expected {size}, the images' size{hint}")
+        return output
+
     def predict(self, network: nn.Module, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Return the disparity (H, W) px of the left image, at its full size and in full precision.
 
@@ -104,6 +161,9 @@ class Form:
             network: of this form.
             left: (H, W, 3), or (H, W) of a grey camera.
             right: likewise.
+
+        Raises:
+            InputError: as `run`.
         """
         height, width = left.shape[:2]
         # Below and to the right, so that the padding moves no pixel.
@@ -116,7 +176,8 @@ class Form:
             views.append(self.images(functional.pad(tensor, padding, "replicate")))
         network.eval()
         with torch.inference_mode():
-            found = estimates_of(network(*views))[-1][0, :height, :width]
+            output = self.run(network, *views, "give --multiple N, such as 32, which pads them")
+        found = estimates_of(output)[-1][0, :height, :width]
         disparity: NDArray[np.float32] = found.float().cpu().numpy()
         return disparity
 
@@ -174,6 +235,21 @@ def load_weights(network: nn.Module, path: Path, device: torch.device) -> None:
             "among them: expected the weights of this very network"
         )
     network.load_state_dict(named)
+
+
+def _raised(error: Exception) -> str:
+    """Return what an error of the user's code says, on one line, and where it was raised."""
+    return cut(" ".join(described(error).split()), 400) + _place(error)
+
+
+def _place(error: Exception) -> str:
+    """Return file and line of the innermost frame of other code than this and PyTorch's, in brackets; or ""."""
+    inner = [Path(torch.__file__).parent, Path(importlib.__file__).parent, Path(__file__)]
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        path = Path(frame.filename)
+        if path.exists() and not any(path.is_relative_to(each) for each in inner):
+            return f" ({path}, line {frame.lineno})"
+    return ""
 
 
 def _per_channel(values: tuple[float, ...], like: Tensor) -> Tensor:

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.inputs.errors import InputError, abbreviate
 
 Loss = Callable[[Any, Tensor, float], Tensor]
 """From a network's output, the true disparity (B, H, W) px and the end of the searched range, px, to a number."""
@@ -31,13 +31,13 @@ def estimates_of(output: Any) -> list[Tensor]:  # noqa: ANN401 - that is what it
     several = [output] if isinstance(output, Tensor) else output
     if not isinstance(several, (list, tuple)) or not several or not all(isinstance(each, Tensor) for each in several):
         raise InputError(
-            f"the network gave {type(output).__name__}: expected a tensor (B, H, W) or (B, 1, H, W) of disparities, or "
-            "a list of them; wrap the network, as examples/public_networks.py does"
+            f"gave {_kind(output)}: expected a tensor (B, H, W) or (B, 1, H, W) of left disparities, px, or a list of "
+            "estimates with the best one last; wrap the network in a module that gives these"
         )
     flat = [each[:, 0] if each.ndim == 4 and each.shape[1] == 1 else each for each in several]
     sizes = [tuple(each.shape) for each in flat]
     if any(len(size) != 3 or size != sizes[-1] for size in sizes):
-        raise InputError(f"the network gave disparities of the sizes {sizes}: expected (B, H, W), the images', each")
+        raise InputError(f"gave disparities of the sizes {sizes}: expected (B, H, W), the images', each")
     return flat
 
 
@@ -85,8 +85,15 @@ def cross_entropy_loss(output: Any, truth: Tensor, max_disparity: float) -> Tens
             f"--loss cross-entropy: the network gave {type(output).__name__}, which has no scores: expected an object "
             "like Estimates in examples/stereo_network.py; or take --loss smooth-l1 or sequence"
         )
+    step = getattr(output, "step_px", None)
+    least = [-(-(side - step // 2) // step) for side in truth.shape[1:]] if isinstance(step, int) and step > 0 else []
+    if not least or scores.ndim != 4 or any(side < few for side, few in zip(scores.shape[2:], least, strict=True)):
+        raise InputError(
+            f"--loss cross-entropy: the network gave scores {tuple(scores.shape)} with step_px {step}: expected "
+            "(B, D, H / step_px, W / step_px), and a whole number of px from level to level"
+        )
     filled, valid = _usable(truth, max_disparity)
-    return smooth_l1_loss(output, truth, max_disparity) + _cross_entropy(scores, output.step_px, filled, valid)
+    return smooth_l1_loss(output, truth, max_disparity) + _cross_entropy(scores, step, filled, valid)
 
 
 LOSSES: Mapping[str, Loss] = {
@@ -94,6 +101,15 @@ LOSSES: Mapping[str, Loss] = {
     "smooth-l1": smooth_l1_loss,
     "sequence": sequence_loss,
 }
+
+
+def _kind(output: Any) -> str:  # noqa: ANN401 - any output
+    """Return what an output is, with what it holds."""
+    if isinstance(output, Mapping):
+        return f"a {type(output).__name__} with the keys {abbreviate([str(key) for key in output])}"
+    if isinstance(output, (list, tuple)):
+        return f"a {type(output).__name__} of {abbreviate([type(each).__name__ for each in output]) or 'nothing'}"
+    return type(output).__name__
 
 
 def _usable(truth: Tensor, max_disparity: float) -> tuple[Tensor, Tensor]:

@@ -66,6 +66,27 @@ def join_processes(device: torch.device) -> tuple[int, int]:
     return distributed.get_rank(), distributed.get_world_size()
 
 
+class _Losing(nn.Module):
+    """From a batch to its loss.
+
+    It is one module so that DistributedDataParallel learns from the loss which parameters take no part, as RAFT-Stereo
+    has some. It cannot learn it from outputs that it does not know, or that the loss leaves out.
+    """
+
+    def __init__(self, network: nn.Module, form: Form, plan: Plan, device: torch.device) -> None:
+        super().__init__()
+        self.network, self._form, self._plan, self._device = network, form, plan, device
+        # With a parameter that takes no part, PyTorch does not warn of networks that have none.
+        self.idle = nn.Parameter(torch.zeros((), device=device))
+
+    def forward(self, left: Tensor, right: Tensor, truth: Tensor) -> Tensor:
+        precision = PRECISIONS[self._plan.precision]
+        images = self._form.images(left), self._form.images(right)
+        with torch.autocast(self._device.type, precision, enabled=precision != torch.float32):
+            output = self._form.run(self.network, *images, "give them to --crop")
+        return LOSSES[self._plan.loss](output, truth, self._form.max_disparity_px)
+
+
 class Training:
     """A network, what changes it, and how far it is.
 
@@ -95,10 +116,8 @@ class Training:
         self.network, self.form, self.plan, self.step, self.losses = network, form, plan, 0, list[float]()
         self._device, self._rank, self.identity = device, rank, {**form.values, **asdict(plan), **identity}
         several = distributed.is_available() and distributed.is_initialized()
-        # RAFT-Stereo, for one, has parameters that take no part.
-        self._learning: nn.Module = (
-            DistributedDataParallel(network, find_unused_parameters=True) if several else network
-        )
+        losing: nn.Module = _Losing(network, form, plan, device)
+        self._losing = DistributedDataParallel(losing, find_unused_parameters=True) if several else losing
         learnt = [each for each in network.parameters() if each.requires_grad]
         self._optimizer = torch.optim.AdamW(learnt, lr=plan.learning_rate, weight_decay=_WEIGHT_DECAY)
         # PyTorch divides by zero where the rate is to rise for exactly one step; so few steps get one and a half.
@@ -115,19 +134,21 @@ class Training:
             batch: ``left`` and ``right`` (B, 3 or 1, H, W) uint8, ``disparity_left`` (B, H, W) px.
 
         Raises:
-            SemisynthError: where the loss is not finite.
+            SemisynthError: where the loss is not finite, or the network cannot learn from it.
         """
-        plan, precision = self.plan, PRECISIONS[self.plan.precision]
+        plan = self.plan
         torch.manual_seed((plan.seed * plan.steps + self.step) * 1000 + self._rank)
-        self._learning.train()
+        self._losing.train()
         if plan.fixed_norms:
             for module in self.network.modules():
                 if isinstance(module, nn.modules.batchnorm._BatchNorm):  # noqa: SLF001 - all dimensions' common class
                     module.eval()
-        views = (self.form.images(batch[name].to(self._device)) for name in ("left", "right"))
-        with torch.autocast(self._device.type, precision, enabled=precision != torch.float32):
-            output = self._learning(*views)
-        loss = LOSSES[plan.loss](output, batch["disparity_left"].to(self._device), self.form.max_disparity_px)
+        loss = self._losing(*(batch[name].to(self._device) for name in ("left", "right", "disparity_left")))
+        if not loss.requires_grad:
+            raise InputError(
+                f"network {self.form.address}: expected disparities that depend on its parameters, got some that do "
+                "not: argmax, rounding, detach() and no_grad() cut them off"
+            )
         found = float(loss.item())
         if not isfinite(found):
             raise SemisynthError(

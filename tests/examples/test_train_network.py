@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -166,6 +167,8 @@ def test_scores_of_the_true_level_cost_least():
     assert losses[0] == pytest.approx(np.log(2), abs=1e-3)
     with pytest.raises(InputError, match=r"which has no scores: .* --loss smooth-l1 or sequence"):
         cross_entropy_loss(disparities, truth, 32)
+    with pytest.raises(InputError, match=r"gave scores \(1, 8, 2, 1\) with step_px 4: expected"):
+        cross_entropy_loss(Estimates(disparities, scores[..., :1]), truth, 32)
 
 
 def test_estimates_weigh_as_their_authors_have_it():
@@ -188,8 +191,13 @@ def test_disparities_are_found_in_what_networks_give():
     flat = noise(2, 4, 6)
     for output in (flat, [flat], (flat[:, None], flat), Estimates([flat], flat)):
         assert torch.equal(estimates_of(output)[-1], flat)
-    for output in ({"disparity": flat}, [], [flat, None], 3.0):
-        with pytest.raises(InputError, match="wrap the network"):
+    for output, came in (
+        ({"disparity": flat}, "a dict with the keys disparity"),
+        ([], "a list of nothing"),
+        ([flat, None], "a list of Tensor, NoneType"),
+        (3.0, "float"),
+    ):
+        with pytest.raises(InputError, match=f"^gave {came}: expected a tensor .* wrap the network"):
             estimates_of(output)
     for output in (noise(2, 3, 4, 6), [noise(2, 2, 3), flat]):
         with pytest.raises(InputError, match=r"expected \(B, H, W\), the images', each"):
@@ -379,6 +387,75 @@ def test_another_trainings_checkpoint_is_refused(tmp_path):
     path.write_bytes(b"nothing")
     with pytest.raises(InputError, match=r"expected tensors in a file of torch\.save"):
         training_of(Shift()).load(path)
+
+
+class Failing(Shift):
+    """Gives what a test wants of the left image and the right one."""
+
+    def __init__(self, of):
+        super().__init__()
+        self.of = of
+
+    def forward(self, left, right):
+        return self.of(left, right) + 0 * self.shift
+
+
+class OneImage(Shift):
+    def forward(self, left):
+        return left[:, 0]
+
+
+def halved(left, right):
+    smaller = torch.nn.functional.interpolate(left, scale_factor=1 / 8)
+    return (right + torch.nn.functional.interpolate(smaller, scale_factor=8))[:, 0]
+
+
+def halved_line():
+    return halved.__code__.co_firstlineno + 2
+
+
+HINT = "; it got images of 9 x 12 px: if their sides must be multiples of N, "
+FAULTS = {
+    "signature": (
+        OneImage,
+        r": TypeError: .*forward\(\) takes 2 .* given: expected a forward\(left, right\) that takes images .*gives",
+        "",
+    ),
+    "own code": (lambda: Failing(lambda left, _: left.absent), r": AttributeError: .*absent' \(FILE, line \d+\)$", ""),
+    "sides": (lambda: Failing(halved), rf": RuntimeError: .*size.* \(FILE, line {halved_line()}\)", HINT),
+    "shape": (
+        lambda: Failing(lambda left, _: left[:, 0, 1:]),
+        r" gave disparities \(1, 8, 12\): expected \(1, 9, 12\), the images' size",
+        HINT,
+    ),
+    "type": (lambda: Failing(lambda left, _: left), r" gave disparities of the sizes .*3, 9, 12\)\]: expected", ""),
+}
+
+
+@pytest.mark.parametrize(("make", "words", "hint"), FAULTS.values(), ids=FAULTS)
+def test_a_network_that_fails_is_named_with_its_line_and_what_is_expected(make, words, hint):
+    words = rf"^network somewhere:Network{words}".replace("FILE", re.escape(__file__)) + hint
+    with pytest.raises(InputError, match=words + ("give them to --crop$" if hint else "")) as raised:
+        training_of(make(), loss="sequence").learn(batch_of(size=(9, 12)))
+    assert "\n" not in str(raised.value)
+    assert (raised.value.__cause__ is None) == (" gave " in words)
+    image = np.zeros((9, 12, 3), np.uint8)
+    with pytest.raises(InputError, match=words + ("give --multiple N" if hint else "")):
+        FORM.predict(make(), image, image)
+
+
+def test_sides_that_suit_all_networks_are_not_blamed():
+    with pytest.raises(InputError, match=r"RuntimeError: no \(.*, line \d+\)$"):
+        training_of(Failing(refuse), loss="sequence").learn(batch_of(size=(32, 64)))
+
+
+def test_disparities_that_do_not_depend_on_the_network_are_refused():
+    with pytest.raises(InputError, match="expected disparities that depend on its parameters"):
+        training_of(Seen(), loss="sequence").learn(batch_of())
+
+
+def refuse(_, __):
+    raise RuntimeError("no")
 
 
 def test_norms_stay_where_they_are_told_to():
@@ -608,15 +685,54 @@ class Learnt(torch.nn.Module):
         assert left.shape[-1] % 8 == left.shape[-2] % 8 == 0
         return [left.mean(1, keepdim=True) + self.made.mean()] * 2
 
+class Odd(Learnt):
+    def __init__(self):
+        super().__init__()
+        self.idle, self.beside = (torch.nn.Parameter(torch.ones(())) for _ in range(2))
+
+    def forward(self, left, right):
+        return Found(super().forward(left, right), self.beside * left)
+
+class Found:
+    def __init__(self, disparities, beside):
+        self.disparities, self.beside = disparities, beside
+
 def number():
     return 3
+
+def broken():
+    return {}["key"]
+
+nothing = 3
 """
+
+
+def test_processes_share_what_networks_of_any_output_learn_and_do_not_warn(dataset, tmp_path):
+    (tmp_path / "their_networks.py").write_text(NETWORK)
+    options = ["--data", dataset, *CROP, "--steps", 3, "--loss", "sequence", "--multiple", 8]
+    started = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2", train_network.__file__, *options]
+    processes = [
+        subprocess.Popen(
+            [sys.executable, *map(str, started), "--network", f"their_networks:{network}", "--out", network],
+            env={**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"},
+            cwd=tmp_path,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for network in ("Odd", "Learnt")
+    ]
+    for process in processes:
+        _, said = process.communicate()
+        assert (process.returncode, "unused" in said) == (0, False), said
+    made = torch.load(tmp_path / "Odd" / "weights.pt")["network"]
+    assert (made["idle"], made["beside"], made["made"] > 0) == (1, 1, True)
 
 
 @pytest.mark.usefixtures("small_motorcycle")
 def test_any_network_can_be_trained(dataset, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "their_networks.py").write_text(NETWORK)
+    (tmp_path / "their_mistake.py").write_text("torhc.nn")
     options = ("--data", dataset, "--steps", "2", *CROP, "--loss", "sequence", "--out", "out")
     done = run("--network", "their_networks:Learnt", "--argument", "size=7", "--multiple", "8", *options)
     assert done.exit_code == 0, done.output
@@ -625,8 +741,12 @@ def test_any_network_can_be_trained(dataset, tmp_path, monkeypatch):
     assert 31.9 < made[0] < 32  # it began at what --max-disparity said
     for network, words in (
         ("their_networks:Absent", "expected module:callable: module 'their_networks' has no attribute 'Absent'"),
-        ("absent:Network", "expected module:callable: No module named 'absent'"),
+        ("absent:Network", "expected module:callable: No module named 'absent'\n"),
         ("their_networks:number", "expected a torch.nn.Module, got int"),
+        ("their_networks:nothing", "expected module:callable, got int"),
+        ("their_networks:broken", f"KeyError: 'key' ({tmp_path}/their_networks.py, line 29)"),
+        ("their_mistake:Network", "their_mistake cannot be imported: NameError: name 'torhc' is not defined ("),
+        ("torch.nn:Identity", "expected parameters to learn, got a network without any"),
     ):
         refused = run("--network", network, *options[:-1], "other")
         assert (refused.exit_code, words in refused.output) == (2, True), refused.output
