@@ -1,19 +1,18 @@
 """What a network is trained on: datasets and streams of this program, mixed, cropped and changed."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, fields
 from typing import Any
 
 import torch
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from semisynth_gl.augmentation import PRESETS, Augmentation
-from semisynth_gl.config import load_config
-from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.config import load_config, packaged_configs
+from semisynth_gl.config.yaml_values import MOST_BYTES, YamlError, read_yaml
+from semisynth_gl.inputs.errors import InputError, did_you_mean, near, shown
+from semisynth_gl.inputs.user_files import expanded, read_file
 from semisynth_gl.torch import StereoDataset, StereoMix, StereoStream
 
 Sample = dict[str, Tensor]
@@ -61,9 +60,18 @@ class Data:
         return mix
 
     def _source(self, name: str) -> Dataset[Sample]:
-        if Path(name).is_dir():
+        path = expanded(name)
+        if path.is_dir():
             # A mix reads a dataset over and over, each time with other crops and changes, in another order.
-            return StereoDataset(name, crop=self.crop, seed=self.seed, augmentation=self.augmentation, transform=needed)
+            return StereoDataset(path, crop=self.crop, seed=self.seed, augmentation=self.augmentation, transform=needed)
+        stem, known = name.removesuffix(".yaml"), packaged_configs()
+        if not path.exists() and stem not in known:
+            hint = did_you_mean(near(stem, known))
+            raise InputError(
+                f"--data {name}: there is neither a file nor a folder {path.absolute()}, nor a packaged config of that "
+                f"name; {hint}{' ' if hint else ''}expected a dataset's folder, or a config: a YAML file, or one of: "
+                f"{', '.join(known)}"
+            )
         # A crop is rendered alone where the rest of its pair need not be looked at.
         stream: Dataset[Sample] = StereoStream(
             load_config(name, list(self.settings)),
@@ -102,14 +110,36 @@ def read_augmentation(value: str) -> Augmentation:
     """Return a preset by its name, or the keys of a YAML file.
 
     Raises:
-        InputError: where it is neither, or a key or value cannot be used.
+        InputError: where it is neither, or keys or values cannot be used, with a line for each.
     """
     if value in PRESETS:
         return PRESETS[value]
     try:
-        keys = YAML(typ="safe").load(Path(value).read_text(encoding="utf-8"))
-        return Augmentation(**keys)
-    except (OSError, YAMLError, TypeError) as error:
+        values, lines = read_yaml(read_file(expanded(value), MOST_BYTES).decode("utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        hint = did_you_mean(near(value, PRESETS))
         raise InputError(
-            f"--augment {value}: expected {', '.join(PRESETS)}, or a YAML file with keys of Augmentation: {error}"
+            f"--augment {value}: {hint}{' ' if hint else ''}expected {', '.join(PRESETS)}, or a YAML file with keys of "
+            f"Augmentation: {error.strerror if isinstance(error, OSError) else error}"
         ) from None
+    except YamlError as error:
+        raise InputError(f"--augment {value}{f':{error.line}' if error.line else ''}: {error}") from None
+    if not isinstance(values, dict):
+        raise InputError(
+            f"--augment {value}:1: expected keys of Augmentation, such as noise: [0, 3], got {shown(values)}"
+        )
+    known = sorted(each.name for each in fields(Augmentation))
+    faults = []
+    for key, given in values.items():
+        at = f"--augment {value}:{lines[key,]}"
+        if key not in known:
+            hint = did_you_mean(near(key, known), f"expected one of: {', '.join(known)}")
+            faults.append(f"{at}: {key}: unknown key; {hint}")
+            continue
+        try:
+            Augmentation(**{key: given})
+        except InputError as error:
+            faults.append(f"{at}: {error}")
+    if faults:
+        raise InputError("\n".join(faults))
+    return Augmentation(**values)

@@ -6,6 +6,7 @@
 """
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -23,23 +24,62 @@ _REFUSED = 2
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.argument("weights", type=click.Path(path_type=Path), metavar="WEIGHTS.pt")
-@click.option("--left", required=True, metavar="PATH_OR_GLOB", help="The left images: a file, folder or glob.")
-@click.option("--right", required=True, metavar="PATH_OR_GLOB", help="The right images, in the same order by name.")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for NAME.pfm, float32 px.")
 @click.option(
-    "--right-out", type=click.Path(path_type=Path), help="Folder for the right views' disparities, for --pred-right."
+    "--left",
+    required=True,
+    metavar="PATH_OR_GLOB",
+    help="The left images: a file, a folder, or a glob in quotes, such as 'lab/*/im0.png'.",
 )
-@click.option("--device", type=click.Choice(("auto", "cpu", "cuda")), default="auto", show_default=True)
-def main(weights: Path, left: str, right: str, out: Path, right_out: Path | None, device: str) -> None:
-    """Predict the disparity of pairs, each named like its left image, or its folder where images share a name."""
+@click.option(
+    "--right",
+    required=True,
+    metavar="PATH_OR_GLOB",
+    help="The right images, likewise: as many, and in the same order when sorted by path.",
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="Folder for NAME.pfm, float32 px."
+)
+@click.option(
+    "--right-out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Predict the right views too, into this folder, for evaluate --pred-right.",
+)
+@click.option(
+    "--multiple",
+    type=click.IntRange(1),
+    help="Pad images to sides that are multiples of this, px, such as 32.  [default: as it was trained]",
+)
+@click.option(
+    "--device",
+    type=click.Choice(("auto", "cpu", "cuda")),
+    default="auto",
+    show_default=True,
+    help="auto takes a GPU where PyTorch finds one.",
+)
+def main(
+    weights: Path, left: str, right: str, out: Path, right_out: Path | None, multiple: int | None, device: str
+) -> None:
+    """Predict the disparity of pairs, each named like its left image, or its folder where images share a name.
+
+    WEIGHTS.pt is weights.pt of train_network.py, which says how to make the network.
+    """
     try:
-        run(weights, left, right, out, right_out, find_device(device))
+        run(weights, left, right, out, right_out, multiple, find_device(device))
     except (SemisynthError, OSError) as error:
         click.echo(f"Error: {error}", err=True)
         sys.exit(_REFUSED)
 
 
-def run(weights: Path, left: str, right: str, out: Path, right_out: Path | None, device: torch.device) -> None:
+def run(
+    weights: Path,
+    left: str,
+    right: str,
+    out: Path,
+    right_out: Path | None,
+    multiple: int | None,
+    device: torch.device,
+) -> None:
     """Do what the options say; see ``--help``.
 
     Raises:
@@ -58,6 +98,8 @@ def run(weights: Path, left: str, right: str, out: Path, right_out: Path | None,
     if "form" not in state:
         raise InputError(f"{weights}: expected weights.pt of train_network.py, which says how to make the network")
     form = Form.of(state["form"])
+    if multiple is not None:
+        form = replace(form, multiple_px=multiple)
     network = form.make().to(device)
     load_weights(network, weights, device)
     for folder in filter(None, (out, right_out)):

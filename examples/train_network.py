@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.augmentation import PRESETS
 from semisynth_gl.bench.summary import machine_facts
+from semisynth_gl.cli.wording import in_options
 from semisynth_gl.inputs.errors import InputError, SemisynthError
 
 try:
@@ -38,6 +39,7 @@ except ModuleNotFoundError as missing:
     sys.exit("PyTorch is not installed, and this example trains with it: pip install torch")
 
 CHECKPOINT = "checkpoint.pt"
+PRETRAINED = "pretrained"
 _CONFIG = Path(__file__).with_name("small-rooms.yaml")
 _STEPS_SHOWN = 20
 _REFUSED = 2
@@ -55,23 +57,30 @@ class Judged:
 
     def __init__(self, judges: list[evaluation.Judges], training: Training, out: Path, before: str) -> None:
         self._judges, self._training, self._out = judges, training, out
+        self._positive = False
         self._rows = [{before: evaluation.figures(each, self._predict)} for each in judges]
         [self._shown] = (read() for read in judges[0].views.values())
         self._before = self._predict(self._shown)
         self._tell(before, self._rows, before)
+        if before == PRETRAINED:
+            self._warn()
 
     def look(self) -> None:
         """Judge the network on the way, and draw what it makes of the first pair."""
+        self._positive = False
         found = [{"now": evaluation.figures(each, self._predict)} for each in self._judges]
         self._tell(f"step {self._training.step}", found, "now")
+        self._warn()
         self._draw()
 
     def report(self, facts: dict[str, Any]) -> None:
         """Judge the trained network, and write weights, a picture and all figures."""
+        self._positive = False
         for each, row in zip(self._judges, self._rows, strict=True):
             row["constant, each truth's own median"] = evaluation.figures(each, evaluation.best_constant)
             row["trained"] = evaluation.figures(each, self._predict)
             click.echo(f"\n{evaluation.table(each, row)}")
+        self._warn()
         self._draw()
         weights = self._training.network.state_dict()
         torch.save({"network": weights, "form": self._training.form.values}, self._out / "weights.pt")
@@ -88,7 +97,17 @@ class Judged:
             click.echo(f"{when}, {each.title}: avgerr {row[name]['avgerr']:.2f} px")
 
     def _predict(self, view: evaluation.View) -> NDArray[np.float32]:
-        return self._training.form.predict(self._training.network, view.left, view.right)
+        found = self._training.form.predict(self._training.network, view.left, view.right)
+        self._positive |= bool((found > 0).any())
+        return found
+
+    def _warn(self) -> None:
+        if not self._positive:
+            click.echo(
+                "Warning: no disparity that the network predicts is above 0 px: does it give negative disparities, or "
+                "those of the right view? Expected are the left view's, positive",
+                err=True,
+            )
 
     def _draw(self) -> None:
         folder = self._out / "pictures"
@@ -143,68 +162,136 @@ def learn(training: Training, batches: Iterator[Sample], out: Path, every: int, 
     default="stereo_network:StereoNetwork",
     show_default=True,
     metavar="MODULE:CALLABLE",
-    help="Returns the network, which takes left and right and gives the left disparity.",
+    help="Callable that returns the network, such as my_network:make; the module lies in the current folder or "
+    "beside this script, or is installed. The network takes left and right and gives the left disparity, px.",
 )
-@click.option("--argument", "arguments", multiple=True, metavar="name=value", help="Of that callable. May be repeated.")
+@click.option(
+    "--argument",
+    "arguments",
+    multiple=True,
+    metavar="name=value",
+    help="An argument of that callable, its value in YAML, such as width=32. May be repeated.",
+)
 @click.option(
     "--levels",
     type=click.Choice(list(LEVELS)),
     default="unit",
     show_default=True,
-    help="It takes images in [0, 1], in [0, 255], or normalised as ImageNet's.",
+    help="Levels of the images that the network takes: unit is [0, 1], byte [0, 255], imagenet normalised by "
+    "ImageNet's mean and deviation.",
 )
-@click.option("--pretrained", type=click.Path(path_type=Path), metavar="FILE", help="Begin with these weights.")
+@click.option(
+    "--pretrained",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Begin with these weights of the same network, in a file of torch.save, such as weights.pt.",
+)
 @click.option(
     "--data",
     "sources",
     multiple=True,
     default=(str(_CONFIG),),
     metavar="CONFIG|DIR[=SHARE]",
-    help="A config, rendered while it trains, or a dataset. May be repeated.  [default: small-rooms.yaml here]",
+    help="A config, whose pairs are rendered while it trains, or a dataset's folder; with its share of the samples, "
+    "such as place.yaml=3. May be repeated.  [default: small-rooms.yaml here]",
 )
-@click.option("--set", "settings", multiple=True, metavar="dotted.key=value", help="Override a key of the configs.")
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="dotted.key=value",
+    help="Override a key of the configs, such as camera.width_px=640. May be repeated.",
+)
 @click.option(
     "--augment",
     default="semisynth",
     show_default=True,
     metavar="NAME|FILE.yaml",
-    help=f"{', '.join(PRESETS)}, or keys of Augmentation.",
+    help=f"A preset ({', '.join(PRESETS)}), or a YAML file with keys of Augmentation, such as noise: [0, 3].",
 )
 @click.option(
     "--loss",
     type=click.Choice(list(LOSSES)),
     default="cross-entropy",
     show_default=True,
-    help="cross-entropy needs scores, as the small network gives them.",
+    help="cross-entropy needs scores, as the small network gives them; smooth-l1 is PSMNet's, sequence RAFT-Stereo's.",
 )
 @click.option("--steps", type=click.IntRange(1), default=800, show_default=True, help="Batches to learn from.")
 @click.option(
-    "--crop", type=click.IntRange(16), nargs=2, default=(160, 320), show_default=True, help="Height and width, px."
+    "--crop",
+    type=click.IntRange(16),
+    nargs=2,
+    default=(160, 320),
+    show_default=True,
+    metavar="HEIGHT WIDTH",
+    help="Sides of the parts of pairs to learn from, px.",
 )
-@click.option("--batch", type=click.IntRange(1), default=2, show_default=True, help="Crops in a batch of a process.")
-@click.option("--max-disparity", type=click.IntRange(16), default=80, show_default=True, help="Searched range, px.")
-@click.option("--learning-rate", type=click.FloatRange(0, min_open=True), default=2e-3, show_default=True)
-@click.option("--precision", type=click.Choice(list(PRECISIONS)), default="float32", show_default=True)
-@click.option("--fixed-norms", is_flag=True, help="Batch normalisation keeps its running means.")
 @click.option(
-    "--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes that read or render ahead."
+    "--batch", type=click.IntRange(1), default=2, show_default=True, help="Crops that each process takes in a step."
 )
-@click.option("--device", type=click.Choice(("auto", "cpu", "cuda")), default="auto", show_default=True)
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Another seed, another network.")
+@click.option(
+    "--max-disparity",
+    type=click.IntRange(16),
+    default=80,
+    show_default=True,
+    help="End of the searched range, px; larger disparities are not learnt from.",
+)
+@click.option(
+    "--learning-rate",
+    type=click.FloatRange(0, min_open=True),
+    default=2e-3,
+    show_default=True,
+    help="AdamW's, at its highest: it rises, then falls.",
+)
+@click.option(
+    "--precision",
+    type=click.Choice(list(PRECISIONS)),
+    default="float32",
+    show_default=True,
+    help="Of convolutions and products; 16 bits are for GPUs.",
+)
+@click.option(
+    "--fixed-norms",
+    is_flag=True,
+    help="Batch normalisation keeps its running means and variances, as when weights are tuned with small batches.",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(0),
+    default=1,
+    show_default=True,
+    help="Processes that read or render pairs ahead; 0 leaves it to the training.",
+)
+@click.option(
+    "--device",
+    type=click.Choice(("auto", "cpu", "cuda")),
+    default="auto",
+    show_default=True,
+    help="auto takes a GPU where PyTorch finds one.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    help="A whole number; another one draws other pairs, crops, changes and first weights.",
+)
 @click.option(
     "--evaluate",
     "folders",
     type=click.Path(path_type=Path),
     multiple=True,
     metavar="DIR",
-    help="Judge by these pairs too: scenes of Middlebury's form, or a dataset of this program. May be repeated.",
+    help="Judge by these pairs with truth too: scenes of Middlebury's or ETH3D's form, each with im0.png, im1.png and "
+    "disp0GT.pfm, such as MiddEval3/trainingQ, or a dataset of this program. May be repeated.",
 )
 @click.option(
     "--multiple",
     type=click.IntRange(1),
     default=1,
     show_default=True,
-    help="The network needs sides that are multiples of this, px.",
+    help="The network needs sides that are multiples of this, px, such as 32: pad images that are judged or predicted, "
+    "but not crops.",
 )
 @click.option(
     "--every", type=click.IntRange(1), default=200, show_default=True, help="Steps between checkpoints and judgements."
@@ -214,7 +301,7 @@ def learn(training: Training, batches: Iterator[Sample], out: Path, every: int, 
     type=click.Path(path_type=Path),
     default=Path("out/stereo-network"),
     show_default=True,
-    help="Folder for checkpoint.pt, pictures, weights.pt and metrics.json.",
+    help="Folder for checkpoint.pt, pictures/, weights.pt and metrics.json.",
 )
 @click.option("--resume", is_flag=True, help="Go on from the checkpoint in --out.")
 def main(**options: Any) -> None:  # noqa: ANN401 - as many types as options
@@ -222,7 +309,7 @@ def main(**options: Any) -> None:  # noqa: ANN401 - as many types as options
     try:
         run(**options)
     except SemisynthError as error:
-        click.echo(f"Error: {error}", err=True)
+        click.echo(f"Error: {in_options(str(error), main)}", err=True)
         sys.exit(_REFUSED)
     finally:
         if distributed.is_available() and distributed.is_initialized():
@@ -283,7 +370,7 @@ def run(
         "pretrained": pretrained and str(pretrained),
     }
     training = Training(made, form, plan, on, rank, identity)
-    judged = Judged(judges, training, out, "pretrained" if pretrained else "untrained") if rank == 0 else None
+    judged = Judged(judges, training, out, PRETRAINED if pretrained else "untrained") if rank == 0 else None
     if resume:
         training.load(checkpoint)
         if judged is not None:

@@ -297,12 +297,28 @@ def test_shares_and_augmentations_are_read(tmp_path):
     own = tmp_path / "own.yaml"
     own.write_text("noise: [0, 3]\nmirrored: 0.5\n")
     assert read_augmentation(str(own)) == Augmentation(noise=(0, 3), mirrored=0.5)
-    for text in ("fog: 1", "- noise", "noise: ["):
+    for text, words in (
+        ("noise: [0, 3]\nmirorred: 0.5\n", ":2: mirorred: unknown key; did you mean mirrored?"),
+        ("# none\n\nfog: 1", f":3: fog: unknown key; expected one of: {', '.join(sorted(Augmentation().values))}"),
+        ("noise: [0, 3]\njpeg: 2\n", ":2: jpeg: expected a share from 0 to 1, got 2"),
+        ("noise: 3\nmirorred: 1", ":1: noise: expected (low, high), got 3\n--augment FILE:2: mirorred: unknown key;"),
+        ("- noise", ":1: expected keys of Augmentation, such as noise: [0, 3], got ['noise']"),
+        ("", ":1: expected keys of Augmentation"),
+        ("noise: [0, 1]\nnoise: [0, 2]", ":2: noise: not valid YAML: found duplicate key"),
+        ("noise: [", ":1: not valid YAML"),
+    ):
         own.write_text(text)
-        with pytest.raises(InputError, match=r"expected raft-stereo, .*, or a YAML file with keys of Augmentation"):
+        with pytest.raises(InputError) as raised:
             read_augmentation(str(own))
-    with pytest.raises(InputError, match=r"--augment absent: expected raft-stereo"):
-        read_augmentation("absent")
+        assert str(raised.value).replace(str(own), "FILE").startswith(f"--augment FILE{words}")
+    own.write_bytes(b"noise: [0, 3]  # \xff")
+    for name, words in (
+        ("semisinth", "did you mean semisynth? expected raft-stereo, .*, or a YAML file with .*: No such file"),
+        ("absent", "expected raft-stereo"),
+        (str(own), "expected raft-stereo, .* can't decode"),
+    ):
+        with pytest.raises(InputError, match=f"--augment {name}: {words}".replace("?", r"\?")):
+            read_augmentation(name)
 
 
 # --- training ---
@@ -697,6 +713,10 @@ class Found:
     def __init__(self, disparities, beside):
         self.disparities, self.beside = disparities, beside
 
+class Negative(Learnt):
+    def forward(self, left, right):
+        return [-each for each in super().forward(left, right)]
+
 def number():
     return 3
 
@@ -744,13 +764,23 @@ def test_any_network_can_be_trained(dataset, tmp_path, monkeypatch):
         ("absent:Network", "expected module:callable: No module named 'absent'\n"),
         ("their_networks:number", "expected a torch.nn.Module, got int"),
         ("their_networks:nothing", "expected module:callable, got int"),
-        ("their_networks:broken", f"KeyError: 'key' ({tmp_path}/their_networks.py, line 29)"),
+        ("their_networks:broken", f"KeyError: 'key' ({tmp_path}/their_networks.py, line 33)"),
         ("their_mistake:Network", "their_mistake cannot be imported: NameError: name 'torhc' is not defined ("),
         ("torch.nn:Identity", "expected parameters to learn, got a network without any"),
     ):
         refused = run("--network", network, *options[:-1], "other")
         assert (refused.exit_code, words in refused.output) == (2, True), refused.output
-    refused = run("--network", "their_networks:Learnt", "--argument", "width=7", *options[:-1], "other")
+    warning, weights = (
+        "Warning: no disparity that the network predicts is above 0 px",
+        ("--pretrained", "out/weights.pt"),
+    )
+    options = (*options, "--multiple", "8")
+    assert warning not in done.output
+    negative = run("--network", "their_networks:Negative", *options, "--out", "negative", "--every", "1")
+    assert (negative.exit_code, negative.output.count(warning)) == (0, 2)  # not before it learns
+    tuned = run("--network", "their_networks:Negative", "--argument", "size=7", *options, "--out", "tuned", *weights)
+    assert (tuned.exit_code, tuned.output.count(warning)) == (0, 2)
+    refused = run("--network", "their_networks:Learnt", "--argument", "width=7", *options, "--out", "other")
     assert "--argument width=7: " in refused.output
 
 
@@ -779,6 +809,11 @@ def test_the_trained_network_predicts_pairs(dataset, tmp_path):
     expected = FORM.predict(network, frame.left.image, frame.right.image)
     np.testing.assert_array_equal(read_disparity(found / "two.pfm"), expected)
     assert read_disparity(found / "one.pfm").shape == (40, 96)
+    done = predict("--multiple", "7")
+    assert done.exit_code == 0, done.output
+    padded = replace(FORM, multiple_px=7).predict(network, frame.left.image, frame.right.image)
+    np.testing.assert_array_equal(read_disparity(found / "two.pfm"), padded)
+    assert (padded != expected).any()
     flipped = FORM.predict(network, frame.right.image[:, ::-1], frame.left.image[:, ::-1])[:, ::-1]
     np.testing.assert_array_equal(read_disparity(tmp_path / "right" / "two.pfm"), flipped)
     for options, words in (
@@ -809,8 +844,16 @@ def test_networks_of_the_package_can_be_trained(model):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--data", "absent"), "absent"),
-        (("--data", "absent.yaml=2"), "absent.yaml"),
+        (
+            ("--data", "out/absent"),
+            "--data out/absent: there is neither a file nor a folder {here}/out/absent, nor a packaged",
+        ),
+        (("--data", "absent.yaml=2"), "--data absent.yaml: there is neither"),
+        (("--data", "absent"), "expected a dataset's folder, or a config: a YAML file, or one of: ablation-"),
+        (("--data", "kiti"), "that name; did you mean kitti? expected a dataset"),
+        (("--data", "kitti.yaml", "--set", "camera.x=1"), "Error: --set camera.x: unknown key; expected one of: "),
+        (("--set", "camera.width_px=wide"), "Error: --set camera.width_px: input should be"),
+        (("--set", "camera"), "Error: --set camera: expected dotted.key=value"),
         (("--evaluate", "absent"), "there is no such folder"),
         (("--resume",), "there is no out/stereo-network/checkpoint.pt: leave --resume out to begin"),
         (("--pretrained", "absent.pth"), "absent.pth: expected tensors in a file of torch.save"),
@@ -822,7 +865,7 @@ def test_what_cannot_be_followed_is_refused(arguments, words, tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     done = run(*arguments, "--steps", "1", "--device", "cpu")
     assert done.exit_code == 2
-    assert words in done.output
+    assert words.format(here=tmp_path) in done.output
 
 
 @pytest.mark.usefixtures("small_motorcycle")
