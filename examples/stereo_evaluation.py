@@ -75,7 +75,10 @@ def folder(path: Path) -> Judges:
     Raises:
         InputError: where there is no truth, or a scene lacks an image.
     """
-    found = find_truth(str(path))
+    try:
+        found = find_truth(str(path))
+    except InputError as error:
+        raise InputError(str(error).replace("`truth`", "--evaluate")) from None
     if (path / INDEX).is_file():
         frames = open_dataset(path)
         views = {pair.name: partial(_read_own, frames, number, pair) for number, pair in enumerate(found.pairs)}

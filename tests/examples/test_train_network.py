@@ -29,6 +29,7 @@ from network_form import Form, find_device, load_weights  # noqa: E402
 from network_losses import LOSSES, cross_entropy_loss, estimates_of, sequence_loss, smooth_l1_loss  # noqa: E402
 from network_training import Plan, Training, join_processes  # noqa: E402
 from PIL import Image  # noqa: E402
+from snippets import blocks  # noqa: E402
 from stereo_network import Estimates, StereoNetwork, correlated, warped  # noqa: E402
 
 from semisynth_gl.augmentation import PRESETS, Augmentation  # noqa: E402
@@ -98,6 +99,30 @@ def test_the_documented_figures_are_those_of_the_measured_runs():
     for name, row in ((name, row) for name, row in rows[0].items() if name != "trained"):
         assert f"| {name} | {row['avgerr']:.2f} | {row['bad-2']:.1f} |" in text
         assert row["avgerr"] > 2 * max(run["results"][0]["figures"]["trained"]["avgerr"] for run in runs)
+
+
+def test_the_documented_augmentation_is_the_preset(tmp_path):
+    [block] = [block for block in blocks("training") if block.language == "yaml"]
+    (tmp_path / "own.yaml").write_text(block.text)
+    assert read_augmentation(str(tmp_path / "own.yaml")) == PRESETS["semisynth"]
+
+
+@pytest.mark.usefixtures("small_motorcycle")
+def test_the_documented_network_learns_by_the_documented_command(dataset, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    [written] = [block for block in blocks("training") if "def make(" in block.text]
+    (tmp_path / "my_network.py").write_text(written.text)
+    [command] = [words for each in blocks("training") for words in each.commands if "my_network:make" in words]
+    given = [str(dataset) if word == "place.yaml" else word for word in command[2:]]
+    done = run(*given, *CROP, "--steps", "20", "--out", "out")
+    assert done.exit_code == 0, done.output
+    losses = json.loads((tmp_path / "out" / "metrics.json").read_text())["losses"]
+    assert np.mean(losses[-5:]) < 0.9 * np.mean(losses[:5])
+    text = (ROOT / "docs" / "training.md").read_text()
+    for name in ("checkpoint.pt", "pictures/step-000200.png", "weights.pt", "metrics.json"):
+        assert f"- `{name}`" in text
+    found = {each.relative_to("out").as_posix() for each in Path("out").rglob("*") if each.is_file()}
+    assert found == {"checkpoint.pt", "pictures/step-000020.png", "weights.pt", "metrics.json"}
 
 
 # --- the network ---
@@ -854,7 +879,7 @@ def test_networks_of_the_package_can_be_trained(model):
         (("--data", "kitti.yaml", "--set", "camera.x=1"), "Error: --set camera.x: unknown key; expected one of: "),
         (("--set", "camera.width_px=wide"), "Error: --set camera.width_px: input should be"),
         (("--set", "camera"), "Error: --set camera: expected dotted.key=value"),
-        (("--evaluate", "absent"), "there is no such folder"),
+        (("--evaluate", "absent"), "Error: --evaluate absent: there is no such folder"),
         (("--resume",), "there is no out/stereo-network/checkpoint.pt: leave --resume out to begin"),
         (("--pretrained", "absent.pth"), "absent.pth: expected tensors in a file of torch.save"),
         (("--loss", "sequence", "--augment", "fog"), "--augment fog: expected raft-stereo"),
