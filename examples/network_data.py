@@ -1,5 +1,6 @@
 """What a network is trained on: datasets and streams of this program, mixed, cropped and changed."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import Any
@@ -11,7 +12,7 @@ from torch.utils.data import DataLoader, Dataset
 from semisynth_gl.augmentation import PRESETS, Augmentation
 from semisynth_gl.config import load_config, packaged_configs
 from semisynth_gl.config.yaml_values import MOST_BYTES, YamlError, read_yaml
-from semisynth_gl.inputs.errors import InputError, did_you_mean, near, shown
+from semisynth_gl.inputs.errors import InputError, SemisynthError, did_you_mean, near, shown
 from semisynth_gl.inputs.user_files import expanded, read_file
 from semisynth_gl.torch import StereoDataset, StereoMix, StereoStream
 
@@ -85,13 +86,24 @@ class Data:
 
 
 def batches_of(data: Data, first: int, workers: int) -> Iterator[Sample]:
-    """Put samples together from one on, with worker processes that read or render ahead."""
+    """Put samples together from one on, with worker processes that read or render ahead.
+
+    Raises:
+        SemisynthError: where a sample cannot be made, on asking for its batch.
+    """
     # Forked workers have no OpenGL once this process has used CUDA.
     context = "spawn" if workers and torch.cuda.is_initialized() else None
     loader: DataLoader[Sample] = DataLoader(
         data.samples(first), batch_size=data.batch, num_workers=workers, multiprocessing_context=context
     )
-    return iter(loader)
+    try:
+        yield from loader
+    except (SemisynthError, RuntimeError) as error:
+        # PyTorch puts the traceback of a worker before the message, and not all classes survive the way.
+        found = re.search(rf"^{SemisynthError.__module__}\.\w+: (.*)", str(error), re.MULTILINE | re.DOTALL)
+        if found is None:
+            raise
+        raise SemisynthError(found[1].strip()) from error
 
 
 def read_sources(values: tuple[str, ...]) -> tuple[tuple[str, float], ...]:
@@ -104,6 +116,12 @@ def read_sources(values: tuple[str, ...]) -> tuple[tuple[str, float], ...]:
         except ValueError:
             raise InputError(f"--data {value}: expected a number after =, the share, got {share}") from None
     return tuple(sources)
+
+
+def with_augmentation(message: str, value: str) -> str:
+    """Return a message, after the option --augment with its value where the message begins with keys of it."""
+    keys = message.partition(":")[0].split(", ")
+    return f"--augment {value}: {message}" if {*keys} <= {each.name for each in fields(Augmentation)} else message
 
 
 def read_augmentation(value: str) -> Augmentation:

@@ -28,7 +28,7 @@ from semisynth_gl.inputs.errors import InputError, SemisynthError
 
 try:
     import torch
-    from network_data import Data, Sample, batches_of, read_augmentation, read_sources
+    from network_data import Data, Sample, batches_of, read_augmentation, read_sources, with_augmentation
     from network_form import LEVELS, Form, find_device, load_weights
     from network_losses import LOSSES
     from network_training import PRECISIONS, Plan, Training, join_processes
@@ -309,7 +309,7 @@ def main(**options: Any) -> None:  # noqa: ANN401 - as many types as options
     try:
         run(**options)
     except SemisynthError as error:
-        click.echo(f"Error: {in_options(str(error), main)}", err=True)
+        click.echo(f"Error: {with_augmentation(in_options(str(error), main), options['augment'])}", err=True)
         sys.exit(_REFUSED)
     finally:
         if distributed.is_available() and distributed.is_initialized():

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -901,6 +902,41 @@ def test_crops_larger_than_the_pairs_are_refused(dataset, tmp_path):
         f"crop: expected (height, width), whole numbers of up to (64, 96) px, the image size of {dataset}"
         in done.output
     )
+
+
+@pytest.mark.usefixtures("small_motorcycle")
+@pytest.mark.parametrize("workers", [0, 1])
+def test_changes_that_pairs_do_not_allow_are_refused_in_a_sentence(workers, dataset, tmp_path):
+    own = tmp_path / "own.yaml"
+    options = (
+        *CROP,
+        "--data",
+        dataset,
+        "--steps",
+        "1",
+        "--augment",
+        own,
+        "--workers",
+        workers,
+        "--out",
+        tmp_path / "out",
+    )
+    for text, words in (
+        ("mirrored: 1", "mirrored: expected truth of both views, got the left one's: set truth: both, or leave it out"),
+        ("scale: [0.1, 0.2]", "scale: expected at least 0.7"),
+    ):
+        own.write_text(text)
+        done = run(*options)
+        assert done.exit_code == 2
+        [error] = [line for line in done.output.splitlines() if line.startswith("Error: ")]
+        assert error.startswith(f"Error: --augment {own}: {words}")
+        assert "Traceback" not in done.output
+    shutil.copytree(dataset, tmp_path / "broken")
+    [*images] = (tmp_path / "broken").rglob("im0.png")
+    for image in images[1:]:
+        image.write_bytes(image.read_bytes()[:100])
+    done = run(*CROP, "--data", tmp_path / "broken", "--steps", "3", "--workers", workers, "--out", tmp_path / "out")
+    assert (done.exit_code, "im0.png: " in done.output, "Traceback" in done.output) == (2, True, False), done.output
 
 
 def test_cuda_is_refused_where_there_is_none(monkeypatch):
