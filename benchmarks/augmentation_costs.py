@@ -36,6 +36,7 @@ ROWS = {
     "scale, stretch, right image moved": replace(RAFT, occluded=0, **{name: getattr(Augmentation(), name) for name in (
         "brightness", "contrast", "saturation", "hue_turns", "asymmetric"
     )}),
+    "semisynth": PRESETS["semisynth"],
     "raft-stereo": RAFT,
 }  # fmt: skip
 

@@ -24,7 +24,8 @@ ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 sys.path += [str(ROOT / "benchmarks" / "peers"), str(ROOT / "benchmarks" / "training")]
 
-import run as peers  # noqa: E402 - found once the paths above are set
+import patch_report  # noqa: E402 - found once the paths above are set
+import run as peers  # noqa: E402
 import training_report  # noqa: E402
 
 
@@ -120,6 +121,10 @@ MEASUREMENTS: Mapping[str, Result] = {
     "training-sets": Result(
         "What networks learn from which pairs", training_report.TEXT, ("benchmarks/training/compare_sets.py",),
         training_report.headline, training_report.table,
+    ),
+    "patch-network": Result(
+        "What MC-CNN's patch network learns from which pairs", patch_report.TEXT,
+        ("benchmarks/training/compare_patches.py",), patch_report.headline, patch_report.table,
     ),
     "hard-cases": Result(
         "Hard cases", _HARD_CASES, ("benchmarks/hard_cases.py",), hard_cases.headline, hard_cases.table

@@ -1,5 +1,6 @@
 """The benchmark of MC-CNN's patch network: costs, the points that it learns from, its page; without its packages."""
 
+import json
 import sys
 from pathlib import Path
 from unittest.mock import MagicMock
@@ -16,6 +17,7 @@ sys.path.insert(0, str(ROOT / "benchmarks" / "training"))
 
 import patch_report  # noqa: E402 - found by the line above
 from patch_costs import census_costs, learnt_costs, winner  # noqa: E402
+from patch_report import WAYS  # noqa: E402
 
 RESULTS = ROOT / "benchmarks" / "results"
 SHIFT = 7
@@ -122,3 +124,22 @@ def test_the_table_has_mean_and_spread_of_both_ways():
     assert cells[2][:9] == ["zero-shot", "2", "15.00", "1.41", "16.00", "9.50", "0.71", "10.50", "10"]
     assert cells[3][:8] == ["census", "1", "30.00", "-", "31.00", "9.50", "-", "10.50"]
     assert cells[6:] == [["zero-shot", "14.0", "16.0"], ["census", "29.0", "31.0"]]
+
+
+def test_the_documented_figures_are_those_of_the_measured_runs():
+    report = json.loads((RESULTS / "patch-network.json").read_text())
+    sets = patch_report.runs_by_set(report)
+    alone, smooth = ({name: f"{patch_report.mean_of(runs, way):.1f}" for name, runs in sets.items()} for way in WAYS)
+    text = " ".join((ROOT / "docs" / "training.md").read_text().split())
+    steps = f"{report['setup']['budget']['steps']:,}"
+    assert (
+        f"matches with {alone['zero-shot']} % wrong after {steps} steps on `zero-shot`, with {alone['four-real']} %"
+        in text
+    )
+    public = alone["shipped-middlebury"], alone["shipped-satellites"], alone["census"]
+    assert "have {} % (Middlebury, these scenes among them) and {} % (satellites), census {} %".format(*public) in text
+    rows = ("zero-shot", "four-real", "shipped-middlebury", "shipped-satellites", "census")
+    *first, last = (smooth[name] for name in rows)
+    assert f"it is {', '.join(first)} and {last} %" in text
+    assert len(sets["zero-shot"]) == 3
+    assert set(patch_report.FOUR_PAIRS) < set(report["setup"]["pairs"])
