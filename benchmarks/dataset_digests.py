@@ -37,7 +37,7 @@ SMALL = ("--set", "camera.width_px=226", "--set", "camera.height_px=141", "--set
 # Small images, in a layout that has every output.
 ETH3D = ("--config", "eth3d", "--pairs", "2", "--layout", "middlebury")
 # What loaders of some layouts do not know has cases of its own.
-OF_RIGS = ("correspondence", "sky")
+OF_RIGS = ("correspondence", "sky", "valid")
 MOVING = (
     *("--outputs", ",".join(output for output in OUTPUTS if output not in OF_RIGS), "--set", "sequence.length=2"),
     *("--set", "camera.sway_m=[0.01,0.05]", "--set", "camera.sway_deg=[0.5,2]"),
@@ -49,6 +49,8 @@ NOISE = ("--set", "imperfections.noise=[1,4]", "--set", "imperfections.gamma=[0.
          "imperfections.blur_px=[0,1]", "--set", "imperfections.exposure_stops=[-0.2,0.2]")  # fmt: skip
 
 
+_EYE = "{fx_px: 600, distortion: [-0.3, 0.1, 0, 0], rotation_deg: [0.2, [-1, 1], 0.5]}"
+LENS = ("--set", f"lens={{raw_width_px: 940, raw_height_px: 490, left: {_EYE}, right: {_EYE}}}")
 DEVIATING = ("--set", "rig.right_roll_deg=[-1,1]", "--set", "rig.right_pitch_deg=[-1,1]", "--set",
              "rig.right_y_px=[-3,3]", "--set", "rig.focal_ratio=[0.99,1.01]")  # fmt: skip
 
@@ -70,7 +72,7 @@ def cases() -> Iterator[tuple[str, tuple[str, ...]]]:
             moving = ("--config", "middlebury", "--pairs", "2", "--layout", layout, *MOVING)
             yield f"encoding/{layout}/{image}-{disparity}-{flow}", (*moving, *options)
     for output in ("none", *OUTPUTS):
-        sequence = (*ETH3D, "--set", "sequence.length=2")
+        sequence = (*ETH3D, "--set", "sequence.length=2", *(LENS if output == "valid" else ()))
         yield f"output/{output}", (*sequence, "--outputs", output)
     for layout in (*FREE_LAYOUTS, "middlebury-2014"):
         rig = ("--config", "sceneflow", "--pairs", "2", "--layout", layout, "--outputs", "visibility,correspondence")

@@ -46,10 +46,12 @@ BESIDE = {"motion_blur": _SWAY, "sub_frames": (*_SWAY, "imperfections.motion_blu
 
 # Both eyes move and things fall, so that nothing of what a config can ask for is empty.
 # Floating things, which move by themselves.
-# Before a sky, for its mask.
+# Before a sky, for its mask, and through a lens that leaves a border.
+_EYE = "{fx_px: 1120, distortion: [-0.3, 0.1, 0, 0], rotation_deg: [0, 0.5, 1]}"
 MOVING = [
     *("scenes=[]", "camera.sway_m=0.05", "camera.sway_deg=1", "sequence.length=3", f"outputs=[{','.join(OUTPUTS)}]"),
     *("background.cuboid=0", "background.plane=1", "background.sky=1", "disparity.signed=true"),
+    f"lens={{raw_width_px: 960, raw_height_px: 540, left: {_EYE}, right: {_EYE}}}",
 ]
 
 MODEL_PX, SAMPLES, DISTANCE_M = 180, 3, 6.0
@@ -174,6 +176,7 @@ SHOWN: dict[str, Callable[[NDArray[np.generic]], Floats | Picture]] = {
     "instances": show_ids,
     "depth": quantile_colours("viridis_r"),
     "sky": lambda mask: np.repeat(mask[..., None], 3, axis=2),
+    "valid": lambda mask: np.repeat(mask[..., None], 3, axis=2),
     "normals": lambda normals: (1 - normals) / 2,
     "flow": show_flow,
     "flow_visibility": lambda mask: np.repeat(mask[..., None], 3, axis=2),

@@ -40,6 +40,7 @@ def make_view(rng, index, side):
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     channels["normals"] = np.where(np.isfinite(disparity)[..., None], normals, 0).astype(np.float32)
     channels["sky"] = np.where(np.isfinite(disparity), 0, SKY).astype(np.uint8)
+    channels["valid"] = rng.choice([VISIBLE, OUTSIDE], (height, width)).astype(np.uint8)
     return View(channels)
 
 

@@ -21,7 +21,7 @@ _SURFACE_PX = 0.1
 """By how much three disparities (or ways) in a row on one surface may be off a line."""
 _SURFACE_SHARE = 2e-3
 """The same for inverse depths, as a share of each."""
-_NEAREST = ("visibility", "instances", "sky", "normals", "flow_visibility", "flow_backward_visibility")
+_NEAREST = ("visibility", "instances", "sky", "valid", "normals", "flow_visibility", "flow_backward_visibility")
 _WAYS = ("correspondence", "flow", "flow_backward")
 
 

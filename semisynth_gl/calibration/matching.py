@@ -1,7 +1,6 @@
 """Matching points of two views by OpenCV's SIFT; OpenCV is an extra."""
 
 from collections.abc import Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.calibration.vertical import Matches
-from semisynth_gl.inputs.errors import InputError, counted, how_to_install
+from semisynth_gl.inputs.errors import InputError, counted
+from semisynth_gl.inputs.opencv import open_opencv
 from semisynth_gl.textures.atlas import to_grey
 from semisynth_gl.textures.image_files import find_images
 from semisynth_gl.textures.images import read_image
@@ -28,13 +28,7 @@ _RIGHT_OF_FOLDER = {"image_2": "image_3", "image_0": "image_1", "colored_0": "co
 
 def open_matcher() -> Any:  # noqa: ANN401 - a module without types
     """Return the module of OpenCV; raises InputError where it cannot be imported."""
-    try:
-        return import_module("cv2")
-    except ImportError as error:
-        raise InputError(
-            f"matching both views of pairs needs OpenCV, which cannot be imported ({error}): "
-            f"{how_to_install('matching')}"
-        ) from None
+    return open_opencv("matching both views of pairs")
 
 
 def given_pairs(left: str, right: str) -> list[tuple[Path, Path]]:

@@ -69,7 +69,7 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
     multiple=True,
     metavar="LEFT RIGHT",
     help="Left and right photographs by the rig (two files, folders or globs), to measure how far they are from "
-    "rectified; needs OpenCV, the extra matching. May be repeated. By default, the pairs among "
+    "rectified; needs OpenCV, the extra opencv. May be repeated. By default, the pairs among "
     "--images that have the names of Middlebury, ETH3D or KITTI.",
 )
 @option(

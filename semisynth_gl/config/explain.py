@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from semisynth_gl.config.fields import Range, written_range
-from semisynth_gl.config.keys import members_of, sections_of
+from semisynth_gl.config.keys import by_form, members_of, sections_of
 from semisynth_gl.config.load import load_config, packaged_configs
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.yaml_values import write_yaml
@@ -63,12 +63,22 @@ def explained_keys() -> list[ExplainedKey]:
         section = next(iter(sections_of(field.annotation)), None)
         if section is None:
             plain.append(_explained(name, field, _meanings(Config)))
-            continue
-        meaning = (inspect.getdoc(section) or "").partition("\n\n")[0].replace("\n", " ")
-        sections.append(ExplainedKey(name, meaning, is_section=True))
-        meanings = _meanings(section)
-        sections += [_explained(f"{name}.{key}", each, meanings) for key, each in section.model_fields.items()]
+        else:
+            sections += _explained_section(name, section)
     return [*plain, *sections]
+
+
+def _explained_section(dotted: str, section: type[BaseModel]) -> list[ExplainedKey]:
+    """Return a section, followed by its keys, and then by the sections in it."""
+    meaning = (inspect.getdoc(section) or "").partition("\n\n")[0].replace("\n", " ")
+    keys, sections, meanings = list[ExplainedKey](), list[ExplainedKey](), _meanings(section)
+    for key, field in section.model_fields.items():
+        inner = [] if by_form(field.annotation) else sections_of(field.annotation)
+        if inner:
+            sections += _explained_section(f"{dotted}.{key}", inner[0])
+        else:
+            keys.append(_explained(f"{dotted}.{key}", field, meanings))
+    return [ExplainedKey(dotted, meaning, is_section=True), *keys, *sections]
 
 
 def _explained(dotted: str, field: FieldInfo, meanings: Mapping[str, str]) -> ExplainedKey:
@@ -89,10 +99,12 @@ def _default(field: FieldInfo) -> str:
         value = value.model_dump(mode="json", exclude_unset=True)
     if value in (None, (), {}):
         return ""
-    return write_yaml(_short(written_range(value) if isinstance(value, Range) else value), flow=True).strip()
+    return write_yaml(_short(value), flow=True).strip()
 
 
 def _short(value: Any) -> Any:  # noqa: ANN401 - any value of a config
+    if isinstance(value, Range):
+        value = written_range(value)
     if isinstance(value, list | tuple):
         return [_short(each) for each in value]
     return int(value) if isinstance(value, float) and value.is_integer() else value

@@ -13,10 +13,11 @@ from semisynth_gl.config.model import Config
 Values = dict[str, Any]
 
 # The sections whose keys ending in _px are in pixels of an image; other sections state pixels of patches.
-_OF_IMAGES = ("camera", "disparity", "background", "structures", "particles", "rig", "imperfections")
+_OF_IMAGES = ("camera", "disparity", "background", "structures", "particles", "rig", "lens", "imperfections")
 _TEXELS = "texels_per_pixel"
-_SIDES = ("width_px", "height_px")
+_SIDES = ("width_px", "height_px", "raw_width_px", "raw_height_px")
 _POINTS = {"cx_left_px": "width_px", "cx_right_px": "width_px", "cy_px": "height_px"}
+_OF_POINTS = {*_POINTS, "cx_px"}
 
 
 def recentred(below: Values, above: Values) -> Values:
@@ -91,7 +92,7 @@ def _scaled(key: str, value: Any, factor: float) -> Any:  # noqa: ANN401 - any Y
     if key in _SIDES:
         return _mapped(value, lambda x: max(round(x * factor), 1))
     # Principal points count from the first pixel's centre, and the image's border lies half a pixel before that.
-    border = 0.5 if key in _POINTS else 0.0
+    border = 0.5 if key in _OF_POINTS else 0.0
     return _mapped(value, lambda x: (x + border) * factor - border)
 
 

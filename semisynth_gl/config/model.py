@@ -44,7 +44,7 @@ from semisynth_gl.config.fields import (
 )
 from semisynth_gl.config.merge import Document, merged
 from semisynth_gl.config.partial import partial_section
-from semisynth_gl.config.rig_sections import CameraSection, DisparitySection
+from semisynth_gl.config.rig_sections import CameraSection, DisparitySection, LensSection
 from semisynth_gl.config.scene_sections import (
     TEXTURE_SOURCES,
     BackgroundSection,
@@ -131,7 +131,7 @@ class Config(Section):
         layout: layout where ``--layout`` is not set; by default ``middlebury``, or ``webdataset`` from 10,000 pairs on.
         scenes: recipes, of which each sequence takes one, by weight.
         outputs: outputs besides images and disparities: ``visibility``, ``correspondence``, ``instances``, ``depth``,
-            ``sky``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``.
+            ``sky``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``; with ``lens``, ``valid``.
         truth: views whose disparity and outputs are written: ``both`` or ``left``.
         antialias: antialiasing of colour: ``none``, ``edges``, ``msaa4`` (or another number of samples that the driver
             offers), ``ssaa2`` to ``ssaa8``.
@@ -151,6 +151,7 @@ class Config(Section):
     textures: TexturesSection = TexturesSection()
     scenes: Annotated[tuple[RecipeSection, ...], FROM_LIST, Field(max_length=_MOST_RECIPES)] = ()
     rig: RigSection = RigSection()
+    lens: LensSection | None = None
     sequence: SequenceSection = SequenceSection()
     imperfections: ImperfectionsSection = ImperfectionsSection()
     checks: ChecksSection = ChecksSection()
@@ -160,6 +161,11 @@ class Config(Section):
     outputs: Annotated[tuple[Annotated[str, one_of(OUTPUTS)], ...], FROM_LIST, Field(max_length=100)] = DEFAULT_OUTPUTS
     truth: TruthViews = "both"
     antialias: Annotated[str, Field(pattern=ANTIALIAS_PATTERN)] = "none"
+
+    @model_serializer(mode="wrap")
+    def _without_no_lens(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # A config without a lens keeps the digest that it had before there were any.
+        return {key: value for key, value in serialise(self).items() if key != "lens" or value is not None}
 
     def _faults(self) -> Iterator[str]:
         stated = self._stated_px()
@@ -187,6 +193,13 @@ class Config(Section):
                 f"disparity.max_px is {limit:g} px, but shorter baselines have disparities nearer to "
                 "0: state camera.cx_left_px and cx_right_px, which hold for all baselines, or one baseline"
             )
+        if self.lens is not None and "visibility" in self.outputs and "valid" not in self.outputs:
+            yield (
+                "the masks of visibility leave out what the sensors of lens did not see, and the output valid says "
+                "where that is: add valid to outputs"
+            )
+        if self.lens is None and "valid" in self.outputs:
+            yield "the output valid says where the sensors of the section lens saw something: add lens, or leave it out"
         if "disparity_change" in self.outputs and not self.rig.none():
             yield "the output disparity_change needs rectified pairs: leave out this output, or the section rig"
 
@@ -257,6 +270,11 @@ class Config(Section):
             note = f"; {infinity_px:g} px is infinitely far away, by camera.doffs_px" if wanted.signed else ""
             check_target(wanted.target, wanted.min_px, wanted.max_px, min(lowest_px), note)
         return self
+
+    @property
+    def images_as_drawn(self) -> bool:
+        """Whether images stay as they are drawn: no lens and no imperfections change them."""
+        return self.lens is None and self.imperfections.none()
 
     @property
     def views(self) -> int:

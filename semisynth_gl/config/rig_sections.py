@@ -3,11 +3,12 @@
 from collections.abc import Iterator
 from typing import Annotated
 
-from pydantic import ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 from pydantic_core import PydanticKnownError
 
 from semisynth_gl.config.distributions import TargetSection, UniformTarget, check_positive
 from semisynth_gl.config.fields import (
+    FROM_LIST,
     ZERO,
     Baselines,
     Finite,
@@ -19,6 +20,7 @@ from semisynth_gl.config.fields import (
     Section,
     check_not_tiny,
     count,
+    one_of,
 )
 from semisynth_gl.frame.frame import Colour
 
@@ -28,6 +30,10 @@ _WIDEST_PX, _MOST_PIXELS = 16_384, 1 << 27
 _QUANTILES = 16
 
 _Side = Annotated[int, count(_WIDEST_PX)]
+
+COEFFICIENTS = {"radial-tangential": (4, 5, 8, 12), "fisheye": (4,)}
+"""Numbers of coefficients that OpenCV knows for each model of a lens."""
+LENS_BORDERS = ("black", "replicate")
 
 
 class CameraSection(Section):
@@ -174,3 +180,50 @@ class DisparitySection(Section):
     def _faults(self) -> Iterator[str]:
         if self.min_px >= self.max_px:
             yield f"expected min_px < max_px, got {self.min_px:g} and {self.max_px:g}: the range is empty"
+
+
+class RawEyeSection(Section):
+    """One eye's camera before rectification, as OpenCV's stereoCalibrate and stereoRectify describe it.
+
+    Attributes:
+        fx_px: focal length along x.
+        fy_px: focal length along y; by default ``fx_px``.
+        cx_px: x of the principal point; by default the centre, (width - 1) / 2.
+        cy_px: y of the principal point; by default the centre.
+        distortion: coefficients in OpenCV's order, k1 k2 p1 p2 ... or for a fisheye k1 to k4.
+        rotation_deg: rotation vector of the rectifying rotation (R1 or R2), degrees.
+    """
+
+    fx_px: PositiveRange
+    fy_px: PositiveRange | None = None
+    cx_px: RangeField | None = None
+    cy_px: RangeField | None = None
+    distortion: Annotated[tuple[RangeField, ...], FROM_LIST, Field(max_length=12)]
+    rotation_deg: Annotated[tuple[RangeField, ...], FROM_LIST, Field(min_length=3, max_length=3)] = (ZERO, ZERO, ZERO)
+
+
+class LensSection(Section):
+    """The cameras before rectification, drawn per sequence: colour goes through them, truth does not.
+
+    Attributes:
+        model: OpenCV's ``radial-tangential`` with 4, 5, 8 or 12 coefficients, or ``fisheye`` with 4.
+        raw_width_px: width of the raw images.
+        raw_height_px: their height.
+        left: the left camera.
+        right: the right camera.
+        border: ``black`` or ``replicate`` (the nearest pixels' colours), where the sensor saw nothing.
+    """
+
+    model: Annotated[str, one_of(COEFFICIENTS)] = "radial-tangential"
+    raw_width_px: _Side
+    raw_height_px: _Side
+    left: RawEyeSection
+    right: RawEyeSection
+    border: Annotated[str, one_of(LENS_BORDERS)] = "black"
+
+    def _faults(self) -> Iterator[str]:
+        known = COEFFICIENTS[self.model]
+        for name, eye in (("left", self.left), ("right", self.right)):
+            if len(eye.distortion) not in known:
+                expected = " or ".join(map(str, known))
+                yield f"{name}.distortion: {self.model} has {expected} coefficients, got {len(eye.distortion)}"

@@ -57,9 +57,12 @@ class Index(Contents):
 
     @property
     def imperfect(self) -> bool:
-        """Whether the config adds imperfections of a rig to the images, which differ between the views."""
+        """Whether a lens or imperfections of a rig change the images, differently in the two views."""
         try:
-            return not ImperfectionsSection.model_validate(self.config.imperfections or {}).none()
+            return (
+                self.config.lens is not None
+                or not ImperfectionsSection.model_validate(self.config.imperfections or {}).none()
+            )
         except ValidationError:  # a config of another version
             return True
 

@@ -18,7 +18,7 @@ OUTSIDE = 0
 SKY = 255
 
 Moment = Literal["now", "next", "previous"]
-Pass = Literal["drawing", "visibility", "correspondence", "flow"]
+Pass = Literal["drawing", "visibility", "correspondence", "flow", "lens"]
 
 Colour = Literal["rgb", "grey"]
 TruthViews = Literal["both", "left"]
@@ -96,7 +96,7 @@ class Channel(Generic[Value]):
     def __set_name__(self, owner: type["View"], name: str) -> None:
         self.name = name
         self.attachment = self.attachment or name
-        self.reads_triangles |= self.drawn_by != "drawing"
+        self.reads_triangles |= self.drawn_by not in ("drawing", "lens")
 
     @overload
     def __get__(self, view: None, owner: type["View"]) -> Self: ...
@@ -191,6 +191,14 @@ class View(Mapping[str, NDArray[Any]]):
         output="sky",
         codec="grey8",
         of_own_view=True,
+    )
+    valid = Channel(
+        _UINT8,
+        f"8-bit: {VISIBLE} where the {{view}} sensor saw what the rectified pixel shows, else 0: a border of the "
+        "rectification",
+        output="valid",
+        drawn_by="lens",
+        codec="grey8",
     )
     normals = Channel(
         _FLOAT32,

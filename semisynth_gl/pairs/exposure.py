@@ -4,13 +4,12 @@ The moments lie evenly and symmetrically about the frame's own time, so that the
 point is centred on its place in the truth. Images are averaged as 8-bit values and rounded once.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.frame.camera import EYES, Eye
-from semisynth_gl.frame.frame import Frame
+from semisynth_gl.frame.camera import Eye
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.scene import Scene
 
@@ -26,28 +25,27 @@ def moments(share: float, count: int) -> NDArray[np.float64]:
     return share * ((np.arange(count) + 0.5) / count - 0.5)
 
 
-def exposed(renderer: Renderer, frame: Frame, now: Scene, scenes: Sequence[Scene], eyes: Sequence[Eye] = EYES) -> Frame:
-    """Return a frame whose images are the mean of the images of several moments; the same frame if nothing moves.
+def exposed(
+    renderer: Renderer, images: Mapping[Eye, NDArray[np.uint8]], now: Scene, scenes: Sequence[Scene]
+) -> dict[Eye, NDArray[np.uint8]]:
+    """Return the mean of the images of several moments; the same images if nothing moves.
 
     Args:
         renderer: draws the images.
-        frame: the whole frame of the scene at its own time.
+        images: the images of the scene at its own time, by the eyes whose images to blur.
         now: the scene at its own time.
         scenes: the scene with the same instances and cameras at each moment of the exposure, up to 257 moments. Scenes
             equal to ``now`` are not drawn again.
-        eyes: the eyes whose images to blur.
     """
     moved = [scene for scene in scenes if not _stands(now, scene)]
     if not moved:
-        return frame
+        return dict(images)
     still = len(scenes) - len(moved)
-    sums = {eye: np.multiply(frame.view(eye).image, still, dtype=np.uint16) for eye in eyes}
+    sums = {eye: np.multiply(image, still, dtype=np.uint16) for eye, image in images.items()}
     for scene in moved:
-        for eye, image in renderer.render_images(scene, eyes).items():
+        for eye, image in renderer.render_images(scene, tuple(images)).items():
             sums[eye] += image
-    views = {eye: frame.view(eye) for eye in EYES}
-    views |= {eye: views[eye].with_channels({"image": _mean(total, len(scenes))}) for eye, total in sums.items()}
-    return Frame(frame.camera, views["left"], views["right"])
+    return {eye: _mean(total, len(scenes)) for eye, total in sums.items()}
 
 
 def _stands(now: Scene, then: Scene) -> bool:

@@ -18,7 +18,7 @@ from PIL import Image, ImageFilter
 from semisynth_gl.config import Range
 from semisynth_gl.config.dataset_sections import ImperfectionsSection
 from semisynth_gl.frame.camera import EYES, Eye
-from semisynth_gl.frame.frame import Frame, View, through_levels
+from semisynth_gl.frame.frame import through_levels
 
 # Number of values that are processed at a time.
 _BLOCK = 1 << 17
@@ -195,29 +195,29 @@ def _channels(image: NDArray[np.uint8]) -> int:
 
 
 def with_imperfections(
-    frame: Frame,
+    images: Mapping[Eye, NDArray[np.uint8]],
+    principal_points_px: Mapping[Eye, tuple[float, float]],
     section: ImperfectionsSection,
     rng: np.random.Generator,
     further: Callable[[str, Eye], np.random.Generator],
     right_rng: np.random.Generator | None = None,
-    left_image: NDArray[np.uint8] | None = None,
-) -> tuple[Frame, dict[str, dict[str, Any]]]:
-    """Apply imperfections to both images of a frame, except motion blur.
+) -> tuple[dict[Eye, NDArray[np.uint8]], dict[Eye, dict[str, Any]]]:
+    """Apply imperfections to both images of a pair, except motion blur.
 
     A scene may have several pairs, which share the left image.
 
     Args:
-        frame: the rendered frame.
+        images: both images, or the right one where the left image of another pair of the scene is finished.
+        principal_points_px: x and y of the centre of vignetting.
         section: the ranges from which imperfections are drawn.
         rng: the scene's generator. It draws lens blur, exposure, noise and gamma, and the noise of the pixels, for the
             left eye and the scene's first right eye.
         further: returns the generator of any other key for an eye. So no draw of a key changes that of another key.
         right_rng: the pair's generator, which replaces ``rng`` for the right eye in all pairs of a scene but the first.
-        left_image: with ``right_rng``, the finished left image of another pair of the scene; None makes it again.
 
     Returns:
-        The frame; and by eye, the values of `Imperfections` in JSON's types, without those of ``white_balance``,
-        ``vignetting``, ``sharpening`` and ``jpeg_quality`` for which the config has the default.
+        The given images with imperfections; and by eye, the values of `Imperfections` in JSON's types, without those of
+        ``white_balance``, ``vignetting``, ``sharpening`` and ``jpeg_quality`` for which the config has the default.
     """
     given = section.model_dump(include=set(_FURTHER), exclude_defaults=True)
 
@@ -233,19 +233,15 @@ def with_imperfections(
     drawn = {eye: draw(eye, rng) for eye in EYES}
     if right_rng is not None:
         drawn["right"] = draw("right", right_rng)
-    views: dict[Eye, View] = {}
-    records: dict[str, dict[str, Any]] = {}
+    finished: dict[Eye, NDArray[np.uint8]] = {}
+    records: dict[Eye, dict[str, Any]] = {}
     for eye, imperfections in drawn.items():
-        view, point = frame.view(eye), frame.camera.lens_px(eye)[:2]
-        if eye == "left" and right_rng is not None and left_image is not None:
-            image = left_image
-        else:
+        if eye in images:
             own_rng = rng if eye == "left" or right_rng is None else right_rng
-            image = apply_imperfections(view.image, imperfections, own_rng, point)
-        views[eye] = view.with_channels({"image": image})
+            finished[eye] = apply_imperfections(images[eye], imperfections, own_rng, principal_points_px[eye])
         records[eye] = {
             key: list(value) if isinstance(value, tuple) else value
             for key, value in asdict(imperfections).items()
             if key not in _FURTHER or key in given
         }
-    return Frame(frame.camera, views["left"], views["right"]), records
+    return finished, records

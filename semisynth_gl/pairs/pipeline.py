@@ -9,7 +9,7 @@ config -> scene    `MixSampler`: the objects of pair i, from (config, seed, i) a
 The first two steps are here; `semisynth_gl.generation.generate` does the others.
 """  # noqa: D415 - the drawing is the summary
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from typing import Any, Self
 
@@ -23,6 +23,9 @@ from semisynth_gl.frame.frame import FUTURE_OUTPUTS, PAST_OUTPUTS, Frame
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, counted
+from semisynth_gl.lens.borders import with_borders
+from semisynth_gl.lens.chain import scaled_camera
+from semisynth_gl.lens.lenses import Lenses
 from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.checks import Closed, faults
 from semisynth_gl.pairs.exposure import exposed, moments
@@ -80,7 +83,7 @@ class _Shown:
     shared: SharedLeft | None
     # Frames that were drawn for the checks and not asked for yet, by the number of the right view.
     frames: dict[int, Frame] = field(default_factory=dict)
-    # The left image with imperfections, once a pair of the scene has been made.
+    # The left image as its camera gives it, once a pair of the scene has been made.
     left_image: NDArray[np.uint8] | None = None
 
     def shows(self, number: int, attempt: int, crop: Crop | None) -> bool:
@@ -156,6 +159,7 @@ class PairRenderer:
             read=read,
             **renderer_options(config),
         )
+        self._lenses = None if config.lens is None else Lenses(config.lens, self._lens_rng)
         self._settled: _Settled | None = None
         self._shown: _Shown | None = None
         plugins = plugin_records(config.used_plugins().values())
@@ -226,7 +230,7 @@ class PairRenderer:
             index: the pair's number.
             crop: the part of both images to return; None for all. Checks need whole images, so the first frame of a
                 sequence is drawn whole and cut afterwards. All other frames, and without checks all frames, are drawn
-                and read back only as far as the crop needs, unless the config has imperfections.
+                and read back only as far as the crop needs, unless the config has a lens or imperfections.
             checked: whether to check pairs. Without checks, a pair with faults is returned, where the dataset has
                 another attempt.
 
@@ -246,8 +250,8 @@ class PairRenderer:
         judged = checked and self.config.views == 1 and number % self.config.sequence.length == 0
         if settled is None or settled.sequence != sequence or judged:
             settled = self._settle(sequence)
-        # Imperfections need whole images.
-        shown = self._show(number, settled.attempt, crop if self.config.imperfections.none() else None)
+        # Lenses and imperfections need whole images.
+        shown = self._show(number, settled.attempt, crop if self.config.images_as_drawn else None)
         sampled = shown.sampled.seen_by(view)
         frame = shown.frames.pop(view) if view in shown.frames else self._draw(shown, view)
         provenance = {"pair": index} | self._made_by | self.sampler.provenance(sampled)
@@ -255,8 +259,9 @@ class PairRenderer:
             provenance["redrawn"] = settled.redrawn
         if "instances" in self.config.outputs:
             provenance["instances"] = self.sampler.instance_table(sampled)
-        if not self.config.imperfections.none():
-            frame, provenance["imperfections"] = self._imperfect(frame, shown, view)
+        if not self.config.images_as_drawn:
+            frame, records = self._through_cameras(frame, shown, view)
+            provenance |= records
         if crop is not None and frame.camera == sampled.scene.camera:  # it was drawn whole
             frame = frame.cropped(crop)
         self._report("check")
@@ -315,35 +320,76 @@ class PairRenderer:
             f"{redrawn[-1]}. Change the images or the scene, or lower the limit in the section checks"
         )
 
-    def _imperfect(self, frame: Frame, shown: _Shown, view: int) -> tuple[Frame, dict[str, dict[str, Any]]]:
-        """Apply a rig's imperfections: the left eye's belong to the scene, the right eye's to the pair.
+    def _through_cameras(self, frame: Frame, shown: _Shown, view: int) -> tuple[Frame, dict[str, Any]]:
+        """Make drawn images those of the rig's cameras: through lenses, with imperfections, rectified again.
 
-        Returns the frame, and by eye the drawn values in JSON's types.
+        What the left eye draws belongs to the scene, what the right eye draws to the pair.
+
+        Returns:
+            The frame, and "lens" and "imperfections" of its provenance in JSON's types.
         """
-        seed, section = self.split.seed, self.config.imperfections
+        sampled, section = shown.sampled.seen_by(view), self.config.imperfections
+        # The first right eye's noise follows the left eye's in one generator, so the first pair always makes both.
+        keeps_left = bool(view) and shown.left_image is not None
+        eyes: tuple[Eye, ...] = ("right",) if keeps_left else EYES
+        camera, chains = sampled.scene.camera, None
+        records: dict[str, Any] = {}
+        if self._lenses is not None:
+            chains = self._lenses.chains(shown.number // self.config.sequence.length, camera)
+            records["lens"] = {eye: chain.raw.record() for eye, chain in chains.items()}
+        density = max(chain.density for chain in chains.values()) if chains else 1.0
+        scene = sampled.scene
+        if density > 1:
+            scene = replace(scene, camera=scaled_camera(camera, density))
+            images = self._renderer.render_images(scene, eyes)
+        else:
+            images = {eye: frame.view(eye).image for eye in eyes}
+        # All eyes expose at the same time, so motion blur is drawn once for a scene.
+        seed = self.split.seed
+        motion_blur = section.motion_blur.draw(generator(seed, Purpose.IMPERFECTIONS, shown.number, "motion_blur"))
+        if motion_blur > 0:
+            moved = (self.sampler.moment(sampled, frames) for frames in moments(motion_blur, section.sub_frames))
+            images = exposed(self._renderer, images, scene, [replace(each, camera=scene.camera) for each in moved])
+        points = {eye: camera.lens_px(eye)[:2] for eye in EYES}
+        if chains:
+            images = {eye: chains[eye].raw_image(image, density) for eye, image in images.items()}
+            points = {eye: (chain.raw.cx_px, chain.raw.cy_px) for eye, chain in chains.items()}
+        if not section.none():
+            images, drawn = self._imperfect(images, points, shown.number, view)
+            blurred = {"motion_blur": motion_blur} if motion_blur > 0 else {}
+            records["imperfections"] = {eye: values | blurred for eye, values in drawn.items()}
+        if chains:
+            images = {eye: chains[eye].rectify(image) for eye, image in images.items()}
+        if shown.shared is not None:
+            if keeps_left and shown.left_image is not None:
+                images["left"] = shown.left_image
+            shown.left_image = images["left"]
+            shown.left_image.flags.writeable = False
+        views = {eye: frame.view(eye).with_channels({"image": images[eye]}) for eye in EYES}
+        frame = Frame(frame.camera, views["left"], views["right"])
+        return (frame if chains is None else with_borders(frame, chains, self.config.outputs)), records
+
+    def _imperfect(
+        self,
+        images: dict[Eye, NDArray[np.uint8]],
+        points: dict[Eye, tuple[float, float]],
+        number: int,
+        view: int,
+    ) -> tuple[dict[Eye, NDArray[np.uint8]], dict[Eye, dict[str, Any]]]:
+        """Apply the imperfections of one right view of scene ``number``; see `with_imperfections`."""
+        seed = self.split.seed
 
         def of_scene(*keys: int | str) -> Generator:
-            return generator(seed, Purpose.IMPERFECTIONS, shown.number, *keys)
+            return generator(seed, Purpose.IMPERFECTIONS, number, *keys)
 
         def further(key: str, eye: Eye) -> Generator:
             return of_scene(*((view,) if eye == "right" and view else ()), key, eye)
 
-        # All eyes expose at the same time, so motion blur is drawn once for a scene.
-        motion_blur = section.motion_blur.draw(of_scene("motion_blur"))
-        if motion_blur > 0:
-            sampled = shown.sampled.seen_by(view)
-            scenes = [self.sampler.moment(sampled, frames) for frames in moments(motion_blur, section.sub_frames)]
-            # The first right eye's noise follows the left eye's in one generator, so the first pair always makes both.
-            eyes: tuple[Eye, ...] = ("right",) if view and shown.left_image is not None else EYES
-            frame = exposed(self._renderer, frame, sampled.scene, scenes, eyes)
         right_rng = of_scene(view) if view else None
-        frame, drawn = with_imperfections(frame, section, of_scene(), further, right_rng, shown.left_image)
-        if shown.shared is not None:
-            shown.left_image = frame.left.image
-            shown.left_image.flags.writeable = False
-        if motion_blur > 0:
-            drawn = {eye: values | {"motion_blur": motion_blur} for eye, values in drawn.items()}
-        return frame, drawn
+        return with_imperfections(images, points, self.config.imperfections, of_scene(), further, right_rng)
+
+    def _lens_rng(self, sequence: int, eye: Eye) -> Generator:
+        return generator(self.split.seed, Purpose.LENS, sequence, eye)
 
     def _report(self, stage: str) -> None:
         if self.listener is not None:

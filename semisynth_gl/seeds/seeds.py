@@ -35,6 +35,7 @@ class Purpose(IntEnum):
     RIG = 19
     SKY = 20
     AUGMENTATION = 21
+    LENS = 22
 
 
 def generator(seed: int, purpose: Purpose, *keys: int | str) -> np.random.Generator:

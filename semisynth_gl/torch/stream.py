@@ -209,11 +209,11 @@ class RenderedPairs:
         check_transform(self.transform)
         if hardware.device == "cpu":
             return
-        if self.checked or self.augmentation is not None or not self.config.imperfections.none():
+        if self.checked or self.augmentation is not None or not self.config.images_as_drawn:
             raise InputError(
-                "device='cuda' needs checked=False and a config without imperfections or augmentation, since these "
-                "work on arrays in the computer's memory: change that, or leave device out and let the loader pin "
-                "memory (pin_memory=True)"
+                "device='cuda' needs checked=False and a config without a lens, imperfections or augmentation, since "
+                "these work on arrays in the computer's memory: change that, or leave device out and let the loader "
+                "pin memory (pin_memory=True)"
             )
         if hardware.backend == "osmesa" or not torch.cuda.is_available():
             raise InputError(

@@ -15,6 +15,7 @@ from semisynth_gl.verification.agreement import (
     ends,
     inside_px,
 )
+from semisynth_gl.verification.borders import find_borders
 from semisynth_gl.verification.flow_consistency import follow_flow
 from semisynth_gl.verification.photometry import check_flow_images
 from semisynth_gl.verification.single_view import DEVIATING_PX
@@ -85,4 +86,7 @@ def _check_mask(
     expected[~known | (inside_px(*ends(way)) < -_BORDER_PX)] = OUTSIDE
     for value, where in ((VISIBLE, seen), (OCCLUDED, hidden)):
         expected[targets.row[where], targets.column[where]] = value
+    borders = find_borders(frame, eye)
+    if borders is not None:
+        expected[borders & known & (inside_px(*ends(way)) > _BORDER_PX)] = OCCLUDED
     check_visibility(f"visibility_{eye}", mask, known, expected, verdict)

@@ -7,6 +7,7 @@ import numpy as np
 from semisynth_gl.dataset.reader import Index
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES
+from semisynth_gl.verification.borders import check_valid, find_borders
 from semisynth_gl.verification.correspondence import check_correspondence, check_deviating_views
 from semisynth_gl.verification.files import (
     StoredShard,
@@ -123,6 +124,7 @@ def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
     # Imperfections make the images of both views differ, as a real rig does.
     imperfect = index.imperfect or not frame.encodings.image.lossless
     for eye in EYES:
+        check_valid(frame, eye, verdict)
         check_correspondence(frame, eye, verdict)
     left, right = frame.view("left"), frame.view("right")
     if "disparity" not in right:
@@ -135,10 +137,11 @@ def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
     signed = frame.encodings.signed
     match = match_views(disparity, right_disparity, -1, signed=signed)
     if "visibility" in left:
-        check_matched_mask("visibility_left", left["visibility"], match, verdict)
+        check_matched_mask("visibility_left", left["visibility"], match, find_borders(frame, "left"), verdict)
     if "visibility" in right:
         match_right = match_views(right_disparity, disparity, +1, signed=signed)
-        check_matched_mask("visibility_right", right["visibility"], match_right, verdict)
+        borders = find_borders(frame, "right")
+        check_matched_mask("visibility_right", right["visibility"], match_right, borders, verdict)
     visible = visible_pixels(match, left.get("visibility"))
     check_left_right(disparity, right_disparity, match, visible, verdict, signed=signed)
     surface = one_surface(match, visible)

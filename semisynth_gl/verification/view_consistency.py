@@ -117,8 +117,13 @@ def check_left_right(
     agreement.check("left-right", "left_right", np.ones(len(row), bool), agreement.close, verdict)
 
 
-def check_matched_mask(name: str, mask: NDArray[np.uint8], match: ViewMatch, verdict: Verdict) -> None:
-    """Check a mask's values, and that it agrees with the disparities wherever these are conclusive."""
+def check_matched_mask(
+    name: str, mask: NDArray[np.uint8], match: ViewMatch, borders: Where | None, verdict: Verdict
+) -> None:
+    """Check a mask's values, and that it agrees with the disparities and borders wherever these are conclusive.
+
+    ``borders`` (H, W) is where a sensor saw nothing of the point; None for pairs without a lens.
+    """
     # Beside depth edges the mask depends on where between two pixels of the other view a surface ends.
     border = mask.shape[1] - 0.5
     within = (match.position >= -0.5 + _BORDER_PX) & (match.position <= border - _BORDER_PX)
@@ -128,4 +133,6 @@ def check_matched_mask(name: str, mask: NDArray[np.uint8], match: ViewMatch, ver
     expected[~match.valid | beyond] = OUTSIDE
     expected[judged & (match.low > match.disparity + HIDDEN_PX)] = OCCLUDED
     expected[judged & match.close & (np.abs(match.disparity - match.reference) < SEEN_PX)] = VISIBLE
+    if borders is not None:
+        expected[borders & match.valid & within] = OCCLUDED
     check_visibility(name, mask, match.valid, expected, verdict)

@@ -59,7 +59,7 @@ def correspondences(camera, *deviation, count=500, seed=0):
 
 
 def needs_opencv():
-    pytest.importorskip("cv2", reason="OpenCV, the extra matching, is not installed")
+    pytest.importorskip("cv2", reason="OpenCV, the extra opencv, is not installed")
 
 
 @pytest.mark.parametrize("camera", [CAMERA, WIDE])
@@ -287,7 +287,7 @@ def test_the_command_matches_pairs_that_lie_beside_each_other(tmp_path, monkeypa
     assert "note: the deviation of rows in 1 pair was not measured" in done.output
     assert "rectification " not in done.output
     done = run(*given, "--overwrite", "--pairs", tmp_path / "photos/im0.png", tmp_path / "photos/im1.png")
-    assert "semisynth-gl[matching]" in str(done.exception)
+    assert "semisynth-gl[opencv]" in str(done.exception)
 
 
 def test_grey_photographs_make_grey_cameras(tmp_path):

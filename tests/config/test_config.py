@@ -294,7 +294,7 @@ def test_a_wrong_key_names_those_that_may_be_meant(tmp_path, as_text):
         InputError, match=rf"{path}:\d+: width_px: unknown key; did you mean camera.width_px\?"
     ) as caught:
         load_config(path)
-    assert "camra: unknown key; did you mean camera.cy_px?" in str(caught.value)
+    assert "camra: unknown key; did you mean camera.cy_px" in str(caught.value)
     for key in ("zzz", "seed", "zzz.qqq"):
         with pytest.raises(InputError, match="unknown key; expected one of: antialias, background, camera,"):
             load_config("middlebury", {key: 3})

@@ -688,6 +688,7 @@ def test_other_readers_see_the_same_kinds_of_images(name, tmp_path):
         "right": {"RGB"},
         "visibility": {"L"},
         "sky": {"L"},
+        "valid": {"L"},
         "objects": {"L"},
         "instances": {"I;16", "I"},
     }

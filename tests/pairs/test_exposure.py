@@ -139,20 +139,21 @@ def test_nothing_is_drawn_twice():
     still = moving(camera={"sway_m": 0.0, "sway_deg": 0.0}, particles={"layers": []})
     with opened(still) as (sampler, renderer):
         sampled, counted = sampler.sample(1), Counted(0)
-        frame = renderer.render(sampled.scene)
+        images = renderer.render_images(sampled.scene)
         scenes = [sampler.moment(sampled, frames) for frames in moments(1.0, 8)]
-        assert exposed(counted, frame, sampled.scene, scenes) is frame
+        same = exposed(counted, images, sampled.scene, scenes)
+        assert all(same[eye] is images[eye] for eye in ("left", "right"))
         assert counted.asked == 0
     with opened(moving()) as (sampler, renderer):
         sampled = sampler.sample(1)
-        frame = renderer.render(sampled.scene)
+        images = renderer.render_images(sampled.scene)
         for count, drawn in ((7, 6), (8, 8), (64, 64)):
             counted = Counted(255)
             scenes = [sampler.moment(sampled, frames) for frames in moments(0.5, count)]
-            mean = exposed(counted, frame, sampled.scene, scenes)
+            mean = exposed(counted, images, sampled.scene, scenes)
             assert counted.asked == drawn
-            expected = (frame.left.image * float(count - drawn) + 255 * drawn) / count
-            np.testing.assert_array_equal(mean.left.image, np.rint(expected))
+            expected = (images["left"] * float(count - drawn) + 255 * drawn) / count
+            np.testing.assert_array_equal(mean["left"], np.rint(expected))
 
 
 def test_the_left_eye_exposes_once_for_all_right_ones():

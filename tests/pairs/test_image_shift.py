@@ -7,8 +7,11 @@ import pytest
 
 from semisynth_gl.bench.antialias import MODES
 from semisynth_gl.frame.camera import EYES, StereoCamera
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import BackendError
+from semisynth_gl.lens.chain import LensChain, scaled_camera
+from semisynth_gl.lens.raw_camera import RawCamera, rotation_of
 from semisynth_gl.pairs.exposure import exposed, moments
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.render.renderer import Renderer
@@ -41,7 +44,7 @@ def shift_px(image, expected, along_x, along_y):
     return float(-x / contrast), float(-y / contrast)
 
 
-def drawn(mode, backend, poses=(), away=0.0, uv_away=0.0):
+def drawn(mode, backend, poses=(), away=0.0, uv_away=0.0, camera=CAMERA):
     """Draw a slanted plane with a picture of waves; the image is exposed while the camera takes poses, where given.
 
     The plane's vertices lie so far from their origin, which its pose makes good, and so does its UV.
@@ -56,25 +59,28 @@ def drawn(mode, backend, poses=(), away=0.0, uv_away=0.0):
     vertices = np.c_[FACE.positions, np.ones(len(FACE.positions))] @ model_from_plane[:3].T
     plane = make_mesh("plane", vertices, FACE.uv.astype(float) + uv_away, FACE.triangles) if away or uv_away else FACE
     matrix = matrix @ np.linalg.inv(model_from_plane) if away or uv_away else matrix
-    scene = make_scene(CAMERA, model=[0], world_from_model=[matrix], layer=[0], uv_scale=REPEATS)
+    scene = make_scene(camera, model=[0], world_from_model=[matrix], layer=[0], uv_scale=REPEATS)
     texel = (np.arange(PATCH_PX) + 0.5) / PATCH_PX
     layer = np.full((1, PATCH_PX, PATCH_PX, 4), 255, np.uint8)
     layer[0, ..., :3] = np.rint(waves(*np.meshgrid(texel, texel)))
     with Renderer([plane], layer, wrap="repeat", outputs=(), antialias=mode, backend=backend) as renderer:
         frame = renderer.render(scene)
-        return exposed(renderer, frame, scene, [replace(scene, camera_from_world=pose) for pose in poses])
+        images = {eye: frame.view(eye).image for eye in ("left", "right")}
+        images = exposed(renderer, images, scene, [replace(scene, camera_from_world=pose) for pose in poses])
+        return Frame.from_arrays(frame.camera, frame.arrays() | images)
 
 
 def as_it_is(image, _eye):
     return image
 
 
-def truth_shift_px(frame, change=as_it_is, levels=as_it_is):
+def truth_shift_px(frame, change=as_it_is, levels=as_it_is, parts=1):
     """Measure the shift between an image and the truth at the same pixel, px, the larger of both eyes'.
 
     The ray through a pixel's centre meets the plane at the point whose disparity the pixel has, and the colour of that
     point follows from the equation of the waves. The images are changed first; what is known to change the levels of
-    pixels without regard to their neighbours does so to the colours of the points, too.
+    pixels without regard to their neighbours does so to the colours of the points, too. With ``parts``, the shift of
+    each of so many parts along both sides is measured, and the largest is returned.
     """
     corner = np.array([-SIDE_M / 2, -SIDE_M / 2])
     y, x = np.mgrid[: CAMERA.height_px, : CAMERA.width_px].astype(np.float64)
@@ -84,17 +90,20 @@ def truth_shift_px(frame, change=as_it_is, levels=as_it_is):
         rays = CAMERA.rays(eye, x + right, y + down)
         point = eye_m + rays * ((DISTANCE_M - NORMAL @ eye_m) / (rays @ NORMAL))[..., None]
         u, v = ((point[..., axis] - corner[axis]) / SIDE_M * REPEATS for axis in (0, 1))
-        return levels(waves(u, v), eye).astype(np.float64).ravel()
+        return levels(waves(u, v), eye).astype(np.float64)
 
     largest = 0.0
     for eye in EYES:
-        shift = shift_px(
-            change(frame.view(eye).image, eye).astype(np.float64).ravel(),
+        fields = (
+            change(frame.view(eye).image, eye).astype(np.float64),
             expected(eye),
             expected(eye, right=0.5) - expected(eye, right=-0.5),
             expected(eye, down=0.5) - expected(eye, down=-0.5),
         )
-        largest = max(largest, float(np.hypot(*shift)))
+        for rows in np.array_split(np.arange(CAMERA.height_px), parts):
+            for columns in np.array_split(np.arange(CAMERA.width_px), parts):
+                shift = shift_px(*(each[np.ix_(rows, columns)].ravel() for each in fields))
+                largest = max(largest, float(np.hypot(*shift)))
     return largest
 
 
@@ -216,3 +225,26 @@ def test_motion_blur_leaves_images_on_their_truth():
     assert truth_shift_px(blurred) < 0.01
     # Half a part of the exposure is found where one is missing.
     assert truth_shift_px(late) == pytest.approx(np.hypot(7, 3) / 14, rel=0.3)
+
+
+@pytest.mark.parametrize(
+    ("focal_px", "model", "distortion"),
+    [
+        (480, "radial-tangential", (-0.25, 0.08, 0.001, -0.0005)),
+        (650, "radial-tangential", (-0.3, 0.1, 0.0, 0.0005, 0.01)),
+        (560, "fisheye", (-0.02, 0.01, -0.004, 0.001)),
+    ],
+)
+def test_lenses_leave_each_part_of_the_image_on_its_truth(backend, focal_px, model, distortion):
+    rotation = rotation_of((0.01, -0.02, 0.015))
+    raw = RawCamera(900, 640, focal_px, focal_px * 1.01, 452.3, 318.8, model, distortion, rotation)
+    chains = {eye: LensChain(raw, CAMERA, eye, "black") for eye in EYES}
+    density = max(chain.density for chain in chains.values())
+    assert (density > 1.2) == (focal_px == 650)
+    frame = drawn("none", backend, camera=scaled_camera(CAMERA, density))
+
+    def change(image, eye):
+        return chains[eye].rectify(chains[eye].raw_image(image, density))
+
+    assert all(chain.valid.all() for chain in chains.values())
+    assert truth_shift_px(frame, change, parts=5) < 0.02

@@ -199,10 +199,13 @@ def test_recorded_values_make_the_image_again_from_the_clean_one():
 
 def test_a_further_key_shifts_no_other_draw():
     keys, frame = {"noise": [2, 6], "exposure_stops": [-0.5, 0.5]}, render_pair(cheap(), 1)
+    images = {eye: frame.view(eye).image for eye in EYES}
+    points = {eye: frame.camera.lens_px(eye)[:2] for eye in EYES}
 
     def drawn(values):
         section = cheap(imperfections=keys | values).imperfections
-        return with_imperfections(frame, section, generator(0, 7, 1), lambda *names: generator(0, 7, 1, *names))[1]
+        rng = generator(0, 7, 1)
+        return with_imperfections(images, points, section, rng, lambda *names: generator(0, 7, 1, *names))[1]
 
     first = drawn({})
     for key in FURTHER.keys() - {"motion_blur"}:
@@ -216,12 +219,12 @@ def test_a_further_key_shifts_no_other_draw():
 
 def test_light_falls_about_each_eyes_own_principal_point():
     camera = StereoCamera(161, 121, 120.0, 0.1, 60.0, 90.0, 50.0, Deviation(y_px=20.0))
-    white = np.full((121, 161, 3), 255, np.uint8)
-    frame = Frame.from_arrays(camera, {"left": white, "right": white})
+    white = dict.fromkeys(EYES, np.full((121, 161, 3), 255, np.uint8))
+    points = {eye: camera.lens_px(eye)[:2] for eye in EYES}
     section = cheap(imperfections={"vignetting": 0.9}).imperfections
-    frame, _ = with_imperfections(frame, section, generator(0, 7), lambda *names: generator(0, 7, *names))
+    images, _ = with_imperfections(white, points, section, generator(0, 7), lambda *names: generator(0, 7, *names))
     for eye, point in (("left", (60, 50)), ("right", (90, 70))):
-        y, x = np.nonzero((frame.view(eye).image == 255).all(axis=2))
+        y, x = np.nonzero((images[eye] == 255).all(axis=2))
         assert (x.mean(), y.mean()) == point
 
 

@@ -20,7 +20,7 @@ from semisynth_gl.config import Config, load_config, packaged_configs
 from semisynth_gl.config.dataset_sections import ImperfectionsSection
 from semisynth_gl.config.distributions import MixturePart, TargetSection
 from semisynth_gl.config.explain import explained_keys
-from semisynth_gl.config.keys import config_keys
+from semisynth_gl.config.keys import config_keys, sections_of
 from semisynth_gl.config.model import RecipeSection
 from semisynth_gl.config.scene_sections import DepthLayerSection
 from semisynth_gl.frame.frame import CHANNELS
@@ -75,7 +75,8 @@ def test_every_key_is_documented_from_its_docstring():
 
 
 def getattr_path(config, dotted):
-    return functools.reduce(getattr, dotted.split("."), config)
+    """The value of a key; None below a section that the config does not have."""
+    return functools.reduce(lambda at, name: getattr(at, name, None), dotted.split("."), config)
 
 
 def default_of(dotted):
@@ -83,7 +84,7 @@ def default_of(dotted):
     model = Config
     *sections, key = dotted.split(".")
     for section in sections:
-        model = model.model_fields[section].annotation
+        [model] = sections_of(model.model_fields[section].annotation)
     return model.model_fields[key].get_default(call_default_factory=True)
 
 

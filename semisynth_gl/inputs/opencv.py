@@ -1,0 +1,23 @@
+"""OpenCV, which some parts need and no default installation has."""
+
+from importlib import import_module
+from typing import Any
+
+from semisynth_gl.inputs.errors import InputError, how_to_install
+
+
+def open_opencv(what: str) -> Any:  # noqa: ANN401 - a module without types
+    """Return the module of OpenCV.
+
+    Args:
+        what: the part that needs it, the beginning of the message.
+
+    Raises:
+        InputError: where it cannot be imported.
+    """
+    try:
+        return import_module("cv2")
+    except ImportError as error:
+        raise InputError(
+            f"{what} needs OpenCV, which cannot be imported ({error}): {how_to_install('opencv')}"
+        ) from None

@@ -1,0 +1,175 @@
+"""From the image of a pinhole to that of a rectified pair: through lens and sensor, and back by OpenCV's maps.
+
+    drawn image    the pinhole of the rectified camera, at least as dense as the sensor
+    raw image      what the sensor sees; imperfections belong here
+    rectified      by ``initUndistortRectifyMap`` and ``remap``, bilinear, as users' programs rectify
+
+Truth takes no part: it stays that of the rectified pixel's centre.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.frame.camera import Eye, StereoCamera
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.inputs.opencv import open_opencv
+from semisynth_gl.lens.raw_camera import Floats, RawCamera, pinhole_of
+
+Border = Literal["black", "replicate"]
+
+# Directions are found exactly at a grid of raw pixels, and by cubic interpolation between them.
+_GRID_PX = 16
+# Where the lens does not bend further than this, px, its inverse is its own check.
+_INVERSE_PX = 1e-3
+# Densities up to this are 1: half a pixel more over the widest image.
+_SAME_DENSITY = 1 + 1e-4
+# Rounding of OpenCV's float32 maps, px, at a border.
+_BORDER_PX = 1e-3
+
+
+def scaled_camera(camera: StereoCamera, density: float) -> StereoCamera:
+    """Return the camera of the same view with ``density`` times as many pixels along each side, rounded up."""
+    if density == 1:
+        return camera
+    width, height = (int(np.ceil(side * density)) for side in (camera.width_px, camera.height_px))
+    moved = {name: (getattr(camera, name) + 0.5) * density - 0.5 for name in ("cx_left_px", "cx_right_px", "cy_px")}
+    deviation = replace(camera.deviation, y_px=camera.deviation.y_px * density)
+    focal_px = camera.focal_px * density
+    return replace(camera, width_px=width, height_px=height, focal_px=focal_px, deviation=deviation, **moved)
+
+
+@dataclass(frozen=True, eq=False)
+class LensChain:
+    """The way of one eye's image through its lens.
+
+    Attributes:
+        raw: the camera before rectification.
+        camera: the rectified pair.
+        eye: the eye.
+        border: what the rectified image has where the sensor saw nothing: black, or the nearest pixels' colours.
+
+    Raises:
+        InputError: where OpenCV is missing, or the lens bends two directions of the rectified image to one pixel.
+    """
+
+    raw: RawCamera
+    camera: StereoCamera
+    eye: Eye
+    border: Border
+
+    def __post_init__(self) -> None:
+        x, y = (each[::_GRID_PX, ::_GRID_PX].astype(np.float64) for each in self.maps)
+        back = self.raw.rectified(self.pinhole, x, y)
+        rows, columns = (np.arange(0, side, _GRID_PX) for side in self.valid.shape)
+        seen = self.valid[::_GRID_PX, ::_GRID_PX]
+        missed = seen & ~(
+            np.hypot(back[0] - columns, back[1] - rows[:, None]) < _INVERSE_PX * np.max([1, self.density])
+        )
+        if missed.any():
+            row, column = np.argwhere(missed)[0] * _GRID_PX
+            raise InputError(
+                f"lens.{self.eye}: the distortion {list(self.raw.distortion)} bends two directions to one pixel of the "
+                f"raw image, one of them at ({column}, {row}) of the rectified image: it holds for a narrower view only"
+            )
+
+    @cached_property
+    def _cv2(self) -> Any:  # noqa: ANN401 - a module without types
+        return open_opencv("`lens`, which rectifies raw images,")
+
+    @cached_property
+    def pinhole(self) -> Floats:
+        """The camera matrix of the rectified eye, (3, 3) float64."""
+        return pinhole_of(self.camera, self.eye)
+
+    @cached_property
+    def maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """The column and the row of the raw image that each rectified pixel shows, (H, W) float32 px each."""
+        cv2, raw = self._cv2, self.raw
+        of_model = cv2.fisheye if raw.model == "fisheye" else cv2
+        size = self.camera.width_px, self.camera.height_px
+        distortion, rotation = (np.array(each, np.float64) for each in (raw.distortion, raw.rotation))
+        x, y = of_model.initUndistortRectifyMap(raw.matrix, distortion, rotation, self.pinhole, size, cv2.CV_32FC1)
+        return x, y
+
+    @cached_property
+    def valid(self) -> NDArray[np.bool_]:
+        """Where the raw image has the four pixels that a rectified one is mixed from, (H, W) bool."""
+        x, y = self.maps
+        inside = (x >= -_BORDER_PX) & (x <= self.raw.width_px - 1 + _BORDER_PX)
+        inside &= (y >= -_BORDER_PX) & (y <= self.raw.height_px - 1 + _BORDER_PX)
+        return inside
+
+    @cached_property
+    def density(self) -> float:
+        """The most raw pixels along a rectified one, 1 or more: drawn so dense, the raw image lacks no detail."""
+        x, y = (each[::_GRID_PX, ::_GRID_PX].astype(np.float64) / _GRID_PX for each in self.maps)
+        a, b = (np.diff(each, axis=1)[:-1] for each in (x, y))
+        c, d = (np.diff(each, axis=0)[:, :-1] for each in (x, y))
+        seen = self.valid[::_GRID_PX, ::_GRID_PX]
+        seen = seen[:-1, :-1] & seen[1:, :-1] & seen[:-1, 1:]
+        # The larger singular value of each 2 x 2 matrix of derivatives.
+        total, product = a * a + b * b + c * c + d * d, a * d - b * c
+        largest = np.sqrt((total + np.sqrt(np.maximum(total * total - 4 * product * product, 0))) / 2)
+        most = float(largest.max(where=seen, initial=1.0))
+        return most if most > _SAME_DENSITY else 1.0
+
+    def raw_image(self, drawn: NDArray[np.uint8], density: float) -> NDArray[np.uint8]:
+        """Return what the sensor sees of a drawn image, whose border is repeated outwards.
+
+        Args:
+            drawn: the image of `scaled_camera`, (H, W, 3) or (H, W) uint8.
+            density: how much denser than the rectified image it is.
+
+        Returns:
+            (H, W, 3) or (H, W) uint8, of the sensor's size.
+        """
+        x, y = self._sensor_maps
+        if density != 1:
+            x, y = ((each + 0.5) * np.float32(density) - np.float32(0.5) for each in (x, y))
+        cv2 = self._cv2
+        seen: NDArray[np.uint8] = cv2.remap(drawn, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return seen
+
+    @cached_property
+    def _sensor_maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """The column and the row of the rectified image that each raw pixel shows, (H, W) float32 px each."""
+        raw = self.raw
+        across, along = _cubic(raw.width_px)
+        down, below = _cubic(raw.height_px)
+        grid = np.meshgrid(along, below)
+        far = 4.0 * np.max([self.camera.width_px, self.camera.height_px])
+        # Pixels beyond the rectified view show its border; cubes of what is far beyond would swing into it.
+        x, y = (np.clip(np.nan_to_num(each, nan=-far), -far, far) for each in raw.rectified(self.pinhole, *grid))
+        # Float32 has room for displacements to 1e-5 px, not for positions.
+        columns, rows = (
+            (down @ (each - place)).astype(np.float32) @ across.T.astype(np.float32)
+            for each, place in zip((x, y), grid, strict=True)
+        )
+        columns += np.arange(raw.width_px, dtype=np.float32)
+        rows += np.arange(raw.height_px, dtype=np.float32)[:, None]
+        return columns, rows
+
+    def rectify(self, raw_image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return a raw image as a user's program rectifies it, (H, W, 3) or (H, W) uint8."""
+        cv2 = self._cv2
+        mode = cv2.BORDER_CONSTANT if self.border == "black" else cv2.BORDER_REPLICATE
+        image: NDArray[np.uint8] = cv2.remap(raw_image, *self.maps, cv2.INTER_LINEAR, borderMode=mode)
+        return image
+
+
+def _cubic(count: int) -> tuple[Floats, Floats]:
+    """Return the weights of cubic interpolation from a grid to ``count`` pixels, (count, N), and the grid, (N,) px."""
+    number = max(4, -(-(count - 1) // _GRID_PX) + 1)
+    grid = np.linspace(0, count - 1, number)
+    place = np.arange(count) / max(count - 1, 1) * (number - 1)
+    first = np.clip(np.floor(place).astype(int) - 1, 0, number - 4)
+    weights = np.zeros((count, number))
+    for k in range(4):
+        others = [first + each for each in range(4) if each != k]
+        weight = np.prod([(place - other) / (first + k - other) for other in others], axis=0)
+        weights[np.arange(count), first + k] = weight
+    return weights, grid

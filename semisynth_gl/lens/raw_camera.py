@@ -1,0 +1,170 @@
+"""The camera of one eye before rectification: its sensor, its lens, and its turn against the rectified camera.
+
+Formulas are those of OpenCV's camera models. Positions are px, with pixel centres at whole numbers; directions are
+(x, y) at z = 1.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.frame.camera import Eye, StereoCamera
+
+Model = Literal["radial-tangential", "fisheye"]
+Floats = NDArray[np.float64]
+
+# Newton's steps, and the width of the differences that stand for derivatives.
+_STEPS, _DIFFERENCE = 30, 1e-6
+# A step goes this far at most, so that a start far from the solution does not end on another branch.
+_LONGEST_STEP = 0.3
+_NEAREST = 1e-12
+
+
+@dataclass(frozen=True, slots=True)
+class RawCamera:
+    """A camera as it is: a pixel's direction is bent by the lens, and the sensor is turned against the rectified one.
+
+    Attributes:
+        width_px: width of the sensor's image.
+        height_px: its height.
+        fx_px: focal length along x.
+        fy_px: focal length along y.
+        cx_px: x of the principal point.
+        cy_px: y of the principal point.
+        model: OpenCV's ``radial-tangential`` (k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4), or ``fisheye`` (k1 to k4), which is
+            Kannala and Brandt's.
+        distortion: the model's coefficients: 4, 5, 8 or 12, for a fisheye 4.
+        rotation: rows of rectified_from_raw, which OpenCV's stereoRectify returns as R1 or R2.
+    """
+
+    width_px: int
+    height_px: int
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    model: Model
+    distortion: tuple[float, ...]
+    rotation: tuple[tuple[float, ...], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> Self:
+        """Build a camera from what `record` returns.
+
+        Raises:
+            KeyError, TypeError, ValueError: where values are missing or of another type.
+        """
+        (fx, _, cx), (_, fy, cy), _ = record["K"]
+        rotation = tuple(tuple(float(each) for each in row) for row in record["R"])
+        distortion = tuple(float(each) for each in record["D"])
+        sides = int(record["width_px"]), int(record["height_px"])
+        return cls(*sides, float(fx), float(fy), float(cx), float(cy), record["model"], distortion, rotation)
+
+    @property
+    def matrix(self) -> Floats:
+        """The camera matrix K, (3, 3) float64."""
+        return np.array([[self.fx_px, 0, self.cx_px], [0, self.fy_px, self.cy_px], [0, 0, 1]], np.float64)
+
+    def distorted(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """Return where the lens bends directions (...) in the raw camera's frame, as directions (...)."""
+        k = self.distortion
+        square = x * x + y * y
+        if self.model == "fisheye":
+            radius = np.sqrt(square)
+            angle = np.arctan(radius)
+            power = angle * angle
+            bent = angle * (1 + power * (k[0] + power * (k[1] + power * (k[2] + power * k[3]))))
+            factor = np.where(radius > 0, bent / np.maximum(radius, _NEAREST), 1.0)
+            return x * factor, y * factor
+        k = (*k, *(0.0,) * (12 - len(k)))
+        factor = 1 + square * (k[0] + square * (k[1] + square * k[4]))
+        factor = factor / (1 + square * (k[5] + square * (k[6] + square * k[7])))
+        across = 2 * x * y
+        return (
+            x * factor + k[2] * across + k[3] * (square + 2 * x * x) + square * (k[8] + square * k[9]),
+            y * factor + k[2] * (square + 2 * y * y) + k[3] * across + square * (k[10] + square * k[11]),
+        )
+
+    def undistorted(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """Return the directions (...) that the lens bends to directions (...), by Newton's method; nan for none."""
+        with np.errstate(all="ignore"):
+            along, down = x, y
+            if self.model == "fisheye":
+                angle = np.hypot(x, y)
+                factor = np.tan(np.minimum(angle, 1.4)) / np.maximum(angle, _NEAREST)
+                along, down = x * factor, y * factor
+            for _ in range(_STEPS):
+                x0, y0 = self.distorted(along, down)
+                x1, y1 = self.distorted(along + _DIFFERENCE, down)
+                x2, y2 = self.distorted(along, down + _DIFFERENCE)
+                a, b, c, d = x1 - x0, x2 - x0, y1 - y0, y2 - y0
+                determinant = (a * d - b * c) / _DIFFERENCE
+                off_x, off_y = x - x0, y - y0
+                step_x = (d * off_x - b * off_y) / determinant
+                step_y = (a * off_y - c * off_x) / determinant
+                # Longer steps are wanted far from the axis, where a small angle is a long way at z = 1.
+                longest = _LONGEST_STEP * (1 + along * along + down * down)
+                shorter = np.minimum(1.0, longest / np.maximum(np.hypot(step_x, step_y), _NEAREST))
+                along, down = along + step_x * shorter, down + step_y * shorter
+                if not (np.hypot(step_x, step_y) > _NEAREST * longest).any():
+                    break
+            x0, y0 = self.distorted(along, down)
+            missed = ~(np.hypot(x0 - x, y0 - y) < 1e-9 * (1 + np.hypot(x, y)))
+            return np.where(missed, np.nan, along), np.where(missed, np.nan, down)
+
+    def rectified(self, pinhole: Floats, x_px: Floats, y_px: Floats) -> tuple[Floats, Floats]:
+        """Return the positions in a rectified image, px, of positions (...) in the raw image.
+
+        Args:
+            pinhole: (3, 3) camera matrix of the rectified camera.
+            x_px: (...) columns of the raw image.
+            y_px: (...) rows.
+
+        Returns:
+            Columns and rows (...), nan for points that the rectified camera has not before it.
+        """
+        x, y = self.undistorted((x_px - self.cx_px) / self.fx_px, (y_px - self.cy_px) / self.fy_px)
+        ray = np.stack([x, y, np.ones_like(x)], axis=-1) @ (pinhole @ np.array(self.rotation)).T
+        with np.errstate(all="ignore"):
+            ahead = np.where(ray[..., 2] > 0, ray[..., 2], np.nan)
+            return ray[..., 0] / ahead, ray[..., 1] / ahead
+
+    def raw(self, pinhole: Floats, x_px: Floats, y_px: Floats) -> tuple[Floats, Floats]:
+        """Return the positions in the raw image, px, of positions (...) in a rectified image; see `rectified`."""
+        ray = (
+            np.stack([x_px, y_px, np.ones_like(x_px)], axis=-1) @ (np.array(self.rotation).T @ np.linalg.inv(pinhole)).T
+        )
+        with np.errstate(all="ignore"):
+            ahead = np.where(ray[..., 2] > 0, ray[..., 2], np.nan)
+            x, y = self.distorted(ray[..., 0] / ahead, ray[..., 1] / ahead)
+        return x * self.fx_px + self.cx_px, y * self.fy_px + self.cy_px
+
+    def record(self) -> dict[str, object]:
+        """Return K, D, R and the size in JSON's types, by the names of OpenCV's stereoRectify."""
+        return {
+            "width_px": self.width_px,
+            "height_px": self.height_px,
+            "model": self.model,
+            "K": self.matrix.tolist(),
+            "D": list(self.distortion),
+            "R": [list(row) for row in self.rotation],
+        }
+
+
+def rotation_of(vector_rad: tuple[float, float, float]) -> tuple[tuple[float, ...], ...]:
+    """Return the rows of the rotation by a rotation vector, by Rodrigues' formula."""
+    vector = np.array(vector_rad)
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector / max(angle, _NEAREST)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return tuple(tuple(row) for row in rotation.tolist())
+
+
+def pinhole_of(camera: StereoCamera, eye: Eye) -> Floats:
+    """Return the camera matrix of one eye of a rectified pair, (3, 3) float64."""
+    cx, cy, focal = camera.lens_px(eye)
+    return np.array([[focal, 0, cx], [0, focal, cy], [0, 0, 1]], np.float64)

@@ -1,0 +1,314 @@
+"""Raw cameras and the lens chain, beside OpenCV and beside rays; borders; pairs of configs with a lens."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+from planted_faults import all_findings, checks
+from tiny_datasets import cheap
+
+from semisynth_gl.codecs.png import GREY8
+from semisynth_gl.config import load_config
+from semisynth_gl.config.dataset_sections import LAYOUTS
+from semisynth_gl.dataset.reader import open_dataset
+from semisynth_gl.frame.camera import EYES, OTHER_EYE, Deviation, StereoCamera
+from semisynth_gl.frame.frame import OCCLUDED, VISIBLE, Frame
+from semisynth_gl.generation.generate import generate
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.lens.borders import bordered
+from semisynth_gl.lens.chain import LensChain, scaled_camera
+from semisynth_gl.lens.raw_camera import RawCamera, pinhole_of, rotation_of
+from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
+
+cv2 = pytest.importorskip("cv2", reason="OpenCV, the extra opencv, is not installed")
+CAMERA = StereoCamera(160, 120, 150.0, 0.1, 78.0, 84.0, 58.5)
+TURN = rotation_of((0.02, -0.03, 0.01))
+LENSES = {
+    "four": ("radial-tangential", (-0.25, 0.08, 0.001, -0.002)),
+    "five": ("radial-tangential", (-0.3, 0.12, 0.0, 0.001, -0.02)),
+    "eight": ("radial-tangential", (0.5, -0.1, 0.001, 0.0, 0.01, 0.8, -0.05, 0.02)),
+    "twelve": ("radial-tangential", (0.1, -0.05, 0.0, 0.0, 0.01, 0.2, -0.1, 0.0, 0.002, -0.001, 0.001, 0.003)),
+    "fisheye": ("fisheye", (-0.03, 0.01, -0.005, 0.001)),
+}
+
+
+def raw_camera(name, focal_px=150.0, size=(200, 150)):
+    model, distortion = LENSES[name]
+    centre = (size[0] - 1) / 2 + 1.3, (size[1] - 1) / 2 - 0.8
+    return RawCamera(*size, focal_px, focal_px * 1.02, *centre, model, distortion, TURN)
+
+
+def textured(height, width, channels=3, seed=0):
+    noise = np.random.default_rng(seed).integers(0, 256, (height, width, channels), dtype=np.uint8)
+    return cv2.GaussianBlur(noise, (0, 0), 1.5)
+
+
+# --- the camera ---
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_the_formulas_are_opencvs(name):
+    raw = raw_camera(name)
+    rng = np.random.default_rng(0)
+    points = np.c_[rng.uniform(-0.5, 0.5, (50, 2)), np.ones(50)] * rng.uniform(1, 5, (50, 1))
+    vector, _ = cv2.Rodrigues(np.array(raw.rotation).T)
+    project = cv2.fisheye.projectPoints if name == "fisheye" else cv2.projectPoints
+    if name == "fisheye":
+        expected, _ = project(points[:, None], vector, np.zeros(3), raw.matrix, np.array(raw.distortion))
+    else:
+        expected, _ = project(points, vector, np.zeros(3), raw.matrix, np.array(raw.distortion))
+    pinhole = pinhole_of(CAMERA, "left")
+    seen = points @ pinhole.T
+    x, y = raw.raw(pinhole, seen[:, 0] / seen[:, 2], seen[:, 1] / seen[:, 2])
+    np.testing.assert_allclose(np.c_[x, y], expected.reshape(-1, 2), atol=1e-8)
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_positions_come_back_by_opencvs_undistort_points(name):
+    raw, pinhole = raw_camera(name), pinhole_of(CAMERA, "right")
+    y, x = (each.ravel().astype(float) for each in np.mgrid[5:115:9, 5:155:9])
+    there = np.stack(raw.raw(pinhole, x, y), axis=-1)[:, None]
+    np.testing.assert_allclose(raw.rectified(pinhole, *there[:, 0].T), (x, y), atol=1e-6)
+    keys = {"R": np.array(raw.rotation), "P": pinhole}
+    if name == "fisheye":
+        back = cv2.fisheye.undistortPoints(there, raw.matrix, np.array(raw.distortion), **keys)
+    else:
+        criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-12)
+        undistort = getattr(cv2, "undistortPointsIter", None)
+        if undistort is None:
+            back = cv2.undistortPoints(there, raw.matrix, np.array(raw.distortion), criteria=criteria, **keys)
+        else:
+            back = undistort(there, raw.matrix, np.array(raw.distortion), keys["R"], keys["P"], criteria)
+    np.testing.assert_allclose(back[:, 0], np.c_[x, y], atol=1e-3)
+
+
+@given(st.tuples(*[st.floats(-0.5, 0.5)] * 3))
+def test_a_rotation_vector_turns_as_opencvs(vector):
+    np.testing.assert_allclose(rotation_of(vector), cv2.Rodrigues(np.array(vector))[0], atol=1e-12)
+
+
+def test_a_record_gives_the_camera_back():
+    raw = raw_camera("eight")
+    assert RawCamera.from_record(json.loads(json.dumps(raw.record()))) == raw
+
+
+# --- the chain ---
+
+
+@pytest.mark.parametrize("grey", [False, True])
+def test_a_lens_that_does_nothing_leaves_each_bit(grey):
+    image = textured(120, 160)[..., 0] if grey else textured(120, 160)
+    for eye in EYES:
+        raw = RawCamera(160, 120, 150, 150, *CAMERA.lens_px(eye)[:2], "radial-tangential", (0.0,) * 4)
+        chain = LensChain(raw, CAMERA, eye, "black")
+        assert chain.density == 1
+        assert chain.valid.all()
+        np.testing.assert_array_equal(chain.raw_image(image, 1), image)
+        np.testing.assert_array_equal(chain.rectify(image), image)
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_the_raw_image_is_what_its_rays_meet(name):
+    raw = raw_camera(name)
+    chain = LensChain(raw, CAMERA, "left", "black")
+
+    def colours(x, y):
+        return 120 + 60 * np.sin(x / 9) + 50 * np.cos(y / 7 + x / 30)
+
+    y, x = np.mgrid[:120, :160].astype(float)
+    found = chain.raw_image(np.rint(colours(x, y)).astype(np.uint8), 1)
+    assert found.shape == (150, 200)
+    v, u = np.mgrid[:150, :200].astype(float)
+    at = raw.rectified(chain.pinhole, u, v)
+    inside = (at[0] > 1) & (at[0] < 158) & (at[1] > 1) & (at[1] < 118)
+    assert inside.sum() > 10_000
+    assert np.abs(found - colours(*at))[inside].max() < 3
+    assert abs((found - colours(*at))[inside].mean()) < 0.05 + 0.5  # linear interpolation is below a crest
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_a_users_own_maps_give_the_rectified_image(name):
+    raw, image = raw_camera(name), textured(150, 200)
+    chain = LensChain(raw, CAMERA, "left", "black")
+    of_model = cv2.fisheye if name == "fisheye" else cv2
+    maps = of_model.initUndistortRectifyMap(
+        raw.matrix, np.array(raw.distortion), np.array(raw.rotation), chain.pinhole, (160, 120), cv2.CV_32FC1
+    )
+    np.testing.assert_array_equal(chain.rectify(image), cv2.remap(image, *maps, cv2.INTER_LINEAR))
+    x, y = raw.raw(chain.pinhole, *np.meshgrid(np.arange(160.0), np.arange(120.0)))
+    np.testing.assert_allclose(chain.maps, (x, y), atol=1e-3)
+
+
+@pytest.mark.parametrize(("border", "level"), [("black", 0), ("replicate", 200)])
+def test_a_border_is_where_no_ray_ends_on_the_sensor(border, level):
+    raw = raw_camera("four", focal_px=190.0, size=(160, 120))
+    chain = LensChain(raw, CAMERA, "right", border)
+    x, y = raw.raw(chain.pinhole, *np.meshgrid(np.arange(160.0), np.arange(120.0)))
+    within = np.minimum(np.minimum(x, 159 - x), np.minimum(y, 119 - y)) >= -1e-3  # OpenCV's maps are float32
+    assert 0.02 < 1 - within.mean() < 0.6
+    np.testing.assert_array_equal(chain.valid, within)
+    image = chain.rectify(np.full((120, 160, 3), 200, np.uint8))
+    assert (image[within] == 200).all()
+    far = (x < -1) | (x > 160) | (y < -1) | (y > 120)
+    assert (image[far] == level).all()
+
+
+def test_as_much_is_drawn_as_the_sensor_resolves():
+    raw = raw_camera("four", focal_px=300.0, size=(400, 300))
+    chain = LensChain(raw, CAMERA, "left", "black")
+    assert chain.density == pytest.approx(300 * 1.02 / 150, rel=0.02)
+    camera = scaled_camera(CAMERA, 2.0)
+    assert (camera.width_px, camera.height_px, camera.focal_px) == (320, 240, 300)
+    for eye in EYES:
+        # The ray through a pixel's left border is that through the border of its first half.
+        ray = CAMERA.rays_of_eye(eye, np.array(9.5), np.array(-0.5))
+        np.testing.assert_allclose(camera.rays_of_eye(eye, np.array(19.5), np.array(-0.5)), ray)
+
+
+def test_a_lens_that_folds_the_view_is_refused():
+    raw = replace(raw_camera("four"), distortion=(-1.5, 0.0, 0.0, 0.0))
+    with pytest.raises(InputError, match="bends two directions to one pixel"):
+        LensChain(raw, CAMERA, "left", "black")
+
+
+# --- borders ---
+
+
+@pytest.mark.parametrize("deviation", [Deviation(), Deviation(roll_rad=0.02, y_px=3.0)])
+def test_a_border_hides_its_pixels_and_those_that_match_it(deviation):
+    camera = replace(CAMERA, deviation=deviation)
+    disparity = np.full((120, 160), 12, np.float32)
+    frame = Frame.from_arrays(camera, {"disparity_left": disparity, "disparity_right": disparity})
+    valid = {eye: np.ones((120, 160), bool) for eye in EYES}
+    valid["left"][:, :4] = False
+    valid["right"][40:80, 100:] = False
+    for eye in EYES:
+        found = bordered(frame, eye, valid)
+        ways = frame.ways(eye)
+        for row in range(0, 120, 7):
+            for column in range(0, 160, 5):
+                x, y = round(column + ways[row, column, 0]), round(row + ways[row, column, 1])
+                inside = 0 <= x < 160 and 0 <= y < 120
+                expected = not valid[eye][row, column] or (inside and not valid[OTHER_EYE[eye]][y, x])
+                assert found[row, column] == expected
+
+
+# --- pairs ---
+
+# Of 64 x 48 px; the rectified focal length is 131.25 px.
+EYE = {"fx_px": 140, "distortion": [-0.3, 0.05, 0.001, 0], "rotation_deg": [0.2, [-1, 1], 0.3]}
+LENS = {"raw_width_px": 64, "raw_height_px": 48, "left": EYE, "right": EYE | {"fx_px": [135, 145]}}
+
+
+def with_lens(**changes):
+    lens = LENS | changes.pop("lens", {})
+    return cheap(lens=lens, outputs=["visibility", "valid", "depth"], **changes)
+
+
+def test_truth_is_bit_for_bit_that_without_a_lens():
+    plain, seen = render_pair(cheap(outputs=["visibility", "depth"]), 0), render_pair(with_lens(), 0)
+    for eye in EYES:
+        assert (plain.view(eye).image != seen.view(eye).image).mean() > 0.3
+        for name in ("disparity", "depth"):
+            np.testing.assert_array_equal(plain.view(eye)[name], seen.view(eye)[name])
+        valid = {each: seen.view(each).valid == VISIBLE for each in EYES}
+        border = bordered(seen, eye, valid)
+        assert 0 < border.mean() < 0.9
+        expected = np.where(border, np.minimum(plain.view(eye).visibility, OCCLUDED), plain.view(eye).visibility)
+        np.testing.assert_array_equal(seen.view(eye).visibility, expected)
+
+
+def test_imperfections_are_those_of_the_raw_image():
+    """Noise of neighbours is mixed by the rectification, so that it is weaker where pixels are mixed from four."""
+    noisy, clean = (render_pair(with_lens(imperfections={"noise": level}), 0) for level in (6, 0))
+    valid = clean.left.valid == VISIBLE
+    noise = (noisy.left.image.astype(float) - clean.left.image)[valid]
+    assert 2.5 < noise.std() < 5.0
+    plain = [render_pair(cheap(imperfections={"noise": level}), 0) for level in (6, 0)]
+    assert (plain[0].left.image.astype(float) - plain[1].left.image).std() > 5.0
+
+
+def test_a_pair_says_its_lens_and_sequences_keep_it():
+    config = with_lens(sequence={"length": 2})
+    with PairRenderer(config, 0) as renderer:
+        pairs = [renderer.render(index) for index in (3, 0, 1, 2)]
+    records = {pair.index: pair.provenance["lens"] for pair in pairs}
+    assert records[0] == records[1] != records[2] == records[3]
+    raw = RawCamera.from_record(records[0]["right"])
+    assert 135 <= raw.fx_px <= 145
+    assert raw.fy_px == raw.fx_px
+    assert (raw.cx_px, raw.cy_px) == (31.5, 23.5)
+    again = render_pair(config, 3)
+    np.testing.assert_array_equal(again.right.image, pairs[0].frame.right.image)
+
+
+@pytest.mark.parametrize("focal_px", [110, 300])
+def test_baselines_share_the_left_image(focal_px):
+    config = with_lens(camera={"baselines": 2, "baseline_m": [0.1, 0.2]}, lens={"left": EYE | {"fx_px": focal_px}})
+    with PairRenderer(config, 0) as renderer:
+        first, second = (renderer.render(index).frame for index in (0, 1))
+        np.testing.assert_array_equal(first.left.image, second.left.image)
+        np.testing.assert_array_equal(renderer.render(1).frame.right.image, second.right.image)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"left": EYE | {"distortion": [0, 0, 0]}}, "left.distortion: radial-tangential has 4 or 5 or 8 or 12"),
+        ({"model": "fisheye", "right": EYE | {"distortion": [0] * 5}}, "right.distortion: fisheye has 4"),
+        ({"model": "pinhole"}, "one of radial-tangential, fisheye"),
+        ({"border": "crop"}, "one of black, replicate"),
+    ],
+)
+def test_a_lens_that_cannot_be_is_refused(changes, message):
+    with pytest.raises(Exception, match=message):
+        with_lens(lens=changes)
+
+
+def test_the_masks_of_a_lens_need_the_output_that_says_why():
+    with pytest.raises(Exception, match="add valid to outputs"):
+        cheap(lens=LENS, outputs=["visibility"])
+    with pytest.raises(Exception, match="add lens, or leave it out"):
+        cheap(outputs=["valid"])
+
+
+def test_a_scaled_config_has_the_scaled_lens(tmp_path):
+    whole, half = tmp_path / "whole.yaml", tmp_path / "half.yaml"
+    whole.write_text(json.dumps({"extends": "middlebury", "name": "whole", "outputs": ["valid"], "lens": LENS}))
+    half.write_text(json.dumps({"extends": str(whole), "name": "half", "scale": 0.5}))
+    lens = load_config(half).lens
+    assert (lens.raw_width_px, lens.raw_height_px, lens.left.fx_px.low) == (32, 24, 70)
+    assert lens.left.distortion[0].low == -0.3
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("rig", [{}, {"right_roll_deg": 0.5, "right_y_px": 1}])
+def test_each_layout_keeps_what_verify_accepts(tmp_path, layout, rig):
+    if rig and layout not in ("middlebury", "webdataset"):
+        return
+    config = with_lens(rig=rig) if layout != "kitti" else cheap(lens=LENS, outputs=["visibility", "valid", "instances"])
+    generate(config, tmp_path / "d", 2, layout=layout)
+    assert not all_findings(tmp_path / "d")
+    frame = next(iter(open_dataset(tmp_path / "d")))
+    expected = render_pair(config, 0)
+    for eye in EYES:
+        np.testing.assert_array_equal(frame.view(eye).valid, expected.view(eye).valid)
+        seen = (view.view(eye).visibility == VISIBLE for view in (frame, expected))
+        np.testing.assert_array_equal(*seen)
+
+
+def test_verify_finds_a_wrong_border(tmp_path):
+    generate(with_lens(), tmp_path / "d", 2, layout="middlebury")
+    path = next(tmp_path.rglob("valid0.png"))
+    right = np.asarray(Image.open(path))
+    for wrong in (255 - right, np.full_like(right, 255), np.full_like(right, 128)):
+        path.write_bytes(GREY8.encode(wrong))
+        assert "valid" in checks(tmp_path / "d")
+    path.write_bytes(GREY8.encode(right))
+    mask = path.with_name("mask0nocc.png")
+    mask.write_bytes(GREY8.encode(np.asarray(render_pair(cheap(), 0).left.visibility)))
+    assert "mask" in checks(tmp_path / "d")
