@@ -198,8 +198,6 @@ class Config(Section):
                 "the masks of visibility leave out what the sensors of lens did not see, and the output valid says "
                 "where that is: add valid to outputs"
             )
-        if self.lens is None and "valid" in self.outputs:
-            yield "the output valid says where the sensors of the section lens saw something: add lens, or leave it out"
         if "disparity_change" in self.outputs and not self.rig.none():
             yield "the output disparity_change needs rectified pairs: leave out this output, or the section rig"
 

@@ -78,6 +78,7 @@ def frame(index: int) -> Frame:
                 "instances": ids,
                 "depth": truth,
                 "sky": grey,
+                "valid": grey,
                 "normals": normals,
                 "flow": flow,
                 "flow_visibility": grey,
