@@ -6,19 +6,12 @@ What counts is the processor's time, of all threads:
 """
 
 import argparse
-import time
-from collections.abc import Iterator
-from contextlib import ExitStack
-from functools import partial
-from itertools import count, islice
 from typing import Any
 
-import numpy as np
+from recipe_costs import compare
 
-from semisynth_gl import PairRenderer, load_config
-from semisynth_gl.bench.timing import alternated
+from semisynth_gl import load_config
 
-_PLAIN = "without"
 _FOCAL_PX = 1800.0
 
 
@@ -40,32 +33,14 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=4, help="pairs of each in a turn")
     options = parser.parse_args()
     overrides: dict[str, dict[str, Any]] = {
-        _PLAIN: {"outputs": ["visibility"]},
+        "none": {"outputs": ["visibility"]},
         "one lens": lens(0.95, [1, 1]),
         "another lens for each pair": lens(0.95, [0.99, 1]),
         "one lens, 1.4 raw pixels to a rectified one": lens(1.4, [1, 1]),
     }
-    with ExitStack() as stack:
-        renderers = {}
-        for name, values in overrides.items():
-            config = load_config("middlebury", {"camera": {"focal_px": _FOCAL_PX}} | values)
-            renderers[name] = stack.enter_context(PairRenderer(config, 1))
-            renderers[name].render(0)  # the first one compiles shaders
-        tasks = {name: partial(_render, renderer, count(1), options.pairs) for name, renderer in renderers.items()}
-        times = alternated(tasks, options.turns, time.process_time)
-        drawn_by = renderers[_PLAIN].renderer_name
-    print(f"middlebury, {drawn_by}: {options.turns} turns of {options.pairs} pairs each, in one process")
-    for name, seconds in times.items():
-        ratio = seconds / times[_PLAIN]
-        print(
-            f"{name:45} {np.mean(seconds) / options.pairs:.3f} s of CPU a pair, {ratio.mean():.2f} "
-            f"({ratio.min():.2f} to {ratio.max():.2f} in single turns)"
-        )
-
-
-def _render(renderer: PairRenderer, numbers: Iterator[int], pairs: int) -> None:
-    for number in islice(numbers, pairs):
-        renderer.render(number)
+    focal = {"camera": {"focal_px": _FOCAL_PX}}
+    configs = {name: load_config("middlebury", focal | values) for name, values in overrides.items()}
+    compare("middlebury", configs, options.turns, options.pairs)
 
 
 if __name__ == "__main__":

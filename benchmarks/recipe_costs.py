@@ -7,14 +7,14 @@ What counts is the processor's time, of all threads:
 
 import argparse
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from functools import partial
 from itertools import count, islice
 
 import numpy as np
 
-from semisynth_gl import PairRenderer, load_config
+from semisynth_gl import Config, PairRenderer, load_config
 from semisynth_gl.bench.timing import alternated
 
 _CLUTTER_ALONE = ("scenes=[]", "textures.large_px=0")
@@ -30,19 +30,25 @@ def main() -> None:
     mix = load_config(options.config)
     configs = {"clutter alone": load_config(options.config, _CLUTTER_ALONE), "the mix": mix}
     configs |= {f"recipe {recipe.name}": recipe.config for recipe in mix.recipes()}
+    compare(options.config, configs, options.turns, options.pairs)
+
+
+def compare(title: str, configs: Mapping[str, Config], turns: int, pairs: int) -> None:
+    """Render pairs of configs in turn, and print the processor's time of each and its ratio to the first one's."""
     with ExitStack() as stack:
         renderers = {name: stack.enter_context(PairRenderer(config, 1)) for name, config in configs.items()}
         for renderer in renderers.values():
             renderer.render(0)  # the first one compiles shaders
-        tasks = {name: partial(_render, renderer, count(1), options.pairs) for name, renderer in renderers.items()}
-        times = alternated(tasks, options.turns, time.process_time)
+        tasks = {name: partial(_render, renderer, count(1), pairs) for name, renderer in renderers.items()}
+        times = alternated(tasks, turns, time.process_time)
         drawn_by = next(iter(renderers.values())).renderer_name
-    print(f"{options.config}, {drawn_by}: {options.turns} turns of {options.pairs} pairs each, in one process")
+    print(f"{title}, {drawn_by}: {turns} turns of {pairs} pairs each, in one process")
+    first, *_ = configs
     for name, seconds in times.items():
-        ratio = seconds / times["clutter alone"]
+        ratio = seconds / times[first]
         print(
-            f"{name:20} {np.mean(seconds) / options.pairs:.3f} s of CPU a pair, {ratio.mean():.2f} of clutter alone "
-            f"({ratio.min():.2f} to {ratio.max():.2f} in single turns)"
+            f"{name:{max(map(len, configs))}} {np.mean(seconds) / pairs:.3f} s of CPU a pair, {ratio.mean():.2f} "
+            f"of {first} ({ratio.min():.2f} to {ratio.max():.2f} in single turns)"
         )
 
 

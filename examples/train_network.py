@@ -105,7 +105,7 @@ class Judged:
         if not self._positive:
             click.echo(
                 "Warning: no disparity that the network predicts is above 0 px: does it give negative disparities, or "
-                "those of the right view? Expected are the left view's, positive",
+                "the right view's? The left view's disparities are expected, and they are positive",
                 err=True,
             )
 

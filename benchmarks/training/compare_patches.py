@@ -20,7 +20,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import click
-import cv2
 import patch_network
 import torch
 from compare_sets import BUDGETS, Sources, kept_runs
@@ -34,9 +33,10 @@ from trainer import of_judges
 
 from semisynth_gl.bench.summary import machine_facts
 from semisynth_gl.dataset.reader import open_dataset
-from semisynth_gl.frame.frame import Frame
+from semisynth_gl.frame.frame import VISIBLE, Frame
 from semisynth_gl.inputs.errors import SemisynthError
 from semisynth_gl.metrics.truth import Truth
+from semisynth_gl.textures.atlas import to_grey
 
 RENDERED = ("zero-shot", "packaged", "calibrated")
 UNLEARNT = ("census", "shipped-middlebury", "shipped-satellites")
@@ -74,10 +74,11 @@ class Pairs:
 
 def held_out(sources: Sources, budget: PatchBudget) -> dict[str, View]:
     """Return rendered pairs that no training uses, with their truth where both eyes see it."""
-    frames = list(open_dataset(sources.write(RENDERED[0], BUDGETS["cpu"])))[budget.pairs :][:_CHOOSE_BY]
+    written = open_dataset(sources.write(RENDERED[0], BUDGETS["cpu"]))
+    frames = islice(written, budget.pairs, budget.pairs + _CHOOSE_BY)
     return {
         str(number): View(
-            frame.left.image, frame.right.image, Truth(frame.left.disparity, frame.left.visibility == 255)
+            frame.left.image, frame.right.image, Truth(frame.left.disparity, frame.left.visibility == VISIBLE)
         )
         for number, frame in enumerate(frames)
     }
@@ -85,8 +86,7 @@ def held_out(sources: Sources, budget: PatchBudget) -> dict[str, View]:
 
 def census(view: View) -> Costs:
     """Match a pair by census."""
-    left, right = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (view.left, view.right))
-    return census_costs(left, right, _MAX_DISPARITY_PX + 1)
+    return census_costs(to_grey(view.left), to_grey(view.right), _MAX_DISPARITY_PX + 1)
 
 
 def learnt(network: FastMcCnn, view: View) -> Costs:

@@ -13,7 +13,6 @@ from importlib import resources
 from itertools import islice
 from pathlib import Path
 
-import cv2
 import h5py
 import numpy as np
 import torch
@@ -27,6 +26,7 @@ from torch.utils.data import DataLoader
 from semisynth_gl.augmentation import PRESETS
 from semisynth_gl.frame.frame import VISIBLE, Frame
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.textures.atlas import to_grey
 
 RADIUS = 5
 """A patch reaches as many pixels beyond its own."""
@@ -60,7 +60,7 @@ class PatchBudget:
 
 def normalised(image: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Return what the network takes of an image (H, W, 3): grey, of mean 0 and standard deviation 1."""
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    grey = to_grey(image).astype(np.float32)
     values: NDArray[np.float32] = (grey - grey.mean()) / max(float(grey.std()), 1.0)
     return values
 

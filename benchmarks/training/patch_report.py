@@ -16,9 +16,9 @@ The network is *fast* of the package mccnn 1.4, with its generator of patches an
 learnt from scenes of Middlebury, the judged ones among them, and from a contest of satellites. To measure again takes
 its packages and the real pairs, and `compare_patches.py` says which: `record.py` alone cannot. *bad-1* is the share of
 pixels, of those that both eyes see and that have a truth, whose disparity is off by more than 1 px, in %, of the real
-pairs, which no set but *shipped-middlebury* and *four-real* learnt from. *alone* takes the least cost of each pixel,
-*SGM* that after semi-global matching (libsgm), whose penalties are those of a grid that are best on four
-rendered pairs of `zero-shot` that no network learns from. Both average the pairs by Middlebury's weights; *others* is
+pairs, which no set but *shipped-middlebury* and *four-real* learnt from. *alone* takes the least cost of each pixel.
+*SGM* takes the least cost after semi-global matching (libsgm); four rendered pairs of `zero-shot`, which no network
+learns from, chose its penalties from a grid. Both average the pairs by Middlebury's weights; *others* is
 the plain mean over the real pairs but *four-real*'s. *spread* is the standard deviation over the runs, which differ in
 weights, points and changes of colour."""
 _WHAT = {

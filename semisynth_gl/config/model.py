@@ -131,7 +131,7 @@ class Config(Section):
         layout: layout where ``--layout`` is not set; by default ``middlebury``, or ``webdataset`` from 10,000 pairs on.
         scenes: recipes, of which each sequence takes one, by weight.
         outputs: outputs besides images and disparities: ``visibility``, ``correspondence``, ``instances``, ``depth``,
-            ``sky``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``; with ``lens``, ``valid``.
+            ``sky``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``, ``valid``.
         truth: views whose disparity and outputs are written: ``both`` or ``left``.
         antialias: antialiasing of colour: ``none``, ``edges``, ``msaa4`` (or another number of samples that the driver
             offers), ``ssaa2`` to ``ssaa8``.

@@ -1,7 +1,7 @@
 """The sections about the rig: its cameras and the disparities that they see."""
 
-from collections.abc import Iterator
-from typing import Annotated
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 from pydantic_core import PydanticKnownError
@@ -20,7 +20,6 @@ from semisynth_gl.config.fields import (
     Section,
     check_not_tiny,
     count,
-    one_of,
 )
 from semisynth_gl.frame.frame import Colour
 
@@ -31,9 +30,10 @@ _QUANTILES = 16
 
 _Side = Annotated[int, count(_WIDEST_PX)]
 
-COEFFICIENTS = {"radial-tangential": (4, 5, 8, 12), "fisheye": (4,)}
+LensModel = Literal["radial-tangential", "fisheye"]
+LensBorder = Literal["black", "replicate"]
+_COEFFICIENTS: Mapping[LensModel, tuple[int, ...]] = {"radial-tangential": (4, 5, 8, 12), "fisheye": (4,)}
 """Numbers of coefficients that OpenCV knows for each model of a lens."""
-LENS_BORDERS = ("black", "replicate")
 
 
 class CameraSection(Section):
@@ -214,15 +214,15 @@ class LensSection(Section):
         border: ``black`` or ``replicate`` (the nearest pixels' colours), where the sensor saw nothing.
     """
 
-    model: Annotated[str, one_of(COEFFICIENTS)] = "radial-tangential"
+    model: LensModel = "radial-tangential"
     raw_width_px: _Side
     raw_height_px: _Side
     left: RawEyeSection
     right: RawEyeSection
-    border: Annotated[str, one_of(LENS_BORDERS)] = "black"
+    border: LensBorder = "black"
 
     def _faults(self) -> Iterator[str]:
-        known = COEFFICIENTS[self.model]
+        known = _COEFFICIENTS[self.model]
         for name, eye in (("left", self.left), ("right", self.right)):
             if len(eye.distortion) not in known:
                 expected = " or ".join(map(str, known))

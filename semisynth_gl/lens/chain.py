@@ -9,17 +9,16 @@ Truth takes no part: it stays that of the rectified pixel's centre.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.config.rig_sections import LensBorder
 from semisynth_gl.frame.camera import Eye, StereoCamera
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.opencv import open_opencv
 from semisynth_gl.lens.raw_camera import Floats, RawCamera, pinhole_of
-
-Border = Literal["black", "replicate"]
 
 # Directions are found exactly at a grid of raw pixels, and by cubic interpolation between them.
 _GRID_PX = 16
@@ -59,7 +58,7 @@ class LensChain:
     raw: RawCamera
     camera: StereoCamera
     eye: Eye
-    border: Border
+    border: LensBorder
 
     def __post_init__(self) -> None:
         x, y = (each[::_GRID_PX, ::_GRID_PX].astype(np.float64) for each in self.maps)

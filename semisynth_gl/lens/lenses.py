@@ -2,15 +2,14 @@
 
 from collections.abc import Callable
 from math import radians
-from typing import cast
 
 import numpy as np
 
 from semisynth_gl.config.fields import Range
 from semisynth_gl.config.rig_sections import LensSection, RawEyeSection
 from semisynth_gl.frame.camera import EYES, Eye, StereoCamera
-from semisynth_gl.lens.chain import Border, LensChain
-from semisynth_gl.lens.raw_camera import Model, RawCamera, rotation_of
+from semisynth_gl.lens.chain import LensChain
+from semisynth_gl.lens.raw_camera import RawCamera, rotation_of
 
 
 def draw_raw_camera(section: LensSection, eye: Eye, rng: np.random.Generator) -> RawCamera:
@@ -28,7 +27,6 @@ def draw_raw_camera(section: LensSection, eye: Eye, rng: np.random.Generator) ->
     )
     distortion = tuple(each.draw(rng) for each in values.distortion)
     x, y, z = (radians(each.draw(rng)) for each in values.rotation_deg)
-    model = cast("Model", section.model)
     return RawCamera(
         section.raw_width_px,
         section.raw_height_px,
@@ -36,7 +34,7 @@ def draw_raw_camera(section: LensSection, eye: Eye, rng: np.random.Generator) ->
         fy_px,
         cx_px,
         cy_px,
-        model,
+        section.model,
         distortion,
         rotation_of((x, y, z)),
     )
@@ -71,5 +69,5 @@ class Lenses:
                 and latest.camera.lens_px(eye) == camera.lens_px(eye)
             )
             if not same:
-                self._latest[eye] = LensChain(raw, camera, eye, cast("Border", self._section.border))
+                self._latest[eye] = LensChain(raw, camera, eye, self._section.border)
         return dict(self._latest)

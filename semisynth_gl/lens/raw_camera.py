@@ -1,19 +1,18 @@
 """The camera of one eye before rectification: its sensor, its lens, and its turn against the rectified camera.
 
-Formulas are those of OpenCV's camera models. Positions are px, with pixel centres at whole numbers; directions are
-(x, y) at z = 1.
+The formulas are OpenCV's. A position is in px, and pixel centres have whole numbers. A direction is (x, y) at z = 1.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.config.rig_sections import LensModel
 from semisynth_gl.frame.camera import Eye, StereoCamera
 
-Model = Literal["radial-tangential", "fisheye"]
 Floats = NDArray[np.float64]
 
 # Newton's steps, and the width of the differences that stand for derivatives.
@@ -46,7 +45,7 @@ class RawCamera:
     fy_px: float
     cx_px: float
     cy_px: float
-    model: Model
+    model: LensModel
     distortion: tuple[float, ...]
     rotation: tuple[tuple[float, ...], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 

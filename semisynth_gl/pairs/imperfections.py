@@ -216,8 +216,9 @@ def with_imperfections(
         right_rng: the pair's generator, which replaces ``rng`` for the right eye in all pairs of a scene but the first.
 
     Returns:
-        The given images with imperfections; and by eye, the values of `Imperfections` in JSON's types, without those of
-        ``white_balance``, ``vignetting``, ``sharpening`` and ``jpeg_quality`` for which the config has the default.
+        The given images with imperfections, and each eye's values of `Imperfections` in JSON's types. Of
+        ``white_balance``, ``vignetting``, ``sharpening`` and ``jpeg_quality``, it leaves out what the config leaves at
+        the default.
     """
     given = section.model_dump(include=set(_FURTHER), exclude_defaults=True)
 

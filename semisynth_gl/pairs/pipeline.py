@@ -323,7 +323,7 @@ class PairRenderer:
         )
 
     def _through_cameras(self, frame: Frame, shown: _Shown, view: int) -> tuple[Frame, dict[str, Any]]:
-        """Make drawn images those of the rig's cameras: through lenses, with imperfections, rectified again.
+        """Turn drawn images into what the rig's cameras give: bent by lenses, made imperfect, and rectified.
 
         What the left eye draws belongs to the scene, what the right eye draws to the pair.
 

@@ -127,7 +127,7 @@ def test_the_raw_image_is_what_its_rays_meet(name):
     inside = (at[0] > 1) & (at[0] < 158) & (at[1] > 1) & (at[1] < 118)
     assert inside.sum() > 10_000
     assert np.abs(found - colours(*at))[inside].max() < 3
-    assert abs((found - colours(*at))[inside].mean()) < 0.05 + 0.5  # linear interpolation is below a crest
+    assert abs((found - colours(*at))[inside].mean()) < 0.2
 
 
 @pytest.mark.parametrize("name", LENSES)
@@ -260,8 +260,8 @@ def test_baselines_share_the_left_image(focal_px):
     [
         ({"left": EYE | {"distortion": [0, 0, 0]}}, "left.distortion: radial-tangential has 4 or 5 or 8 or 12"),
         ({"model": "fisheye", "right": EYE | {"distortion": [0] * 5}}, "right.distortion: fisheye has 4"),
-        ({"model": "pinhole"}, "one of radial-tangential, fisheye"),
-        ({"border": "crop"}, "one of black, replicate"),
+        ({"model": "pinhole"}, "'radial-tangential' or 'fisheye'"),
+        ({"border": "crop"}, "'black' or 'replicate'"),
     ],
 )
 def test_a_lens_that_cannot_be_is_refused(changes, message):
@@ -289,11 +289,13 @@ def test_a_scaled_config_has_the_scaled_lens(tmp_path):
     assert lens.left.distortion[0].low == -0.3
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("rig", [{}, {"right_roll_deg": 0.5, "right_y_px": 1}])
+DEVIATING = {"right_roll_deg": 0.5, "right_y_px": 1}
+
+
+@pytest.mark.parametrize(
+    ("layout", "rig"), [*((layout, {}) for layout in LAYOUTS), ("middlebury", DEVIATING), ("webdataset", DEVIATING)]
+)
 def test_each_layout_keeps_what_verify_accepts(tmp_path, layout, rig):
-    if rig and layout not in ("middlebury", "webdataset"):
-        return
     config = with_lens(rig=rig) if layout != "kitti" else cheap(lens=LENS, outputs=["visibility", "valid", "instances"])
     generate(config, tmp_path / "d", 2, layout=layout)
     assert not all_findings(tmp_path / "d")
@@ -309,7 +311,7 @@ def test_verify_finds_a_wrong_border(tmp_path):
     generate(with_lens(), tmp_path / "d", 2, layout="middlebury")
     path = next(tmp_path.rglob("valid0.png"))
     right = np.asarray(Image.open(path))
-    for wrong in (255 - right, np.full_like(right, 255), np.full_like(right, 128)):
+    for wrong in (255 - right, *(np.full_like(right, level) for level in (0, 128, 255))):
         path.write_bytes(GREY8.encode(wrong))
         assert "valid" in checks(tmp_path / "d")
     path.write_bytes(GREY8.encode(right))
