@@ -12,7 +12,7 @@ from semisynth_gl.bench.antialias import DEFAULT_MODE, MODES
 from semisynth_gl.bench.scenes import BenchScenes
 from semisynth_gl.bench.timing import alternated, compare_times
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.frame.frame import DEFAULT_OUTPUTS, FLOW_OUTPUTS
+from semisynth_gl.frame.frame import DEFAULT_OUTPUTS, DRAWN_OUTPUTS, FLOW_OUTPUTS
 from semisynth_gl.geometry.mesh import Mesh, without_degenerate
 from semisynth_gl.geometry.surfaces import lathe
 from semisynth_gl.geometry.topology import marked_solid
@@ -118,7 +118,7 @@ def measure_scaling(bench: BenchScenes, seed: int, backend: Backend, repeats: in
             baseline=f"{size[0]} x {size[1]}",
         )
     # Outputs of flow need the scene's motion.
-    outputs = tuple(name for name in bench.config.outputs if name not in FLOW_OUTPUTS)
+    outputs = tuple(name for name in bench.config.outputs if name in DRAWN_OUTPUTS and name not in FLOW_OUTPUTS)
     modes = {mode: {"antialias": mode, "outputs": outputs} for mode in MODES}
     groups["antialias"] = _option_group(bench, modes, DEFAULT_MODE, backend, repeats)
     groups["outputs"] = _option_group(bench, OUTPUT_OPTIONS, _USUAL_OUTPUTS, backend, repeats)

@@ -299,6 +299,12 @@ OUTPUTS: tuple[str, ...] = tuple(
 )
 """The outputs that a user may ask for beside images and disparities."""
 DEFAULT_OUTPUTS = ("visibility",)
+DRAWN_OUTPUTS: tuple[str, ...] = tuple(
+    output
+    for output in OUTPUTS
+    if all(channel.drawn_by != "lens" for channel in CHANNELS.values() if channel.output == output)
+)
+"""The outputs that a renderer makes; the others come with the lenses of a config's pairs."""
 
 
 FUTURE_OUTPUTS, PAST_OUTPUTS = (

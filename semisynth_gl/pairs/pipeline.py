@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import EYES, Crop, Eye
-from semisynth_gl.frame.frame import FUTURE_OUTPUTS, PAST_OUTPUTS, Frame
+from semisynth_gl.frame.frame import DRAWN_OUTPUTS, FUTURE_OUTPUTS, PAST_OUTPUTS, Frame
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, counted
@@ -102,7 +102,7 @@ def renderer_options(config: Config) -> dict[str, Any]:
         "wrap": config.textures.wrap,
         "anisotropy": config.textures.anisotropy,
         "large_anisotropy": config.textures.large_anisotropy,
-        "outputs": config.outputs,
+        "outputs": [output for output in config.outputs if output in DRAWN_OUTPUTS],
         "truth": config.truth,
         "rectified": config.rig.none(),
         "signed": config.disparity.signed,

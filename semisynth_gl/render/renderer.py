@@ -59,7 +59,7 @@ class Renderer:
         anisotropy: most samples of a patch for a pixel that sees it at a grazing angle, 1 to 16; with 1 such pixels are
             blurred.
         large_anisotropy: most samples of a large patch, in the same way.
-        outputs: the outputs to make beside images and disparities; see `semisynth_gl.frame.frame.OUTPUTS`.
+        outputs: the outputs to make beside images and disparities; see `semisynth_gl.frame.frame.DRAWN_OUTPUTS`.
         truth: the views for which disparity and outputs are made, "both" or "left".
         rectified: False where right cameras may deviate from the rectified one; both eyes' depths are then drawn.
         signed: whether disparities of 0 and below are valid.

@@ -10,9 +10,9 @@ from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.frame import (
     ANTIALIAS_PATTERN,
     CHANNELS,
+    DRAWN_OUTPUTS,
     FLOW_OUTPUTS,
     FUTURE_OUTPUTS,
-    OUTPUTS,
     PAST_OUTPUTS,
     TRUTH_VIEWS,
     Channel,
@@ -77,9 +77,9 @@ class Wanted:
         check_type("antialias", antialias, str)
         check_type("signed", signed, bool)
         if isinstance(outputs, str) or not isinstance(outputs, Collection):
-            raise InputError(f"outputs: expected some of {', '.join(OUTPUTS)}, got {shown(outputs)}")
+            raise InputError(f"outputs: expected some of {', '.join(DRAWN_OUTPUTS)}, got {shown(outputs)}")
         for output in outputs:
-            check_one_of("an output", output, OUTPUTS)
+            check_one_of("an output", output, DRAWN_OUTPUTS)
         if not rectified and "disparity_change" in outputs:
             raise InputError(
                 "the output disparity_change needs rectified pairs: leave it out, or let no right camera deviate"

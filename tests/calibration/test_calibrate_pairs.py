@@ -214,7 +214,7 @@ def test_pairs_are_told_by_name(tmp_path):
 
 def test_without_opencv_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
-    with pytest.raises(InputError, match=r"needs OpenCV.*'semisynth-gl\[matching\]'"):
+    with pytest.raises(InputError, match=r"needs OpenCV.*'semisynth-gl\[opencv\]'"):
         open_matcher()
 
 

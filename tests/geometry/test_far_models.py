@@ -8,7 +8,7 @@ from scenes import facing, noise_layers
 
 from semisynth_gl.config import load_config
 from semisynth_gl.frame.camera import EYES, Deviation, StereoCamera
-from semisynth_gl.frame.frame import FLOW_OUTPUTS, OUTPUTS
+from semisynth_gl.frame.frame import DRAWN_OUTPUTS, FLOW_OUTPUTS
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import centred, make_mesh
 from semisynth_gl.geometry.model_files import load_models
@@ -82,12 +82,12 @@ def test_every_output_of_far_models_is_that_of_near_ones(open_renderer, antialia
     assert any(mesh.solid for mesh in models)
     there = replace(scene, world_from_model=brought_back(scene.world_from_model))
     near, far = (
-        open_renderer(meshes, noise_layers(1, 32), outputs=OUTPUTS, antialias=antialias).render(
+        open_renderer(meshes, noise_layers(1, 32), outputs=DRAWN_OUTPUTS, antialias=antialias).render(
             shown, future=moved(scene, far=shown is there), past=moved(scene, far=shown is there)
         )
         for meshes, shown in ((models, scene), ([far_away(mesh) for mesh in models], there))
     )
-    assert set(OUTPUTS) >= FLOW_OUTPUTS
+    assert set(DRAWN_OUTPUTS) >= FLOW_OUTPUTS
     for eye in EYES:
         for name, expected in near.view(eye).items():
             found = far.view(eye)[name]

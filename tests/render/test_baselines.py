@@ -19,7 +19,7 @@ from semisynth_gl.dataset.file_sets import list_file_sets
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
-from semisynth_gl.frame.frame import OUTPUTS
+from semisynth_gl.frame.frame import DRAWN_OUTPUTS
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import ContextLostError, InputError
 from semisynth_gl.layouts import Key
@@ -69,7 +69,7 @@ def assert_same(frame, expected, message=""):
 )
 def test_each_pair_is_that_of_a_rig_of_its_baseline_alone_bit_for_bit(backend, changes):
     """All outputs of both views, whole and cropped, asked for in any order."""
-    outputs = [output for output in OUTPUTS if output != "disparity_change" or "rig" not in changes]
+    outputs = [output for output in DRAWN_OUTPUTS if output != "disparity_change" or "rig" not in changes]
     config, crop = several(sequence=MOVING, outputs=outputs, **changes), Crop(9, 7, 30, 21)
     options = {"truth": config.truth, "antialias": config.antialias, "rectified": config.rig.none()}
     with PairRenderer(config, SEED, backend) as pairs:

@@ -15,7 +15,7 @@ from shared_material import SHARED, needs_shared
 from semisynth_gl import oracle
 from semisynth_gl.config import load_config
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.frame.frame import FLOW_OUTPUTS, OCCLUDED, OUTPUTS, OUTSIDE, VISIBLE
+from semisynth_gl.frame.frame import DRAWN_OUTPUTS, FLOW_OUTPUTS, OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.geometry import outdoors, soft
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import make_mesh
@@ -32,7 +32,7 @@ from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch
 
 # Those that need no motion.
-STILL = tuple(output for output in OUTPUTS if output not in FLOW_OUTPUTS)
+STILL = tuple(output for output in DRAWN_OUTPUTS if output not in FLOW_OUTPUTS)
 CAMERA = StereoCamera(200, 150, 220.0, 0.2, 95.0, 103.0, 70.0)
 LARGE = StereoCamera(600, 450, 660.0, 0.2, 288.0, 312.0, 212.0)
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scenes import noise_layers
 
 from semisynth_gl.frame.camera import EYES, Deviation, StereoCamera
-from semisynth_gl.frame.frame import OUTPUTS
+from semisynth_gl.frame.frame import DRAWN_OUTPUTS
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_units import make_model
 from semisynth_gl.inputs.arguments import MOST_PX
@@ -80,7 +80,7 @@ def drawn(antialias="none", **numbers):
     then = np.array(pose)
     then[0, 3] += n["moved_m"]
     motion = move(scene, world_from_model=[then])
-    with Renderer([wall], noise_layers(1, 16), outputs=OUTPUTS, signed=True, antialias=antialias) as renderer:
+    with Renderer([wall], noise_layers(1, 16), outputs=DRAWN_OUTPUTS, signed=True, antialias=antialias) as renderer:
         return renderer.render(scene, future=motion, past=motion), scene, wall
 
 

@@ -16,7 +16,7 @@ from scenes import facing, noise_layers
 from tiny_datasets import cheap
 
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.frame.frame import FLOW_OUTPUTS, OUTPUTS
+from semisynth_gl.frame.frame import DRAWN_OUTPUTS, FLOW_OUTPUTS
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import BackendError, InputError
@@ -32,7 +32,7 @@ from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import make_scene
 
 # Those that need no motion.
-STILL = tuple(output for output in OUTPUTS if output not in FLOW_OUTPUTS)
+STILL = tuple(output for output in DRAWN_OUTPUTS if output not in FLOW_OUTPUTS)
 
 
 def frame_bytes(frame):
@@ -192,6 +192,11 @@ def test_outputs_are_made_only_when_asked_for(open_renderer, square):
     expected[5:14, 10:18] = 2
     np.testing.assert_array_equal(full.left.instances, expected)
     np.testing.assert_allclose(full.left.depth, np.where(expected == 2, 1.0, 2.0), rtol=1e-6)
+
+
+def test_what_a_renderer_cannot_make_is_refused(square):
+    with pytest.raises(InputError, match=r"an output.*got 'valid'"):
+        Renderer([square], noise_layers(1, 16), outputs=("valid",))
 
 
 def test_more_instances_than_ids_are_refused(open_renderer, square):
