@@ -131,7 +131,7 @@ class Config(Section):
         layout: layout where ``--layout`` is not set; by default ``middlebury``, or ``webdataset`` from 10,000 pairs on.
         scenes: recipes, of which each sequence takes one, by weight.
         outputs: outputs besides images and disparities: ``visibility``, ``correspondence``, ``instances``, ``depth``,
-            ``sky``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``, ``valid``.
+            ``sky``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``; with ``lens``, ``valid``.
         truth: views whose disparity and outputs are written: ``both`` or ``left``.
         antialias: antialiasing of colour: ``none``, ``edges``, ``msaa4`` (or another number of samples that the driver
             offers), ``ssaa2`` to ``ssaa8``.
@@ -198,6 +198,8 @@ class Config(Section):
                 "the masks of visibility leave out what the sensors of lens did not see, and the output valid says "
                 "where that is: add valid to outputs"
             )
+        if self.lens is None and "valid" in self.outputs:
+            yield "the output valid says where the sensors of the section lens saw something: add lens, or leave it out"
         if "disparity_change" in self.outputs and not self.rig.none():
             yield "the output disparity_change needs rectified pairs: leave out this output, or the section rig"
 

@@ -35,15 +35,6 @@ def with_borders(frame: Frame, chains: Mapping[Eye, LensChain], outputs: Collect
     return Frame(frame.camera, views["left"], views["right"])
 
 
-def without_borders(frame: Frame) -> Frame:
-    """Return a frame of a pair without lenses, with ``valid`` everywhere in the views that have truth."""
-    views = [
-        view.with_channels({"valid": np.full(view.disparity.shape, VISIBLE, np.uint8)}) if "disparity" in view else view
-        for view in (frame.left, frame.right)
-    ]
-    return Frame(frame.camera, *views)
-
-
 def bordered(frame: Frame, eye: Eye, valid: Mapping[Eye, NDArray[np.bool_]]) -> NDArray[np.bool_]:
     """Return where a sensor saw nothing of a view's point, its own or the other eye's, (H, W) bool.
 

@@ -23,7 +23,7 @@ from semisynth_gl.frame.frame import DRAWN_OUTPUTS, FUTURE_OUTPUTS, PAST_OUTPUTS
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, counted
-from semisynth_gl.lens.borders import with_borders, without_borders
+from semisynth_gl.lens.borders import with_borders
 from semisynth_gl.lens.chain import scaled_camera
 from semisynth_gl.lens.lenses import Lenses
 from semisynth_gl.listener import Listener
@@ -262,8 +262,6 @@ class PairRenderer:
         if not self.config.images_as_drawn:
             frame, records = self._through_cameras(frame, shown, view)
             provenance |= records
-        if self._lenses is None and "valid" in self.config.outputs:
-            frame = without_borders(frame)
         if crop is not None and frame.camera == sampled.scene.camera:  # it was drawn whole
             frame = frame.cropped(crop)
         self._report("check")

@@ -26,12 +26,8 @@ def check_valid(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     if mask is None:
         return
     verdict.add_pixels("valid", name, "is neither 0 nor 255", (mask != VISIBLE) & (mask != OUTSIDE))
-    record = frame.provenance.get("lens")
-    if record is None:
-        verdict.add_pixels("valid", name, "is not 255, although the pair has no lens", mask != VISIBLE)
-        return
     try:
-        raw = RawCamera.from_record(record[eye])
+        raw = RawCamera.from_record(frame.provenance["lens"][eye])
     except (KeyError, TypeError, ValueError):
         verdict.add(
             "valid", f"{name}: expected the camera lens.{eye} in the pair's provenance, found none that is whole"

@@ -25,7 +25,7 @@ from semisynth_gl.dataset.plan import Plan, make_plan
 from semisynth_gl.dataset.sample import encode_pair
 from semisynth_gl.dataset.tar import tar_end, tar_member
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.frame.frame import OUTPUTS, Frame, View
+from semisynth_gl.frame.frame import DRAWN_OUTPUTS, Frame, View
 from semisynth_gl.layouts import find_layout, layout_names
 from semisynth_gl.seeds.splits import SplitName
 
@@ -35,7 +35,7 @@ CAMERA = StereoCamera(8, 6, 10.0, 0.1, 3.5, 3.5, 2.5)
 
 
 FLOW = {
-    "outputs": [output for output in OUTPUTS if output != "correspondence"],
+    "outputs": [output for output in DRAWN_OUTPUTS if output != "correspondence"],
     "sequence": {"length": 2},
 }
 """Keys of a config with all outputs."""
@@ -78,7 +78,6 @@ def frame(index: int) -> Frame:
                 "instances": ids,
                 "depth": truth,
                 "sky": grey,
-                "valid": grey,
                 "normals": normals,
                 "flow": flow,
                 "flow_visibility": grey,
@@ -306,7 +305,7 @@ def test_a_rig_that_deviates_is_not_called_rectified() -> None:
 @pytest.mark.parametrize("length", [None, 1, 2, 50])
 @pytest.mark.parametrize("layout", layout_names())
 def test_a_pattern_matches_the_files_of_its_role_and_no_others(layout: str, length: int | None) -> None:
-    outputs = [output for output in OUTPUTS if output not in find_layout(layout).lacks]
+    outputs = [output for output in DRAWN_OUTPUTS if output not in find_layout(layout).lacks]
     values = {} if length is None else {"outputs": outputs, "sequence": {"length": length}}
     plan = plan_for(layout, {"train": 3, "validation": 1, "test": 2}, **values)
     described = json.loads(encode_croissant(write(plan)))

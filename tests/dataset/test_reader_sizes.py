@@ -77,7 +77,9 @@ def written(out, name, monkeypatch, change):
         return EncodedPair(files, 0.0)
 
     monkeypatch.setattr(hand_made_datasets, "encode_pair", encode)
-    config = config_of(outputs=[output for output in OUTPUTS if output not in layout.lacks])
+    eye = {"fx_px": 50, "distortion": [0, 0, 0, 0]}
+    lens = {"raw_width_px": 64, "raw_height_px": 48, "left": eye, "right": eye}
+    config = config_of(outputs=[output for output in OUTPUTS if output not in layout.lacks], lens=lens)
     write_dataset(out, name, {"train": len(roles) + 1}, 100, config)
     return made
 

@@ -34,7 +34,7 @@ from semisynth_gl import (
     score,
     verify,
 )
-from semisynth_gl.frame.frame import OUTPUTS
+from semisynth_gl.frame.frame import DRAWN_OUTPUTS
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.targets import EyeTargets
@@ -321,7 +321,7 @@ def test_a_forked_child_is_told_not_to_draw_with_its_parents_renderer(pytestconf
 
 @pytest.mark.parametrize("refused", ["flow", "right eye"])
 def test_a_size_that_is_refused_midway_leaves_the_renderer_as_it_was(open_renderer, monkeypatch, refused):
-    outputs = [output for output in OUTPUTS if output not in {"flow_backward", "normals"}]
+    outputs = [output for output in DRAWN_OUTPUTS if output not in {"flow_backward", "normals"}]
     renderer = open_renderer([SQUARE], LAYERS, antialias="ssaa2", outputs=outputs)
     draw = lambda scene: renderer.render(scene, future=move(scene))  # noqa: E731
     before = {role: array.tobytes() for role, array in draw(SCENE).arrays().items()}

@@ -272,12 +272,8 @@ def test_a_lens_that_cannot_be_is_refused(changes, message):
 def test_the_masks_of_a_lens_need_the_output_that_says_why():
     with pytest.raises(Exception, match="add valid to outputs"):
         cheap(lens=LENS, outputs=["visibility"])
-
-
-def test_without_a_lens_all_is_valid():
-    frame = render_pair(cheap(outputs=["valid"], truth="left"), 0)
-    assert (frame.left.valid == VISIBLE).all()
-    assert "valid" not in frame.right
+    with pytest.raises(Exception, match="add lens, or leave it out"):
+        cheap(outputs=["valid"])
 
 
 def test_a_scaled_config_has_the_scaled_lens(tmp_path):

@@ -12,7 +12,7 @@ from heavy import heavy
 from tiny_datasets import cheap
 
 from semisynth_gl.frame.camera import Crop
-from semisynth_gl.frame.frame import OUTPUTS
+from semisynth_gl.frame.frame import DRAWN_OUTPUTS
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.readers import PixelBuffers
@@ -122,7 +122,7 @@ def reader(runtime):
 
 @pytest.mark.parametrize("antialias", ["none", "msaa4", "ssaa2"])
 def test_what_is_drawn_reaches_cuda_as_it_is_read_back(backend, runtime, reader, antialias):
-    config = cheap(antialias=antialias, outputs=list(OUTPUTS))
+    config = cheap(antialias=antialias, outputs=list(DRAWN_OUTPUTS))
     with PairRenderer(config, SEED, backend) as usual, PairRenderer(config, SEED, backend, read=reader) as renderer:
         for index, crop in enumerate((None, Crop(5, 3, 31, 17), None)):
             taken = renderer.render(index, crop=crop, checked=False).frame
@@ -241,5 +241,5 @@ def test_tensors_on_a_gpu_do_not_come_from_workers():
 
 @pytest.mark.usefixtures("gpu")
 def test_pairs_with_imperfections_are_not_for_a_gpu():
-    with pytest.raises(InputError, match="config without imperfections"):
+    with pytest.raises(InputError, match="config without a lens, imperfections"):
         StereoStream(cheap(imperfections={"noise": [1, 2]}), hardware=Hardware(device="cuda"), checked=False)

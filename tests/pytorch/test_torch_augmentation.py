@@ -120,5 +120,7 @@ def test_augmentations_that_cannot_be_used_are_refused(folder):
         StereoDataset(folder, augmentation=SMALL)
     with pytest.raises(InputError, match="scale: expected at least"):
         StereoDataset(folder, crop=(30, 40), augmentation=Augmentation(scale=(0.5, 0.8)))
-    with pytest.raises(InputError, match="needs checked=False and a config without imperfections or augmentation"):
+    with pytest.raises(
+        InputError, match="needs checked=False and a config without a lens, imperfections or augmentation"
+    ):
         StereoStream(cheap(), hardware=Hardware(device="cuda"), checked=False, augmentation=Augmentation())

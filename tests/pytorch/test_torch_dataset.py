@@ -46,7 +46,9 @@ def same(sample, other):
 @pytest.fixture(scope="module")
 def moving():
     """A config of sequences with every output."""
-    return cheap(sequence={"length": 2}, outputs=list(OUTPUTS))
+    eye = {"fx_px": 140, "distortion": [-0.3, 0.05, 0.001, 0], "rotation_deg": [0.2, 1, 0.3]}
+    lens = {"raw_width_px": 64, "raw_height_px": 48, "left": eye, "right": eye}
+    return cheap(sequence={"length": 2}, outputs=list(OUTPUTS), lens=lens)
 
 
 @pytest.fixture(scope="module")
