@@ -1,6 +1,6 @@
 """Making a config for `generate` from a rig's calibration and photographs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from pathlib import Path
@@ -10,10 +10,12 @@ from semisynth_gl.calibration.config_text import ConfigFacts, config_facts, conf
 from semisynth_gl.calibration.disparity_range import DisparitySource
 from semisynth_gl.calibration.matching import given_pairs, open_matcher, pairs_among
 from semisynth_gl.calibration.photographs import impossible_splits
+from semisynth_gl.calibration.raw_photographs import lens_chains, rectify_photographs
 from semisynth_gl.calibration.rectification import fitting_pairs
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
-from semisynth_gl.calibration.rig_files import LONGEST_M, read_rigs
+from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.calibration.style import Style, untried_style
+from semisynth_gl.calibration.yaml_rigs import LONGEST_M
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.maps import map_files, one_of_each_scene
 from semisynth_gl.comparison.measured_view import working_width
@@ -21,10 +23,13 @@ from semisynth_gl.comparison.place import find_place, left_out
 from semisynth_gl.comparison.sides import MeasuredPlace, measure_place
 from semisynth_gl.config import Config
 from semisynth_gl.config.load import parse_config
+from semisynth_gl.frame.camera import Eye
 from semisynth_gl.histogram import total_variation
 from semisynth_gl.inputs.arguments import check_one_of, check_type, to_real, to_whole
 from semisynth_gl.inputs.errors import BackendError, InputError, counted, shown
-from semisynth_gl.inputs.user_files import Files, names_of
+from semisynth_gl.inputs.opencv import open_opencv
+from semisynth_gl.inputs.user_files import Files, expanded, names_of
+from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.listener import Listener
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.crop_report import TextureReport
@@ -69,6 +74,7 @@ def calibrate(
     disparity: Files = (),
     png_scale: float = KITTI_DISPARITY.steps,
     pairs: Sequence[tuple[str | PathLike[str], str | PathLike[str]]] = (),
+    rectify_to: str | PathLike[str] | None = None,
     range_px: tuple[float, float] | None = None,
     other_camera: bool = False,
     trials: int = 6,
@@ -79,8 +85,9 @@ def calibrate(
 
     Args:
         images: the photographs: files, folders and globs.
-        calib: calibration files of rectified rigs: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, or
-            the stereo YAML of OpenCV or ROS.
+        calib: calibration files: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, or the stereo YAML of
+            OpenCV, ROS or Kalibr. Where one states the cameras before rectification, the config gets the section lens,
+            for which OpenCV is needed.
         focal_px: focal length; with ``baseline_m`` and ``size``, instead of ``calib``.
         baseline_m: distance between the cameras.
         size: width and height of the images, px; needed also with a calibration that does not state them.
@@ -90,6 +97,8 @@ def calibrate(
         png_scale: levels per pixel of disparity in 16-bit PNG maps.
         pairs: left and right photographs of the rig, in which the right camera's deviation is measured; needs OpenCV.
             By default the pairs among ``images`` that have names as in Middlebury, ETH3D or KITTI.
+        rectify_to: folder for rectified photographs, where ``images`` and ``pairs`` are photographs as the cameras take
+            them; the config then cuts patches from these.
         range_px: least and largest disparity, instead of ``disparity``.
         other_camera: whether another camera took the photographs, so that they may have any size.
         trials: number of pairs to render and measure for each recipe at each of two texture scales; with 0, no pair is
@@ -118,6 +127,12 @@ def calibrate(
     rigs = _rigs(calib_sources, focal_px, baseline_m, _size(size), None if unit is None else UNITS[unit])
     found = map_files(map_sources)
     scaled = rigs if scale is None else [rig.scaled(scale) for rig in rigs]
+    if rectify_to is not None:
+        if other_camera:
+            raise InputError(
+                "`rectify_to` needs photographs of the rig, but `other_camera` says that another took them"
+            )
+        image_sources, pairs = _rectified(image_sources, pairs, scaled, expanded(fspath(rectify_to)), notes)
     facts = config_facts(
         rigs,
         image_sources,
@@ -125,6 +140,7 @@ def calibrate(
         scale=scale,
         other_camera=other_camera,
         pairs=_pairs(pairs, image_sources, scaled, other_camera, notes),
+        lenses=_lenses(scaled, notes),
     )
     name, style = config_name(name), untried_style(facts.recipes)
     # The template is checked before the trials, which take longest.
@@ -220,6 +236,43 @@ def _pairs(
     return found
 
 
+def _lenses(rigs: Sequence[Rig], notes: list[str]) -> Mapping[Eye, LensChain] | None:
+    """Return the lenses of a calibration that states them; None, and a note, where a config cannot have them."""
+    if not any(rig.raw for rig in rigs):
+        return None
+    if len(rigs) > 1:
+        notes.append(f"the lenses of {len(rigs)} rigs were left out: a config has one; give one calibration for it")
+        return None
+    try:
+        open_opencv("the section lens")
+    except InputError as error:
+        notes.append(f"the lenses of {rigs[0].source} were left out: {error}")
+        return None
+    return lens_chains(rigs[0])
+
+
+def _rectified(
+    images: Sequence[str],
+    pairs: Sequence[tuple[str | PathLike[str], str | PathLike[str]]],
+    rigs: Sequence[Rig],
+    folder: Path,
+    notes: list[str],
+) -> tuple[list[str], list[tuple[Path, Path]]]:
+    """Rectify photographs into a folder; return it as the only source, and the pairs that were given."""
+    if len(rigs) > 1 or rigs[0].raw is None:
+        raise InputError(
+            f"`rectify_to` {folder}: expected the calibration of one rig with its cameras before rectification (K, D "
+            "and R of both, as OpenCV, ROS or Kalibr write them): give it as `calib`, or rectified photographs without "
+            "`rectify_to`"
+        )
+    given = [pair for left, right in pairs for pair in given_pairs(fspath(left), fspath(right))]
+    photographs = find_images(images)
+    known = given or pairs_among(photographs)
+    written, note = rectify_photographs(photographs, known, images, rigs[0], folder)
+    notes += filter(None, [note])
+    return [str(folder)], [(written[left], written[right]) for left, right in given if {left, right} <= written.keys()]
+
+
 def _tried(facts: ConfigFacts, place: MeasuredPlace, trials: int, listener: Listener) -> Style:
     """Render and measure trial pairs for a style."""
     # Imported here: loading OpenGL and models takes longer than writing a config without trials.
@@ -286,6 +339,8 @@ def _summary(facts: ConfigFacts, report: TextureReport) -> list[str]:
         f"scenes           {' and '.join(facts.scenes)} ({facts.far_share:.1%} of the pixels beyond 20 m)",
         f"photographs      {facts.photographs}{', all grey' * facts.grey}, which give {patches}",
     ]
+    if facts.lenses is not None:
+        lines.append(f"lens             {_shown_lenses(facts.lenses)}")
     if facts.rectification is not None:
         lines.append(f"rectification    {facts.rectification.summary()}")
     if 0 < facts.fitting_count < count:
@@ -294,6 +349,12 @@ def _summary(facts: ConfigFacts, report: TextureReport) -> list[str]:
     if splits:
         lines.append(f"                 too few to hold some out for {' or '.join(splits)}")
     return lines
+
+
+def _shown_lenses(lenses: Mapping[Eye, LensChain]) -> str:
+    borders = [f"{1 - float(chain.valid.mean()):.1%} of the {eye} image" for eye, chain in lenses.items()]
+    density = max(chain.density for chain in lenses.values())
+    return f"{lenses['left'].raw.model}; borders: {', '.join(borders)}; up to {density:.2f} raw pixels to a pixel"
 
 
 def _shown_range(ends: tuple[float, float], unit: str) -> str:

@@ -17,10 +17,13 @@ from semisynth_gl.calibration.rig import Rig, Size, median_size, rig_ranges
 from semisynth_gl.calibration.style import Style
 from semisynth_gl.config import Config
 from semisynth_gl.config.scene_sections import BackgroundSection
+from semisynth_gl.frame.camera import Eye
 from semisynth_gl.inputs.errors import abbreviate
 from semisynth_gl.inputs.templates import template_environment
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.layouts import find_layout
+from semisynth_gl.lens.chain import LensChain
+from semisynth_gl.lens.raw_camera import vector_of
 from semisynth_gl.textures.image_files import find_images, printable
 from semisynth_gl.textures.subjects import of_subjects, photographed_subjects
 
@@ -59,6 +62,7 @@ class ConfigFacts:
         rectification: deviations that were measured in pairs; None without pairs.
         fitting_count: number of photographs with a calibrated size; 0 where sizes were not compared.
         layout: the layout that suits the rigs, see `suited_layout`; None for the default.
+        lenses: each eye's way through its lens; None without a calibration of the cameras before rectification.
     """
 
     rigs: Sequence[Rig]
@@ -72,6 +76,7 @@ class ConfigFacts:
     rectification: Rectification | None = None
     fitting_count: int = 0
     layout: str | None = None
+    lenses: Mapping[Eye, LensChain] | None = None
 
     @property
     def photographs(self) -> str:
@@ -116,6 +121,7 @@ def config_facts(
     scale: float | None = None,
     other_camera: bool = False,
     pairs: Sequence[tuple[Path, Path]] = (),
+    lenses: Mapping[Eye, LensChain] | None = None,
 ) -> ConfigFacts:
     """Gather the facts for a config, and check that they fit together.
 
@@ -126,6 +132,7 @@ def config_facts(
         scale: scale of images and maps against the calibrated size.
         other_camera: whether another camera took the photographs, so that they may have any size.
         pairs: left and right photographs of the rig, to match.
+        lenses: each eye's way through its lens, if the config is to have it.
 
     Raises:
         InputError: where something is missing or does not fit together.
@@ -147,6 +154,7 @@ def config_facts(
         are_grey(photographs),
         measure_rectification(pairs, rigs) if pairs else None,
         fitting_count,
+        lenses=lenses,
     )
 
 
@@ -169,6 +177,7 @@ def config_text(name: str, facts: ConfigFacts, style: Style) -> str:
     """Write the config as YAML, with comments that say where its numbers came from."""
     environment = template_environment()
     environment.filters |= {"comment": _comment, "flow": _flow, "number": _number, "quoted": _quoted, "range": _range}
+    environment.filters |= {"degrees": math.degrees, "vector": vector_of}
     shares = [f"{max(share, 0.0):.4f}".rstrip("0").rstrip(".") for share in facts.disparity.target.shares]
     smallest, largest = (round(part * facts.size.width_px) for part in (_SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH))
     return environment.get_template("calibrated.yaml.jinja").render(

@@ -1,6 +1,6 @@
 """Rectified rigs: checks that are common to all formats of calibrations, and ranges over several rigs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.config.fields import LARGEST, SMALLEST
-from semisynth_gl.frame.camera import StereoCamera
+from semisynth_gl.frame.camera import Eye, StereoCamera
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.lens.raw_camera import RawCamera
 
 # Largest differences between equal values, relative and in px: the rounding of calibrations that are printed with six
 # digits, which is invisible in images.
@@ -57,6 +58,7 @@ class Projections:
         source: name of the file, or of both files, for messages.
         bounds: the stated bounds of disparity.
         layout: layout of the benchmark whose calibration this is; None for any other.
+        raw: the cameras before rectification, if the calibration states them.
     """
 
     left: NDArray[np.float64]
@@ -65,16 +67,22 @@ class Projections:
     source: str
     bounds: DisparityBounds = NO_BOUNDS
     layout: str | None = None
+    raw: Mapping[Eye, RawCamera] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """A rectified rig; ``source``, ``bounds`` and ``layout`` are as in `Projections`."""
+    """A rectified rig.
+
+    ``source``, ``bounds``, ``layout`` and ``raw`` are as in `Projections`, but ``raw`` is None too where the cameras
+    give rectified images by themselves.
+    """
 
     camera: StereoCamera
     source: str
     bounds: DisparityBounds = NO_BOUNDS
     layout: str | None = None
+    raw: Mapping[Eye, RawCamera] | None = None
 
     def __post_init__(self) -> None:
         camera = self.camera
@@ -102,7 +110,8 @@ class Rig:
         left, right, cy = ((c + 0.5) * scale - 0.5 for c in (camera.cx_left_px, camera.cx_right_px, camera.cy_px))
         camera = StereoCamera(*self.size.scaled(scale), camera.focal_px * scale, camera.baseline_m, left, right, cy)
         bounds = DisparityBounds(*(None if bound is None else bound * scale for bound in self.bounds))
-        return replace(self, camera=camera, bounds=bounds)
+        raw = self.raw and {eye: each.scaled(scale) for eye, each in self.raw.items()}
+        return replace(self, camera=camera, bounds=bounds, raw=raw)
 
 
 def plain_rig(focal_px: float, baseline_m: float, size: Size) -> Rig:
@@ -157,7 +166,13 @@ def rectified(projections: Projections, size: Size | None) -> Rig:
     if size is None:
         raise InputError(f"{source}: does not say how large the images are: give `size`, width and height")
     camera = StereoCamera(*size, focal_px, baseline_m, float(left[0, 2]), float(right[0, 2]), cy_px)
-    return Rig(camera, source, projections.bounds, projections.layout)
+    return Rig(camera, source, projections.bounds, projections.layout, _bending(projections.raw, camera))
+
+
+def _bending(raw: Mapping[Eye, RawCamera] | None, camera: StereoCamera) -> Mapping[Eye, RawCamera] | None:
+    if raw is None or all(each.is_pinhole(camera, eye) for eye, each in raw.items()):
+        return None
+    return raw
 
 
 def median_size(rigs: Sequence[Rig]) -> Size:

@@ -3,6 +3,7 @@
 import re
 import shlex
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import click
@@ -10,7 +11,7 @@ import click
 from semisynth_gl.calibration.calibrate import UNITS
 from semisynth_gl.calibration.calibrate import calibrate as calibrate_rig
 from semisynth_gl.calibration.config_text import PROPOSED_PAIRS
-from semisynth_gl.cli.options import NATURAL, FilesType, Number, above_0, images_option, map_options, option
+from semisynth_gl.cli.options import NATURAL, FilesType, Number, UserPath, above_0, images_option, map_options, option
 from semisynth_gl.cli.outputs import CONFIG, Output, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
@@ -38,8 +39,8 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
     type=FilesType(),
     multiple=True,
     metavar="FILE_OR_GLOB",
-    help="Calibration file of the rectified rig: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, or "
-    "stereo YAML of OpenCV or ROS. May be repeated, for ROS's left and right files or several rigs.",
+    help="Calibration file: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, or stereo YAML of OpenCV, "
+    "ROS or Kalibr. May be repeated, for left and right files or several rigs.",
 )
 @option(
     "--focal-px",
@@ -73,6 +74,13 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
     "--images that have the names of Middlebury, ETH3D or KITTI.",
 )
 @option(
+    "--rectify-to",
+    type=UserPath(),
+    metavar="DIR",
+    help="The photographs are as the cameras take them: rectify them by --calib, which must have K, D and R of both "
+    "cameras, and write them here; needs OpenCV, the extra opencv.",
+)
+@option(
     "--range-px", type=(_ANY_NUMBER, _ANY_NUMBER), help="Smallest and largest disparity in pixels, without --disparity."
 )
 @option("--other-camera", is_flag=True, help="The photographs are from another camera, and may have any size.")
@@ -90,6 +98,7 @@ def calibrate(
     disparity: tuple[str, ...],
     png_scale: float,
     pairs: tuple[tuple[str, str], ...],
+    rectify_to: Path | None,
     output: Output,
     **others: Any,  # noqa: ANN401 - arguments of the function that calibrates
 ) -> None:
@@ -103,6 +112,7 @@ def calibrate(
             disparity=disparity,
             png_scale=png_scale,
             pairs=pairs,
+            rectify_to=rectify_to,
             name=out.stem,
             listener=progress,
             **others,
@@ -113,7 +123,7 @@ def calibrate(
     for note in made.notes:
         click.echo(f"note: {in_options(note, click.get_current_context().command)}", err=True)
     config, data = shlex.quote(str(out)), shlex.quote(f"data/{made.config.name}")
-    sources = [f"--images {shlex.quote(source)}" for source in images]
+    sources = [f"--images {shlex.quote(source)}" for source in (images if rectify_to is None else [str(rectify_to)])]
     sources += [f"--disparity {shlex.quote(source)}" for source in disparity]
     if disparity and png_scale != KITTI_DISPARITY.steps:
         sources.append(f"--png-scale {png_scale:g}")

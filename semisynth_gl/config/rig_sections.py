@@ -32,7 +32,7 @@ _Side = Annotated[int, count(_WIDEST_PX)]
 
 LensModel = Literal["radial-tangential", "fisheye"]
 LensBorder = Literal["black", "replicate"]
-_COEFFICIENTS: Mapping[LensModel, tuple[int, ...]] = {"radial-tangential": (4, 5, 8, 12), "fisheye": (4,)}
+COEFFICIENTS: Mapping[LensModel, tuple[int, ...]] = {"radial-tangential": (4, 5, 8, 12), "fisheye": (4,)}
 """Numbers of coefficients that OpenCV knows for each model of a lens."""
 
 
@@ -222,7 +222,7 @@ class LensSection(Section):
     border: LensBorder = "black"
 
     def _faults(self) -> Iterator[str]:
-        known = _COEFFICIENTS[self.model]
+        known = COEFFICIENTS[self.model]
         for name, eye in (("left", self.left), ("right", self.right)):
             if len(eye.distortion) not in known:
                 expected = " or ".join(map(str, known))

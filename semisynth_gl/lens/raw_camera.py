@@ -20,6 +20,8 @@ _STEPS, _DIFFERENCE = 30, 1e-6
 # A step goes this far at most, so that a start far from the solution does not end on another branch.
 _LONGEST_STEP = 0.3
 _NEAREST = 1e-12
+# Rounding of calibrations that are printed with six digits.
+_PRINTED = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +143,21 @@ class RawCamera:
             x, y = self.distorted(ray[..., 0] / ahead, ray[..., 1] / ahead)
         return x * self.fx_px + self.cx_px, y * self.fy_px + self.cy_px
 
+    def is_pinhole(self, camera: StereoCamera, eye: Eye) -> bool:
+        """Return whether raw images are rectified already, to the rounding of printed calibrations."""
+        bends = bool(np.any(self.distortion)) or self.model == "fisheye"
+        same = np.allclose(self.matrix, pinhole_of(camera, eye), rtol=_PRINTED) and np.allclose(
+            np.array(self.rotation), np.eye(3), atol=_PRINTED
+        )
+        return same and not bends and (self.width_px, self.height_px) == (camera.width_px, camera.height_px)
+
+    def scaled(self, scale: float) -> "RawCamera":
+        """Return the camera whose images have sides multiplied by ``scale``, rounded to whole pixels."""
+        width_px, height_px = (max(1, int(side * scale + 0.5)) for side in (self.width_px, self.height_px))
+        cx_px, cy_px = ((c + 0.5) * scale - 0.5 for c in (self.cx_px, self.cy_px))
+        fx_px, fy_px = self.fx_px * scale, self.fy_px * scale
+        return RawCamera(width_px, height_px, fx_px, fy_px, cx_px, cy_px, self.model, self.distortion, self.rotation)
+
     def record(self) -> dict[str, object]:
         """Return K, D, R and the size in JSON's types, by the names of OpenCV's stereoRectify."""
         return {
@@ -161,6 +178,16 @@ def rotation_of(vector_rad: tuple[float, float, float]) -> tuple[tuple[float, ..
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
     return tuple(tuple(row) for row in rotation.tolist())
+
+
+def vector_of(rotation: tuple[tuple[float, ...], ...]) -> tuple[float, float, float]:
+    """Return the rotation vector, radians, of a rotation by less than half a turn; the inverse of `rotation_of`."""
+    rows = np.array(rotation)
+    axis = np.array([rows[2, 1] - rows[1, 2], rows[0, 2] - rows[2, 0], rows[1, 0] - rows[0, 1]]) / 2
+    sine = float(np.linalg.norm(axis))
+    angle = float(np.arctan2(sine, (np.trace(rows) - 1) / 2))
+    x, y, z = (axis * (angle / sine if sine > _NEAREST else 1.0)).tolist()
+    return x, y, z
 
 
 def pinhole_of(camera: StereoCamera, eye: Eye) -> Floats:

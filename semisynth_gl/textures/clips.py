@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import Skipped
+from semisynth_gl.textures.borders import Inside, inside_borders
 from semisynth_gl.textures.crop_report import Reason
 from semisynth_gl.textures.crops import Square, crop_boxes, cut_crop, fingerprint, sharpness_measure, texture_measure
 from semisynth_gl.textures.images import ImageError, read_image, stored_size
@@ -153,7 +154,8 @@ def survey_clip(clip: Clip, names: Mapping[Path, str], section: TexturesSection)
             continue
         if shape is None:
             shape = image.shape
-            crops = _crops(names[path], shape, section)
+            # Squares of a rectified photograph keep clear of its black borders.
+            crops = _crops(names[path], inside_borders(image), section)
         elif image.shape != shape:  # equal as stored, but turned by EXIF
             reason = f"is {image.shape[1]} x {image.shape[0]} upright, frames before it {shape[1]} x {shape[0]}"
             skipped.append(Skipped(path, reason))
@@ -165,14 +167,15 @@ def survey_clip(clip: Clip, names: Mapping[Path, str], section: TexturesSection)
 
 def survey_picture(picture: Picture, section: TexturesSection) -> ClipSurvey:
     """Measure the crops of a picture, as `survey_clip` does for an image file."""
-    crops = _crops(picture.name, picture.pixels.shape, section)
+    height, width = picture.pixels.shape[:2]
+    crops = _crops(picture.name, Inside(0, 0, width, height), section)
     _measure(crops, picture.pixels, section)
     return ClipSurvey([picture], [picture.name], [], crops, picture.pixels)
 
 
-def _crops(name: str, shape: tuple[int, ...], section: TexturesSection) -> list[MeasuredCrop]:
-    boxes = crop_boxes(shape[0], shape[1], section.patch_px, section.scales)
-    return [MeasuredCrop(Square(name, *box)) for box in boxes]
+def _crops(name: str, inside: Inside, section: TexturesSection) -> list[MeasuredCrop]:
+    boxes = crop_boxes(inside.height_px, inside.width_px, section.patch_px, section.scales)
+    return [MeasuredCrop(Square(name, left + inside.left_px, top + inside.top_px, side)) for left, top, side in boxes]
 
 
 def _measure(crops: Sequence[MeasuredCrop], image: NDArray[np.uint8], section: TexturesSection) -> None:

@@ -10,6 +10,7 @@ from PIL import Image
 
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
+from semisynth_gl.textures.borders import inside_borders
 from semisynth_gl.textures.crops import CropBox, cut_crop, texture_measure
 from semisynth_gl.textures.pictures import TextureImage, pixels_of
 
@@ -26,8 +27,8 @@ def with_large_patches(
     """Return an atlas with large patches added: one for each subject that its patches show, up to `MOST_LARGE`.
 
     Subjects are taken in random order; where a subject has several images, one is chosen at random. A patch is the
-    largest square of its image, at a random place, with its pixels averaged. An image smaller than the patch is
-    enlarged: near walls are blurred in photographs too.
+    largest square of its image, inside black borders and at a random place, with its pixels averaged. An image smaller
+    than the patch is enlarged: near walls are blurred in photographs too.
 
     Args:
         atlas: the atlas, with no large patches yet.
@@ -48,10 +49,10 @@ def with_large_patches(
     stacks, patches = list[NDArray[np.uint8]](), list(atlas.patches)
     for name in order:
         pixels = pixels_of(images[name])
-        height, width = pixels.shape[:2]
-        side = min(height, width)
-        left, top = (int(rng.integers(free + 1)) for free in (width - side, height - side))
-        box = CropBox(left, top, side)
+        inside = inside_borders(pixels)
+        side = min(inside.height_px, inside.width_px)
+        left, top = (int(rng.integers(free + 1)) for free in (inside.width_px - side, inside.height_px - side))
+        box = CropBox(inside.left_px + left, inside.top_px + top, side)
         layer = _resized(pixels, box, section.large_px)
         number = len(atlas.layers) + len(stacks)
         patches.append(Patch(name, *box, number, 1, texture_measure(layer), large=True, subject=subjects[name]))

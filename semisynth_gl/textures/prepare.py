@@ -26,7 +26,7 @@ from semisynth_gl.textures.sources import describe_source, open_source
 from semisynth_gl.textures.subjects import photographed_subjects
 from semisynth_gl.textures.view_names import groups_by_name
 
-VERSION = 3
+VERSION = 4
 """Increase this when the same inputs give other patches or pictures; see `semisynth_gl.cache.lookup`."""
 
 # Memory for pictures that are kept to cut large patches from. The program's own take 42 MB; a plug-in's may be of any

@@ -17,11 +17,12 @@ from PIL import Image
 from semisynth_gl.cache.lookup import cached, package_versions
 from semisynth_gl.cache.store import Entry
 from semisynth_gl.inputs.errors import counted
+from semisynth_gl.textures.borders import inside_borders
 from semisynth_gl.textures.image_files import relative_names
 from semisynth_gl.textures.images import OUT_OF_MEMORY, ImageError, read_reduced
 from semisynth_gl.textures.view_names import groups_by_name
 
-VERSION = 1
+VERSION = 2
 """Increase this when the same photographs are grouped differently; see `semisynth_gl.cache.lookup`."""
 
 ALIKE = 0.6
@@ -149,6 +150,9 @@ def of_subjects(photographs: int, subjects: int) -> str:
 
 
 def _signature(pixels: NDArray[np.uint8]) -> _Signature:
+    # Rectified photographs of one camera have the same black borders, which would make them alike.
+    left, top, width, height = inside_borders(pixels)
+    pixels = np.ascontiguousarray(pixels[top : top + height, left : left + width])
     grey = Image.fromarray(pixels).convert("L").resize((_COLUMNS, _HALVES * _ROWS), Image.Resampling.BOX)
     cells = np.asarray(grey, np.float64)
     standing_out = cells - _around(cells)

@@ -48,6 +48,20 @@ def groups_by_name(photographs: Sequence[Path]) -> list[list[int]]:
     return [group for group in chain(by_key.values(), _folders_of_scenes(photographs)) if len(group) > 1]
 
 
+def is_right(path: Path) -> bool:
+    """Return whether a photograph is a right view by its name: the last word of its path that names a side.
+
+    Such words are ``left``, ``right``, ``l`` and ``r``, and EuRoC's folders ``cam0`` and ``cam1``.
+    """
+    for part in (path.stem, *(folder.name for folder in path.parents)):
+        sides = _SIDE.findall(part)
+        if sides:
+            return sides[-1][0] in "rR"
+        if part in ("cam0", "cam1"):
+            return part == "cam1"
+    return False
+
+
 def _view(path: Path) -> tuple[tuple[Path, str] | None, int]:
     """Return the folder and name that numbered views share, and the view's number; None and 0 where there is none."""
     found = _VIEW.search(path.stem)

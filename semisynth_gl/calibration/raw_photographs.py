@@ -1,0 +1,122 @@
+"""Photographs as raw cameras take them: rectified by the rig's calibration, and written for `generate` to cut."""
+
+import os
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+
+from semisynth_gl.calibration.rig import Rig, Size
+from semisynth_gl.codecs.png import RGB8
+from semisynth_gl.frame.camera import EYES, Eye
+from semisynth_gl.inputs.errors import InputError, counted
+from semisynth_gl.inputs.user_files import expanded
+from semisynth_gl.lens.chain import LensChain
+from semisynth_gl.textures.image_files import find_files
+from semisynth_gl.textures.images import image_extensions, read_image, stored_size
+from semisynth_gl.textures.reach import reaching_source
+from semisynth_gl.textures.view_names import is_right
+
+_NAMED = 3
+
+
+def lens_chains(rig: Rig) -> dict[Eye, LensChain]:
+    """Return each eye's way through its lens, with black borders, for a rig with cameras before rectification.
+
+    Raises:
+        InputError: where OpenCV is missing, or a lens bends two directions of the rectified image to one pixel.
+    """
+    raw = rig.raw or {}
+    try:
+        return {eye: LensChain(raw[eye], rig.camera, eye, "black") for eye in EYES}
+    except InputError as error:
+        raise InputError(f"{rig.source}: {error}") from None
+
+
+def rectify_photographs(
+    photographs: Sequence[Path], pairs: Sequence[tuple[Path, Path]], sources: Sequence[str], rig: Rig, folder: Path
+) -> tuple[dict[Path, Path], str | None]:
+    """Rectify photographs as OpenCV does, and write them as PNG.
+
+    The right camera took the right photographs of ``pairs`` and those that `is_right` knows; the left one took all
+    others. A photograph keeps its path below the folder that all share.
+
+    Args:
+        photographs: as they were taken.
+        pairs: left and right photographs, among them or beside them.
+        sources: of the photographs, as the user gave them.
+        rig: with cameras before rectification.
+        folder: where they are written; it may hold the same photographs already, and no other images.
+
+    Returns:
+        The rectified photograph by the raw one, and a note on photographs of another size, which are left out; None
+        where there are none.
+
+    Raises:
+        InputError: where no photograph has the size of its raw camera, the folder holds other images, or is one of the
+            ``sources``.
+        ImageError: where a photograph cannot be read.
+    """
+    folder = expanded(folder).absolute()
+    source = reaching_source(folder / "x.png", sources, image_extensions())
+    if source is not None:
+        raise InputError(f"`rectify_to` {folder}: lies among the photographs ({source}): name another folder")
+    chains = lens_chains(rig)
+    left, right = ({pair[side] for pair in pairs} for side in (0, 1))
+    taken = list(dict.fromkeys([*photographs, *left, *right]))
+    eyes: dict[Path, Eye] = {
+        path: "right" if path in right or (path not in left and is_right(path)) else "left" for path in taken
+    }
+    fitting, sizes = _of_raw_size(eyes, chains)
+    raw = chains["left"].raw
+    expected = Size(raw.width_px, raw.height_px)
+    if not fitting:
+        raise InputError(
+            f"{rig.source}: the raw images have {expected}, but of {counted(len(taken), 'photograph')} none has that "
+            f"size: they have {', '.join(map(str, sizes[:_NAMED]))}: give photographs as the cameras take them, or "
+            "`scale` if they are reduced"
+        )
+    written = _names(fitting, folder)
+    _check_folder(written.values(), folder)
+    for path, file in written.items():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(RGB8.encode(chains[eyes[path]].rectify(read_image(path))))
+    missing = len(taken) - len(written)
+    note = f"{counted(missing, 'photograph')} left out, of another size than the raw images' {expected}"
+    return written, note if missing else None
+
+
+def _of_raw_size(eyes: Mapping[Path, Eye], chains: Mapping[Eye, LensChain]) -> tuple[list[Path], list[Size]]:
+    """Return the photographs of their camera's size, and the sizes of all others."""
+    fitting, others = [], set[Size]()
+    for path, eye in eyes.items():
+        height, width = stored_size(path)
+        if (width, height) == (chains[eye].raw.width_px, chains[eye].raw.height_px):
+            fitting.append(path)
+        else:
+            others.add(Size(width, height))
+    return fitting, sorted(others)
+
+
+def _names(photographs: Sequence[Path], folder: Path) -> dict[Path, Path]:
+    """Return the file of each rectified photograph, by the raw one."""
+    top = Path(os.path.commonpath([path.parent for path in photographs]))
+    files = {path: folder / path.relative_to(top).with_suffix(".png") for path in photographs}
+    raw_by_file: dict[Path, Path] = {}
+    for path, file in files.items():
+        if file in raw_by_file:
+            raise InputError(
+                f"{path} and {raw_by_file[file]}: both would be rectified to {file}: expected names that differ in "
+                "more than their endings"
+            )
+        raw_by_file[file] = path
+    return files
+
+
+def _check_folder(files: Collection[Path], folder: Path) -> None:
+    """Refuse a folder with images that would not be written: they would become textures, too."""
+    found = find_files([folder], image_extensions()) if folder.exists() else []
+    others = [path for path in found if path not in files]
+    if others:
+        raise InputError(
+            f"`rectify_to` {folder}: holds {counted(len(others), 'other image')}, such as {others[0].name}: name a new "
+            "folder"
+        )

@@ -1,0 +1,186 @@
+"""The cameras of a rig before rectification, from the matrices that calibration tools write, and their rectification.
+
+OpenCV's names hold: K is a camera matrix, D are the coefficients of a lens, R and T lead from the left camera's frame
+to the right one's, R1 and R2 from each raw camera's frame to the rectified one's, and P1 and P2 project rectified
+points.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.calibration.rig import Size
+from semisynth_gl.config.rig_sections import COEFFICIENTS, LensModel
+from semisynth_gl.frame.camera import EYES, Eye
+from semisynth_gl.inputs.errors import shown
+from semisynth_gl.inputs.opencv import open_opencv
+from semisynth_gl.lens.raw_camera import RawCamera
+
+# What tools call the two models of a lens: OpenCV and ROS, Kalibr.
+_MODELS: Mapping[str, LensModel] = {
+    "plumb_bob": "radial-tangential",
+    "rational_polynomial": "radial-tangential",
+    "radtan": "radial-tangential",
+    "radial-tangential": "radial-tangential",
+    "equidistant": "fisheye",
+    "kannala_brandt": "fisheye",
+    "kannala_brandt4": "fisheye",
+    "fisheye": "fisheye",
+}
+# OpenCV's 14 coefficients end with the tilt of a sensor.
+_WITH_TILT, _WITHOUT_TILT = 14, 12
+# Rotations are printed with six digits.
+_ROTATION_ERROR = 1e-4
+_SHOWN = 400
+
+Matrix = NDArray[np.float64]
+
+
+class FormatError(Exception):
+    """A file breaks its format, as the message says without naming the file."""
+
+
+class Intrinsics(NamedTuple):
+    """One camera before rectification, without its rotation: K (3, 3), D (N,), and the model of its lens."""
+
+    matrix: Matrix
+    distortion: Matrix
+    model: LensModel
+
+    def camera(self, rotation: Matrix, size: Size) -> RawCamera:
+        """Return the camera with the rotation (3, 3) that rectifies it, whose images have a size."""
+        (fx, _, cx), (_, fy, cy), _ = self.matrix.tolist()
+        rows = tuple(tuple(row) for row in rotation.tolist())
+        return RawCamera(*size, fx, fy, cx, cy, self.model, tuple(self.distortion.tolist()), rows)
+
+
+class Rectification(NamedTuple):
+    """R1, R2 (3, 3) and P1, P2 (3, 4) of a rig."""
+
+    rotations: tuple[Matrix, Matrix]
+    projections: tuple[Matrix, Matrix]
+
+
+def numbers(key: str, node: Any, shape: tuple[int, ...] | None) -> Matrix:  # noqa: ANN401 - any YAML value
+    """Return an array from a mapping with ``data``, nested lists, or a list of numbers.
+
+    Args:
+        key: for messages.
+        node: the value in the file.
+        shape: what is expected; None for any number of numbers, (N,).
+
+    Raises:
+        FormatError: where the numbers are others, or not finite.
+    """
+    data = node.get("data") if isinstance(node, Mapping) else node
+    try:
+        values = np.array(data, np.float64)
+    except (TypeError, ValueError):
+        values = np.empty(0)
+    stated = (node.get("rows"), node.get("cols")) if isinstance(node, Mapping) else (None, None)
+    # Coefficients are written as one row, or as one column.
+    fits = values.size > 0 if shape is None else values.size == np.prod(shape) and stated in ((None, None), shape)
+    if not (fits and np.isfinite(values).all()):
+        expected = "a list of finite numbers"
+        if shape is not None:
+            expected = f"a {' x '.join(map(str, shape))} matrix of {np.prod(shape)} finite numbers"
+        raise FormatError(f"{key}: expected {expected}, got {shown(node, _SHOWN)}")
+    return values.reshape(-1 if shape is None else shape)
+
+
+def intrinsics(
+    values: Mapping[str, Any], keys: tuple[str, str], prefix: str = "", model: object = None
+) -> Intrinsics | None:
+    """Return the camera that a file describes under the keys of K and D.
+
+    Returns None where either is missing, or K is all zeros, as ROS writes for a camera that is not calibrated.
+
+    Args:
+        values: the file's values.
+        keys: of K and of D.
+        prefix: what leads to ``values``, for messages.
+        model: the name that the file gives the lens; None for OpenCV's own.
+
+    Raises:
+        FormatError: where the lens has another model than OpenCV's two, or a matrix is not one.
+    """
+    if any(values.get(key) is None for key in keys) or _is_empty(values[keys[1]]):
+        return None
+    matrix = numbers(prefix + keys[0], values[keys[0]], (3, 3))
+    if not matrix.any():
+        return None
+    known = _MODELS.get(str(model).lower()) if model else "radial-tangential"
+    if known is None:
+        raise FormatError(
+            f"{prefix}lens model {shown(model)}: expected {', '.join(_MODELS)}: calibrate with one of these"
+        )
+    zeros = matrix[0, 1], matrix[1, 0], matrix[2, 0], matrix[2, 1], matrix[2, 2] - 1
+    if not (min(matrix[0, 0], matrix[1, 1]) > 0 and max(map(abs, zeros)) < _ROTATION_ERROR):
+        raise FormatError(
+            f"{prefix}{keys[0]}: expected [fx 0 cx; 0 fy cy; 0 0 1] with fx and fy above 0, got {matrix.tolist()}"
+        )
+    distortion = numbers(prefix + keys[1], values[keys[1]], None)
+    if len(distortion) == _WITH_TILT and not distortion[_WITHOUT_TILT:].any():
+        distortion = distortion[:_WITHOUT_TILT]
+    if len(distortion) not in COEFFICIENTS[known]:
+        counts = " or ".join(map(str, COEFFICIENTS[known]))
+        raise FormatError(
+            f"{prefix}{keys[1]}: expected {counts} coefficients of a {known} lens, got {len(distortion)}"
+            + (", of a tilted sensor" if len(distortion) == _WITH_TILT else "")
+        )
+    return Intrinsics(matrix, distortion, known)
+
+
+def rotation(key: str, node: Any) -> Matrix:  # noqa: ANN401 - any YAML value
+    """Return a rotation (3, 3); raises FormatError where it is not one."""
+    matrix = numbers(key, node, (3, 3))
+    if not np.allclose(matrix @ matrix.T, np.eye(3), atol=_ROTATION_ERROR) or np.linalg.det(matrix) < 0:
+        raise FormatError(f"{key}: expected a rotation, whose rows are unit vectors, got {matrix.tolist()}")
+    return matrix
+
+
+def rectification(cameras: tuple[Intrinsics, Intrinsics], turn: Matrix, shift: Matrix, size: Size) -> Rectification:
+    """Rectify two cameras by OpenCV's stereoRectify with equal principal points and its default ``alpha``.
+
+    Args:
+        cameras: the left camera and the right one, with lenses of one model.
+        turn: R, (3, 3).
+        shift: T, (3,), in the unit of P2's translation.
+        size: of the raw and of the rectified images.
+
+    Raises:
+        FormatError: where the cameras have lenses of two models.
+        InputError: where OpenCV is missing.
+    """
+    cv2 = open_opencv("rectifying by R and T, as the calibration has no P1 and P2,")
+    left, right = cameras
+    if left.model != right.model:
+        raise FormatError(f"expected lenses of one model, got {left.model} left and {right.model} right")
+    given = (
+        left.matrix,
+        left.distortion,
+        right.matrix,
+        right.distortion,
+        tuple(size),
+        np.array(turn),
+        np.array(shift).reshape(3, 1),
+    )
+    if left.model == "fisheye":
+        r1, r2, p1, p2, _ = cv2.fisheye.stereoRectify(*given, flags=cv2.CALIB_ZERO_DISPARITY)
+    else:
+        r1, r2, p1, p2, *_ = cv2.stereoRectify(*given, flags=cv2.CALIB_ZERO_DISPARITY)
+    return Rectification((r1, r2), (p1, p2))
+
+
+def raw_cameras(
+    cameras: tuple[Intrinsics, Intrinsics], rotations: tuple[Matrix, Matrix], size: Size
+) -> dict[Eye, RawCamera]:
+    """Return both eyes' cameras of images of a size."""
+    return {eye: camera.camera(turn, size) for eye, camera, turn in zip(EYES, cameras, rotations, strict=True)}
+
+
+def _is_empty(node: object) -> bool:
+    data = node.get("data") if isinstance(node, Mapping) else node
+    return isinstance(data, list) and not data

@@ -1,0 +1,395 @@
+"""Calibrations of cameras before rectification, and photographs as these take them, beside OpenCV's rectification."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from semisynth_gl.calibration.calibrate import calibrate
+from semisynth_gl.calibration.rig import Size
+from semisynth_gl.calibration.rig_files import read_rigs
+from semisynth_gl.cli.calibrate import calibrate as command
+from semisynth_gl.config.load import parse_config
+from semisynth_gl.inputs.errors import InputError, ReadError
+from semisynth_gl.lens.raw_camera import RawCamera, rotation_of, vector_of
+from semisynth_gl.pairs.pipeline import render_pair
+from semisynth_gl.seeds.splits import Split
+from semisynth_gl.textures.borders import black_border
+from semisynth_gl.textures.images import read_image
+from semisynth_gl.textures.prepare import prepare_atlas
+from semisynth_gl.textures.view_names import is_right
+
+cv2 = pytest.importorskip("cv2", reason="OpenCV, the extra opencv, is not installed")
+
+SIZE = (640, 480)
+K1 = np.array([[520.0, 0, 322], [0, 522, 236], [0, 0, 1]])
+K2 = np.array([[525.0, 0, 315], [0, 524, 243], [0, 0, 1]])
+D1 = np.array([-0.28, 0.09, 0.0005, -0.0003, 0.01])
+D2 = np.array([-0.29, 0.1, -0.0004, 0.0002, 0.0])
+R = cv2.Rodrigues(np.array([0.01, -0.02, 0.006]))[0]
+T = np.array([[-0.12], [0.001], [0.0005]])
+RAW = {"K1": K1, "D1": D1, "K2": K2, "D2": D2, "R": R, "T": T}
+FISHEYE = np.array([-0.03, 0.01, -0.005, 0.001])
+
+
+def rectified(alpha=-1.0, unit_m=1.0):
+    r1, r2, p1, p2, *_ = cv2.stereoRectify(
+        K1, D1, K2, D2, SIZE, R, T / unit_m, flags=cv2.CALIB_ZERO_DISPARITY, alpha=alpha
+    )
+    return {"R1": r1, "R2": r2, "P1": p1, "P2": p2}
+
+
+def stored(path, values, *, size=True):
+    """Write values by OpenCV's own writer."""
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, value in values.items():
+        storage.write(name, value)
+    if size:
+        storage.write("image_width", SIZE[0])
+        storage.write("image_height", SIZE[1])
+    storage.release()
+    return path
+
+
+def renamed(values, **names):
+    return {names.get(name, name): value for name, value in values.items()}
+
+
+def check(rig, alpha=-1.0):
+    """A rig is the one that the matrices of this module describe."""
+    wanted = rectified(alpha)
+    camera = rig.camera
+    np.testing.assert_allclose(camera.focal_px, wanted["P1"][0, 0], rtol=1e-6)
+    np.testing.assert_allclose(camera.baseline_m, -wanted["P2"][0, 3] / wanted["P2"][0, 0], rtol=1e-6)
+    for eye, matrix, distortion, turn in (("left", K1, D1, "R1"), ("right", K2, D2, "R2")):
+        raw = rig.raw[eye]
+        np.testing.assert_allclose(raw.matrix, matrix, rtol=1e-6)
+        np.testing.assert_allclose(raw.distortion, distortion, atol=1e-9)
+        np.testing.assert_allclose(raw.rotation, wanted[turn], atol=1e-6)
+        assert (raw.width_px, raw.height_px, raw.model) == (*SIZE, "radial-tangential")
+
+
+@pytest.mark.parametrize("extension", ["yml", "yaml"])
+@pytest.mark.parametrize(
+    "values",
+    [
+        RAW,
+        RAW | rectified(),
+        renamed(RAW, K1="M1", K2="M2") | rectified(),
+        renamed(RAW, K1="cameraMatrix1", K2="cameraMatrix2", D1="distCoeffs1", D2="distCoeffs2"),
+        renamed(RAW, K1="camera_matrix_1", K2="camera_matrix_2", D1="dist_coeffs_1", D2="dist_coeffs_2") | rectified(),
+        {name: value for name, value in (RAW | rectified()).items() if name not in "RT"},
+        RAW | {"D1": D1[None], "D2": D2[:, None], "T": T.ravel()},
+        RAW | {"D1": np.r_[D1, [0.0] * 9]} | {"D2": np.r_[D2, [0.0] * 9]},
+    ],
+    ids=["raw", "all", "samples", "python", "older", "rectified", "rows-and-columns", "fourteen"],
+)
+def test_opencvs_files_give_the_raw_cameras(tmp_path, values, extension):
+    (rig,) = read_rigs([stored(tmp_path / f"stereo.{extension}", values)])
+    if len(np.ravel(values[next(name for name in values if "1" in name and "D" in name.upper()[:4])])) == 14:
+        assert len(rig.raw["left"].distortion) == 12
+        return
+    check(rig)
+
+
+def test_intrinsics_and_extrinsics_in_two_files_are_one_rig(tmp_path):
+    """As OpenCV's sample of stereo calibration writes them, without a size."""
+    inner = stored(tmp_path / "intrinsics.yml", {"M1": K1, "D1": D1, "M2": K2, "D2": D2}, size=False)
+    outer = stored(tmp_path / "extrinsics.yml", {"R": R, "T": T} | rectified(alpha=0), size=False)
+    for order in ([inner, outer], [outer, inner]):
+        (rig,) = read_rigs(order, size=Size(*SIZE))
+        check(rig, alpha=0)
+    (alone,) = read_rigs([outer], size=Size(*SIZE))
+    assert alone.raw is None
+    with pytest.raises(ReadError, match="not how they stand"):
+        read_rigs([inner], size=Size(*SIZE))
+
+
+def test_the_unit_counts_for_the_baseline_alone(tmp_path):
+    path = stored(tmp_path / "mm.yml", RAW | {"T": T * 1000})
+    with pytest.raises(ReadError, match="not in metres"):
+        read_rigs([path])
+    (rig,) = read_rigs([path], unit_m=1e-3)
+    check(rig)
+
+
+def orb_slam(values):
+    lines = ["%YAML:1.0", f"LEFT.width: {SIZE[0]}", f"LEFT.height: {SIZE[1]}"]
+    names = {"LEFT": ("K1", "D1", "R1", "P1"), "RIGHT": ("K2", "D2", "R2", "P2")}
+    for side, each in names.items():
+        for short, name in zip("KDRP", each, strict=True):
+            matrix = np.atleast_2d(values[name])
+            data = ", ".join(map(repr, map(float, matrix.ravel())))
+            lines += [f"{side}.{short}: !!opencv-matrix", f"   rows: {len(matrix)}", f"   cols: {matrix.shape[1]}"]
+            lines += ["   dt: d", f"   data: [{data}]"]
+    return "\n".join(lines)
+
+
+def ros(values, model="plumb_bob"):
+    files = []
+    for number in "12":
+        lines = [f"image_width: {SIZE[0]}", f"image_height: {SIZE[1]}", f"distortion_model: {model}"]
+        keys = {"camera_matrix": "K", "distortion_coefficients": "D", "rectification_matrix": "R"}
+        for key, name in (keys | {"projection_matrix": "P"}).items():
+            matrix = np.atleast_2d(values[f"{name}{number}"])
+            lines += [f"{key}:", f"  rows: {len(matrix)}", f"  cols: {matrix.shape[1]}"]
+            lines += [f"  data: {matrix.ravel().tolist()}"]
+        files.append("\n".join(lines) + "\n")
+    return files
+
+
+def echoed(values):
+    """Both cameras' messages as `ros2 topic echo` prints them."""
+    text = ""
+    for number in "12":
+        text += f"header:\n  frame_id: c{number}\nheight: {SIZE[1]}\nwidth: {SIZE[0]}\ndistortion_model: plumb_bob\n"
+        text += "".join(f"{name.lower()}: {values[name + number].ravel().tolist()}\n" for name in "DKRP") + "---\n"
+    return text
+
+
+def kalibr(model="radtan", distortions=(D1[:4], D2[:4])):
+    text = ""
+    for number, (matrix, distortion) in enumerate(zip((K1, K2), distortions, strict=True)):
+        (fx, _, cx), (_, fy, cy), _ = matrix.tolist()
+        text += f"cam{number}:\n  camera_model: pinhole\n  distortion_coeffs: {distortion.tolist()}\n"
+        text += f"  distortion_model: {model}\n  intrinsics: {[fx, fy, cx, cy]}\n  resolution: {list(SIZE)}\n"
+        text += f"  rostopic: /cam{number}/image_raw\n"
+    placed = np.vstack([np.hstack([R, T]), [0, 0, 0, 1]])
+    return text + f"  T_cn_cnm1: {placed.tolist()}\n"
+
+
+def test_orb_slams_and_ross_files_give_the_raw_cameras(tmp_path):
+    values = RAW | rectified()
+    (tmp_path / "euroc.yaml").write_text(orb_slam(values))
+    check(read_rigs([tmp_path / "euroc.yaml"])[0])
+    for name, text in zip(("left.yaml", "right.yaml"), ros(values), strict=True):
+        (tmp_path / name).write_text(text)
+    check(read_rigs([tmp_path / "left.yaml", tmp_path / "right.yaml"])[0])
+    assert read_rigs([tmp_path / "right.yaml"])[0].raw is None
+    (tmp_path / "echo.yaml").write_text(echoed(values))
+    check(read_rigs([tmp_path / "echo.yaml"])[0])
+
+
+def test_a_camchain_of_kalibr_is_rectified_as_opencv_does(tmp_path):
+    path = tmp_path / "camchain.yaml"
+    path.write_text(kalibr())
+    (rig,) = read_rigs([path])
+    r1, _, p1, *_ = cv2.stereoRectify(K1, D1[:4], K2, D2[:4], SIZE, R, T, flags=cv2.CALIB_ZERO_DISPARITY)
+    np.testing.assert_allclose(rig.camera.focal_px, p1[0, 0], rtol=1e-9)
+    np.testing.assert_allclose(rig.raw["left"].rotation, r1, atol=1e-12)
+    path.write_text(kalibr("equidistant", (FISHEYE, FISHEYE)))
+    (rig,) = read_rigs([path])
+    r1, r2, p1, *_ = cv2.fisheye.stereoRectify(K1, FISHEYE, K2, FISHEYE, SIZE, R, T, flags=cv2.CALIB_ZERO_DISPARITY)
+    np.testing.assert_allclose(rig.camera.focal_px, p1[0, 0], rtol=1e-9)
+    np.testing.assert_allclose(rig.raw["right"].rotation, r2, atol=1e-12)
+    assert rig.raw["right"].model == "fisheye"
+
+
+def test_cameras_that_are_rectified_already_have_no_lens(tmp_path):
+    values = rectified()
+    for number in "12":
+        values |= {f"R{number}": np.eye(3), f"D{number}": np.zeros(5), f"K{number}": values[f"P{number}"][:, :3]}
+    left, right = ros(values)
+    (tmp_path / "left.yaml").write_text(left)
+    (tmp_path / "right.yaml").write_text(right)
+    assert read_rigs([tmp_path / "left.yaml", tmp_path / "right.yaml"])[0].raw is None
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (kalibr("omni"), ["cam0.lens model 'omni'", "radtan"]),
+        (kalibr().replace("camera_model: pinhole", "camera_model: ds", 1), ["cam0.camera_model", "pinhole", "'ds'"]),
+        (kalibr().replace("resolution: [640, 480]", "resolution: [640, 200]", 1), ["one size", "640 x 200"]),
+        (kalibr().replace("T_cn_cnm1", "T_cam_imu"), ["cam1.T_cn_cnm1: missing"]),
+        (kalibr().replace("  intrinsics:", "  inner:", 1), ["cam0.intrinsics: missing"]),
+        (kalibr(distortions=(D1, D2[:3])), ["cam1.distortion_coeffs", "4 or 5 or 8 or 12", "got 3"]),
+        (kalibr("equidistant", (D1, D2)), ["cam0.distortion_coeffs", "expected 4 coefficients", "got 5"]),
+        ("K1: [1]\nD1: [0, 0, 0, 0]\nK2: [1]\nD2: [0]\nR: [1]\nT: [1]\n", ["K1: expected a 3 x 3 matrix"]),
+        ("R: [1]\nT: [1]\n", ["lacks the cameras", "K1, D1, K2 and D2"]),
+        (orb_slam(RAW | rectified() | {"R2": 2 * np.eye(3)}), ["RIGHT.R: expected a rotation"]),
+        (orb_slam(RAW | rectified() | {"K2": K2 + np.eye(3, k=1)}), ["RIGHT.K: expected [fx 0 cx"]),
+        (orb_slam(RAW | rectified() | {"D1": np.arange(14.0)}), ["LEFT.D", "got 14", "tilted"]),
+    ],
+)
+def test_what_is_no_lens_of_opencvs_is_refused_with_its_numbers(tmp_path, text, words):
+    path = tmp_path / "rig.yaml"
+    path.write_text(text)
+    with pytest.raises(ReadError) as error:
+        read_rigs([path], size=Size(*SIZE))
+    for word in (str(path), *words):
+        assert word in str(error.value)
+
+
+@given(st.tuples(*[st.floats(-1.7, 1.7)] * 3))
+def test_a_rotation_vector_comes_back(vector):
+    np.testing.assert_allclose(vector_of(rotation_of(vector)), vector, atol=1e-9)
+
+
+def test_a_reduced_rig_sees_the_same_directions():
+    raw = RawCamera(320, 240, 260.0, 261.0, 161.0, 118.0, "radial-tangential", tuple(D1), rotation_of((0.01, 0.02, 0)))
+    half, pinhole = raw.scaled(0.5), np.array([[250.0, 0, 160], [0, 250, 120], [0, 0, 1]])
+    x, y = np.meshgrid(np.arange(0.0, 160), np.arange(0.0, 120))
+    seen, whole = half.rectified(pinhole, x, y), raw.rectified(pinhole, (x + 0.5) * 2 - 0.5, (y + 0.5) * 2 - 0.5)
+    np.testing.assert_allclose(seen, whole, atol=1e-9)
+    assert (half.width_px, half.height_px) == (160, 120)
+
+
+@pytest.mark.parametrize(
+    ("name", "right"),
+    [
+        ("a/left/0001.png", False),
+        ("a/right/0001.png", True),
+        ("mav0/cam1/data/14.png", True),
+        ("mav0/cam0/data/14.png", False),
+        ("right/left_3.png", False),
+        ("scene_R.png", True),
+        ("bright/moor.png", False),
+    ],
+)
+def test_names_tell_right_views(name, right):
+    assert is_right(Path(name)) == right
+
+
+# --- photographs ---
+
+
+@pytest.fixture
+def place(tmp_path):
+    """Twelve raw photographs of noise, none of it black, and a calibration whose rectified images keep all of them."""
+    rng = np.random.default_rng(0)
+    folder = tmp_path / "photos"
+    for side in ("left", "right"):
+        (folder / side).mkdir(parents=True)
+        for number in range(6):
+            noise = rng.integers(0, 256, (*SIZE[::-1], 3), dtype=np.uint8)
+            image = np.clip(cv2.GaussianBlur(noise, (0, 0), 1.0).astype(int) * 3 - 250, 60, 255).astype(np.uint8)
+            Image.fromarray(image).save(folder / side / f"{number:02}.png")
+    stored(tmp_path / "stereo.yml", RAW | rectified(alpha=1))
+    return tmp_path
+
+
+def made(place, **arguments):
+    settings = {"calib": place / "stereo.yml", "range_px": (2, 40), "trials": 0} | arguments
+    return calibrate(place / "photos", rectify_to=place / "rectified", **settings)
+
+
+def opencvs(place, side):
+    """The rectified photographs of one eye as a user's program makes them."""
+    values = rectified(alpha=1)
+    matrix, distortion, number = (K1, D1, "1") if side == "left" else (K2, D2, "2")
+    maps = cv2.initUndistortRectifyMap(
+        matrix, distortion, values[f"R{number}"], values[f"P{number}"], SIZE, cv2.CV_32FC1
+    )
+    for path in sorted((place / "photos" / side).iterdir()):
+        yield place / "rectified" / side / path.name, cv2.remap(read_image(path), *maps, cv2.INTER_LINEAR)
+
+
+def test_raw_photographs_become_a_dataset_with_their_borders(place):
+    calibration = made(place)
+    config = parse_config(calibration.text, "rig.yaml")
+    assert config == calibration.config
+    frame = render_pair(config, 0)
+    for side in ("left", "right"):
+        valid = frame.view(side).valid == 255
+        for path, image in opencvs(place, side):
+            # OpenCV's maps of single precision, from a rotation that went through a vector of ten digits.
+            assert np.abs(read_image(path).astype(int) - image).max() <= 1
+            border = black_border(image)
+            assert border.mean() > 0.05
+            assert not (border & valid).any()
+            # What is left is mixed from pixels inside and outside, in a ring up to two pixels wide.
+            ring = cv2.dilate(border.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+            assert (~valid & ~border & ~ring).mean() < 1e-4
+        drawn = frame.view(side).image
+        assert drawn[border].max() < 20
+    assert "photographs      12 of 6 subjects" in "\n".join(calibration.summary)
+    assert any(line.startswith("lens ") and "borders" in line for line in calibration.summary)
+
+
+def test_patches_keep_clear_of_borders(place):
+    config = made(place).config
+
+    atlas = prepare_atlas(config.textures, Split(0))
+    assert len(atlas.patches) > 10
+    for layers in (atlas.layers, atlas.large_layers):
+        assert len(layers)
+        assert layers[..., :3].min() > 30
+
+
+def test_the_command_rectifies_twice_alike(place):
+    arguments = ["--images", place / "photos", "--calib", place / "stereo.yml", "--rectify-to", place / "rectified"]
+    arguments += ["--range-px", 2, 40, "--trials", 0, "--overwrite", "--out", place / "rig.yaml"]
+    texts = []
+    for _ in range(2):
+        result = CliRunner().invoke(command, list(map(str, arguments)), catch_exceptions=False)
+        assert result.exit_code == 0, result.output
+        assert f"compare data/rig --images {place / 'rectified'}" in result.output
+        texts.append((place / "rig.yaml").read_text())
+    assert texts[0] == texts[1]
+    assert f'- "{place / "rectified"}"' in texts[0]
+
+
+def test_pairs_show_how_well_the_calibration_fits(place):
+    """Photographs of one scene through both lenses, whose right camera stands 3 px lower than calibrated."""
+    flat = np.random.default_rng(1).integers(60, 256, (480, 640, 3), dtype=np.uint8)
+    flat = cv2.GaussianBlur(flat, (0, 0), 1.5)
+    flat = np.clip((flat.astype(int) - 157) * 4 + 157, 60, 255).astype(np.uint8)
+    values = rectified(alpha=1)
+    for side, matrix, distortion, number, down in (("left", K1, D1, "1", 0), ("right", K2, D2, "2", 3)):
+        x, y = np.meshgrid(np.arange(640.0), np.arange(480.0))
+        points = np.stack([x.ravel(), y.ravel() - down], axis=1)[:, None]
+        seen = cv2.undistortPoints(points, matrix, distortion, R=values[f"R{number}"], P=values[f"P{number}"])
+        maps = (seen[:, 0, i].reshape(480, 640).astype(np.float32) for i in (0, 1))
+        raw = cv2.remap(flat, *maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+        Image.fromarray(raw).save(place / f"pair-{side}.png")
+    pair = (place / "pair-left.png", place / "pair-right.png")
+    calibration = made(place, pairs=[pair])
+    rig, focal_px = calibration.config.rig, calibration.config.camera.focal_px.middle
+    down_px = rig.right_y_px.middle - np.tan(np.deg2rad(rig.right_pitch_deg.middle)) * focal_px
+    assert down_px == pytest.approx(3 * focal_px / K2[1, 1], abs=0.2)
+
+
+def test_wrong_photographs_are_refused_before_anything_is_written(place):
+    with pytest.raises(InputError, match="lies among the photographs"):
+        calibrate(place / "photos", calib=place / "stereo.yml", rectify_to=place / "photos" / "out", range_px=(2, 40))
+    with pytest.raises(InputError, match="`other_camera` says"):
+        made(place, other_camera=True)
+    stored(place / "only-p.yml", rectified())
+    with pytest.raises(InputError, match="its cameras before rectification"):
+        made(place, calib=place / "only-p.yml")
+    with pytest.raises(InputError, match=r"raw images have 320 x 240, but of 12 photographs none.* 640 x 480"):
+        made(place, scale=0.5)
+    Image.new("RGB", SIZE).save(place / "photos" / "left" / "00.jpg")
+    with pytest.raises(InputError, match="differ in more than their endings"):
+        made(place)
+    (place / "photos" / "left" / "00.jpg").unlink()
+    assert not (place / "rectified").exists()
+    (place / "rectified").mkdir()
+    Image.new("RGB", SIZE).save(place / "rectified" / "holiday.png")
+    with pytest.raises(InputError, match=r"holds 1 other image, such as holiday\.png"):
+        made(place)
+
+
+def test_photographs_of_another_size_are_left_out_with_a_note(place):
+    Image.new("RGB", (100, 80)).save(place / "photos" / "small.png")
+    assert any("1 photograph left out" in note and "640 x 480" in note for note in made(place).notes)
+
+
+def test_lenses_of_several_rigs_are_left_out_with_a_note(place):
+    stored(place / "other.yml", RAW | rectified())
+    both = [place / "stereo.yml", place / "other.yml"]
+    calibration = calibrate(place / "photos", calib=both, range_px=(2, 40), trials=0)
+    assert calibration.config.lens is None
+    assert any("lenses of 2 rigs were left out" in note for note in calibration.notes)
+
+
+def test_without_opencv_lenses_are_left_out_with_a_note(place, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "cv2", None)
+    calibration = calibrate(place / "photos", calib=place / "stereo.yml", range_px=(2, 40), trials=0)
+    assert calibration.config.lens is None
+    assert any("left out" in note and "OpenCV" in note for note in calibration.notes)
