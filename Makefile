@@ -15,7 +15,7 @@ MAKEFLAGS += --no-builtin-rules
 # The tests start hundreds of programs, and without bytecode each compiles all modules again.
 unexport PYTHONDONTWRITEBYTECODE
 
-CONFIGS := middlebury kitti eth3d sceneflow zero-shot
+CONFIGS := middlebury kitti eth3d sceneflow zero-shot active-infrared
 GEOMETRIES := ablation-geometry-simple ablation-geometry-complex
 
 backend := $(if $(BACKEND),$(BACKEND),auto)
@@ -41,7 +41,7 @@ help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z].*## / { printf "  %-44s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
 .PHONY: $(CONFIGS)
-middlebury kitti eth3d sceneflow zero-shot: setup  ## render PAIRS pairs to OUT/<name>, in the layout of that benchmark, with a contact sheet
+middlebury kitti eth3d sceneflow zero-shot active-infrared: setup  ## render PAIRS pairs to OUT/<name>, in the layout of that benchmark, with a contact sheet
 	$(call render,$@,$(with_images))
 
 .PHONY: ablation-geometry

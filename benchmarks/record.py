@@ -126,6 +126,10 @@ MEASUREMENTS: Mapping[str, Result] = {
         "What MC-CNN's patch network learns from which pairs", patch_report.TEXT,
         ("benchmarks/training/compare_patches.py",), patch_report.headline, patch_report.table,
     ),
+    "patch-network-long": Result(
+        "What MC-CNN's patch network learns in four times as many steps", patch_report.TEXT,
+        ("benchmarks/training/compare_patches.py", "--steps", "20000"), patch_report.headline, patch_report.table,
+    ),
     "hard-cases": Result(
         "Hard cases", _HARD_CASES, ("benchmarks/hard_cases.py",), hard_cases.headline, hard_cases.table
     ),

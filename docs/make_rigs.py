@@ -170,6 +170,14 @@ def draw_lenses(path: Path) -> None:
     strip([chain.raw_image(drawn.left.image, 1), pair.frame.left.image, mask], path)
 
 
+def draw_projector(path: Path) -> None:
+    """Draw a pair under dots, and its disparity."""
+    with PairRenderer(load_config("active-infrared", {"projector": {"power": 14, "ambient": 0.5}}), 0) as renderer:
+        frame = renderer.render(3).frame
+    shown = _coloured(frame.left.disparity, float(np.quantile(frame.left.disparity, 0.98)))
+    strip([as_rgb(frame.left.image), as_rgb(frame.right.image), shown], path)
+
+
 DRAWN: dict[str, Callable[[Path], None]] = {
     "rigs-baselines.jpg": draw_baselines,
     "rigs-signed.jpg": draw_signed,
@@ -179,6 +187,7 @@ DRAWN: dict[str, Callable[[Path], None]] = {
     "rigs-grey.jpg": draw_grey,
     "rigs-calibration.jpg": draw_calibration,
     "rigs-lenses.jpg": draw_lenses,
+    "rigs-projector.jpg": draw_projector,
 }
 """What draws each picture, by the picture's name."""
 

@@ -1,6 +1,6 @@
 #version 450 core
 // COLOUR: from the patch atlas and nothing else, with up to most_samples where it is ANISOTROPIC, and with one component
-// where it is GREY. The rest is truth: DISPARITY, or INVERSE_DEPTH (1 / Z) from which several cameras' disparities follow,
+// where it is GREY; times the light of a projector where it is LIT. The rest is truth: DISPARITY, or INVERSE_DEPTH (1 / Z) from which several cameras' disparities follow,
 // DEPTH (planar), INSTANCES (ids from 1), SKY, NORMALS (of the triangle, towards the camera) and SURFACE (which triangle of
 // which instance).
 
@@ -59,6 +59,10 @@ Colour patch_colour() {
 }
 #endif
 
+#ifdef LIT
+#include "common_projector.glsl"
+#endif
+
 #ifdef DISPARITY
 #include "common_disparity.glsl"
 
@@ -94,6 +98,9 @@ layout(location = SURFACE) out uvec2 surface;  // instance, triangle
 void main() {
 #ifdef COLOUR
     colour = patch_colour();
+#endif
+#ifdef LIT
+    colour *= light_here();
 #endif
 #if defined(DISPARITY) || defined(INVERSE_DEPTH) || defined(DEPTH) || defined(SKY)
     bool is_sky = gl_FragCoord.z < LEAST_DEPTH;

@@ -44,7 +44,7 @@ from semisynth_gl.config.fields import (
 )
 from semisynth_gl.config.merge import Document, merged
 from semisynth_gl.config.partial import partial_section
-from semisynth_gl.config.rig_sections import CameraSection, DisparitySection, LensSection
+from semisynth_gl.config.rig_sections import CameraSection, DisparitySection, LensSection, ProjectorSection
 from semisynth_gl.config.scene_sections import (
     TEXTURE_SOURCES,
     BackgroundSection,
@@ -152,6 +152,7 @@ class Config(Section):
     scenes: Annotated[tuple[RecipeSection, ...], FROM_LIST, Field(max_length=_MOST_RECIPES)] = ()
     rig: RigSection = RigSection()
     lens: LensSection | None = None
+    projector: ProjectorSection | None = None
     sequence: SequenceSection = SequenceSection()
     imperfections: ImperfectionsSection = ImperfectionsSection()
     checks: ChecksSection = ChecksSection()
@@ -163,9 +164,10 @@ class Config(Section):
     antialias: Annotated[str, Field(pattern=ANTIALIAS_PATTERN)] = "none"
 
     @model_serializer(mode="wrap")
-    def _without_no_lens(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        # A config without a lens keeps the digest that it had before there were any.
-        return {key: value for key, value in serialise(self).items() if key != "lens" or value is not None}
+    def _without_none(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # A config without a lens or a projector keeps the digest that it had before there were any.
+        none = {key for key in ("lens", "projector") if getattr(self, key) is None}
+        return {key: value for key, value in serialise(self).items() if key not in none}
 
     def _faults(self) -> Iterator[str]:
         stated = self._stated_px()
@@ -193,6 +195,11 @@ class Config(Section):
                 f"disparity.max_px is {limit:g} px, but shorter baselines have disparities nearer to "
                 "0: state camera.cx_left_px and cx_right_px, which hold for all baselines, or one baseline"
             )
+        if "disparity_change" in self.outputs and not self.rig.none():
+            yield "the output disparity_change needs rectified pairs: leave out this output, or the section rig"
+        yield from self._camera_faults()
+
+    def _camera_faults(self) -> Iterator[str]:
         if self.lens is not None and "visibility" in self.outputs and "valid" not in self.outputs:
             yield (
                 "the masks of visibility leave out what the sensors of lens did not see, and the output valid says "
@@ -200,8 +207,11 @@ class Config(Section):
             )
         if self.lens is None and "valid" in self.outputs:
             yield "the output valid says where the sensors of the section lens saw something: add lens, or leave it out"
-        if "disparity_change" in self.outputs and not self.rig.none():
-            yield "the output disparity_change needs rectified pairs: leave out this output, or the section rig"
+        if self.projector is not None and self.antialias == "edges":
+            yield (
+                "antialias edges takes the colour of outlines from patches, without the light of the projector: take "
+                "ssaa2 or none"
+            )
 
     def _check_positive(self) -> None:
         background, structures = self.background, self.structures

@@ -18,6 +18,7 @@ from semisynth_gl.config.fields import (
     Range,
     RangeField,
     Section,
+    Share,
     check_not_tiny,
     count,
 )
@@ -25,6 +26,8 @@ from semisynth_gl.frame.frame import Colour
 
 # Any current OpenGL 4.5 driver draws images of this width, and the memory of a large machine holds this many pixels.
 _WIDEST_PX, _MOST_PIXELS = 16_384, 1 << 27
+# Largest side of a projector's pattern, and widest view, degrees.
+_LARGEST_PATTERN_PX, _WIDEST_DEG = 8192, 170.0
 # Number of quantiles that stand for the range of drawn baselines.
 _QUANTILES = 16
 
@@ -32,6 +35,7 @@ _Side = Annotated[int, count(_WIDEST_PX)]
 
 LensModel = Literal["radial-tangential", "fisheye"]
 LensBorder = Literal["black", "replicate"]
+Pattern = Literal["dots", "stripes"]
 COEFFICIENTS: Mapping[LensModel, tuple[int, ...]] = {"radial-tangential": (4, 5, 8, 12), "fisheye": (4,)}
 """Numbers of coefficients that OpenCV knows for each model of a lens."""
 
@@ -227,3 +231,40 @@ class LensSection(Section):
             if len(eye.distortion) not in known:
                 expected = " or ".join(map(str, known))
                 yield f"{name}.distortion: {self.model} has {expected} coefficients, got {len(eye.distortion)}"
+
+
+class ProjectorSection(Section):
+    """A projector of a pattern, which moves with the rig; truth does not know of it.
+
+    The ranges are drawn per sequence.
+
+    Attributes:
+        pattern: ``dots`` at random places, or upright ``stripes``.
+        width_px: width of the pattern.
+        height_px: its height.
+        size_px: diameter of a dot, or width of a stripe, pixels of the pattern.
+        density: share of the pattern that is lit.
+        field_of_view_deg: angle that the pattern's width takes.
+        position_m: x, y, z in the left camera's frame.
+        turn_deg: rotation vector of the projector against the left camera, degrees.
+        power: light of a dot on a surface at 1 m that faces the projector, in multiples of the light in which
+            photographs were taken; it falls with the square of the distance and the cosine of incidence.
+        ambient: all other light, in the same unit.
+        share: share of the sequences with the projector on; the others have plain images.
+    """
+
+    pattern: Pattern = "dots"
+    width_px: Annotated[int, count(_LARGEST_PATTERN_PX)] = 1280
+    height_px: Annotated[int, count(_LARGEST_PATTERN_PX)] = 800
+    size_px: Annotated[float, Field(ge=1, le=100)] = 2.5
+    density: Annotated[float, Field(gt=0, le=0.5)] = 0.05
+    field_of_view_deg: PositiveRange = Range(90.0, 90.0)
+    position_m: Annotated[tuple[RangeField, ...], FROM_LIST, Field(min_length=3, max_length=3)] = (ZERO, ZERO, ZERO)
+    turn_deg: Annotated[tuple[RangeField, ...], FROM_LIST, Field(min_length=3, max_length=3)] = (ZERO, ZERO, ZERO)
+    power: NotNegativeRange
+    ambient: NotNegativeRange = Range(1.0, 1.0)
+    share: Share = 1.0
+
+    def _faults(self) -> Iterator[str]:
+        if self.field_of_view_deg.high > _WIDEST_DEG:
+            yield f"field_of_view_deg: expected at most {_WIDEST_DEG:g}, got {self.field_of_view_deg.high:g}"

@@ -92,8 +92,8 @@ class StoredConfig(StoredDocument):
     """The part of a config that readers of a dataset need; `Config` has all keys.
 
     All keys except the name are optional, since configs of other versions may lack them. Outputs that this version does
-    not know are left out. ``particles``, ``textures``, ``lens``, ``imperfections`` and ``checks`` are only checked to
-    be objects, for code that looks up their keys in `values`.
+    not know are left out. ``particles``, ``textures``, ``lens``, ``projector``, ``imperfections`` and ``checks``
+    are only checked to be objects, for code that looks up their keys in `values`.
     """
 
     name: Annotated[str, *Config.model_fields["name"].metadata]
@@ -106,6 +106,7 @@ class StoredConfig(StoredDocument):
     particles: _Particles | None = None
     textures: _Object | None = None
     lens: _Object | None = None
+    projector: _Object | None = None
     imperfections: _Object | None = None
     checks: _Object | None = None
 

@@ -38,6 +38,7 @@ from semisynth_gl.render.readers import Reader, read_array
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.render.shared_left import SharedLeft
 from semisynth_gl.scene.mix import MixSampler
+from semisynth_gl.scene.projector import draw_pattern
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
 from semisynth_gl.scene.sources import Sources, prepare_sources
@@ -107,6 +108,7 @@ def renderer_options(config: Config) -> dict[str, Any]:
         "rectified": config.rig.none(),
         "signed": config.disparity.signed,
         "antialias": config.antialias,
+        "pattern": None if config.projector is None else draw_pattern(config.projector),
     }
 
 

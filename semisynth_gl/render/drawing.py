@@ -17,6 +17,7 @@ from semisynth_gl.render.occlusion import Occlusion
 from semisynth_gl.render.pair_targets import COLOUR, DrawnPair, PairTargets
 from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.programs import link_program
+from semisynth_gl.render.projector_light import ProjectorLight
 from semisynth_gl.render.shared_left import SharedLeft
 from semisynth_gl.render.targets import EyeTargets
 from semisynth_gl.scene.scene import Scene
@@ -35,8 +36,9 @@ class Drawing:
         drawn, antialias = self._wanted.drawn_by("drawing"), self._wanted.antialias
         self._triangle_readers = frozenset(channel.attachment for channel in drawn if channel.reads_triangles)
         self._occlusion = Occlusion(loaded) if loaded.context.software else None
-        # Programs by attachments and anisotropy.
-        self._linked: dict[tuple[tuple[str, ...], int], moderngl.Program] = {}
+        self._light = None if loaded.pattern is None else ProjectorLight(loaded, loaded.pattern)
+        # Programs by attachments, anisotropy, and whether a projector lights what they draw.
+        self._linked: dict[tuple[tuple[str, ...], int, bool], moderngl.Program] = {}
         for names in (*map(self._wanted.attachments, EYES), *([COLOUR] if antialias.redraws else [])):
             self._programs(names)
         self._edges = EdgePass(loaded) if antialias.kind == "edges" else None
@@ -54,6 +56,7 @@ class Drawing:
             The pair. Its views hold the antialiased image, if that takes a separate pass, and the channels of the
             shared left view that an earlier pair has read.
         """
+        self._find_light(placed)
         scenes = [placed.scene] if shared is None else shared.scenes
         parts = {eye: self._part(scenes, eye, crop) for eye in EYES}
         pair = DrawnPair(placed, crop, sized, dict(sized.eyes), {"left": {}, "right": {}})
@@ -72,10 +75,11 @@ class Drawing:
 
     def draw_image(self, placed: Placed, eye: Eye, sized: PairTargets) -> NDArray[np.uint8]:
         """Draw only one eye's image; return it as the reader does, by default (H, W, 3) uint8 RGB or (H, W) grey."""
+        self._find_light(placed)
         filled = self._loaded.models.fill(placed, eye)
         self._loaded.constants.write(placed.scene, eye)
         if sized.samples is not None:
-            return self._draw_samples(eye, None, sized.samples, filled)
+            return self._draw_samples(placed, eye, None, sized.samples, filled)
         targets = sized.image
         targets.limit(None)
         self._draw_once(placed, eye, None, targets, filled)
@@ -84,6 +88,17 @@ class Drawing:
         with self._clock.timed("read", eye):
             image: NDArray[np.uint8] = targets.read("colour")
         return image
+
+    def _find_light(self, placed: Placed) -> None:
+        """Draw what the scene's projector reaches, if it has one."""
+        if self._light is not None:
+            self._light.reach(placed, self._draw_reached)
+
+    def _draw_reached(self, placed: Placed, targets: EyeTargets) -> None:
+        filled = self._loaded.models.fill(placed, "left")
+        self._loaded.constants.write(placed.scene, "left")
+        targets.limit(None)
+        self._draw_once(placed, "left", None, targets, filled)
 
     @cached_property
     def _disparity_pass(self) -> moderngl.VertexArray:
@@ -104,17 +119,19 @@ class Drawing:
             self._gl.enable_only(moderngl.NOTHING)
             self._disparity_pass.render(moderngl.TRIANGLES, 3)
 
-    def _programs(self, names: tuple[str, ...]) -> list[moderngl.Program]:
+    def _programs(self, names: tuple[str, ...], *, lit: bool = False) -> list[moderngl.Program]:
         """Return the programs that draw to some attachments, one for each atlas; link those that are missing."""
         for anisotropy in self._loaded.anisotropies:
-            if (names, anisotropy) not in self._linked:
-                self._linked[names, anisotropy] = self._link(names, anisotropy)
-        return [self._linked[names, anisotropy] for anisotropy in self._loaded.anisotropies]
+            if (names, anisotropy, lit) not in self._linked:
+                self._linked[names, anisotropy, lit] = self._link(names, anisotropy, lit=lit)
+        return [self._linked[names, anisotropy, lit] for anisotropy in self._loaded.anisotropies]
 
-    def _link(self, names: tuple[str, ...], anisotropy: int) -> moderngl.Program:
+    def _link(self, names: tuple[str, ...], anisotropy: int, *, lit: bool) -> moderngl.Program:
         defines = {name.upper(): number for number, name in enumerate(names)}
         if self._loaded.patches.grey and "colour" in names:
             defines["GREY"] = 1
+        if lit:
+            defines["LIT"] = 1
         anisotropic = anisotropy > 1 and "colour" in names
         if anisotropic:
             defines["ANISOTROPIC"] = 1
@@ -155,7 +172,7 @@ class Drawing:
             if seen is not filled:
                 # Instances that are hidden at the centres of pixels may show between them.
                 filled = self._loaded.models.fill(placed, eye, part)
-            pair.views[eye]["image"] = self._draw_samples(eye, pair.crop, samples, filled)
+            pair.views[eye]["image"] = self._draw_samples(placed, eye, pair.crop, samples, filled)
 
     def _draw_once(
         self, placed: Placed, eye: Eye, part: Crop | None, targets: EyeTargets, filled: Sequence[Filled]
@@ -166,25 +183,31 @@ class Drawing:
             if self._occlusion is not None:
                 seen = self._occlusion.without_hidden(placed, eye, part, targets, filled)
             targets.clear(depth=seen is filled)
-            self._draw_models(targets.names, seen)
+            self._draw_models(targets.names, seen, placed.scene, eye, targets.framebuffer.width)
         return seen
 
     def _draw_samples(
-        self, eye: Eye, crop: Crop | None, targets: ColourTargets, filled: Sequence[Filled]
+        self, placed: Placed, eye: Eye, crop: Crop | None, targets: ColourTargets, filled: Sequence[Filled]
     ) -> NDArray[np.uint8]:
         """Draw one eye's colour, or a crop of it, with several samples a pixel; return the image."""
         targets.limit(crop)
         with self._clock.timed("samples", eye):
             targets.fine.use()
             targets.fine.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
-            self._draw_models(COLOUR, filled)
+            self._draw_models(COLOUR, filled, placed.scene, eye, targets.fine.width)
         with self._clock.timed("resolve", eye):
             targets.resolve()
         with self._clock.timed("read", eye):
             return targets.read_colour(crop)
 
-    def _draw_models(self, names: tuple[str, ...], filled: Sequence[Filled]) -> None:
-        programs = self._programs(names)
+    def _draw_models(
+        self, names: tuple[str, ...], filled: Sequence[Filled], scene: Scene, eye: Eye, width_px: int
+    ) -> None:
+        """Draw runs of instances to attachments that are ``width_px`` wide."""
+        light = self._light if scene.projector is not None and "colour" in names else None
+        if light is not None and scene.projector is not None:
+            light.use(scene, scene.projector, eye, width_px)
+        programs = self._programs(names, lit=light is not None)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">"
         for part in filled:

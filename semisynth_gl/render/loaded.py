@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.model_buffers import ModelBuffers
@@ -21,3 +24,4 @@ class Loaded:
     constants: ConstantsBuffer
     wanted: Wanted
     read: Reader  # takes the pixels that were drawn
+    pattern: NDArray[np.uint8] | None = None  # (H, W), of the scenes' projectors

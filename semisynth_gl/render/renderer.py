@@ -65,6 +65,7 @@ class Renderer:
         signed: whether disparities of 0 and below are valid.
         antialias: "none", "edges", "msaa4" (or another number of samples that the driver has) or "ssaa2" to "ssaa8";
             for colour only.
+        pattern: (H, W) uint8, what the scenes' projectors throw; None where scenes have none.
         backend: "auto", "egl" or "osmesa".
         device_index: EGL's number of the device.
         read: takes the pixels that were drawn, by default into arrays in memory; see `Reader`.
@@ -94,6 +95,7 @@ class Renderer:
         rectified: bool = True,
         signed: bool = False,
         antialias: str = "none",
+        pattern: NDArray[np.uint8] | None = None,
         backend: Backend = "auto",
         device_index: int = 0,
         read: Reader = read_array,
@@ -110,6 +112,11 @@ class Renderer:
         for name, most in (("anisotropy", anisotropy), ("large_anisotropy", large_anisotropy)):
             if most not in range(1, 17):
                 raise InputError(f"{name} must be a whole number from 1 to 16, got {most}")
+        if pattern is not None and antialias == "edges":
+            raise InputError(
+                "antialias edges takes the colour of outlines from patches, without a projector's light: take ssaa2 or "
+                "none where there is a pattern"
+            )
         self.listener: Listener | None = None
         self._targets: PairTargets | None = None
         self._context = open_context(backend, device_index)
@@ -125,7 +132,9 @@ class Renderer:
                 buffers = ModelBuffers(self._gl, meshes, patches.ends, traced=self._wanted.reads_triangles)
                 anisotropies = (anisotropy, large_anisotropy)[: len(atlases)]
                 constants = ConstantsBuffer(self._gl, signed=signed)
-                self._loaded = Loaded(self._context, buffers, patches, anisotropies, constants, self._wanted, read)
+                self._loaded = Loaded(
+                    self._context, buffers, patches, anisotropies, constants, self._wanted, read, pattern
+                )
                 self._drawing = Drawing(self._loaded)
                 self._reading = Reading(self._loaded, self._placing)
                 reported = self._gl.error
@@ -351,6 +360,8 @@ class Renderer:
             raise InputError(
                 f"scene: its right camera deviates ({scene.camera.deviation}), which takes Renderer(rectified=False)"
             )
+        if scene.projector is not None and self._loaded.pattern is None:
+            raise InputError("scene: its projector throws a pattern, which takes Renderer(pattern=...)")
         ranges = (("model", scene.model, len(self._loaded.models)), ("layer", scene.layer, len(self._loaded.patches)))
         for name, index, count in ranges:
             if len(index) and (int(index.min()) < 0 or int(index.max()) >= count):

@@ -24,6 +24,18 @@ CONSTANTS = np.dtype(
 )
 """The uniform block of common_constants.glsl, std140."""
 
+PROJECTOR = np.dtype(
+    [
+        ("projector_from_window", "<f4", (4, 4)),  # column by column
+        ("middle_px", "<f4", 2),
+        ("focal_px", "<f4"),
+        ("power", "<f4"),
+        ("ambient", "<f4"),
+        ("", "<f4", 3),
+    ]
+)
+"""The uniform block of common_projector.glsl, std140."""
+
 WEARER = np.dtype([("view_from_model", "<f4", (3, 4)), ("patch_from_uv", "<f4", 4), ("worn", "<f4", 4)])
 """The struct Wearer of edges.geom, std430."""
 
@@ -67,6 +79,7 @@ class Block:
 
 BLOCKS: dict[str, Block] = {
     "Constants": Block(0, CONSTANTS),
+    "ProjectedLight": Block(1, PROJECTOR),
     "Moves": Block(4, MOVE, "moves"),
     "Runs": Block(4, RUN, "runs"),
     "Wearers": Block(5, WEARER, "wearers"),

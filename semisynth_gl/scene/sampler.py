@@ -15,6 +15,7 @@ from semisynth_gl.scene import Bools, Floats, Ints
 from semisynth_gl.scene.mapping import Surfaces, map_patches, wears_large
 from semisynth_gl.scene.particles import Particles, Release, Slots, draw_release, draw_slots, particles_at
 from semisynth_gl.scene.population import Population
+from semisynth_gl.scene.projector import draw_projector, projector_record
 from semisynth_gl.scene.resting import come_to_rest, triangles_of
 from semisynth_gl.scene.rig import near_depth_m
 from semisynth_gl.scene.scene import Motion, Scene
@@ -203,6 +204,7 @@ class SceneSampler:
             **({} if sampled.recipe is None else {"recipe": sampled.recipe}),
             "background": sampled.background,
             **({"sky": True} if sampled.scene.sky.any() else {}),
+            **({} if sampled.scene.projector is None else {"projector": projector_record(sampled.scene.projector)}),
             "near_m": sampled.scene.near_m,
             "camera": sampled.scene.camera.values(deviation=not self._config.rig.none()),
             "camera_from_world": sampled.scene.camera_from_world[:3].tolist(),
@@ -285,6 +287,7 @@ class SceneSampler:
             uv_scale=scale,
             uv_offset=offset,
             sky=np.concatenate([still.sky, np.zeros(len(kept), bool)]),
+            projector=draw_projector(config.projector, draw.generator(Purpose.PROJECTOR)),
         )
         slot, generation = (np.concatenate([np.full(len(still), -1), numbers]) for numbers in (kept, generations))
         return SampledScene(

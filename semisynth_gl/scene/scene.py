@@ -17,6 +17,42 @@ _DEVIATING_NEAR = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Projector:
+    """A projector of a pattern, whose pixels are square and whose axis goes through the pattern's middle.
+
+    A surface's colour is multiplied by ``ambient`` plus, where the projector reaches it, ``power`` times the pattern
+    times the cosine of incidence over the square of the distance in metres.
+
+    Attributes:
+        projector_from_camera: (4, 4) float64, rigid, from the left camera's frame; x right, y down, z forward.
+        focal_px: focal length, pixels of the pattern.
+        power: light of the brightest pixel on a surface at 1 m that faces the projector, 0 or more.
+        ambient: all other light, 0 or more.
+
+    Raises:
+        InputError: where shapes or values are wrong.
+    """
+
+    projector_from_camera: NDArray[np.float64]
+    focal_px: float
+    power: float
+    ambient: float = 1.0
+
+    def __post_init__(self) -> None:
+        pose = self.projector_from_camera
+        if pose.shape != (4, 4) or not np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-6):
+            raise InputError(f"projector: projector_from_camera must be rigid, (4, 4), got {pose.tolist()}")
+        check_magnitudes("projector: projector_from_camera", pose)
+        for name in ("focal_px", "power", "ambient"):
+            value = to_magnitude(f"projector: {name}", getattr(self, name), least=LEAST)
+            if value < 0 or (value == 0 and name == "focal_px"):
+                raise InputError(
+                    f"projector: {name} must be {'above 0' if name == 'focal_px' else '0 or more'}, got {value}"
+                )
+            object.__setattr__(self, name, value)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Scene:
     """A camera and N instances of models, each wearing one layer of the patch atlas.
 
@@ -35,6 +71,7 @@ class Scene:
         sky: (N,) bool, whether each instance is infinitely far away; by default none is. Both eyes see such an instance
             behind all others, in the directions in which it stands from the world's origin, and it keeps these
             directions as the cameras turn.
+        projector: lights the scene, if there is one; otherwise colours are those of the patches.
 
     Raises:
         InputError: where shapes or values are wrong.
@@ -49,10 +86,12 @@ class Scene:
     uv_scale: NDArray[np.float64]
     uv_offset: NDArray[np.float64]
     sky: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
+    projector: Projector | None = None
 
     def __post_init__(self) -> None:
         check_type("camera", self.camera, StereoCamera)
         object.__setattr__(self, "near_m", to_magnitude("near_m", self.near_m, least=LEAST))
+        check_type("projector", self.projector, Projector | None)
         if self.near_m <= 0:
             raise InputError(f"near_m must be positive, got {self.near_m}")
         n = len(self.model)
@@ -167,6 +206,7 @@ def make_scene(
     camera_from_world: object | None = None,
     near_m: float = 0.01,
     sky: object = False,
+    projector: Projector | None = None,
 ) -> Scene:
     """Build a `Scene` of N instances from array-likes; `Scene` says more about each of them.
 
@@ -180,6 +220,7 @@ def make_scene(
         camera_from_world: (4, 4), the left camera's pose; by default the identity.
         near_m: depth of the near plane.
         sky: () or (N,) bool, whether instances are infinitely far away.
+        projector: lights the scene.
 
     Raises:
         InputError: where shapes or values are wrong.
@@ -201,6 +242,7 @@ def make_scene(
         uv_scale=_for_each("uv_scale", uv_scale, n),
         uv_offset=_for_each("uv_offset", uv_offset, n),
         sky=np.broadcast_to(is_sky, (n,)) if is_sky.ndim == 0 else is_sky,
+        projector=projector,
     )
 
 

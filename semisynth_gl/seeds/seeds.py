@@ -36,6 +36,7 @@ class Purpose(IntEnum):
     SKY = 20
     AUGMENTATION = 21
     LENS = 22
+    PROJECTOR = 23
 
 
 def generator(seed: int, purpose: Purpose, *keys: int | str) -> np.random.Generator:

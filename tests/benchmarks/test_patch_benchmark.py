@@ -142,4 +142,12 @@ def test_the_documented_figures_are_those_of_the_measured_runs():
     *first, last = (smooth[name] for name in rows)
     assert f"it is {', '.join(first)} and {last} %" in text
     assert len(sets["zero-shot"]) == 3
+    longer = json.loads((RESULTS / "patch-network-long.json").read_text())
+    assert longer["setup"]["budget"]["steps"] == 4 * report["setup"]["budget"]["steps"]
+    assert longer["setup"]["pairs"] == report["setup"]["pairs"]
+    sets = patch_report.runs_by_set(longer)
+    ours, real, *after = (
+        f"{patch_report.mean_of(sets[name], way):.1f}" for way in WAYS for name in ("zero-shot", "four-real")
+    )
+    assert f"have {ours} % on `zero-shot` and {real} % on the four, {' and '.join(after)} % after" in text
     assert set(patch_report.FOUR_PAIRS) < set(report["setup"]["pairs"])

@@ -17,6 +17,7 @@ from semisynth_gl.render.context import INSTALL_COMMAND, INSTALL_COMMAND_OSMESA
 from semisynth_gl.render.devices import LIBRARIES
 
 CHECKOUT = Path(__file__).resolve().parents[2]
+PACKAGED = ("middlebury", "kitti", "eth3d", "sceneflow", "zero-shot", "active-infrared")
 SCRIPT = CHECKOUT / "tools" / "system-packages.sh"
 ALL_PACKAGES = "libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri libosmesa6"
 
@@ -205,13 +206,13 @@ def make(*arguments: str) -> str:
 
 def test_make_lists_its_targets() -> None:
     listed = make()
-    datasets = ("middlebury kitti eth3d sceneflow zero-shot", "ablation-geometry", "ablation-textures")
+    datasets = ("middlebury kitti eth3d sceneflow zero-shot active-infrared", "ablation-geometry", "ablation-textures")
     for target in (*datasets, "test", "docs", "clean"):
         assert re.search(rf"^  {target}  ", listed, re.MULTILINE), target
 
 
 def test_make_names_configs_that_exist() -> None:
-    datasets = ("middlebury", "kitti", "eth3d", "sceneflow", "zero-shot", "ablation-geometry", "ablation-textures")
+    datasets = (*PACKAGED, "ablation-geometry", "ablation-textures")
     recipes = make("-n", *datasets, "IMAGES=photos")
     named = set(re.findall(r"generate --config (\S+)", recipes))
     assert named == {path.stem for path in (CHECKOUT / "configs").glob("*.yaml")}

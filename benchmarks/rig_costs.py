@@ -1,8 +1,8 @@
-"""What lenses cost beside the same pairs without: drawn, seen and checked, not encoded.
+"""What lenses and a projector cost beside the same pairs without: drawn, seen and checked, not encoded.
 
 What counts is the processor's time, of all threads:
 
-    python benchmarks/lens_costs.py > benchmarks/results/lens-costs.txt
+    python benchmarks/rig_costs.py > benchmarks/results/rig-costs.txt
 """
 
 import argparse
@@ -13,6 +13,7 @@ from recipe_costs import compare
 from semisynth_gl import load_config
 
 _FOCAL_PX = 1800.0
+PROJECTOR = {"power": 2, "ambient": 0.5, "field_of_view_deg": 55, "position_m": [0.1, 0, 0]}
 
 
 def lens(ratio: float, ranges: list[float]) -> dict[str, Any]:
@@ -37,6 +38,7 @@ def main() -> None:
         "one lens": lens(0.95, [1, 1]),
         "another lens for each pair": lens(0.95, [0.99, 1]),
         "one lens, 1.4 raw pixels to a rectified one": lens(1.4, [1, 1]),
+        "a projector of 1280 x 800 px": {"outputs": ["visibility"], "projector": PROJECTOR},
     }
     focal = {"camera": {"focal_px": _FOCAL_PX}}
     configs = {name: load_config("middlebury", focal | values) for name, values in overrides.items()}

@@ -1,0 +1,104 @@
+"""The light of a scene's projector: what it reaches, as a depth map from its place, and its pattern, for mesh.frag."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.frame.camera import Eye, StereoCamera
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.render.loaded import Loaded
+from semisynth_gl.render.placing import Placed
+from semisynth_gl.render.structs import BLOCKS, PROJECTOR
+from semisynth_gl.render.targets import EyeTargets
+from semisynth_gl.scene.scene import Projector, Scene
+
+# Texture units of common_projector.glsl.
+_PATTERN, _REACHED = 2, 3
+# Things may stand nearer to the projector than to the cameras.
+_NEARER = 0.1
+
+
+class ProjectorLight:
+    """The light of the projectors that throw one pattern.
+
+    Args:
+        loaded: the renderer's context.
+        pattern: (H, W) uint8.
+
+    Raises:
+        InputError: where the pattern has another shape or type.
+        BackendError: where the driver has no images of its size.
+    """
+
+    def __init__(self, loaded: Loaded, pattern: NDArray[np.uint8]) -> None:
+        if not (isinstance(pattern, np.ndarray) and pattern.ndim == 2 and pattern.dtype == np.uint8 and pattern.size):
+            raise InputError(f"pattern must be (H, W) uint8, got {np.shape(pattern)} {getattr(pattern, 'dtype', '')}")
+        gl = loaded.context.gl
+        self._size = pattern.shape[1], pattern.shape[0]
+        self._targets = EyeTargets(loaded.context, self._size, ("depth",), visibility=False)
+        self._pattern = gl.texture(self._size, 1, np.ascontiguousarray(pattern), alignment=1)
+        self._pattern.repeat_x = self._pattern.repeat_y = False
+        self._buffer = gl.buffer(reserve=PROJECTOR.itemsize, dynamic=True)
+        self._buffer.bind_to_uniform_block(BLOCKS["ProjectedLight"].binding)
+        self._reached: Placed | None = None
+
+    def reach(self, placed: Placed, draw: Callable[[Placed, EyeTargets], object]) -> None:
+        """Find what the projector of a scene reaches; nothing is done for the scene of the call before.
+
+        Args:
+            placed: the scene's instances.
+            draw: draws the left eye's view of instances to targets.
+        """
+        projector = placed.scene.projector
+        if projector is None or placed is self._reached:
+            return
+        draw(_seen_by(projector, placed, self._size), self._targets)
+        self._reached = placed
+
+    def use(self, scene: Scene, projector: Projector, eye: Eye, width_px: int) -> None:
+        """Bind all that mesh.frag needs for one eye's image, drawn ``width_px`` wide."""
+        values = np.zeros((), PROJECTOR)
+        values["projector_from_window"] = _projector_from_window(scene, projector, eye, width_px).T
+        values["middle_px"] = (self._size[0] - 1) / 2, (self._size[1] - 1) / 2
+        values["focal_px"], values["power"], values["ambient"] = projector.focal_px, projector.power, projector.ambient
+        self._buffer.orphan()
+        self._buffer.write(values.tobytes())
+        self._pattern.use(_PATTERN)
+        self._targets.bind(depth=_REACHED)
+
+
+def _seen_by(projector: Projector, placed: Placed, size: tuple[int, int]) -> Placed:
+    """Return instances as a left eye at the projector's place sees them."""
+    scene, turned = placed.scene, projector.projector_from_camera
+    view_from_model = turned @ placed.view_from_model
+    sky = scene.sky
+    view_from_model[sky, :3, 3] -= turned[:3, 3]  # infinitely far away from there, too
+    # The baseline is of no account: only the left eye is drawn.
+    camera = StereoCamera.centred(*size, projector.focal_px, 1.0)
+    near_m = scene.near_m * _NEARER
+    pose = turned @ scene.camera_from_world
+    seen = replace(scene, camera=camera, near_m=near_m, camera_from_world=pose, projector=None)
+    return replace(placed, scene=seen, view_from_model=view_from_model)
+
+
+def _projector_from_window(scene: Scene, projector: Projector, eye: Eye, width_px: int) -> NDArray[np.float64]:
+    """Return the matrix (3, 4), as (4, 4), from a fragment to the projector's frame.
+
+    It takes x and y of the window, 1, and 1 / Z in the eye's frame, and gives the point over Z.
+    """
+    camera = scene.camera
+    cx, cy, focal = camera.lens_px(eye)
+    scale = width_px / camera.width_px
+    # A window's position x is (x / scale - 1 / 2) px in the image.
+    view_from_window = np.array(
+        [[1 / scale / focal, 0, (-0.5 - cx) / focal], [0, 1 / scale / focal, (-0.5 - cy) / focal], [0, 0, 1.0]]
+    )
+    turn = camera.turn(eye)
+    left_from_eye = np.eye(3) if turn is None else turn.T
+    rotation, shift = projector.projector_from_camera[:3, :3], projector.projector_from_camera[:3, 3]
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation @ left_from_eye @ view_from_window
+    matrix[:3, 3] = rotation @ [camera.offset_m(eye), 0, 0] + shift
+    return matrix

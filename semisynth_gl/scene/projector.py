@@ -1,0 +1,65 @@
+"""The projector of a rig: its pattern, which all scenes of a dataset share, and its place and light in a sequence."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.config.rig_sections import ProjectorSection
+from semisynth_gl.scene.rig import rotation_about_axis
+from semisynth_gl.scene.scene import Projector
+from semisynth_gl.seeds.seeds import Purpose, generator
+
+_NEAREST = 1e-12
+
+
+def draw_projector(section: ProjectorSection | None, rng: np.random.Generator) -> Projector | None:
+    """Draw a sequence's projector: every range once, always in the same order; None where it is off."""
+    if section is None or rng.random() >= section.share:
+        return None
+    width_rad = math.radians(section.field_of_view_deg.draw(rng))
+    position_m = np.array([each.draw(rng) for each in section.position_m])
+    turn_rad = np.deg2rad([each.draw(rng) for each in section.turn_deg])
+    power, ambient = section.power.draw(rng), section.ambient.draw(rng)
+    angle = max(float(np.linalg.norm(turn_rad)), _NEAREST)
+    projector_from_camera = np.eye(4)
+    projector_from_camera[:3, :3] = rotation_about_axis(turn_rad[None] / angle, np.array([-angle]))[0]
+    projector_from_camera[:3, 3] = -projector_from_camera[:3, :3] @ position_m
+    return Projector(projector_from_camera, section.width_px / 2 / math.tan(width_rad / 2), power, ambient)
+
+
+def draw_pattern(section: ProjectorSection) -> NDArray[np.uint8]:
+    """Draw the pattern, (H, W) uint8: it belongs to the projector, so that the section alone decides it."""
+    rng = generator(0, Purpose.PROJECTOR)
+    height, width = section.height_px, section.width_px
+    light = np.zeros((height, width))
+    reach = math.ceil(section.size_px / 2 + 1)
+    if section.pattern == "stripes":
+        step = section.size_px / section.density
+        starts = (np.arange(math.ceil(width / step)) + rng.random(math.ceil(width / step))) * step
+        away = np.abs(np.arange(width) - starts[:, None]).min(axis=0)
+        light[:] = np.clip(section.size_px / 2 + 0.5 - away, 0, 1)
+    else:
+        # A dot at a random place of each square of a grid: random, and nowhere crowded.
+        step = section.size_px * math.sqrt(math.pi / 4 / section.density)
+        rows, columns = (np.arange(math.ceil(side / step)) for side in (height, width))
+        places = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
+        y, x = ((places + rng.random(places.shape)) * step - 0.5).T
+        for down in range(-reach, reach + 1):
+            for right in range(-reach, reach + 1):
+                row, column = np.rint(y).astype(int) + down, np.rint(x).astype(int) + right
+                inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+                away = np.hypot(row - y, column - x)[inside]
+                np.maximum.at(light, (row[inside], column[inside]), np.clip(section.size_px / 2 + 0.5 - away, 0, 1))
+    pattern: NDArray[np.uint8] = np.rint(255 * light).astype(np.uint8)
+    return pattern
+
+
+def projector_record(projector: Projector) -> dict[str, object]:
+    """Return a projector's values in JSON's types."""
+    return {
+        "projector_from_camera": projector.projector_from_camera[:3].tolist(),
+        "focal_px": projector.focal_px,
+        "power": projector.power,
+        "ambient": projector.ambient,
+    }

@@ -1,0 +1,333 @@
+"""The light of a projector: its values and its shadows against float64 rays, its dots at the truth's disparity."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+from scenes import assert_equal, facing
+from scipy.ndimage import maximum_filter, minimum_filter
+from tiny_datasets import cheap, config_of
+
+from semisynth_gl.config import load_config
+from semisynth_gl.config.rig_sections import ProjectorSection
+from semisynth_gl.frame.camera import Crop, Deviation, StereoCamera
+from semisynth_gl.geometry.mesh import make_mesh
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.scene.mix import MixSampler
+from semisynth_gl.scene.projector import draw_pattern, draw_projector
+from semisynth_gl.scene.raycast import cast_rays
+from semisynth_gl.scene.rig import rotation_about_axis
+from semisynth_gl.scene.scene import Projector, make_scene, placed_vertices
+from semisynth_gl.scene.sources import prepare_sources
+from semisynth_gl.seeds.splits import Split
+
+CAMERA = StereoCamera(160, 120, 150.0, 0.1, 78.0, 84.0, 58.5)
+CORNERS = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+SQUARE = make_mesh("square", CORNERS, [each[:2] for each in CORNERS], [[0, 1, 2], [0, 2, 3]])
+WHITE = np.full((1, 8, 8, 4), 255, np.uint8)
+FULL = np.full((90, 140), 255, np.uint8)
+
+
+def projector(position_m=(0.05, 0.02, 0.0), turn_rad=(0.0, 0.0, 0.0), **values):
+    turn = np.array(turn_rad)
+    angle = max(np.linalg.norm(turn), 1e-12)
+    pose = np.eye(4)
+    pose[:3, :3] = rotation_about_axis(turn[None] / angle, np.array([-angle]))[0]
+    pose[:3, 3] = -pose[:3, :3] @ position_m
+    return Projector(pose, **({"focal_px": 90.0, "power": 1.2, "ambient": 0.2} | values))
+
+
+def plane(depth_m=1.5, tilt_rad=0.0, camera=CAMERA, **scene):
+    """A wall that fills both views, turned about the vertical."""
+    pose = np.eye(4)
+    pose[:3, :3] = rotation_about_axis(np.array([[0.0, 1.0, 0.0]]), np.array([tilt_rad]))[0] * 40 * depth_m
+    pose[:3, 3] = pose[:3, :3] @ [-0.5, -0.5, 0] + [0, 0, depth_m]
+    return make_scene(camera, model=[0], world_from_model=[pose], layer=[0], **scene)
+
+
+def drawn(scene, pattern=FULL, models=(SQUARE,), layers=WHITE, **options):
+    with Renderer(list(models), layers, pattern=pattern, **options) as renderer:
+        return renderer.render(scene)
+
+
+def expected_light(scene, models, eye, pattern=FULL):
+    """What float64 rays say of one eye's image: the light (H, W), and where a texel of the pattern decides it.
+
+    The light is that of a pattern of one level, and 0 where nothing is seen. Undecided are pixels whose four neighbours
+    in the pattern do not all see what the pixel's own ray sees.
+    """
+    camera, own = scene.camera, scene.projector
+    y, x = np.mgrid[: camera.height_px, : camera.width_px].astype(float)
+    hits = cast_rays(scene, models, eye, x, y)
+    missed = hits.instance < 0
+    points = camera.rays(eye, x.ravel(), y.ravel()) * np.where(missed, 1.0, hits.depth_m)[:, None]
+    points[:, 0] += camera.offset_m(eye)
+    turn, shift = own.projector_from_camera[:3, :3], own.projector_from_camera[:3, 3]
+    from_there = points @ turn.T + shift
+    height, width = pattern.shape
+    u = own.focal_px * from_there[:, 0] / from_there[:, 2] + (width - 1) / 2
+    v = own.focal_px * from_there[:, 1] / from_there[:, 2] + (height - 1) / 2
+    inside = (u > -0.5) & (u < width - 0.5) & (v > -0.5) & (v < height - 0.5) & (from_there[:, 2] > 0)
+    centred = StereoCamera.centred(width, height, own.focal_px, 1.0)
+    pose = own.projector_from_camera @ scene.camera_from_world
+    there = replace(scene, camera=centred, camera_from_world=pose, near_m=0.1 * scene.near_m, projector=None)
+    u, v = np.where(inside, u, 0), np.where(inside, v, 0)
+    seen = cast_rays(there, models, "left", u, v)
+    reached = inside & (np.abs(seen.depth_m - from_there[:, 2]) < 1e-6 * from_there[:, 2])
+    decided = np.ones(len(u), bool)
+    for down in (0, 1):
+        for right in (0, 1):
+            at = np.floor(u) + right, np.floor(v) + down
+            around = cast_rays(there, models, "left", *at)
+            decided &= ~inside | ((around.instance == seen.instance) & (at[0] >= 0) & (at[1] >= 0))
+            decided &= ~inside | ((at[0] < width) & (at[1] < height))
+    normals = np.ones((len(u), 3))
+    for number in np.unique(hits.instance[hits.instance >= 0]):
+        mesh = models[int(scene.model[number])]
+        corners = placed_vertices(mesh, scene.view_from_model(number))[mesh.triangles]
+        of_triangle = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        mine = hits.instance == number
+        normals[mine] = of_triangle[hits.triangle[mine]]
+    source = -turn.T @ shift
+    way = points - source
+    distance = np.linalg.norm(way, axis=1)
+    cosine = np.abs((normals * way).sum(1)) / (np.linalg.norm(normals, axis=1) * distance)
+    light = np.where(missed, 0, own.ambient + np.where(reached, own.power * cosine / distance**2, 0))
+    return light.reshape(y.shape), decided.reshape(y.shape), reached.reshape(y.shape)
+
+
+@pytest.mark.parametrize("tilt_rad", [0.0, 0.7, -1.2])
+@pytest.mark.parametrize("antialias", ["none", "ssaa2", "msaa4"])
+def test_a_plane_has_the_light_of_rays(tilt_rad, antialias):
+    lit = projector(turn_rad=(0.05, -0.1, 0.3), focal_px=130.0)
+    scene = plane(tilt_rad=tilt_rad, projector=lit)
+    frame = drawn(scene, antialias=antialias)
+    for eye in ("left", "right"):
+        light, decided, reached = expected_light(scene, [SQUARE], eye)
+        assert reached.mean() > 0.3
+        assert (~reached).mean() > 0.02
+        image = frame.view(eye).image[..., 0].astype(float)
+        off = np.abs(image - np.clip(255 * light, 0, 255))
+        # Pixels of several samples may lie on both sides of the pattern's border, or of the wall's.
+        even = minimum_filter(decided, 3)
+        for side in (reached, light > 0):
+            even &= minimum_filter(side, 3) == maximum_filter(side, 3)
+        assert even.mean() > 0.8
+        assert off[even].max() < 1.5
+
+
+def test_a_camera_that_deviates_sees_the_same_light():
+    camera = replace(CAMERA, deviation=Deviation(0.04, -0.03, 2.0, 1.02))
+    scene = plane(tilt_rad=0.4, camera=camera, projector=projector())
+    frame = drawn(scene, rectified=False)
+    light, decided, _ = expected_light(scene, [SQUARE], "right")
+    off = np.abs(frame.right.image[..., 0] - np.clip(255 * light, 0, 255))
+    assert off[decided].max() < 1.0
+
+
+def sampled(config, number):
+    """A sampled scene with white patches, as models, layers and the scene."""
+    split = Split(5)
+    sources = prepare_sources(config, split)
+    sampler = MixSampler(config, split.seed, sources.libraries, sources.atlas.patches)
+    scene = sampler.sample(number).scene
+    return sampler.models, np.full((int(scene.layer.max()) + 1, 4, 4, 4), 255, np.uint8), scene
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_shadows_are_those_of_rays_in_sampled_scenes(number):
+    models, layers, scene = sampled(config_of(), number)
+    scale_m = float(np.median(np.linalg.norm(scene.view_from_model()[:, :3, 3], axis=1)))
+    lit = projector((0.1 * scale_m, -0.05 * scale_m, 0.0), power=0.5 * scale_m**2, focal_px=110.0)
+    scene = replace(scene, projector=lit)
+    frame = drawn(scene, models=models, layers=layers)
+    light, decided, reached = expected_light(scene, models, "left")
+    assert 0.2 < reached.mean() < 0.999
+    off = np.abs(frame.left.image[..., 0] - np.clip(255 * light, 0, 255))
+    wrong = decided & (off >= 2.0)
+    # Folds and steps of one instance that are finer than a texel.
+    assert wrong.mean() < 0.004
+    assert decided.mean() > 0.6
+
+
+@pytest.mark.parametrize("distance_m", [0.05, 3.0, 4000.0])
+@pytest.mark.parametrize("tilt_rad", [0.0, 1.3, 1.5])
+def test_no_plane_shades_itself(distance_m, tilt_rad):
+    scene = plane(distance_m, tilt_rad, near_m=distance_m / 100)
+    lit = projector((0.03 * distance_m, 0.02 * distance_m, 0.0), power=50 * distance_m**2, ambient=0.0)
+    frame = drawn(replace(scene, projector=lit))
+    light, decided, reached = expected_light(replace(scene, projector=lit), [SQUARE], "left")
+    seen = decided & reached & (light > 0.02)
+    assert seen.mean() > 0.1
+    assert (frame.left.image[..., 0][seen] > 0).all()
+
+
+def test_a_shadow_begins_where_a_thing_touches_the_ground():
+    """A post on a wall, lit from the left: no gap between it and its shadow wider than a texel."""
+    wall = facing(CAMERA, -200, -200, 600, 600, 2.0)
+    post = np.eye(4)  # a square that stands on the wall, seen from its edge
+    post[:3, :3] = [[0, 0, 1], [0, 1.0, 0], [-0.3, 0, 0]]
+    post[:3, 3] = 0.1, -0.5, 2.0
+    lit = projector((-1.0, 0.0, 0.0), power=2.0, ambient=0.0, focal_px=140.0)
+    scene = make_scene(CAMERA, model=[0, 0], world_from_model=[wall, post], layer=[0, 0], projector=lit)
+    image = drawn(scene, np.full((200, 300), 255, np.uint8)).left.image[60, :, 0]
+    foot_px = CAMERA.focal_px * 0.1 / 2.0 + CAMERA.cx_left_px
+    dark = np.flatnonzero(image == 0)
+    texel_px = CAMERA.focal_px / 140.0
+    assert dark.min() <= foot_px + texel_px + 1
+    assert image[int(foot_px) - 20] > 0
+
+
+def test_dots_lie_at_the_disparity_of_the_truth():
+    pattern = draw_pattern(ProjectorSection(power=1, size_px=6, width_px=140, height_px=90))
+    scene = plane(1.2, 0.5, projector=projector(focal_px=80.0))
+    frame = drawn(scene, pattern, antialias="ssaa4")
+    left, right = (frame.view(eye).image[..., 0].astype(float) for eye in ("left", "right"))
+    columns = np.arange(CAMERA.width_px)
+
+    def off(shift_px):
+        other = np.stack(
+            [
+                np.interp(columns - d + shift_px, columns, row)
+                for d, row in zip(frame.left.disparity, right, strict=True)
+            ]
+        )
+        visible = frame.left.visibility == 255
+        return np.abs(other - left)[visible].mean()
+
+    assert np.ptp(left) > 60
+    assert off(0) < 0.5 * min(off(0.5), off(-0.5))
+    assert off(0) < 1.5
+
+
+def test_truth_does_not_know_of_the_projector_and_light_of_1_changes_nothing():
+    scene = plane(tilt_rad=0.3)
+    outputs = ["visibility", "depth", "normals", "instances"]
+    rng = np.random.default_rng(0)
+    noise = rng.integers(0, 256, (1, 64, 64, 4), dtype=np.uint8)
+    options = {"layers": noise, "outputs": outputs}
+    plain = drawn(scene, None, **options)
+    for name, lit in {"lit": projector(), "even": projector(power=0.0, ambient=1.0)}.items():
+        frame = drawn(replace(scene, projector=lit), **options)
+        for role, array in plain.arrays().items():
+            if role not in ("left", "right") or name == "even":
+                np.testing.assert_array_equal(frame.arrays()[role], array, err_msg=role)
+        assert name == "even" or (frame.left.image != plain.left.image).any()
+    off = drawn(scene, FULL, **options)
+    assert_equal(off, plain, Crop(0, 0, 160, 120))
+
+
+def test_the_sky_has_only_ambient_light():
+    wall, sky = facing(CAMERA, 40, 20, 60, 60, 1.0), facing(CAMERA, -200, -200, 600, 600, 5.0)
+    scene = make_scene(
+        CAMERA, model=[0, 0], world_from_model=[wall, sky], layer=[0, 0], sky=[False, True], projector=projector()
+    )
+    image = drawn(scene).left.image[..., 0]
+    assert image[5, 5] == round(255 * 0.2)
+    assert image[50, 70] > 100
+
+
+def test_crops_images_alone_and_shared_left_views_have_the_same_light():
+    scene = plane(tilt_rad=0.4, projector=projector())
+    crop = Crop(33, 21, 70, 50)
+    with Renderer([SQUARE], WHITE, pattern=FULL) as renderer:
+        whole = renderer.render(scene)
+        assert_equal(renderer.render(scene, crop), whole, crop)
+        images = renderer.render_images(scene)
+        cameras = [CAMERA, replace(CAMERA, baseline_m=0.2)]
+        shared = renderer.share_left(scene, cameras)
+        for number, camera in enumerate(cameras):
+            assert_equal(shared.render(number), renderer.render(replace(scene, camera=camera)), Crop(0, 0, 160, 120))
+    for eye, image in images.items():
+        np.testing.assert_array_equal(image, whole.view(eye).image)
+
+
+def test_grey_images_have_the_light_of_colour():
+    scene = plane(tilt_rad=0.4, projector=projector())
+    grey = drawn(scene, layers=WHITE[..., 0]).left.image
+    np.testing.assert_array_equal(grey, drawn(scene).left.image[..., 0])
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"pattern": None}, "its projector throws a pattern"),
+        ({"pattern": np.zeros((2, 2, 3), np.uint8)}, r"pattern must be \(H, W\) uint8"),
+        ({"pattern": np.zeros((4, 4), np.float32)}, r"pattern must be \(H, W\) uint8"),
+        ({"antialias": "edges"}, "without a projector's light"),
+    ],
+)
+def test_what_cannot_be_lit_is_refused(values, words):
+    with pytest.raises(InputError, match=words):
+        drawn(plane(projector=projector()), **values)
+
+
+@pytest.mark.parametrize(
+    "values", [{"power": -1.0}, {"ambient": -0.1}, {"focal_px": 0.0}, {"projector_from_camera": 2 * np.eye(4)}]
+)
+def test_a_projector_is_checked(values):
+    good = {"projector_from_camera": np.eye(4), "focal_px": 90.0, "power": 1.0}
+    with pytest.raises(InputError, match="projector"):
+        Projector(**(good | values))
+
+
+# --- configs ---
+
+
+@pytest.mark.parametrize("pattern", ["dots", "stripes"])
+@pytest.mark.parametrize("density", [0.02, 0.1])
+def test_a_pattern_is_as_dense_as_asked_for(pattern, density):
+    section = ProjectorSection(power=1, pattern=pattern, density=density, size_px=4)
+    light = draw_pattern(section)
+    assert light.shape == (800, 1280)
+    assert light.max() == 255
+    assert light.mean() / 255 == pytest.approx(density, rel=0.15)
+    np.testing.assert_array_equal(light, draw_pattern(section))
+    if pattern == "stripes":
+        assert (light == light[0]).all()
+
+
+def test_the_place_of_a_projector_is_the_configs():
+    section = ProjectorSection(
+        power=2, ambient=0.5, position_m=(0.1, -0.2, 0.05), turn_deg=(0, 90, 0), field_of_view_deg=90
+    )
+    drawn_once = draw_projector(section, np.random.default_rng(0))
+    pose = drawn_once.projector_from_camera
+    np.testing.assert_allclose(pose @ [0.1, -0.2, 0.05, 1], [0, 0, 0, 1], atol=1e-12)
+    # Turned by a right angle about y (down), the projector looks to the right.
+    np.testing.assert_allclose(pose[:3, :3] @ [1, 0, 0], [0, 0, 1], atol=1e-12)
+    assert drawn_once.focal_px == pytest.approx(640)
+    assert (drawn_once.power, drawn_once.ambient) == (2, 0.5)
+
+
+def test_the_projector_is_on_in_a_share_of_the_sequences():
+    plain = cheap()
+    config = cheap(projector={"power": [1, 2], "ambient": 0.4, "share": 0.5, "width_px": 160, "height_px": 100})
+    with PairRenderer(plain, 1) as without, PairRenderer(config, 1) as lit:
+        on = []
+        for number in range(8):
+            dark, pair = without.render(number, checked=False), lit.render(number, checked=False)
+            on.append("projector" in pair.provenance)
+            same = np.array_equal(dark.frame.left.image, pair.frame.left.image)
+            assert same is not on[-1]
+            for eye in ("left", "right"):
+                np.testing.assert_array_equal(dark.frame.view(eye).disparity, pair.frame.view(eye).disparity)
+    assert 1 <= sum(on) <= 7
+    assert plain.digest() != config.digest()
+    assert "projector" not in plain.model_dump(mode="json")
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"projector": {"power": 1}, "antialias": "edges"}, "without the light of the projector"),
+        ({"projector": {"power": 1, "field_of_view_deg": 175}}, "expected at most 170"),
+        ({"projector": {}}, "power"),
+    ],
+)
+def test_a_config_that_cannot_be_lit_is_refused(values, words):
+    with pytest.raises((InputError, ValidationError), match=words):
+        load_config("middlebury", values)
