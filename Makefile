@@ -38,7 +38,7 @@ endef
 help:  ## list the targets
 	@echo "make TARGET [PAIRS=24] [SEED=0] [IMAGES=photographs] [MODELS=folder] [BACKEND=egl|osmesa] [OUT=out]"
 	@echo "            [PYTHON=python3] [VENV=.venv]"
-	@awk -F ':.*## ' '/^[a-z].*## / { printf "  %-44s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+	@awk -F ':.*## ' '/^[a-z].*## / { printf "  %-60s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
 .PHONY: $(CONFIGS)
 middlebury kitti eth3d sceneflow zero-shot active-infrared: setup  ## render PAIRS pairs to OUT/<name>, in the layout of that benchmark, with a contact sheet

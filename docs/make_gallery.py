@@ -18,7 +18,7 @@ from skimage.data import data_dir
 from semisynth_gl import PairRenderer, Renderer, StereoCamera, View, load_config, make_scene, render_pair
 from semisynth_gl.config.dataset_sections import ImperfectionsSection
 from semisynth_gl.config.explain import summaries
-from semisynth_gl.frame.frame import CHANNELS, OUTPUTS, Channel
+from semisynth_gl.frame.frame import CHANNELS, OUTPUTS, Channel, as_rgb
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 
 Floats = NDArray[np.floating]
@@ -95,7 +95,7 @@ def draw_configs(folder: Path) -> Iterator[str]:
         frame = render_pair(load_config(name, TARGET if name.endswith("-target") else []), index=3)
         disparity = frame.left.disparity
         shown = colours(disparity, "inferno", 0, float(np.quantile(disparity[np.isfinite(disparity)], 0.995)))
-        save(beside(frame.left.image, shown), folder / "configs" / f"{name}.jpg", 1200)
+        save(beside(as_rgb(frame.left.image), shown), folder / "configs" / f"{name}.jpg", 1200)
         yield figure(name, f"`{name}`: {summary}", f"configs/{name}.jpg")
 
 

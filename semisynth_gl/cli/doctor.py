@@ -12,13 +12,24 @@ from semisynth_gl.cli.wording import Command
 from semisynth_gl.config.plugin_recipes import plugin_recipe
 from semisynth_gl.geometry.families import build_family
 from semisynth_gl.inputs.errors import BackendError, InputError
+from semisynth_gl.inputs.opencv import open_opencv
 from semisynth_gl.layouts import find_layout
 from semisynth_gl.plugins import Group, Plugin, installed_plugins
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.sources import open_source
 
-_PACKAGES = ("semisynth-gl", "moderngl", "glcontext", "numpy", "trimesh", "Pillow", "isal", "scikit-image")
+_PACKAGES = (
+    "semisynth-gl",
+    "moderngl",
+    "glcontext",
+    "numpy",
+    "trimesh",
+    "Pillow",
+    "isal",
+    "scikit-image",
+    "opencv-python-headless",
+)
 _LARGEST_ERROR_PX = 1e-3
 
 
@@ -47,6 +58,7 @@ def doctor() -> None:
     click.echo(f"Python {platform.python_version()} on {platform.platform()}")
     for package in _PACKAGES:
         click.echo(f"  {package} {_version(package)}")
+    click.echo(f"  OpenCV {_opencv_version()}")
     for plugin in installed_plugins():
         click.echo(f"Plug-in: {plugin}{_fault(plugin)}")
     click.echo(f"Cache: {cache_summary()}")
@@ -104,6 +116,14 @@ def _fault(plugin: Plugin) -> str:
     except InputError as error:
         return f"\n  BROKEN: {error}"
     return ""
+
+
+def _opencv_version() -> str:
+    # Several packages bring it, by other names.
+    try:
+        return str(open_opencv("`lens`").__version__)
+    except InputError:
+        return "not installed: the section lens and calibrate --pairs need it"
 
 
 def _version(package: str) -> str:

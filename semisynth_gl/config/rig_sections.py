@@ -240,8 +240,8 @@ class ProjectorSection(Section):
 
     Attributes:
         pattern: ``dots`` at random places, or upright ``stripes``.
-        width_px: width of the pattern.
-        height_px: its height.
+        pattern_width_px: width of the pattern.
+        pattern_height_px: its height.
         size_px: diameter of a dot, or width of a stripe, pixels of the pattern.
         density: share of the pattern that is lit.
         field_of_view_deg: angle that the pattern's width takes.
@@ -254,8 +254,8 @@ class ProjectorSection(Section):
     """
 
     pattern: Pattern = "dots"
-    width_px: Annotated[int, count(_LARGEST_PATTERN_PX)] = 1280
-    height_px: Annotated[int, count(_LARGEST_PATTERN_PX)] = 800
+    pattern_width_px: Annotated[int, count(_LARGEST_PATTERN_PX)] = 1280
+    pattern_height_px: Annotated[int, count(_LARGEST_PATTERN_PX)] = 800
     size_px: Annotated[float, Field(ge=1, le=100)] = 2.5
     density: Annotated[float, Field(gt=0, le=0.5)] = 0.05
     field_of_view_deg: PositiveRange = Range(90.0, 90.0)

@@ -25,13 +25,13 @@ def draw_projector(section: ProjectorSection | None, rng: np.random.Generator) -
     projector_from_camera = np.eye(4)
     projector_from_camera[:3, :3] = rotation_about_axis(turn_rad[None] / angle, np.array([-angle]))[0]
     projector_from_camera[:3, 3] = -projector_from_camera[:3, :3] @ position_m
-    return Projector(projector_from_camera, section.width_px / 2 / math.tan(width_rad / 2), power, ambient)
+    return Projector(projector_from_camera, section.pattern_width_px / 2 / math.tan(width_rad / 2), power, ambient)
 
 
 def draw_pattern(section: ProjectorSection) -> NDArray[np.uint8]:
     """Draw the pattern, (H, W) uint8: it belongs to the projector, so that the section alone decides it."""
     rng = generator(0, Purpose.PROJECTOR)
-    height, width = section.height_px, section.width_px
+    height, width = section.pattern_height_px, section.pattern_width_px
     light = np.zeros((height, width))
     reach = math.ceil(section.size_px / 2 + 1)
     if section.pattern == "stripes":

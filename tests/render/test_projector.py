@@ -182,7 +182,7 @@ def test_a_shadow_begins_where_a_thing_touches_the_ground():
 
 
 def test_dots_lie_at_the_disparity_of_the_truth():
-    pattern = draw_pattern(ProjectorSection(power=1, size_px=6, width_px=140, height_px=90))
+    pattern = draw_pattern(ProjectorSection(power=1, size_px=6, pattern_width_px=140, pattern_height_px=90))
     scene = plane(1.2, 0.5, projector=projector(focal_px=80.0))
     frame = drawn(scene, pattern, antialias="ssaa4")
     left, right = (frame.view(eye).image[..., 0].astype(float) for eye in ("left", "right"))
@@ -228,6 +228,19 @@ def test_the_sky_has_only_ambient_light():
     image = drawn(scene).left.image[..., 0]
     assert image[5, 5] == round(255 * 0.2)
     assert image[50, 70] > 100
+
+
+def test_each_scene_has_its_own_shadows():
+    lit = projector((-0.6, 0.0, 0.0))
+    wall, post = facing(CAMERA, -200, -200, 600, 600, 2.0), facing(CAMERA, 60, 30, 20, 60, 1.0)
+    bare = make_scene(CAMERA, model=[0], world_from_model=[wall], layer=[0], projector=lit)
+    with_post = make_scene(CAMERA, model=[0, 0], world_from_model=[wall, post], layer=[0, 0], projector=lit)
+    with Renderer([SQUARE], WHITE, pattern=FULL) as renderer:
+        in_turn = [renderer.render(scene) for scene in (with_post, bare, with_post)]
+    assert_equal(in_turn[1], drawn(bare), Crop(0, 0, 160, 120))
+    assert_equal(in_turn[2], in_turn[0], Crop(0, 0, 160, 120))
+    shadow = (in_turn[0].left.image < in_turn[1].left.image).all(axis=2)
+    assert 500 < shadow.sum() < 3000
 
 
 def test_crops_images_alone_and_shared_left_views_have_the_same_light():
@@ -305,7 +318,9 @@ def test_the_place_of_a_projector_is_the_configs():
 
 def test_the_projector_is_on_in_a_share_of_the_sequences():
     plain = cheap()
-    config = cheap(projector={"power": [1, 2], "ambient": 0.4, "share": 0.5, "width_px": 160, "height_px": 100})
+    config = cheap(
+        projector={"power": [1, 2], "ambient": 0.4, "share": 0.5, "pattern_width_px": 160, "pattern_height_px": 100}
+    )
     with PairRenderer(plain, 1) as without, PairRenderer(config, 1) as lit:
         on = []
         for number in range(8):
