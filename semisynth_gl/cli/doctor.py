@@ -28,7 +28,6 @@ _PACKAGES = (
     "Pillow",
     "isal",
     "scikit-image",
-    "opencv-python-headless",
 )
 _LARGEST_ERROR_PX = 1e-3
 
