@@ -19,16 +19,7 @@ from semisynth_gl.render.backends import Backend
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.sources import open_source
 
-_PACKAGES = (
-    "semisynth-gl",
-    "moderngl",
-    "glcontext",
-    "numpy",
-    "trimesh",
-    "Pillow",
-    "isal",
-    "scikit-image",
-)
+_PACKAGES = ("semisynth-gl", "moderngl", "glcontext", "numpy", "trimesh", "Pillow", "isal", "scikit-image")
 _LARGEST_ERROR_PX = 1e-3
 
 
