@@ -32,7 +32,11 @@ float light_here() {
     bool reached = over_depth.z > 0.0 && inside && point.z <= farthest_m * SAME_DEPTH;
     float square_m = dot(point, point);
     float facing = abs(dot(normal, point)) / max(sqrt(dot(normal, normal) * square_m), 1e-30);
+    // The eye sees the side that the projector lights. Without the way from the projector to the eye, a point over Z is
+    // the direction in which the eye sees it.
+    vec3 seen_along = over_depth - projector_from_window[3].xyz * gl_FragCoord.w;
+    bool same_side = dot(normal, point) * dot(normal, seen_along) > 0.0;
     // The sky is too far away.
-    bool lit = reached && gl_FragCoord.z >= LEAST_DEPTH;
+    bool lit = reached && same_side && gl_FragCoord.z >= LEAST_DEPTH;
     return ambient + (lit ? power * textureLod(pattern, place, 0.0).r * facing / square_m : 0.0);
 }

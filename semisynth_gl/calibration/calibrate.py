@@ -27,7 +27,6 @@ from semisynth_gl.frame.camera import Eye
 from semisynth_gl.histogram import total_variation
 from semisynth_gl.inputs.arguments import check_one_of, check_type, to_real, to_whole
 from semisynth_gl.inputs.errors import BackendError, InputError, counted, shown
-from semisynth_gl.inputs.opencv import open_opencv
 from semisynth_gl.inputs.user_files import Files, expanded, names_of
 from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.listener import Listener
@@ -123,6 +122,8 @@ def calibrate(
         check_one_of("`unit`", unit, UNITS)
     if map_sources and range_px is not None:
         raise InputError("`range_px` and `disparity` both state the disparities: give only one of them")
+    _check_pairs(pairs)
+    check_type("`rectify_to`", rectify_to, str | PathLike | None)
     notes: list[str] = []
     rigs = _rigs(calib_sources, focal_px, baseline_m, _size(size), None if unit is None else UNITS[unit])
     found = map_files(map_sources)
@@ -206,6 +207,13 @@ def _rigs(
     return [plain_rig(to_real("`focal_px`", focal_px), to_real("`baseline_m`", baseline_m), size)]
 
 
+def _check_pairs(pairs: Sequence[tuple[str | PathLike[str], str | PathLike[str]]]) -> None:
+    check_type("`pairs`", pairs, Sequence)
+    for pair in pairs:
+        if isinstance(pair, str) or not isinstance(pair, Sequence) or len(names_of("pairs", pair)) != 2:
+            raise InputError(f"`pairs`: expected pairs of a left and a right photograph, got {shown(pair)}")
+
+
 def _pairs(
     pairs: Sequence[tuple[str | PathLike[str], str | PathLike[str]]],
     images: Sequence[str],
@@ -217,10 +225,6 @@ def _pairs(
 
     Where OpenCV is missing, photographs are not matched, and a note says so.
     """
-    check_type("`pairs`", pairs, Sequence)
-    for pair in pairs:
-        if isinstance(pair, str) or not isinstance(pair, Sequence) or len(names_of("pairs", pair)) != 2:
-            raise InputError(f"`pairs`: expected pairs of a left and a right photograph, got {shown(pair)}")
     if pairs:
         if other_camera:
             raise InputError("`pairs` need photographs of the rig, but `other_camera` says that another took them")
@@ -238,17 +242,17 @@ def _pairs(
 
 def _lenses(rigs: Sequence[Rig], notes: list[str]) -> Mapping[Eye, LensChain] | None:
     """Return the lenses of a calibration that states them; None, and a note, where a config cannot have them."""
+    notes += [f"the lenses of {rig.source} were left out: {rig.lens_fault}" for rig in rigs if rig.lens_fault]
     if not any(rig.raw for rig in rigs):
         return None
     if len(rigs) > 1:
         notes.append(f"the lenses of {len(rigs)} rigs were left out: a config has one; give one calibration for it")
         return None
     try:
-        open_opencv("the section lens")
+        return lens_chains(rigs[0])
     except InputError as error:
-        notes.append(f"the lenses of {rigs[0].source} were left out: {error}")
+        notes.append(f"the lenses were left out: {error}")
         return None
-    return lens_chains(rigs[0])
 
 
 def _rectified(
@@ -260,10 +264,11 @@ def _rectified(
 ) -> tuple[list[str], list[tuple[Path, Path]]]:
     """Rectify photographs into a folder; return it as the only source, and the pairs that were given."""
     if len(rigs) > 1 or rigs[0].raw is None:
+        fault = next((f"; {rig.source}: {rig.lens_fault}" for rig in rigs if rig.lens_fault), "")
         raise InputError(
-            f"`rectify_to` {folder}: expected the calibration of one rig with its cameras before rectification (K, D "
-            "and R of both, as OpenCV, ROS or Kalibr write them): give it as `calib`, or rectified photographs without "
-            "`rectify_to`"
+            f"`rectify_to` {folder}: expected the calibration of one rig with its cameras before rectification (K and "
+            "D of both, with R1 and R2 or R and T, as OpenCV, ROS or Kalibr write them): give it as `calib`, or "
+            f"rectified photographs without `rectify_to`{fault}"
         )
     given = [pair for left, right in pairs for pair in given_pairs(fspath(left), fspath(right))]
     photographs = find_images(images)

@@ -55,15 +55,18 @@ def rectify_photographs(
             ``sources``.
         ImageError: where a photograph cannot be read.
     """
-    folder = expanded(folder).absolute()
+    folder = _whole(expanded(folder))
+    given = {path: _whole(path) for path in (*photographs, *(path for pair in pairs for path in pair))}
     source = reaching_source(folder / "x.png", sources, image_extensions())
     if source is not None:
         raise InputError(f"`rectify_to` {folder}: lies among the photographs ({source}): name another folder")
     chains = lens_chains(rig)
-    left, right = ({pair[side] for pair in pairs} for side in (0, 1))
-    taken = list(dict.fromkeys([*photographs, *left, *right]))
+    left, right = ({given[pair[side]] for pair in pairs} for side in (0, 1))
+    taken = list(dict.fromkeys(given.values()))
+    top = Path(os.path.commonpath([path.parent for path in taken]))
     eyes: dict[Path, Eye] = {
-        path: "right" if path in right or (path not in left and is_right(path)) else "left" for path in taken
+        path: "right" if path in right or (path not in left and is_right(path.relative_to(top))) else "left"
+        for path in taken
     }
     fitting, sizes = _of_raw_size(eyes, chains)
     raw = chains["left"].raw
@@ -74,14 +77,18 @@ def rectify_photographs(
             f"size: they have {', '.join(map(str, sizes[:_NAMED]))}: give photographs as the cameras take them, or "
             "`scale` if they are reduced"
         )
-    written = _names(fitting, folder)
+    written = _names(fitting, top, folder)
     _check_folder(written.values(), folder)
     for path, file in written.items():
+        image = read_image(path)
+        if image.shape[:2] != (raw.height_px, raw.width_px):
+            raise InputError(f"{path}: is turned by its EXIF orientation: expected the image as the sensor sees it")
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(RGB8.encode(chains[eyes[path]].rectify(read_image(path))))
+        file.write_bytes(RGB8.encode(chains[eyes[path]].rectify(image)))
     missing = len(taken) - len(written)
     note = f"{counted(missing, 'photograph')} left out, of another size than the raw images' {expected}"
-    return written, note if missing else None
+    found = {path: written[whole] for path, whole in given.items() if whole in written}
+    return found, note if missing else None
 
 
 def _of_raw_size(eyes: Mapping[Path, Eye], chains: Mapping[Eye, LensChain]) -> tuple[list[Path], list[Size]]:
@@ -96,12 +103,19 @@ def _of_raw_size(eyes: Mapping[Path, Eye], chains: Mapping[Eye, LensChain]) -> t
     return fitting, sorted(others)
 
 
-def _names(photographs: Sequence[Path], folder: Path) -> dict[Path, Path]:
-    """Return the file of each rectified photograph, by the raw one."""
-    top = Path(os.path.commonpath([path.parent for path in photographs]))
+def _whole(path: Path) -> Path:
+    """Return a path from the root, without ``..``."""
+    return Path(os.path.abspath(path))  # noqa: PTH100 - resolve() follows links, whose names may tell sides
+
+
+def _names(photographs: Sequence[Path], top: Path, folder: Path) -> dict[Path, Path]:
+    """Return the file of each rectified photograph, by the raw one, whose path begins with ``top``."""
+    raw_files = {os.path.realpath(path) for path in photographs}
     files = {path: folder / path.relative_to(top).with_suffix(".png") for path in photographs}
     raw_by_file: dict[Path, Path] = {}
     for path, file in files.items():
+        if os.path.realpath(file) in raw_files:
+            raise InputError(f"`rectify_to` {folder}: would replace the photograph {path}: name another folder")
         if file in raw_by_file:
             raise InputError(
                 f"{path} and {raw_by_file[file]}: both would be rectified to {file}: expected names that differ in "

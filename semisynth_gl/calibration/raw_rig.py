@@ -106,7 +106,7 @@ def intrinsics(
     Raises:
         FormatError: where the lens has another model than OpenCV's two, or a matrix is not one.
     """
-    if any(values.get(key) is None for key in keys) or _is_empty(values[keys[1]]):
+    if any(values.get(key) is None for key in keys):
         return None
     matrix = numbers(prefix + keys[0], values[keys[0]], (3, 3))
     if not matrix.any():
@@ -121,7 +121,10 @@ def intrinsics(
         raise FormatError(
             f"{prefix}{keys[0]}: expected [fx 0 cx; 0 fy cy; 0 0 1] with fx and fy above 0, got {matrix.tolist()}"
         )
-    distortion = numbers(prefix + keys[1], values[keys[1]], None)
+    # Nothing is written of a lens that does not bend.
+    distortion = np.zeros(4 if known == "fisheye" else 5)
+    if not _is_empty(values[keys[1]]):
+        distortion = numbers(prefix + keys[1], values[keys[1]], None)
     if len(distortion) == _WITH_TILT and not distortion[_WITHOUT_TILT:].any():
         distortion = distortion[:_WITHOUT_TILT]
     if len(distortion) not in COEFFICIENTS[known]:

@@ -59,6 +59,7 @@ class Projections:
         bounds: the stated bounds of disparity.
         layout: layout of the benchmark whose calibration this is; None for any other.
         raw: the cameras before rectification, if the calibration states them.
+        lens_fault: why cameras that it states cannot be used.
     """
 
     left: NDArray[np.float64]
@@ -68,14 +69,15 @@ class Projections:
     bounds: DisparityBounds = NO_BOUNDS
     layout: str | None = None
     raw: Mapping[Eye, RawCamera] | None = None
+    lens_fault: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Rig:
     """A rectified rig.
 
-    ``source``, ``bounds``, ``layout`` and ``raw`` are as in `Projections`, but ``raw`` is None too where the cameras
-    give rectified images by themselves.
+    ``source``, ``bounds``, ``layout``, ``raw`` and ``lens_fault`` are as in `Projections`, but ``raw`` is None too
+    where the cameras give rectified images by themselves.
     """
 
     camera: StereoCamera
@@ -83,6 +85,7 @@ class Rig:
     bounds: DisparityBounds = NO_BOUNDS
     layout: str | None = None
     raw: Mapping[Eye, RawCamera] | None = None
+    lens_fault: str | None = None
 
     def __post_init__(self) -> None:
         camera = self.camera
@@ -166,7 +169,8 @@ def rectified(projections: Projections, size: Size | None) -> Rig:
     if size is None:
         raise InputError(f"{source}: does not say how large the images are: give `size`, width and height")
     camera = StereoCamera(*size, focal_px, baseline_m, float(left[0, 2]), float(right[0, 2]), cy_px)
-    return Rig(camera, source, projections.bounds, projections.layout, _bending(projections.raw, camera))
+    raw = _bending(projections.raw, camera)
+    return Rig(camera, source, projections.bounds, projections.layout, raw, projections.lens_fault)
 
 
 def _bending(raw: Mapping[Eye, RawCamera] | None, camera: StereoCamera) -> Mapping[Eye, RawCamera] | None:

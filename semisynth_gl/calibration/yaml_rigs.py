@@ -43,7 +43,6 @@ _RAW_KEYS = (
 )
 _RAW_CAMERAS = (*(key for keys in _RAW_KEYS for eye in keys for key in eye[:2]), "R", "T")
 _PROJECTION_KEYS = (("P1", "P2"), ("LEFT.P", "RIGHT.P"))
-_MODEL_KEYS = ("distortion_model", "camera_model")
 # ROS's keys of P, K, D and R in calibration files, and in messages of ROS 2 and of ROS 1.
 _ROS_KEYS = (
     ("projection_matrix", "camera_matrix", "distortion_coefficients", "rectification_matrix"),
@@ -54,18 +53,22 @@ _ROS_KEYS = (
 _SIZES = (("image_width", "image_height"), ("width", "height"), ("LEFT.width", "LEFT.height"))
 _SIZE_PAIRS = ("image_size", "imageSize", "size", "resolution")
 _LARGEST_SIDE_PX = 99_999
-# Largest number of characters of a matrix in a message.
-_SHOWN = 400
+# Numbers of a translation, and of the coefficients that both models may have.
+_AXES, _OF_EITHER = 3, 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:
-    """One camera: its projection matrix (3, 4), size of images and file, and the camera before rectification."""
+    """One camera: its projection matrix (3, 4), size of images and file, and the camera before rectification.
+
+    ``lens_fault`` says why the latter cannot be used, where it is stated.
+    """
 
     matrix: Matrix
     size: Size | None
     source: str
     raw: RawCamera | None = None
+    lens_fault: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,8 +140,15 @@ def opencv_rig(file: OpenCvValues, size: Size | None, unit_m: float | None) -> P
     values, source = file.values, file.source
     own_size = _size(values)
     size = own_size or size
-    cameras, turns = _opencv_cameras(values)
-    keys = _projection_keys(values)
+    keys, fault = _projection_keys(values), None
+    cameras: tuple[Intrinsics, Intrinsics] | None = None
+    turns: tuple[Matrix, Matrix] | None = None
+    try:
+        cameras, turns = _opencv_cameras(values)
+    except FormatError as error:
+        if keys is None:
+            raise
+        fault = str(error)
     if keys is not None:
         left, right = (numbers(key, values[key], (3, 4)).copy() for key in keys)
     elif cameras is None:
@@ -146,8 +156,10 @@ def opencv_rig(file: OpenCvValues, size: Size | None, unit_m: float | None) -> P
     else:
         if size is None:
             raise FormatError("does not say how large the images are: give `size`, width and height")
-        turn, shift = rotation("R", values["R"]), numbers("T", values["T"], (3, 1) if _is_matrix(values["T"]) else (3,))
-        made = rectification(cameras, turn, shift.ravel(), size)
+        turn, shift = rotation("R", values["R"]), numbers("T", values["T"], None)
+        if len(shift) != _AXES:
+            raise FormatError(f"T: expected {_AXES} numbers, got {len(shift)}")
+        made = rectification(cameras, turn, shift, size)
         turns, (left, right) = made.rotations, made.projections
     for matrix in (left, right):
         matrix[:, 3] *= 1.0 if unit_m is None else unit_m
@@ -157,7 +169,7 @@ def opencv_rig(file: OpenCvValues, size: Size | None, unit_m: float | None) -> P
             "`unit` to mm, cm or m, the unit of the calibration board's squares",
         )
     raw = None if cameras is None or turns is None or size is None else raw_cameras(cameras, turns, size)
-    return Projections(left, right, own_size, source, raw=raw)
+    return Projections(left, right, own_size, source, raw=raw, lens_fault=fault)
 
 
 def _opencv_cameras(
@@ -167,8 +179,13 @@ def _opencv_cameras(
     keys = _raw_keys(values)
     if keys is None:
         return None, None
-    model = next((values[key] for key in _MODEL_KEYS if key in values), None)
+    model = values.get("distortion_model")
     left, right = (intrinsics(values, each[:2], model=model) for each in keys)
+    if model is None and left is not None and len(left.distortion) == _OF_EITHER:
+        raise FormatError(
+            f"{keys[0][1]}: {_OF_EITHER} coefficients are of a radial-tangential lens or of a fisheye: add the line "
+            "`distortion_model: radial-tangential`, or fisheye, to the file"
+        )
     cameras = None if left is None or right is None else (left, right)
     if not all(each[2] in values for each in keys):
         return cameras, None
@@ -182,10 +199,6 @@ def _raw_keys(values: Mapping[str, Any]) -> tuple[tuple[str, str, str], tuple[st
 
 def _projection_keys(values: Mapping[str, Any]) -> tuple[str, str] | None:
     return next((keys for keys in _PROJECTION_KEYS if all(key in values for key in keys)), None)
-
-
-def _is_matrix(node: object) -> bool:
-    return isinstance(node, Mapping) and "rows" in node
 
 
 # --- Kalibr ---
@@ -245,7 +258,11 @@ def paired(cameras: Sequence[Camera]) -> Projections:
             )
         raw = dict(zip(EYES, (left.raw, right.raw), strict=True))
         known = {eye: camera for eye, camera in raw.items() if camera is not None}
-        return Projections(left.matrix, right.matrix, left.size, source, raw=known if len(known) == 2 else None)
+        fault = left.lens_fault or right.lens_fault
+        if len({camera.model for camera in known.values()}) > 1:
+            fault = "expected lenses of one model in both cameras, got a fisheye and a radial-tangential one"
+        whole = known if len(known) == 2 and fault is None else None
+        return Projections(left.matrix, right.matrix, left.size, source, raw=whole, lens_fault=fault)
     (right,) = cameras
     if right.matrix[0, 3] == 0:
         raise InputError(
@@ -304,10 +321,13 @@ def _camera(values: Mapping[str, Any], prefix: str, source: str, expected: str) 
         )
     size = _size(values)
     _check_whole_image(values, prefix, size)
-    raw = intrinsics(values, (matrix_key, distortion_key), prefix, values.get("distortion_model"))
-    if raw is None or size is None or rotation_key not in values:
-        return Camera(matrix, size, source)
-    turn = rotation(prefix + rotation_key, values[rotation_key])
+    try:
+        raw = intrinsics(values, (matrix_key, distortion_key), prefix, values.get("distortion_model"))
+        if raw is None or size is None or rotation_key not in values:
+            return Camera(matrix, size, source)
+        turn = rotation(prefix + rotation_key, values[rotation_key])
+    except FormatError as error:
+        return Camera(matrix, size, source, lens_fault=str(error))
     return Camera(matrix, size, source, raw.camera(turn, size))
 
 

@@ -113,7 +113,7 @@ def _opencv_version() -> str:
     try:
         return str(open_opencv("`lens`").__version__)
     except InputError:
-        return "not installed: the section lens and calibrate --pairs need it"
+        return "not installed: the section lens needs it, and calibrate for --pairs, --rectify-to and lenses"
 
 
 def _version(package: str) -> str:

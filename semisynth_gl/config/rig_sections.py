@@ -26,8 +26,9 @@ from semisynth_gl.frame.frame import Colour
 
 # Any current OpenGL 4.5 driver draws images of this width, and the memory of a large machine holds this many pixels.
 _WIDEST_PX, _MOST_PIXELS = 16_384, 1 << 27
-# Largest side of a projector's pattern, and widest view, degrees.
+# Largest side of a projector's pattern, widest view in degrees, and largest number of dots.
 _LARGEST_PATTERN_PX, _WIDEST_DEG = 8192, 170.0
+_MOST_DOTS = 1_000_000
 # Number of quantiles that stand for the range of drawn baselines.
 _QUANTILES = 16
 
@@ -268,3 +269,6 @@ class ProjectorSection(Section):
     def _faults(self) -> Iterator[str]:
         if self.field_of_view_deg.high > _WIDEST_DEG:
             yield f"field_of_view_deg: expected at most {_WIDEST_DEG:g}, got {self.field_of_view_deg.high:g}"
+        dots = self.density * self.pattern_width_px * self.pattern_height_px / self.size_px**2
+        if dots > _MOST_DOTS:
+            yield f"expected at most {_MOST_DOTS:,} dots, got {dots:,.0f}: lower density, or raise size_px"

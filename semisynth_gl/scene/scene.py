@@ -39,7 +39,8 @@ class Projector:
     ambient: float = 1.0
 
     def __post_init__(self) -> None:
-        pose = self.projector_from_camera
+        pose = to_array("projector: projector_from_camera", self.projector_from_camera, np.float64)
+        object.__setattr__(self, "projector_from_camera", pose)
         if pose.shape != (4, 4) or not np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-6):
             raise InputError(f"projector: projector_from_camera must be rigid, (4, 4), got {pose.tolist()}")
         check_magnitudes("projector: projector_from_camera", pose)

@@ -61,7 +61,7 @@ def inside_borders(image: NDArray[np.uint8]) -> Inside:
         if max(edges) <= _EDGE:
             left, top = (start + _MIXED_PX * (start > 0) for start in (left, top))
             right, bottom = (end - _MIXED_PX * (end < side) for end, side in ((right, width), (bottom, height)))
-            return Inside(left, top, right - left, bottom - top)
+            return Inside(left, top, right - left, bottom - top) if right > left and bottom > top else whole
         worst = int(np.argmax(edges))
         top, bottom, left, right = top + (worst == 0), bottom - (worst == 1), left + (worst == 2), right - (worst == 3)
     return whole

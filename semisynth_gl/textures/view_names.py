@@ -24,6 +24,8 @@ _LAST_VIEW = 8
 _CAMERA = re.compile(r"(?<![^\W\d_])cam(?:era)?[ _-]?\d{1,2}(?!\d)", re.IGNORECASE)
 # KITTI's folders, in which 000017_10 and 000017_11 are a tenth of a second apart.
 _KITTI_FOLDER = re.compile(r"image_0?[0-3]|colored_[01]")
+# Of two cameras: im0 and im1, cam0 and cam1, image_0 to image_3.
+_NUMBERED = re.compile(r"(?<![^\W_])(?:im|cam(?:era)?[ _-]?|image_0?|colored_)([0-3])(?!\d)")
 _FRAME = re.compile(r"(\d{6})_\d\d")
 # Middlebury: folders of one scene under different light.
 _LIGHT = re.compile(r"/(?:Illum\d|Exp\d|ambient/[FLT]\d)(?=/)")
@@ -49,16 +51,19 @@ def groups_by_name(photographs: Sequence[Path]) -> list[list[int]]:
 
 
 def is_right(path: Path) -> bool:
-    """Return whether a photograph is a right view by its name: the last word of its path that names a side.
+    """Return whether a photograph is a right view by its name: the last part of its path that names a side.
 
-    Such words are ``left``, ``right``, ``l`` and ``r``, and EuRoC's folders ``cam0`` and ``cam1``.
+    A part does so by a word ``left``, ``right``, ``l`` or ``r``, by EuRoC's ``cam0`` and ``cam1``, by KITTI's folders
+    and by Middlebury's ``im0`` and ``im1``. A path should begin where photographs differ: /mnt/r is no side.
     """
     for part in (path.stem, *(folder.name for folder in path.parents)):
-        sides = _SIDE.findall(part)
+        # Cameras number their photographs R0010123 and so on.
+        sides = [word for word in _SIDE.findall(part) if len(word) > 1 or not re.match(rf"{word}\d", part)]
         if sides:
             return sides[-1][0] in "rR"
-        if part in ("cam0", "cam1"):
-            return part == "cam1"
+        numbered = _NUMBERED.search(part)
+        if numbered is not None:
+            return numbered[1] in "13"
     return False
 
 

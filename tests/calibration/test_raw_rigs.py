@@ -117,6 +117,10 @@ def test_the_unit_counts_for_the_baseline_alone(tmp_path):
     check(rig)
 
 
+def opencv_text(**changes):
+    return "".join(f"{name}: {np.array(value).tolist()}\n" for name, value in (RAW | changes).items())
+
+
 def orb_slam(values):
     lines = ["%YAML:1.0", f"LEFT.width: {SIZE[0]}", f"LEFT.height: {SIZE[1]}"]
     names = {"LEFT": ("K1", "D1", "R1", "P1"), "RIGHT": ("K2", "D2", "R2", "P2")}
@@ -174,6 +178,14 @@ def test_orb_slams_and_ross_files_give_the_raw_cameras(tmp_path):
     check(read_rigs([tmp_path / "echo.yaml"])[0])
 
 
+def test_a_translation_may_be_a_row_and_a_lens_may_bend_nothing(tmp_path):
+    path = tmp_path / "rig.yaml"
+    path.write_text(opencv_text(T=T.T.tolist(), D1=[], D2=[]))
+    (rig,) = read_rigs([path], size=Size(*SIZE))
+    assert rig.raw["left"].distortion == (0.0,) * 5
+    assert rig.camera.baseline_m == pytest.approx(0.12, abs=1e-3)
+
+
 def test_a_camchain_of_kalibr_is_rectified_as_opencv_does(tmp_path):
     path = tmp_path / "camchain.yaml"
     path.write_text(kalibr())
@@ -211,9 +223,8 @@ def test_cameras_that_are_rectified_already_have_no_lens(tmp_path):
         (kalibr("equidistant", (D1, D2)), ["cam0.distortion_coeffs", "expected 4 coefficients", "got 5"]),
         ("K1: [1]\nD1: [0, 0, 0, 0]\nK2: [1]\nD2: [0]\nR: [1]\nT: [1]\n", ["K1: expected a 3 x 3 matrix"]),
         ("R: [1]\nT: [1]\n", ["lacks the cameras", "K1, D1, K2 and D2"]),
-        (orb_slam(RAW | rectified() | {"R2": 2 * np.eye(3)}), ["RIGHT.R: expected a rotation"]),
-        (orb_slam(RAW | rectified() | {"K2": K2 + np.eye(3, k=1)}), ["RIGHT.K: expected [fx 0 cx"]),
-        (orb_slam(RAW | rectified() | {"D1": np.arange(14.0)}), ["LEFT.D", "got 14", "tilted"]),
+        (opencv_text(D1=D1[:4]), ["D1: 4 coefficients", "distortion_model: radial-tangential"]),
+        (opencv_text(T=[1, 2]), ["T: expected 3 numbers, got 2"]),
     ],
 )
 def test_what_is_no_lens_of_opencvs_is_refused_with_its_numbers(tmp_path, text, words):
@@ -222,6 +233,41 @@ def test_what_is_no_lens_of_opencvs_is_refused_with_its_numbers(tmp_path, text, 
     with pytest.raises(ReadError) as error:
         read_rigs([path], size=Size(*SIZE))
     for word in (str(path), *words):
+        assert word in str(error.value)
+
+
+ALL = RAW | rectified()
+
+
+@pytest.mark.parametrize(
+    ("files", "words"),
+    [
+        ([orb_slam(ALL | {"R2": 2 * np.eye(3)})], ["RIGHT.R: expected a rotation"]),
+        ([orb_slam(ALL | {"K2": K2 + np.eye(3, k=1)})], ["RIGHT.K: expected [fx 0 cx"]),
+        ([orb_slam(ALL | {"D1": np.arange(14.0)})], ["LEFT.D", "got 14", "tilted"]),
+        ([orb_slam(ALL | {"D1": D1[:4], "D2": D2[:4]})], ["LEFT.D: 4 coefficients", "fisheye"]),
+        (ros(ALL | {"R1": np.zeros((3, 3))}), ["rectification_matrix: expected a rotation"]),
+        (ros(ALL, model="none"), ["lens model 'none'"]),
+        (
+            [ros(ALL | {"D1": FISHEYE}, model="equidistant")[0], ros(ALL | {"D2": D2[:4]})[1]],
+            ["lenses of one model", "fisheye"],
+        ),
+    ],
+)
+def test_a_rectified_rig_does_without_a_lens_that_cannot_be_used(place, files, words):
+    paths = []
+    for number, text in enumerate(files):
+        paths.append(place / f"{number}.yaml")
+        paths[-1].write_text(text)
+    (rig,) = read_rigs(paths)
+    assert rig.raw is None
+    calibration = calibrate(place / "photos", calib=paths, range_px=(2, 40), trials=0)
+    assert calibration.config.lens is None
+    with pytest.raises(InputError, match="its cameras before rectification") as error:
+        made(place, calib=paths)
+    for word in words:
+        assert word in str(rig.lens_fault)
+        assert any(word in note for note in calibration.notes)
         assert word in str(error.value)
 
 
@@ -249,6 +295,12 @@ def test_a_reduced_rig_sees_the_same_directions():
         ("right/left_3.png", False),
         ("scene_R.png", True),
         ("bright/moor.png", False),
+        ("R0010123.JPG", False),
+        ("image_3/000017_10.png", True),
+        ("image_2/000017_10.png", False),
+        ("Adirondack/im1.png", True),
+        ("Adirondack/im0.png", False),
+        ("cam1_0001.png", True),
     ],
 )
 def test_names_tell_right_views(name, right):
@@ -364,6 +416,15 @@ def test_wrong_photographs_are_refused_before_anything_is_written(place):
         made(place, calib=place / "only-p.yml")
     with pytest.raises(InputError, match=r"raw images have 320 x 240, but of 12 photographs none.* 640 x 480"):
         made(place, scale=0.5)
+    for sources in (str(place / "photos" / "*" / "0*.png"), sorted((place / "photos" / "left").iterdir())):
+        top = place / "photos" if isinstance(sources, str) else place / "photos" / "left"
+        with pytest.raises(InputError, match=r"would replace the photograph|lies among the photographs"):
+            calibrate(sources, calib=place / "stereo.yml", rectify_to=top, range_px=(2, 40), trials=0)
+    for pairs in ([("a",)], [(1, 2)]):
+        with pytest.raises(InputError, match="pairs"):
+            made(place, pairs=pairs)
+    with pytest.raises(InputError, match="rectify_to"):
+        calibrate(place / "photos", calib=place / "stereo.yml", rectify_to=5, range_px=(2, 40))
     Image.new("RGB", SIZE).save(place / "photos" / "left" / "00.jpg")
     with pytest.raises(InputError, match="differ in more than their endings"):
         made(place)
@@ -378,6 +439,30 @@ def test_wrong_photographs_are_refused_before_anything_is_written(place):
 def test_photographs_of_another_size_are_left_out_with_a_note(place):
     Image.new("RGB", (100, 80)).save(place / "photos" / "small.png")
     assert any("1 photograph left out" in note and "640 x 480" in note for note in made(place).notes)
+
+
+def test_photographs_below_another_folder_and_turned_ones(place, monkeypatch):
+    (place / "day").mkdir()
+    monkeypatch.chdir(place / "day")
+    made(Path(".."), calib="../stereo.yml", pairs=[("../photos/left", str(place / "photos" / "right"))])
+    assert len(list((place / "rectified").rglob("*.png"))) == 12
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    Image.new("RGB", SIZE, (200, 90, 90)).save(place / "photos" / "turned.jpg", exif=exif)
+    with pytest.raises(InputError, match="turned by its EXIF"):
+        made(place)
+
+
+def test_a_lens_that_folds_is_left_out_with_a_note(place):
+    far = {"K1": np.array([[380.0, 0, 320], [0, 380, 240], [0, 0, 1]]), "D1": np.array([-0.35, 0.12, 0, 0, -0.02])}
+    far |= {"K2": far["K1"], "D2": far["D1"]}
+    r1, r2, p1, p2, *_ = cv2.stereoRectify(far["K1"], far["D1"], far["K2"], far["D2"], SIZE, R, T, alpha=1)
+    stored(place / "far.yml", RAW | far | {"R1": r1, "R2": r2, "P1": p1, "P2": p2})
+    calibration = calibrate(place / "photos", calib=place / "far.yml", range_px=(2, 40), trials=0)
+    assert calibration.config.lens is None
+    assert any("bends two directions" in note for note in calibration.notes)
+    with pytest.raises(InputError, match="bends two directions"):
+        made(place, calib=place / "far.yml")
 
 
 def test_lenses_of_several_rigs_are_left_out_with_a_note(place):

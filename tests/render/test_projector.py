@@ -93,6 +93,8 @@ def expected_light(scene, models, eye, pattern=FULL):
         normals[mine] = of_triangle[hits.triangle[mine]]
     source = -turn.T @ shift
     way = points - source
+    eye_place = np.array([camera.offset_m(eye), 0, 0])
+    reached &= (normals * way).sum(1) * (normals * (points - eye_place)).sum(1) > 0
     distance = np.linalg.norm(way, axis=1)
     cosine = np.abs((normals * way).sum(1)) / (np.linalg.norm(normals, axis=1) * distance)
     light = np.where(missed, 0, own.ambient + np.where(reached, own.power * cosine / distance**2, 0))
