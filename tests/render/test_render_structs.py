@@ -18,6 +18,7 @@ from disparity_variants import VARIANT_SHADERS  # and adds its block to BLOCKS
 
 SLIVERS = ("slivers.comp", {"STEP": 0})
 FLOW = ("flow.comp", {"STEP": 1})
+LIT = ("mesh.vert", "mesh.frag", {"COLOUR": 0, "LIT": 1})
 EDGES = ("edges.vert", "edges.frag", {}, "edges.geom")
 
 
@@ -38,7 +39,7 @@ def test_a_struct_that_is_packed_otherwise_is_an_error_with_both_layouts(context
         "itemsize": block.dtype.itemsize + 16,
     })  # fmt: skip
     monkeypatch.setitem(structs.BLOCKS, name, Block(block.binding, wrong, block.array))
-    drawing = {"Camera64": (*VARIANT_SHADERS, {"PLANE64": 1}), "Wearers": EDGES}.get(name)
+    drawing = {"Camera64": (*VARIANT_SHADERS, {"PLANE64": 1}), "Wearers": EDGES, "ProjectedLight": LIT}.get(name)
     with pytest.raises(BackendError, match=rf"lays out the block {name} as .* bytes, but the program packs .* bytes"):
         link_program(context, *drawing) if drawing else link_compute(context, *(SLIVERS if name == "Runs" else FLOW))
 
