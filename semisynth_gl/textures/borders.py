@@ -10,7 +10,7 @@ _BLACK = 3
 # Dark objects may reach the edge of a photograph: a border is at least this share of it, and leaves at least this part.
 _LEAST, _LEAST_INSIDE = 1e-3, 0.5
 # Of an edge, at most this share may be black inside the borders; and pixels beside a border are mixed with it.
-_EDGE, _MIXED_PX = 0.005, 2
+_EDGE, _MIXED_PX, _CORNERS = 0.005, 2, 2
 
 
 class Inside(NamedTuple):
@@ -52,7 +52,7 @@ def inside_borders(image: NDArray[np.uint8]) -> Inside:
     border = black_border(image)
     height, width = border.shape
     whole = Inside(0, 0, width, height)
-    if border.mean() < _LEAST:
+    if border.mean() < _LEAST or not _is_of_rectification(border):
         return whole
     top, bottom, left, right = 0, height, 0, width
     while (bottom - top) * (right - left) > _LEAST_INSIDE * height * width:
@@ -65,6 +65,15 @@ def inside_borders(image: NDArray[np.uint8]) -> Inside:
         worst = int(np.argmax(edges))
         top, bottom, left, right = top + (worst == 0), bottom - (worst == 1), left + (worst == 2), right - (worst == 3)
     return whole
+
+
+def _is_of_rectification(border: NDArray[np.bool_]) -> bool:
+    """Return whether a border lies on opposite edges or takes two corners: a dark thing in one corner does neither."""
+    top, bottom, left, right = (
+        float(edge.mean()) > _EDGE for edge in (border[0], border[-1], border[:, 0], border[:, -1])
+    )
+    corners = int(border[[0, 0, -1, -1], [0, -1, 0, -1]].sum())
+    return (top and bottom) or (left and right) or corners >= _CORNERS
 
 
 def _is_black(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
