@@ -31,6 +31,7 @@ from semisynth_gl.render.renderer import Renderer as Renderer
 from semisynth_gl.reporting.build import Report as Report
 from semisynth_gl.reporting.build import report as report
 from semisynth_gl.scene.scene import Motion as Motion
+from semisynth_gl.scene.scene import Projector as Projector
 from semisynth_gl.scene.scene import Scene as Scene
 from semisynth_gl.scene.scene import make_scene as make_scene
 from semisynth_gl.scene.scene import move as move

@@ -32,8 +32,8 @@ float light_here() {
     bool reached = over_depth.z > 0.0 && inside && point.z <= farthest_m * SAME_DEPTH;
     float square_m = dot(point, point);
     float facing = abs(dot(normal, point)) / max(sqrt(dot(normal, normal) * square_m), 1e-30);
-    // The eye sees the side that the projector lights. Without the way from the projector to the eye, a point over Z is
-    // the direction in which the eye sees it.
+    // A sheet may hide its lit side from the eye. The way from the eye to the point, over Z, is the way from the
+    // projector to the point less the way from the projector to the eye, the last column.
     vec3 seen_along = over_depth - projector_from_window[3].xyz * gl_FragCoord.w;
     bool same_side = dot(normal, point) * dot(normal, seen_along) > 0.0;
     // The sky is too far away.

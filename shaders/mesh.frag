@@ -1,8 +1,8 @@
 #version 450 core
-// COLOUR: from the patch atlas and nothing else, with up to most_samples where it is ANISOTROPIC, and with one component
-// where it is GREY; times the light of a projector where it is LIT. The rest is truth: DISPARITY, or INVERSE_DEPTH (1 / Z) from which several cameras' disparities follow,
-// DEPTH (planar), INSTANCES (ids from 1), SKY, NORMALS (of the triangle, towards the camera) and SURFACE (which triangle of
-// which instance).
+// COLOUR: from the patch atlas and nothing else, with up to most_samples where it is ANISOTROPIC, with one component where
+// it is GREY, and multiplied by light_here() where it is LIT. The rest is truth: DISPARITY, or INVERSE_DEPTH (1 / Z) from
+// which several cameras' disparities follow, DEPTH (planar), INSTANCES (ids from 1), SKY, NORMALS (of the triangle, towards
+// the camera) and SURFACE (which triangle of which instance).
 
 #include "common_constants.glsl"
 

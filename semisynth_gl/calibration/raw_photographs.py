@@ -51,8 +51,8 @@ def rectify_photographs(
         where there are none.
 
     Raises:
-        InputError: where no photograph has the size of its raw camera, the folder holds other images, or is one of the
-            ``sources``.
+        InputError: where no photograph has the size of its raw camera, one is turned by its EXIF orientation or would
+            be replaced, or the folder holds other images or is one of the ``sources``.
         ImageError: where a photograph cannot be read.
     """
     folder = _whole(expanded(folder))

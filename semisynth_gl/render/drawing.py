@@ -204,10 +204,10 @@ class Drawing:
         self, names: tuple[str, ...], filled: Sequence[Filled], scene: Scene, eye: Eye, width_px: int
     ) -> None:
         """Draw runs of instances to attachments that are ``width_px`` wide."""
-        light = self._light if scene.projector is not None and "colour" in names else None
-        if light is not None and scene.projector is not None:
-            light.use(scene, scene.projector, eye, width_px)
-        programs = self._programs(names, lit=light is not None)
+        projector = scene.projector if "colour" in names else None
+        if projector is not None and self._light is not None:
+            self._light.use(projector, scene.camera, eye, width_px)
+        programs = self._programs(names, lit=projector is not None)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">"
         for part in filled:

@@ -7,12 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Eye, StereoCamera
+from semisynth_gl.inputs.arguments import LEAST
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render.loaded import Loaded
 from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.structs import BLOCKS, PROJECTOR
 from semisynth_gl.render.targets import EyeTargets
-from semisynth_gl.scene.scene import Projector, Scene
+from semisynth_gl.scene.scene import Projector
 
 # Texture units of common_projector.glsl.
 _PATTERN, _REACHED = 2, 3
@@ -57,10 +58,10 @@ class ProjectorLight:
         draw(_seen_by(projector, placed, self._size), self._targets)
         self._reached = placed
 
-    def use(self, scene: Scene, projector: Projector, eye: Eye, width_px: int) -> None:
+    def use(self, projector: Projector, camera: StereoCamera, eye: Eye, width_px: int) -> None:
         """Bind all that mesh.frag needs for one eye's image, drawn ``width_px`` wide."""
         values = np.zeros((), PROJECTOR)
-        values["projector_from_window"] = _projector_from_window(scene, projector, eye, width_px).T
+        values["projector_from_window"] = _projector_from_window(projector, camera, eye, width_px).T
         values["middle_px"] = (self._size[0] - 1) / 2, (self._size[1] - 1) / 2
         values["focal_px"], values["power"], values["ambient"] = projector.focal_px, projector.power, projector.ambient
         self._buffer.orphan()
@@ -77,18 +78,17 @@ def _seen_by(projector: Projector, placed: Placed, size: tuple[int, int]) -> Pla
     view_from_model[sky, :3, 3] -= turned[:3, 3]  # infinitely far away from there, too
     # The baseline is of no account: only the left eye is drawn.
     camera = StereoCamera.centred(*size, projector.focal_px, 1.0)
-    near_m = scene.near_m * _NEARER
+    near_m = max(scene.near_m * _NEARER, LEAST)
     pose = turned @ scene.camera_from_world
     seen = replace(scene, camera=camera, near_m=near_m, camera_from_world=pose, projector=None)
     return replace(placed, scene=seen, view_from_model=view_from_model)
 
 
-def _projector_from_window(scene: Scene, projector: Projector, eye: Eye, width_px: int) -> NDArray[np.float64]:
-    """Return the matrix (3, 4), as (4, 4), from a fragment to the projector's frame.
+def _projector_from_window(projector: Projector, camera: StereoCamera, eye: Eye, width_px: int) -> NDArray[np.float64]:
+    """Return the matrix (4, 4) from a fragment's x and y in the window, 1, and 1 / Z in the eye's frame.
 
-    It takes x and y of the window, 1, and 1 / Z in the eye's frame, and gives the point over Z.
+    It leads to the fragment's point in the projector's frame, divided by Z; the fourth row is the identity's.
     """
-    camera = scene.camera
     cx, cy, focal = camera.lens_px(eye)
     scale = width_px / camera.width_px
     # A window's position x is (x / scale - 1 / 2) px in the image.

@@ -65,7 +65,7 @@ class Renderer:
         signed: whether disparities of 0 and below are valid.
         antialias: "none", "edges", "msaa4" (or another number of samples that the driver has) or "ssaa2" to "ssaa8";
             for colour only.
-        pattern: (H, W) uint8, what the scenes' projectors throw; None where scenes have none.
+        pattern: the picture that the projectors of scenes throw, (H, W) uint8; None if no scene has a projector.
         backend: "auto", "egl" or "osmesa".
         device_index: EGL's number of the device.
         read: takes the pixels that were drawn, by default into arrays in memory; see `Reader`.

@@ -6,26 +6,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.config.rig_sections import ProjectorSection
-from semisynth_gl.scene.rig import rotation_about_axis
+from semisynth_gl.scene.rig import own_from_outer
 from semisynth_gl.scene.scene import Projector
 from semisynth_gl.seeds.seeds import Purpose, generator
 
-_NEAREST = 1e-12
 
-
-def draw_projector(section: ProjectorSection | None, rng: np.random.Generator) -> Projector | None:
-    """Draw a sequence's projector: every range once, always in the same order; None where it is off."""
-    if section is None or rng.random() >= section.share:
+def draw_projector(section: ProjectorSection, rng: np.random.Generator) -> Projector | None:
+    """Draw the projector of a sequence; return None for a sequence in which it is off."""
+    if rng.random() >= section.share:
         return None
     width_rad = math.radians(section.field_of_view_deg.draw(rng))
     position_m = np.array([each.draw(rng) for each in section.position_m])
     turn_rad = np.deg2rad([each.draw(rng) for each in section.turn_deg])
     power, ambient = section.power.draw(rng), section.ambient.draw(rng)
-    angle = max(float(np.linalg.norm(turn_rad)), _NEAREST)
-    projector_from_camera = np.eye(4)
-    projector_from_camera[:3, :3] = rotation_about_axis(turn_rad[None] / angle, np.array([-angle]))[0]
-    projector_from_camera[:3, 3] = -projector_from_camera[:3, :3] @ position_m
-    return Projector(projector_from_camera, section.pattern_width_px / 2 / math.tan(width_rad / 2), power, ambient)
+    return Projector(
+        own_from_outer(position_m, turn_rad), section.pattern_width_px / 2 / math.tan(width_rad / 2), power, ambient
+    )
 
 
 def draw_pattern(section: ProjectorSection) -> NDArray[np.uint8]:

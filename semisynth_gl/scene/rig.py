@@ -70,16 +70,10 @@ class Sway:
 
     def camera_from_world(self, time_s: float) -> Floats:
         """Return camera_from_world of the left camera at a time, (4, 4) float64; the identity for a still camera."""
-        camera_from_world = np.eye(4)
         if not self.moves:
-            return camera_from_world
+            return np.eye(4)
         swing = np.sin(2 * np.pi * time_s / self.period_s + self.phase_rad)
-        turn = self.turn_rad * swing[3:]
-        angle = float(np.linalg.norm(turn))
-        if angle > 0:
-            camera_from_world[:3, :3] = rotation_about_axis(turn[None] / angle, np.array([-angle]))[0]
-        camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ (self.shift_m * swing[:3])
-        return camera_from_world
+        return own_from_outer(self.shift_m * swing[:3], self.turn_rad * swing[3:])
 
 
 STILL = Sway(np.zeros(3), np.zeros(3), np.ones(6), np.zeros(6))
@@ -204,6 +198,16 @@ def draw_sway(section: CameraSection, rng: np.random.Generator) -> Sway:
         section.sway_s.draw_many(rng, 6),
         rng.uniform(0, 2 * np.pi, 6),
     )
+
+
+def own_from_outer(place_m: Floats, turn_rad: Floats) -> Floats:
+    """Return the pose (4, 4) that leads into the frame of what stands at a place, turned by a rotation vector."""
+    pose = np.eye(4)
+    angle = float(np.linalg.norm(turn_rad))
+    if angle > 0:
+        pose[:3, :3] = rotation_about_axis(turn_rad[None] / angle, np.array([-angle]))[0]
+    pose[:3, 3] = -pose[:3, :3] @ place_m
+    return pose
 
 
 def rotation_from_quaternion(quaternion: Floats) -> Floats:

@@ -18,7 +18,7 @@ from semisynth_gl.scene.population import Population
 from semisynth_gl.scene.projector import draw_projector, projector_record
 from semisynth_gl.scene.resting import come_to_rest, triangles_of
 from semisynth_gl.scene.rig import near_depth_m
-from semisynth_gl.scene.scene import Motion, Scene
+from semisynth_gl.scene.scene import Motion, Projector, Scene
 from semisynth_gl.scene.structures import STILL_MODELS, Stage, draw_stage, take_stock
 from semisynth_gl.scene.view_volume import clear_depth_m
 from semisynth_gl.seeds.seeds import Purpose, generator
@@ -101,6 +101,7 @@ class _Sequence(NamedTuple):
     stage: Stage
     near_m: float  # depth of the near plane
     slots: Slots
+    projector: Projector | None
 
 
 def _drawn(ends: Floats, chance: Floats) -> Ints:
@@ -238,13 +239,15 @@ class SceneSampler:
             batches = self.population.draw(number + _REDRAWN * attempt, stage.camera, stage.still.disparity_px, rng)
             near_m = near_depth_m(stage.camera, self._config.disparity)
             slots = draw_slots(stage.camera, self._config.particles, batches, rng, near_m, stage.sway)
-            falling = _Sequence(draw, stage, near_m, slots)
+            section = self._config.projector
+            projector = None if section is None else draw_projector(section, draw.generator(Purpose.PROJECTOR))
+            falling = _Sequence(draw, stage, near_m, slots, projector)
             self._latest = falling._replace(slots=replace(slots, resting=self._resting(falling)))
         return self._latest
 
     def _resting(self, sequence: _Sequence) -> dict[int, Floats]:
         """Lower the models of some slots onto the surfaces below them; return their poses (4, 4) by slot."""
-        draw, stage, near_m, slots = sequence
+        draw, stage, near_m, slots, _ = sequence
         chance = draw.generator(Purpose.RESTING).random(len(slots))
         chosen = np.flatnonzero(chance < self._config.particles.resting)
         if not len(chosen):
@@ -267,7 +270,7 @@ class SceneSampler:
 
     def _sample_frame(self, sequence: _Sequence, frame: int, view: int) -> SampledScene:
         """Sample the scene of any frame of a sequence, as the right view of a number sees it."""
-        draw, stage, near_m, slots = sequence
+        draw, stage, near_m, slots, projector = sequence
         config, still = self._config, stage.still
         particles = self._particles(sequence, frame)
         # The near plane is in front of both cameras, so no model can swallow a camera.
@@ -287,7 +290,7 @@ class SceneSampler:
             uv_scale=scale,
             uv_offset=offset,
             sky=np.concatenate([still.sky, np.zeros(len(kept), bool)]),
-            projector=draw_projector(config.projector, draw.generator(Purpose.PROJECTOR)),
+            projector=projector,
         )
         slot, generation = (np.concatenate([np.full(len(still), -1), numbers]) for numbers in (kept, generations))
         return SampledScene(
@@ -335,7 +338,7 @@ class SceneSampler:
         self, sequence: _Sequence, particles: Particles, slot: NDArray[np.intp], model: Ints
     ) -> tuple[Ints, Floats, Floats]:
         """Return each instance's patch (N,), patches per UV unit (N, 2), and UV offset in patches (N, 2)."""
-        draw, stage, _, slots = sequence
+        draw, stage, _, slots, _ = sequence
         section, still = self._config.textures, stage.still
         of_still = draw.generator(Purpose.TEXTURE, 0).random((len(still), 4))
         of_slots = draw.per_slot(Purpose.TEXTURE, particles.generation[slot], slot, 4, first_key=1)

@@ -41,7 +41,9 @@ class Projector:
     def __post_init__(self) -> None:
         pose = to_array("projector: projector_from_camera", self.projector_from_camera, np.float64)
         object.__setattr__(self, "projector_from_camera", pose)
-        if pose.shape != (4, 4) or not np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-6):
+        turn = pose[:3, :3] if pose.shape == (4, 4) else np.zeros((3, 3))
+        rigid = np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) and np.linalg.det(turn) > 0
+        if not rigid or pose[3].tolist() != [0, 0, 0, 1]:
             raise InputError(f"projector: projector_from_camera must be rigid, (4, 4), got {pose.tolist()}")
         check_magnitudes("projector: projector_from_camera", pose)
         for name in ("focal_px", "power", "ambient"):
@@ -72,7 +74,7 @@ class Scene:
         sky: (N,) bool, whether each instance is infinitely far away; by default none is. Both eyes see such an instance
             behind all others, in the directions in which it stands from the world's origin, and it keeps these
             directions as the cameras turn.
-        projector: lights the scene, if there is one; otherwise colours are those of the patches.
+        projector: the projector that lights the scene; with None, colours stay the patches' own.
 
     Raises:
         InputError: where shapes or values are wrong.
@@ -221,7 +223,7 @@ def make_scene(
         camera_from_world: (4, 4), the left camera's pose; by default the identity.
         near_m: depth of the near plane.
         sky: () or (N,) bool, whether instances are infinitely far away.
-        projector: lights the scene.
+        projector: the projector that lights the scene, if any.
 
     Raises:
         InputError: where shapes or values are wrong.

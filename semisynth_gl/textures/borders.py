@@ -10,7 +10,9 @@ _BLACK = 3
 # Dark objects may reach the edge of a photograph: a border is at least this share of it, and leaves at least this part.
 _LEAST, _LEAST_INSIDE = 1e-3, 0.5
 # Of an edge, at most this share may be black inside the borders; and pixels beside a border are mixed with it.
-_EDGE, _MIXED_PX, _CORNERS = 0.005, 2, 2
+_EDGE, _MIXED_PX = 0.005, 2
+# Fewest black corners of an image with a border that lies on no two opposite edges.
+_CORNERS = 2
 
 
 class Inside(NamedTuple):
