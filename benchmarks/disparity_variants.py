@@ -16,7 +16,7 @@ from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.model_buffers import ModelBuffers, refill
 from semisynth_gl.render.placing import Placing
-from semisynth_gl.render.programs import link_program
+from semisynth_gl.render.programs import link_meshes, link_program
 from semisynth_gl.render.projection import clip_from_view
 from semisynth_gl.render.structs import BLOCKS, Block
 from semisynth_gl.render.targets import EyeTargets
@@ -93,7 +93,7 @@ class DisparityVariants:
             if variant in _DEPTH_BUFFER_VARIANTS:
                 self._programs[variant] = depth_only
             elif variant == RENDERERS_VARIANT:
-                self._programs[variant] = link_program(self._context, "mesh.vert", "mesh.frag", {"DISPARITY": 0})
+                self._programs[variant] = link_meshes(self._context, {"DISPARITY": 0})
             else:
                 try:
                     program = link_program(self._context, *VARIANT_SHADERS, _DEFINES[variant])

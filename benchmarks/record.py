@@ -133,6 +133,9 @@ MEASUREMENTS: Mapping[str, Result] = {
     "hard-cases": Result(
         "Hard cases", _HARD_CASES, ("benchmarks/hard_cases.py",), hard_cases.headline, hard_cases.table
     ),
+    "hard-cases-gpu": Result(
+        "Hard cases on a GPU", _HARD_CASES, ("benchmarks/hard_cases.py",), hard_cases.headline, hard_cases.table
+    ),
 }  # fmt: skip
 
 

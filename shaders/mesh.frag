@@ -2,7 +2,8 @@
 // COLOUR: from the patch atlas and nothing else, with up to most_samples where it is ANISOTROPIC, with one component where
 // it is GREY, and multiplied by light_here() where it is LIT. The rest is truth: DISPARITY, or INVERSE_DEPTH (1 / Z) from
 // which several cameras' disparities follow, DEPTH (planar), INSTANCES (ids from 1), SKY, NORMALS (of the triangle, towards
-// the camera) and SURFACE (which triangle of which instance).
+// the camera) and SURFACE (which triangle of which instance). SNAPPED is the number of steps in a pixel to which the driver
+// moves the corners of triangles.
 
 #include "common_constants.glsl"
 
@@ -10,6 +11,25 @@ in vec2 patch_coordinate;
 flat in int patch_layer;
 flat in int scene_instance;
 flat in int scene_triangle;
+
+// 1 / Z at the pixel's centre. It is linear on the screen, and the rasteriser interpolates it without a division.
+#ifdef SNAPPED
+in vec3 point;
+
+// GPUs move corners to multiples of 1 / SNAPPED px first, so they show at a pixel's centre what lies up to half a step
+// beside it. How far that is follows from the point; the bound leaves room for rounding, and keeps slivers, whose points
+// are badly known, from being carried off.
+float inverse_depth_here() {
+    precise vec2 ray = (gl_FragCoord.xy - 0.5 - centre_px) / focal_px;
+    precise vec2 off_px = focal_px * fma(ray, vec2(point.z), -point.xy) / point.z;
+    const float most_px = 0.53 / float(SNAPPED);
+    vec2 change = vec2(dFdx(gl_FragCoord.w), dFdy(gl_FragCoord.w));
+    precise float here = gl_FragCoord.w + dot(change, clamp(off_px, -most_px, most_px));
+    return here;
+}
+#else
+#define inverse_depth_here() gl_FragCoord.w
+#endif
 
 #ifdef COLOUR
 layout(binding = 0) uniform sampler2DArray atlas;
@@ -105,15 +125,14 @@ void main() {
 #if defined(DISPARITY) || defined(INVERSE_DEPTH) || defined(DEPTH) || defined(SKY)
     bool is_sky = gl_FragCoord.z < LEAST_DEPTH;
 #endif
-    // 1/w is linear on the screen, so the rasteriser interpolates it without a division.
 #ifdef DISPARITY
-    disparity_px = disparity_at(is_sky ? 0.0 : gl_FragCoord.w);
+    disparity_px = disparity_at(is_sky ? 0.0 : inverse_depth_here());
 #endif
 #ifdef INVERSE_DEPTH
-    inverse_depth = is_sky ? 0.0 : gl_FragCoord.w;
+    inverse_depth = is_sky ? 0.0 : inverse_depth_here();
 #endif
 #ifdef DEPTH
-    depth_m = is_sky ? uintBitsToFloat(0x7F800000u) : 1.0 / gl_FragCoord.w;
+    depth_m = is_sky ? uintBitsToFloat(0x7F800000u) : 1.0 / inverse_depth_here();
 #endif
 #ifdef SKY
     sky = is_sky ? 255u : 0u;

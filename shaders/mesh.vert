@@ -18,6 +18,7 @@ out vec2 patch_coordinate;
 flat out int patch_layer;
 flat out int scene_instance;
 flat out int scene_triangle;  // the last corner's number is the triangle's, see ModelBuffers
+out vec3 point;               // in view
 
 // Programs with other outputs draw the same triangles, at times to the same depths.
 invariant gl_Position;
@@ -25,12 +26,12 @@ invariant gl_Position;
 #include "common_placement.glsl"
 
 void main() {
-    vec3 view = vec3(placed(view_from_model_x, position), placed(view_from_model_y, position), placed(view_from_model_z, position));
+    point = vec3(placed(view_from_model_x, position), placed(view_from_model_y, position), placed(view_from_model_z, position));
     patch_coordinate = uv * patch_from_uv.xy + patch_from_uv.zw;
     patch_layer = layer;
     scene_instance = instance;
     scene_triangle = gl_VertexID;
-    gl_Position = clip_from_view * vec4(view, 1.0);
+    gl_Position = clip_from_view * vec4(point, 1.0);
     if (sky != 0) {
         gl_Position.z = SKY_DEPTH * gl_Position.w;
     }

@@ -68,6 +68,14 @@ class GraphicsContext:
         """Whether the driver draws on the processor."""
         return is_software(self.renderer)
 
+    @property
+    def corner_steps(self) -> int | None:
+        """The steps of a pixel to which the driver moves a triangle's corners before it interpolates between them.
+
+        None for llvmpipe, which moves them only to tell which pixels the triangle covers.
+        """
+        return None if self.software else 1 << int(self.gl.info["GL_SUBPIXEL_BITS"])
+
     def check_owner(self) -> None:
         """Raise BackendError unless this process and this thread opened the context."""
         if self.process != os.getpid():

@@ -16,7 +16,7 @@ from semisynth_gl.render.model_buffers import Filled
 from semisynth_gl.render.occlusion import Occlusion
 from semisynth_gl.render.pair_targets import COLOUR, DrawnPair, PairTargets
 from semisynth_gl.render.placing import Placed
-from semisynth_gl.render.programs import link_program
+from semisynth_gl.render.programs import link_meshes, link_program
 from semisynth_gl.render.projector_light import ProjectorLight
 from semisynth_gl.render.shared_left import SharedLeft
 from semisynth_gl.render.targets import EyeTargets
@@ -135,7 +135,7 @@ class Drawing:
         anisotropic = anisotropy > 1 and "colour" in names
         if anisotropic:
             defines["ANISOTROPIC"] = 1
-        program = link_program(self._loaded.context, "mesh.vert", "mesh.frag", defines)
+        program = link_meshes(self._loaded.context, defines)
         if anisotropic:
             program["most_samples"] = float(anisotropy)
         return program

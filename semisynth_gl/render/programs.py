@@ -37,6 +37,16 @@ def link_program(
     return program
 
 
+def link_meshes(context: GraphicsContext, defines: Mapping[str, int]) -> moderngl.Program:
+    """Link the program that draws models, for the driver's way with their corners.
+
+    ``defines`` are the outputs and kinds of mesh.frag; errors are those of `link_program`.
+    """
+    steps = context.corner_steps
+    snapped = {} if steps is None else {"SNAPPED": steps}
+    return link_program(context, "mesh.vert", "mesh.frag", {**defines, **snapped})
+
+
 def link_compute(context: GraphicsContext, compute: str, defines: Mapping[str, int]) -> moderngl.ComputeShader:
     """Compile and link a compute shader, and check its blocks, as `link_program` does.
 

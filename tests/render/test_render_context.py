@@ -247,8 +247,12 @@ def test_antialiasing_changes_colour_at_edges_only_and_truth_nowhere(open_render
 def test_samples_that_the_driver_lacks_are_refused(open_renderer, square):
     camera = StereoCamera.centred(8, 8, 8.0, 0.1)
     scene = make_scene(camera, model=[0], world_from_model=[np.eye(4)], layer=[0])
-    with pytest.raises(BackendError, match="msaa32 was asked for"):
-        open_renderer([square], noise_layers(1, 16), antialias="msaa32").render(scene)
+    renderer = open_renderer([square], noise_layers(1, 16), antialias="msaa32")
+    if renderer._context.gl.max_samples < 32:  # noqa: SLF001 - what the driver has
+        with pytest.raises(BackendError, match="msaa32 was asked for"):
+            renderer.render(scene)
+    else:
+        renderer.render(scene)
     for text in ("msaa", "ssaa1", "ssaa9", "fxaa", "msaa1", "msaa3"):
         with pytest.raises(InputError, match="antialias: expected none"):
             open_renderer([square], noise_layers(1, 16), antialias=text)
