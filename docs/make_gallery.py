@@ -64,7 +64,7 @@ def save(picture: Picture | Floats, path: Path, width: int) -> None:
     image = Image.fromarray(picture).convert("RGB")
     path.parent.mkdir(parents=True, exist_ok=True)
     image.thumbnail((width, width), Image.Resampling.BOX)
-    image.save(path, quality=82, optimize=True)
+    image.save(path, quality=82, progressive=True)
 
 
 def figure(name: str, meaning: str, path: str) -> str:

@@ -41,6 +41,7 @@ class BenchScenes:
         layers: the patches, (L, P, P, 4) uint8, or (L, P, P) for grey cameras.
         large_layers: the large patches, (M, Q, Q, 4) uint8, or (M, Q, Q) for grey cameras; M may be 0.
         scenes: a scene for each pair.
+        pattern: of the scenes' projectors, (H, W) uint8; None if they have none.
     """
 
     config: Config
@@ -48,6 +49,7 @@ class BenchScenes:
     layers: NDArray[np.uint8]
     large_layers: NDArray[np.uint8]
     scenes: Sequence[Scene]
+    pattern: NDArray[np.uint8] | None = None
 
     def with_worn_patches(self) -> Self:
         """Return these scenes without the patches that none of them wears, so that renderers take less memory."""
@@ -64,7 +66,7 @@ class BenchScenes:
     def open_renderer(self, backend: Backend, **options: Any) -> Renderer:  # noqa: ANN401 - options of a renderer
         """Open a renderer of these models and patches; ``options`` of `Renderer` replace the config's."""
         large = self.large_layers if len(self.large_layers) else None
-        options = renderer_options(self.config) | options
+        options = renderer_options(self.config) | {"pattern": self.pattern} | options
         return Renderer(self.models, self.layers, large_layers=large, backend=backend, **options)
 
     @contextmanager
@@ -122,7 +124,7 @@ def sample_scenes(config: Config, seed: int, pairs: int) -> BenchScenes:
     sampler = MixSampler(config, seed, sources.libraries, sources.atlas.patches)
     scenes = [sampler.sample(index).scene for index in range(pairs)]
     atlas = sources.atlas
-    return BenchScenes(config, sampler.models, atlas.layers, atlas.large_layers, scenes)
+    return BenchScenes(config, sampler.models, atlas.layers, atlas.large_layers, scenes, sources.pattern)
 
 
 def cast_truth(

@@ -1,6 +1,7 @@
 """The sections about the rig: its cameras and the disparities that they see."""
 
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
@@ -13,6 +14,7 @@ from semisynth_gl.config.fields import (
     Baselines,
     Finite,
     NotNegativeRange,
+    PathText,
     Positive,
     PositiveRange,
     Range,
@@ -36,7 +38,7 @@ _Side = Annotated[int, count(_WIDEST_PX)]
 
 LensModel = Literal["radial-tangential", "fisheye"]
 LensBorder = Literal["black", "replicate"]
-Pattern = Literal["dots", "stripes"]
+DRAWN_PATTERNS = ("dots", "stripes")
 COEFFICIENTS: Mapping[LensModel, tuple[int, ...]] = {"radial-tangential": (4, 5, 8, 12), "fisheye": (4,)}
 """Numbers of coefficients that OpenCV knows for each model of a lens."""
 
@@ -240,11 +242,11 @@ class ProjectorSection(Section):
     The ranges are drawn per sequence.
 
     Attributes:
-        pattern: ``dots`` at random places, or upright ``stripes``.
-        pattern_width_px: width of the pattern.
+        pattern: ``dots`` at random places, upright ``stripes``, or a picture's file.
+        pattern_width_px: width of the pattern, and of the picture.
         pattern_height_px: its height.
         size_px: diameter of a dot, or width of a stripe, pixels of the pattern.
-        density: share of the pattern that is lit.
+        density: share of the pattern that is lit. Like size_px, it is of no account to a picture.
         field_of_view_deg: angle that the pattern's width takes.
         position_m: x, y, z in the left camera's frame.
         turn_deg: rotation vector of the projector against the left camera, degrees.
@@ -254,7 +256,7 @@ class ProjectorSection(Section):
         share: share of the sequences with the projector on; the others have plain images.
     """
 
-    pattern: Pattern = "dots"
+    pattern: PathText = "dots"
     pattern_width_px: Annotated[int, count(_LARGEST_PATTERN_PX)] = 1280
     pattern_height_px: Annotated[int, count(_LARGEST_PATTERN_PX)] = 800
     size_px: Annotated[float, Field(ge=1, le=100)] = 2.5
@@ -269,6 +271,10 @@ class ProjectorSection(Section):
     def _faults(self) -> Iterator[str]:
         if self.field_of_view_deg.high > _WIDEST_DEG:
             yield f"field_of_view_deg: expected at most {_WIDEST_DEG:g}, got {self.field_of_view_deg.high:g}"
+        if self.pattern not in DRAWN_PATTERNS:
+            if not Path(self.pattern).suffix:
+                yield f"pattern: expected {', '.join(DRAWN_PATTERNS)} or a picture such as dots.png, got {self.pattern}"
+            return
         dots = self.density * self.pattern_width_px * self.pattern_height_px / self.size_px**2
         if dots > _MOST_DOTS:
             yield f"expected at most {_MOST_DOTS:,} dots, got {dots:,.0f}: lower density, or raise size_px"

@@ -38,7 +38,6 @@ from semisynth_gl.render.readers import Reader, read_array
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.render.shared_left import SharedLeft
 from semisynth_gl.scene.mix import MixSampler
-from semisynth_gl.scene.projector import draw_pattern
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
 from semisynth_gl.scene.sources import Sources, prepare_sources
@@ -108,7 +107,6 @@ def renderer_options(config: Config) -> dict[str, Any]:
         "rectified": config.rig.none(),
         "signed": config.disparity.signed,
         "antialias": config.antialias,
-        "pattern": None if config.projector is None else draw_pattern(config.projector),
     }
 
 
@@ -122,7 +120,7 @@ class PairRenderer:
         device_index: EGL's number of the device.
         read: fetches the drawn pixels; with another reader than `read_array`, pairs must be rendered with
             ``checked=False``.
-        sources: patches and models of this config and split, if they are loaded already.
+        sources: what `prepare_sources` makes of this config and split, if that is done already.
 
     Attributes:
         config: the configuration.
@@ -159,6 +157,7 @@ class PairRenderer:
             backend=backend,
             device_index=device_index,
             read=read,
+            pattern=self.sources.pattern,
             **renderer_options(config),
         )
         self._lenses = None if config.lens is None else Lenses(config.lens, self._lens_rng)

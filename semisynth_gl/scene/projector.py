@@ -5,10 +5,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.config.rig_sections import ProjectorSection
+from semisynth_gl.config.rig_sections import DRAWN_PATTERNS, ProjectorSection
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.scene.rig import own_from_outer
 from semisynth_gl.scene.scene import Projector
 from semisynth_gl.seeds.seeds import Purpose, generator
+from semisynth_gl.textures.atlas import to_grey
+from semisynth_gl.textures.images import ImageError, read_image
 
 
 def draw_projector(section: ProjectorSection, rng: np.random.Generator) -> Projector | None:
@@ -24,10 +28,30 @@ def draw_projector(section: ProjectorSection, rng: np.random.Generator) -> Proje
     )
 
 
-def draw_pattern(section: ProjectorSection) -> NDArray[np.uint8]:
-    """Draw the pattern, (H, W) uint8: it belongs to the projector, so that the section alone decides it."""
-    rng = generator(0, Purpose.PROJECTOR)
+def find_pattern(section: ProjectorSection) -> NDArray[np.uint8]:
+    """Draw or read the pattern, (H, W) uint8: it belongs to the projector, so all pairs and datasets have the same.
+
+    Raises:
+        InputError: where its file cannot be read, or has another size.
+    """
     height, width = section.pattern_height_px, section.pattern_width_px
+    if section.pattern in DRAWN_PATTERNS:
+        return _drawn(section, height, width)
+    try:
+        pattern = to_grey(read_image(expanded(section.pattern)))
+    except ImageError as error:
+        raise InputError(f"projector.pattern: {error}") from None
+    if pattern.shape != (height, width):
+        found = f"{pattern.shape[1]} x {pattern.shape[0]} px"
+        raise InputError(
+            f"projector.pattern: expected {width} x {height} px, got {found} in {section.pattern}: "
+            "set pattern_width_px and pattern_height_px"
+        )
+    return pattern
+
+
+def _drawn(section: ProjectorSection, height: int, width: int) -> NDArray[np.uint8]:
+    rng = generator(0, Purpose.PROJECTOR)
     light = np.zeros((height, width))
     reach = math.ceil(section.size_px / 2 + 1)
     if section.pattern == "stripes":

@@ -1,4 +1,4 @@
-"""The sources of a split's pairs: the patch atlas and the model library."""
+"""The sources of a split's pairs: the patch atlas, the model library, and a projector's pattern."""
 
 import json
 from dataclasses import dataclass, replace
@@ -10,10 +10,12 @@ from isal.isal_zlib import crc32
 from numpy.typing import NDArray
 
 from semisynth_gl.config import Config
+from semisynth_gl.config.rig_sections import DRAWN_PATTERNS
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary, build_libraries
 from semisynth_gl.inputs.errors import Skipped
 from semisynth_gl.scene import Floats, Ints
+from semisynth_gl.scene.projector import find_pattern
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.prepare import prepare_atlas, split_images
@@ -30,11 +32,13 @@ _EACH_ROW = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sources:
-    """The patches and the models of a split's pairs."""
+    """The patches and the models of a split's pairs, and a projector's pattern."""
 
     atlas: Atlas  # as the config's cameras see it: in grey where they are monochrome
     libraries: tuple[ModelLibrary, ...]  # the models of each recipe, all with the same `models`; at least one
     photographs: tuple[Path, ...] = ()  # the files that patches may come from; empty where all patches are procedural
+    pattern: NDArray[np.uint8] | None = None  # (H, W), of the projector
+    pattern_is_read: bool = False  # from a file; a drawn pattern follows from the config
 
     @property
     def models(self) -> tuple[Mesh, ...]:
@@ -53,7 +57,7 @@ class Sources:
         return replace(self, atlas=replace(atlas, layers=empty, large_layers=large))
 
     def digests(self) -> dict[str, str]:
-        """Return the checksums "patches" and "models", hexadecimal.
+        """Return the checksums "patches" and "models", and that of a "pattern" from a file, hexadecimal.
 
         Processors differ in the last bits of sines and of matrix products, but the checksums do not: lengths are
         rounded to 1e-5 of a model's radius, and pixels enter as means over sixteenths of a patch, rounded to half
@@ -76,7 +80,10 @@ class Sources:
             silhouette = library.silhouette
             for numbers in (np.array([silhouette.fill]), silhouette.heights, library.chances):
                 models = crc32(_rounded(numbers, _LENGTH), models)
-        return {"patches": f"{patches:08x}", "models": f"{models:08x}"}
+        digests = {"patches": f"{patches:08x}", "models": f"{models:08x}"}
+        if self.pattern is not None and self.pattern_is_read:
+            digests["pattern"] = f"{crc32(np.ascontiguousarray(self.pattern)):08x}"
+        return digests
 
 
 def _rounded(values: NDArray[Any], step: float) -> Ints:
@@ -102,13 +109,22 @@ def prepare_sources(config: Config, split: Split) -> Sources:
     """Cut the patches and build the models of a split, or take them from the cache.
 
     Raises:
-        InputError: where images or models cannot be used, or there are too few of them for the splits.
+        InputError: where images, models or a projector's pattern cannot be used, or there are too few of them for the
+            splits.
     """
+    projector = config.projector
+    pattern = None if projector is None else find_pattern(projector)
     # Photographs come first: missing ones are noticed at once, while models take seconds to build.
     photographs = split_images(config.textures, split)
     libraries = recipe_libraries(config, split)
     atlas = prepare_atlas(config.textures, split, photographs)
-    return Sources(atlas.in_grey() if config.camera.colour == "grey" else atlas, libraries, tuple(photographs))
+    return Sources(
+        atlas.in_grey() if config.camera.colour == "grey" else atlas,
+        libraries,
+        tuple(photographs),
+        pattern,
+        projector is not None and projector.pattern not in DRAWN_PATTERNS,
+    )
 
 
 def recipe_libraries(config: Config, split: Split) -> tuple[ModelLibrary, ...]:

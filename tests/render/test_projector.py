@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
 from pydantic import ValidationError
 from scenes import assert_equal, facing
 from scipy.ndimage import maximum_filter, minimum_filter
@@ -12,12 +13,13 @@ from tiny_datasets import cheap, config_of
 from semisynth_gl.config import load_config
 from semisynth_gl.config.rig_sections import ProjectorSection
 from semisynth_gl.frame.camera import Crop, Deviation, StereoCamera
+from semisynth_gl.generation.generate import generate
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.mix import MixSampler
-from semisynth_gl.scene.projector import draw_pattern, draw_projector
+from semisynth_gl.scene.projector import draw_projector, find_pattern
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import rotation_about_axis
 from semisynth_gl.scene.scene import Projector, make_scene, placed_vertices
@@ -186,7 +188,7 @@ def test_a_shadow_begins_where_a_thing_touches_the_ground():
 
 
 def test_dots_lie_at_the_disparity_of_the_truth():
-    pattern = draw_pattern(ProjectorSection(power=1, size_px=6, pattern_width_px=140, pattern_height_px=90))
+    pattern = find_pattern(ProjectorSection(power=1, size_px=6, pattern_width_px=140, pattern_height_px=90))
     scene = plane(1.2, 0.5, projector=projector(focal_px=80.0))
     frame = drawn(scene, pattern, antialias="ssaa4")
     left, right = (frame.view(eye).image[..., 0].astype(float) for eye in ("left", "right"))
@@ -325,11 +327,11 @@ def test_a_projector_is_checked(values):
 @pytest.mark.parametrize("density", [0.02, 0.1])
 def test_a_pattern_is_as_dense_as_asked_for(pattern, density):
     section = ProjectorSection(power=1, pattern=pattern, density=density, size_px=4)
-    light = draw_pattern(section)
+    light = find_pattern(section)
     assert light.shape == (800, 1280)
     assert light.max() == 255
     assert light.mean() / 255 == pytest.approx(density, rel=0.15)
-    np.testing.assert_array_equal(light, draw_pattern(section))
+    np.testing.assert_array_equal(light, find_pattern(section))
     if pattern == "stripes":
         assert (light == light[0]).all()
 
@@ -372,8 +374,47 @@ def test_the_projector_is_on_in_a_share_of_the_sequences():
         ({"projector": {"power": 1}, "antialias": "edges"}, "without the light of the projector"),
         ({"projector": {"power": 1, "field_of_view_deg": 175}}, "expected at most 170"),
         ({"projector": {}}, "power"),
+        (
+            {"projector": {"power": 1, "pattern": "dot"}},
+            "expected dots, stripes or a picture",
+        ),
     ],
 )
 def test_a_config_that_cannot_be_lit_is_refused(values, words):
     with pytest.raises((InputError, ValidationError), match=words):
         load_config("middlebury", values)
+
+
+def test_a_picture_is_thrown_as_it_is(tmp_path):
+    levels = np.random.default_rng(4).integers(0, 256, (90, 140), np.uint8)
+    Image.fromarray(levels).save(tmp_path / "own.png")
+    config = cheap(
+        projector={
+            "power": 1, "pattern": str(tmp_path / "own.png"), "pattern_width_px": 140, "pattern_height_px": 90
+        }
+    )  # fmt: skip
+    np.testing.assert_array_equal(find_pattern(config.projector), levels)
+    with PairRenderer(config, 1) as renderer:
+        np.testing.assert_array_equal(renderer.sources.pattern, levels)
+        assert "projector" in renderer.render(0, checked=False).provenance
+
+
+def test_a_picture_that_does_not_fit_is_refused(tmp_path):
+    path = tmp_path / "own.png"
+    section = ProjectorSection(power=1, pattern=str(path))
+    with pytest.raises(InputError, match=r"projector.pattern: .*own\.png: does not exist"):
+        find_pattern(section)
+    Image.fromarray(np.zeros((4, 6, 3), np.uint8)).save(path)
+    with pytest.raises(InputError, match=r"expected 1280 x 800 px, got 6 x 4 px .* set pattern_width_px"):
+        find_pattern(section)
+
+
+def test_a_dataset_does_not_go_on_with_another_picture(tmp_path):
+    path = tmp_path / "own.png"
+    own = {"power": 1, "pattern": str(path), "pattern_width_px": 6, "pattern_height_px": 4}
+    Image.fromarray(np.zeros((4, 6), np.uint8)).save(path)
+    generate(cheap(projector=own), tmp_path / "set", 1)
+    Image.fromarray(np.ones((4, 6), np.uint8)).save(path)
+    with pytest.raises(InputError, match="pattern"):
+        generate(cheap(projector=own), tmp_path / "set", 2)
+    assert "pattern" not in prepare_sources(cheap(projector={"power": 1}), Split(1)).digests()
