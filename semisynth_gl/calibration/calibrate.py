@@ -42,6 +42,8 @@ UNITS: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 # A baseline shorter than this, or longer than `LONGEST_M`, may be in another unit than assumed.
 _SHORTEST_M = 0.002
+# What lenses and rectification leave in photographs, by the key of its measure.
+_OF_LENSES = {"corners": "corners {:.2f} times as sharp as the middle", "border": "{:.1f} % black border"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -307,6 +309,15 @@ def _style_summary(style: Style, place: MeasuredPlace | None) -> list[str]:
     lines = [f"recipes          {', '.join(f'{weight:.0%} {recipe.name}' for weight, recipe in parts)}"]
     if place is None:
         return lines
+    seen = [
+        text.format(values.mean())
+        for key, text in (
+            ("corners", "corners {:.2f} times as sharp as the middle"),
+            ("border", "{:.1f} % black border"),
+        )
+        if len(values := place.side.values[key])
+    ]
+    lines.insert(0, f"                 {', '.join(seen)}")
     low, high = style.texels_per_pixel
     look = f"{low:g} to {high:g} texels per pixel, blurred by {style.blur_px:g} px"
     if style.exposure_stops:

@@ -74,6 +74,18 @@ CHANGES: tuple[Change, ...] = (
     Change("textures.min_texture", up=("gradient",), down=("flat", "smooth")),
     Change("imperfections.exposure_stops", up=("luminance", "contrast", "gradient"), down=("flat", "smooth")),
     Change("imperfections.gamma", down=("luminance",)),
+    Change(
+        "lens",
+        up=("border",),
+        more="lens, which calibrate writes from cameras before rectification",
+        less="lens of cameras that were rectified with a smaller alpha",
+    ),
+    Change(
+        "lens",
+        down=("corners",),
+        more="lens, which calibrate writes from cameras before rectification",
+        less="no lens, or one of a shorter rectified focal length",
+    ),
 )
 """All changes, in order of effect, the largest first."""
 

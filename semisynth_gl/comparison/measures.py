@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.comparison.measured_view import MeasuredView
-from semisynth_gl.comparison.quantities import border_hardness, hidden, jumps, near_jumps
+from semisynth_gl.comparison.quantities import (
+    border_hardness,
+    corner_sharpness,
+    hidden,
+    jumps,
+    near_jumps,
+    rectification_border,
+)
 
 _FLAT_LEVELS = 4.0
 _SMOOTH_LEVELS = 2.0
@@ -178,6 +185,8 @@ MEASURES: tuple[Measure, ...] = (
     Measure("smooth", "gradient below 2 levels", ("gradients",), "%", _percent_below(_SMOOTH_LEVELS), fine=True),
     Measure("luminance", "luminance, mean", ("luminance",), "levels", _mean),
     Measure("contrast", "luminance, deviation", ("luminance",), "levels", lambda luminance: float(luminance.std())),
+    Measure("border", "black border of rectification", ("luminance",), "%", rectification_border),
+    Measure("corners", "sharpness, corners over middle", ("luminance",), "ratio", corner_sharpness, fine=True),
     Measure("background", "background in view", ("background",), "%", _percent),
 )
 """All measures, in the order of tables."""

@@ -9,6 +9,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.textures.borders import border_share, inside_borders
+
 JUMP_PX = 1.0
 """Larger differences between the disparities of neighbours are jumps: two surfaces, or one surface seen edge-on."""
 HIGH_JUMP_PX = 2.0
@@ -172,6 +174,42 @@ def octave_contrasts(luminance: NDArray[np.float32]) -> NDArray[np.float64]:
         contrasts[octave] = np.sqrt(np.mean([(corner - means) ** 2 for corner in corners]))
         levels = means
     return contrasts
+
+
+def rectification_border(luminance: NDArray[np.float32]) -> float:
+    """Return the share of an image that rectification left black, %."""
+    return 100 * border_share(_levels(luminance))
+
+
+def corner_sharpness(luminance: NDArray[np.float32]) -> float:
+    """Return how sharp an image's corners are beside its middle: 1 where they are alike.
+
+    Sharpness is the contrast of the finest octave over the third, which does not depend on how much there is to see.
+    Corners are quarters of the width and height, inside black borders; the middle is half of both.
+
+    Returns:
+        The ratio; nan where a part is too small or has no contrast.
+    """
+    left, top, width, height = inside_borders(_levels(luminance))
+    inside = luminance[top : top + height, left : left + width]
+    corners = [
+        inside[rows, columns]
+        for rows in (slice(0, height // 4), slice(height - height // 4, None))
+        for columns in (slice(0, width // 4), slice(width - width // 4, None))
+    ]
+    middle = inside[height // 4 : height - height // 4, width // 4 : width - width // 4]
+    sharp = []
+    for parts in (corners, [middle]):
+        octaves = np.array([octave_contrasts(part) for part in parts])
+        finest, _, third, *_ = np.sqrt((octaves**2).mean(axis=0)).tolist()
+        sharp.append(finest / third if third > 0 else float("nan"))
+    return sharp[0] / sharp[1] if sharp[1] > 0 else float("nan")
+
+
+def _levels(luminance: NDArray[np.float32]) -> NDArray[np.uint8]:
+    # Means over a border and what lies beside it are not black.
+    levels: NDArray[np.uint8] = np.clip(np.ceil(luminance), 0, 255).astype(np.uint8)
+    return levels
 
 
 def border_steps(luminance: NDArray[np.float32], surfaces: NDArray[np.float32]) -> tuple[Values, Values]:

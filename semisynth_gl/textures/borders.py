@@ -43,6 +43,13 @@ def black_border(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
     return border
 
 
+def border_share(image: NDArray[np.uint8]) -> float:
+    """Return the share of an image, (H, W, 3) RGB or (H, W) grey, that rectification left black; 0 for dark things."""
+    border = black_border(image)
+    share = float(border.mean())
+    return share if share >= _LEAST and _is_of_rectification(border) else 0.0
+
+
 def inside_borders(image: NDArray[np.uint8]) -> Inside:
     """Return the rectangle of an image inside its black borders; the whole image where it has none.
 

@@ -12,6 +12,8 @@ from planted_faults import all_findings, checks
 from tiny_datasets import cheap
 
 from semisynth_gl.codecs.png import GREY8
+from semisynth_gl.comparison.measured_view import make_view
+from semisynth_gl.comparison.measures import MEASURES
 from semisynth_gl.config import load_config
 from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.dataset.reader import open_dataset
@@ -220,6 +222,18 @@ def test_truth_is_bit_for_bit_that_without_a_lens():
         assert 0 < border.mean() < 0.9
         expected = np.where(border, np.minimum(plain.view(eye).visibility, OCCLUDED), plain.view(eye).visibility)
         np.testing.assert_array_equal(seen.view(eye).visibility, expected)
+
+
+def test_compare_finds_the_border():
+    """Within a pixel along the border, which is mixed with what lies inside."""
+    view = render_pair(with_lens(), 0).left
+    border = view.valid != VISIBLE
+    (measure,) = (each for each in MEASURES if each.key == "border")
+    around = np.pad(border, 1, mode="edge")
+    edge = [around[1 + dy : 49 + dy, 1 + dx : 65 + dx] != border for dy, dx in ((0, 1), (1, 0), (0, -1), (-1, 0))]
+    found = measure.measure(make_view("pair", 64, image=view.image))
+    assert found > 2
+    assert abs(found / 100 - border.mean()) <= np.logical_or.reduce(edge).mean()
 
 
 def test_imperfections_are_those_of_the_raw_image():
