@@ -21,9 +21,12 @@ from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import near_depth_m
 from semisynth_gl.scene.scene import make_scene, move
+from semisynth_gl.scene.sources import prepare_sources
+from semisynth_gl.seeds.splits import Split
 
 ROOT = Path(__file__).resolve().parents[2]
 CAMERA = StereoCamera(96, 64, 90.0, 0.2, 46.0, 49.5, 30.0)
@@ -426,6 +429,16 @@ def test_what_needs_rectified_pairs_says_so(square):
 def test_impossible_deviations_are_refused(name, value):
     with pytest.raises(InputError):
         Deviation(**{name: value})
+
+
+@pytest.mark.parametrize("name", ["real-rig", "small-rooms"])
+@pytest.mark.parametrize("seed", [0, 3])
+def test_examples_make_scenes_at_their_full_size(name, seed):
+    config = load_config(ROOT / "examples" / f"{name}.yaml", ["textures.source=procedural", "textures.max_patches=8"])
+    sources = prepare_sources(config, Split(seed))
+    sampler = MixSampler(config, seed, sources.libraries, sources.atlas.patches)
+    assert len(sampler.sample(0).scene.model) > 10
+    assert sampler.expected().shares.sum() == pytest.approx(1)
 
 
 def test_the_example_of_a_real_rig_is_written_verified_and_read(tmp_path):
