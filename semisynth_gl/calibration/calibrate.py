@@ -9,13 +9,13 @@ from typing import Literal
 from semisynth_gl.calibration.config_text import ConfigFacts, config_facts, config_name, config_text, suited_layout
 from semisynth_gl.calibration.disparity_range import DisparitySource
 from semisynth_gl.calibration.matching import given_pairs, open_matcher, pairs_among
+from semisynth_gl.calibration.opencv_rigs import LONGEST_M
 from semisynth_gl.calibration.photographs import impossible_splits
 from semisynth_gl.calibration.raw_photographs import lens_chains, rectify_photographs
 from semisynth_gl.calibration.rectification import fitting_pairs
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.calibration.style import Style, untried_style
-from semisynth_gl.calibration.yaml_rigs import LONGEST_M
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.maps import map_files, one_of_each_scene
 from semisynth_gl.comparison.measured_view import working_width

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from semisynth_gl.calibration.file_values import FormatError, Matrix, numbers
 from semisynth_gl.calibration.rig import Size
 from semisynth_gl.config.rig_sections import COEFFICIENTS, LensModel
 from semisynth_gl.frame.camera import EYES, Eye
@@ -31,15 +31,8 @@ _MODELS: Mapping[str, LensModel] = {
 }
 # OpenCV's 14 coefficients end with the tilt of a sensor.
 _WITH_TILT, _WITHOUT_TILT = 14, 12
-# Rotations are printed with six digits.
-_ROTATION_ERROR = 1e-4
-_SHOWN = 400
-
-Matrix = NDArray[np.float64]
-
-
-class FormatError(Exception):
-    """A file breaks its format, as the message says without naming the file."""
+# Matrices are printed with six digits.
+_PRINTED = 1e-4
 
 
 class Intrinsics(NamedTuple):
@@ -61,33 +54,6 @@ class Rectification(NamedTuple):
 
     rotations: tuple[Matrix, Matrix]
     projections: tuple[Matrix, Matrix]
-
-
-def numbers(key: str, node: Any, shape: tuple[int, ...] | None) -> Matrix:  # noqa: ANN401 - any YAML value
-    """Return an array from a mapping with ``data``, nested lists, or a list of numbers.
-
-    Args:
-        key: for messages.
-        node: the value in the file.
-        shape: what is expected; None for any number of numbers, (N,).
-
-    Raises:
-        FormatError: where the numbers are others, or not finite.
-    """
-    data = node.get("data") if isinstance(node, Mapping) else node
-    try:
-        values = np.array(data, np.float64)
-    except (TypeError, ValueError):
-        values = np.empty(0)
-    stated = (node.get("rows"), node.get("cols")) if isinstance(node, Mapping) else (None, None)
-    # Coefficients are written as one row, or as one column.
-    fits = values.size > 0 if shape is None else values.size == np.prod(shape) and stated in ((None, None), shape)
-    if not (fits and np.isfinite(values).all()):
-        expected = "a list of finite numbers"
-        if shape is not None:
-            expected = f"a {' x '.join(map(str, shape))} matrix of {np.prod(shape)} finite numbers"
-        raise FormatError(f"{key}: expected {expected}, got {shown(node, _SHOWN)}")
-    return values.reshape(-1 if shape is None else shape)
 
 
 def intrinsics(
@@ -117,7 +83,7 @@ def intrinsics(
             f"{prefix}lens model {shown(model)}: expected {', '.join(_MODELS)}: calibrate with one of these"
         )
     zeros = matrix[0, 1], matrix[1, 0], matrix[2, 0], matrix[2, 1], matrix[2, 2] - 1
-    if not (min(matrix[0, 0], matrix[1, 1]) > 0 and max(map(abs, zeros)) < _ROTATION_ERROR):
+    if not (min(matrix[0, 0], matrix[1, 1]) > 0 and max(map(abs, zeros)) < _PRINTED):
         raise FormatError(
             f"{prefix}{keys[0]}: expected [fx 0 cx; 0 fy cy; 0 0 1] with fx and fy above 0, got {matrix.tolist()}"
         )
@@ -134,14 +100,6 @@ def intrinsics(
             + (", of a tilted sensor" if len(distortion) == _WITH_TILT else "")
         )
     return Intrinsics(matrix, distortion, known)
-
-
-def rotation(key: str, node: Any) -> Matrix:  # noqa: ANN401 - any YAML value
-    """Return a rotation (3, 3); raises FormatError where it is not one."""
-    matrix = numbers(key, node, (3, 3))
-    if not np.allclose(matrix @ matrix.T, np.eye(3), atol=_ROTATION_ERROR) or np.linalg.det(matrix) < 0:
-        raise FormatError(f"{key}: expected a rotation, whose rows are unit vectors, got {matrix.tolist()}")
-    return matrix
 
 
 def rectification(cameras: tuple[Intrinsics, Intrinsics], turn: Matrix, shift: Matrix, size: Size) -> Rectification:

@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.calibration import yaml_rigs
-from semisynth_gl.calibration.raw_rig import FormatError
+from semisynth_gl.calibration.file_values import FormatError, checked_size
+from semisynth_gl.calibration.opencv_rigs import OpenCvValues, opencv_rig
 from semisynth_gl.calibration.rig import DisparityBounds, Projections, Rig, Size, rectified
-from semisynth_gl.calibration.yaml_rigs import Camera, OpenCvValues, checked_size, opencv_rig, paired, parse_yaml
+from semisynth_gl.calibration.ros_rigs import Camera, paired
+from semisynth_gl.calibration.yaml_rigs import parse_yaml
 from semisynth_gl.codecs import read_bytes
 from semisynth_gl.codecs.calib import calib_matrix, calib_values
 from semisynth_gl.config.fields import LARGEST
