@@ -31,6 +31,8 @@ _MODELS: Mapping[str, LensModel] = {
 }
 # OpenCV's 14 coefficients end with the tilt of a sensor.
 _WITH_TILT, _WITHOUT_TILT = 14, 12
+# Shorter translations, in any unit, are none.
+_NO_SHIFT = 1e-9
 # Matrices are printed with six digits.
 _PRINTED = 1e-4
 
@@ -112,13 +114,15 @@ def rectification(cameras: tuple[Intrinsics, Intrinsics], turn: Matrix, shift: M
         size: of the raw and of the rectified images.
 
     Raises:
-        FormatError: where the cameras have lenses of two models.
+        FormatError: where the cameras have lenses of two models, or one place.
         InputError: where OpenCV is missing.
     """
     cv2 = open_opencv("rectifying by R and T, as the calibration has no P1 and P2,")
     left, right = cameras
     if left.model != right.model:
         raise FormatError(f"expected lenses of one model, got {left.model} left and {right.model} right")
+    if np.linalg.norm(shift) < _NO_SHIFT:
+        raise FormatError("expected cameras apart from each other, got a translation of 0 between them")
     given = (
         left.matrix,
         left.distortion,

@@ -28,7 +28,7 @@ FORMATS = (
 """The formats that `read_rigs` reads, as text for messages."""
 
 _EXPECTED = f"expected {'; '.join(FORMATS)}"
-_EXTENSIONS = (".txt", ".yaml", ".yml")
+_EXTENSIONS = (".txt", ".yaml", ".yml", ".json")
 # At most one way to match each text: without alternatives to try, a text that does not match fails fast.
 _NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _KITTI = re.compile(
@@ -63,7 +63,7 @@ def read_rigs(sources: Sequence[str | Path], *, size: Size | None = None, unit_m
             raise InputError(f"`calib` {source}: is a folder; give files, or a glob such as '{source}/*/calib.txt'")
         matches = find_files([source], _EXTENSIONS)
         if not matches:
-            raise InputError(f"`calib` {source}: no such file, and as a glob it matches no .txt, .yaml or .yml")
+            raise InputError(f"`calib` {source}: no such file, and as a glob it matches no .txt, .yaml, .yml or .json")
         paths |= dict.fromkeys(matches)
     calibrations = _opencv_rigs([each for path in paths for each in _read(path, unit_m)], size, unit_m)
     pairs = [pair for pair in calibrations if isinstance(pair, Projections)]

@@ -1,27 +1,27 @@
-"""Calibrations in YAML: OpenCV's, ROS's and Kalibr's, with the cameras before rectification where a file has them."""
+"""Calibrations in YAML and JSON, told apart by their keys."""
 
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from semisynth_gl.calibration.file_values import FormatError, numbers, rotation, stated_size
+from semisynth_gl.calibration.camera_chains import basalt_rig, depthai_rig, is_basalt, is_depthai, kalibr_rig
+from semisynth_gl.calibration.file_values import FormatError
 from semisynth_gl.calibration.opencv_rigs import OpenCvValues
-from semisynth_gl.calibration.raw_rig import intrinsics, raw_cameras, rectification
 from semisynth_gl.calibration.rig import Projections
 from semisynth_gl.calibration.ros_rigs import Camera, ros_cameras
 from semisynth_gl.config.yaml_values import YamlError, read_documents
-from semisynth_gl.inputs.errors import shown
 
 FORMATS = (
     "OpenCV's YAML with P1 and P2, or with K1, D1, K2, D2, R and T",
     "Kalibr's camchain with cam0 and cam1",
+    "Basalt's calibration.json, or DepthAI's of an OAK camera",
     "camera_info of ROS with projection_matrix, or p as `ros2 topic echo` prints it, of both cameras or only the right",
 )
 """The formats in YAML, as text for messages."""
 
 
 def parse_yaml(text: str, source: str, expected: str) -> Sequence[OpenCvValues | Projections | Camera]:
-    """Return the calibrations of a YAML text: an OpenCV file's values, a rig of Kalibr, or ROS's cameras.
+    """Return the calibrations of a YAML text: an OpenCV file's values, a rig, or ROS's cameras.
 
     Args:
         text: the file's content.
@@ -38,40 +38,12 @@ def parse_yaml(text: str, source: str, expected: str) -> Sequence[OpenCvValues |
         if opencv.whole or opencv.raw_only:
             return [opencv]
         if isinstance(values.get("cam0"), Mapping) and isinstance(values.get("cam1"), Mapping):
-            return [_kalibr(values, source)]
+            return [kalibr_rig(values, source)]
+        if is_basalt(values):
+            return [basalt_rig(values, source)]
+        if is_depthai(values):
+            return [depthai_rig(values, source)]
     return ros_cameras(documents, source, expected)
-
-
-def _kalibr(values: Mapping[str, Any], source: str) -> Projections:
-    """Return the rig of a camchain, rectified by OpenCV's stereoRectify."""
-    cameras, sizes = [], []
-    for name in ("cam0", "cam1"):
-        camera, prefix = values[name], f"{name}."
-        if camera.get("camera_model", "pinhole") != "pinhole":
-            raise FormatError(
-                f"{prefix}camera_model: expected pinhole, got {shown(camera['camera_model'])}: calibrate with "
-                "pinhole-radtan or pinhole-equi"
-            )
-        for key in ("intrinsics", "distortion_coeffs", "resolution"):
-            if key not in camera:
-                raise FormatError(f"{prefix}{key}: missing: expected a camchain that Kalibr wrote")
-        fx, fy, cx, cy = numbers(prefix + "intrinsics", camera["intrinsics"], (4,)).tolist()
-        with_matrix = {**camera, "K": [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]}
-        made = intrinsics(with_matrix, ("K", "distortion_coeffs"), prefix, camera.get("distortion_model"))
-        if made is None:
-            raise FormatError(f"{prefix}distortion_coeffs: expected four coefficients, got none")
-        cameras.append(made)
-        sizes.append(stated_size(camera))
-    if sizes[0] is None or sizes[0] != sizes[1]:
-        raise FormatError(f"resolution: expected one size for both cameras, got {sizes[0]} and {sizes[1]}")
-    if "T_cn_cnm1" not in values["cam1"]:
-        raise FormatError("cam1.T_cn_cnm1: missing: expected how cam1 stands to cam0; calibrate both together")
-    # From the frame of cam0 to that of cam1, as OpenCV's R and T.
-    placed = numbers("cam1.T_cn_cnm1", values["cam1"]["T_cn_cnm1"], (4, 4))
-    turn = rotation("cam1.T_cn_cnm1", placed[:3, :3].tolist())
-    pair = cameras[0], cameras[1]
-    made_of = rectification(pair, turn, placed[:3, 3], sizes[0])
-    return Projections(*made_of.projections, sizes[0], source, raw=raw_cameras(pair, made_of.rotations, sizes[0]))
 
 
 def _documents(text: str, expected: str) -> Sequence[Mapping[str, Any]]:

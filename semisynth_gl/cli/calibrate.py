@@ -39,8 +39,8 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
     type=FilesType(),
     multiple=True,
     metavar="FILE_OR_GLOB",
-    help="Calibration file: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, or stereo YAML of OpenCV, "
-    "ROS or Kalibr. May be repeated, for left and right files or several rigs.",
+    help="Calibration file: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, YAML of OpenCV, ROS or "
+    "Kalibr, or JSON of Basalt or DepthAI. May be repeated, for left and right files or several rigs.",
 )
 @option(
     "--focal-px",

@@ -1,5 +1,6 @@
 """Calibrations of cameras before rectification, and photographs as these take them, beside OpenCV's rectification."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +72,137 @@ def check(rig, alpha=-1.0):
         np.testing.assert_allclose(raw.distortion, distortion, atol=1e-9)
         np.testing.assert_allclose(raw.rotation, wanted[turn], atol=1e-6)
         assert (raw.width_px, raw.height_px, raw.model) == (*SIZE, "radial-tangential")
+
+
+def pose_values(pose):
+    """A pose as Basalt writes it."""
+    vector = np.array(vector_of(pose[:3, :3]))
+    angle = np.linalg.norm(vector)
+    quaternion = [*(vector / angle * np.sin(angle / 2)), np.cos(angle / 2)]
+    return dict(zip(("px", "py", "pz", "qx", "qy", "qz", "qw"), map(float, [*pose[:3, 3], *quaternion]), strict=True))
+
+
+def pose(turn, shift):
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = turn, np.ravel(shift)
+    return matrix
+
+
+def basalt(kind="pinhole-radtan8", coefficients=None):
+    """The cameras of this module as Basalt writes them, on an IMU that looks elsewhere."""
+    imu_from_left = pose(cv2.Rodrigues(np.array([0.3, -1.2, 0.4]))[0], [0.02, -0.07, 0.01])
+    imu_from_right = imu_from_left @ np.linalg.inv(pose(R, T))
+    names = {"pinhole-radtan8": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), "kb4": ("k1", "k2", "k3", "k4")}
+    cameras = []
+    for k, own in ((K1, D1), (K2, D2)):
+        d = [*map(float, own if coefficients is None else coefficients), 0, 0, 0]
+        values = {"fx": k[0, 0], "fy": k[1, 1], "cx": k[0, 2], "cy": k[1, 2]}
+        cameras.append({"camera_type": kind, "intrinsics": values | dict(zip(names.get(kind, ()), d, strict=False))})
+    poses = [pose_values(each) for each in (imu_from_left, imu_from_right)]
+    return {"value0": {"T_imu_cam": poses, "intrinsics": cameras, "resolution": [list(SIZE)] * 2}}
+
+
+NOWHERE = -1, np.zeros((4, 4))
+RIGHT_FROM_LEFT_CM = pose(R, 100 * T)
+COLOUR_FROM_LEFT_CM = pose(cv2.Rodrigues(np.array([0.02, 0.01, -0.01]))[0], [-3.7, 0.1, 0.2])
+LINKS = {
+    "nowhere": {},
+    "to the right": {1: (2, RIGHT_FROM_LEFT_CM)},
+    "to the left": {2: (1, np.linalg.inv(RIGHT_FROM_LEFT_CM))},
+    "to the third": {1: (0, COLOUR_FROM_LEFT_CM), 2: (0, COLOUR_FROM_LEFT_CM @ np.linalg.inv(RIGHT_FROM_LEFT_CM))},
+}
+
+
+def depthai(links="to the right", kind=0, coefficients=None):
+    """The cameras of this module as DepthAI writes them, in cm."""
+
+    def camera(socket, k, own):
+        target, matrix = LINKS[links].get(socket, NOWHERE)
+        d = [*map(float, own if coefficients is None else coefficients)]
+        place = dict(zip("xyz", matrix[:3, 3].tolist(), strict=True))
+        return {
+            "cameraType": kind,
+            "width": SIZE[0],
+            "height": SIZE[1],
+            "intrinsicMatrix": k.tolist(),
+            "distortionCoeff": d + [0.0] * (14 - len(d)),
+            "extrinsics": {"rotationMatrix": matrix[:3, :3].tolist(), "toCameraSocket": target, "translation": place},
+        }
+
+    cameras = [[0, camera(0, K1, D1)], [1, camera(1, K1, D1)], [2, camera(2, K2, D2)]]
+    stereo = {"leftCameraSocket": 1, "rightCameraSocket": 2}
+    return {"boardName": "OAK-D", "cameraData": cameras, "stereoRectificationData": stereo}
+
+
+def json_file(folder, values):
+    path = folder / "calibration.json"
+    path.write_text(json.dumps(values, indent=2))
+    return str(path)
+
+
+@pytest.mark.parametrize("values", [basalt(), *map(depthai, [*LINKS][1:])], ids=["Basalt", *[*LINKS][1:]])
+def test_json_is_read(tmp_path, values):
+    (rig,) = read_rigs([json_file(tmp_path, values)])
+    wanted = rectified()
+    np.testing.assert_allclose(rig.camera.focal_px, wanted["P1"][0, 0], rtol=1e-6)
+    np.testing.assert_allclose(rig.camera.baseline_m, -wanted["P2"][0, 3] / wanted["P2"][0, 0], rtol=1e-6)
+    for eye, matrix, distortion, turn in (("left", K1, D1, "R1"), ("right", K2, D2, "R2")):
+        raw = rig.raw[eye]
+        np.testing.assert_allclose(raw.matrix, matrix)
+        found = [*raw.distortion, *[0] * 14]
+        np.testing.assert_allclose(found[: len(D1)], distortion, atol=1e-9)
+        assert not any(found[len(D1) :])
+        np.testing.assert_allclose(raw.rotation, wanted[turn], atol=1e-6)
+
+
+@pytest.mark.parametrize("values", [basalt("kb4", FISHEYE), depthai(kind=1, coefficients=FISHEYE)])
+def test_json_of_fisheyes_is_read(tmp_path, values):
+    (rig,) = read_rigs([json_file(tmp_path, values)])
+    assert {rig.raw[eye].model for eye in ("left", "right")} == {"fisheye"}
+    np.testing.assert_allclose(rig.raw["left"].distortion, FISHEYE)
+    assert rig.camera.baseline_m == pytest.approx(np.linalg.norm(T), rel=1e-4)
+
+
+def changed(values, *path, to=None):
+    """Values with another one, or without it."""
+    copy = json.loads(json.dumps(values))
+    node = copy
+    for key in path[:-1]:
+        node = node[key]
+    if to is None:
+        del node[path[-1]]
+    else:
+        node[path[-1]] = to
+    return copy
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        (basalt("ds"), r"intrinsics\[0\]\.camera_type: expected pinhole, pinhole-radtan8, kb4, got .?ds"),
+        (changed(basalt(), "value0", "intrinsics", 1), "value0.intrinsics: expected a list of two cameras"),
+        (changed(basalt(), "value0", "intrinsics", 0, "intrinsics", "k3"), r"\[0\].intrinsics: expected k3 as well"),
+        (changed(basalt(), "value0", "T_imu_cam", 1, "qw"), r"T_imu_cam\[1\]: expected a 7 matrix of 7 finite numbers"),
+        (changed(basalt(), "value0", "T_imu_cam", 1, to=[0] * 7), r"T_imu_cam\[1\]: expected a quaternion, got zeros"),
+        (changed(basalt(), "value0", "resolution"), "value0.resolution: expected a list of two cameras"),
+        (changed(basalt(), "value0", "resolution", 1, to=[2, 2]), "expected images of one size of both cameras"),
+        (depthai("nowhere"), "extrinsics that lead from socket 1 to socket 2"),
+        (changed(basalt(), "value0", "T_imu_cam", 1, to=basalt()["value0"]["T_imu_cam"][0]), "a translation of 0"),
+        (depthai(kind=2), "socket 1: cameraType: expected 0"),
+        (depthai(coefficients=[0.1] * 14), "14, of a tilted sensor"),
+        (changed(depthai(), "cameraData", 2), r"the sockets \[1, 2\] of stereoRectificationData, got \[0, 1\]"),
+        (changed(depthai(), "cameraData", to=3), r"of stereoRectificationData, got \[\]"),
+        (changed(depthai(), "stereoRectificationData", "leftCameraSocket", to=[1]), "expected the sockets"),
+        (
+            changed(depthai(), "cameraData", 1, 1, "extrinsics"),
+            "extrinsics that lead from socket 1 to socket 2",
+        ),
+        (changed(depthai(), "cameraData", 1, 1, "intrinsicMatrix"), "socket 1: expected a calibrated camera"),
+    ],
+)
+def test_json_that_breaks_its_format_is_refused(tmp_path, values, words):
+    with pytest.raises(ReadError, match=words):
+        read_rigs([json_file(tmp_path, values)])
 
 
 @pytest.mark.parametrize("extension", ["yml", "yaml"])
