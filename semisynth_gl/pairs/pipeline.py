@@ -9,12 +9,11 @@ config -> scene    `MixSampler`: the objects of pair i, from (config, seed, i) a
 The first two steps are here; `semisynth_gl.generation.generate` does the others.
 """  # noqa: D415 - the drawing is the summary
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from typing import Any, Self
 
 import numpy as np
-from numpy.random import Generator
 from numpy.typing import NDArray
 
 from semisynth_gl.config import Config
@@ -23,13 +22,9 @@ from semisynth_gl.frame.frame import DRAWN_OUTPUTS, FUTURE_OUTPUTS, PAST_OUTPUTS
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, counted
-from semisynth_gl.lens.borders import with_borders
-from semisynth_gl.lens.chain import scaled_camera
-from semisynth_gl.lens.lenses import Lenses
 from semisynth_gl.listener import Listener
+from semisynth_gl.pairs.cameras import Cameras
 from semisynth_gl.pairs.checks import Closed, faults
-from semisynth_gl.pairs.exposure import exposed, moments
-from semisynth_gl.pairs.imperfections import with_imperfections
 from semisynth_gl.plugins import plugin_records
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.devices import check_libraries
@@ -41,7 +36,7 @@ from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
 from semisynth_gl.scene.sources import Sources, prepare_sources
-from semisynth_gl.seeds.seeds import LARGEST_NUMBER, Purpose, generator
+from semisynth_gl.seeds.seeds import LARGEST_NUMBER
 from semisynth_gl.seeds.splits import Split
 
 PAIR_STAGES = ("sample", "draw", "visibility", "readback", "check")
@@ -160,7 +155,7 @@ class PairRenderer:
             pattern=self.sources.pattern,
             **renderer_options(config),
         )
-        self._lenses = None if config.lens is None else Lenses(config.lens, self._lens_rng)
+        self._cameras = Cameras(config, split.seed, self._renderer, self.sampler)
         self._settled: _Settled | None = None
         self._shown: _Shown | None = None
         plugins = plugin_records(config.used_plugins().values())
@@ -322,75 +317,16 @@ class PairRenderer:
         )
 
     def _through_cameras(self, frame: Frame, shown: _Shown, view: int) -> tuple[Frame, dict[str, Any]]:
-        """Turn drawn images into what the rig's cameras give: bent by lenses, made imperfect, and rectified.
-
-        What the left eye draws belongs to the scene, what the right eye draws to the pair.
-
-        Returns:
-            The frame, and "lens" and "imperfections" of its provenance in JSON's types.
-        """
-        sampled, section = shown.sampled.seen_by(view), self.config.imperfections
-        # The first right eye's noise follows the left eye's in one generator, so the first pair always makes both.
-        keeps_left = bool(view) and shown.left_image is not None
-        eyes: tuple[Eye, ...] = ("right",) if keeps_left else EYES
-        camera, chains = sampled.scene.camera, None
-        records: dict[str, Any] = {}
-        if self._lenses is not None:
-            chains = self._lenses.chains(shown.number // self.config.sequence.length, camera)
-            records["lens"] = {eye: chain.raw.record() for eye, chain in chains.items()}
-        density = max(chain.density for chain in chains.values()) if chains else 1.0
-        scene = sampled.scene
-        if density > 1:
-            scene = replace(scene, camera=scaled_camera(camera, density))
-            images = self._renderer.render_images(scene, eyes)
-        else:
-            images = {eye: frame.view(eye).image for eye in eyes}
-        # All eyes expose at the same time, so motion blur is drawn once for a scene.
-        seed = self.split.seed
-        motion_blur = section.motion_blur.draw(generator(seed, Purpose.IMPERFECTIONS, shown.number, "motion_blur"))
-        if motion_blur > 0:
-            moved = (self.sampler.moment(sampled, frames) for frames in moments(motion_blur, section.sub_frames))
-            images = exposed(self._renderer, images, scene, [replace(each, camera=scene.camera) for each in moved])
-        points = {eye: camera.lens_px(eye)[:2] for eye in EYES}
-        if chains:
-            images = {eye: chains[eye].raw_image(image, density) for eye, image in images.items()}
-            points = {eye: (chain.raw.cx_px, chain.raw.cy_px) for eye, chain in chains.items()}
-        if not section.none():
-            images, drawn = self._imperfect(images, points, shown.number, view)
-            blurred = {"motion_blur": motion_blur} if motion_blur > 0 else {}
-            records["imperfections"] = {eye: values | blurred for eye, values in drawn.items()}
-        if chains:
-            images = {eye: chains[eye].rectify(image) for eye, image in images.items()}
+        """Return a frame with the images that the rig's cameras give, and what the provenance says of them."""
+        left = shown.left_image if view else None
+        eyes: tuple[Eye, ...] = EYES if left is None else ("right",)
+        taken = self._cameras.take(frame, shown.sampled.seen_by(view), shown.number, view, eyes)
         if shown.shared is not None:
-            if keeps_left and shown.left_image is not None:
-                images["left"] = shown.left_image
-            shown.left_image = images["left"]
+            if left is not None:
+                taken.images["left"] = left
+            shown.left_image = taken.images["left"]
             shown.left_image.flags.writeable = False
-        views = {eye: frame.view(eye).with_channels({"image": images[eye]}) for eye in EYES}
-        frame = Frame(frame.camera, views["left"], views["right"])
-        return (frame if chains is None else with_borders(frame, chains, self.config.outputs)), records
-
-    def _imperfect(
-        self,
-        images: dict[Eye, NDArray[np.uint8]],
-        points: dict[Eye, tuple[float, float]],
-        number: int,
-        view: int,
-    ) -> tuple[dict[Eye, NDArray[np.uint8]], dict[Eye, dict[str, Any]]]:
-        """Apply the imperfections of one right view of scene ``number``; see `with_imperfections`."""
-        seed = self.split.seed
-
-        def of_scene(*keys: int | str) -> Generator:
-            return generator(seed, Purpose.IMPERFECTIONS, number, *keys)
-
-        def further(key: str, eye: Eye) -> Generator:
-            return of_scene(*((view,) if eye == "right" and view else ()), key, eye)
-
-        right_rng = of_scene(view) if view else None
-        return with_imperfections(images, points, self.config.imperfections, of_scene(), further, right_rng)
-
-    def _lens_rng(self, sequence: int, eye: Eye) -> Generator:
-        return generator(self.split.seed, Purpose.LENS, sequence, eye)
+        return taken.frame(frame, self.config.outputs), taken.records
 
     def _report(self, stage: str) -> None:
         if self.listener is not None:

@@ -1,0 +1,120 @@
+"""What the cameras of a rig make of drawn images: exposed, bent by lenses, made imperfect, and rectified."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from semisynth_gl.config import Config
+from semisynth_gl.frame.camera import EYES, Eye
+from semisynth_gl.frame.frame import Frame
+from semisynth_gl.lens.borders import with_borders
+from semisynth_gl.lens.chain import LensChain, scaled_camera
+from semisynth_gl.lens.lenses import Lenses
+from semisynth_gl.pairs.exposure import exposed, moments
+from semisynth_gl.pairs.imperfections import with_imperfections
+from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.scene.mix import MixSampler
+from semisynth_gl.scene.sampler import SampledScene
+from semisynth_gl.seeds.seeds import Purpose, generator
+
+
+class Taken(NamedTuple):
+    """The images of a pair as its cameras give them.
+
+    Attributes:
+        images: (H, W, 3) or (H, W) uint8 of each eye that was asked for.
+        chains: the way of each eye's image through its lens; None without lenses.
+        records: "lens" and "imperfections" of the pair's provenance, in JSON's types.
+    """
+
+    images: dict[Eye, NDArray[np.uint8]]
+    chains: Mapping[Eye, LensChain] | None
+    records: dict[str, Any]
+
+    def frame(self, drawn: Frame, outputs: Sequence[str]) -> Frame:
+        """Return a drawn frame with these images of both eyes, and with the borders that lenses leave in its masks."""
+        views = {eye: drawn.view(eye).with_channels({"image": self.images[eye]}) for eye in EYES}
+        frame = Frame(drawn.camera, views["left"], views["right"])
+        return frame if self.chains is None else with_borders(frame, self.chains, outputs)
+
+
+class Cameras:
+    """The cameras of a dataset's rig.
+
+    Args:
+        config: the configuration.
+        seed: of the split.
+        renderer: draws what drawn frames lack: other moments, and denser images.
+        sampler: made the scenes.
+    """
+
+    def __init__(self, config: Config, seed: int, renderer: Renderer, sampler: MixSampler) -> None:
+        self._config, self._seed, self._renderer, self._sampler = config, seed, renderer, sampler
+        self._lenses = None if config.lens is None else Lenses(config.lens, self._lens_rng)
+
+    def take(self, frame: Frame, sampled: SampledScene, number: int, view: int, eyes: Sequence[Eye]) -> Taken:
+        """Take the images of a drawn frame.
+
+        What the left eye draws at random belongs to the scene, what the right eye draws to the pair. The first right
+        eye's noise follows the left eye's in one generator, so the first pair must take both.
+
+        Args:
+            frame: the drawn pair.
+            sampled: its scene, as its right view sees it.
+            number: of the scene.
+            view: number of the right view.
+            eyes: whose images to take.
+        """
+        section, camera, chains = self._config.imperfections, sampled.scene.camera, None
+        records: dict[str, Any] = {}
+        if self._lenses is not None:
+            chains = self._lenses.chains(number // self._config.sequence.length, camera)
+            records["lens"] = {eye: chain.raw.record() for eye, chain in chains.items()}
+        density = max(chain.density for chain in chains.values()) if chains else 1.0
+        scene = sampled.scene
+        if density > 1:
+            scene = replace(scene, camera=scaled_camera(camera, density))
+            images = self._renderer.render_images(scene, eyes)
+        else:
+            images = {eye: frame.view(eye).image for eye in eyes}
+        # All eyes expose at the same time, so motion blur is drawn once for a scene.
+        motion_blur = section.motion_blur.draw(generator(self._seed, Purpose.IMPERFECTIONS, number, "motion_blur"))
+        if motion_blur > 0:
+            moved = (self._sampler.moment(sampled, frames) for frames in moments(motion_blur, section.sub_frames))
+            images = exposed(self._renderer, images, scene, [replace(each, camera=scene.camera) for each in moved])
+        points = {eye: camera.lens_px(eye)[:2] for eye in EYES}
+        if chains:
+            images = {eye: chains[eye].raw_image(image, density) for eye, image in images.items()}
+            points = {eye: (chain.raw.cx_px, chain.raw.cy_px) for eye, chain in chains.items()}
+        if not section.none():
+            images, drawn = self._imperfect(images, points, number, view)
+            blurred = {"motion_blur": motion_blur} if motion_blur > 0 else {}
+            records["imperfections"] = {eye: values | blurred for eye, values in drawn.items()}
+        if chains:
+            images = {eye: chains[eye].rectify(image) for eye, image in images.items()}
+        return Taken(images, chains, records)
+
+    def _imperfect(
+        self,
+        images: dict[Eye, NDArray[np.uint8]],
+        points: dict[Eye, tuple[float, float]],
+        number: int,
+        view: int,
+    ) -> tuple[dict[Eye, NDArray[np.uint8]], dict[Eye, dict[str, Any]]]:
+        """Apply the imperfections of one right view of scene ``number``; see `with_imperfections`."""
+
+        def of_scene(*keys: int | str) -> Generator:
+            return generator(self._seed, Purpose.IMPERFECTIONS, number, *keys)
+
+        def further(key: str, eye: Eye) -> Generator:
+            return of_scene(*((view,) if eye == "right" and view else ()), key, eye)
+
+        right_rng = of_scene(view) if view else None
+        return with_imperfections(images, points, self._config.imperfections, of_scene(), further, right_rng)
+
+    def _lens_rng(self, sequence: int, eye: Eye) -> Generator:
+        return generator(self._seed, Purpose.LENS, sequence, eye)
