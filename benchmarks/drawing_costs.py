@@ -70,7 +70,7 @@ class Parts:
         self._gl, self._placing = renderer._gl, renderer._placing
         with self._gl, patch.object(programs, "shader_source", _without_patches(programs.shader_source)):
             names = {name.upper(): number for number, name in enumerate(self._loaded.wanted.attachments("left"))}
-            bare = programs.link_program(renderer._context, "mesh.vert", "mesh.frag", names)
+            bare = programs.link_meshes(renderer._context, names)
             self._samples = self._gl.query(samples=True)
         self._bare = [bare] * len(self._loaded.anisotropies)
 

@@ -21,6 +21,7 @@ import click
 import numpy as np
 
 from semisynth_gl.bench.summary import machine_facts, markdown
+from semisynth_gl.render.backends import is_software
 from semisynth_gl.render.devices import context_facts
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -132,12 +133,15 @@ def table(report: Mapping[str, Any]) -> str:
 
 @click.command()
 @click.option("--backend", type=click.Choice(["egl", "osmesa"]), default="egl", show_default=True)
+@click.option("--gpu", is_flag=True, help="Refuse a driver that draws on the processor.")
 @click.option(
     "--json", "json_path", type=click.Path(dir_okay=False, path_type=Path), help="Also write everything here."
 )
-def main(backend: str, json_path: Path | None) -> None:
+def main(backend: str, json_path: Path | None, *, gpu: bool) -> None:
     """Run the hard cases and print their errors."""
     driver = context_facts(backend)
+    if gpu and is_software(driver.renderer):
+        raise click.ClickException(f"--gpu: expected a GPU, but {driver.renderer} draws on the processor")
     report = {
         "command": shlex.join(["python", "benchmarks/hard_cases.py", *sys.argv[1:]]),
         "machine": machine_facts() | {"backend": driver.backend, "renderer": driver.renderer, "opengl": driver.version},

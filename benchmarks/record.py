@@ -134,7 +134,7 @@ MEASUREMENTS: Mapping[str, Result] = {
         "Hard cases", _HARD_CASES, ("benchmarks/hard_cases.py",), hard_cases.headline, hard_cases.table
     ),
     "hard-cases-gpu": Result(
-        "Hard cases on a GPU", _HARD_CASES, ("benchmarks/hard_cases.py",), hard_cases.headline, hard_cases.table
+        "Hard cases on a GPU", _HARD_CASES, ("benchmarks/hard_cases.py", "--gpu"), hard_cases.headline, hard_cases.table
     ),
 }  # fmt: skip
 

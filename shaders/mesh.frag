@@ -25,7 +25,8 @@ float inverse_depth_here() {
     const float most_px = 0.53 / float(SNAPPED);
     vec2 change = vec2(dFdx(gl_FragCoord.w), dFdy(gl_FragCoord.w));
     precise float here = gl_FragCoord.w + dot(change, clamp(off_px, -most_px, most_px));
-    return here;
+    // Beside the horizon of a ground, a step leads beyond infinity.
+    return max(here, 1e-30);
 }
 #else
 #define inverse_depth_here() gl_FragCoord.w
@@ -125,14 +126,18 @@ void main() {
 #if defined(DISPARITY) || defined(INVERSE_DEPTH) || defined(DEPTH) || defined(SKY)
     bool is_sky = gl_FragCoord.z < LEAST_DEPTH;
 #endif
+#if defined(DISPARITY) || defined(INVERSE_DEPTH) || defined(DEPTH)
+    // Derivatives are taken in all pixels alike, whether they show the sky or not.
+    float here = inverse_depth_here();
+#endif
 #ifdef DISPARITY
-    disparity_px = disparity_at(is_sky ? 0.0 : inverse_depth_here());
+    disparity_px = disparity_at(is_sky ? 0.0 : here);
 #endif
 #ifdef INVERSE_DEPTH
-    inverse_depth = is_sky ? 0.0 : inverse_depth_here();
+    inverse_depth = is_sky ? 0.0 : here;
 #endif
 #ifdef DEPTH
-    depth_m = is_sky ? uintBitsToFloat(0x7F800000u) : 1.0 / inverse_depth_here();
+    depth_m = is_sky ? uintBitsToFloat(0x7F800000u) : 1.0 / here;
 #endif
 #ifdef SKY
     sky = is_sky ? 255u : 0u;

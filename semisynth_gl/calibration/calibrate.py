@@ -43,7 +43,7 @@ UNITS: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 # A baseline shorter than this, or longer than `LONGEST_M`, may be in another unit than assumed.
 _SHORTEST_M = 0.002
 # What lenses and rectification leave in photographs, by the key of its measure.
-_OF_LENSES = {"corners": "corners {:.2f} times as sharp as the middle", "border": "{:.1f} % black border"}
+_OF_LENSES = {"corners": "corners {:.2f} times as sharp as the middle", "border": "{:.1f}% black border"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,9 +86,9 @@ def calibrate(
 
     Args:
         images: the photographs: files, folders and globs.
-        calib: calibration files: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, or the stereo YAML of
-            OpenCV, ROS or Kalibr. Where one states the cameras before rectification, the config gets the section lens,
-            for which OpenCV is needed.
+        calib: calibration files: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, YAML of OpenCV, ROS
+            or Kalibr, or JSON of Basalt or DepthAI. Where one states the cameras before rectification, the config gets
+            the section lens, for which OpenCV is needed.
         focal_px: focal length; with ``baseline_m`` and ``size``, instead of ``calib``.
         baseline_m: distance between the cameras.
         size: width and height of the images, px; needed also with a calibration that does not state them.
@@ -269,8 +269,8 @@ def _rectified(
         fault = next((f"; {rig.source}: {rig.lens_fault}" for rig in rigs if rig.lens_fault), "")
         raise InputError(
             f"`rectify_to` {folder}: expected the calibration of one rig with its cameras before rectification (K and "
-            "D of both, with R1 and R2 or R and T, as OpenCV, ROS or Kalibr write them): give it as `calib`, or "
-            f"rectified photographs without `rectify_to`{fault}"
+            "D of both, with R1 and R2 or R and T, as OpenCV, ROS, Kalibr, Basalt or DepthAI write them): give it as "
+            f"`calib`, or rectified photographs without `rectify_to`{fault}"
         )
     given = [pair for left, right in pairs for pair in given_pairs(fspath(left), fspath(right))]
     photographs = find_images(images)
@@ -310,14 +310,9 @@ def _style_summary(style: Style, place: MeasuredPlace | None) -> list[str]:
     if place is None:
         return lines
     seen = [
-        text.format(values.mean())
-        for key, text in (
-            ("corners", "corners {:.2f} times as sharp as the middle"),
-            ("border", "{:.1f} % black border"),
-        )
-        if len(values := place.side.values[key])
+        text.format(place.side.values[key].mean()) for key, text in _OF_LENSES.items() if len(place.side.values[key])
     ]
-    lines.insert(0, f"                 {', '.join(seen)}")
+    lines.insert(0, f"sharpness        {', '.join(seen)}, in the photographs")
     low, high = style.texels_per_pixel
     look = f"{low:g} to {high:g} texels per pixel, blurred by {style.blur_px:g} px"
     if style.exposure_stops:
@@ -336,8 +331,8 @@ def _baseline_note(ends_m: tuple[float, float]) -> str | None:
     if ends_m[0] >= _SHORTEST_M and ends_m[1] <= LONGEST_M:
         return None
     return (
-        f"the baseline is {_shown_range(ends_m, 'm')}: ROS and KITTI state it in metres, Middlebury and ETH3D in "
-        "millimetres. Check the unit in your files"
+        f"the baseline is {_shown_range(ends_m, 'm')}: ROS and KITTI state it in metres, and so do Kalibr "
+        "and Basalt; Middlebury and ETH3D in millimetres. Check the unit in your files"
     )
 
 

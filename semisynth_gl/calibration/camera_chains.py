@@ -1,4 +1,4 @@
-"""Calibrations of two cameras before rectification and of how they stand: Kalibr's, Basalt's and DepthAI's.
+"""Two cameras before rectification, and how they stand to each other, as Kalibr, Basalt and DepthAI write them.
 
 All are rectified by OpenCV's stereoRectify.
 """
@@ -121,7 +121,7 @@ def _rectified(
 
 def _two(key: str, node: object) -> tuple[Any, Any]:
     if not isinstance(node, list) or len(node) < 2:
-        raise FormatError(f"{key}: expected a list of two cameras, got {shown(node)}")
+        raise FormatError(f"{key}: expected a list of at least two cameras, got {shown(node)}")
     return node[0], node[1]
 
 
@@ -143,8 +143,9 @@ def _basalt_camera(prefix: str, node: object) -> Intrinsics:
     lacking = [name for name in ("fx", "fy", "cx", "cy", *names) if name not in values]
     if lacking:
         raise FormatError(f"{prefix}intrinsics: expected {', '.join(lacking)} as well")
-    matrix = [[values["fx"], 0, values["cx"]], [0, values["fy"], values["cy"]], [0, 0, 1]]
-    return _made({"K": matrix, "D": [values[name] for name in names]}, prefix, model)
+    fx, fy, cx, cy = numbers(prefix + "intrinsics", [values[name] for name in ("fx", "fy", "cx", "cy")], (4,)).tolist()
+    made = {"intrinsics": [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], ", ".join(names): [values[name] for name in names]}
+    return _made(made, ("intrinsics", ", ".join(names)), prefix, model)
 
 
 def _depthai_camera(prefix: str, node: Mapping[str, Any]) -> Intrinsics:
@@ -152,14 +153,15 @@ def _depthai_camera(prefix: str, node: Mapping[str, Any]) -> Intrinsics:
     if not isinstance(kind, int) or kind not in _DEPTHAI_LENSES:
         raise FormatError(f"{prefix}cameraType: expected 0 (perspective) or 1 (fisheye), got {shown(kind)}")
     model, count = _DEPTHAI_LENSES[kind]
-    distortion = node.get("distortionCoeff")
-    if isinstance(distortion, list):
-        distortion = distortion[:count]
-    return _made({"K": node.get("intrinsicMatrix"), "D": distortion}, prefix, model)
+    keys = "intrinsicMatrix", "distortionCoeff"
+    values = dict(node)
+    if isinstance(node.get(keys[1]), list):
+        values[keys[1]] = numbers(prefix + keys[1], node[keys[1]], None)[:count].tolist()
+    return _made(values, keys, prefix, model)
 
 
-def _made(values: Mapping[str, Any], prefix: str, model: str) -> Intrinsics:
-    camera = intrinsics(values, ("K", "D"), prefix, model)
+def _made(values: Mapping[str, Any], keys: tuple[str, str], prefix: str, model: str) -> Intrinsics:
+    camera = intrinsics(values, keys, prefix, model)
     if camera is None:
         raise FormatError(f"{prefix}expected a calibrated camera, got none")
     return camera
@@ -182,7 +184,7 @@ def _pose(key: str, node: object) -> Matrix:
 def _depthai_way(known: Mapping[object, Mapping[str, Any]], start: object, end: object) -> Matrix:
     """Return the pose (4, 4), cm, from one camera's frame to another's, along the links of the file."""
     ways: dict[object, Matrix] = {start: np.eye(4)}
-    links = [link for socket, camera in known.items() if (link := _link(socket, camera)) is not None]
+    links = [link for socket, camera in known.items() if (link := _link(socket, camera, known)) is not None]
     for _ in links:
         for here, there, pose in links:
             if here in ways and there not in ways:
@@ -194,17 +196,19 @@ def _depthai_way(known: Mapping[object, Mapping[str, Any]], start: object, end: 
     return ways[end]
 
 
-def _link(socket: object, camera: Mapping[str, Any]) -> tuple[object, object, Matrix] | None:
+def _link(
+    socket: object, camera: Mapping[str, Any], known: Mapping[object, object]
+) -> tuple[object, object, Matrix] | None:
     """Return a camera, the one that its extrinsics lead to, and the pose (4, 4), cm; None where they lead nowhere."""
     extrinsics = camera.get("extrinsics")
-    place = extrinsics.get("translation") if isinstance(extrinsics, Mapping) else None
-    if not isinstance(extrinsics, Mapping) or not isinstance(place, Mapping):
+    extrinsics = extrinsics if isinstance(extrinsics, Mapping) else {}
+    # The last camera of a chain leads to -1, with an empty rotation or one of zeros.
+    there = extrinsics.get("toCameraSocket")
+    if not isinstance(there, int) or there not in known:
         return None
-    key = f"cameraData, socket {socket}: extrinsics."
-    turn = numbers(key + "rotationMatrix", extrinsics.get("rotationMatrix"), (3, 3))
-    if not turn.any():
-        return None
+    key, place = f"cameraData, socket {socket}: extrinsics.", extrinsics.get("translation")
     pose = np.eye(4)
-    pose[:3, :3] = rotation(key + "rotationMatrix", turn.tolist())
-    pose[:3, 3] = numbers(key + "translation", [place.get(axis) for axis in "xyz"], (3,))
-    return socket, extrinsics.get("toCameraSocket"), pose
+    pose[:3, :3] = rotation(key + "rotationMatrix", extrinsics.get("rotationMatrix"))
+    stated = [place.get(axis) for axis in "xyz"] if isinstance(place, Mapping) else place
+    pose[:3, 3] = numbers(key + "translation", stated, (3,))
+    return socket, there, pose

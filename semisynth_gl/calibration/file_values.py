@@ -1,6 +1,6 @@
 """Values of calibration files: arrays, rotations and sizes, checked as they are read."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from semisynth_gl.inputs.errors import shown
 _SIZES = (("image_width", "image_height"), ("width", "height"), ("LEFT.width", "LEFT.height"))
 _SIZE_PAIRS = ("image_size", "imageSize", "size", "resolution")
 _LARGEST_SIDE_PX = 99_999
+_SIDES = 2
 # Rotations are printed with six digits.
 _ROTATION_ERROR = 1e-4
 _SHOWN = 400
@@ -46,7 +47,8 @@ def numbers(key: str, node: Any, shape: tuple[int, ...] | None) -> Matrix:  # no
     if not (fits and np.isfinite(values).all()):
         expected = "a list of finite numbers"
         if shape is not None:
-            expected = f"a {' x '.join(map(str, shape))} matrix of {np.prod(shape)} finite numbers"
+            of_matrix = f"a {' x '.join(map(str, shape))} matrix of " if len(shape) > 1 else ""
+            expected = f"{of_matrix}{np.prod(shape)} finite numbers"
         raise FormatError(f"{key}: expected {expected}, got {shown(node, _SHOWN)}")
     return values.reshape(-1 if shape is None else shape)
 
@@ -59,11 +61,13 @@ def rotation(key: str, node: Any) -> Matrix:  # noqa: ANN401 - any YAML value
     return matrix
 
 
-def checked_size(size: Sequence[Any] | None) -> Size | None:
+def checked_size(size: object) -> Size | None:
     """Return a width and a height as a size, None for none; raises FormatError where a side cannot be one."""
     # OpenCV writes 0 0 for an unknown size.
-    if size is None or list(size) == [0, 0]:
+    if size is None or size in ([0, 0], (0, 0)):
         return None
+    if not isinstance(size, list | tuple) or len(size) != _SIDES:
+        raise FormatError(f"expected a width and a height, got {shown(size)}")
     try:
         width_px, height_px = int(size[0]), int(size[1])
     except (TypeError, ValueError, OverflowError):

@@ -18,7 +18,7 @@ from semisynth_gl.inputs.errors import shown
 from semisynth_gl.inputs.opencv import open_opencv
 from semisynth_gl.lens.raw_camera import RawCamera
 
-# What tools call the two models of a lens: OpenCV and ROS, Kalibr.
+# What tools call the two models of a lens: OpenCV, ROS and Kalibr.
 _MODELS: Mapping[str, LensModel] = {
     "plumb_bob": "radial-tangential",
     "rational_polynomial": "radial-tangential",

@@ -17,7 +17,7 @@ FORMATS = (
     "Basalt's calibration.json, or DepthAI's of an OAK camera",
     "camera_info of ROS with projection_matrix, or p as `ros2 topic echo` prints it, of both cameras or only the right",
 )
-"""The formats in YAML, as text for messages."""
+"""The formats in YAML and JSON, as text for messages."""
 
 
 def parse_yaml(text: str, source: str, expected: str) -> Sequence[OpenCvValues | Projections | Camera]:
@@ -30,6 +30,7 @@ def parse_yaml(text: str, source: str, expected: str) -> Sequence[OpenCvValues |
 
     Raises:
         FormatError: where the text is none of these.
+        InputError: where OpenCV is needed and missing.
     """
     documents = _documents(text, expected)
     values = documents[0]

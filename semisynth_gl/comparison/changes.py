@@ -107,8 +107,13 @@ def advice(measure: Measure, recipes: Sequence[Mapping[str, Any]], *, more: bool
         more: True for a larger value, False for a smaller one.
     """
     changes = [change for change in CHANGES if _counts(change, recipes)]
-    raised = [change for change in changes if measure.key in (change.up if more else change.down)]
-    lowered = [change for change in changes if measure.key in (change.down if more else change.up)]
+    has_lens = any(values.get("lens") is not None for values in recipes)
+    # There is no second lens, and no less of one that a config does not have.
+    can_rise, can_fall = (
+        [each for each in changes if each.key != "lens" or has_lens == falls] for falls in (False, True)
+    )
+    raised = [change for change in can_rise if measure.key in (change.up if more else change.down)]
+    lowered = [change for change in can_fall if measure.key in (change.down if more else change.up)]
     in_force = {f"{key}: {value}" for key, value in recipes[0].items() if isinstance(value, str)}
     said = [text for text in (*(each.more for each in raised), *(each.less for each in lowered)) if text]
     said = [text for text in said if text not in in_force]

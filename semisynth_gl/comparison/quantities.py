@@ -184,7 +184,7 @@ def rectification_border(luminance: NDArray[np.float32]) -> float:
 def corner_sharpness(luminance: NDArray[np.float32]) -> float:
     """Return how sharp an image's corners are beside its middle: 1 where they are alike.
 
-    Sharpness is the contrast of the finest octave over the third, which does not depend on how much there is to see.
+    Sharpness is the contrast of the finest octave over the third; noise in plain corners counts as sharp.
     Corners are quarters of the width and height, inside black borders; the middle is half of both.
 
     Returns:

@@ -38,7 +38,7 @@ _Side = Annotated[int, count(_WIDEST_PX)]
 
 LensModel = Literal["radial-tangential", "fisheye"]
 LensBorder = Literal["black", "replicate"]
-DRAWN_PATTERNS = ("dots", "stripes")
+_DRAWN_PATTERNS = ("dots", "stripes")
 COEFFICIENTS: Mapping[LensModel, tuple[int, ...]] = {"radial-tangential": (4, 5, 8, 12), "fisheye": (4,)}
 """Numbers of coefficients that OpenCV knows for each model of a lens."""
 
@@ -242,11 +242,11 @@ class ProjectorSection(Section):
     The ranges are drawn per sequence.
 
     Attributes:
-        pattern: ``dots`` at random places, upright ``stripes``, or a picture's file.
+        pattern: ``dots`` at random places, upright ``stripes``, or the file of a picture, whose luminance is thrown.
         pattern_width_px: width of the pattern, and of the picture.
         pattern_height_px: its height.
         size_px: diameter of a dot, or width of a stripe, pixels of the pattern.
-        density: share of the pattern that is lit. Like size_px, it is of no account to a picture.
+        density: share of the pattern that is lit; density and size_px do nothing with a picture.
         field_of_view_deg: angle that the pattern's width takes.
         position_m: x, y, z in the left camera's frame.
         turn_deg: rotation vector of the projector against the left camera, degrees.
@@ -268,12 +268,20 @@ class ProjectorSection(Section):
     ambient: NotNegativeRange = Range(1.0, 1.0)
     share: Share = 1.0
 
+    @property
+    def drawn(self) -> bool:
+        """Whether the program draws the pattern, and reads no picture."""
+        return self.pattern in _DRAWN_PATTERNS
+
     def _faults(self) -> Iterator[str]:
         if self.field_of_view_deg.high > _WIDEST_DEG:
             yield f"field_of_view_deg: expected at most {_WIDEST_DEG:g}, got {self.field_of_view_deg.high:g}"
-        if self.pattern not in DRAWN_PATTERNS:
+        if not self.drawn:
             if not Path(self.pattern).suffix:
-                yield f"pattern: expected {', '.join(DRAWN_PATTERNS)} or a picture such as dots.png, got {self.pattern}"
+                yield (
+                    f"pattern: expected {', '.join(_DRAWN_PATTERNS)}, or a picture's file with its extension, such as "
+                    f"dots.png, got {self.pattern}"
+                )
             return
         dots = self.density * self.pattern_width_px * self.pattern_height_px / self.size_px**2
         if dots > _MOST_DOTS:

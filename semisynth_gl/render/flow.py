@@ -13,7 +13,7 @@ from semisynth_gl.render.loaded import Loaded
 from semisynth_gl.render.model_buffers import refill
 from semisynth_gl.render.pair_targets import DrawnPair
 from semisynth_gl.render.placing import Placed, Placing
-from semisynth_gl.render.programs import link_program
+from semisynth_gl.render.programs import link_meshes
 from semisynth_gl.render.structs import BLOCKS, MOVE
 from semisynth_gl.render.targets import Targets
 from semisynth_gl.scene.scene import Motion
@@ -72,7 +72,7 @@ class FlowPass:
 
     def __init__(self, loaded: Loaded) -> None:
         self._loaded, context = loaded, loaded.context
-        self._draw_program = link_program(context, "mesh.vert", "mesh.frag", {"DEPTH": 0, "SURFACE": 1})
+        self._draw_program = link_meshes(context, {"DEPTH": 0, "SURFACE": 1})
         # Tiles are single pixels, and there is one list of them.
         self._steps = ListedSteps(context, "flow.comp", 2, tile_px=1, entries=1)
         self._moves = context.gl.buffer(reserve=_FEWEST_MOVES * MOVE.itemsize, dynamic=True)

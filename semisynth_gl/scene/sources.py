@@ -10,7 +10,6 @@ from isal.isal_zlib import crc32
 from numpy.typing import NDArray
 
 from semisynth_gl.config import Config
-from semisynth_gl.config.rig_sections import DRAWN_PATTERNS
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary, build_libraries
 from semisynth_gl.inputs.errors import Skipped
@@ -38,7 +37,7 @@ class Sources:
     libraries: tuple[ModelLibrary, ...]  # the models of each recipe, all with the same `models`; at least one
     photographs: tuple[Path, ...] = ()  # the files that patches may come from; empty where all patches are procedural
     pattern: NDArray[np.uint8] | None = None  # (H, W), of the projector
-    pattern_is_read: bool = False  # from a file; a drawn pattern follows from the config
+    pattern_is_read: bool = False  # then it has a checksum; a drawn pattern follows from the config
 
     @property
     def models(self) -> tuple[Mesh, ...]:
@@ -109,12 +108,12 @@ def prepare_sources(config: Config, split: Split) -> Sources:
     """Cut the patches and build the models of a split, or take them from the cache.
 
     Raises:
-        InputError: where images, models or a projector's pattern cannot be used, or there are too few of them for the
-            splits.
+        InputError: where a projector's pattern, images or models cannot be used, or images or models are too few for
+            the splits.
     """
     projector = config.projector
     pattern = None if projector is None else find_pattern(projector)
-    # Photographs come first: missing ones are noticed at once, while models take seconds to build.
+    # Photographs come before models: missing ones are noticed at once, while models take seconds to build.
     photographs = split_images(config.textures, split)
     libraries = recipe_libraries(config, split)
     atlas = prepare_atlas(config.textures, split, photographs)
@@ -123,7 +122,7 @@ def prepare_sources(config: Config, split: Split) -> Sources:
         libraries,
         tuple(photographs),
         pattern,
-        projector is not None and projector.pattern not in DRAWN_PATTERNS,
+        projector is not None and not projector.drawn,
     )
 
 

@@ -44,10 +44,13 @@ def black_border(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def border_share(image: NDArray[np.uint8]) -> float:
-    """Return the share of an image, (H, W, 3) RGB or (H, W) grey, that rectification left black; 0 for dark things."""
-    border = black_border(image)
-    share = float(border.mean())
-    return share if share >= _LEAST and _is_of_rectification(border) else 0.0
+    """Return the share of an image, (H, W, 3) RGB or (H, W) grey, that rectification left black.
+
+    It is 0 where `inside_borders` finds no border, as in an image that is dark.
+    """
+    inside = inside_borders(image)
+    whole = inside == Inside(0, 0, image.shape[1], image.shape[0])
+    return 0.0 if whole else float(black_border(image).mean())
 
 
 def inside_borders(image: NDArray[np.uint8]) -> Inside:

@@ -102,7 +102,8 @@ def basalt(kind="pinhole-radtan8", coefficients=None):
     return {"value0": {"T_imu_cam": poses, "intrinsics": cameras, "resolution": [list(SIZE)] * 2}}
 
 
-NOWHERE = -1, np.zeros((4, 4))
+# Devices write an empty rotation for the last camera of a chain, others zeros.
+NOWHERE = -1, None
 RIGHT_FROM_LEFT_CM = pose(R, 100 * T)
 COLOUR_FROM_LEFT_CM = pose(cv2.Rodrigues(np.array([0.02, 0.01, -0.01]))[0], [-3.7, 0.1, 0.2])
 LINKS = {
@@ -119,14 +120,15 @@ def depthai(links="to the right", kind=0, coefficients=None):
     def camera(socket, k, own):
         target, matrix = LINKS[links].get(socket, NOWHERE)
         d = [*map(float, own if coefficients is None else coefficients)]
-        place = dict(zip("xyz", matrix[:3, 3].tolist(), strict=True))
+        place = dict(zip("xyz", [0.0] * 3 if matrix is None else matrix[:3, 3].tolist(), strict=True))
+        turn = [] if matrix is None else matrix[:3, :3].tolist()
         return {
             "cameraType": kind,
             "width": SIZE[0],
             "height": SIZE[1],
             "intrinsicMatrix": k.tolist(),
             "distortionCoeff": d + [0.0] * (14 - len(d)),
-            "extrinsics": {"rotationMatrix": matrix[:3, :3].tolist(), "toCameraSocket": target, "translation": place},
+            "extrinsics": {"rotationMatrix": turn, "toCameraSocket": target, "translation": place},
         }
 
     cameras = [[0, camera(0, K1, D1)], [1, camera(1, K1, D1)], [2, camera(2, K2, D2)]]
@@ -180,12 +182,25 @@ def changed(values, *path, to=None):
     ("values", "words"),
     [
         (basalt("ds"), r"intrinsics\[0\]\.camera_type: expected pinhole, pinhole-radtan8, kb4, got .?ds"),
-        (changed(basalt(), "value0", "intrinsics", 1), "value0.intrinsics: expected a list of two cameras"),
+        (changed(basalt(), "value0", "intrinsics", 1), "value0.intrinsics: expected a list of at least two"),
         (changed(basalt(), "value0", "intrinsics", 0, "intrinsics", "k3"), r"\[0\].intrinsics: expected k3 as well"),
-        (changed(basalt(), "value0", "T_imu_cam", 1, "qw"), r"T_imu_cam\[1\]: expected a 7 matrix of 7 finite numbers"),
+        (changed(basalt(), "value0", "T_imu_cam", 1, "qw"), r"T_imu_cam\[1\]: expected 7 finite numbers"),
         (changed(basalt(), "value0", "T_imu_cam", 1, to=[0] * 7), r"T_imu_cam\[1\]: expected a quaternion, got zeros"),
-        (changed(basalt(), "value0", "resolution"), "value0.resolution: expected a list of two cameras"),
+        (changed(basalt(), "value0", "resolution"), "value0.resolution: expected a list of at least two"),
         (changed(basalt(), "value0", "resolution", 1, to=[2, 2]), "expected images of one size of both cameras"),
+        (changed(basalt(), "value0", "resolution", to=[640, 480]), "expected a width and a height, got 640"),
+        (changed(basalt(), "value0", "resolution", to=[[640], [480]]), "expected a width and a height"),
+        (changed(basalt(), "value0", "resolution", to=[{"w": 1}, {}]), "expected a width and a height"),
+        (
+            changed(basalt(), "value0", "intrinsics", 0, "intrinsics", "fx", to="x"),
+            r"intrinsics: expected 4 finite numbers",
+        ),
+        (changed(depthai(), "cameraData", 1, 1, "extrinsics", "toCameraSocket", to=[2]), "extrinsics that lead from"),
+        (
+            changed(depthai(), "cameraData", 1, 1, "extrinsics", "rotationMatrix", to=[1]),
+            "rotationMatrix: expected a 3 x 3",
+        ),
+        (changed(depthai(), "cameraData", 1, 1, "distortionCoeff", to=[[1] * 4] * 14), "a tilted sensor"),
         (depthai("nowhere"), "extrinsics that lead from socket 1 to socket 2"),
         (changed(basalt(), "value0", "T_imu_cam", 1, to=basalt()["value0"]["T_imu_cam"][0]), "a translation of 0"),
         (depthai(kind=2), "socket 1: cameraType: expected 0"),

@@ -305,6 +305,9 @@ def test_black_borders_are_those_of_rectification():
     dark = grey.copy()
     dark[:160, :160] = 0  # a thing in one corner
     assert value("border", picture_of(grey=dark)) == 0
+    black, night = np.zeros((480, 640)), grey.copy()
+    night[:300] = 0
+    assert value("border", picture_of(grey=black)) == value("border", picture_of(grey=night)) == 0
     # A border alone makes no corner softer, but for chance.
     assert value("corners", picture_of(grey=bordered)) == pytest.approx(1, abs=0.1)
 
@@ -728,10 +731,18 @@ def test_advice_names_keys_that_a_config_has():
         assert key in fields, change.key
         assert {*change.up, *change.down} <= BY_KEY.keys(), change.key
         assert not {*change.up} & {*change.down}, change.key
+    eye = {"fx_px": 1700, "distortion": [-0.1, 0, 0, 0]}
+    lens = {"raw_width_px": 1500, "raw_height_px": 1000, "left": eye, "right": eye}
+    plain, bent = recipe_with("cuboid"), recipe_with("cuboid", lens=lens, outputs=["visibility", "valid"])
     for measure in MEASURES:
-        # The background is for information.
-        texts = [advice(measure, [recipe_with("cuboid")] * 2, more=more) for more in (True, False)]
-        assert all(texts) == any(texts) == (measure.key != "background")
+        texts, with_lens = ([advice(measure, [of] * 2, more=more) for more in (True, False)] for of in (plain, bent))
+        if measure.key in {"border", "corners"}:
+            # A config can get a lens that it has not, and lose one that it has.
+            assert [bool(text) for text in texts] == [not text for text in with_lens]
+            assert sum(map(bool, texts)) == 1
+        else:
+            # The background is for information.
+            assert all(texts) == any(texts) == (measure.key != "background")
     assert "scenes" in advice(BY_KEY["jumps"], [recipe_with("cuboid")] * 2, more=False)
     assert moved_by("imperfections.blur_px") == tuple(BY_KEY[key] for key in ("border_hardness", "octaves", "gradient"))
 

@@ -376,7 +376,7 @@ def test_the_projector_is_on_in_a_share_of_the_sequences():
         ({"projector": {}}, "power"),
         (
             {"projector": {"power": 1, "pattern": "dot"}},
-            "expected dots, stripes or a picture",
+            "expected dots, stripes, or a picture's file",
         ),
     ],
 )
@@ -403,6 +403,9 @@ def test_a_picture_that_does_not_fit_is_refused(tmp_path):
     path = tmp_path / "own.png"
     section = ProjectorSection(power=1, pattern=str(path))
     with pytest.raises(InputError, match=r"projector.pattern: .*own\.png: does not exist"):
+        find_pattern(section)
+    Image.fromarray(np.full((800, 1280, 4), [255, 255, 255, 0], np.uint8)).save(path)
+    with pytest.raises(InputError, match="save it without transparency"):
         find_pattern(section)
     Image.fromarray(np.zeros((4, 6, 3), np.uint8)).save(path)
     with pytest.raises(InputError, match=r"expected 1280 x 800 px, got 6 x 4 px .* set pattern_width_px"):
