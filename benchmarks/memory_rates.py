@@ -146,9 +146,15 @@ def differences(found: Mapping[int, Arrays], files: Mapping[int, Arrays]) -> lis
 
 
 def measure(
-    config_name: str, settings: Sequence[str], seed: int, pairs: int, rounds: int, processes: int
+    config_name: str,
+    settings: Sequence[str],
+    seed: int,
+    pairs: int,
+    rounds: int,
+    processes: int,
+    save: Callable[[dict[str, Any]], None],
 ) -> dict[str, Any]:
-    """Let all ways take their turns, and compare each with files."""
+    """Let all ways take their turns, and compare each with files; ``save`` gets the report after each round."""
     chosen, left_out = ways(processes)
     configs = {kind: load_config(config_name, (*settings, *keys, SHARP)) for kind, keys in KINDS.items()}
     rows: dict[tuple[str, str], dict[str, Any]] = {}
@@ -166,25 +172,29 @@ def measure(
                 failed[f"{way.name}, {kind}"] = str(error)
             else:
                 rows[way.name, kind] = row
-    for number in range(rounds):
-        for way in chosen[number % len(chosen) :] + chosen[: number % len(chosen)]:
-            for kind, config in configs.items():
-                if (way.name, kind) in rows:
-                    rows[way.name, kind]["rates"].append(way.rate(config, seed, pairs))
     with PairRenderer(configs["plain"], seed) as renderer:
         facts = renderer.facts
     camera = configs["plain"].camera
-    return {
+    report: dict[str, Any] = {
+        "command": " ".join(["python", *sys.argv]),
         "config": configs["plain"].name,
         "settings": list(settings),
         "size_px": [camera.width_px, camera.height_px],
         "seed": seed,
         "pairs": pairs,
         "machine": machine_facts() | facts | {"usable_cores": cores(), "software": is_software(facts["renderer"])},
-        "rows": [row | {"pairs_per_second": float(np.median(row["rates"]))} for row in rows.values()],
         "left_out": left_out,
         "failed": failed,
     }
+    for number in range(rounds):
+        for way in chosen[number % len(chosen) :] + chosen[: number % len(chosen)]:
+            for kind, config in configs.items():
+                if (way.name, kind) in rows:
+                    rows[way.name, kind]["rates"].append(way.rate(config, seed, pairs))
+        # Time may be up before the last round.
+        report["rows"] = [row | {"pairs_per_second": float(np.median(row["rates"]))} for row in rows.values()]
+        save(report)
+    return report
 
 
 def table(report: Mapping[str, Any]) -> str:
@@ -218,11 +228,13 @@ def main(
     out: Path | None,
 ) -> None:
     """Measure and print; the exit code is 1 where a value differs or a way failed."""
-    report = measure(config_name, settings, seed, pairs, rounds, workers or cores())
-    report["command"] = " ".join(["python", *sys.argv])
+
+    def save(report: dict[str, Any]) -> None:
+        if out is not None:
+            out.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+
+    report = measure(config_name, settings, seed, pairs, rounds, workers or cores(), save)
     print(f"{headline(report)}\n\n{table(report)}")
-    if out is not None:
-        out.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     if report["failed"] or any(row["differences"] for row in report["rows"]):
         sys.exit(_FAILED)
 
