@@ -332,7 +332,7 @@ def _baseline_note(ends_m: tuple[float, float]) -> str | None:
         return None
     return (
         f"the baseline is {_shown_range(ends_m, 'm')}: ROS and KITTI state it in metres, and so do Kalibr "
-        "and Basalt; Middlebury and ETH3D in millimetres. Check the unit in your files"
+        "and Basalt; DepthAI in centimetres, Middlebury and ETH3D in millimetres. Check the unit in your files"
     )
 
 
@@ -365,7 +365,7 @@ def _summary(facts: ConfigFacts, report: TextureReport) -> list[str]:
 def _shown_lenses(lenses: Mapping[Eye, LensChain]) -> str:
     borders = [f"{1 - float(chain.valid.mean()):.1%} of the {eye} image" for eye, chain in lenses.items()]
     density = max(chain.density for chain in lenses.values())
-    return f"{lenses['left'].raw.model}; borders: {', '.join(borders)}; up to {density:.2f} raw pixels to a pixel"
+    return f"{lenses['left'].raw.model}; borders: {', '.join(borders)}; raw images up to {density:.2f} times as fine"
 
 
 def _shown_range(ends: tuple[float, float], unit: str) -> str:

@@ -33,7 +33,7 @@ def is_basalt(values: Mapping[str, Any]) -> bool:
 
 def is_depthai(values: Mapping[str, Any]) -> bool:
     """Return whether a file is what DepthAI's eepromToJsonFile writes of an OAK."""
-    return {"cameraData", "stereoRectificationData"} <= values.keys()
+    return "cameraData" in values
 
 
 def kalibr_rig(values: Mapping[str, Any], source: str) -> Projections:
@@ -49,7 +49,7 @@ def kalibr_rig(values: Mapping[str, Any], source: str) -> Projections:
         if camera.get("camera_model", "pinhole") != "pinhole":
             raise FormatError(
                 f"{prefix}camera_model: expected pinhole, got {shown(camera['camera_model'])}: calibrate with "
-                "pinhole-radtan or pinhole-equi"
+                "kalibr_calibrate_cameras --models pinhole-radtan or pinhole-equi"
             )
         for key in ("intrinsics", "distortion_coeffs", "resolution"):
             if key not in camera:
@@ -94,8 +94,9 @@ def depthai_rig(values: Mapping[str, Any], source: str) -> Projections:
         FormatError: where the file breaks its format, or has another lens.
         InputError: where OpenCV is needed and missing.
     """
-    stereo, listed = values["stereoRectificationData"], values["cameraData"]
-    stereo = stereo if isinstance(stereo, Mapping) else {}
+    stereo, listed = values.get("stereoRectificationData"), values["cameraData"]
+    if not isinstance(stereo, Mapping):
+        raise FormatError("stereoRectificationData: missing: it names the sockets of the left and the right camera")
     sockets = [stereo.get(key) for key in ("leftCameraSocket", "rightCameraSocket")]
     known: dict[object, Mapping[str, Any]] = {}
     for each in listed if isinstance(listed, list) else ():
@@ -154,9 +155,10 @@ def _depthai_camera(prefix: str, node: Mapping[str, Any]) -> Intrinsics:
         raise FormatError(f"{prefix}cameraType: expected 0 (perspective) or 1 (fisheye), got {shown(kind)}")
     model, count = _DEPTHAI_LENSES[kind]
     keys = "intrinsicMatrix", "distortionCoeff"
-    values = dict(node)
-    if isinstance(node.get(keys[1]), list):
-        values[keys[1]] = numbers(prefix + keys[1], node[keys[1]], None)[:count].tolist()
+    for key in keys:
+        if node.get(key) is None:
+            raise FormatError(f"{prefix}{key}: missing")
+    values = {keys[0]: node[keys[0]], keys[1]: numbers(prefix + keys[1], node[keys[1]], None)[:count].tolist()}
     return _made(values, keys, prefix, model)
 
 

@@ -4,6 +4,8 @@ import os
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from semisynth_gl.calibration.rig import Rig, Size
 from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.frame.camera import EYES, Eye
@@ -52,7 +54,8 @@ def rectify_photographs(
 
     Raises:
         InputError: where no photograph has the size of its raw camera, one is turned by its EXIF orientation or would
-            be replaced, or the folder holds other images or is one of the ``sources``.
+            be replaced, a rectified one is there with other pixels, or the folder holds other images or is one of the
+            ``sources``.
         ImageError: where a photograph cannot be read.
     """
     folder = _whole(expanded(folder))
@@ -83,8 +86,14 @@ def rectify_photographs(
         image = read_image(path)
         if image.shape[:2] != (raw.height_px, raw.width_px):
             raise InputError(f"{path}: is turned by its EXIF orientation: expected the image as the sensor sees it")
+        rectified = chains[eyes[path]].rectify(image)
+        if file.exists():
+            # Configs cut their patches from these files, and others' photographs may have the same names.
+            if not np.array_equal(read_image(file), rectified):
+                raise InputError(f"`rectify_to` {folder}: {file.name} is there with other pixels: name a new folder")
+            continue
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(RGB8.encode(chains[eyes[path]].rectify(image)))
+        file.write_bytes(RGB8.encode(rectified))
     missing = len(taken) - len(written)
     note = f"{counted(missing, 'photograph')} left out, of another size than the raw images' {expected}"
     found = {path: written[whole] for path, whole in given.items() if whole in written}

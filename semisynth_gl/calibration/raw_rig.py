@@ -99,7 +99,7 @@ def intrinsics(
         counts = " or ".join(map(str, COEFFICIENTS[known]))
         raise FormatError(
             f"{prefix}{keys[1]}: expected {counts} coefficients of a {known} lens, got {len(distortion)}"
-            + (", of a tilted sensor" if len(distortion) == _WITH_TILT else "")
+            + (": the last two, a tilted sensor's, must be 0" if len(distortion) == _WITH_TILT else "")
         )
     return Intrinsics(matrix, distortion, known)
 

@@ -115,6 +115,8 @@ def _summary(comparison: Comparison) -> list[str]:
     if advice:
         lines.append("The other measures, farthest first, with the config keys that move them:")
         lines += [f"  {measure.name}, {apart:.1f} sd apart: {change or 'no key'}" for measure, apart, change in advice]
+    for measure, change in comparison.unlike():
+        lines.append(f"  {measure.name}, the same in all pictures of the place, not here: {change or 'no key'}")
     return lines
 
 

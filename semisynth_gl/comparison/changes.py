@@ -77,14 +77,14 @@ CHANGES: tuple[Change, ...] = (
     Change(
         "lens",
         up=("border",),
-        more="lens, which calibrate writes from cameras before rectification",
-        less="lens of cameras that were rectified with a smaller alpha",
+        more="add lens, which calibrate writes from cameras before rectification",
+        less="take photographs that are rectified as lens says, or rectify with a smaller alpha",
     ),
     Change(
         "lens",
         down=("corners",),
-        more="lens, which calibrate writes from cameras before rectification",
-        less="no lens, or one of a shorter rectified focal length",
+        more="add lens, which calibrate writes from cameras before rectification",
+        less="leave lens out, or lower camera.focal_px",
     ),
 )
 """All changes, in order of effect, the largest first."""

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import Any
 
+import numpy as np
+
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.changes import advice
 from semisynth_gl.comparison.maps import map_files
@@ -72,6 +74,20 @@ class Comparison:
         """Return the measures that both sides have, but that fewer than `FEWEST` pictures of the place have."""
         theirs = self.place.side.values
         return [each for each in MEASURES if len(self.dataset.values[each.key]) and 0 < len(theirs[each.key]) < FEWEST]
+
+    def unlike(self) -> list[tuple[Measure, str]]:
+        """Return the measures that are the same in all pictures of the place, and another in the dataset.
+
+        There is no deviation to compare with; with each measure comes the advice what to change, which may be "".
+        """
+        found = []
+        for measure in MEASURES:
+            theirs, ours = self.place.side.values[measure.key], self.dataset.mean(measure)
+            if ours is None or len(theirs) < FEWEST or self.place.side.unit(measure) is not None:
+                continue
+            if not np.isclose(ours, theirs.mean()):
+                found.append((measure, advice(measure, self.recipes, more=bool(ours < theirs.mean()))))
+        return found
 
     def near(self) -> list[Measure]:
         """Return the measures whose distributions are at most one standard deviation apart."""
@@ -144,14 +160,14 @@ def compare(
 
 def comparison_table(comparison: Comparison) -> list[str]:
     """Return the lines of a table: for each measure, mean and deviation on both sides, difference and distance."""
-    few = comparison.too_few()
+    few, unlike = comparison.too_few(), [measure for measure, _ in comparison.unlike()]
     rows: list[tuple[str, ...]] = [("", "unit", "dataset", "place", "off by", "apart")]
     for measure in MEASURES:
         if comparison.dataset.mean(measure) is None and comparison.place.side.mean(measure) is None:
             continue
         by, apart = comparison.difference(measure), comparison.distance(measure)
         sides = (_shown(side, measure) for side in (comparison.dataset, comparison.place.side))
-        off = "too few" if measure in few else "" if by is None else f"{by:+.1f} sd"
+        off = "too few" if measure in few else "unlike" if measure in unlike else "" if by is None else f"{by:+.1f} sd"
         rows.append((measure.name, measure.unit, *sides, off, "" if apart is None else f"{apart:.1f} sd"))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [

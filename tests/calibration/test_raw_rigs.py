@@ -200,19 +200,21 @@ def changed(values, *path, to=None):
             changed(depthai(), "cameraData", 1, 1, "extrinsics", "rotationMatrix", to=[1]),
             "rotationMatrix: expected a 3 x 3",
         ),
-        (changed(depthai(), "cameraData", 1, 1, "distortionCoeff", to=[[1] * 4] * 14), "a tilted sensor"),
+        (changed(depthai(), "cameraData", 1, 1, "distortionCoeff", to=[[1] * 4] * 14), "a tilted sensor's"),
         (depthai("nowhere"), "extrinsics that lead from socket 1 to socket 2"),
         (changed(basalt(), "value0", "T_imu_cam", 1, to=basalt()["value0"]["T_imu_cam"][0]), "a translation of 0"),
         (depthai(kind=2), "socket 1: cameraType: expected 0"),
-        (depthai(coefficients=[0.1] * 14), "14, of a tilted sensor"),
+        (depthai(coefficients=[0.1] * 14), "got 14: the last two, a tilted sensor's, must be 0"),
         (changed(depthai(), "cameraData", 2), r"the sockets \[1, 2\] of stereoRectificationData, got \[0, 1\]"),
+        (changed(depthai(), "stereoRectificationData"), "stereoRectificationData: missing: it names the sockets"),
+        (changed(depthai(), "cameraData", 2, 1, "distortionCoeff"), "socket 2: distortionCoeff: missing"),
         (changed(depthai(), "cameraData", to=3), r"of stereoRectificationData, got \[\]"),
         (changed(depthai(), "stereoRectificationData", "leftCameraSocket", to=[1]), "expected the sockets"),
         (
             changed(depthai(), "cameraData", 1, 1, "extrinsics"),
             "extrinsics that lead from socket 1 to socket 2",
         ),
-        (changed(depthai(), "cameraData", 1, 1, "intrinsicMatrix"), "socket 1: expected a calibrated camera"),
+        (changed(depthai(), "cameraData", 1, 1, "intrinsicMatrix"), "socket 1: intrinsicMatrix: missing"),
     ],
 )
 def test_json_that_breaks_its_format_is_refused(tmp_path, values, words):
@@ -610,6 +612,16 @@ def test_a_lens_that_folds_is_left_out_with_a_note(place):
     assert any("bends two directions" in note for note in calibration.notes)
     with pytest.raises(InputError, match="bends two directions"):
         made(place, calib=place / "far.yml")
+
+
+def test_rectified_photographs_of_another_calibration_are_not_replaced(place):
+    made(place)
+    files = {path: path.read_bytes() for path in (place / "rectified").rglob("*.png")}
+    made(place)  # the same ones
+    stored(place / "other.yml", RAW | {"K1": np.add(K1, [[0, 0, 3], [0, 0, 0], [0, 0, 0]])} | rectified())
+    with pytest.raises(InputError, match="is there with other pixels: name a new folder"):
+        made(place, calib=place / "other.yml")
+    assert files == {path: path.read_bytes() for path in (place / "rectified").rglob("*.png")}
 
 
 def test_lenses_of_several_rigs_are_left_out_with_a_note(place):

@@ -26,7 +26,7 @@ from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8, GREY16, RGB8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.changes import CHANGES, advice, moved_by
-from semisynth_gl.comparison.compare import Comparison, compare
+from semisynth_gl.comparison.compare import Comparison, compare, comparison_table
 from semisynth_gl.comparison.maps import image_beside, map_files, one_of_each_scene
 from semisynth_gl.comparison.measured_view import fill_holes, make_view, mean_luminance
 from semisynth_gl.comparison.measures import MEASURES, PROFILES
@@ -605,6 +605,19 @@ def test_a_mix_of_extremes_with_the_mean_of_its_place_does_not_pass(factor, reci
     assert comparison.difference(measure) == pytest.approx(0, abs=1e-12)
     assert [text for _, _, text in comparison.advice()] == ([] if said is None else [said])
     assert comparison.near() == ([measure] if said is None else [])
+
+
+@pytest.mark.parametrize("border", [0.0, 2.5])
+def test_a_border_that_no_picture_of_the_place_has_is_named(border):
+    none = {measure.key: np.zeros(0) for measure in MEASURES}
+    sides = [Side(none | {"border": np.full(5, value)}, {}) for value in (border, 0.0)]
+    comparison = Comparison(512, sides[0], 5, 5, MeasuredPlace(sides[1], 5, 5, 0, 0, 0, 0, ()), [{"lens": {}}])
+    (row,) = [line for line in comparison_table(comparison) if line.startswith("black border")]
+    assert comparison.compared() == []
+    assert row.endswith("unlike") == bool(border)
+    assert [(measure.key, "alpha" in change) for measure, change in comparison.unlike()] == [("border", True)] * bool(
+        border
+    )
 
 
 def test_a_sample_is_spread_over_the_dataset(dataset, photographs):
