@@ -13,8 +13,17 @@ from semisynth_gl.comparison.maps import map_files
 from semisynth_gl.comparison.measured_view import WORKING_WIDTH, working_width
 from semisynth_gl.comparison.measures import MEASURES, PROFILES, Measure, Profile
 from semisynth_gl.comparison.place import find_place
-from semisynth_gl.comparison.sides import FEWEST, SAMPLE, MeasuredPlace, Side, distance, measure_dataset, measure_place
-from semisynth_gl.dataset.configs import recipe_values
+from semisynth_gl.comparison.sides import (
+    FEWEST,
+    SAMPLE,
+    MeasuredPlace,
+    Side,
+    distance,
+    measure_dataset,
+    measure_place,
+    sampled_pairs,
+)
+from semisynth_gl.dataset.configs import pairs_per_scene, recipe_values
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.inputs.arguments import to_real, to_whole
 from semisynth_gl.inputs.user_files import Files, names_of
@@ -137,7 +146,7 @@ def compare(
         png_scale: levels of a 16-bit PNG map per pixel of disparity.
         width_px: the width, from 32 to 4096 px, to which all images and maps are brought before they are measured; by
             default `WORKING_WIDTH`, or the pairs' own width if that is less.
-        sample: number of pairs to measure, evenly spread.
+        sample: number of pairs to measure, evenly spread; of a scene with several pairs, one.
         split: a split of the dataset; None for all pairs.
         listener: is told the number of pairs to measure, and each measured pair.
 
@@ -154,8 +163,9 @@ def compare(
         configured = opened.about.config.camera.width_px
         width_px = WORKING_WIDTH if configured is None else working_width(round(configured))
     measured = measure_place(place, width_px)
-    ours = measure_dataset(opened, width_px, sample, listener)
-    return Comparison(width_px, ours, min(sample, len(opened)), len(opened), measured, recipe_values(opened.about))
+    pairs = sampled_pairs(len(opened), pairs_per_scene(opened.about), sample)
+    ours = measure_dataset(opened, width_px, pairs, listener)
+    return Comparison(width_px, ours, len(pairs), len(opened), measured, recipe_values(opened.about))
 
 
 def comparison_table(comparison: Comparison) -> list[str]:

@@ -111,17 +111,26 @@ def measure_views(views: Iterable[MeasuredView], *, of_images: bool | None = Non
     return Side(*({key: np.array(each, np.float64) for key, each in values.items()} for values in found))
 
 
-def measure_dataset(dataset: Dataset, width_px: int, sample: int, listener: Listener | None = None) -> Side:
-    """Measure the left views of at most ``sample`` evenly spread pairs of a dataset, at the working width ``width_px``.
+def sampled_pairs(pairs: int, per_scene: int, sample: int) -> list[int]:
+    """Return the numbers of at most ``sample`` evenly spread pairs of a dataset, of each scene at most one.
+
+    Pairs of one scene share their left image; the scenes take turns in which of their pairs is taken.
+    """
+    scenes = range(-(-pairs // per_scene))
+    of_scenes = [min(scene * per_scene + scene % per_scene, pairs - 1) for scene in scenes]
+    return [of_scenes[scene] for scene in spread(len(scenes), min(sample, len(scenes)))]
+
+
+def measure_dataset(dataset: Dataset, width_px: int, pairs: Sequence[int], listener: Listener | None = None) -> Side:
+    """Measure the left views of some pairs of a dataset, at the working width ``width_px``.
 
     The listener is told the number of pairs to measure, and each measured pair.
     """
     listener = listener or Listener()
-    count = min(sample, len(dataset))
-    listener.on_total(count)
+    listener.on_total(len(pairs))
 
     def views() -> Iterator[MeasuredView]:
-        for number in spread(len(dataset), count):
+        for number in pairs:
             yield frame_view(dataset[number], width_px)
             listener.on_pair(FinishedPair(*dataset.pair(number)))
 

@@ -25,3 +25,11 @@ def recipe_values(index: Index) -> list[Mapping[str, Any]]:
         return [recipe.config.model_dump(mode="json") for recipe in read_config(index).recipes()]
     except InputError:  # a config of another version
         return [index.config.values]
+
+
+def pairs_per_scene(index: Index) -> int:
+    """Return the number of pairs that show one scene and share its left image; 1 for a config of another version."""
+    try:
+        return read_config(index).views
+    except InputError:
+        return 1

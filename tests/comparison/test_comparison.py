@@ -43,7 +43,7 @@ from semisynth_gl.comparison.quantities import (
     run_lengths,
     slants,
 )
-from semisynth_gl.comparison.sides import FEWEST, MeasuredPlace, Side, distance, frame_view
+from semisynth_gl.comparison.sides import FEWEST, MeasuredPlace, Side, distance, frame_view, sampled_pairs
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.inputs.errors import InputError, ReadError
@@ -618,6 +618,15 @@ def test_a_border_that_no_picture_of_the_place_has_is_named(border):
     assert [(measure.key, "alpha" in change) for measure, change in comparison.unlike()] == [("border", True)] * bool(
         border
     )
+
+
+def test_of_each_scene_one_pair_is_measured():
+    assert sampled_pairs(8, 1, 100) == list(range(8))
+    assert sampled_pairs(12, 3, 100) == [0, 4, 8, 9]  # the first view, the second, the third, the first again
+    assert sampled_pairs(7, 3, 100) == [0, 4, 6]  # the last scene is not whole
+    few, scenes = sampled_pairs(1000, 2, 3), sampled_pairs(1000, 2, 500)
+    assert len(few) == 3
+    assert {*few} <= {*scenes}
 
 
 def test_a_sample_is_spread_over_the_dataset(dataset, photographs):
