@@ -114,8 +114,8 @@ def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[tupl
         largest += known[:1]
     if not largest:
         raise InputError(
-            f"the range of disparity is not known: {rigs[0].source} has no ndisp and no vmax; give disparity maps as "
-            "`disparity`, or the range, low and high, as `range_px`"
+            f"the range of disparity is not known: {rigs[0].source} states none, as ndisp or vmax; give disparity maps "
+            "as `disparity`, or the range, low and high, as `range_px`"
         )
     high_px, name, source = max(largest)
     # A vmin of 0 stands for an unknown one, and a vmin beyond infinity is not valid.

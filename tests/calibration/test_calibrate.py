@@ -1070,7 +1070,10 @@ def test_an_invalid_config_is_reported_under_its_own_name(call, tmp_path, monkey
         (["--focal-px", "700"], ["--baseline-m, --size missing"]),
         (["--focal-px", "700", "--baseline-m", "-0.1", "--size", "741x500"], ["--baseline-m -0.1", "above 0"]),
         (["--focal-px", "700", "--baseline-m", "0.1", "--size", "741"], ["--size 741", "1280x720"]),
-        (["--focal-px", "700", "--baseline-m", "0.1", "--size", "741x500"], ["no ndisp", "--disparity", "--range-px"]),
+        (
+            ["--focal-px", "700", "--baseline-m", "0.1", "--size", "741x500"],
+            ["as ndisp or vmax", "--disparity", "--range-px"],
+        ),
         (["--calib", "calib.txt", "--out", "a.txt"], ["ends in .yaml"]),
         (["--calib", "calib.txt", "--out", "no/a.yaml"], ["does not exist"]),
         (["--calib", "calib.txt", "--range-px", "9", "4"], ["9 to 4 px"]),
