@@ -144,7 +144,7 @@ def page(name: str, report: Mapping[str, Any]) -> str:
     result = MEASUREMENTS[name]
     parts = [
         f"# {result.title}",
-        "To measure again, and to write this page and its numbers anew, on a machine that does nothing else:",
+        "This command measures again and rewrites this page and its numbers. Run nothing else meanwhile:",
         f"    python benchmarks/record.py {name}",
         f"All numbers are in [{name}.json]({name}.json); they were measured with `{report['command']}`.",
         *([report["note"]] if "note" in report else []),

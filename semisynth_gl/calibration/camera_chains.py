@@ -201,7 +201,12 @@ def _depthai_way(known: Mapping[object, Mapping[str, Any]], start: object, end: 
 def _link(
     socket: object, camera: Mapping[str, Any], known: Mapping[object, object]
 ) -> tuple[object, object, Matrix] | None:
-    """Return a camera, the one that its extrinsics lead to, and the pose (4, 4), cm; None where they lead nowhere."""
+    """Read where a camera's extrinsics lead.
+
+    Returns:
+        The camera's socket, the other camera's socket, and the pose (4, 4) in cm from the first frame to the second;
+        None if the extrinsics lead to no known camera.
+    """
     extrinsics = camera.get("extrinsics")
     extrinsics = extrinsics if isinstance(extrinsics, Mapping) else {}
     # The last camera of a chain leads to -1, with an empty rotation or one of zeros.

@@ -81,7 +81,7 @@ def checked_size(size: object) -> Size | None:
 
 
 def stated_size(values: Mapping[str, Any]) -> Size | None:
-    """Return the size of images under any of its keys, None where there is none."""
+    """Return the size of images that a file states under one of the known keys; None if it states none."""
     for width, height in _SIZES:
         if width in values and height in values:
             return checked_size([values[width], values[height]])

@@ -27,6 +27,8 @@ class Change:
             have one of them; empty for all scenes.
         more: advice for a larger value, where "raise KEY" is not possible.
         less: advice for a smaller value, where "lower KEY" is not possible.
+        optional: whether the key is a section that a config may lack: only who lacks it can add it, and only who has it
+            can leave it out.
     """
 
     key: str
@@ -35,6 +37,7 @@ class Change:
     kinds: tuple[str, ...] = ()
     more: str = ""
     less: str = ""
+    optional: bool = False
 
 
 CHANGES: tuple[Change, ...] = (
@@ -76,12 +79,14 @@ CHANGES: tuple[Change, ...] = (
     Change("imperfections.gamma", down=("luminance",)),
     Change(
         "lens",
+        optional=True,
         up=("border",),
         more="add lens, which calibrate writes from cameras before rectification",
         less="take photographs that are rectified as lens says, or rectify with a smaller alpha",
     ),
     Change(
         "lens",
+        optional=True,
         down=("corners",),
         more="add lens, which calibrate writes from cameras before rectification",
         less="leave lens out, or lower camera.focal_px",
@@ -107,13 +112,12 @@ def advice(measure: Measure, recipes: Sequence[Mapping[str, Any]], *, more: bool
         more: True for a larger value, False for a smaller one.
     """
     changes = [change for change in CHANGES if _counts(change, recipes)]
-    has_lens = any(values.get("lens") is not None for values in recipes)
-    # There is no second lens, and no less of one that a config does not have.
-    can_rise, can_fall = (
-        [each for each in changes if each.key != "lens" or has_lens == falls] for falls in (False, True)
-    )
-    raised = [change for change in can_rise if measure.key in (change.up if more else change.down)]
-    lowered = [change for change in can_fall if measure.key in (change.down if more else change.up)]
+    raised = [
+        each for each in changes if measure.key in (each.up if more else each.down) and _can(each, recipes, rise=True)
+    ]
+    lowered = [
+        each for each in changes if measure.key in (each.down if more else each.up) and _can(each, recipes, rise=False)
+    ]
     in_force = {f"{key}: {value}" for key, value in recipes[0].items() if isinstance(value, str)}
     said = [text for text in (*(each.more for each in raised), *(each.less for each in lowered)) if text]
     said = [text for text in said if text not in in_force]
@@ -122,6 +126,11 @@ def advice(measure: Measure, recipes: Sequence[Mapping[str, Any]], *, more: bool
         if keys:
             said.append(f"{verb} {_either(keys)}")
     return "; ".join(said)
+
+
+def _can(change: Change, recipes: Sequence[Mapping[str, Any]], *, rise: bool) -> bool:
+    """Return whether a key can get a larger value, or a smaller one."""
+    return not change.optional or rise == all(values.get(change.key) is None for values in recipes)
 
 
 def _counts(change: Change, recipes: Sequence[Mapping[str, Any]]) -> bool:

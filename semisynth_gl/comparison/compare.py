@@ -192,6 +192,7 @@ def comparison_table(comparison: Comparison) -> list[str]:
 def comparison_json(comparison: Comparison) -> dict[str, Any]:
     """Return all results in JSON's types, unrounded, with None for values that a side does not have."""
     changes = {measure.key: change for measure, _, change in comparison.advice()}
+    changes |= {measure.key: change for measure, change in comparison.unlike()}
 
     def side(values: Side, measure: Measure) -> dict[str, Any]:
         return {

@@ -321,9 +321,9 @@ class PairRenderer:
         left = shown.left_image if view else None
         eyes: tuple[Eye, ...] = EYES if left is None else ("right",)
         taken = self._cameras.take(frame, shown.sampled.seen_by(view), shown.number, view, eyes)
-        if shown.shared is not None:
-            if left is not None:
-                taken.images["left"] = left
+        if left is not None:
+            taken = taken._replace(images={**taken.images, "left": left})
+        elif shown.shared is not None:
             shown.left_image = taken.images["left"]
             shown.left_image.flags.writeable = False
         return taken.frame(frame, self.config.outputs), taken.records

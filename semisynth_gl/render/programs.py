@@ -38,9 +38,14 @@ def link_program(
 
 
 def link_meshes(context: GraphicsContext, defines: Mapping[str, int]) -> moderngl.Program:
-    """Link the program that draws models, for the driver's way with their corners.
+    """Link mesh.vert and mesh.frag, which draw models, for a driver that moves corners or one that does not.
 
-    ``defines`` are the outputs and kinds of mesh.frag; errors are those of `link_program`.
+    Args:
+        context: the context.
+        defines: numbers to define in mesh.frag, besides SNAPPED.
+
+    Raises:
+        BackendError: as `link_program` does.
     """
     steps = context.corner_steps
     snapped = {} if steps is None else {"SNAPPED": steps}

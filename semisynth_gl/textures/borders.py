@@ -48,9 +48,8 @@ def border_share(image: NDArray[np.uint8]) -> float:
 
     It is 0 where `inside_borders` finds no border, as in an image that is dark.
     """
-    inside = inside_borders(image)
-    whole = inside == Inside(0, 0, image.shape[1], image.shape[0])
-    return 0.0 if whole else float(black_border(image).mean())
+    border = black_border(image)
+    return 0.0 if _inside(border) is None else float(border.mean())
 
 
 def inside_borders(image: NDArray[np.uint8]) -> Inside:
@@ -61,11 +60,14 @@ def inside_borders(image: NDArray[np.uint8]) -> Inside:
     Args:
         image: (H, W, 3) RGB or (H, W) grey, uint8.
     """
-    border = black_border(image)
+    return _inside(black_border(image)) or Inside(0, 0, image.shape[1], image.shape[0])
+
+
+def _inside(border: NDArray[np.bool_]) -> Inside | None:
+    """Return the rectangle inside a border, (H, W) bool; None where it is no border of rectification."""
     height, width = border.shape
-    whole = Inside(0, 0, width, height)
     if border.mean() < _LEAST or not _is_of_rectification(border):
-        return whole
+        return None
     top, bottom, left, right = 0, height, 0, width
     while (bottom - top) * (right - left) > _LEAST_INSIDE * height * width:
         part = border[top:bottom, left:right]
@@ -73,10 +75,10 @@ def inside_borders(image: NDArray[np.uint8]) -> Inside:
         if max(edges) <= _EDGE:
             left, top = (start + _MIXED_PX * (start > 0) for start in (left, top))
             right, bottom = (end - _MIXED_PX * (end < side) for end, side in ((right, width), (bottom, height)))
-            return Inside(left, top, right - left, bottom - top) if right > left and bottom > top else whole
+            return Inside(left, top, right - left, bottom - top) if right > left and bottom > top else None
         worst = int(np.argmax(edges))
         top, bottom, left, right = top + (worst == 0), bottom - (worst == 1), left + (worst == 2), right - (worst == 3)
-    return whole
+    return None
 
 
 def _is_of_rectification(border: NDArray[np.bool_]) -> bool:

@@ -934,6 +934,9 @@ def test_trial_pairs_set_what_the_place_shows(call, tmp_path):
     assert shares["clutter"] == pytest.approx(0.05)
     assert "# Weights by depth jumps above 1 px" in text
     assert f"recipes          {', '.join(f'{share:.0%} {name}' for name, share in shares.items())}" in out
+    assert re.search(
+        r"^sharpness +corners [0-9.]+ times as sharp as the middle, 0\.0% black border, in", out, re.MULTILINE
+    )
     assert f"blurred by {config.imperfections.blur_px.low:g} px" in out
     assert re.search(
         r"^ +disparities expected at a total variation of 0\.\d{3} from the wanted ones$", out, re.MULTILINE

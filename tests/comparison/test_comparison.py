@@ -18,7 +18,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.stats import wasserstein_distance
 from shared_material import SHARED, needs_shared
 from skimage.measure import label
-from tiny_datasets import tiny
+from tiny_datasets import cheap, tiny
 
 from semisynth_gl.cli import main
 from semisynth_gl.codecs.disparity_map import read_disparity_map
@@ -46,6 +46,7 @@ from semisynth_gl.comparison.quantities import (
 from semisynth_gl.comparison.sides import FEWEST, MeasuredPlace, Side, distance, frame_view, sampled_pairs
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.dataset.reader import open_dataset, read_index
+from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.textures.image_files import find_files, find_images
@@ -627,6 +628,14 @@ def test_of_each_scene_one_pair_is_measured():
     few, scenes = sampled_pairs(1000, 2, 3), sampled_pairs(1000, 2, 500)
     assert len(few) == 3
     assert {*few} <= {*scenes}
+
+
+def test_pairs_of_a_scene_count_once(tmp_path, photographs):
+    generate(cheap(camera={"baselines": 2, "baseline_m": [0.5, 1]}), tmp_path / "set", 6)
+    comparison = compare(tmp_path / "set", photographs)
+    assert (comparison.pairs, comparison.dataset_pairs) == (3, 6)
+    luminance = comparison.dataset.values["luminance"]
+    assert len({*luminance.tolist()}) == len(luminance) == 3
 
 
 def test_a_sample_is_spread_over_the_dataset(dataset, photographs):
