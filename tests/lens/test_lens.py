@@ -246,6 +246,22 @@ def test_imperfections_are_those_of_the_raw_image():
     assert (plain[0].left.image.astype(float) - plain[1].left.image).std() > 5.0
 
 
+@pytest.mark.parametrize("cx_px", [4, 59])
+def test_light_is_missing_around_the_raw_cameras_principal_point(cx_px):
+    lens = {eye: {"fx_px": 140, "cx_px": cx_px, "distortion": [0, 0, 0, 0]} for eye in EYES}
+    dark, full = (render_pair(with_lens(lens=lens, imperfections={"vignetting": share}), 0) for share in (0.6, 0))
+    for eye in EYES:
+        seen = (full.view(eye).valid == VISIBLE) & (full.view(eye).image[..., 1] > 60)
+        columns = np.flatnonzero(seen.any(axis=0))
+        first, last = (columns[: len(columns) // 3], columns[-len(columns) // 3 :])
+        near, far = (first, last) if cx_px == 4 else (last, first)
+        shares = [
+            (dark.view(eye).image[..., 1] / np.maximum(full.view(eye).image[..., 1], 1))[:, part][seen[:, part]].mean()
+            for part in (near, far)
+        ]
+        assert shares[0] > shares[1] + 0.05
+
+
 def test_a_pair_says_its_lens_and_sequences_keep_it():
     config = with_lens(sequence={"length": 2})
     with PairRenderer(config, 0) as renderer:
