@@ -17,7 +17,8 @@ import numpy as np
 from semisynth_gl.augmentation import PRESETS, Augmentation
 from semisynth_gl.bench.summary import machine_facts, markdown
 from semisynth_gl.frame.camera import Crop, StereoCamera
-from semisynth_gl.frame.frame import Frame, View
+from semisynth_gl.frame.channels import View
+from semisynth_gl.frame.frame import Frame
 
 SIDES, CROP = (600, 1280), (320, 720)
 SAMPLES_A_SECOND = 8 * 20

@@ -25,7 +25,7 @@ import numpy as np
 from PIL import Image
 
 from semisynth_gl.config.load import packaged_configs
-from semisynth_gl.frame.frame import OUTPUTS
+from semisynth_gl.frame.channels import OUTPUTS
 from semisynth_gl.layouts import LAYOUTS
 
 REAL_RIG = Path(__file__).resolve().parents[1] / "examples" / "real-rig.yaml"

@@ -22,7 +22,7 @@ from semisynth_gl import oracle
 from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.config import load_config
 from semisynth_gl.frame.camera import EYES
-from semisynth_gl.frame.frame import VISIBLE
+from semisynth_gl.frame.channels import VISIBLE
 from semisynth_gl.scene.raycast import cast_rays
 
 _SAME_SURFACE_PX = 0.01

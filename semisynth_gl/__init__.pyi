@@ -11,8 +11,8 @@ from semisynth_gl.dataset.reader import open_dataset as open_dataset
 from semisynth_gl.dataset.sample import StoredFrame as StoredFrame
 from semisynth_gl.frame.camera import Crop as Crop
 from semisynth_gl.frame.camera import StereoCamera as StereoCamera
+from semisynth_gl.frame.channels import View as View
 from semisynth_gl.frame.frame import Frame as Frame
-from semisynth_gl.frame.frame import View as View
 from semisynth_gl.generation.generate import GenerationResult as GenerationResult
 from semisynth_gl.generation.generate import generate as generate
 from semisynth_gl.geometry.mesh import Mesh as Mesh

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import OTHER_EYE, Eye, StereoCamera
-from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.scene.raycast import Hits, cast_rays
 from semisynth_gl.scene.scene import Motion, Scene
@@ -98,7 +98,7 @@ def visibility(
         signed: whether disparities of 0 and below are valid.
 
     Returns:
-        (R,) uint8: VISIBLE, OCCLUDED or OUTSIDE of `semisynth_gl.frame.frame`.
+        (R,) uint8: VISIBLE, OCCLUDED or OUTSIDE of `semisynth_gl.frame.channels`.
     """
     camera, other = scene.camera, OTHER_EYE[eye]
     own = np.stack([x_px, y_px], axis=1).astype(np.float64)
@@ -129,7 +129,7 @@ class Flows:
         disparity_change_px: (R,) float64, for rectified pairs; inf where the flow is, and where the disparity is not
             valid at one of the moments.
         visibility: (R,) uint8, whether the same eye sees the point at the other moment: VISIBLE, OCCLUDED or OUTSIDE of
-            `semisynth_gl.frame.frame`.
+            `semisynth_gl.frame.channels`.
     """
 
     flow_px: NDArray[np.float64]

@@ -7,7 +7,8 @@ import numpy as np
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.dataset.sample import assemble_frame, decode_file, encode_pair
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.frame.frame import OCCLUDED, OUTPUTS, OUTSIDE, ROLES, SKY, VISIBLE, Frame, View
+from semisynth_gl.frame.channels import OCCLUDED, OUTPUTS, OUTSIDE, ROLES, SKY, VISIBLE, View
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.layouts import Key, find_layout
 
 CAMERA = StereoCamera.centred(48, 32, 60.0, 0.25, 1.5)

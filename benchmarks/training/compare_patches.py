@@ -33,7 +33,8 @@ from trainer import of_judges
 
 from semisynth_gl.bench.summary import machine_facts
 from semisynth_gl.dataset.reader import open_dataset
-from semisynth_gl.frame.frame import VISIBLE, Frame
+from semisynth_gl.frame.channels import VISIBLE
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import SemisynthError
 from semisynth_gl.metrics.truth import Truth
 from semisynth_gl.textures.atlas import to_grey

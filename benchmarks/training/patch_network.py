@@ -24,7 +24,8 @@ from torch import Tensor, nn
 from torch.utils.data import DataLoader
 
 from semisynth_gl.augmentation import PRESETS
-from semisynth_gl.frame.frame import VISIBLE, Frame
+from semisynth_gl.frame.channels import VISIBLE
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures.atlas import to_grey
 

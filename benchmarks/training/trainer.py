@@ -19,7 +19,8 @@ from semisynth_gl.augmentation import Augmentation
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.frame.frame import Frame, View
+from semisynth_gl.frame.channels import View
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError, SemisynthError
 from semisynth_gl.torch import Selection, StereoStream
 from semisynth_gl.torch.cutting import Cutting

@@ -14,7 +14,8 @@ from PIL import Image
 
 from semisynth_gl.augmentation.resampling import Points
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, RECTIFIED, Deviation, Eye
-from semisynth_gl.frame.frame import Frame, View
+from semisynth_gl.frame.channels import View
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 
 _SURFACE_PX = 0.1

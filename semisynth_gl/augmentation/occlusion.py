@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageStat
 
 from semisynth_gl.frame.camera import Crop
-from semisynth_gl.frame.frame import CHANNELS, OCCLUDED, VISIBLE, Frame
+from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, VISIBLE
+from semisynth_gl.frame.frame import Frame
 
 
 def occluded(frame: Frame, rectangles: Sequence[Crop]) -> Frame:

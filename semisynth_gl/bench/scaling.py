@@ -12,7 +12,7 @@ from semisynth_gl.bench.antialias import DEFAULT_MODE, MODES
 from semisynth_gl.bench.scenes import BenchScenes
 from semisynth_gl.bench.timing import alternated, compare_times
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.frame.frame import DEFAULT_OUTPUTS, DRAWN_OUTPUTS, FLOW_OUTPUTS
+from semisynth_gl.frame.channels import DEFAULT_OUTPUTS, DRAWN_OUTPUTS, FLOW_OUTPUTS
 from semisynth_gl.geometry.mesh import Mesh, without_degenerate
 from semisynth_gl.geometry.surfaces import lathe
 from semisynth_gl.geometry.topology import marked_solid

@@ -29,7 +29,7 @@ from semisynth_gl.dataset.places import open_place
 from semisynth_gl.engines.interrupts import interrupts_end, interrupts_stop
 from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.engines.task import Engine, cores
-from semisynth_gl.frame.frame import OUTPUTS, TRUTH_VIEWS, TruthViews, View
+from semisynth_gl.frame.channels import OUTPUTS, TRUTH_VIEWS, TruthViews, View
 from semisynth_gl.inputs.errors import InputError, counted, did_you_mean, near, shown
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.listener import FinishedPair

@@ -57,7 +57,7 @@ from semisynth_gl.config.scene_sections import (
     TexturesSection,
 )
 from semisynth_gl.config.yaml_values import Key
-from semisynth_gl.frame.frame import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, OUTPUTS, TruthViews
+from semisynth_gl.frame.channels import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, OUTPUTS, TruthViews
 from semisynth_gl.histogram import Histogram, mix_histograms
 from semisynth_gl.plugins import Group
 

@@ -24,7 +24,7 @@ from semisynth_gl.config.fields import (
     check_not_tiny,
     count,
 )
-from semisynth_gl.frame.frame import Colour
+from semisynth_gl.frame.channels import Colour
 
 # Any current OpenGL 4.5 driver draws images of this width, and the memory of a large machine holds this many pixels.
 _WIDEST_PX, _MOST_PIXELS = 16_384, 1 << 27

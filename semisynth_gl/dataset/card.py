@@ -14,7 +14,7 @@ from semisynth_gl.dataset.begun import plan_of
 from semisynth_gl.dataset.documents import IndexDocument
 from semisynth_gl.dataset.file_sets import FileSet, list_file_sets
 from semisynth_gl.dataset.plan import Plan
-from semisynth_gl.frame.frame import FLOW_OUTPUTS
+from semisynth_gl.frame.channels import FLOW_OUTPUTS
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.inputs.templates import template_environment
 from semisynth_gl.plugins import NOUNS

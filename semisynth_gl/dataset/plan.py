@@ -10,7 +10,7 @@ from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.contents import Contents
 from semisynth_gl.dataset.schema import CARD, CROISSANT, FORMAT, INDEX, PARTIAL, PROGRAM, RECORDS
-from semisynth_gl.frame.frame import CHANNELS
+from semisynth_gl.frame.channels import CHANNELS
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, counted, shown
 from semisynth_gl.layouts import LAYOUTS, find_layout

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from semisynth_gl.codecs import Codec, Encodings
 from semisynth_gl.codecs.calib import Calibration
 from semisynth_gl.frame.camera import EYES, Eye, StereoCamera
-from semisynth_gl.frame.frame import CHANNELS, ROLES, SKY, Channel, Frame, View
+from semisynth_gl.frame.channels import CHANNELS, ROLES, SKY, Channel, View
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.layouts import Key, Layout
 from semisynth_gl.layouts.roles import Sample, mask_from_not_occluded, not_occluded_role, restore_outside

@@ -20,7 +20,7 @@ from semisynth_gl.codecs import Encodings
 from semisynth_gl.config.dataset_sections import FilesSection
 from semisynth_gl.config.fields import Finite, count
 from semisynth_gl.config.model import Config
-from semisynth_gl.frame.frame import DEFAULT_OUTPUTS, OUTPUTS, Colour, TruthViews
+from semisynth_gl.frame.channels import DEFAULT_OUTPUTS, OUTPUTS, Colour, TruthViews
 
 # More pairs than any dataset has, and few enough for lists and sums of them.
 MOST_PAIRS = 10**8

@@ -8,7 +8,7 @@ from itertools import product
 from pathlib import PurePosixPath
 
 from semisynth_gl.codecs import Encodings
-from semisynth_gl.frame.frame import OUTPUTS
+from semisynth_gl.frame.channels import OUTPUTS
 from semisynth_gl.inputs.errors import InputError, did_you_mean, near, shown
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.layout import Layout

@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from semisynth_gl.frame.frame import FLOW_OUTPUTS
+from semisynth_gl.frame.channels import FLOW_OUTPUTS
 from semisynth_gl.seeds.splits import SplitName
 
 

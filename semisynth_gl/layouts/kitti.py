@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, FlowPng16
 from semisynth_gl.config import Config
-from semisynth_gl.frame.frame import FLOW_OUTPUTS
+from semisynth_gl.frame.channels import FLOW_OUTPUTS
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.layout import SHORT_SPLITS, Layout, pair_lines, view_stems
 from semisynth_gl.seeds.splits import SplitName

@@ -11,7 +11,7 @@ from typing import ClassVar
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import EYES
-from semisynth_gl.frame.frame import CHANNELS, Colour, TruthViews
+from semisynth_gl.frame.channels import CHANNELS, Colour, TruthViews
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.roles import ROLES, Role

@@ -1,6 +1,6 @@
 """The roles of files: the content of a pair's file, its encoding, and the output that it belongs to.
 
-A role is the name of an array of a frame (see `semisynth_gl.frame.frame.ROLES`), or another name in `ROLES` below.
+A role is the name of an array of a frame (see `semisynth_gl.frame.channels.ROLES`), or another name in `ROLES` below.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -15,8 +15,9 @@ from semisynth_gl.codecs import Codec, Encodings
 from semisynth_gl.codecs.calib import KITTI_CALIB, MIDDLEBURY_CALIB, Calibration
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Eye
-from semisynth_gl.frame.frame import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Channel, Frame, finite_range, through_levels
-from semisynth_gl.frame.frame import ROLES as FRAME_ROLES
+from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Channel
+from semisynth_gl.frame.channels import ROLES as FRAME_ROLES
+from semisynth_gl.frame.frame import Frame, finite_range, through_levels
 from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.layouts.key import Key
 

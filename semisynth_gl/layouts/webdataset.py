@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
-from semisynth_gl.frame.frame import View
+from semisynth_gl.frame.channels import View
 from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.layout import Layout, scene_stems

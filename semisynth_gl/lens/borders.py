@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Eye
-from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE, Frame, View
+from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE, View
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.lens.chain import LensChain
 
 

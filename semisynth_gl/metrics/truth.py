@@ -19,7 +19,7 @@ from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, DisparityPng16
 from semisynth_gl.dataset.reader import Dataset, open_dataset
 from semisynth_gl.dataset.schema import INDEX, PLAN
-from semisynth_gl.frame.frame import VISIBLE
+from semisynth_gl.frame.channels import VISIBLE
 from semisynth_gl.inputs.errors import InputError, ReadError, cut, shown
 from semisynth_gl.metrics.protocol import UNLIMITED, Limits, ProtocolName, shown_size
 from semisynth_gl.seeds.splits import SplitName

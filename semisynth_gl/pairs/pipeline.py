@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import EYES, Crop, Eye
-from semisynth_gl.frame.frame import DRAWN_OUTPUTS, FUTURE_OUTPUTS, PAST_OUTPUTS, Frame
+from semisynth_gl.frame.channels import DRAWN_OUTPUTS, FUTURE_OUTPUTS, PAST_OUTPUTS
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, counted

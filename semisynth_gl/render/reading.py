@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from semisynth_gl.frame.camera import EYES, Eye
-from semisynth_gl.frame.frame import CHANNELS, Moment
+from semisynth_gl.frame.channels import CHANNELS, Moment
 from semisynth_gl.render.correspondence import CorrespondencePass
 from semisynth_gl.render.flow import FlowPass, place_moved
 from semisynth_gl.render.loaded import Loaded

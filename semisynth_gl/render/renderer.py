@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import EYES, Crop, Eye, StereoCamera
-from semisynth_gl.frame.frame import DEFAULT_OUTPUTS, Frame, TruthViews, View
+from semisynth_gl.frame.channels import DEFAULT_OUTPUTS, TruthViews, View
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.geometry.mesh import Mesh, centred
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import BackendError, ContextLostError, InputError
@@ -59,7 +60,7 @@ class Renderer:
         anisotropy: most samples of a patch for a pixel that sees it at a grazing angle, 1 to 16; with 1 such pixels are
             blurred.
         large_anisotropy: most samples of a large patch, in the same way.
-        outputs: the outputs to make beside images and disparities; see `semisynth_gl.frame.frame.DRAWN_OUTPUTS`.
+        outputs: the outputs to make beside images and disparities; see `semisynth_gl.frame.channels.DRAWN_OUTPUTS`.
         truth: the views for which disparity and outputs are made, "both" or "left".
         rectified: False where right cameras may deviate from the rectified one; both eyes' depths are then drawn.
         signed: whether disparities of 0 and below are valid.

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from semisynth_gl.frame.camera import Crop, StereoCamera
-from semisynth_gl.frame.frame import CHANNELS, Frame
+from semisynth_gl.frame.channels import CHANNELS
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.scene import Motion, Scene

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Crop
-from semisynth_gl.frame.frame import CHANNELS, Pass
+from semisynth_gl.frame.channels import CHANNELS, Pass
 from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.readers import Reader, Viewport, read_array

@@ -1,7 +1,7 @@
 """The visibility pass: marks the pixels of one eye's image that the other eye sees too."""
 
 from semisynth_gl.frame.camera import OTHER_EYE, Eye
-from semisynth_gl.frame.frame import VISIBLE
+from semisynth_gl.frame.channels import VISIBLE
 from semisynth_gl.render.listed_steps import ListedSteps
 from semisynth_gl.render.loaded import Loaded
 from semisynth_gl.render.pair_targets import DrawnPair

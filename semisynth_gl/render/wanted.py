@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any, Literal, Self
 
 from semisynth_gl.frame.camera import EYES, Eye
-from semisynth_gl.frame.frame import (
+from semisynth_gl.frame.channels import (
     ANTIALIAS_PATTERN,
     CHANNELS,
     DRAWN_OUTPUTS,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from semisynth_gl.dataset.configs import read_config
 from semisynth_gl.dataset.reader import Dataset, Index
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.frame.frame import OCCLUDED
+from semisynth_gl.frame.channels import OCCLUDED
 from semisynth_gl.histogram import Histogram, PixelCount
 from semisynth_gl.inputs.errors import InputError, SemisynthError
 from semisynth_gl.listener import FinishedPair, Listener

@@ -9,7 +9,8 @@ from torch.nn.functional import pad
 from torch.utils.data import default_collate
 
 from semisynth_gl.frame.camera import EYES
-from semisynth_gl.frame.frame import ROLES, Frame
+from semisynth_gl.frame.channels import ROLES
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import check_type
 from semisynth_gl.inputs.errors import InputError, shown
 

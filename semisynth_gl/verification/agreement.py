@@ -7,7 +7,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.verification.verdict import Verdict, count_pixels, format_vector
 
 Floats = NDArray[np.floating]

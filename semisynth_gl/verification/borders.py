@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, Eye
-from semisynth_gl.frame.frame import OUTSIDE, VISIBLE
+from semisynth_gl.frame.channels import OUTSIDE, VISIBLE
 from semisynth_gl.lens.borders import bordered
 from semisynth_gl.lens.raw_camera import RawCamera, pinhole_of
 from semisynth_gl.verification.verdict import Verdict

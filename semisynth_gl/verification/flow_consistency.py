@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, Eye
-from semisynth_gl.frame.frame import OCCLUDED, VISIBLE
+from semisynth_gl.frame.channels import OCCLUDED, VISIBLE
 from semisynth_gl.verification.agreement import (
     UNCERTAIN,
     Agreement,

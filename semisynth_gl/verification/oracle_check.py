@@ -12,7 +12,7 @@ from semisynth_gl.dataset.reader import Index
 from semisynth_gl.dataset.rebuild import RebuiltScenes
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, Eye
-from semisynth_gl.frame.frame import SKY
+from semisynth_gl.frame.channels import SKY
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SampledScene

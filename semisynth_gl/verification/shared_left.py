@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.frame.frame import CHANNELS
+from semisynth_gl.frame.channels import CHANNELS
 from semisynth_gl.verification.agreement import all_components
 from semisynth_gl.verification.single_view import DEVIATING_PX, FLOAT32
 from semisynth_gl.verification.verdict import Verdict

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, Eye
-from semisynth_gl.frame.frame import CHANNELS, OUTSIDE, SKY, Channel, View
+from semisynth_gl.frame.channels import CHANNELS, OUTSIDE, SKY, Channel, View
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.verification.agreement import all_components, check_mask_values, dot, ends, inside_px
 from semisynth_gl.verification.verdict import Verdict, count_pixels

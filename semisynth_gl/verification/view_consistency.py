@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.verification.agreement import SEEN_PX, UNCERTAIN, Agreement, Points, check_visibility
 from semisynth_gl.verification.verdict import Verdict
 

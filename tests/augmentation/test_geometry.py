@@ -10,8 +10,8 @@ from tiny_datasets import tiny
 from semisynth_gl.augmentation.geometry import Warp, mirrored, upside_down
 from semisynth_gl.augmentation.occlusion import occluded
 from semisynth_gl.frame.camera import EYES, Crop, Deviation
-from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
-from semisynth_gl.frame.frame import OUTPUTS as ALL_OUTPUTS
+from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.frame.channels import OUTPUTS as ALL_OUTPUTS
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import renderer_options
 from semisynth_gl.render.backends import is_software

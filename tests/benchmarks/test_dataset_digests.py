@@ -7,7 +7,7 @@ import pytest
 
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS
 from semisynth_gl.config.load import packaged_configs
-from semisynth_gl.frame.frame import OUTPUTS
+from semisynth_gl.frame.channels import OUTPUTS
 from semisynth_gl.layouts import layout_names
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))

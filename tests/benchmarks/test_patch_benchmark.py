@@ -10,7 +10,8 @@ import pytest
 from heavy import heavy
 
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.frame.frame import OCCLUDED, VISIBLE, Frame, View
+from semisynth_gl.frame.channels import OCCLUDED, VISIBLE, View
+from semisynth_gl.frame.frame import Frame
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks" / "training"))

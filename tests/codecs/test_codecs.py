@@ -27,7 +27,7 @@ from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, RGB16
 from semisynth_gl.codecs.png16 import CRESTEREO_DISPARITY, KITTI_DISPARITY
 from semisynth_gl.config.dataset_sections import FilesSection
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.frame.frame import CHANNELS
+from semisynth_gl.frame.channels import CHANNELS
 from semisynth_gl.inputs.errors import InputError, ReadError
 
 SHAPES = [(1, 1), (1, 7), (9, 1), (30, 41)]

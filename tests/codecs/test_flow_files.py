@@ -24,7 +24,8 @@ from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import make_index
 from semisynth_gl.dataset.schema import PLAN
-from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE, Frame, View
+from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE, View
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.layouts.roles import mask_from_not_occluded

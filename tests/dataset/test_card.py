@@ -25,7 +25,8 @@ from semisynth_gl.dataset.plan import Plan, make_plan
 from semisynth_gl.dataset.sample import encode_pair
 from semisynth_gl.dataset.tar import tar_end, tar_member
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.frame.frame import DRAWN_OUTPUTS, Frame, View
+from semisynth_gl.frame.channels import DRAWN_OUTPUTS, View
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.layouts import find_layout, layout_names
 from semisynth_gl.seeds.splits import SplitName
 

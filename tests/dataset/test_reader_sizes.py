@@ -18,7 +18,7 @@ from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, RGB16
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.dataset.sample import EncodedPair, encode_pair
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.frame.frame import OUTPUTS
+from semisynth_gl.frame.channels import OUTPUTS
 from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.verification.dataset import verify_dataset

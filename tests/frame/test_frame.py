@@ -12,7 +12,8 @@ from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.codec import Codec
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.frame.frame import CHANNELS, DEFAULT_OUTPUTS, FLOW_OUTPUTS, OUTPUTS, ROLES, Frame, View, finite_range
+from semisynth_gl.frame.channels import CHANNELS, DEFAULT_OUTPUTS, FLOW_OUTPUTS, OUTPUTS, ROLES, View
+from semisynth_gl.frame.frame import Frame, finite_range
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.layouts.roles import ROLES as FILE_ROLES

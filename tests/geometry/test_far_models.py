@@ -8,7 +8,7 @@ from scenes import facing, noise_layers
 
 from semisynth_gl.config import load_config
 from semisynth_gl.frame.camera import EYES, Deviation, StereoCamera
-from semisynth_gl.frame.frame import DRAWN_OUTPUTS, FLOW_OUTPUTS
+from semisynth_gl.frame.channels import DRAWN_OUTPUTS, FLOW_OUTPUTS
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import centred, make_mesh
 from semisynth_gl.geometry.model_files import load_models

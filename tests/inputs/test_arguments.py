@@ -34,7 +34,7 @@ from semisynth_gl import (
     score,
     verify,
 )
-from semisynth_gl.frame.frame import DRAWN_OUTPUTS
+from semisynth_gl.frame.channels import DRAWN_OUTPUTS
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.targets import EyeTargets

@@ -31,7 +31,8 @@ from semisynth_gl.config.load import parse_config
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.sample import decode_file
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.frame.frame import CHANNELS, OCCLUDED, OUTPUTS, OUTSIDE, ROLES, VISIBLE, Frame, View
+from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTPUTS, OUTSIDE, ROLES, VISIBLE, View
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.layouts.roles import expose, mask_from_not_occluded, number_objects, restore_outside

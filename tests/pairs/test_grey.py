@@ -25,7 +25,8 @@ from semisynth_gl.comparison.sides import frame_view
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
-from semisynth_gl.frame.frame import Frame, View, as_rgb
+from semisynth_gl.frame.channels import View
+from semisynth_gl.frame.frame import Frame, as_rgb
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.layouts import Key, find_layout, layout_names

@@ -11,7 +11,7 @@ from tiny_datasets import cheap, lean, tiny
 
 import semisynth_gl
 from semisynth_gl.config import load_config, packaged_configs
-from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
 

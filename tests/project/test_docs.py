@@ -23,7 +23,7 @@ from semisynth_gl.config.explain import explained_keys
 from semisynth_gl.config.keys import config_keys, sections_of
 from semisynth_gl.config.model import RecipeSection
 from semisynth_gl.config.scene_sections import DepthLayerSection
-from semisynth_gl.frame.frame import CHANNELS
+from semisynth_gl.frame.channels import CHANNELS
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.textures.image_files import builtin_photographs
 

@@ -18,7 +18,7 @@ from PIL import Image
 from snippets import REFERENCE, ROOT, referenced_names
 
 from semisynth_gl.config import packaged_configs
-from semisynth_gl.frame.frame import CHANNELS
+from semisynth_gl.frame.channels import CHANNELS
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 
 sys.path.insert(0, str(ROOT / "docs"))

@@ -9,7 +9,7 @@ if not torch.cuda.is_available():
     pytest.skip("needs a GPU that PyTorch sees", allow_module_level=True)
 pytestmark = pytest.mark.heavy
 
-from semisynth_gl.frame.frame import DRAWN_OUTPUTS  # noqa: E402
+from semisynth_gl.frame.channels import DRAWN_OUTPUTS  # noqa: E402
 from semisynth_gl.torch import Hardware, Selection, StereoStream  # noqa: E402
 
 

@@ -12,7 +12,7 @@ from heavy import heavy
 from tiny_datasets import cheap
 
 from semisynth_gl.frame.camera import Crop
-from semisynth_gl.frame.frame import DRAWN_OUTPUTS
+from semisynth_gl.frame.channels import DRAWN_OUTPUTS
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.readers import PixelBuffers

@@ -9,7 +9,7 @@ from heavy import heavy
 from tiny_datasets import cheap
 
 from semisynth_gl.augmentation import PRESETS, Augmentation
-from semisynth_gl.frame.frame import ROLES
+from semisynth_gl.frame.channels import ROLES
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError
 

@@ -12,7 +12,7 @@ from tiny_datasets import cheap
 from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import Crop
-from semisynth_gl.frame.frame import OUTPUTS, ROLES
+from semisynth_gl.frame.channels import OUTPUTS, ROLES
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.layouts import find_layout, layout_names

@@ -19,7 +19,7 @@ from semisynth_gl.dataset.file_sets import list_file_sets
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
-from semisynth_gl.frame.frame import DRAWN_OUTPUTS
+from semisynth_gl.frame.channels import DRAWN_OUTPUTS
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import ContextLostError, InputError
 from semisynth_gl.layouts import Key

@@ -14,7 +14,7 @@ from semisynth_gl.config import Range
 from semisynth_gl.config.rig_sections import CameraSection, DisparitySection
 from semisynth_gl.config.scene_sections import BackgroundSection, StructuresSection
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
-from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render import listed_steps

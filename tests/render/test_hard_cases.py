@@ -15,7 +15,7 @@ from shared_material import SHARED, needs_shared
 from semisynth_gl import oracle
 from semisynth_gl.config import load_config
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.frame.frame import DRAWN_OUTPUTS, FLOW_OUTPUTS, OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.frame.channels import DRAWN_OUTPUTS, FLOW_OUTPUTS, OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.geometry import outdoors, soft
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import make_mesh

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scenes import noise_layers
 
 from semisynth_gl.frame.camera import EYES, Deviation, StereoCamera
-from semisynth_gl.frame.frame import DRAWN_OUTPUTS
+from semisynth_gl.frame.channels import DRAWN_OUTPUTS
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_units import make_model
 from semisynth_gl.inputs.arguments import MOST_PX

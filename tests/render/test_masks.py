@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scenes import facing, noise_layers
 
 from semisynth_gl.frame.camera import Crop, StereoCamera
-from semisynth_gl.frame.frame import OCCLUDED, VISIBLE
+from semisynth_gl.frame.channels import OCCLUDED, VISIBLE
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS
 from semisynth_gl.render import listed_steps, slivers
 from semisynth_gl.render.model_buffers import _by_last_corner

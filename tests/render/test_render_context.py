@@ -16,7 +16,7 @@ from scenes import facing, noise_layers
 from tiny_datasets import cheap
 
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.frame.frame import DRAWN_OUTPUTS, FLOW_OUTPUTS
+from semisynth_gl.frame.channels import DRAWN_OUTPUTS, FLOW_OUTPUTS
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import BackendError, InputError

@@ -5,7 +5,7 @@ import pytest
 from scenes import facing, noise_layers
 
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.scene import make_scene

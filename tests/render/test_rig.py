@@ -16,7 +16,7 @@ from semisynth_gl.codecs.flo import Flo
 from semisynth_gl.config import load_config
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import EYES, RECTIFIED, Crop, Deviation, StereoCamera
-from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer

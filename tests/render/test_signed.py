@@ -16,7 +16,7 @@ from semisynth_gl.config.scene_sections import ParticlesSection
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
-from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, SKY, VISIBLE
+from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, SKY, VISIBLE
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts import LAYOUTS
 from semisynth_gl.metrics.evaluate import evaluate

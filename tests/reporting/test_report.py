@@ -23,7 +23,7 @@ from semisynth_gl.cli import main
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.dataset.stored_config import StoredConfig
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.frame.frame import OCCLUDED
+from semisynth_gl.frame.channels import OCCLUDED
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.histogram import total_variation, wasserstein_px

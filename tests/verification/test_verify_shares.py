@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.verification.agreement import UNCERTAIN, Agreement, Points, check_mask_agreement, most_share
 from semisynth_gl.verification.photometry import check_images
 from semisynth_gl.verification.verdict import Verdict
