@@ -14,6 +14,7 @@ from semisynth_gl.layouts import Key, find_layout
 CAMERA = StereoCamera.centred(48, 32, 60.0, 0.25, 1.5)
 PAIRS = 7
 INF = np.float32(np.inf)
+RAW = 36, 50
 
 
 def make_view(rng, index, side):
@@ -42,6 +43,8 @@ def make_view(rng, index, side):
     channels["normals"] = np.where(np.isfinite(disparity)[..., None], normals, 0).astype(np.float32)
     channels["sky"] = np.where(np.isfinite(disparity), 0, SKY).astype(np.uint8)
     channels["valid"] = rng.choice([VISIBLE, OUTSIDE], (height, width)).astype(np.uint8)
+    channels["raw"] = rng.integers(0, 256, (*RAW, 3), np.uint8)
+    channels["raw_map"] = rng.uniform(0, RAW[0], (height, width, 2)).astype(np.float32)
     return View(channels)
 
 
@@ -65,7 +68,7 @@ def make_frame(index, outputs=OUTPUTS, truth="both"):
 def is_asked_for(role, outputs, truth):
     side, channel = ROLES[role]
     return (channel.output is None or channel.output in outputs) and (
-        truth == "both" or side == "left" or channel is View.image
+        truth == "both" or side == "left" or not channel.is_truth
     )
 
 
@@ -85,6 +88,7 @@ def make_provenance(index):
         "background": "cuboid",
         "near_m": 0.5 if index % 2 else 1,
         "camera": CAMERA.values(),
+        "lens": {eye: {"height_px": RAW[0], "width_px": RAW[1]} for eye in EYES},
         "models": {"face": 6, f"model-{index}": 2},
         "instances": [{"model": "face" if row < 6 else "cube", "patch": row, "still": row < 6} for row in range(8)],
     }

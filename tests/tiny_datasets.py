@@ -77,6 +77,17 @@ def cheap(**sections):
     return Config.model_validate(values)
 
 
+# For pairs of `cheap`, of 64 x 48 px; their focal length is 131.25 px.
+EYE = {"fx_px": 140, "distortion": [-0.3, 0.05, 0.001, 0], "rotation_deg": [0.2, [-1, 1], 0.3]}
+LENS = {"raw_width_px": 64, "raw_height_px": 48, "left": EYE, "right": EYE | {"fx_px": [135, 145]}}
+
+
+def with_lens(**changes):
+    """Like `cheap`, through lenses that leave borders."""
+    lens = LENS | changes.pop("lens", {})
+    return cheap(**{"lens": lens, "outputs": ["visibility", "valid", "depth"]} | changes)
+
+
 def config_of(**changes):
     """Large models of a small number of triangles, so that rays are cheap."""
     config = tiny(

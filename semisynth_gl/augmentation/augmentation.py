@@ -13,6 +13,7 @@ from semisynth_gl.augmentation.colour import Colours
 from semisynth_gl.augmentation.geometry import Warp, mirrored, upside_down
 from semisynth_gl.augmentation.occlusion import occluded
 from semisynth_gl.frame.camera import EYES, Crop, Eye
+from semisynth_gl.frame.channels import View
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import check_type, to_real
 from semisynth_gl.inputs.errors import InputError, shown
@@ -21,6 +22,10 @@ from semisynth_gl.seeds.seeds import Purpose, generator
 
 Interval = tuple[float, float]
 Sides = tuple[int, int]
+
+
+# Channels that hold only for a pair that nobody has changed.
+_OF_UNCHANGED = (View.raw.name, View.raw_map.name)
 
 
 def _limits(least: float, most: float) -> dict[str, Any]:
@@ -36,6 +41,7 @@ class Augmentation:
     leads from frame to frame.
 
     The truth stays that of the changed pair at the centre of each pixel, see `semisynth_gl.augmentation.resampling`.
+    Raw images and maps into them are left out: they show the unchanged pair.
 
     Attributes:
         scale: factors of both sides; drawn evenly in the logarithm.
@@ -245,6 +251,7 @@ class Drawn:
         Raises:
             InputError: where the pair lacks what a change needs; the message names the change.
         """
+        frame = _without_raw(frame)
         if self.mirrored:
             frame = mirrored(frame)
         if self.upside_down:
@@ -266,6 +273,13 @@ class Drawn:
         values["colours"] = {eye: asdict(each) for eye, each in self.colours.items()}
         values["rectangles"] = [asdict(each) for each in self.rectangles]
         return json.dumps(values)
+
+
+def _without_raw(frame: Frame) -> Frame:
+    left, right = (
+        View({name: array for name, array in frame.view(eye).items() if name not in _OF_UNCHANGED}) for eye in EYES
+    )
+    return Frame(frame.camera, left, right)
 
 
 def _checked(name: str, value: object, least: float, most: float) -> Interval:

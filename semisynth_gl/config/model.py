@@ -57,7 +57,7 @@ from semisynth_gl.config.scene_sections import (
     TexturesSection,
 )
 from semisynth_gl.config.yaml_values import Key
-from semisynth_gl.frame.channels import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, OUTPUTS, TruthViews
+from semisynth_gl.frame.channels import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, DRAWN_OUTPUTS, OUTPUTS, TruthViews
 from semisynth_gl.histogram import Histogram, mix_histograms
 from semisynth_gl.plugins import Group
 
@@ -131,7 +131,8 @@ class Config(Section):
         layout: layout where ``--layout`` is not set; by default ``middlebury``, or ``webdataset`` from 10,000 pairs on.
         scenes: recipes, of which each sequence takes one, by weight.
         outputs: outputs besides images and disparities: ``visibility``, ``correspondence``, ``instances``, ``depth``,
-            ``sky``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``; with ``lens``, ``valid``.
+            ``sky``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``; with ``lens``, ``valid``,
+            ``raw``, ``raw_map``.
         truth: views whose disparity and outputs are written: ``both`` or ``left``.
         antialias: antialiasing of colour: ``none``, ``edges``, ``msaa4`` (or another number of samples that the driver
             offers), ``ssaa2`` to ``ssaa8``.
@@ -205,8 +206,9 @@ class Config(Section):
                 "the masks of visibility leave out what the sensors of lens did not see, and the output valid says "
                 "where that is: add valid to outputs"
             )
-        if self.lens is None and "valid" in self.outputs:
-            yield "the output valid says where the sensors of the section lens saw something: add lens, or leave it out"
+        of_lens = [output for output in self.outputs if output not in DRAWN_OUTPUTS]
+        if self.lens is None and of_lens:
+            yield f"the output {of_lens[0]} shows what the section lens does: add lens, or leave the output out"
         if self.projector is not None and self.antialias == "edges":
             yield (
                 "antialias edges takes the colour of outlines from patches, without the light of the projector: take "

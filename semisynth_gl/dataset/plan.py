@@ -150,12 +150,14 @@ def _check_names(plan: Plan) -> None:
 
 
 def _shard_pairs(config: Config, encodings: Encodings, pairs: int) -> int:
-    per_pixel = 0.0
+    size = 0.0
     for channel in CHANNELS.values():
         if channel.output is None or channel.output in config.outputs:
-            views = 2 if config.truth == "both" or channel.name == "image" else 1
-            per_pixel += views * encodings.codec(channel.codec).pixel_bytes
-    size = per_pixel * config.camera.width_px * config.camera.height_px
+            views = 2 if config.truth == "both" or not channel.is_truth else 1
+            pixels = config.camera.width_px * config.camera.height_px
+            if channel.of_sensor and config.lens is not None:
+                pixels = config.lens.raw_width_px * config.lens.raw_height_px
+            size += views * pixels * encodings.codec(channel.codec).pixel_bytes
     number = max(1, min(round(_SHARD_BYTES / size), ceil(pairs / _FEWEST_SHARDS)))
     # If two shards shared a sequence, it would be set up twice.
     together = config.sequence_pairs

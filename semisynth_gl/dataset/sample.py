@@ -157,16 +157,29 @@ def wrong_sizes(values: Mapping[str, Any], size: tuple[int, int]) -> Iterator[tu
     """Yield the role of each value that does not have the dataset's size, and a message about it.
 
     ``values`` are a pair's decoded files by role, and ``size`` is the height and width of the dataset's images. A
-    camera, a calibration or a provenance has the size of its camera's images.
+    camera, a calibration or a provenance has the size of its camera's images. A raw image has the size of the camera
+    that the provenance describes, if there is one among the values.
     """
     for role, value in values.items():
-        if isinstance(value, np.ndarray):
+        eye, channel = ROLES.get(role, (None, None))
+        if channel is not None and channel.of_sensor:
+            raw = _sensor_size(values.get("provenance"), eye)
+            if raw is not None and value.shape[:2] != raw:
+                yield (role, f"expected shape {raw}, that of the camera in the pair's provenance, got {value.shape}")
+        elif isinstance(value, np.ndarray):
             expected = (*size, *value.shape[2:])
             if value.shape != expected:
                 yield role, f"expected shape {expected}, as the dataset's images have it, got {value.shape}"
         elif (found := camera_size(value)) is not None and found != size:
             height, width = found
             yield role, f"expected a camera of the dataset's images, {size[1]} x {size[0]} px, got {width} x {height}"
+
+
+def _sensor_size(provenance: object, eye: Eye | None) -> tuple[Any, Any] | None:
+    """Return height and width in px of an eye's raw images from a provenance; None where it does not state them."""
+    lens = provenance.get("lens") if isinstance(provenance, Mapping) else None
+    raw = lens.get(eye) if isinstance(lens, Mapping) else None
+    return (raw.get("height_px"), raw.get("width_px")) if isinstance(raw, Mapping) else None
 
 
 def camera_size(value: object) -> tuple[Any, Any] | None:

@@ -49,6 +49,8 @@ class Channel(Generic[Value]):
         reads_triangles: whether that pass looks up the scene's triangles, as all passes after the drawing do.
         mask: the channel that says whether the other view, or the other moment, shows the same point.
         of_own_view: whether the channel does not depend on the other eye, so that pairs that share a view share it.
+        is_truth: whether the channel is truth, which only the left view may have; else both views have it.
+        of_sensor: whether the array has the size of the raw image before rectification, not of the pair.
         name: the channel's name in `View`.
     """
 
@@ -66,6 +68,8 @@ class Channel(Generic[Value]):
     reads_triangles: bool = False
     mask: str | None = None
     of_own_view: bool = False
+    is_truth: bool = True
+    of_sensor: bool = False
     name: str = field(init=False)
 
     def __set_name__(self, owner: type["View"], name: str) -> None:
@@ -123,6 +127,7 @@ class View(Mapping[str, NDArray[Any]]):
         attachment="colour",
         codec="image",
         of_own_view=True,
+        is_truth=False,
     )
     disparity = Channel(
         _FLOAT32, "disparity of the {view} view's pixels", nothing=inf, codec="disparity", mask="visibility"
@@ -174,6 +179,29 @@ class View(Mapping[str, NDArray[Any]]):
         output="valid",
         drawn_by="lens",
         codec="grey8",
+    )
+    raw = Channel(
+        _UINT8,
+        "{view} image before rectification, 8-bit RGB; black beyond what the rectified image shows",
+        components=3,
+        or_grey=True,
+        output="raw",
+        drawn_by="lens",
+        codec="image",
+        of_own_view=True,
+        is_truth=False,
+        of_sensor=True,
+    )
+    raw_map = Channel(
+        _FLOAT32,
+        "position in the raw image that the {view} view's pixels show, column and row, float32 px",
+        components=2,
+        nothing=inf,
+        output="raw_map",
+        drawn_by="lens",
+        codec="shift",
+        of_own_view=True,
+        is_truth=False,
     )
     normals = Channel(
         _FLOAT32,

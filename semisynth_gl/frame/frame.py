@@ -122,12 +122,17 @@ class Frame:
         return {role: view[name] for role, (view, name) in views.items() if name in view}
 
     def cropped(self, crop: Crop) -> "Frame":
-        """Return a crop of both views, as copies.
+        """Return a crop of both views, as copies. Raw images stay whole: their maps lead into all of them.
 
         Raises:
             InputError: where the crop reaches beyond the image.
         """
         camera = self.camera.cropped(crop)
         part = slice(crop.y_px, crop.bottom_px), slice(crop.x_px, crop.right_px)
-        views = (View({name: array[part].copy() for name, array in view.items()}) for view in (self.left, self.right))
+        views = (
+            View(
+                {name: array.copy() if CHANNELS[name].of_sensor else array[part].copy() for name, array in view.items()}
+            )
+            for view in (self.left, self.right)
+        )
         return Frame(camera, *views)

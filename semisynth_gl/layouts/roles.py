@@ -168,8 +168,7 @@ def _channel_role(eye: Eye, channel: Channel[Any]) -> Role:
         return sample.frame.view(eye).get(channel.name)
 
     meaning = channel.meaning.format(view=eye, other=OTHER_EYE[eye])
-    truth_eye = None if channel.name == "image" else eye
-    return Role(meaning, channel.codec, value, channel.output, truth_eye)
+    return Role(meaning, channel.codec, value, channel.output, eye if channel.is_truth else None)
 
 
 def _mask_role(eye: Eye, mask: Channel[Any], channel: Channel[Any]) -> Role:

@@ -95,6 +95,14 @@ class LensChain:
         return x, y
 
     @cached_property
+    def raw_map(self) -> NDArray[np.float32]:
+        """Both maps as one array, (H, W, 2) float32 px, read-only: column and row; inf where one is not finite."""
+        positions = np.stack(self.maps, axis=2)
+        positions[~np.isfinite(positions).all(axis=2)] = np.inf
+        positions.flags.writeable = False
+        return positions
+
+    @cached_property
     def valid(self) -> NDArray[np.bool_]:
         """Where the raw image has the four pixels that a rectified one is mixed from, (H, W) bool."""
         x, y = self.maps
@@ -132,6 +140,28 @@ class LensChain:
         cv2 = self._cv2
         seen: NDArray[np.uint8] = cv2.remap(drawn, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return seen
+
+    def within_view(self, raw_image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return a raw image that is black beyond the rectified view; `rectify` makes the same of both.
+
+        Args:
+            raw_image: (H, W, 3) or (H, W) uint8, of the sensor's size.
+        """
+        within = self._within_view
+        return np.where(within[..., None] if raw_image.ndim == 3 else within, raw_image, np.uint8(0))
+
+    @cached_property
+    def _within_view(self) -> NDArray[np.bool_]:
+        """The raw pixels that show a point of the rectified image, or that one of its pixels is mixed from."""
+        width, height = self.camera.width_px, self.camera.height_px
+        columns, rows = self._sensor_maps
+        within = (columns >= -0.5) & (columns < width - 0.5) & (rows >= -0.5) & (rows < height - 0.5)
+        # A pixel is mixed from up to four, which are the nearest one's neighbours.
+        nearest = np.zeros(within.shape, np.uint8)
+        x, y = (np.rint(each[self.valid]).astype(np.intp) for each in self.maps)
+        nearest[y.clip(0, self.raw.height_px - 1), x.clip(0, self.raw.width_px - 1)] = 1
+        mixed: NDArray[np.bool_] = self._cv2.dilate(nearest, np.ones((3, 3), np.uint8)) > 0
+        return within | mixed
 
     @cached_property
     def _sensor_maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -21,23 +21,25 @@ from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.seeds.seeds import Purpose, generator
 
+Images = dict[Eye, NDArray[np.uint8]]
+
 
 class Taken(NamedTuple):
     """The images of a pair as its cameras give them.
 
     Attributes:
-        images: (H, W, 3) or (H, W) uint8 of each eye that was asked for.
+        views: "image" of each eye that was asked for and, as the outputs ask, "raw" and "raw_map".
         chains: the way of each eye's image through its lens; None without lenses.
         records: "lens" and "imperfections" of the pair's provenance, in JSON's types.
     """
 
-    images: dict[Eye, NDArray[np.uint8]]
+    views: dict[Eye, dict[str, NDArray[Any]]]
     chains: Mapping[Eye, LensChain] | None
     records: dict[str, Any]
 
     def frame(self, drawn: Frame, outputs: Sequence[str]) -> Frame:
         """Return a drawn frame with these images of both eyes, and with the borders that lenses leave in its masks."""
-        views = {eye: drawn.view(eye).with_channels({"image": self.images[eye]}) for eye in EYES}
+        views = {eye: drawn.view(eye).with_channels(self.views[eye]) for eye in EYES}
         frame = Frame(drawn.camera, views["left"], views["right"])
         return frame if self.chains is None else with_borders(frame, self.chains, outputs)
 
@@ -94,17 +96,26 @@ class Cameras:
             images, drawn = self._imperfect(images, points, number, view)
             blurred = {"motion_blur": motion_blur} if motion_blur > 0 else {}
             records["imperfections"] = {eye: values | blurred for eye, values in drawn.items()}
-        if chains:
-            images = {eye: chains[eye].rectify(image) for eye, image in images.items()}
-        return Taken(images, chains, records)
+        if chains is None:
+            return Taken({eye: {"image": image} for eye, image in images.items()}, None, records)
+        return Taken({eye: self._rectified(chains[eye], image) for eye, image in images.items()}, chains, records)
+
+    def _rectified(self, chain: LensChain, raw_image: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
+        """Return the channels of an eye's view that follow from its raw image, as the outputs ask."""
+        channels: dict[str, NDArray[Any]] = {"image": chain.rectify(raw_image)}
+        if "raw" in self._config.outputs:
+            channels["raw"] = chain.within_view(raw_image)
+        if "raw_map" in self._config.outputs:
+            channels["raw_map"] = chain.raw_map
+        return channels
 
     def _imperfect(
         self,
-        images: dict[Eye, NDArray[np.uint8]],
+        images: Images,
         points: dict[Eye, tuple[float, float]],
         number: int,
         view: int,
-    ) -> tuple[dict[Eye, NDArray[np.uint8]], dict[Eye, dict[str, Any]]]:
+    ) -> tuple[Images, dict[Eye, dict[str, Any]]]:
         """Apply the imperfections of one right view of scene ``number``; see `with_imperfections`."""
 
         def of_scene(*keys: int | str) -> Generator:

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 from typing import Any, Self
 
-import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.config import Config
@@ -79,8 +78,8 @@ class _Shown:
     shared: SharedLeft | None
     # Frames that were drawn for the checks and not asked for yet, by the number of the right view.
     frames: dict[int, Frame] = field(default_factory=dict)
-    # The left image as its camera gives it, once a pair of the scene has been made.
-    left_image: NDArray[np.uint8] | None = None
+    # What the left camera gives, by channel, once a pair of the scene has been made.
+    left_channels: dict[str, NDArray[Any]] | None = None
 
     def shows(self, number: int, attempt: int, crop: Crop | None) -> bool:
         """Return whether this is the scene of an attempt, and can still give pairs with a crop.
@@ -319,14 +318,15 @@ class PairRenderer:
 
     def _through_cameras(self, frame: Frame, shown: _Shown, view: int) -> tuple[Frame, dict[str, Any]]:
         """Return a frame with the images that the rig's cameras give, and what the provenance says of them."""
-        left = shown.left_image if view else None
+        left = shown.left_channels if view else None
         eyes: tuple[Eye, ...] = EYES if left is None else ("right",)
         taken = self._cameras.take(frame, shown.sampled.seen_by(view), shown.number, view, eyes)
         if left is not None:
-            taken = taken._replace(images={**taken.images, "left": left})
+            taken = taken._replace(views={**taken.views, "left": left})
         elif shown.shared is not None:
-            shown.left_image = taken.images["left"]
-            shown.left_image.flags.writeable = False
+            shown.left_channels = taken.views["left"]
+            for array in shown.left_channels.values():
+                array.flags.writeable = False
         return taken.frame(frame, self.config.outputs), taken.records
 
     def _report(self, stage: str) -> None:

@@ -8,7 +8,6 @@ import torch
 from torch.nn.functional import pad
 from torch.utils.data import default_collate
 
-from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.channels import ROLES
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import check_type
@@ -34,8 +33,9 @@ def to_sample(index: int, frame: Frame, focal_y_px: float | None = None) -> Samp
         ``cx_right_px`` and ``cy_px`` (in a crop, in the crop's pixels), the vertical focal length ``focal_y_px``, and
         the right camera's deviation: ``right_roll_rad``, ``right_pitch_rad``, ``right_y_px`` and ``focal_ratio``.
 
-        Images are (3, H, W) uint8, or (1, H, W) from a monochrome camera; normals are (3, H, W) float32; flow and
-        correspondences are (2, H, W) float32; ids are (H, W) int32; all other arrays are (H, W) of their own dtype.
+        Images are (3, H, W) uint8, or (1, H, W) from a monochrome camera, and raw images have H and W of the sensor;
+        normals are (3, H, W) float32; flow, correspondences and maps into raw images are (2, H, W) float32; ids are
+        (H, W) int32; all other arrays are (H, W) of their own dtype.
     """
     deviation = frame.camera.deviation
     camera = {name: float(getattr(frame.camera, name)) for name in _CAMERA}
@@ -43,8 +43,8 @@ def to_sample(index: int, frame: Frame, focal_y_px: float | None = None) -> Samp
     camera["focal_ratio"] = float(deviation.focal_ratio)
     camera["focal_y_px"] = camera["focal_px"] if focal_y_px is None else focal_y_px
     tensors = {role: _tensor(array) for role, array in frame.arrays().items()}
-    for role in EYES:
-        tensors[role] = tensors[role].reshape(-1, *tensors[role].shape[-2:])
+    images = {role: tensor for role, tensor in tensors.items() if ROLES[role][1].or_grey}
+    tensors |= {role: image.reshape(-1, *image.shape[-2:]) for role, image in images.items()}
     return {"index": index, "camera": camera, **tensors}
 
 
@@ -99,12 +99,12 @@ def _of_one_size(name: str, values: list[Any]) -> list[Any]:
     """Pad the arrays of a role to the largest height and width; return the values of other keys as they are."""
     if name not in ROLES:
         return values
-    if len({value.shape[0] for value in values}) > 1 and name in EYES:
+    channel = ROLES[name][1]
+    if channel.or_grey and len({value.shape[0] for value in values}) > 1:
         values = [value.expand(3, -1, -1) for value in values]
     height, width = (max(value.shape[axis] for value in values) for axis in (-2, -1))
-    nothing = ROLES[name][1].nothing
     return [
-        pad(value, (0, width - value.shape[-1], 0, height - value.shape[-2]), value=nothing)
+        pad(value, (0, width - value.shape[-1], 0, height - value.shape[-2]), value=channel.nothing)
         if value.shape[-2:] != (height, width)
         else value
         for value in values

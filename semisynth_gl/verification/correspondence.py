@@ -15,8 +15,8 @@ from semisynth_gl.verification.agreement import (
     ends,
     inside_px,
 )
-from semisynth_gl.verification.borders import find_borders
 from semisynth_gl.verification.flow_consistency import follow_flow
+from semisynth_gl.verification.lens import find_borders
 from semisynth_gl.verification.photometry import check_flow_images
 from semisynth_gl.verification.single_view import DEVIATING_PX
 from semisynth_gl.verification.verdict import Verdict

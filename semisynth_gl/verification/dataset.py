@@ -7,7 +7,6 @@ import numpy as np
 from semisynth_gl.dataset.reader import Index
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES
-from semisynth_gl.verification.borders import check_valid, find_borders
 from semisynth_gl.verification.correspondence import check_correspondence, check_deviating_views
 from semisynth_gl.verification.files import (
     StoredShard,
@@ -18,6 +17,7 @@ from semisynth_gl.verification.files import (
     unmade_pairs,
 )
 from semisynth_gl.verification.flow_consistency import check_flow_views, check_frames
+from semisynth_gl.verification.lens import check_lens, find_borders
 from semisynth_gl.verification.oracle_check import OracleCheck
 from semisynth_gl.verification.photometry import check_images
 from semisynth_gl.verification.shared_left import check_lefts
@@ -124,7 +124,7 @@ def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
     # Imperfections make the images of both views differ, as a real rig does.
     imperfect = index.imperfect or not frame.encodings.image.lossless
     for eye in EYES:
-        check_valid(frame, eye, verdict)
+        check_lens(frame, eye, verdict)
         check_correspondence(frame, eye, verdict)
     left, right = frame.view("left"), frame.view("right")
     if "disparity" not in right:

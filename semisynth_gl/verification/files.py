@@ -246,7 +246,8 @@ def read_pair(index: Index, shard: StoredShard, number: int, verdict: Verdict) -
 
 def is_of_one_size(frame: StoredFrame) -> bool:
     """Return whether all arrays of a pair have the size of its camera."""
-    return not any(wrong_sizes(frame.arrays(), (frame.camera.height_px, frame.camera.width_px)))
+    values = {**frame.arrays(), "provenance": {"lens": frame.provenance.get("lens")}}
+    return not any(wrong_sizes(values, (frame.camera.height_px, frame.camera.width_px)))
 
 
 def check_origin(frame: StoredFrame, index: Index, verdict: Verdict) -> None:

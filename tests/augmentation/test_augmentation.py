@@ -89,6 +89,8 @@ def test_the_default_changes_nothing():
     assert (changed.camera, vertical) == (pair.camera, pair.camera.focal_px)
     for role, array in changed.arrays().items():
         np.testing.assert_array_equal(array, pair.arrays()[role], err_msg=role)
+    raw = {f"{name}_{eye}" for name in ("raw", "raw_map") for eye in EYES}
+    assert set(pair.arrays()) - set(changed.arrays()) == raw
     assert PRESETS["psmnet"] == Augmentation()
 
 

@@ -9,7 +9,7 @@ import hand_made_datasets
 import numpy as np
 import pytest
 from hand_made_datasets import config_of, write_dataset
-from hand_made_pairs import CAMERA
+from hand_made_pairs import CAMERA, RAW
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.jpeg import Jpeg
@@ -97,10 +97,10 @@ def test_a_file_of_another_size_is_refused(tmp_path, monkeypatch, name):
             dataset[number]
         assert str(refused.value).startswith(f"{tmp_path}/set/{path}: expected "), role
         if isinstance(made[number], tuple):
-            shape = (*SIZE, *made[number][2:])
-            assert (
-                refused.value.reason == f"expected shape {shape}, as the dataset's images have it, got {made[number]}"
-            )
+            expected = f"expected shape {(*SIZE, *made[number][2:])}, as the dataset's images have it"
+            if role in ("raw_left", "raw_right"):
+                expected = f"expected shape {RAW}, that of the camera in the pair's provenance"
+            assert refused.value.reason == f"{expected}, got {made[number]}"
         else:
             expected = "expected a camera of the dataset's images, 48 x 32 px, got 50 x 32"
             assert refused.value.reason == expected

@@ -67,7 +67,8 @@ def test_roles_are_unique_and_lead_back_to_their_channel():
 
 def test_outputs_are_those_of_the_channels():
     assert OUTPUTS[:2] == ("visibility", "correspondence")
-    assert OUTPUTS[2:] == ("instances", "depth", "sky", "valid", "normals", "flow", "flow_backward", "disparity_change")
+    assert OUTPUTS[2:8] == ("instances", "depth", "sky", "valid", "raw", "raw_map")
+    assert OUTPUTS[8:] == ("normals", "flow", "flow_backward", "disparity_change")
     assert {"flow", "flow_backward", "disparity_change"} == FLOW_OUTPUTS
     assert set(DEFAULT_OUTPUTS) < set(OUTPUTS)
 

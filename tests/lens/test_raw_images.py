@@ -1,0 +1,210 @@
+"""The outputs ``raw`` and ``raw_map``: OpenCV rectifies a raw file to the image's file, and the map says how."""
+
+import json
+
+import numpy as np
+import pytest
+from planted_faults import change_image, findings
+from tiny_datasets import EYE, cheap, with_lens
+
+from semisynth_gl.codecs.flo import Flo
+from semisynth_gl.config.dataset_sections import LAYOUTS
+from semisynth_gl.dataset.reader import open_dataset
+from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
+from semisynth_gl.generation.generate import generate
+from semisynth_gl.inputs.errors import InputError, ReadError
+from semisynth_gl.lens.chain import LensChain
+from semisynth_gl.lens.raw_camera import RawCamera, pinhole_of
+from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
+
+cv2 = pytest.importorskip("cv2", reason="OpenCV, the extra opencv, is not installed")
+
+OUTPUTS = ["visibility", "valid", "raw", "raw_map"]
+NOISE = {"noise": 5, "blur_px": 0.4}
+# Sensors of another shape than the rectified image: one that sees less than it and is finer, and one that sees more.
+WIDE = {"raw_width_px": 70, "raw_height_px": 60}
+FISHEYE = {
+    "model": "fisheye",
+    "raw_width_px": 80,
+    "raw_height_px": 50,
+    "left": {"fx_px": 160, "distortion": [-0.03, 0.01, 0, 0], "rotation_deg": [0, 2, -1]},
+    "right": {"fx_px": 150, "distortion": [-0.03, 0.01, 0, 0]},
+}
+
+
+def with_raw(**changes):
+    return with_lens(outputs=OUTPUTS, imperfections=NOISE, **changes)
+
+
+def rectified(frame, eye, border=cv2.BORDER_CONSTANT):
+    """Rectify a stored raw image by the pair's JSON and calibration alone, as a user's program does."""
+    record, view = frame.provenance["lens"][eye], frame.view(eye)
+    matrix, distortion, rotation = (np.array(record[name]) for name in "KDR")
+    size, model = view.image.shape[1::-1], cv2.fisheye if record["model"] == "fisheye" else cv2
+    maps = model.initUndistortRectifyMap(
+        matrix, distortion, rotation, pinhole_of(frame.camera, eye), size, cv2.CV_32FC1
+    )
+    return cv2.remap(view.raw, *maps, cv2.INTER_LINEAR, borderMode=border)
+
+
+@pytest.mark.parametrize("lens", [{}, WIDE, FISHEYE, {"border": "replicate"}], ids=str)
+def test_opencv_rectifies_the_raw_file_to_the_images_file(tmp_path, lens):
+    generate(with_raw(lens=lens), tmp_path / "d", 2, layout="middlebury")
+    border = cv2.BORDER_REPLICATE if "border" in lens else cv2.BORDER_CONSTANT
+    for frame in open_dataset(tmp_path / "d"):
+        for eye in EYES:
+            view = frame.view(eye)
+            assert view.raw.shape[:2] == (lens.get("raw_height_px", 48), lens.get("raw_width_px", 64))
+            np.testing.assert_array_equal(rectified(frame, eye, border), view.image)
+            by_map = cv2.remap(view.raw, view.raw_map, None, cv2.INTER_LINEAR, borderMode=border)
+            np.testing.assert_array_equal(by_map, view.image)
+    assert not findings(tmp_path / "d")
+
+
+def test_the_map_is_where_the_lens_leads():
+    with PairRenderer(with_raw(lens=FISHEYE), 3) as renderer:
+        pair = renderer.render(0)
+    y, x = np.mgrid[:48, :64].astype(float)
+    for eye in EYES:
+        raw = RawCamera.from_record(pair.provenance["lens"][eye])
+        expected = np.stack(raw.raw(pinhole_of(pair.frame.camera, eye), x, y), axis=2)
+        np.testing.assert_allclose(pair.frame.view(eye).raw_map, expected, atol=1e-3)
+
+
+def test_a_raw_image_is_black_beyond_the_rectified_view_alone():
+    camera = StereoCamera(160, 120, 150.0, 0.1, 78.0, 84.0, 58.5)
+    raw = RawCamera(260, 240, 150.0, 150.0, 130.0, 120.0, "radial-tangential", (-0.2, 0.05, 0, 0))
+    chain = LensChain(raw, camera, "left", "black")
+    white = np.full((240, 260), 255, np.uint8)
+    shown = chain.within_view(white)
+    y, x = np.mgrid[:240, :260].astype(float)
+    column, row = raw.rectified(pinhole_of(camera, "left"), x, y)
+    beyond = np.maximum(np.maximum(-0.5 - column, column - 159.5), np.maximum(-0.5 - row, row - 119.5))
+    assert (shown[~(beyond > 0)] == 255).all()
+    assert (shown[~(beyond <= 2)] == 0).all()
+    assert 0.2 < (shown == 0).mean() < 0.8
+    rng = np.random.default_rng(0)
+    for shape in ((240, 260), (240, 260, 3)):
+        image = rng.integers(0, 256, shape, np.uint8)
+        np.testing.assert_array_equal(chain.rectify(chain.within_view(image)), chain.rectify(image))
+
+
+def test_images_are_those_without_the_outputs():
+    plain, seen = (render_pair(with_lens(outputs=outputs, imperfections=NOISE), 1) for outputs in (["valid"], OUTPUTS))
+    for eye in EYES:
+        np.testing.assert_array_equal(plain.view(eye).image, seen.view(eye).image)
+        assert "raw" not in plain.view(eye)
+
+
+def test_both_eyes_have_raw_images_where_only_the_left_has_truth(tmp_path):
+    generate(with_raw(truth="left"), tmp_path / "d", 1, layout="webdataset")
+    frame = open_dataset(tmp_path / "d")[0]
+    assert set(frame.right) == {"image", "raw", "raw_map"}
+    np.testing.assert_array_equal(rectified(frame, "right"), frame.right.image)
+    assert not findings(tmp_path / "d")
+
+
+def test_grey_raw_images_are_grey(tmp_path):
+    for layout in ("middlebury", "kitti"):
+        outputs = [*OUTPUTS, "instances"]
+        config = with_lens(outputs=outputs, camera={"colour": "grey"})
+        generate(config, tmp_path / layout, 1, layout=layout)
+        frame = open_dataset(tmp_path / layout)[0]
+        assert frame.left.raw.shape == (48, 64)
+        np.testing.assert_array_equal(rectified(frame, "left"), frame.left.image)
+        assert not findings(tmp_path / layout)
+
+
+def test_baselines_share_the_left_raw_image(tmp_path):
+    generate(with_raw(camera={"baselines": 2, "baseline_m": [0.1, 0.2]}), tmp_path / "d", 2, layout="middlebury")
+    first, second = open_dataset(tmp_path / "d")
+    np.testing.assert_array_equal(first.left.raw, second.left.raw)
+    assert (first.right.raw != second.right.raw).any()
+    assert not findings(tmp_path / "d")
+
+
+def test_a_crop_keeps_raw_images_whole():
+    frame = render_pair(with_raw(), 0)
+    crop = frame.cropped(Crop(20, 10, 30, 25))
+    assert crop.left.raw.shape == frame.left.raw.shape
+    rectified_crop = cv2.remap(crop.left.raw, crop.left.raw_map, None, cv2.INTER_LINEAR)
+    np.testing.assert_array_equal(rectified_crop, crop.left.image)
+    crop.left.raw[:] = 0
+    assert frame.left.raw.any()
+
+
+def test_samples_have_raw_images():
+    samples = pytest.importorskip("semisynth_gl.torch.samples")
+    frames = [render_pair(with_raw(lens=lens), 0) for lens in ({}, FISHEYE)]
+    grey = render_pair(with_lens(outputs=OUTPUTS, camera={"colour": "grey"}), 0)
+    batch = samples.collate([samples.to_sample(0, frame) for frame in (*frames, grey)])
+    assert batch["raw_right"].shape == (3, 3, 50, 80)
+    assert batch["raw_map_left"].shape == (3, 2, 48, 64)
+    np.testing.assert_array_equal(batch["raw_left"][0, :, :48, :64].permute(1, 2, 0), frames[0].left.raw)
+    assert samples.to_sample(0, grey)["raw_left"].shape == (1, 48, 64)
+
+
+def test_what_cannot_be_is_refused(tmp_path):
+    for output in ("raw", "raw_map"):
+        with pytest.raises(Exception, match=f"the output {output} shows what the section lens does"):
+            cheap(outputs=[output])
+        with pytest.raises(InputError, match=f"crestereo.*{output}"):
+            generate(with_lens(outputs=["visibility", "valid", output]), tmp_path / output, 4, layout="crestereo")
+
+
+FAULTS = {
+    "moved": ("raw", "raw0.png", lambda image: np.roll(image, 1, axis=1)),
+    "a little brighter": ("raw", "raw1.png", lambda image: np.minimum(image, 253) + 2),
+    "of the other eye": ("raw", "raw0.png", lambda image: image[:, ::-1]),
+    "of another size": ("size", "raw1.png", lambda image: image[:-1]),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_verify_finds_a_wrong_raw_image(tmp_path, fault):
+    check, name, change = FAULTS[fault]
+    generate(with_raw(), tmp_path / "d", 1, layout="middlebury")
+    change_image(next((tmp_path / "d").rglob(name)), change)
+    assert {finding.check for finding in findings(tmp_path / "d")} == {check}
+    if check == "size":
+        with pytest.raises(ReadError, match=r"raw1\.png: expected shape \(48, 64\), that of the camera"):
+            open_dataset(tmp_path / "d")[0]
+
+
+def test_verify_finds_a_wrong_map(tmp_path):
+    generate(with_raw(), tmp_path / "d", 1, layout="middlebury")
+    path = next((tmp_path / "d").rglob("raw_map1.flo"))
+    found = Flo().read(path).copy()
+    found[20, 30, 1] += 0.01
+    path.write_bytes(Flo().encode(found))
+    (finding,) = findings(tmp_path / "d")
+    assert finding.check == "raw_map"
+    assert finding.message.startswith("raw_map_right is not where the lens leads in 1 pixel, the first at (30, 20), ")
+
+
+def test_verify_finds_another_lens_in_the_provenance(tmp_path):
+    generate(with_lens(outputs=["raw"], lens={"left": EYE}), tmp_path / "d", 1, layout="middlebury")
+    path = next((tmp_path / "d").rglob("pair.json"))
+    values = json.loads(path.read_text())
+    values["lens"]["left"]["K"][0][2] += 0.5
+    path.write_text(json.dumps(values))
+    assert {finding.check for finding in findings(tmp_path / "d")} == {"raw"}
+    del values["lens"]["left"]["D"]
+    path.write_text(json.dumps(values))
+    (finding,) = findings(tmp_path / "d")
+    assert (
+        finding.message == "raw_left: expected the camera lens.left in the pair's provenance, found none that is whole"
+    )
+
+
+@pytest.mark.parametrize("layout", [layout for layout in LAYOUTS if layout != "crestereo"])
+def test_each_other_layout_keeps_raw_images(tmp_path, layout):
+    generate(
+        with_raw() if layout != "kitti" else with_lens(outputs=[*OUTPUTS, "instances"]),
+        tmp_path / "d",
+        1,
+        layout=layout,
+    )
+    frame = open_dataset(tmp_path / "d")[0]
+    np.testing.assert_array_equal(rectified(frame, "right"), frame.right.image)
+    assert not findings(tmp_path / "d")
