@@ -37,7 +37,8 @@ SMALL = ("--set", "camera.width_px=226", "--set", "camera.height_px=141", "--set
 # Small images, in a layout that has every output.
 ETH3D = ("--config", "eth3d", "--pairs", "2", "--layout", "middlebury")
 # What loaders of some layouts do not know has cases of its own.
-OF_RIGS = ("correspondence", "sky", "valid")
+OF_LENSES = ("valid", "raw", "raw_map")
+OF_RIGS = ("correspondence", "sky", *OF_LENSES)
 MOVING = (
     *("--outputs", ",".join(output for output in OUTPUTS if output not in OF_RIGS), "--set", "sequence.length=2"),
     *("--set", "camera.sway_m=[0.01,0.05]", "--set", "camera.sway_deg=[0.5,2]"),
@@ -72,7 +73,7 @@ def cases() -> Iterator[tuple[str, tuple[str, ...]]]:
             moving = ("--config", "middlebury", "--pairs", "2", "--layout", layout, *MOVING)
             yield f"encoding/{layout}/{image}-{disparity}-{flow}", (*moving, *options)
     for output in ("none", *OUTPUTS):
-        sequence = (*ETH3D, "--set", "sequence.length=2", *(LENS if output == "valid" else ()))
+        sequence = (*ETH3D, "--set", "sequence.length=2", *(LENS if output in OF_LENSES else ()))
         yield f"output/{output}", (*sequence, "--outputs", output)
     for layout in (*FREE_LAYOUTS, "middlebury-2014"):
         rig = ("--config", "sceneflow", "--pairs", "2", "--layout", layout, "--outputs", "visibility,correspondence")

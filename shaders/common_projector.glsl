@@ -1,7 +1,5 @@
 // The light on a surface: ambient light, and the pattern of a projector where it reaches the surface.
 
-// The includer includes common_constants.glsl before this file.
-
 // Packed by semisynth_gl/render/projector_light.py.
 layout(std140, binding = 1) uniform ProjectedLight {
     mat4 projector_from_window;  // of x, y, 1 and 1 / Z, to a point over Z
@@ -17,10 +15,14 @@ layout(binding = 3) uniform sampler2D reached_m;  // depth of what the projector
 // Depths from two matrices differ by rounding.
 const float SAME_DEPTH = 1.0001;
 
-float light_here() {
-    vec3 over_depth = (projector_from_window * vec4(gl_FragCoord.xy, 1.0, gl_FragCoord.w)).xyz;
-    vec3 point = over_depth / gl_FragCoord.w;
-    vec3 normal = cross(dFdx(point), dFdy(point));
+// A point in the projector's frame, over Z in the eye's frame, from its position in the window and 1 / Z.
+vec3 over_depth_at(vec2 window_px, float inverse_depth) {
+    return (projector_from_window * vec4(window_px, 1.0, inverse_depth)).xyz;
+}
+
+// The light on such a point of a surface with this normal, of any length, in the projector's frame.
+float light_on(vec3 over_depth, float inverse_depth, vec3 normal, bool is_sky) {
+    vec3 point = over_depth / inverse_depth;
     vec2 place_px = projector_focal_px * over_depth.xy / over_depth.z + middle_px;
     vec2 size = vec2(textureSize(pattern, 0));
     vec2 place = (place_px + 0.5) / size;
@@ -34,9 +36,9 @@ float light_here() {
     float facing = abs(dot(normal, point)) / max(sqrt(dot(normal, normal) * square_m), 1e-30);
     // A sheet may hide its lit side from the eye. The way from the eye to the point, over Z, is the way from the
     // projector to the point less the way from the projector to the eye, the last column.
-    vec3 seen_along = over_depth - projector_from_window[3].xyz * gl_FragCoord.w;
+    vec3 seen_along = over_depth - projector_from_window[3].xyz * inverse_depth;
     bool same_side = dot(normal, point) * dot(normal, seen_along) > 0.0;
     // The sky is too far away.
-    bool lit = reached && same_side && gl_FragCoord.z >= LEAST_DEPTH;
+    bool lit = reached && same_side && !is_sky;
     return ambient + (lit ? power * textureLod(pattern, place, 0.0).r * facing / square_m : 0.0);
 }

@@ -1,6 +1,7 @@
 #version 450 core
 // Blends the colour across an edge into a pixel, by the share of the pixel that lies across. A pixel whose centre is
-// outside the surface gets the surface's patch; a pixel whose centre is inside gets the next pixel's colour.
+// outside the surface gets the surface's patch, in the projector's light where it is LIT; a pixel whose centre is inside
+// gets the next pixel's colour.
 
 in vec4 seen_patch;  // coordinate of the point of the edge beside this pixel, layer, level
 flat in vec4 line;   // unit normal, away from the surface, and offset: the distance from the edge, px; 1 for a large patch
@@ -9,7 +10,13 @@ layout(binding = 0) uniform sampler2DArray atlas;
 #ifdef LARGE
 layout(binding = 1) uniform sampler2DArray large_atlas;
 #endif
-layout(binding = 2) uniform sampler2D drawn;
+layout(binding = 4) uniform sampler2D drawn;
+
+#ifdef LIT
+#include "common_projector.glsl"
+
+flat in vec3 normal;  // of the surface, in the projector's frame
+#endif
 
 layout(location = 0) out vec4 colour;
 
@@ -25,6 +32,7 @@ void main() {
         ivec2 across = extent.x > extent.y ? ivec2(sign(line.x), 0) : ivec2(0, sign(line.y));
         ivec2 next = clamp(ivec2(gl_FragCoord.xy) + across, ivec2(0), textureSize(drawn, 0) - 1);
         colour = vec4(texelFetch(drawn, next, 0).rgb, share);
+        return;
 #ifdef LARGE
     } else if (line.w > 0.5) {
         colour = vec4(textureLod(large_atlas, seen_patch.xyz, round(seen_patch.w)).rgb, share);
@@ -32,4 +40,9 @@ void main() {
     } else {
         colour = vec4(textureLod(atlas, seen_patch.xyz, round(seen_patch.w)).rgb, share);
     }
+#ifdef LIT
+    // The strip is as deep as the edge, across which it lies.
+    vec2 on_edge_px = gl_FragCoord.xy - signed_px * line.xy;
+    colour.rgb *= light_on(over_depth_at(on_edge_px, gl_FragCoord.w), gl_FragCoord.w, normal, false);
+#endif
 }

@@ -1,11 +1,15 @@
 #version 450 core
-// Makes a strip along an edge where a surface ends; it reaches half a pixel's extent to both sides of the edge.
+// Makes a strip along an edge where a surface ends; it reaches half a pixel's extent to both sides of the edge. Where it
+// is LIT, it knows how the surface faces the projector.
 
 layout(points) in;
 layout(triangle_strip, max_vertices = 4) out;
 
 #include "common_constants.glsl"
 #include "common_placement.glsl"
+#ifdef LIT
+#include "common_projector.glsl"
+#endif
 
 struct Wearer {
     vec4 view_from_model_x;  // rows, relative to the eye that draws
@@ -22,6 +26,9 @@ layout(std430, binding = 6) readonly buffer Strips { uvec4 strips[]; };
 
 out vec4 seen_patch;
 flat out vec4 line;
+#ifdef LIT
+flat out vec3 normal;
+#endif
 
 // Shares of 1 / Z by which a strip is nearer than its surface: ROUNDING for rounding, and as much as the surface comes
 // nearer within a pixel. The latter is limited to STEEPEST or, if it is more, to what the triangle itself comes nearer.
@@ -66,6 +73,16 @@ void main() {
     vec2 away = sign(order) * vec2(way.y, -way.x) / length_px;
     float reach = 0.5 * (abs(away.x) + abs(away.y));
 
+#ifdef LIT
+    // The ways between the corners, as positions in the window, and 1, times Z.
+    vec3 ways[2];
+    for (int k = 0; k < 2; ++k) {
+        vec3 to_corner = view[k + 1] - view[0];
+        vec2 window_px = focal_px * to_corner.xy + (centre_px + 0.5) * to_corner.z;
+        ways[k] = mat3(projector_from_window) * vec3(window_px, to_corner.z);
+    }
+    vec3 facing = cross(ways[0], ways[1]);
+#endif
     float nearest_m = max(min(view[0].z, min(view[1].z, view[2].z)), near_m);
     for (int end = 0; end < 2; ++end) {
         vec3 corner = end == 0 ? from : to;
@@ -86,6 +103,9 @@ void main() {
             gl_Position.z = min((inside ? nearer : 1.0 + ROUNDING) * near_m, gl_Position.w);
             seen_patch = vec4(uv_here, wearer.worn.x, log2(max(texels, 1.0)));
             line = vec4(away, -dot(from_px + 0.5, away), wearer.worn.y);
+#ifdef LIT
+            normal = facing;
+#endif
             EmitVertex();
         }
     }

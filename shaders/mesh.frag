@@ -1,6 +1,6 @@
 #version 450 core
 // COLOUR: from the patch atlas and nothing else, with up to most_samples where it is ANISOTROPIC, with one component where
-// it is GREY, and multiplied by light_here() where it is LIT. The rest is truth: DISPARITY, or INVERSE_DEPTH (1 / Z) from
+// it is GREY, and multiplied by light_on() where it is LIT. The rest is truth: DISPARITY, or INVERSE_DEPTH (1 / Z) from
 // which several cameras' disparities follow, DEPTH (planar), INSTANCES (ids from 1), SKY, NORMALS (of the triangle, towards
 // the camera) and SURFACE (which triangle of which instance). SNAPPED is the number of steps in a pixel to which the driver
 // moves the corners of triangles.
@@ -121,7 +121,10 @@ void main() {
     colour = patch_colour();
 #endif
 #ifdef LIT
-    colour *= light_here();
+    vec3 over_depth = over_depth_at(gl_FragCoord.xy, gl_FragCoord.w);
+    vec3 lit_point = over_depth / gl_FragCoord.w;
+    vec3 lit_normal = cross(dFdx(lit_point), dFdy(lit_point));
+    colour *= light_on(over_depth, gl_FragCoord.w, lit_normal, gl_FragCoord.z < LEAST_DEPTH);
 #endif
 #if defined(DISPARITY) || defined(INVERSE_DEPTH) || defined(DEPTH) || defined(SKY)
     bool is_sky = gl_FragCoord.z < LEAST_DEPTH;

@@ -209,11 +209,6 @@ class Config(Section):
         of_lens = [output for output in self.outputs if output not in DRAWN_OUTPUTS]
         if self.lens is None and of_lens:
             yield f"the output {of_lens[0]} shows what the section lens does: add lens, or leave the output out"
-        if self.projector is not None and self.antialias == "edges":
-            yield (
-                "antialias edges takes the colour of outlines from patches, without the light of the projector: take "
-                "ssaa2 or none"
-            )
 
     def _check_positive(self) -> None:
         background, structures = self.background, self.structures

@@ -83,8 +83,7 @@ class Drawing:
         targets = sized.image
         targets.limit(None)
         self._draw_once(placed, eye, None, targets, filled)
-        if self._edges is not None:
-            self._edges.draw(placed, eye, targets, None)
+        self._smooth(placed, eye, targets, None)
         with self._clock.timed("read", eye):
             image: NDArray[np.uint8] = targets.read("colour")
         return image
@@ -166,8 +165,7 @@ class Drawing:
             if self._triangle_readers.intersection(targets.names):
                 self._loaded.models.bind_triangles(placed, eye)
             seen = self._draw_once(placed, eye, part, targets, filled)
-            if self._edges is not None:
-                self._edges.draw(placed, eye, targets, pair.crop)
+            self._smooth(placed, eye, targets, pair.crop)
         if samples is not None:
             if seen is not filled:
                 # Instances that are hidden at the centres of pixels may show between them.
@@ -185,6 +183,19 @@ class Drawing:
             targets.clear(depth=seen is filled)
             self._draw_models(targets.names, seen, placed.scene, eye, targets.framebuffer.width)
         return seen
+
+    def _smooth(self, placed: Placed, eye: Eye, targets: EyeTargets, part: Crop | None) -> None:
+        """Antialias what was drawn along outlines, or a part of it, if the caller wants that."""
+        if self._edges is not None:
+            lit = self._use_light(placed.scene, eye, targets.framebuffer.width)
+            self._edges.draw(placed, eye, targets, part, lit=lit)
+
+    def _use_light(self, scene: Scene, eye: Eye, width_px: int) -> bool:
+        """Bind the light of the scene's projector for one eye's image, drawn ``width_px`` wide, if it has one."""
+        if scene.projector is None or self._light is None:
+            return False
+        self._light.use(scene.projector, scene.camera, eye, width_px)
+        return True
 
     def _draw_samples(
         self, placed: Placed, eye: Eye, crop: Crop | None, targets: ColourTargets, filled: Sequence[Filled]
@@ -204,10 +215,8 @@ class Drawing:
         self, names: tuple[str, ...], filled: Sequence[Filled], scene: Scene, eye: Eye, width_px: int
     ) -> None:
         """Draw runs of instances to attachments that are ``width_px`` wide."""
-        projector = scene.projector if "colour" in names else None
-        if projector is not None and self._light is not None:
-            self._light.use(projector, scene.camera, eye, width_px)
-        programs = self._programs(names, lit=projector is not None)
+        lit = "colour" in names and self._use_light(scene, eye, width_px)
+        programs = self._programs(names, lit=lit)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">"
         for part in filled:

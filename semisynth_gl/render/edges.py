@@ -17,8 +17,8 @@ from semisynth_gl.render.targets import EyeTargets
 _FEWEST_STRIPS, _FEWEST_INSTANCES = 4096, 256
 # Bindings of edges.geom.
 _VERTICES, _STRIPS = 0, 6
-# Texture unit of edges.frag, after the units of the atlases.
-_DRAWN = 2
+# Texture unit of edges.frag, after those of the atlases and of a projector's light.
+_DRAWN = 4
 
 
 class EdgePass:
@@ -41,13 +41,19 @@ class EdgePass:
                 f"{limit}: use fewer or smaller models, or another antialiasing"
             )
         defines = {"LARGE": 1} if len(self._patches.ends) > 1 else {}
-        program = link_program(context, "edges.vert", "edges.frag", defines, "edges.geom")
+        lights = [{}] if loaded.pattern is None else [{}, {"LIT": 1}]
+        self._vaos = [
+            gl.vertex_array(link_program(context, "edges.vert", "edges.frag", defines | lit, "edges.geom"), [])
+            for lit in lights
+        ]
         self._wearers = gl.buffer(reserve=_FEWEST_INSTANCES * WEARER.itemsize, dynamic=True)
         self._strips = gl.buffer(reserve=_FEWEST_STRIPS * 16, dynamic=True)
-        self._vao = gl.vertex_array(program, [])
 
-    def draw(self, placed: Placed, eye: Eye, targets: EyeTargets, part: Crop | None) -> None:
-        """Smooth the colour of one eye's targets, or a part of it; their depth must be that of the drawing pass."""
+    def draw(self, placed: Placed, eye: Eye, targets: EyeTargets, part: Crop | None, *, lit: bool) -> None:
+        """Smooth the colour of one eye's targets, or a part of it; their depth must be that of the drawing pass.
+
+        ``lit`` is whether a projector's light is bound for this eye; see `ProjectorLight.use`.
+        """
         if targets.blending is None:
             raise RuntimeError("these targets were made without blending")
         strips = self._outlines.find(placed, eye)
@@ -65,7 +71,7 @@ class EdgePass:
             self._patches.use(atlas, atlas)
         with self._clock.timed("edges", eye):
             targets.blending.use(part, _DRAWN)
-            self._vao.render(moderngl.POINTS, len(strips))
+            self._vaos[lit].render(moderngl.POINTS, len(strips))
 
     def _worn(self, placed: Placed, eye: Eye) -> NDArray[np.void]:
         """Return the numbers that edges.geom looks up for each instance, (N,) of `WEARER`."""

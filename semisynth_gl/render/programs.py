@@ -18,8 +18,8 @@ def link_program(
 ) -> moderngl.Program:
     """Compile and link shaders, and check the blocks that numpy packs for them.
 
-    ``vertex``, ``fragment`` and ``geometry`` name the shaders, and ``defines`` are for the fragment shader; see
-    `shader_source`.
+    ``vertex``, ``fragment`` and ``geometry`` name the shaders, and ``defines`` are for the fragment shader, and for the
+    geometry shader where it mentions them; see `shader_source`.
 
     Raises:
         BackendError: where the driver refuses the shaders, or lays a block out in another way than numpy.
@@ -27,7 +27,7 @@ def link_program(
     try:
         program = context.gl.program(
             vertex_shader=shader_source(vertex),
-            geometry_shader=None if geometry is None else shader_source(geometry),
+            geometry_shader=None if geometry is None else _geometry_source(geometry, defines),
             fragment_shader=shader_source(fragment, defines),
         )
     except moderngl.Error as error:
@@ -66,6 +66,11 @@ def link_compute(context: GraphicsContext, compute: str, defines: Mapping[str, i
     return program
 
 
+def _geometry_source(name: str, defines: Mapping[str, int]) -> str:
+    plain = shader_source(name)
+    return shader_source(name, {each: number for each, number in defines.items() if _mentions(plain, each)})
+
+
 def shader_source(name: str, defines: Mapping[str, int] | None = None) -> str:
     """Return the text of a shader.
 
@@ -79,9 +84,13 @@ def shader_source(name: str, defines: Mapping[str, int] | None = None) -> str:
     version, *body = _lines(name, ())
     text = "\n".join(body)
     for defined in defines or {}:
-        if not re.search(rf"\b{defined}\b", text):
+        if not _mentions(text, defined):
             raise ValueError(f"{name} does not know {defined}")
     return "\n".join([version, *(f"#define {key} {value}" for key, value in (defines or {}).items()), text])
+
+
+def _mentions(text: str, name: str) -> bool:
+    return re.search(rf"\b{name}\b", text) is not None
 
 
 def _lines(name: str, parents: tuple[str, ...]) -> list[str]:

@@ -113,11 +113,6 @@ class Renderer:
         for name, most in (("anisotropy", anisotropy), ("large_anisotropy", large_anisotropy)):
             if most not in range(1, 17):
                 raise InputError(f"{name} must be a whole number from 1 to 16, got {most}")
-        if pattern is not None and antialias == "edges":
-            raise InputError(
-                "antialias edges takes the colour of outlines from patches, without a projector's light: take ssaa2 or "
-                "none where there is a pattern"
-            )
         self.listener: Listener | None = None
         self._targets: PairTargets | None = None
         self._context = open_context(backend, device_index)
