@@ -178,6 +178,8 @@ SHOWN: dict[str, Callable[[NDArray[np.generic]], Floats | Picture]] = {
     "depth": quantile_colours("viridis_r"),
     "sky": lambda mask: np.repeat(mask[..., None], 3, axis=2),
     "valid": lambda mask: np.repeat(mask[..., None], 3, axis=2),
+    "raw": lambda image: image,
+    "raw_map": lambda position: np.dstack([position / position.max(axis=(0, 1)), np.full(position.shape[:2], 0.4)]),
     "normals": lambda normals: (1 - normals) / 2,
     "flow": show_flow,
     "flow_visibility": lambda mask: np.repeat(mask[..., None], 3, axis=2),

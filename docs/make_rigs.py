@@ -21,8 +21,6 @@ from semisynth_gl.calibration.matching import match_images
 from semisynth_gl.calibration.vertical import fit_deviation, rectified_rows
 from semisynth_gl.frame.camera import RECTIFIED
 from semisynth_gl.frame.frame import as_rgb
-from semisynth_gl.lens.chain import LensChain
-from semisynth_gl.lens.raw_camera import RawCamera
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.textures.atlas import to_grey
 
@@ -162,12 +160,10 @@ def draw_lenses(path: Path) -> None:
     """Draw a raw image, the rectified one, and which of its pixels both cameras saw."""
     eye = {"fx_px": 1150, "distortion": [-0.35, 0.12, 0, 0], "rotation_deg": [0.3, -1.5, 1.2]}
     lens = {"raw_width_px": 960, "raw_height_px": 540, "left": eye, "right": eye | {"rotation_deg": [0, 1, -0.8]}}
-    config = load_config("sceneflow", {"lens": lens, "outputs": ["visibility", "valid"]})
-    with PairRenderer(config, 0) as renderer, PairRenderer(load_config("sceneflow"), 0) as plain:
-        pair, drawn = renderer.render(1), plain.render(1).frame
-    chain = LensChain(RawCamera.from_record(pair.provenance["lens"]["left"]), drawn.camera, "left", "black")
-    mask = np.repeat(pair.frame.left.visibility[:, :, None], 3, axis=2)
-    strip([chain.raw_image(drawn.left.image, 1), pair.frame.left.image, mask], path)
+    config = load_config("sceneflow", {"lens": lens, "outputs": ["visibility", "valid", "raw"]})
+    with PairRenderer(config, 0) as renderer:
+        view = renderer.render(1).frame.left
+    strip([view.raw, view.image, np.repeat(view.visibility[:, :, None], 3, axis=2)], path)
 
 
 def draw_projector(path: Path) -> None:

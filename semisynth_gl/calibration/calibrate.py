@@ -72,6 +72,7 @@ def calibrate(
     size: tuple[int, int] | None = None,
     scale: float | None = None,
     unit: Unit | None = None,
+    alpha: float | None = None,
     disparity: Files = (),
     png_scale: float = KITTI_DISPARITY.steps,
     pairs: Sequence[tuple[str | PathLike[str], str | PathLike[str]]] = (),
@@ -94,6 +95,8 @@ def calibrate(
         size: width and height of the images, px; needed also with a calibration that does not state them.
         scale: size of the images relative to the calibrated size, such as 0.5 for half the width.
         unit: unit of the baseline in OpenCV's files; by default metres.
+        alpha: how to rectify a calibration that does not say it, as OpenCV's stereoRectify takes it: from 0, for images
+            without borders, to 1, for all of the raw images; by default OpenCV's default.
         disparity: disparity maps, true or predicted, from which the wanted histogram is measured.
         png_scale: levels per pixel of disparity in 16-bit PNG maps.
         pairs: left and right photographs of the rig, in which the right camera's deviation is measured; needs OpenCV.
@@ -127,7 +130,8 @@ def calibrate(
     _check_pairs(pairs)
     check_type("`rectify_to`", rectify_to, str | PathLike | None)
     notes: list[str] = []
-    rigs = _rigs(calib_sources, focal_px, baseline_m, _size(size), None if unit is None else UNITS[unit])
+    unit_m = None if unit is None else UNITS[unit]
+    rigs = _rigs(calib_sources, focal_px, baseline_m, _size(size), unit_m, _alpha(alpha))
     found = map_files(map_sources)
     scaled = rigs if scale is None else [rig.scaled(scale) for rig in rigs]
     if rectify_to is not None:
@@ -194,15 +198,28 @@ def _size(size: tuple[int, int] | None) -> Size | None:
     return Size(*(to_whole("`size`", side, least=1) for side in size))
 
 
+def _alpha(alpha: float | None) -> float | None:
+    if alpha is not None and not 0 <= to_real("`alpha`", alpha) <= 1:
+        raise InputError(f"`alpha`: expected a number from 0 to 1, got {alpha:g}")
+    return alpha
+
+
 def _rigs(
-    calib: Sequence[str], focal_px: float | None, baseline_m: float | None, size: Size | None, unit_m: float | None
+    calib: Sequence[str],
+    focal_px: float | None,
+    baseline_m: float | None,
+    size: Size | None,
+    unit_m: float | None,
+    alpha: float | None,
 ) -> list[Rig]:
     plain = {"`focal_px`": focal_px, "`baseline_m`": baseline_m}
     given = [name for name, value in plain.items() if value is not None]
     if calib:
         if given:
             raise InputError(f"{' and '.join(given)}: `calib` states the same: give one or the other")
-        return read_rigs(calib, size=size, unit_m=unit_m)
+        return read_rigs(calib, size=size, unit_m=unit_m, alpha=alpha)
+    if alpha is not None:
+        raise InputError("`alpha` is for the lenses of a calibration: give `calib`, or leave `alpha` out")
     if focal_px is None or baseline_m is None or size is None:
         missing = [name for name, value in (plain | {"`size`": size}).items() if value is None]
         raise InputError(f"{', '.join(missing)} missing: give `calib`, or `focal_px`, `baseline_m` and `size`")

@@ -1,6 +1,6 @@
 """Two cameras before rectification, and how they stand to each other, as Kalibr, Basalt and DepthAI write them.
 
-All are rectified by OpenCV's stereoRectify.
+None says how the rig is rectified.
 """
 
 from collections.abc import Mapping
@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from semisynth_gl.calibration.file_values import FormatError, Matrix, checked_size, numbers, rotation, stated_size
-from semisynth_gl.calibration.raw_rig import Intrinsics, intrinsics, raw_cameras, rectification
-from semisynth_gl.calibration.rig import Projections, Size
+from semisynth_gl.calibration.raw_rig import Intrinsics, Unrectified, intrinsics
+from semisynth_gl.calibration.rig import Size
 from semisynth_gl.inputs.errors import shown
 from semisynth_gl.scene.rig import rotation_from_quaternion
 
@@ -36,12 +36,11 @@ def is_depthai(values: Mapping[str, Any]) -> bool:
     return "cameraData" in values
 
 
-def kalibr_rig(values: Mapping[str, Any], source: str) -> Projections:
+def kalibr_rig(values: Mapping[str, Any], source: str) -> Unrectified:
     """Return the rig of a Kalibr camchain.
 
     Raises:
         FormatError: where the file breaks its format, or has another lens.
-        InputError: where OpenCV is needed and missing.
     """
     cameras, sizes = [], []
     for name in ("cam0", "cam1"):
@@ -68,15 +67,14 @@ def kalibr_rig(values: Mapping[str, Any], source: str) -> Projections:
     # From the frame of cam0 to that of cam1, as OpenCV's R and T.
     placed = numbers("cam1.T_cn_cnm1", values["cam1"]["T_cn_cnm1"], (4, 4))
     turn = rotation("cam1.T_cn_cnm1", placed[:3, :3].tolist())
-    return _rectified((cameras[0], cameras[1]), turn, placed[:3, 3], sizes[0], source)
+    return Unrectified((cameras[0], cameras[1]), turn, placed[:3, 3], sizes[0], source)
 
 
-def basalt_rig(values: Mapping[str, Any], source: str) -> Projections:
+def basalt_rig(values: Mapping[str, Any], source: str) -> Unrectified:
     """Return the rig of Basalt's first two cameras, the left one first.
 
     Raises:
         FormatError: where the file breaks its format, or has another lens.
-        InputError: where OpenCV is needed and missing.
     """
     inner = values["value0"]
     lenses, poses, sizes = (_two(f"value0.{key}", inner.get(key)) for key in ("intrinsics", "T_imu_cam", "resolution"))
@@ -84,15 +82,14 @@ def basalt_rig(values: Mapping[str, Any], source: str) -> Projections:
     size = _one_size(checked_size(sizes[0]), checked_size(sizes[1]))
     imu_from_cameras = [_pose(f"value0.T_imu_cam[{number}]", each) for number, each in enumerate(poses)]
     right_from_left = np.linalg.inv(imu_from_cameras[1]) @ imu_from_cameras[0]
-    return _rectified((cameras[0], cameras[1]), right_from_left[:3, :3], right_from_left[:3, 3], size, source)
+    return Unrectified((cameras[0], cameras[1]), right_from_left[:3, :3], right_from_left[:3, 3], size, source)
 
 
-def depthai_rig(values: Mapping[str, Any], source: str) -> Projections:
+def depthai_rig(values: Mapping[str, Any], source: str) -> Unrectified:
     """Return the rig of an OAK's two stereo cameras, in the size that they were calibrated in.
 
     Raises:
         FormatError: where the file breaks its format, or has another lens.
-        InputError: where OpenCV is needed and missing.
     """
     stereo, listed = values.get("stereoRectificationData"), values["cameraData"]
     if not isinstance(stereo, Mapping):
@@ -110,14 +107,8 @@ def depthai_rig(values: Mapping[str, Any], source: str) -> Projections:
     cameras = tuple(_depthai_camera(f"cameraData, socket {socket}: ", known[socket]) for socket in sockets)
     size = _one_size(*(stated_size(known[socket]) for socket in sockets))
     right_from_left = _depthai_way(known, sockets[0], sockets[1])
-    return _rectified((cameras[0], cameras[1]), right_from_left[:3, :3], right_from_left[:3, 3] * _CM, size, source)
-
-
-def _rectified(
-    cameras: tuple[Intrinsics, Intrinsics], turn: Matrix, shift_m: Matrix, size: Size, source: str
-) -> Projections:
-    made = rectification(cameras, turn, shift_m, size)
-    return Projections(*made.projections, size, source, raw=raw_cameras(cameras, made.rotations, size))
+    shift_m = right_from_left[:3, 3] * _CM
+    return Unrectified((cameras[0], cameras[1]), right_from_left[:3, :3], shift_m, size, source)
 
 
 def _two(key: str, node: object) -> tuple[Any, Any]:

@@ -4,8 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from semisynth_gl.calibration.file_values import FormatError, Matrix, numbers, rotation, stated_size
-from semisynth_gl.calibration.raw_rig import Intrinsics, intrinsics, raw_cameras, rectification
+from semisynth_gl.calibration.raw_rig import Intrinsics, Unrectified, intrinsics, raw_cameras
 from semisynth_gl.calibration.rig import Projections, Size
 
 LONGEST_M = 5.0
@@ -49,10 +51,8 @@ class OpenCvValues:
         return OpenCvValues({**other.values, **self.values}, f"{self.source} and {other.source}")
 
 
-def opencv_rig(file: OpenCvValues, size: Size | None, unit_m: float | None) -> Projections:
-    """Return the rig of an OpenCV file.
-
-    Without P1 and P2, the cameras are rectified by OpenCV's stereoRectify with its default ``alpha``.
+def opencv_rig(file: OpenCvValues, size: Size | None, unit_m: float | None) -> Projections | Unrectified:
+    """Return the rig of an OpenCV file: its projections or, without P1 and P2, its cameras with R and T.
 
     Args:
         file: the values.
@@ -61,7 +61,6 @@ def opencv_rig(file: OpenCvValues, size: Size | None, unit_m: float | None) -> P
 
     Raises:
         FormatError: where the file breaks its format.
-        InputError: where OpenCV is needed and missing.
     """
     if file.raw_only:
         raise FormatError(
@@ -90,17 +89,22 @@ def opencv_rig(file: OpenCvValues, size: Size | None, unit_m: float | None) -> P
         turn, shift = rotation("R", values["R"]), numbers("T", values["T"], None)
         if len(shift) != _AXES:
             raise FormatError(f"T: expected {_AXES} numbers, got {len(shift)}")
-        made = rectification(cameras, turn, shift, size)
-        turns, (left, right) = made.rotations, made.projections
+        _check_unit(float(np.linalg.norm(shift)), unit_m)
+        return Unrectified(cameras, turn, shift * (unit_m or 1.0), size, source)
+    if right[0, 0] > 0:
+        _check_unit(abs(right[0, 3] / right[0, 0]), unit_m)
     for matrix in (left, right):
-        matrix[:, 3] *= 1.0 if unit_m is None else unit_m
-    if unit_m is None and right[0, 0] > 0 and abs(right[0, 3]) > LONGEST_M * right[0, 0]:
-        raise FormatError(
-            f"the baseline would be {abs(right[0, 3] / right[0, 0]):g} m: the file is probably not in metres. Set "
-            "`unit` to mm, cm or m, the unit of the calibration board's squares",
-        )
+        matrix[:, 3] *= unit_m or 1.0
     raw = None if cameras is None or turns is None or size is None else raw_cameras(cameras, turns, size)
     return Projections(left, right, own_size, source, raw=raw, lens_fault=fault)
+
+
+def _check_unit(baseline: float, unit_m: float | None) -> None:
+    if unit_m is None and baseline > LONGEST_M:
+        raise FormatError(
+            f"the baseline would be {baseline:g} m: the file is probably not in metres. Set `unit` to mm, cm or m, the "
+            "unit of the calibration board's squares"
+        )
 
 
 def _opencv_cameras(

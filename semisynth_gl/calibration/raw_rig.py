@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from semisynth_gl.calibration.file_values import FormatError, Matrix, numbers
-from semisynth_gl.calibration.rig import Size
+from semisynth_gl.calibration.rig import Projections, Size
 from semisynth_gl.config.rig_sections import COEFFICIENTS, LensModel
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.inputs.errors import shown
@@ -51,11 +51,48 @@ class Intrinsics(NamedTuple):
         return RawCamera(*size, fx, fy, cx, cy, self.model, tuple(self.distortion.tolist()), rows)
 
 
-class Rectification(NamedTuple):
-    """R1, R2 (3, 3) and P1, P2 (3, 4) of a rig."""
+class Unrectified(NamedTuple):
+    """A rig of which a file does not say how it is rectified.
 
-    rotations: tuple[Matrix, Matrix]
-    projections: tuple[Matrix, Matrix]
+    Attributes:
+        cameras: the left camera and the right one.
+        turn: R, (3, 3).
+        shift_m: T, (3,), metres.
+        size: of the raw and of the rectified images.
+        source: the file's name.
+    """
+
+    cameras: tuple[Intrinsics, Intrinsics]
+    turn: Matrix
+    shift_m: Matrix
+    size: Size
+    source: str
+
+    def rectified(self, alpha: float | None) -> Projections:
+        """Rectify the rig by OpenCV's stereoRectify with equal principal points.
+
+        Args:
+            alpha: from 0, for images without borders, to 1, for all of the raw images; None for OpenCV's default. A
+                fisheye's is OpenCV's ``balance``.
+
+        Raises:
+            FormatError: where the cameras have lenses of two models, or one place.
+            InputError: where OpenCV is missing.
+        """
+        cv2 = open_opencv("rectifying by R and T, as the calibration has no P1 and P2,")
+        left, right = self.cameras
+        if left.model != right.model:
+            raise FormatError(f"expected lenses of one model, got {left.model} left and {right.model} right")
+        if np.linalg.norm(self.shift_m) < _NO_SHIFT:
+            raise FormatError("expected cameras apart from each other, got a translation of 0 between them")
+        matrices = left.matrix, left.distortion, right.matrix, right.distortion
+        placed = tuple(self.size), np.array(self.turn), np.array(self.shift_m).reshape(3, 1)
+        fisheye = left.model == "fisheye"
+        chosen = {} if alpha is None else {"balance" if fisheye else "alpha": alpha}
+        rectify = cv2.fisheye.stereoRectify if fisheye else cv2.stereoRectify
+        r1, r2, p1, p2, *_ = rectify(*matrices, *placed, flags=cv2.CALIB_ZERO_DISPARITY, **chosen)
+        raw = raw_cameras(self.cameras, (r1, r2), self.size)
+        return Projections(p1, p2, self.size, self.source, raw=raw)
 
 
 def intrinsics(
@@ -102,41 +139,6 @@ def intrinsics(
             + (": the last two, a tilted sensor's, must be 0" if len(distortion) == _WITH_TILT else "")
         )
     return Intrinsics(matrix, distortion, known)
-
-
-def rectification(cameras: tuple[Intrinsics, Intrinsics], turn: Matrix, shift: Matrix, size: Size) -> Rectification:
-    """Rectify two cameras by OpenCV's stereoRectify with equal principal points and its default ``alpha``.
-
-    Args:
-        cameras: the left camera and the right one, with lenses of one model.
-        turn: R, (3, 3).
-        shift: T, (3,), in the unit of P2's translation.
-        size: of the raw and of the rectified images.
-
-    Raises:
-        FormatError: where the cameras have lenses of two models, or one place.
-        InputError: where OpenCV is missing.
-    """
-    cv2 = open_opencv("rectifying by R and T, as the calibration has no P1 and P2,")
-    left, right = cameras
-    if left.model != right.model:
-        raise FormatError(f"expected lenses of one model, got {left.model} left and {right.model} right")
-    if np.linalg.norm(shift) < _NO_SHIFT:
-        raise FormatError("expected cameras apart from each other, got a translation of 0 between them")
-    given = (
-        left.matrix,
-        left.distortion,
-        right.matrix,
-        right.distortion,
-        tuple(size),
-        np.array(turn),
-        np.array(shift).reshape(3, 1),
-    )
-    if left.model == "fisheye":
-        r1, r2, p1, p2, _ = cv2.fisheye.stereoRectify(*given, flags=cv2.CALIB_ZERO_DISPARITY)
-    else:
-        r1, r2, p1, p2, *_ = cv2.stereoRectify(*given, flags=cv2.CALIB_ZERO_DISPARITY)
-    return Rectification((r1, r2), (p1, p2))
 
 
 def raw_cameras(

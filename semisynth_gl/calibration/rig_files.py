@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from semisynth_gl.calibration import yaml_rigs
 from semisynth_gl.calibration.file_values import FormatError, checked_size
 from semisynth_gl.calibration.opencv_rigs import OpenCvValues, opencv_rig
+from semisynth_gl.calibration.raw_rig import Unrectified
 from semisynth_gl.calibration.rig import DisparityBounds, Projections, Rig, Size, rectified
 from semisynth_gl.calibration.ros_rigs import Camera, paired
-from semisynth_gl.calibration.yaml_rigs import parse_yaml
+from semisynth_gl.calibration.yaml_rigs import Read, parse_yaml
 from semisynth_gl.codecs import read_bytes
 from semisynth_gl.codecs.calib import calib_matrix, calib_values
 from semisynth_gl.config.fields import LARGEST
@@ -42,7 +43,13 @@ _SHOWN = 400
 _LARGEST_BYTES = 1 << 20
 
 
-def read_rigs(sources: Sequence[str | Path], *, size: Size | None = None, unit_m: float | None = None) -> list[Rig]:
+def read_rigs(
+    sources: Sequence[str | Path],
+    *,
+    size: Size | None = None,
+    unit_m: float | None = None,
+    alpha: float | None = None,
+) -> list[Rig]:
     """Read rectified rigs from calibration files and globs, in the order of the files.
 
     Each file describes a rig, except for ROS's camera_info, which describes one camera. Those of both cameras, the left
@@ -52,9 +59,10 @@ def read_rigs(sources: Sequence[str | Path], *, size: Size | None = None, unit_m
         sources: names of files, and globs.
         size: size of the images, for files that do not state it; where a file does, both must be equal.
         unit_m: metres per unit of the translation in OpenCV files; None for files in metres, and for other formats.
+        alpha: how to rectify files that do not say it, see `Unrectified.rectified`; None for other files.
 
     Raises:
-        InputError: where there is no file, or a rig is not rectified.
+        InputError: where there is no file, a rig is not rectified, or OpenCV is needed and missing.
         ReadError: where a file has none of the formats, or breaks its format.
     """
     paths: dict[Path, None] = {}
@@ -66,7 +74,7 @@ def read_rigs(sources: Sequence[str | Path], *, size: Size | None = None, unit_m
             raise InputError(f"`calib` {source}: no such file, and as a glob it matches no .txt, .yaml, .yml or .json")
         paths |= dict.fromkeys(matches)
     calibrations = _opencv_rigs([each for path in paths for each in _read(path, unit_m)], size, unit_m)
-    pairs = [pair for pair in calibrations if isinstance(pair, Projections)]
+    pairs = [_projections(pair, alpha) for pair in calibrations if not isinstance(pair, Camera)]
     cameras = [camera for camera in calibrations if isinstance(camera, Camera)]
     if cameras and (pairs or len(cameras) > 2):
         names = ", ".join(camera.source for camera in cameras[:4]) + (", ..." if len(cameras) > 4 else "")
@@ -75,18 +83,30 @@ def read_rigs(sources: Sequence[str | Path], *, size: Size | None = None, unit_m
             "these, the left camera's first, or only the right camera's"
         )
     if cameras:
-        pairs = [paired(cameras)]
+        pairs = [_projections(paired(cameras), alpha)]
     return [rectified(pair, size) for pair in pairs]
 
 
-def _opencv_rigs(
-    calibrations: Sequence[OpenCvValues | Projections | Camera], size: Size | None, unit_m: float | None
-) -> list[Projections | Camera]:
+def _projections(rig: Projections | Unrectified, alpha: float | None) -> Projections:
+    if isinstance(rig, Unrectified):
+        try:
+            return rig.rectified(alpha)
+        except FormatError as error:
+            raise ReadError(Path(rig.source), str(error)) from None
+    if alpha is not None:
+        raise InputError(
+            f"`alpha` {alpha:g}: {rig.source} states how its images are rectified: leave `alpha` out, which is for "
+            "calibrations without projection matrices"
+        )
+    return rig
+
+
+def _opencv_rigs(calibrations: Sequence[OpenCvValues | Read], size: Size | None, unit_m: float | None) -> list[Read]:
     """Turn OpenCV's values into rigs; a file of intrinsics and a file of extrinsics make one rig."""
     files = [each for each in calibrations if isinstance(each, OpenCvValues)]
     if len(files) == 2 and files[0].raw_only != files[1].raw_only:
         calibrations = [files[0].joined(files[1]), *(each for each in calibrations if each not in files)]
-    rigs: list[Projections | Camera] = []
+    rigs: list[Read] = []
     for each in calibrations:
         try:
             rigs.append(opencv_rig(each, size, unit_m) if isinstance(each, OpenCvValues) else each)
@@ -95,7 +115,7 @@ def _opencv_rigs(
     return rigs
 
 
-def _read(path: Path, unit_m: float | None) -> Sequence[OpenCvValues | Projections | Camera]:
+def _read(path: Path, unit_m: float | None) -> Sequence[OpenCvValues | Read]:
     try:
         return _parsed(read_bytes(path, _LARGEST_BYTES).decode("utf-8-sig"), str(path), unit_m)
     except UnicodeDecodeError:
@@ -104,8 +124,8 @@ def _read(path: Path, unit_m: float | None) -> Sequence[OpenCvValues | Projectio
         raise ReadError(path, str(error)) from None
 
 
-def _parsed(text: str, source: str, unit_m: float | None) -> Sequence[OpenCvValues | Projections | Camera]:
-    calibrations: Sequence[OpenCvValues | Projections | Camera]
+def _parsed(text: str, source: str, unit_m: float | None) -> Sequence[OpenCvValues | Read]:
+    calibrations: Sequence[OpenCvValues | Read]
     if "cam0" in (lines := calib_values(text)):
         calibrations = [_middlebury(lines, source)]
     elif _KITTI.search(text):

@@ -7,9 +7,13 @@ from typing import Any
 from semisynth_gl.calibration.camera_chains import basalt_rig, depthai_rig, is_basalt, is_depthai, kalibr_rig
 from semisynth_gl.calibration.file_values import FormatError
 from semisynth_gl.calibration.opencv_rigs import OpenCvValues
+from semisynth_gl.calibration.raw_rig import Unrectified
 from semisynth_gl.calibration.rig import Projections
 from semisynth_gl.calibration.ros_rigs import Camera, ros_cameras
 from semisynth_gl.config.yaml_values import YamlError, read_documents
+
+Read = Projections | Unrectified | Camera
+"""What a calibration file describes: a rig, rectified or not, or one camera."""
 
 FORMATS = (
     "OpenCV's YAML with P1 and P2, or with K1, D1, K2, D2, R and T",
@@ -20,7 +24,7 @@ FORMATS = (
 """The formats in YAML and JSON, as text for messages."""
 
 
-def parse_yaml(text: str, source: str, expected: str) -> Sequence[OpenCvValues | Projections | Camera]:
+def parse_yaml(text: str, source: str, expected: str) -> Sequence[OpenCvValues | Read]:
     """Return the calibrations of a YAML text: an OpenCV file's values, a rig, or ROS's cameras.
 
     Args:
@@ -30,7 +34,6 @@ def parse_yaml(text: str, source: str, expected: str) -> Sequence[OpenCvValues |
 
     Raises:
         FormatError: where the text is none of these.
-        InputError: where OpenCV is needed and missing.
     """
     documents = _documents(text, expected)
     values = documents[0]

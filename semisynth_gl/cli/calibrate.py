@@ -60,6 +60,12 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
     help="Size of the images relative to the calibrated size; 0.25 for quarter size.",
 )
 @option("--unit", type=click.Choice(tuple(UNITS)), help="Unit of the translation in an OpenCV file; metres by default.")
+@option(
+    "--alpha",
+    type=Number(min=0, max=1),
+    help="For a calibration that does not say how it is rectified, as stereoRectify takes it: 0 for images without "
+    "borders, 1 for all of the raw images.",
+)
 @map_options(
     "to measure the histogram",
     "Disparities of a map that is not as wide as the rig's images are scaled by the ratio of the widths. ",

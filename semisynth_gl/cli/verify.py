@@ -56,6 +56,7 @@ def _summary(found: Verification, seconds: float) -> str:
     for name, text in (
         ("left_right_median_px", "left against right {:.5f} px"),
         ("best_shift_px", "images fit within {:.4f} px"),
+        ("image_correlation", "images correlate by {:.3f}"),
         ("visibility_left_disagree_share", "masks disagree in {:.3%}"),
         ("invalid_share", "{:.3%} of the pixels without disparity"),
         ("oracle_largest_px", "rays within {:.1e} px"),
@@ -64,6 +65,7 @@ def _summary(found: Verification, seconds: float) -> str:
     ):
         values = [abs(verdict.measures[name]) for verdict in found.verdicts if name in verdict.measures]
         if values:
-            parts.append(text.format(max(values)))
+            worst = min(values) if name == "image_correlation" else max(values)
+            parts.append(text.format(worst))
     speed = f"{seconds / max(found.pairs, 1):.2f} s a pair"
     return f"{counted(found.pairs, 'pair')}, nothing found; at worst: {', '.join(parts)} ({speed})"

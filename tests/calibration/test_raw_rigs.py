@@ -15,7 +15,9 @@ from semisynth_gl.calibration.rig import Size
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.cli.calibrate import calibrate as command
 from semisynth_gl.config.load import parse_config
+from semisynth_gl.frame.camera import EYES
 from semisynth_gl.inputs.errors import InputError, ReadError
+from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.lens.raw_camera import RawCamera, rotation_of, vector_of
 from semisynth_gl.pairs.pipeline import render_pair
 from semisynth_gl.seeds.splits import Split
@@ -350,6 +352,44 @@ def test_a_camchain_of_kalibr_is_rectified_as_opencv_does(tmp_path):
     assert rig.raw["right"].model == "fisheye"
 
 
+@pytest.mark.parametrize("alpha", [0.0, 0.4, 1.0])
+def test_alpha_rectifies_what_states_no_projections(tmp_path, alpha):
+    (rig,) = read_rigs([stored(tmp_path / "rig.yml", RAW)], alpha=alpha)
+    check(rig, alpha)
+    chains = [LensChain(rig.raw[eye], rig.camera, eye, "black") for eye in EYES]
+    # OpenCV looks for the border at a few points of it, and leaves single pixels.
+    border = max(1 - chain.valid.mean() for chain in chains)
+    assert border < 1e-3 if alpha == 0 else border > 0.02
+    x, y = (each.ravel().astype(float) for each in np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1])))
+    for chain in chains:
+        column, row = chain.raw.rectified(chain.pinhole, x, y)
+        seen = (column > -1) & (column < SIZE[0]) & (row > -1) & (row < SIZE[1])
+        assert seen.all() == (alpha == 1)
+
+
+def test_a_fisheyes_alpha_is_opencvs_balance(tmp_path):
+    (tmp_path / "camchain.yaml").write_text(kalibr("equidistant", (FISHEYE, FISHEYE)))
+    (rig,) = read_rigs([tmp_path / "camchain.yaml"], alpha=0.7)
+    of_k = K1, FISHEYE, K2, FISHEYE, SIZE, R, T
+    _, _, p1, *_ = cv2.fisheye.stereoRectify(*of_k, flags=cv2.CALIB_ZERO_DISPARITY, balance=0.7)
+    np.testing.assert_allclose(rig.camera.focal_px, p1[0, 0], rtol=1e-9)
+
+
+def test_alpha_is_refused_where_it_decides_nothing(tmp_path):
+    with pytest.raises(InputError, match=r"`alpha` 0\.5: .*rig\.yml states how its images are rectified"):
+        read_rigs([stored(tmp_path / "rig.yml", RAW | rectified())], alpha=0.5)
+    left, right = ros(RAW | rectified())
+    (tmp_path / "left.yaml").write_text(left)
+    (tmp_path / "right.yaml").write_text(right)
+    with pytest.raises(InputError, match=r"`alpha` 1: .*states how"):
+        read_rigs([tmp_path / "left.yaml", tmp_path / "right.yaml"], alpha=1.0)
+    others = {"range_px": (2, 40), "trials": 0}
+    with pytest.raises(InputError, match="`alpha` is for the lenses of a calibration"):
+        calibrate("photos", focal_px=500, baseline_m=0.1, size=SIZE, alpha=1, **others)
+    with pytest.raises(InputError, match=r"`alpha`: expected a number from 0 to 1, got 1\.5"):
+        calibrate("photos", calib="rig.yml", alpha=1.5, **others)
+
+
 def test_cameras_that_are_rectified_already_have_no_lens(tmp_path):
     values = rectified()
     for number in "12":
@@ -476,7 +516,7 @@ def place(tmp_path):
 
 def made(place, **arguments):
     settings = {"calib": place / "stereo.yml", "range_px": (2, 40), "trials": 0} | arguments
-    return calibrate(place / "photos", rectify_to=place / "rectified", **settings)
+    return calibrate(place / "photos", **({"rectify_to": place / "rectified"} | settings))
 
 
 def opencvs(place, side):
@@ -510,6 +550,16 @@ def test_raw_photographs_become_a_dataset_with_their_borders(place):
         assert drawn[border].max() < 20
     assert "photographs      12 of 6 subjects" in "\n".join(calibration.summary)
     assert any(line.startswith("lens ") and "borders" in line for line in calibration.summary)
+
+
+def test_alpha_makes_the_borders_of_photographs_and_dataset(place):
+    stored(place / "stereo.yml", RAW)
+    for alpha, least, most in ((0, 0, 1e-3), (1, 0.05, 0.5)):
+        config = made(place, alpha=alpha, rectify_to=place / f"at {alpha}").config
+        border = (render_pair(config, 0).left.valid != 255).mean()
+        photograph = black_border(read_image(place / f"at {alpha}" / "left" / "00.png")).mean()
+        assert least <= border <= most
+        assert abs(border - photograph) < 0.03
 
 
 def test_patches_keep_clear_of_borders(place):

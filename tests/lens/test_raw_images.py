@@ -4,18 +4,21 @@ import json
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from planted_faults import change_image, findings
 from tiny_datasets import EYE, cheap, with_lens
 
+from semisynth_gl.cli.verify import verify as command
 from semisynth_gl.codecs.flo import Flo
 from semisynth_gl.config.dataset_sections import LAYOUTS
-from semisynth_gl.dataset.reader import open_dataset
+from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.lens.raw_camera import RawCamera, pinhole_of
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
+from semisynth_gl.verification.dataset import verify_dataset
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV, the extra opencv, is not installed")
 
@@ -150,6 +153,14 @@ def test_what_cannot_be_is_refused(tmp_path):
             cheap(outputs=[output])
         with pytest.raises(InputError, match=f"crestereo.*{output}"):
             generate(with_lens(outputs=["visibility", "valid", output]), tmp_path / output, 4, layout="crestereo")
+
+
+def test_verify_says_how_well_the_images_of_lenses_correlate(tmp_path):
+    generate(with_raw(), tmp_path / "d", 3, layout="middlebury")
+    measures = [verdict.measures for verdict in verify_dataset(read_index(tmp_path / "d"))]
+    least = min(each["image_correlation"] for each in measures if "image_correlation" in each)
+    done = CliRunner().invoke(command, [str(tmp_path / "d")])
+    assert f"images correlate by {least:.3f}, masks" in done.output
 
 
 FAULTS = {

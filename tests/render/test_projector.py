@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
+from planted_faults import findings
 from pydantic import ValidationError
 from scenes import assert_equal, facing
 from scipy.ndimage import maximum_filter, minimum_filter
@@ -412,6 +413,20 @@ def test_the_projector_is_on_in_a_share_of_the_sequences():
 def test_a_config_that_cannot_be_lit_is_refused(values, words):
     with pytest.raises((InputError, ValidationError), match=words):
         load_config("middlebury", values)
+
+
+def test_verify_finds_dots_that_lie_elsewhere_in_one_view(tmp_path):
+    def write(name, x_m):
+        light = {"power": 2000, "ambient": 0.5, "position_m": [x_m, 0, 0], "size_px": 6, "density": 0.3}
+        camera = {"width_px": 160, "height_px": 120, "focal_px": 260}
+        generate(cheap(projector=light, camera=camera), tmp_path / name, 2, layout="middlebury")
+        return sorted((tmp_path / name).rglob("im1.png"))
+
+    here, there = write("here", 0.05), write("there", 0.3)
+    assert not findings(tmp_path / "here")
+    for right, other in zip(here, there, strict=True):
+        right.write_bytes(other.read_bytes())
+    assert [finding.check for finding in findings(tmp_path / "here")] == ["images", "images"]
 
 
 def test_a_picture_is_thrown_as_it_is(tmp_path):
