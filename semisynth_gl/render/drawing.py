@@ -14,7 +14,7 @@ from semisynth_gl.render.edges import EdgePass
 from semisynth_gl.render.loaded import Loaded
 from semisynth_gl.render.model_buffers import Filled
 from semisynth_gl.render.occlusion import Occlusion
-from semisynth_gl.render.pair_targets import COLOUR, DrawnPair, PairTargets
+from semisynth_gl.render.pair_targets import COLOUR, DrawnPair, ImageTargets, PairTargets
 from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.programs import link_meshes, link_program
 from semisynth_gl.render.projector_light import ProjectorLight
@@ -73,7 +73,7 @@ class Drawing:
         self._draw(pair, "right", parts["right"])
         return pair
 
-    def draw_image(self, placed: Placed, eye: Eye, sized: PairTargets) -> NDArray[np.uint8]:
+    def draw_image(self, placed: Placed, eye: Eye, sized: ImageTargets) -> NDArray[np.uint8]:
         """Draw only one eye's image; return it as the reader does, by default (H, W, 3) uint8 RGB or (H, W) grey."""
         self._find_light(placed)
         filled = self._loaded.models.fill(placed, eye)

@@ -1,8 +1,10 @@
-"""The targets to which pairs of one image size are drawn, and a pair while the passes work on it."""
+"""The targets to which images and pairs of one size are drawn, and a pair while the passes work on it."""
 
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
+
+import moderngl
 
 from semisynth_gl.frame.camera import EYES, Crop, Eye
 from semisynth_gl.render.antialias import ColourTargets
@@ -17,58 +19,35 @@ COLOUR = ("colour",)
 _Part = TypeVar("_Part", ColourTargets, EyeTargets, OpenPoints, Targets)
 
 
-class PairTargets:
-    """All targets for pairs of one image size that the renderer's passes need; targets that no pass needs are None.
+class ImageTargets:
+    """All targets for images of one size without truth.
 
     Args:
         loaded: the renderer's context, and what it is to draw.
         size: width and height, px.
-        shared: whether pairs share left views; see `SharedLeft`.
 
     Attributes:
-        eyes: targets of each eye's drawing pass and visibility pass.
-        shared: targets of the same passes for shared left views, with 1 / Z in the place of the disparity.
-        shared_left: the left view that `shared` holds.
-        samples: targets of colour with several samples a pixel.
-        open_points: the points that the visibility pass leaves open.
-        correspondence: targets of the correspondence pass.
-        then: targets to which the flow pass draws the other moment.
-        flow: targets of the flow pass.
+        size: width and height, px.
+        samples: targets of colour with several samples a pixel; None where the caller wants one sample.
 
     Raises:
         BackendError: where the driver refuses the size.
     """
 
-    def __init__(self, loaded: Loaded, size: tuple[int, int], *, shared: bool) -> None:
+    def __init__(self, loaded: Loaded, size: tuple[int, int]) -> None:
         self._loaded, self.size = loaded, size
         self._parts: list[ColourTargets | OpenPoints | Targets] = []
-        context, wanted, read = loaded.context, loaded.wanted, loaded.read
-        self.samples = self._keep(ColourTargets(loaded, size)) if wanted.antialias.redraws else None
-        visible: dict[Eye, bool] = {eye: wanted.visibility and eye in wanted.truth_eyes for eye in EYES}
-        # A comprehension would keep `self` alive after a failure, and with it all targets that were made before.
-        self.eyes: dict[Eye, EyeTargets] = {}
-        for eye in EYES:
-            self.eyes[eye] = self._drawn_to(wanted.attachments(eye), visibility=visible[eye])
-        self.shared: EyeTargets | None = None
-        self.shared_left: SharedLeft | None = None
-        if shared:
-            names = ("inverse_depth" if name == "disparity" else name for name in wanted.attachments("left"))
-            self.shared = self._drawn_to(tuple(names), visibility=visible["left"])
-        self.open_points = self._keep(OpenPoints(context, size)) if wanted.visibility else None
-        self.correspondence: Targets | None = None
-        if wanted.corresponds:
-            self.correspondence = self._keep(Targets(context, size, CORRESPONDENCE, read))
-        self.then: EyeTargets | None = None
-        self.flow: Targets | None = None
-        if wanted.flow:
-            self.then = self._keep(EyeTargets(context, size, ("depth", "surface"), visibility=False))
-            # No pass uses the depth of these targets, so they share the other moment's depth buffer.
-            self.flow = self._keep(Targets(context, size, FLOW, read, self.then.depth_buffer))
+        self.samples = self._keep(ColourTargets(loaded, size)) if loaded.wanted.antialias.redraws else None
 
     @cached_property
     def image(self) -> EyeTargets:
-        """Targets for only one eye's image."""
+        """Targets of one eye's image with one sample a pixel."""
         return self._drawn_to(COLOUR, visibility=False)
+
+    @property
+    def framebuffer(self) -> moderngl.Framebuffer:
+        """One of the framebuffers."""
+        return self.image.framebuffer if self.samples is None else self.samples.fine
 
     def release(self) -> None:
         """Free all targets."""
@@ -92,6 +71,57 @@ class PairTargets:
     def _keep(self, part: _Part) -> _Part:
         self._parts.append(part)
         return part
+
+
+class PairTargets(ImageTargets):
+    """All targets for pairs of one image size that the renderer's passes need; targets that no pass needs are None.
+
+    Args:
+        loaded: the renderer's context, and what it is to draw.
+        size: width and height, px.
+        shared: whether pairs share left views; see `SharedLeft`.
+
+    Attributes:
+        eyes: targets of each eye's drawing pass and visibility pass.
+        shared: targets of the same passes for shared left views, with 1 / Z in the place of the disparity.
+        shared_left: the left view that `shared` holds.
+        open_points: the points that the visibility pass leaves open.
+        correspondence: targets of the correspondence pass.
+        then: targets to which the flow pass draws the other moment.
+        flow: targets of the flow pass.
+
+    Raises:
+        BackendError: where the driver refuses the size.
+    """
+
+    def __init__(self, loaded: Loaded, size: tuple[int, int], *, shared: bool) -> None:
+        super().__init__(loaded, size)
+        context, wanted, read = loaded.context, loaded.wanted, loaded.read
+        visible: dict[Eye, bool] = {eye: wanted.visibility and eye in wanted.truth_eyes for eye in EYES}
+        # A comprehension would keep `self` alive after a failure, and with it all targets that were made before.
+        self.eyes: dict[Eye, EyeTargets] = {}
+        for eye in EYES:
+            self.eyes[eye] = self._drawn_to(wanted.attachments(eye), visibility=visible[eye])
+        self.shared: EyeTargets | None = None
+        self.shared_left: SharedLeft | None = None
+        if shared:
+            names = ("inverse_depth" if name == "disparity" else name for name in wanted.attachments("left"))
+            self.shared = self._drawn_to(tuple(names), visibility=visible["left"])
+        self.open_points = self._keep(OpenPoints(context, size)) if wanted.visibility else None
+        self.correspondence: Targets | None = None
+        if wanted.corresponds:
+            self.correspondence = self._keep(Targets(context, size, CORRESPONDENCE, read))
+        self.then: EyeTargets | None = None
+        self.flow: Targets | None = None
+        if wanted.flow:
+            self.then = self._keep(EyeTargets(context, size, ("depth", "surface"), visibility=False))
+            # No pass uses the depth of these targets, so they share the other moment's depth buffer.
+            self.flow = self._keep(Targets(context, size, FLOW, read, self.then.depth_buffer))
+
+    @property
+    def framebuffer(self) -> moderngl.Framebuffer:
+        """One of the framebuffers."""
+        return self.eyes["left"].framebuffer
 
 
 @dataclass(frozen=True, slots=True)

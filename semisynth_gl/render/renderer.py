@@ -6,11 +6,11 @@ pass of each eye, and the copy of the results into arrays, with the passes that 
 reports.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from traceback import clear_frames
-from typing import Literal, Self
+from typing import Literal, Self, TypeVar
 from weakref import finalize
 
 import moderngl
@@ -30,7 +30,7 @@ from semisynth_gl.render.context import open_context
 from semisynth_gl.render.drawing import Drawing
 from semisynth_gl.render.loaded import Loaded
 from semisynth_gl.render.model_buffers import ModelBuffers
-from semisynth_gl.render.pair_targets import PairTargets
+from semisynth_gl.render.pair_targets import ImageTargets, PairTargets
 from semisynth_gl.render.pass_clock import PassClock
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.placing import Placing
@@ -42,6 +42,8 @@ from semisynth_gl.scene.scene import Motion, Scene
 
 Wrap = Literal["mirror", "repeat"]
 RenderStage = Literal["draw", "visibility", "readback"]
+
+_Targets = TypeVar("_Targets", bound=ImageTargets)
 
 _MOST_INSTANCE_IDS = 65535
 _NO_ERROR, _UNKNOWN_ERROR = "GL_NO_ERROR", "GL_UNKNOWN_ERROR"
@@ -115,6 +117,8 @@ class Renderer:
                 raise InputError(f"{name} must be a whole number from 1 to 16, got {most}")
         self.listener: Listener | None = None
         self._targets: PairTargets | None = None
+        # Of images of another size than the pairs', such as denser ones for a lens.
+        self._image_targets: ImageTargets | None = None
         self._context = open_context(backend, device_index)
         try:
             self._gl = self._context.gl
@@ -282,7 +286,7 @@ class Renderer:
         if isinstance(eyes, str) or not set(eyes) <= set(EYES):
             raise InputError(f"eyes: expected some of {', '.join(EYES)}, got {eyes!r}")
         with self._current():
-            sized = self._sized(scene, shared=False)
+            sized = self._sized_for_images(scene)
             placed = self._placing.place(scene)
             return {eye: self._drawing.draw_image(placed, eye, sized) for eye in eyes}
 
@@ -371,16 +375,29 @@ class Renderer:
             )
 
     def _sized(self, scene: Scene, *, shared: bool) -> PairTargets:
-        """Return targets of a scene's image size; make new ones where the size differs, or they cannot be shared.
+        """Return targets of a scene's image size; make new ones where the size differs, or they cannot be shared."""
+        latest, size = self._targets, (scene.camera.width_px, scene.camera.height_px)
+        if latest is None or latest.size != size or (shared and latest.shared is None):
+            self._targets = self._made(lambda: PairTargets(self._loaded, size, shared=shared), latest)
+        assert self._targets is not None  # noqa: S101 - for the type checker
+        return self._targets
 
-        Where the driver refuses the size, the renderer keeps its earlier targets.
-        """
-        outgrown, size = self._targets, (scene.camera.width_px, scene.camera.height_px)
-        if outgrown is not None and outgrown.size == size and (outgrown.shared is not None or not shared):
-            return outgrown
+    def _sized_for_images(self, scene: Scene) -> ImageTargets:
+        """Return targets for a scene's images without truth: those of pairs, where they have that size."""
+        size = scene.camera.width_px, scene.camera.height_px
+        if self._targets is not None and self._targets.size == size:
+            return self._targets
+        if self._image_targets is None or self._image_targets.size != size:
+            self._image_targets = self._made(lambda: ImageTargets(self._loaded, size), self._image_targets)
+        return self._image_targets
+
+    def _made(self, make: Callable[[], _Targets], outgrown: _Targets | None) -> _Targets:
+        """Make new targets, and free the outgrown ones; these are kept where the driver refuses the new size."""
         self._gl.gc_mode = "auto"
         try:
-            self._targets = PairTargets(self._loaded, size, shared=shared)
+            targets = make()
+            # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
+            targets.framebuffer.use()
         except BaseException as error:
             # Clearing the frames frees the objects that were made so far, which must happen while this context is
             # current.
@@ -389,10 +406,8 @@ class Renderer:
         finally:
             self._gl.gc_mode = None  # type: ignore[assignment]  # moderngl's own default
         if outgrown is not None:
-            # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
-            self._targets.eyes["left"].framebuffer.use()
             outgrown.release()
-        return self._targets
+        return targets
 
 
 def _check_atlases(atlases: Mapping[str, NDArray[np.uint8]]) -> None:

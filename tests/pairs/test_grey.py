@@ -56,7 +56,8 @@ def grey_layers(layers):
 
 def grey_frame(index):
     frame = make_frame(index)
-    return Frame(CAMERA, *(frame.view(eye).with_channels({"image": to_grey(frame.view(eye).image)}) for eye in EYES))
+    grey = ({name: to_grey(view[name]) for name in ("image", "raw")} for view in (frame.left, frame.right))
+    return Frame(CAMERA, *(frame.view(eye).with_channels(images) for eye, images in zip(EYES, grey, strict=True)))
 
 
 def grey_encodings(layout, chosen=None):
