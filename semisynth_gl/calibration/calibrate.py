@@ -9,13 +9,12 @@ from typing import Literal
 from semisynth_gl.calibration.config_text import ConfigFacts, config_facts, config_name, config_text, suited_layout
 from semisynth_gl.calibration.disparity_range import DisparitySource
 from semisynth_gl.calibration.matching import given_pairs, open_matcher, pairs_among
-from semisynth_gl.calibration.opencv_rigs import LONGEST_M
-from semisynth_gl.calibration.photographs import impossible_splits
 from semisynth_gl.calibration.raw_photographs import lens_chains, rectify_photographs
 from semisynth_gl.calibration.rectification import fitting_pairs
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.calibration.style import Style, untried_style
+from semisynth_gl.calibration.summary import baseline_note, rig_summary, style_summary
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.maps import map_files, one_of_each_scene
 from semisynth_gl.comparison.measured_view import working_width
@@ -31,7 +30,6 @@ from semisynth_gl.inputs.user_files import Files, expanded, names_of
 from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.listener import Listener
 from semisynth_gl.seeds.splits import Split
-from semisynth_gl.textures.crop_report import TextureReport
 from semisynth_gl.textures.image_files import find_files, find_images
 from semisynth_gl.textures.images import image_extensions
 from semisynth_gl.textures.prepare import prepare_atlas
@@ -39,11 +37,6 @@ from semisynth_gl.textures.prepare import prepare_atlas
 Unit = Literal["m", "cm", "mm"]
 UNITS: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 """Metres in each unit."""
-
-# A baseline shorter than this, or longer than `LONGEST_M`, may be in another unit than assumed.
-_SHORTEST_M = 0.002
-# What lenses and rectification leave in photographs, by the key of its measure.
-_OF_LENSES = {"corners": "corners {:.2f} times as sharp as the middle", "border": "{:.1f}% black border"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,9 +155,9 @@ def calibrate(
         style = _tried(facts, place, trials, listener or Listener())
     text = config_text(name, facts, style)
     config = _parsed(text, name)
-    summary = [*_summary(facts, report), *_style_summary(style, place), *([_expectation(config)] if trials else [])]
+    summary = [*rig_summary(facts, report), *style_summary(style, place), *([_expectation(config)] if trials else [])]
     skipped = left_out(find_files(image_sources, image_extensions()), found)
-    notes += filter(None, [_baseline_note(facts.ranges["baseline_m"]), skipped])
+    notes += filter(None, [baseline_note(facts.ranges["baseline_m"]), skipped])
     return Calibration(config, text, summary, notes)
 
 
@@ -319,73 +312,3 @@ def _expectation(config: Config) -> str:
     mix = MixSampler(config, 0, sources.libraries, sources.atlas.patches)
     variation = total_variation(mix.expected(), config.shown_histogram())
     return f"                 disparities expected at a total variation of {variation:.3f} from the wanted ones"
-
-
-def _style_summary(style: Style, place: MeasuredPlace | None) -> list[str]:
-    parts = zip(style.weights, style.recipes, strict=True)
-    lines = [f"recipes          {', '.join(f'{weight:.0%} {recipe.name}' for weight, recipe in parts)}"]
-    if place is None:
-        return lines
-    seen = [
-        text.format(place.side.values[key].mean()) for key, text in _OF_LENSES.items() if len(place.side.values[key])
-    ]
-    lines.insert(0, f"sharpness        {', '.join(seen)}, in the photographs")
-    low, high = style.texels_per_pixel
-    look = f"{low:g} to {high:g} texels per pixel, blurred by {style.blur_px:g} px"
-    if style.exposure_stops:
-        look += f", exposed by {style.exposure_stops:g} stops"
-    lines.append(f"textures         {look}")
-    near, compared = style.near(place.side)
-    # Without enough pictures of the place, there is no deviation to compare with.
-    if compared:
-        means = f"means of {near} of {counted(compared, 'measure')}"
-        lines.append(f"place            {means} expected within one standard deviation of its pictures")
-    return lines
-
-
-def _baseline_note(ends_m: tuple[float, float]) -> str | None:
-    """Return a warning about an unlikely baseline, since most files do not state its unit; None for a likely one."""
-    if ends_m[0] >= _SHORTEST_M and ends_m[1] <= LONGEST_M:
-        return None
-    return (
-        f"the baseline is {_shown_range(ends_m, 'm')}: ROS and KITTI state it in metres, and so do Kalibr "
-        "and Basalt; DepthAI in centimetres, Middlebury and ETH3D in millimetres. Check the unit in your files"
-    )
-
-
-def _summary(facts: ConfigFacts, report: TextureReport) -> list[str]:
-    ranges, disparity, count = facts.ranges, facts.disparity, facts.photograph_count
-    patches = counted(report.total("kept"), "patch")
-    lines = [
-        f"layout           {facts.layout or 'middlebury, and webdataset from 10,000 pairs on'}",
-        f"image size       {facts.size}",
-        f"focal length     {_shown_range(ranges['focal_px'], 'px')}",
-        f"baseline         {_shown_range(ranges['baseline_m'], 'm')}",
-        f"doffs            {_shown_range(ranges['doffs_px'], 'px')}",
-        f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {disparity.target.mean_px:.2f} px",
-        f"                 {disparity.origin}",
-        f"scenes           {' and '.join(facts.scenes)} ({facts.far_share:.1%} of the pixels beyond 20 m)",
-        f"photographs      {facts.photographs}{', all grey' * facts.grey}, which give {patches}",
-    ]
-    if facts.lenses is not None:
-        lines.append(f"lens             {_shown_lenses(facts.lenses)}")
-    if facts.rectification is not None:
-        lines.append(f"rectification    {facts.rectification.summary()}")
-    if 0 < facts.fitting_count < count:
-        lines.append(f"                 {count - facts.fitting_count} differ in size from the rig's images")
-    splits = impossible_splits(facts.subject_count)
-    if splits:
-        lines.append(f"                 too few to hold some out for {' or '.join(splits)}")
-    return lines
-
-
-def _shown_lenses(lenses: Mapping[Eye, LensChain]) -> str:
-    borders = [f"{1 - float(chain.valid.mean()):.1%} of the {eye} image" for eye, chain in lenses.items()]
-    density = max(chain.density for chain in lenses.values())
-    return f"{lenses['left'].raw.model}; borders: {', '.join(borders)}; raw images up to {density:.2f} times as fine"
-
-
-def _shown_range(ends: tuple[float, float], unit: str) -> str:
-    """Return a range as a person reads it, such as ``994.978 px`` or ``0.16 to 0.38 m``."""
-    low, high = ends
-    return f"{low:.6g} {unit}" if f"{low:.6g}" == f"{high:.6g}" else f"{low:.6g} to {high:.6g} {unit}"

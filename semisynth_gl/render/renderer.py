@@ -6,11 +6,10 @@ pass of each eye, and the copy of the results into arrays, with the passes that 
 reports.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from traceback import clear_frames
-from typing import Literal, Self, TypeVar
+from typing import Literal, Self
 from weakref import finalize
 
 import moderngl
@@ -28,9 +27,9 @@ from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.drawing import Drawing
+from semisynth_gl.render.kept_targets import KeptTargets
 from semisynth_gl.render.loaded import Loaded
 from semisynth_gl.render.model_buffers import ModelBuffers
-from semisynth_gl.render.pair_targets import ImageTargets, PairTargets
 from semisynth_gl.render.pass_clock import PassClock
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.placing import Placing
@@ -42,8 +41,6 @@ from semisynth_gl.scene.scene import Motion, Scene
 
 Wrap = Literal["mirror", "repeat"]
 RenderStage = Literal["draw", "visibility", "readback"]
-
-_Targets = TypeVar("_Targets", bound=ImageTargets)
 
 _MOST_INSTANCE_IDS = 65535
 _NO_ERROR, _UNKNOWN_ERROR = "GL_NO_ERROR", "GL_UNKNOWN_ERROR"
@@ -116,9 +113,6 @@ class Renderer:
             if most not in range(1, 17):
                 raise InputError(f"{name} must be a whole number from 1 to 16, got {most}")
         self.listener: Listener | None = None
-        self._targets: PairTargets | None = None
-        # Of images of another size than the pairs', such as denser ones for a lens.
-        self._image_targets: ImageTargets | None = None
         self._context = open_context(backend, device_index)
         try:
             self._gl = self._context.gl
@@ -135,6 +129,7 @@ class Renderer:
                 self._loaded = Loaded(
                     self._context, buffers, patches, anisotropies, constants, self._wanted, read, pattern
                 )
+                self._targets = KeptTargets(self._loaded)
                 self._drawing = Drawing(self._loaded)
                 self._reading = Reading(self._loaded, self._placing)
                 reported = self._gl.error
@@ -286,7 +281,7 @@ class Renderer:
         if isinstance(eyes, str) or not set(eyes) <= set(EYES):
             raise InputError(f"eyes: expected some of {', '.join(EYES)}, got {eyes!r}")
         with self._current():
-            sized = self._sized_for_images(scene)
+            sized = self._targets.for_images(scene.camera)
             placed = self._placing.place(scene)
             return {eye: self._drawing.draw_image(placed, eye, sized) for eye in eyes}
 
@@ -306,7 +301,7 @@ class Renderer:
                 self.listener.on_stage(stage)
 
         with self._current():
-            sized = self._sized(scene, shared=shared is not None)
+            sized = self._targets.for_pairs(scene.camera, shared=shared is not None)
             pair = self._drawing.draw(self._placing.place(scene), crop, sized, shared)
             finish("draw")
             self._reading.find_visibility(pair)
@@ -344,8 +339,7 @@ class Renderer:
 
     def _fault(self, error: str) -> BackendError:
         """Return the error to raise for a drawing that failed, and forget the shared left view."""
-        if self._targets is not None:
-            self._targets.shared_left = None
+        self._targets.forget_shared_left()
         # moderngl knows all errors of a context that works; an unknown error means that the context is lost.
         if self._context.unbound.is_lost() or _UNKNOWN_ERROR in (self._gl.error, error):
             return ContextLostError(f"{self.renderer_name} lost its context while it drew a pair: was the GPU reset?")
@@ -373,41 +367,6 @@ class Renderer:
                 f"a scene of {len(scene)} instances was asked for with the output instances, but 16-bit ids count up "
                 f"to {_MOST_INSTANCE_IDS}: leave that output out"
             )
-
-    def _sized(self, scene: Scene, *, shared: bool) -> PairTargets:
-        """Return targets of a scene's image size; make new ones where the size differs, or they cannot be shared."""
-        latest, size = self._targets, (scene.camera.width_px, scene.camera.height_px)
-        if latest is None or latest.size != size or (shared and latest.shared is None):
-            self._targets = self._made(lambda: PairTargets(self._loaded, size, shared=shared), latest)
-        assert self._targets is not None  # noqa: S101 - for the type checker
-        return self._targets
-
-    def _sized_for_images(self, scene: Scene) -> ImageTargets:
-        """Return targets for a scene's images without truth: those of pairs, where they have that size."""
-        size = scene.camera.width_px, scene.camera.height_px
-        if self._targets is not None and self._targets.size == size:
-            return self._targets
-        if self._image_targets is None or self._image_targets.size != size:
-            self._image_targets = self._made(lambda: ImageTargets(self._loaded, size), self._image_targets)
-        return self._image_targets
-
-    def _made(self, make: Callable[[], _Targets], outgrown: _Targets | None) -> _Targets:
-        """Make new targets, and free the outgrown ones; these are kept where the driver refuses the new size."""
-        self._gl.gc_mode = "auto"
-        try:
-            targets = make()
-            # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
-            targets.framebuffer.use()
-        except BaseException as error:
-            # Clearing the frames frees the objects that were made so far, which must happen while this context is
-            # current.
-            clear_frames(error.__traceback__)
-            raise
-        finally:
-            self._gl.gc_mode = None  # type: ignore[assignment]  # moderngl's own default
-        if outgrown is not None:
-            outgrown.release()
-        return targets
 
 
 def _check_atlases(atlases: Mapping[str, NDArray[np.uint8]]) -> None:

@@ -21,10 +21,11 @@ from semisynth_gl.generation.generate import generate
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.render import devices
+from semisynth_gl.render import devices, kept_targets
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.devices import context_facts, egl_devices
 from semisynth_gl.render.model_buffers import ModelBuffers
+from semisynth_gl.render.pair_targets import ImageTargets, PairTargets
 from semisynth_gl.render.programs import shader_source
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene import sources
@@ -97,6 +98,33 @@ def test_two_renderers_draw_in_turn_and_outlive_each_other(backend, square):
         one.render(make_scene(StereoCamera.centred(9, 9, 9.0, 0.1), model=[], world_from_model=[], layer=[]))
 
 
+@pytest.mark.parametrize("antialias", ["none", "edges", "msaa4", "ssaa2"])
+def test_targets_are_made_once_for_pairs_and_once_for_denser_images(open_renderer, square, antialias, monkeypatch):
+    made = []
+    for kind in (ImageTargets, PairTargets):
+        monkeypatch.setattr(
+            kept_targets, kind.__name__, Mock(side_effect=lambda *a, kind=kind, **k: made.append(kind) or kind(*a, **k))
+        )
+    camera, denser = StereoCamera.centred(60, 40, 40.0, 0.1), StereoCamera.centred(90, 60, 60.0, 0.1)
+    scene, dense = busy_scene(camera), busy_scene(denser)
+    renderer = open_renderer([square, triangle()], noise_layers(3, 32), antialias=antialias)
+    alone = [renderer.render(each) for each in (dense, scene)]
+    assert made == [PairTargets, PairTargets]
+    renderer.render_images(scene)
+    images = renderer.render_images(dense)
+    objects = renderer.count_objects()
+    for _ in range(3):
+        assert frame_bytes(renderer.render(scene)) == frame_bytes(alone[1])
+        again = renderer.render_images(dense)
+        for eye in EYES:
+            np.testing.assert_array_equal(again[eye], images[eye])
+            np.testing.assert_array_equal(again[eye], alone[0].view(eye).image)
+            np.testing.assert_array_equal(renderer.render_images(scene)[eye], alone[1].view(eye).image)
+    assert made == [PairTargets, PairTargets, ImageTargets]
+    assert renderer.count_objects() == objects
+    assert frame_bytes(renderer.render(dense)) == frame_bytes(alone[0])
+
+
 @pytest.mark.parametrize("antialias", ["none", "edges", "ssaa2"])
 def test_a_refused_size_leaves_the_renderer_as_it_was(open_renderer, square, antialias):
     renderer = open_renderer([square], noise_layers(1, 16), antialias=antialias)
@@ -105,8 +133,9 @@ def test_a_refused_size_leaves_the_renderer_as_it_was(open_renderer, square, ant
     before = frame_bytes(renderer.render(scene))
     side = context_facts(renderer.backend).limits["largest image side, px"]
     large = StereoCamera.centred(side // 2 + 8 if antialias == "ssaa2" else side + 8, 4, 40.0, 0.1)
-    with pytest.raises(BackendError, match="goes up to"):
-        renderer.render(make_scene(large, model=[0], world_from_model=[np.eye(4)], layer=[0]))
+    for draw in (renderer.render, renderer.render_images):
+        with pytest.raises(BackendError, match="goes up to"):
+            draw(make_scene(large, model=[0], world_from_model=[np.eye(4)], layer=[0]))
     assert frame_bytes(renderer.render(scene)) == before
 
 

@@ -1,0 +1,90 @@
+"""What `calibrate` found, as lines for a person."""
+
+from collections.abc import Mapping
+
+from semisynth_gl.calibration.config_text import ConfigFacts
+from semisynth_gl.calibration.opencv_rigs import LONGEST_M
+from semisynth_gl.calibration.photographs import impossible_splits
+from semisynth_gl.calibration.style import Style
+from semisynth_gl.comparison.sides import MeasuredPlace
+from semisynth_gl.frame.camera import Eye
+from semisynth_gl.inputs.errors import counted
+from semisynth_gl.lens.chain import LensChain
+from semisynth_gl.textures.crop_report import TextureReport
+
+# A baseline shorter than this, or longer than `LONGEST_M`, may be in another unit than assumed.
+_SHORTEST_M = 0.002
+# What lenses and rectification leave in photographs, by the key of its measure.
+_OF_LENSES = {"corners": "corners {:.2f} times as sharp as the middle", "border": "{:.1f}% black border"}
+
+
+def rig_summary(facts: ConfigFacts, report: TextureReport) -> list[str]:
+    """Return lines about the rig, its disparities, scenes and photographs."""
+    ranges, disparity, count = facts.ranges, facts.disparity, facts.photograph_count
+    patches = counted(report.total("kept"), "patch")
+    lines = [
+        f"layout           {facts.layout or 'middlebury, and webdataset from 10,000 pairs on'}",
+        f"image size       {facts.size}",
+        f"focal length     {_shown_range(ranges['focal_px'], 'px')}",
+        f"baseline         {_shown_range(ranges['baseline_m'], 'm')}",
+        f"doffs            {_shown_range(ranges['doffs_px'], 'px')}",
+        f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {disparity.target.mean_px:.2f} px",
+        f"                 {disparity.origin}",
+        f"scenes           {' and '.join(facts.scenes)} ({facts.far_share:.1%} of the pixels beyond 20 m)",
+        f"photographs      {facts.photographs}{', all grey' * facts.grey}, which give {patches}",
+    ]
+    if facts.lenses is not None:
+        lines.append(f"lens             {_shown_lenses(facts.lenses)}")
+    if facts.rectification is not None:
+        lines.append(f"rectification    {facts.rectification.summary()}")
+    if 0 < facts.fitting_count < count:
+        lines.append(f"                 {count - facts.fitting_count} differ in size from the rig's images")
+    splits = impossible_splits(facts.subject_count)
+    if splits:
+        lines.append(f"                 too few to hold some out for {' or '.join(splits)}")
+    return lines
+
+
+def style_summary(style: Style, place: MeasuredPlace | None) -> list[str]:
+    """Return lines about recipes and textures, and about the place where one was measured."""
+    parts = zip(style.weights, style.recipes, strict=True)
+    lines = [f"recipes          {', '.join(f'{weight:.0%} {recipe.name}' for weight, recipe in parts)}"]
+    if place is None:
+        return lines
+    seen = [
+        text.format(place.side.values[key].mean()) for key, text in _OF_LENSES.items() if len(place.side.values[key])
+    ]
+    lines.insert(0, f"sharpness        {', '.join(seen)}, in the photographs")
+    low, high = style.texels_per_pixel
+    look = f"{low:g} to {high:g} texels per pixel, blurred by {style.blur_px:g} px"
+    if style.exposure_stops:
+        look += f", exposed by {style.exposure_stops:g} stops"
+    lines.append(f"textures         {look}")
+    near, compared = style.near(place.side)
+    # Without enough pictures of the place, there is no deviation to compare with.
+    if compared:
+        means = f"means of {near} of {counted(compared, 'measure')}"
+        lines.append(f"place            {means} expected within one standard deviation of its pictures")
+    return lines
+
+
+def baseline_note(ends_m: tuple[float, float]) -> str | None:
+    """Return a warning about an unlikely baseline, since most files do not state its unit; None for a likely one."""
+    if ends_m[0] >= _SHORTEST_M and ends_m[1] <= LONGEST_M:
+        return None
+    return (
+        f"the baseline is {_shown_range(ends_m, 'm')}: ROS and KITTI state it in metres, and so do Kalibr "
+        "and Basalt; DepthAI in centimetres, Middlebury and ETH3D in millimetres. Check the unit in your files"
+    )
+
+
+def _shown_lenses(lenses: Mapping[Eye, LensChain]) -> str:
+    borders = [f"{1 - float(chain.valid.mean()):.1%} of the {eye} image" for eye, chain in lenses.items()]
+    density = max(chain.density for chain in lenses.values())
+    return f"{lenses['left'].raw.model}; borders: {', '.join(borders)}; raw images up to {density:.2f} times as fine"
+
+
+def _shown_range(ends: tuple[float, float], unit: str) -> str:
+    """Return a range as a person reads it, such as ``994.978 px`` or ``0.16 to 0.38 m``."""
+    low, high = ends
+    return f"{low:.6g} {unit}" if f"{low:.6g}" == f"{high:.6g}" else f"{low:.6g} to {high:.6g} {unit}"
