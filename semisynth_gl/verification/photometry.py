@@ -1,11 +1,11 @@
 """Images compared by disparity and flow: another image, resampled at the points to which they lead, gives the image.
 
 Textures carry no light and move with their surfaces, so both images sample the same texture at the same point of a
-surface. They differ only by the error of interpolating the other image between its pixels.
+surface. They differ by the error of interpolating the other image between its pixels, and by the imperfections of rigs.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
@@ -22,8 +22,9 @@ Image = NDArray[np.uint8]
 _ROUNDING_LEVELS = 2.0
 _BEND = 0.25
 _UNEXPLAINED_SHARE = 0.1
-_SHIFT_PX = 0.02
-_SCALE = 0.001
+_SHIFT_PX, _SCALE = 0.02, 0.001
+# With the imperfections of a rig.
+_IMPERFECT_SHIFT_PX, _IMPERFECT_SCALE = 0.1, 0.005
 _TILE_PX = 16
 # Number of steps into which the distance between two pixels is divided.
 _PHASES = 16
@@ -93,8 +94,8 @@ def check_images(
 
     First, resampling must explain the residuals of most pixels. Then least squares find the shift and the change of
     scale of the disparity at which the images fit best: both must be about zero. On an imperfect rig, exposure, noise,
-    blur or a tone curve differ between the views. Levels then cannot be compared, and only the correlation of the
-    images is judged.
+    blur or a tone curve differ between the views. There, the images must correlate, and fit best near zero after their
+    levels are matched.
 
     Args:
         left: (H, W, 3) uint8 RGB, or (H, W) grey.
@@ -171,20 +172,14 @@ def _check_warp(
     levels = _grey(images[0])[targets.row, targets.column].astype(np.float64)
     warp, still = _Warp(levels, _grey(images[1]), targets), np.zeros((len(levels), 2))
     warped = warp.interpolate(0, still)[0]
+    shift_px, scale = _SHIFT_PX, _SCALE
     if imperfect:
-        _check_correlation(levels, warped, verdict)
-        return
-    share = float(np.mean(_explained(levels, warp.samples(0, still)[0])))
-    least = 1 - most_share(_UNEXPLAINED_SHARE, len(levels))
-    median = float(np.median(np.abs(levels - warped)))
-    verdict.measures[f"{measure}residual_median_levels"] = median
-    verdict.measures[f"{measure}residual_explained_share"] = share
-    if share < least:
-        verdict.add(
-            check,
-            f"{name}: resampling explains the residual in {share:.1%} of {len(levels)} visible pixels, at least "
-            f"{least:.1%} were expected; the median residual is {median:.1f} levels",
-        )
+        if not _correlate(levels, warped, verdict):
+            return
+        # As bright, and as rich in contrast, as the other image.
+        matched = (levels - levels.mean()) * (warped.std() / levels.std()) + warped.mean()
+        warp, shift_px, scale = replace(warp, levels=matched), _IMPERFECT_SHIFT_PX, _IMPERFECT_SCALE
+    elif not _check_explained(check, name, measure, warp, levels - warped, verdict):
         return
     for key, (symbol, direction) in fits.items():
         best = _best_step(warp, direction)
@@ -194,16 +189,34 @@ def _check_warp(
         verdict.measures[f"{measure}best_{key}"] = step
         scaled = key == "scale_times"
         # A change of scale may move pixels by as much as the allowed shift does.
-        allowed = _SHIFT_PX / max(_length(direction), _SHIFT_PX)
-        bound = max(_SCALE if scaled else 0.0, allowed) + DEVIATIONS * deviation
+        allowed = shift_px / max(_length(direction), shift_px)
+        bound = max(scale if scaled else 0.0, allowed) + DEVIATIONS * deviation
         if abs(step) > bound:
             place, unit = (f"{symbol} times {1 + step:.4f}", "") if scaled else (f"{symbol} {step:+.3f} px", " px")
             verdict.add(check, f"{name}: the images fit best at {place}; a deviation of {bound:.4f}{unit} is allowed")
 
 
-def _check_correlation(levels: Values, warped: Values, verdict: Verdict) -> None:
+def _check_explained(check: str, name: str, measure: str, warp: _Warp, residual: Values, verdict: Verdict) -> bool:
+    """Check that resampling explains the residuals (N,) of most pixels; return whether it does."""
+    count = len(residual)
+    share = float(np.mean(_explained(warp.levels, warp.samples(0, np.zeros((count, 2)))[0])))
+    least = 1 - most_share(_UNEXPLAINED_SHARE, count)
+    median = float(np.median(np.abs(residual)))
+    verdict.measures[f"{measure}residual_median_levels"] = median
+    verdict.measures[f"{measure}residual_explained_share"] = share
+    if share < least:
+        verdict.add(
+            check,
+            f"{name}: resampling explains the residual in {share:.1%} of {count} visible pixels, at least "
+            f"{least:.1%} were expected; the median residual is {median:.1f} levels",
+        )
+    return share >= least
+
+
+def _correlate(levels: Values, warped: Values, verdict: Verdict) -> bool:
+    """Check that the levels of two images (N,) correlate; return whether they do, and have contrast at all."""
     if min(float(levels.std()), float(warped.std())) < 1:
-        return
+        return False
     correlation = float(np.corrcoef(levels, warped)[0, 1])
     verdict.measures["image_correlation"] = correlation
     if correlation < _CORRELATION:
@@ -212,6 +225,7 @@ def _check_correlation(levels: Values, warped: Values, verdict: Verdict) -> None
             f"the left image and the right one at the same points correlate with {correlation:.2f}, at least "
             f"{_CORRELATION} was expected",
         )
+    return correlation >= _CORRELATION
 
 
 def _grey(image: Image) -> NDArray[np.float32]:

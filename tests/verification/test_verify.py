@@ -91,15 +91,26 @@ def test_a_flipped_image_is_found(dataset, name, axis):
     assert {finding.scene for finding in findings(dataset)} == {"middlebury-000001"}
 
 
-def test_of_imperfect_images_the_correlation_is_judged(dataset):
+def test_imperfect_images_are_judged_after_their_levels_are_matched(dataset):
     index = json.loads((dataset / "index.json").read_text())
     index["config_values"]["imperfections"] = {"noise": [2.0, 4.0], "gamma": 1.0, "exposure_stops": [-1.0, 0.0]}
     (dataset / "index.json").write_text(json.dumps(index))
     for number in range(3):
         change_image(scene_of(dataset, number) / "im1.png", lambda image: (image // 2).astype(np.uint8))
     assert "images" not in checks(dataset)
+    verdict = next(each for each in verify_dataset(read_index(dataset)) if "image_correlation" in each.measures)
+    assert abs(verdict.measures["best_shift_px"]) < 0.05
+    right = scene_of(dataset, 1) / "im1.png"
+    for change in (lambda image: np.roll(image, 1, 1), lambda image: np.roll(image, -1, 1)):
+        before = right.read_bytes()
+        change_image(right, change)
+        found = [each.message for each in findings(dataset) if each.check == "images"]
+        assert found
+        assert all(message.startswith("disparity_left: the images fit best at d ") for message in found)
+        right.write_bytes(before)
     change_image(scene_of(dataset, 0) / "im0.png", lambda image: image[::-1, ::-1])
-    assert "images" in checks(dataset)
+    (finding,) = (each for each in findings(dataset) if each.check == "images")
+    assert "correlate" in finding.message
 
 
 def test_an_image_of_another_pair_is_found(dataset):
