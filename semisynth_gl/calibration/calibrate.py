@@ -14,7 +14,7 @@ from semisynth_gl.calibration.rectification import fitting_pairs
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.calibration.style import Style, untried_style
-from semisynth_gl.calibration.summary import baseline_note, rig_summary, style_summary
+from semisynth_gl.calibration.summary import baseline_note, raw_note, rig_summary, style_summary
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.maps import map_files, one_of_each_scene
 from semisynth_gl.comparison.measured_view import working_width
@@ -157,7 +157,7 @@ def calibrate(
     config = _parsed(text, name)
     summary = [*rig_summary(facts, report), *style_summary(style, place), *([_expectation(config)] if trials else [])]
     skipped = left_out(find_files(image_sources, image_extensions()), found)
-    notes += filter(None, [baseline_note(facts.ranges["baseline_m"]), skipped])
+    notes += filter(None, [baseline_note(facts.ranges["baseline_m"]), skipped, raw_note(facts, place)])
     return Calibration(config, text, summary, notes)
 
 
@@ -285,8 +285,8 @@ def _rectified(
     given = [pair for left, right in pairs for pair in given_pairs(fspath(left), fspath(right))]
     photographs = find_images(images)
     known = given or pairs_among(photographs)
-    written, note = rectify_photographs(photographs, known, images, rigs[0], folder)
-    notes += filter(None, [note])
+    written, told = rectify_photographs(photographs, known, images, rigs[0], folder)
+    notes += told
     return [str(folder)], [(written[left], written[right]) for left, right in given if {left, right} <= written.keys()]
 
 

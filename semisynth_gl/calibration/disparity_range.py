@@ -113,9 +113,11 @@ def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[tupl
         known = [(px, name, rig.source) for name, px in bounds.items() if px is not None and 0 < px < math.inf]
         largest += known[:1]
     if not largest:
+        camera = rigs[0].camera
         raise InputError(
             f"the range of disparity is not known: {rigs[0].source} states none, as ndisp or vmax; give disparity maps "
-            "as `disparity`, or the range, low and high, as `range_px`"
+            f"as `disparity`, or the range, low and high, as `range_px`: at a distance of Z m, this rig has "
+            f"{camera.focal_baseline:.4g} / Z - {camera.doffs_px:.4g} px"
         )
     high_px, name, source = max(largest)
     # A vmin of 0 stands for an unknown one, and a vmin beyond infinity is not valid.

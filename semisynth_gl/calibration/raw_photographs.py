@@ -9,7 +9,7 @@ import numpy as np
 from semisynth_gl.calibration.rig import Rig, Size
 from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.frame.camera import EYES, Eye
-from semisynth_gl.inputs.errors import InputError, counted
+from semisynth_gl.inputs.errors import InputError, abbreviate, counted
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.textures.image_files import find_files
@@ -35,7 +35,7 @@ def lens_chains(rig: Rig) -> dict[Eye, LensChain]:
 
 def rectify_photographs(
     photographs: Sequence[Path], pairs: Sequence[tuple[Path, Path]], sources: Sequence[str], rig: Rig, folder: Path
-) -> tuple[dict[Path, Path], str | None]:
+) -> tuple[dict[Path, Path], list[str]]:
     """Rectify photographs as OpenCV does, and write them as PNG.
 
     The right camera took the right photographs of ``pairs`` and those that `is_right` knows; the left one took all
@@ -49,8 +49,8 @@ def rectify_photographs(
         folder: where they are written; it may hold the same photographs already, and no other images.
 
     Returns:
-        The rectified photograph by the raw one, and a note on photographs of another size, which are left out; None
-        where there are none.
+        The rectified photograph by the raw one, and notes: on the sides that photographs were taken for, and on those
+        of another size, which are left out.
 
     Raises:
         InputError: where no photograph has the size of its raw camera, one is turned by its EXIF orientation or would
@@ -94,10 +94,14 @@ def rectify_photographs(
             continue
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(RGB8.encode(rectified))
+    rights = [path.relative_to(top).as_posix() for path in written if eyes[path] == "right"]
+    named = f" ({abbreviate(rights, _NAMED)})" if rights else ""
+    sides = f"{len(written) - len(rights)} of the left camera, {len(rights)} of the right one{named}"
+    notes = [f"{counted(len(written), 'photograph')} rectified: {sides}"]
     missing = len(taken) - len(written)
-    note = f"{counted(missing, 'photograph')} left out, of another size than the raw images' {expected}"
-    found = {path: written[whole] for path, whole in given.items() if whole in written}
-    return found, note if missing else None
+    if missing:
+        notes.append(f"{counted(missing, 'photograph')} left out, of another size than the raw images' {expected}")
+    return {path: written[whole] for path, whole in given.items() if whole in written}, notes
 
 
 def _of_raw_size(eyes: Mapping[Path, Eye], chains: Mapping[Eye, LensChain]) -> tuple[list[Path], list[Size]]:
@@ -136,6 +140,8 @@ def _names(photographs: Sequence[Path], top: Path, folder: Path) -> dict[Path, P
 
 def _check_folder(files: Collection[Path], folder: Path) -> None:
     """Refuse a folder with images that would not be written: they would become textures, too."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"`rectify_to` {folder}: is a file: name a new folder")
     found = find_files([folder], image_extensions()) if folder.exists() else []
     others = [path for path in found if path not in files]
     if others:

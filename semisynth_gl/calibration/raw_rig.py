@@ -92,7 +92,8 @@ class Unrectified(NamedTuple):
         rectify = cv2.fisheye.stereoRectify if fisheye else cv2.stereoRectify
         r1, r2, p1, p2, *_ = rectify(*matrices, *placed, flags=cv2.CALIB_ZERO_DISPARITY, **chosen)
         raw = raw_cameras(self.cameras, (r1, r2), self.size)
-        return Projections(p1, p2, self.size, self.source, raw=raw)
+        how = "its default alpha" if alpha is None else f"alpha {alpha:g}"
+        return Projections(p1, p2, self.size, f"{self.source}, rectified by stereoRectify with {how}", raw=raw)
 
 
 def intrinsics(

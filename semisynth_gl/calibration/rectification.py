@@ -5,9 +5,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from semisynth_gl.calibration.matching import MOST_PAIRS, match_pair
 from semisynth_gl.calibration.rig import Rig, Size, median_size
-from semisynth_gl.calibration.vertical import FEWEST, MATCHING_PX, FittedDeviation, agree, deviation_ranges
+from semisynth_gl.calibration.vertical import FEWEST, MATCHING_PX, FittedDeviation, Matches, agree, deviation_ranges
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.seeds.spread import spread
@@ -15,6 +17,10 @@ from semisynth_gl.textures.images import stored_size
 
 # Largest relative difference in width over height between the images of one rig at different resolutions.
 _SAME_SHAPE = 0.02
+# How far beyond infinity, px, errors of a calibration and of matches may bring what is far away.
+_BEYOND_PX = 3.0
+# Deviations beyond these are no knock and no hot day: of the rows, as shares of the width; degrees; and of the ratio.
+_LARGE_SHIFT, _LARGE_TURN_DEG, _LARGE_RATIO = 0.01, 1.5, 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +53,15 @@ class Rectification:
             f"{MATCHING_PX:g} px is left out."
         )
 
+    def is_large(self, width_px: int) -> bool:
+        """Return whether a deviation is larger than that of a rig which was rectified once, for images so wide."""
+        limits = {"right_y_px": _LARGE_SHIFT * width_px, "focal_ratio": _LARGE_RATIO}
+        return any(
+            abs(end - (key == "focal_ratio")) > limits.get(key, _LARGE_TURN_DEG)
+            for key, ends in self.ranges.items()
+            for end in ends
+        )
+
     def summary(self) -> str:
         """Return the result in a line."""
         used = f"{len(self.deviations)} of {counted(self.pairs, 'pair')} matched"
@@ -75,8 +90,8 @@ def measure_rectification(pairs: Sequence[tuple[Path, Path]], rigs: Sequence[Rig
     """Match the views of one or more pairs, at most `MOST_PAIRS`, and fit the deviations of their right cameras.
 
     A pair whose size is not that of a rig is taken for one of the rig nearest to the median width, at another
-    resolution. Raises InputError where an image cannot be read, a pair has another shape than the rig's images, or
-    OpenCV is not installed.
+    resolution. Raises InputError where an image cannot be read, a pair has another shape than the rig's images or its
+    views seem to have changed places, or OpenCV is not installed.
     """
     chosen = [pairs[number] for number in spread(len(pairs), MOST_PAIRS)]
     matched, points = [], 0
@@ -84,10 +99,21 @@ def measure_rectification(pairs: Sequence[tuple[Path, Path]], rigs: Sequence[Rig
         matches, size = match_pair(left, right)
         camera = _camera_of(Size(*size), rigs, left)
         if agree(matches, camera):
+            _check_sides(matches, camera, left, right)
             matched.append((matches, camera))
             points += len(matches.left)
     ranges, deviations = deviation_ranges(matched, median_size(rigs).width_px)
     return Rectification(ranges, deviations, points, len(chosen))
+
+
+def _check_sides(matches: Matches, camera: StereoCamera, left: Path, right: Path) -> None:
+    """Check that most points lie before the cameras, as they do not where the two views have changed places."""
+    beyond_px = float(np.median(matches.left[:, 0] - matches.right[:, 0])) + camera.doffs_px
+    if beyond_px < -_BEYOND_PX:
+        raise InputError(
+            f"`pairs` {left} {right}: half of the points lie {-beyond_px:.1f} px or more beyond what is infinitely far "
+            "away: expected the left view and then the right one, both rectified"
+        )
 
 
 def _camera_of(size: Size, rigs: Sequence[Rig], path: Path) -> StereoCamera:

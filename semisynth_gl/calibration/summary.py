@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from semisynth_gl.calibration.config_text import ConfigFacts
 from semisynth_gl.calibration.opencv_rigs import LONGEST_M
 from semisynth_gl.calibration.photographs import impossible_splits
@@ -16,6 +18,9 @@ from semisynth_gl.textures.crop_report import TextureReport
 _SHORTEST_M = 0.002
 # What lenses and rectification leave in photographs, by the key of its measure.
 _OF_LENSES = {"corners": "corners {:.2f} times as sharp as the middle", "border": "{:.1f}% black border"}
+# Rectified photographs have at least this share of the border that the rectification leaves, if that share of the image
+# is border.
+_LEAST_OF_BORDER, _MUCH_BORDER = 0.3, 0.03
 
 
 def rig_summary(facts: ConfigFacts, report: TextureReport) -> list[str]:
@@ -78,10 +83,32 @@ def baseline_note(ends_m: tuple[float, float]) -> str | None:
     )
 
 
+def raw_note(facts: ConfigFacts, place: MeasuredPlace | None) -> str | None:
+    """Return a warning about photographs, and pairs, that are hardly rectified; None where nothing speaks for it."""
+    reasons = []
+    if facts.rectification is not None and facts.rectification.is_large(facts.size.width_px):
+        reasons.append("their right camera deviates far")
+    if facts.lenses is not None and place is not None and len(place.side.values["border"]):
+        border = 1 - float(np.mean([chain.valid.mean() for chain in facts.lenses.values()]))
+        found = float(place.side.values["border"].mean()) / 100
+        if border > _MUCH_BORDER and found < _LEAST_OF_BORDER * border:
+            reasons.append(f"the rectification leaves {border:.1%} border, and they have {found:.1%}")
+    if not reasons:
+        return None
+    return (
+        f"the photographs are probably not rectified as the calibration says: {', and '.join(reasons)}. Photographs as "
+        "the cameras take them need `rectify_to`"
+    )
+
+
 def _shown_lenses(lenses: Mapping[Eye, LensChain]) -> str:
     borders = [f"{1 - float(chain.valid.mean()):.1%} of the {eye} image" for eye, chain in lenses.items()]
     density = max(chain.density for chain in lenses.values())
-    return f"{lenses['left'].raw.model}; borders: {', '.join(borders)}; raw images up to {density:.2f} times as fine"
+    shown = min(float(chain.shown.mean()) for chain in lenses.values())
+    return (
+        f"{lenses['left'].raw.model}; borders: {', '.join(borders)}; {shown:.0%} of the raw images are in view, up to "
+        f"{density:.2f} times as fine"
+    )
 
 
 def _shown_range(ends: tuple[float, float], unit: str) -> str:

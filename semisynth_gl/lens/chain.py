@@ -147,12 +147,12 @@ class LensChain:
         Args:
             raw_image: (H, W, 3) or (H, W) uint8, of the sensor's size.
         """
-        within = self._within_view
-        return np.where(within[..., None] if raw_image.ndim == 3 else within, raw_image, np.uint8(0))
+        shown = self.shown
+        return np.where(shown[..., None] if raw_image.ndim == 3 else shown, raw_image, np.uint8(0))
 
     @cached_property
-    def _within_view(self) -> NDArray[np.bool_]:
-        """The raw pixels that show a point of the rectified image, or that one of its pixels is mixed from."""
+    def shown(self) -> NDArray[np.bool_]:
+        """The raw pixels that show a point of the rectified image, or that it is mixed from, (H, W) bool."""
         width, height = self.camera.width_px, self.camera.height_px
         columns, rows = self._sensor_maps
         within = (columns >= -0.5) & (columns < width - 0.5) & (rows >= -0.5) & (rows < height - 0.5)

@@ -1,6 +1,7 @@
 """Calibrations of cameras before rectification, and photographs as these take them, beside OpenCV's rectification."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -356,6 +357,7 @@ def test_a_camchain_of_kalibr_is_rectified_as_opencv_does(tmp_path):
 def test_alpha_rectifies_what_states_no_projections(tmp_path, alpha):
     (rig,) = read_rigs([stored(tmp_path / "rig.yml", RAW)], alpha=alpha)
     check(rig, alpha)
+    assert rig.source.endswith(f"rig.yml, rectified by stereoRectify with alpha {alpha:g}")
     chains = [LensChain(rig.raw[eye], rig.camera, eye, "black") for eye in EYES]
     # OpenCV looks for the border at a few points of it, and leaves single pixels.
     border = max(1 - chain.valid.mean() for chain in chains)
@@ -560,6 +562,28 @@ def test_alpha_makes_the_borders_of_photographs_and_dataset(place):
         photograph = black_border(read_image(place / f"at {alpha}" / "left" / "00.png")).mean()
         assert least <= border <= most
         assert abs(border - photograph) < 0.03
+
+
+def test_photographs_that_are_not_rectified_are_noted(place):
+    """The rectification of `place` leaves borders, which photographs as the cameras take them have not."""
+    settings = {"calib": place / "stereo.yml", "range_px": (8, 60), "trials": 1}
+    raw = calibrate(place / "photos", **settings)
+    (note,) = (note for note in raw.notes if "probably not rectified" in note)
+    assert re.search(r"leaves \d+\.\d% border, and they have 0\.0%", note)
+    assert "`rectify_to`" in note
+    rectified = calibrate(place / "photos", rectify_to=place / "rectified", **settings)
+    assert not any("probably" in note for note in rectified.notes)
+    assert "12 photographs rectified: 6 of the left camera, 6 of the right one (right/00.png, right/01.png, " in str(
+        rectified.notes
+    )
+    (line,) = (line for line in rectified.summary if line.startswith("lens"))
+    assert "100% of the raw images are in view" in line
+
+
+def test_a_file_is_no_folder_for_rectified_photographs(place):
+    (place / "rectified").write_text("")
+    with pytest.raises(InputError, match="rectified: is a file: name a new folder"):
+        made(place)
 
 
 def test_patches_keep_clear_of_borders(place):
