@@ -89,7 +89,7 @@ def calibrate(
         scale: size of the images relative to the calibrated size, such as 0.5 for half the width.
         unit: unit of the baseline in OpenCV's files; by default metres.
         alpha: how to rectify a calibration that does not say it, as OpenCV's stereoRectify takes it: from 0, for images
-            without borders, to 1, for all of the raw images; by default OpenCV's default.
+            without borders, to 1, for as much of the raw images as they can show; by default OpenCV's default.
         disparity: disparity maps, true or predicted, from which the wanted histogram is measured.
         png_scale: levels per pixel of disparity in 16-bit PNG maps.
         pairs: left and right photographs of the rig, in which the right camera's deviation is measured; needs OpenCV.
@@ -192,9 +192,12 @@ def _size(size: tuple[int, int] | None) -> Size | None:
 
 
 def _alpha(alpha: float | None) -> float | None:
-    if alpha is not None and not 0 <= to_real("`alpha`", alpha) <= 1:
-        raise InputError(f"`alpha`: expected a number from 0 to 1, got {alpha:g}")
-    return alpha
+    if alpha is None:
+        return None
+    number = to_real("`alpha`", alpha)
+    if not 0 <= number <= 1:
+        raise InputError(f"`alpha`: expected a number from 0 to 1, got {number:g}")
+    return number
 
 
 def _rigs(

@@ -72,8 +72,8 @@ class Unrectified(NamedTuple):
         """Rectify the rig by OpenCV's stereoRectify with equal principal points.
 
         Args:
-            alpha: from 0, for images without borders, to 1, for all of the raw images; None for OpenCV's default. A
-                fisheye's is OpenCV's ``balance``.
+            alpha: from 0, for images without borders, to 1, for as much of the raw images as they can show; None for
+                OpenCV's default. A fisheye's is OpenCV's ``balance``.
 
         Raises:
             FormatError: where the cameras have lenses of two models, or one place.

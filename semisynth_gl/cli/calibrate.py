@@ -64,7 +64,7 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
     "--alpha",
     type=Number(min=0, max=1),
     help="For a calibration that does not say how it is rectified, as stereoRectify takes it: 0 for images without "
-    "borders, 1 for all of the raw images.",
+    "borders, 1 for as much of the raw images as they can show. By default stereoRectify's own.",
 )
 @map_options(
     "to measure the histogram",

@@ -133,7 +133,7 @@ class Config(Section):
         outputs: outputs besides images and disparities: ``visibility``, ``correspondence``, ``instances``, ``depth``,
             ``sky``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``; with ``lens``, ``valid``,
             ``raw``, ``raw_map``.
-        truth: views whose disparity and outputs are written: ``both`` or ``left``.
+        truth: views whose truth is written, disparity and outputs: ``both`` or ``left``.
         antialias: antialiasing of colour: ``none``, ``edges``, ``msaa4`` (or another number of samples that the driver
             offers), ``ssaa2`` to ``ssaa8``.
     """

@@ -105,13 +105,7 @@ def make_plan(
             f"it out of outputs, or choose another `layout`: {able}"
         )
     encodings = layout.encodings_for(config)
-    if encodings.signed and not encodings.disparity.signed:
-        others = [each for each in LAYOUTS if (find_layout(each).encodings or Encodings()).disparity.signed]
-        raise InputError(
-            f"the layout {layout_name} stores disparities as {encodings.disparity.description}, which has no values of "
-            f"0 and below, but disparity.signed makes these valid: choose another `layout`: {', '.join(others)}"
-        )
-    encodings.check_installed()
+    _check_encodings(config, layout_name, encodings)
     if lacking := sorted(layout.needs.difference(config.outputs)):
         config = config.model_copy(update={"outputs": (*config.outputs, *lacking)})
     if shard_pairs is None:
@@ -125,6 +119,23 @@ def make_plan(
     plan = Plan(config, layout_name, counts, shard_pairs, config.views, seed, used_plugins(config, layout_name))
     _check_names(plan)
     return plan
+
+
+def _check_encodings(config: Config, layout_name: str, encodings: Encodings) -> None:
+    """Raise InputError where a layout's codecs are not installed, or cannot hold what the config asks for."""
+    of_sensor = [channel.output for channel in CHANNELS.values() if channel.of_sensor]
+    if not encodings.image.lossless and (raw := [output for output in config.outputs if output in of_sensor]):
+        raise InputError(
+            f"the layout {layout_name} stores images as {encodings.image.description}, from which no rectified image "
+            f"follows: leave {raw[0]} out of outputs, or choose another `layout`"
+        )
+    if encodings.signed and not encodings.disparity.signed:
+        others = [each for each in LAYOUTS if (find_layout(each).encodings or Encodings()).disparity.signed]
+        raise InputError(
+            f"the layout {layout_name} stores disparities as {encodings.disparity.description}, which has no values of "
+            f"0 and below, but disparity.signed makes these valid: choose another `layout`: {', '.join(others)}"
+        )
+    encodings.check_installed()
 
 
 def used_plugins(config: Config, layout_name: str) -> Records:

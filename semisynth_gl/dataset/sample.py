@@ -175,11 +175,14 @@ def wrong_sizes(values: Mapping[str, Any], size: tuple[int, int]) -> Iterator[tu
             yield role, f"expected a camera of the dataset's images, {size[1]} x {size[0]} px, got {width} x {height}"
 
 
-def _sensor_size(provenance: object, eye: Eye | None) -> tuple[Any, Any] | None:
+def _sensor_size(provenance: object, eye: Eye | None) -> tuple[int, int] | None:
     """Return height and width in px of an eye's raw images from a provenance; None where it does not state them."""
-    lens = provenance.get("lens") if isinstance(provenance, Mapping) else None
-    raw = lens.get(eye) if isinstance(lens, Mapping) else None
-    return (raw.get("height_px"), raw.get("width_px")) if isinstance(raw, Mapping) else None
+    match provenance:
+        case {"lens": {**eyes}}:
+            match eyes.get(eye):
+                case {"height_px": int(height), "width_px": int(width)}:
+                    return height, width
+    return None
 
 
 def camera_size(value: object) -> tuple[Any, Any] | None:

@@ -179,6 +179,7 @@ class View(Mapping[str, NDArray[Any]]):
         output="valid",
         drawn_by="lens",
         codec="grey8",
+        of_own_view=True,
     )
     raw = Channel(
         _UINT8,
@@ -194,7 +195,8 @@ class View(Mapping[str, NDArray[Any]]):
     )
     raw_map = Channel(
         _FLOAT32,
-        "position in the raw image that the {view} view's pixels show, column and row, float32 px",
+        "position in the raw image that the {view} view's pixels show, column and row, float32 px; inf for what is not "
+        "before the raw camera",
         components=2,
         nothing=inf,
         output="raw_map",

@@ -46,7 +46,7 @@ class Frame:
     Disparity is x_left - x_right in px in both views. It is inf where nothing is seen, and where it would be zero or
     negative, unless the config's ``disparity.signed`` makes such values valid. Depth and normals are in each view's own
     camera frame, which matters where the right camera deviates. Where truth was asked for only in the left view, the
-    right view has only its image.
+    right view has only its image and, as the outputs ask, its raw image and map.
 
     Attributes:
         camera: the camera of the pair; that of the crop for a cropped pair.

@@ -29,7 +29,7 @@ class CreStereo(Layout):
     """CREStereo: its own loader, torchvision's CREStereo."""
 
     encodings = Encodings(image=Jpeg(), disparity=CRESTEREO_DISPARITY)
-    lacks = frozenset({"correspondence", "raw", "raw_map"})
+    lacks = frozenset({"correspondence"})
     right_truth_for = "CREStereo and torchvision's loader for it"
 
     def stems(self, key: Key) -> dict[str, str]:

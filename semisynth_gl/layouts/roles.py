@@ -48,7 +48,7 @@ class Role:
         codec_or_name: the file's codec, or its name for `Encodings.codec`.
         value: returns the value of a sample that the codec encodes, or None where the sample has none.
         output: the output to which the file belongs; None for a file that every pair has.
-        eye: the view whose truth the file holds; None for images and for files about the pair.
+        eye: the view whose truth the file holds; None for images, their maps, and files about the pair.
         unwrap: returns the value for readers, from the decoded value and the file's path, which is for messages.
     """
 

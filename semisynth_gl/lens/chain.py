@@ -96,10 +96,10 @@ class LensChain:
 
     @cached_property
     def raw_map(self) -> NDArray[np.float32]:
-        """Both maps as one array, (H, W, 2) float32 px, read-only: column and row; inf where one is not finite."""
+        """Both maps as one array, (H, W, 2) float32 px: column and row; inf for what is not before the raw camera."""
         positions = np.stack(self.maps, axis=2)
-        positions[~np.isfinite(positions).all(axis=2)] = np.inf
-        positions.flags.writeable = False
+        y, x = np.mgrid[: positions.shape[0], : positions.shape[1]].astype(np.float64)
+        positions[~np.isfinite(self.raw.raw(self.pinhole, x, y)[0]) | ~np.isfinite(positions).all(axis=2)] = np.inf
         return positions
 
     @cached_property
@@ -156,10 +156,15 @@ class LensChain:
         width, height = self.camera.width_px, self.camera.height_px
         columns, rows = self._sensor_maps
         within = (columns >= -0.5) & (columns < width - 0.5) & (rows >= -0.5) & (rows < height - 0.5)
-        # A pixel is mixed from up to four, which are the nearest one's neighbours.
+        # A pixel is mixed from up to four, which are the nearest one's neighbours; beyond the sensor, from its border.
         nearest = np.zeros(within.shape, np.uint8)
-        x, y = (np.rint(each[self.valid]).astype(np.intp) for each in self.maps)
-        nearest[y.clip(0, self.raw.height_px - 1), x.clip(0, self.raw.width_px - 1)] = 1
+        x, y = self.maps
+        last_x, last_y = self.raw.width_px - 1, self.raw.height_px - 1
+        read = np.isfinite(x) & np.isfinite(y)
+        if self.border == "black":
+            read &= (x > -1) & (x < last_x + 1) & (y > -1) & (y < last_y + 1)
+        column, row = (np.rint(at[read].clip(0, last)).astype(np.intp) for at, last in ((x, last_x), (y, last_y)))
+        nearest[row, column] = 1
         mixed: NDArray[np.bool_] = self._cv2.dilate(nearest, np.ones((3, 3), np.uint8)) > 0
         return within | mixed
 

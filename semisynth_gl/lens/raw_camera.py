@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.config.rig_sections import LensModel
+from semisynth_gl.config.rig_sections import COEFFICIENTS, LensModel
 from semisynth_gl.frame.camera import Eye, StereoCamera
 
 Floats = NDArray[np.float64]
@@ -56,11 +56,13 @@ class RawCamera:
         """Build a camera from what `record` returns.
 
         Raises:
-            KeyError, TypeError, ValueError: where values are missing or of another type.
+            KeyError, TypeError, ValueError: where values are missing, or are no camera's.
         """
         (fx, _, cx), (_, fy, cy), _ = record["K"]
         rotation = tuple(tuple(float(each) for each in row) for row in record["R"])
         distortion = tuple(float(each) for each in record["D"])
+        if len(distortion) not in COEFFICIENTS[record["model"]] or [len(row) for row in rotation] != [3, 3, 3]:
+            raise ValueError(f"expected D of the model and R of 3 x 3 numbers, got {distortion} and {rotation}")
         sides = int(record["width_px"]), int(record["height_px"])
         return cls(*sides, float(fx), float(fy), float(cx), float(cy), record["model"], distortion, rotation)
 

@@ -19,6 +19,7 @@ from semisynth_gl.pairs.imperfections import with_imperfections
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sampler import SampledScene
+from semisynth_gl.scene.scene import Scene
 from semisynth_gl.seeds.seeds import Purpose, generator
 
 Images = dict[Eye, NDArray[np.uint8]]
@@ -76,21 +77,20 @@ class Cameras:
         if self._lenses is not None:
             chains = self._lenses.chains(number // self._config.sequence.length, camera)
             records["lens"] = {eye: chain.raw.record() for eye, chain in chains.items()}
-        density = max(chain.density for chain in chains.values()) if chains else 1.0
-        scene = sampled.scene
-        if density > 1:
-            scene = replace(scene, camera=scaled_camera(camera, density))
-            images = self._renderer.render_images(scene, eyes)
-        else:
-            images = {eye: frame.view(eye).image for eye in eyes}
         # All eyes expose at the same time, so motion blur is drawn once for a scene.
         motion_blur = section.motion_blur.draw(generator(self._seed, Purpose.IMPERFECTIONS, number, "motion_blur"))
+        moved: list[Scene] = []
         if motion_blur > 0:
-            moved = (self._sampler.moment(sampled, frames) for frames in moments(motion_blur, section.sub_frames))
-            images = exposed(self._renderer, images, scene, [replace(each, camera=scene.camera) for each in moved])
+            moved = [self._sampler.moment(sampled, frames) for frames in moments(motion_blur, section.sub_frames)]
+        # An eye's density is that of its lens alone: pairs that share a left view have other right eyes.
+        densities = {eye: chains[eye].density if chains else 1.0 for eye in eyes}
+        images: Images = {}
+        for density in dict.fromkeys(densities.values()):
+            alike = [eye for eye in eyes if densities[eye] == density]
+            images |= self._exposed(frame, sampled.scene, moved, density, alike)
         points = {eye: camera.lens_px(eye)[:2] for eye in EYES}
         if chains:
-            images = {eye: chains[eye].raw_image(image, density) for eye, image in images.items()}
+            images = {eye: chains[eye].raw_image(image, densities[eye]) for eye, image in images.items()}
             points = {eye: (chain.raw.cx_px, chain.raw.cy_px) for eye, chain in chains.items()}
         if not section.none():
             images, drawn = self._imperfect(images, points, number, view)
@@ -100,13 +100,27 @@ class Cameras:
             return Taken({eye: {"image": image} for eye, image in images.items()}, None, records)
         return Taken({eye: self._rectified(chains[eye], image) for eye, image in images.items()}, chains, records)
 
+    def _exposed(
+        self, frame: Frame, scene: Scene, moved: Sequence[Scene], density: float, eyes: Sequence[Eye]
+    ) -> Images:
+        """Return drawn images of eyes whose lenses want one density, exposed at the moments of moved scenes, if any."""
+        camera = scaled_camera(scene.camera, density)
+        if density > 1:
+            scene = replace(scene, camera=camera)
+            images = self._renderer.render_images(scene, eyes)
+        else:
+            images = {eye: frame.view(eye).image for eye in eyes}
+        if not moved:
+            return images
+        return exposed(self._renderer, images, scene, [replace(each, camera=camera) for each in moved])
+
     def _rectified(self, chain: LensChain, raw_image: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
         """Return the channels of an eye's view that follow from its raw image, as the outputs ask."""
         channels: dict[str, NDArray[Any]] = {"image": chain.rectify(raw_image)}
         if "raw" in self._config.outputs:
             channels["raw"] = chain.within_view(raw_image)
         if "raw_map" in self._config.outputs:
-            channels["raw_map"] = chain.raw_map
+            channels["raw_map"] = chain.raw_map.copy()
         return channels
 
     def _imperfect(

@@ -185,17 +185,10 @@ class Drawing:
         return seen
 
     def _smooth(self, placed: Placed, eye: Eye, targets: EyeTargets, part: Crop | None) -> None:
-        """Antialias what was drawn along outlines, or a part of it, if the caller wants that."""
+        """Antialias what was just drawn along outlines, or a part of it, if the caller wants that."""
         if self._edges is not None:
-            lit = self._use_light(placed.scene, eye, targets.framebuffer.width)
-            self._edges.draw(placed, eye, targets, part, lit=lit)
-
-    def _use_light(self, scene: Scene, eye: Eye, width_px: int) -> bool:
-        """Bind the light of the scene's projector for one eye's image, drawn ``width_px`` wide, if it has one."""
-        if scene.projector is None or self._light is None:
-            return False
-        self._light.use(scene.projector, scene.camera, eye, width_px)
-        return True
+            # The light is still bound.
+            self._edges.draw(placed, eye, targets, part, lit=placed.scene.projector is not None)
 
     def _draw_samples(
         self, placed: Placed, eye: Eye, crop: Crop | None, targets: ColourTargets, filled: Sequence[Filled]
@@ -215,8 +208,10 @@ class Drawing:
         self, names: tuple[str, ...], filled: Sequence[Filled], scene: Scene, eye: Eye, width_px: int
     ) -> None:
         """Draw runs of instances to attachments that are ``width_px`` wide."""
-        lit = "colour" in names and self._use_light(scene, eye, width_px)
-        programs = self._programs(names, lit=lit)
+        projector = scene.projector if "colour" in names else None
+        if projector is not None and self._light is not None:
+            self._light.use(projector, scene.camera, eye, width_px)
+        programs = self._programs(names, lit=projector is not None)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">"
         for part in filled:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from traceback import clear_frames
 from typing import TypeVar
 
-from semisynth_gl.frame.camera import StereoCamera
+from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.render.loaded import Loaded
 from semisynth_gl.render.pair_targets import ImageTargets, PairTargets
 
@@ -12,7 +12,7 @@ _Targets = TypeVar("_Targets", bound=ImageTargets)
 
 
 class KeptTargets:
-    """Targets for pairs of one size, and for images without truth of another one, such as denser ones for a lens.
+    """Targets for pairs of one size, and for images without truth of two other ones, such as denser ones for lenses.
 
     Use it while its context is current.
 
@@ -23,7 +23,8 @@ class KeptTargets:
     def __init__(self, loaded: Loaded) -> None:
         self._loaded = loaded
         self._pairs: PairTargets | None = None
-        self._images: ImageTargets | None = None
+        # The latest sizes, one for each eye, the latest one last.
+        self._images: list[ImageTargets] = []
 
     def for_pairs(self, camera: StereoCamera, *, shared: bool) -> PairTargets:
         """Return targets for a camera's pairs; make new ones where the size differs, or they cannot be shared.
@@ -44,10 +45,12 @@ class KeptTargets:
             BackendError: as `for_pairs`.
         """
         size = camera.width_px, camera.height_px
-        for latest in (self._pairs, self._images):
+        for latest in (self._pairs, *self._images):
             if latest is not None and latest.size == size:
                 return latest
-        self._images = made = self._made(lambda: ImageTargets(self._loaded, size), self._images)
+        outgrown = self._images[0] if len(self._images) == len(EYES) else None
+        made = self._made(lambda: ImageTargets(self._loaded, size), outgrown)
+        self._images = [*(each for each in self._images if each is not outgrown), made]
         return made
 
     def forget_shared_left(self) -> None:

@@ -261,6 +261,30 @@ def test_pairs_of_another_resolution_count_and_of_another_shape_do_not(monkeypat
     assert measure_rectification([(Path("a"), Path("b"))], [large]).deviations == ()
 
 
+def test_views_that_have_changed_places_are_refused(monkeypatch):
+    for camera in (WIDE, replace(WIDE, cx_right_px=WIDE.cx_left_px - 20)):
+        matches = correspondences(camera)
+        swapped = Matches(matches.right, matches.left)
+        monkeypatch.setattr(rectification, "match_pair", lambda *_, found=swapped: (found, (741, 500)))
+        with pytest.raises(InputError, match=r"`pairs` a b: half of the points lie \d+\.\d px or more beyond"):
+            measure_rectification([(Path("a"), Path("b"))], [Rig(camera, "calib.txt")])
+    # What is infinitely far away, but for the errors of matching, is no such pair.
+    far = Matches(matches.left, np.add(matches.left, [CAMERA.doffs_px + 2, 0]))
+    monkeypatch.setattr(rectification, "match_pair", lambda *_: (far, (741, 500)))
+    assert measure_rectification([(Path("a"), Path("b"))], [Rig(CAMERA, "calib.txt")]).ranges == {}
+
+
+@pytest.mark.parametrize(
+    ("deviation", "large"),
+    [((5.0, 0.5, 1.005, 0.0), False), ((9.0, 0.0, 1.0, 0.0), True), ((0.0, -2.0, 1.0, 0.0), True),
+     ((0.0, 0.0, 0.97, 0.0), True), ((0.0, 0.0, 1.0, 0.0), False)],
+)  # fmt: skip
+def test_deviations_of_rigs_that_were_never_rectified_are_large(monkeypatch, deviation, large):
+    monkeypatch.setattr(rectification, "match_pair", lambda *_: (correspondences(CAMERA, *deviation), (741, 500)))
+    found = measure_rectification([(Path("a"), Path("b"))], [Rig(CAMERA, "calib.txt")])
+    assert found.is_large(741) is large
+
+
 def run(*words):
     return CliRunner().invoke(calibrate, [str(word) for word in words])
 

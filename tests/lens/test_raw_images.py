@@ -5,7 +5,9 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from planted_faults import change_image, findings
+from hypothesis import given
+from hypothesis import strategies as st
+from planted_faults import change_image, findings, swap
 from tiny_datasets import EYE, cheap, with_lens
 
 from semisynth_gl.cli.verify import verify as command
@@ -16,7 +18,7 @@ from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.lens.chain import LensChain
-from semisynth_gl.lens.raw_camera import RawCamera, pinhole_of
+from semisynth_gl.lens.raw_camera import RawCamera, pinhole_of, rotation_of
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
 from semisynth_gl.verification.dataset import verify_dataset
 
@@ -92,6 +94,44 @@ def test_a_raw_image_is_black_beyond_the_rectified_view_alone():
         np.testing.assert_array_equal(chain.rectify(chain.within_view(image)), chain.rectify(image))
 
 
+@st.composite
+def _chains(draw):
+    """Lenses, turned and narrow and wide, beside a rectified view that each of them may leave on any side."""
+    camera = StereoCamera(40, 30, draw(st.floats(15, 60)), 0.1, 19.0, 21.0, 14.5)
+    width, height = draw(st.integers(2, 60)), draw(st.integers(2, 50))
+    model = draw(st.sampled_from(["radial-tangential", "fisheye"]))
+    distortion = (draw(st.floats(-0.2, 0.2)), draw(st.floats(-0.05, 0.05)), 0.0, 0.0)
+    turn = rotation_of(tuple(draw(st.floats(-0.4, 0.4)) for _ in range(3)))
+    focal_px = draw(st.floats(10, 80))
+    raw = RawCamera(width, height, focal_px, focal_px, width / 2, height / 2, model, distortion, turn)
+    return raw, camera, draw(st.sampled_from(["black", "replicate"]))
+
+
+@given(_chains(), st.integers(0, 99))
+def test_any_raw_image_has_all_that_its_rectification_reads(made, seed):
+    raw, camera, border = made
+    try:
+        chain = LensChain(raw, camera, "left", border)
+    except InputError:  # the lens bends two directions to one pixel
+        return
+    image = np.random.default_rng(seed).integers(1, 256, (raw.height_px, raw.width_px), np.uint8)
+    np.testing.assert_array_equal(chain.rectify(chain.within_view(image)), chain.rectify(image))
+    x, y = chain.raw_map[..., 0], chain.raw_map[..., 1]
+    assert not np.isnan(chain.raw_map).any()
+    assert (np.isfinite(x) == np.isfinite(y)).all()
+    assert (np.isfinite(x) | ~chain.valid).all()
+
+
+def test_what_lies_behind_a_raw_camera_has_no_place_in_its_image():
+    camera = StereoCamera(160, 120, 40.0, 0.1, 79.5, 79.5, 59.5)
+    raw = RawCamera(100, 100, 200.0, 200.0, 50.0, 50.0, "radial-tangential", (0.0,) * 4, rotation_of((0, 0.9, 0)))
+    places = LensChain(raw, camera, "left", "black").raw_map
+    x, y = np.meshgrid(np.arange(160.0), np.arange(120.0))
+    rays = np.stack([(x - 79.5) / 40, (y - 59.5) / 40, np.ones_like(x)], axis=2) @ np.array(raw.rotation)
+    np.testing.assert_array_equal(np.isinf(places).any(axis=2), rays[..., 2] <= 0)
+    assert 0 < np.isinf(places).mean() < 0.5
+
+
 def test_images_are_those_without_the_outputs():
     plain, seen = (render_pair(with_lens(outputs=outputs, imperfections=NOISE), 1) for outputs in (["valid"], OUTPUTS))
     for eye in EYES:
@@ -126,6 +166,22 @@ def test_baselines_share_the_left_raw_image(tmp_path):
     assert not findings(tmp_path / "d")
 
 
+@pytest.mark.parametrize("rig", [{"rig": {"twin": True, "right_roll_deg": 3, "focal_ratio": 1.04}}, {}], ids=str)
+def test_a_pair_does_not_depend_on_the_pairs_before_it(rig):
+    """Views of one scene share the left eye, however dense the right eyes' lenses want their images to be."""
+    camera = {} if rig else {"baselines": 3, "baseline_m": [0.1, 0.2], "doffs_px": 3}
+    lens = {"raw_width_px": 130, "raw_height_px": 100, "left": EYE | {"fx_px": 270}, "right": EYE | {"fx_px": 290}}
+    config = with_raw(camera=camera, lens=lens, **rig)
+    with PairRenderer(config, 0) as renderer:
+        pairs = [renderer.render(number).frame.arrays() for number in range(2 if rig else 3)]
+    for number, expected in enumerate(pairs):
+        with PairRenderer(config, 0) as renderer:
+            for role, array in renderer.render(number).frame.arrays().items():
+                np.testing.assert_array_equal(array, expected[role], err_msg=role)
+    assert all(np.array_equal(pair["raw_left"], pairs[0]["raw_left"]) for pair in pairs)
+    pairs[0]["raw_map_right"] += 1  # is the caller's own
+
+
 def test_a_crop_keeps_raw_images_whole():
     frame = render_pair(with_raw(), 0)
     crop = frame.cropped(Crop(20, 10, 30, 25))
@@ -151,8 +207,10 @@ def test_what_cannot_be_is_refused(tmp_path):
     for output in ("raw", "raw_map"):
         with pytest.raises(Exception, match=f"the output {output} shows what the section lens does"):
             cheap(outputs=[output])
-        with pytest.raises(InputError, match=f"crestereo.*{output}"):
-            generate(with_lens(outputs=["visibility", "valid", output]), tmp_path / output, 4, layout="crestereo")
+    with pytest.raises(InputError, match=r"crestereo stores images as JPEG.*leave raw out"):
+        generate(with_lens(outputs=["raw"]), tmp_path / "d", 4, layout="crestereo")
+    generate(with_lens(outputs=["raw_map"]), tmp_path / "d", 4, layout="crestereo")
+    assert not findings(tmp_path / "d")
 
 
 def test_verify_says_how_well_the_images_of_lenses_correlate(tmp_path):
@@ -166,9 +224,15 @@ def test_verify_says_how_well_the_images_of_lenses_correlate(tmp_path):
 FAULTS = {
     "moved": ("raw", "raw0.png", lambda image: np.roll(image, 1, axis=1)),
     "a little brighter": ("raw", "raw1.png", lambda image: np.minimum(image, 253) + 2),
-    "of the other eye": ("raw", "raw0.png", lambda image: image[:, ::-1]),
+    "mirrored": ("raw", "raw0.png", lambda image: image[:, ::-1]),
     "of another size": ("size", "raw1.png", lambda image: image[:-1]),
 }
+
+
+def test_verify_finds_raw_images_of_the_other_eye(tmp_path):
+    generate(with_raw(), tmp_path / "d", 1, layout="middlebury")
+    swap(next((tmp_path / "d").rglob("raw0.png")).parent, ("raw0.png", "raw1.png"))
+    assert {finding.check for finding in findings(tmp_path / "d")} == {"raw"}
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -190,7 +254,39 @@ def test_verify_finds_a_wrong_map(tmp_path):
     path.write_bytes(Flo().encode(found))
     (finding,) = findings(tmp_path / "d")
     assert finding.check == "raw_map"
-    assert finding.message.startswith("raw_map_right is not where the lens leads in 1 pixel, the first at (30, 20), ")
+    assert finding.message == "raw_map_right is not where the lens leads in 1 pixel, the first at (30, 20)"
+    found[20, 30, 1] -= 0.01
+    # Beyond the sensor, too, and where nothing is known.
+    for value in (found[0, 0, 0] - 0.5, np.inf):
+        found[0, 0, 0] = value
+        path.write_bytes(Flo().encode(found))
+        assert [finding.check for finding in findings(tmp_path / "d")] == ["raw_map"]
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("R", [[1, 0], [0, 1]]),
+        ("R", np.eye(4).tolist()),
+        ("D", [0.1, 0.2]),
+        ("D", []),
+        ("D", None),
+        ("K", [[1, 0, 0]]),
+        ("model", "foo"),
+        ("model", [1]),
+        ("model", None),
+        ("width_px", "wide"),
+    ],
+)
+def test_verify_finds_a_lens_that_is_none(tmp_path, key, value):
+    generate(with_raw(), tmp_path / "d", 1, layout="middlebury")
+    path = next((tmp_path / "d").rglob("pair.json"))
+    values = json.loads(path.read_text())
+    values["lens"]["left"][key] = value
+    path.write_text(json.dumps(values))
+    (finding,) = findings(tmp_path / "d")
+    assert finding.check == "valid"
+    assert finding.message.startswith("valid_left: expected the camera lens.left in the pair's provenance, found none")
 
 
 def test_verify_finds_another_lens_in_the_provenance(tmp_path):

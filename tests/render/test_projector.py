@@ -284,7 +284,6 @@ def test_crops_images_alone_and_shared_left_views_have_the_same_light():
         np.testing.assert_array_equal(image, whole.view(eye).image)
 
 
-@pytest.mark.one_backend
 @pytest.mark.parametrize("grey", [False, True])
 def test_outlines_have_the_light_of_many_samples(grey):
     """Beside the projector, a camera sees no shadow, so that what is left of the error is that of outlines."""
@@ -307,6 +306,30 @@ def test_outlines_have_the_light_of_many_samples(grey):
         assert errors["edges"] < 0.004 * errors["none"]
         # Of the triangle's corners.
         assert (np.abs(images["edges"] - images["ssaa8"]).reshape(120, 160, -1).max(axis=2) > 6).sum() <= 3
+
+
+def test_outlines_have_the_light_of_their_own_place():
+    """Under a pattern that changes by 40 levels a pixel across the edge, light from beside it would be another."""
+    wave = np.abs(np.arange(1400) % 76 - 38) * 6.7
+    pattern = wave.astype(np.uint8)[None].repeat(900, axis=0)
+    light = projector(position_m=(0, 0, 0), focal_px=900.0, power=1.0, ambient=0.0)
+    pose = plane(3.0).world_from_model[0]
+    errors = {"none": [], "edges": []}
+    for slope in (0.4, -0.4):
+        ends = 0.02 + slope / 2, 0.02 - slope / 2
+        corners = np.array([[-0.5, -0.5, 1.0], [ends[0], -0.5, 1.0], [ends[1], 0.5, 1.0], [-0.5, 0.5, 1.0]])
+        near = make_mesh("near", corners, corners[:, :2], [[0, 1, 2], [0, 2, 3]])
+        scene = make_scene(CAMERA, model=[0, 1], world_from_model=[pose, np.eye(4)], layer=[0, 0], projector=light)
+        images = {
+            mode: drawn(scene, pattern, (SQUARE, near), antialias=mode).left.image[..., 0].astype(float)
+            for mode in ("none", "edges", "ssaa8")
+        }
+        changed = images["edges"] != images["none"]
+        for mode, found in errors.items():
+            found.append(np.abs(images[mode] - images["ssaa8"])[changed])
+    # 2.3 with the light of the pixel's centre, and 2.8 with that of the other side of the edge.
+    assert np.concatenate(errors["edges"]).mean() < 2.05
+    assert np.concatenate(errors["none"]).mean() > 15
 
 
 def test_a_lit_outline_of_an_unlit_scene_is_as_without_a_projector():

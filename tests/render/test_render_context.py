@@ -122,6 +122,15 @@ def test_targets_are_made_once_for_pairs_and_once_for_denser_images(open_rendere
             np.testing.assert_array_equal(renderer.render_images(scene)[eye], alone[1].view(eye).image)
     assert made == [PairTargets, PairTargets, ImageTargets]
     assert renderer.count_objects() == objects
+    # One size for each eye, and no more.
+    others = [busy_scene(StereoCamera.centred(60 + k, 40, 40.0, 0.1)) for k in range(1, 6)]
+    for each in others[:2]:
+        renderer.render_images(each)
+    objects = renderer.count_objects()
+    for each in others:
+        renderer.render_images(each)
+        renderer.render_images(others[0] if each is others[1] else each)
+        assert renderer.count_objects() == objects
     assert frame_bytes(renderer.render(dense)) == frame_bytes(alone[0])
 
 
