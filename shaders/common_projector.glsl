@@ -20,7 +20,7 @@ vec3 over_depth_at(vec2 window_px, float inverse_depth) {
     return (projector_from_window * vec4(window_px, 1.0, inverse_depth)).xyz;
 }
 
-// The light on such a point of a surface with this normal, of any length, in the projector's frame.
+// The light on that point of a surface; the normal, in the projector's frame, has any length.
 float light_on(vec3 over_depth, float inverse_depth, vec3 normal, bool is_sky) {
     vec3 point = over_depth / inverse_depth;
     vec2 place_px = projector_focal_px * over_depth.xy / over_depth.z + middle_px;

@@ -41,7 +41,7 @@ void main() {
         colour = vec4(textureLod(atlas, seen_patch.xyz, round(seen_patch.w)).rgb, share);
     }
 #ifdef LIT
-    // The strip is as deep as the edge, across which it lies.
+    // Across the edge, the strip has the edge's depth.
     vec2 on_edge_px = gl_FragCoord.xy - signed_px * line.xy;
     colour.rgb *= light_on(over_depth_at(on_edge_px, gl_FragCoord.w), gl_FragCoord.w, normal, false);
 #endif

@@ -1,6 +1,6 @@
 #version 450 core
-// Makes a strip along an edge where a surface ends; it reaches half a pixel's extent to both sides of the edge. Where it
-// is LIT, it knows how the surface faces the projector.
+// Makes a strip along an edge where a surface ends; it reaches half a pixel's extent to both sides of the edge. If LIT, it
+// carries the surface's normal in the projector's frame.
 
 layout(points) in;
 layout(triangle_strip, max_vertices = 4) out;
@@ -74,7 +74,7 @@ void main() {
     float reach = 0.5 * (abs(away.x) + abs(away.y));
 
 #ifdef LIT
-    // The ways between the corners, as positions in the window, and 1, times Z.
+    // Two sides of the triangle, from positions (x, y, 1) in the window times Z.
     vec3 ways[2];
     for (int k = 0; k < 2; ++k) {
         vec3 to_corner = view[k + 1] - view[0];

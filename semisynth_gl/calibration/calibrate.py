@@ -157,7 +157,8 @@ def calibrate(
     config = _parsed(text, name)
     summary = [*rig_summary(facts, report), *style_summary(style, place), *([_expectation(config)] if trials else [])]
     skipped = left_out(find_files(image_sources, image_extensions()), found)
-    notes += filter(None, [baseline_note(facts.ranges["baseline_m"]), skipped, raw_note(facts, place)])
+    unrectified = raw_note(facts, place) if rectify_to is None else None
+    notes += filter(None, [baseline_note(facts.ranges["baseline_m"]), skipped, unrectified])
     return Calibration(config, text, summary, notes)
 
 

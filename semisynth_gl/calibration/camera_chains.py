@@ -1,6 +1,6 @@
 """Two cameras before rectification, and how they stand to each other, as Kalibr, Basalt and DepthAI write them.
 
-None says how the rig is rectified.
+No file says how to rectify the rig.
 """
 
 from collections.abc import Mapping

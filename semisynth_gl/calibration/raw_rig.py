@@ -52,7 +52,7 @@ class Intrinsics(NamedTuple):
 
 
 class Unrectified(NamedTuple):
-    """A rig of which a file does not say how it is rectified.
+    """A rig whose file does not say how to rectify it.
 
     Attributes:
         cameras: the left camera and the right one.
@@ -76,7 +76,7 @@ class Unrectified(NamedTuple):
                 OpenCV's default. A fisheye's is OpenCV's ``balance``.
 
         Raises:
-            FormatError: where the cameras have lenses of two models, or one place.
+            FormatError: where the cameras have different models of lens, or the same position.
             InputError: where OpenCV is missing.
         """
         cv2 = open_opencv("rectifying by R and T, as the calibration has no P1 and P2,")

@@ -17,9 +17,9 @@ from semisynth_gl.textures.images import stored_size
 
 # Largest relative difference in width over height between the images of one rig at different resolutions.
 _SAME_SHAPE = 0.02
-# How far beyond infinity, px, errors of a calibration and of matches may bring what is far away.
+# How far below infinity's disparity, px, errors of calibration and matching may push far points.
 _BEYOND_PX = 3.0
-# Deviations beyond these are no knock and no hot day: of the rows, as shares of the width; degrees; and of the ratio.
+# Deviations larger than a knock or heat causes: shift of rows as a share of the width, turn in degrees, focal ratio.
 _LARGE_SHIFT, _LARGE_TURN_DEG, _LARGE_RATIO = 0.01, 1.5, 0.02
 
 
@@ -54,7 +54,7 @@ class Rectification:
         )
 
     def is_large(self, width_px: int) -> bool:
-        """Return whether a deviation is larger than that of a rig which was rectified once, for images so wide."""
+        """Return whether a deviation is too large for a rectified rig, for images of a width."""
         limits = {"right_y_px": _LARGE_SHIFT * width_px, "focal_ratio": _LARGE_RATIO}
         return any(
             abs(end - (key == "focal_ratio")) > limits.get(key, _LARGE_TURN_DEG)
@@ -107,12 +107,12 @@ def measure_rectification(pairs: Sequence[tuple[Path, Path]], rigs: Sequence[Rig
 
 
 def _check_sides(matches: Matches, camera: StereoCamera, left: Path, right: Path) -> None:
-    """Check that most points lie before the cameras, as they do not where the two views have changed places."""
+    """Check that most points lie in front of the cameras, as they do not where the two views have changed places."""
     beyond_px = float(np.median(matches.left[:, 0] - matches.right[:, 0])) + camera.doffs_px
     if beyond_px < -_BEYOND_PX:
         raise InputError(
-            f"`pairs` {left} {right}: half of the points lie {-beyond_px:.1f} px or more beyond what is infinitely far "
-            "away: expected the left view and then the right one, both rectified"
+            f"`pairs` {left} {right}: half of the points have disparities {-beyond_px:.1f} px or more below "
+            "infinity's: expected the left view, then the right one, both rectified"
         )
 
 

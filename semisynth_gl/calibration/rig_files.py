@@ -95,8 +95,8 @@ def _projections(rig: Projections | Unrectified, alpha: float | None) -> Project
             raise ReadError(Path(rig.source), str(error)) from None
     if alpha is not None:
         raise InputError(
-            f"`alpha` {alpha:g}: {rig.source} states how its images are rectified: leave `alpha` out, or give a "
-            "copy with K, D, R and T alone, from which they are rectified anew"
+            f"`alpha` {alpha:g}: {rig.source} states how its images are rectified: leave `alpha` out, or give an "
+            "OpenCV file with only K, D, R and T"
         )
     return rig
 

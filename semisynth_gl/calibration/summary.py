@@ -38,15 +38,15 @@ def rig_summary(facts: ConfigFacts, report: TextureReport) -> list[str]:
         f"scenes           {' and '.join(facts.scenes)} ({facts.far_share:.1%} of the pixels beyond 20 m)",
         f"photographs      {facts.photographs}{', all grey' * facts.grey}, which give {patches}",
     ]
-    if facts.lenses is not None:
-        lines.append(f"lens             {_shown_lenses(facts.lenses)}")
-    if facts.rectification is not None:
-        lines.append(f"rectification    {facts.rectification.summary()}")
     if 0 < facts.fitting_count < count:
         lines.append(f"                 {count - facts.fitting_count} differ in size from the rig's images")
     splits = impossible_splits(facts.subject_count)
     if splits:
         lines.append(f"                 too few to hold some out for {' or '.join(splits)}")
+    if facts.lenses is not None:
+        lines.append(f"lens             {_shown_lenses(facts.lenses)}")
+    if facts.rectification is not None:
+        lines.append(f"rectification    {facts.rectification.summary()}")
     return lines
 
 
@@ -84,20 +84,20 @@ def baseline_note(ends_m: tuple[float, float]) -> str | None:
 
 
 def raw_note(facts: ConfigFacts, place: MeasuredPlace | None) -> str | None:
-    """Return a warning about photographs, and pairs, that are hardly rectified; None where nothing speaks for it."""
+    """Return a warning about photographs, and pairs, that seem unrectified; None without a sign of it."""
     reasons = []
     if facts.rectification is not None and facts.rectification.is_large(facts.size.width_px):
-        reasons.append("their right camera deviates far")
+        reasons.append("the right camera deviates far")
     if facts.lenses is not None and place is not None and len(place.side.values["border"]):
         border = 1 - float(np.mean([chain.valid.mean() for chain in facts.lenses.values()]))
         found = float(place.side.values["border"].mean()) / 100
         if border > _MUCH_BORDER and found < _LEAST_OF_BORDER * border:
-            reasons.append(f"the rectification leaves {border:.1%} border, and they have {found:.1%}")
+            reasons.append(f"the lens leaves {border:.1%} border, and they have {found:.1%}")
     if not reasons:
         return None
     return (
-        f"the photographs are probably not rectified as the calibration says: {', and '.join(reasons)}. Photographs as "
-        "the cameras take them need `rectify_to`"
+        f"the photographs are probably not rectified as the calibration says: {'; '.join(reasons)}. Photographs "
+        "straight from the cameras need `rectify_to`"
     )
 
 
@@ -106,8 +106,8 @@ def _shown_lenses(lenses: Mapping[Eye, LensChain]) -> str:
     density = max(chain.density for chain in lenses.values())
     shown = min(float(chain.shown.mean()) for chain in lenses.values())
     return (
-        f"{lenses['left'].raw.model}; borders: {', '.join(borders)}; {shown:.0%} of the raw images are in view, up to "
-        f"{density:.2f} times as fine"
+        f"{lenses['left'].raw.model}; borders: {', '.join(borders)}; at least {shown:.0%} of each raw image in view, "
+        f"up to {density:.2f} times as fine as the rectified one"
     )
 
 

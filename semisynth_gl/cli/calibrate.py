@@ -63,8 +63,8 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
 @option(
     "--alpha",
     type=Number(min=0, max=1),
-    help="For a calibration that does not say how it is rectified, as stereoRectify takes it: 0 for images without "
-    "borders, 1 for as much of the raw images as they can show. By default stereoRectify's own.",
+    help="stereoRectify's alpha, for a calibration that lacks P1 and P2: 0 leaves no borders, 1 keeps as much of the "
+    "raw images as possible; by default stereoRectify's.",
 )
 @map_options(
     "to measure the histogram",

@@ -56,7 +56,7 @@ def _summary(found: Verification, seconds: float) -> str:
     for name, text in (
         ("left_right_median_px", "left against right {:.5f} px"),
         ("best_shift_px", "images fit within {:.4f} px"),
-        ("image_correlation", "images correlate by {:.3f}"),
+        ("image_correlation", "image correlation {:.3f}"),
         ("visibility_left_disagree_share", "masks disagree in {:.3%}"),
         ("invalid_share", "{:.3%} of the pixels without disparity"),
         ("oracle_largest_px", "rays within {:.1e} px"),

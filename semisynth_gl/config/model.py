@@ -133,7 +133,7 @@ class Config(Section):
         outputs: outputs besides images and disparities: ``visibility``, ``correspondence``, ``instances``, ``depth``,
             ``sky``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``; with ``lens``, ``valid``,
             ``raw``, ``raw_map``.
-        truth: views whose truth is written, disparity and outputs: ``both`` or ``left``.
+        truth: views that get truth: ``both`` or ``left``; both get images, ``raw`` and ``raw_map``.
         antialias: antialiasing of colour: ``none``, ``edges``, ``msaa4`` (or another number of samples that the driver
             offers), ``ssaa2`` to ``ssaa8``.
     """
@@ -208,7 +208,7 @@ class Config(Section):
             )
         of_lens = [output for output in self.outputs if output not in DRAWN_OUTPUTS]
         if self.lens is None and of_lens:
-            yield f"the output {of_lens[0]} shows what the section lens does: add lens, or leave the output out"
+            yield f"the output {of_lens[0]} needs the section lens: add lens, or leave the output out"
 
     def _check_positive(self) -> None:
         background, structures = self.background, self.structures

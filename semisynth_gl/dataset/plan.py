@@ -126,8 +126,8 @@ def _check_encodings(config: Config, layout_name: str, encodings: Encodings) -> 
     of_sensor = [channel.output for channel in CHANNELS.values() if channel.of_sensor]
     if not encodings.image.lossless and (raw := [output for output in config.outputs if output in of_sensor]):
         raise InputError(
-            f"the layout {layout_name} stores images as {encodings.image.description}, from which no rectified image "
-            f"follows: leave {raw[0]} out of outputs, or choose another `layout`"
+            f"the layout {layout_name} stores images as {encodings.image.description}, too lossy for raw images: leave "
+            f"{raw[0]} out of outputs, or choose another `layout`"
         )
     if encodings.signed and not encodings.disparity.signed:
         others = [each for each in LAYOUTS if (find_layout(each).encodings or Encodings()).disparity.signed]

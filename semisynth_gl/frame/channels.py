@@ -49,7 +49,7 @@ class Channel(Generic[Value]):
         reads_triangles: whether that pass looks up the scene's triangles, as all passes after the drawing do.
         mask: the channel that says whether the other view, or the other moment, shows the same point.
         of_own_view: whether the channel does not depend on the other eye, so that pairs that share a view share it.
-        is_truth: whether the channel is truth, which only the left view may have; else both views have it.
+        is_truth: whether ``truth`` decides which views have the channel; else both views have it.
         of_sensor: whether the array has the size of the raw image before rectification, not of the pair.
         name: the channel's name in `View`.
     """
@@ -195,8 +195,8 @@ class View(Mapping[str, NDArray[Any]]):
     )
     raw_map = Channel(
         _FLOAT32,
-        "position in the raw image that the {view} view's pixels show, column and row, float32 px; inf for what is not "
-        "before the raw camera",
+        "position in the raw image that the {view} view's pixels show, column and row, float32 px; inf behind "
+        "the raw camera",
         components=2,
         nothing=inf,
         output="raw_map",

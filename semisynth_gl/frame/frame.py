@@ -122,7 +122,7 @@ class Frame:
         return {role: view[name] for role, (view, name) in views.items() if name in view}
 
     def cropped(self, crop: Crop) -> "Frame":
-        """Return a crop of both views, as copies. Raw images stay whole: their maps lead into all of them.
+        """Return a crop of both views, as copies. Raw images stay whole, as their maps refer to them.
 
         Raises:
             InputError: where the crop reaches beyond the image.

@@ -96,7 +96,7 @@ class LensChain:
 
     @cached_property
     def raw_map(self) -> NDArray[np.float32]:
-        """Both maps as one array, (H, W, 2) float32 px: column and row; inf for what is not before the raw camera."""
+        """Both maps as one array, (H, W, 2) float32 px: column and row; inf behind the raw camera."""
         positions = np.stack(self.maps, axis=2)
         y, x = np.mgrid[: positions.shape[0], : positions.shape[1]].astype(np.float64)
         positions[~np.isfinite(self.raw.raw(self.pinhole, x, y)[0]) | ~np.isfinite(positions).all(axis=2)] = np.inf

@@ -82,7 +82,7 @@ class Cameras:
         moved: list[Scene] = []
         if motion_blur > 0:
             moved = [self._sampler.moment(sampled, frames) for frames in moments(motion_blur, section.sub_frames)]
-        # An eye's density is that of its lens alone: pairs that share a left view have other right eyes.
+        # An eye's density is that of its lens alone, since pairs that share a left view differ in the right.
         densities = {eye: chains[eye].density if chains else 1.0 for eye in eyes}
         images: Images = {}
         for density in dict.fromkeys(densities.values()):

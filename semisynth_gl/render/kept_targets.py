@@ -23,7 +23,7 @@ class KeptTargets:
     def __init__(self, loaded: Loaded) -> None:
         self._loaded = loaded
         self._pairs: PairTargets | None = None
-        # The latest sizes, one for each eye, the latest one last.
+        # Of the two latest sizes, the newest last: eyes may differ.
         self._images: list[ImageTargets] = []
 
     def for_pairs(self, camera: StereoCamera, *, shared: bool) -> PairTargets:

@@ -44,7 +44,7 @@ def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     try:
         raw = RawCamera.from_record(frame.provenance["lens"][eye])
     except (KeyError, TypeError, ValueError):
-        fault = f"expected the camera lens.{eye} in the pair's provenance, found none that is whole"
+        fault = f"expected the camera lens.{eye} in the pair's provenance, found it missing or invalid"
         verdict.add(present[0], f"{present[0]}_{eye}: {fault}")
         return
     if "valid" in view:
@@ -56,7 +56,7 @@ def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     for first in range(0, height, _ROWS):
         rows = slice(first, min(first + _ROWS, height))
         x_px, y_px = np.meshgrid(columns, np.arange(rows.start, rows.stop, dtype=np.float64))
-        # Points that are not before the raw camera are nan.
+        # Points behind the raw camera are nan.
         positions = np.stack(raw.raw(pinhole, x_px, y_px), axis=2)
         for name, found in wrong.items():
             found[rows] = _CHECKS[name](view, rows, positions, (raw.width_px, raw.height_px))
@@ -107,7 +107,7 @@ def _within_px(positions: Positions, sides: tuple[int, int]) -> Positions:
 
 _CHECKS = {"valid": _wrong_valid, "raw_map": _wrong_map, "raw": _wrong_raw}
 _FAULTS = {
-    "valid": "is not where the lens leads into the raw image",
-    "raw_map": "is not where the lens leads",
-    "raw": "does not give the image through the lens",
+    "valid": "disagrees with the lens",
+    "raw_map": "disagrees with the lens",
+    "raw": "does not rectify to the image",
 }

@@ -266,7 +266,9 @@ def test_views_that_have_changed_places_are_refused(monkeypatch):
         matches = correspondences(camera)
         swapped = Matches(matches.right, matches.left)
         monkeypatch.setattr(rectification, "match_pair", lambda *_, found=swapped: (found, (741, 500)))
-        with pytest.raises(InputError, match=r"`pairs` a b: half of the points lie \d+\.\d px or more beyond"):
+        with pytest.raises(
+            InputError, match=r"`pairs` a b: half of the points have disparities \d+\.\d px or more below"
+        ):
             measure_rectification([(Path("a"), Path("b"))], [Rig(camera, "calib.txt")])
     # What is infinitely far away, but for the errors of matching, is no such pair.
     far = Matches(matches.left, np.add(matches.left, [CAMERA.doffs_px + 2, 0]))

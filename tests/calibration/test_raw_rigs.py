@@ -569,7 +569,7 @@ def test_photographs_that_are_not_rectified_are_noted(place):
     settings = {"calib": place / "stereo.yml", "range_px": (8, 60), "trials": 1}
     raw = calibrate(place / "photos", **settings)
     (note,) = (note for note in raw.notes if "probably not rectified" in note)
-    assert re.search(r"leaves \d+\.\d% border, and they have 0\.0%", note)
+    assert re.search(r"the lens leaves \d+\.\d% border, and they have 0\.0%", note)
     assert "`rectify_to`" in note
     rectified = calibrate(place / "photos", rectify_to=place / "rectified", **settings)
     assert not any("probably" in note for note in rectified.notes)
@@ -577,7 +577,7 @@ def test_photographs_that_are_not_rectified_are_noted(place):
         rectified.notes
     )
     (line,) = (line for line in rectified.summary if line.startswith("lens"))
-    assert "100% of the raw images are in view" in line
+    assert "at least 100% of each raw image in view" in line
 
 
 def test_a_file_is_no_folder_for_rectified_photographs(place):

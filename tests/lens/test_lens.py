@@ -294,7 +294,7 @@ def test_a_lens_that_cannot_be_is_refused(changes, message):
 def test_the_masks_of_a_lens_need_the_output_that_says_why():
     with pytest.raises(Exception, match="add valid to outputs"):
         cheap(lens=LENS, outputs=["visibility"])
-    with pytest.raises(Exception, match="the output valid shows what the section lens does: add lens"):
+    with pytest.raises(Exception, match="the output valid needs the section lens: add lens"):
         cheap(outputs=["valid"])
 
 

@@ -205,7 +205,7 @@ def test_samples_have_raw_images():
 
 def test_what_cannot_be_is_refused(tmp_path):
     for output in ("raw", "raw_map"):
-        with pytest.raises(Exception, match=f"the output {output} shows what the section lens does"):
+        with pytest.raises(Exception, match=f"the output {output} needs the section lens"):
             cheap(outputs=[output])
     with pytest.raises(InputError, match=r"crestereo stores images as JPEG.*leave raw out"):
         generate(with_lens(outputs=["raw"]), tmp_path / "d", 4, layout="crestereo")
@@ -218,7 +218,7 @@ def test_verify_says_how_well_the_images_of_lenses_correlate(tmp_path):
     measures = [verdict.measures for verdict in verify_dataset(read_index(tmp_path / "d"))]
     least = min(each["image_correlation"] for each in measures if "image_correlation" in each)
     done = CliRunner().invoke(command, [str(tmp_path / "d")])
-    assert f"images correlate by {least:.3f}, masks" in done.output
+    assert f"image correlation {least:.3f}, masks" in done.output
 
 
 FAULTS = {
@@ -254,7 +254,7 @@ def test_verify_finds_a_wrong_map(tmp_path):
     path.write_bytes(Flo().encode(found))
     (finding,) = findings(tmp_path / "d")
     assert finding.check == "raw_map"
-    assert finding.message == "raw_map_right is not where the lens leads in 1 pixel, the first at (30, 20)"
+    assert finding.message == "raw_map_right disagrees with the lens in 1 pixel, the first at (30, 20)"
     found[20, 30, 1] -= 0.01
     # Beyond the sensor, too, and where nothing is known.
     for value in (found[0, 0, 0] - 0.5, np.inf):
