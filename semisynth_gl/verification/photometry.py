@@ -37,8 +37,8 @@ _MAX_FLOW_PIXELS = 40_000
 _ITERATIONS = 4
 # Below this mean squared slope (levels per pixel) there is no texture to align.
 _TEXTURE = 0.25
-# Least correlation of a pair's images with the imperfections of a rig.
-_CORRELATION = 0.5
+# Least correlation of a pair's images with the imperfections of a rig, and at the best fit, for it to be judged.
+_CORRELATION, _FITTING_CORRELATION = 0.5, 0.8
 # Columns, and rows, of the pixels that a cubic reads, relative to the pixel left of, and above, the point.
 _TAPS: tuple[int, ...] = (-1, 0, 1, 2)
 
@@ -191,7 +191,9 @@ def _check_warp(
         # A change of scale may move pixels by as much as the allowed shift does.
         allowed = shift_px / max(_length(direction), shift_px)
         bound = max(scale if scaled else 0.0, allowed) + DEVIATIONS * deviation
-        if abs(step) > bound:
+        # Where images hardly correlate even at their best, as under dots that are smaller than a pixel, it is chance.
+        sure = not imperfect or _correlation(warp.levels, warp.interpolate(step, direction)[0]) >= _FITTING_CORRELATION
+        if abs(step) > bound and sure:
             place, unit = (f"{symbol} times {1 + step:.4f}", "") if scaled else (f"{symbol} {step:+.3f} px", " px")
             verdict.add(check, f"{name}: the images fit best at {place}; a deviation of {bound:.4f}{unit} is allowed")
 
@@ -217,7 +219,7 @@ def _correlate(levels: Values, warped: Values, verdict: Verdict) -> bool:
     """Check that the levels of two images (N,) correlate; return whether they do, and have contrast at all."""
     if min(float(levels.std()), float(warped.std())) < 1:
         return False
-    correlation = float(np.corrcoef(levels, warped)[0, 1])
+    correlation = _correlation(levels, warped)
     verdict.measures["image_correlation"] = correlation
     if correlation < _CORRELATION:
         verdict.add(
@@ -226,6 +228,10 @@ def _correlate(levels: Values, warped: Values, verdict: Verdict) -> bool:
             f"{_CORRELATION} was expected",
         )
     return correlation >= _CORRELATION
+
+
+def _correlation(one: Values, other: Values) -> float:
+    return float(np.corrcoef(one, other)[0, 1])
 
 
 def _grey(image: Image) -> NDArray[np.float32]:

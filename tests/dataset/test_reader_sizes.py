@@ -56,7 +56,13 @@ def other_size(data, path, codec):
 
 def roles_of(layout):
     """The roles of a layout's files, with all outputs that it has files for."""
-    return list(layout.files(Key("lab", "train", 0), layout.encodings or Encodings()))
+    return list(layout.files(Key("lab", "train", 0), layout.encodings or Encodings(), outputs_of(layout)))
+
+
+def outputs_of(layout):
+    """All outputs that a layout has files for; no raw images from JPEG."""
+    lossless = (layout.encodings or Encodings()).image.lossless
+    return [output for output in OUTPUTS if output not in layout.lacks and (lossless or output != "raw")]
 
 
 def written(out, name, monkeypatch, change):
@@ -79,7 +85,7 @@ def written(out, name, monkeypatch, change):
     monkeypatch.setattr(hand_made_datasets, "encode_pair", encode)
     eye = {"fx_px": 50, "distortion": [0, 0, 0, 0]}
     lens = {"raw_width_px": 64, "raw_height_px": 48, "left": eye, "right": eye}
-    config = config_of(outputs=[output for output in OUTPUTS if output not in layout.lacks], lens=lens)
+    config = config_of(outputs=outputs_of(layout), lens=lens)
     write_dataset(out, name, {"train": len(roles) + 1}, 100, config)
     return made
 

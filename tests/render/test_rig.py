@@ -443,7 +443,8 @@ def test_examples_make_scenes_at_their_full_size(name, seed):
 
 def test_the_example_of_a_real_rig_is_written_verified_and_read(tmp_path):
     small = ["scale=0.2", "textures.source=procedural", "textures.max_patches=8", "textures.large_px=0"]
-    few = ["models.complex=0", "models.variants=1"]
+    # Dots no smaller than the pixels of so small images.
+    few = ["models.complex=0", "models.variants=1", "projector.size_px=12"]
     config = load_config(ROOT / "examples" / "real-rig.yaml", [*small, *few])
     assert config.views == 4
     generate(config, tmp_path / "out", 4, 2)
