@@ -11,9 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
+from semisynth_gl.calibration import calibrate as calibrating
 from semisynth_gl.calibration.calibrate import calibrate
 from semisynth_gl.calibration.rig import Size
 from semisynth_gl.calibration.rig_files import read_rigs
+from semisynth_gl.calibration.style import untried_style
 from semisynth_gl.cli.calibrate import calibrate as command
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.frame.camera import EYES
@@ -564,8 +566,10 @@ def test_alpha_makes_the_borders_of_photographs_and_dataset(place):
         assert abs(border - photograph) < 0.03
 
 
-def test_photographs_that_are_not_rectified_are_noted(place):
+def test_photographs_that_are_not_rectified_are_noted(place, monkeypatch):
     """The rectification of `place` leaves borders, which photographs as the cameras take them have not."""
+    # Trial pairs take seconds, and change nothing here.
+    monkeypatch.setattr(calibrating, "_tried", lambda facts, *_: untried_style(facts.recipes))
     settings = {"calib": place / "stereo.yml", "range_px": (8, 60), "trials": 1}
     raw = calibrate(place / "photos", **settings)
     (note,) = (note for note in raw.notes if "probably not rectified" in note)
