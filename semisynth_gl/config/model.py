@@ -206,6 +206,8 @@ class Config(Section):
                 "the masks of visibility leave out what the sensors of lens did not see, and the output valid says "
                 "where that is: add valid to outputs"
             )
+        if self.lens is not None and not self.lens.border_disparity and "valid" not in self.outputs:
+            yield "lens.border_disparity false leaves out what the output valid marks: add valid to outputs"
         of_lens = [output for output in self.outputs if output not in DRAWN_OUTPUTS]
         if self.lens is None and of_lens:
             yield f"the output {of_lens[0]} needs the section lens: add lens, or leave the output out"

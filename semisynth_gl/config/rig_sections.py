@@ -219,6 +219,7 @@ class LensSection(Section):
         left: the left camera.
         right: the right camera.
         border: ``black`` or ``replicate`` (the nearest pixels' colours), where the sensor saw nothing.
+        border_disparity: whether disparities in the borders are kept; else they are inf there.
     """
 
     model: LensModel = "radial-tangential"
@@ -227,6 +228,7 @@ class LensSection(Section):
     left: RawEyeSection
     right: RawEyeSection
     border: LensBorder = "black"
+    border_disparity: bool = True
 
     def _faults(self) -> Iterator[str]:
         known = COEFFICIENTS[self.model]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from semisynth_gl.codecs import Codec, Encodings
 from semisynth_gl.codecs.calib import Calibration
 from semisynth_gl.frame.camera import EYES, Eye, StereoCamera
-from semisynth_gl.frame.channels import CHANNELS, ROLES, SKY, Channel, View
+from semisynth_gl.frame.channels import CHANNELS, ROLES, SKY, VISIBLE, Channel, View
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.layouts import Key, Layout
@@ -62,6 +62,16 @@ class StoredFrame(Frame):
             return None
         is_sky = np.array([False, *(isinstance(row, dict) and row.get("sky") is True for row in rows)])
         return np.asarray(is_sky[np.minimum(ids, len(rows))])
+
+    def left_out(self, eye: Eye) -> NDArray[np.bool_]:
+        """Return where a view has no disparity because its sensor saw nothing, (H, W) bool.
+
+        It is empty unless the config says ``border_disparity: false`` of the lens.
+        """
+        match self.provenance.get("lens"):
+            case {"border_disparity": False} if "valid" in self.view(eye):
+                return np.asarray(self.view(eye).valid != VISIBLE)
+        return np.zeros((self.camera.height_px, self.camera.width_px), bool)
 
     def rounding_px(self, disparity: NDArray[np.floating[Any]] | float) -> NDArray[np.float64]:
         """Return the largest rounding error of stored disparities in pixels, float64 of the shape of ``disparity``."""

@@ -1,37 +1,47 @@
 """The borders that a rectification leaves: where a sensor saw nothing, and what that means for masks."""
 
 from collections.abc import Collection, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Eye
-from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE, View
+from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, View
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.lens.chain import LensChain
 
+# What hangs on a pixel's disparity.
+_OF_DISPARITY = ("disparity", "correspondence", "disparity_change")
 
-def with_borders(frame: Frame, chains: Mapping[Eye, LensChain], outputs: Collection[str]) -> Frame:
+
+def with_borders(
+    frame: Frame, chains: Mapping[Eye, LensChain], outputs: Collection[str], *, border_disparity: bool
+) -> Frame:
     """Return a frame whose masks leave out what a sensor did not see, in either view.
-
-    Disparities and all other truth stay.
 
     Args:
         frame: a whole pair.
         chains: each eye's lens.
         outputs: of the dataset; ``valid`` is added to views that have truth.
+        border_disparity: whether disparities stay that the view's own sensor did not see, as all other truth does.
     """
     valid = {eye: chain.valid for eye, chain in chains.items()}
     views: dict[Eye, View] = {}
     for eye in EYES:
         view = frame.view(eye)
-        changed: dict[str, NDArray[np.uint8]] = {}
+        changed: dict[str, NDArray[Any]] = {}
         if "visibility" in view:
             # As files have it: not visible, for whatever reason.
             most = np.where(bordered(frame, eye, valid), np.uint8(OCCLUDED), np.uint8(VISIBLE))
             changed["visibility"] = np.minimum(view.visibility, most)
         if "valid" in outputs and "disparity" in view:
             changed["valid"] = np.where(valid[eye], np.uint8(VISIBLE), np.uint8(OUTSIDE))
+        if not border_disparity and "disparity" in view:
+            for name in (*_OF_DISPARITY, "visibility"):
+                if name in view:
+                    changed[name] = changed.get(name, view[name]).copy()
+                    changed[name][~valid[eye]] = CHANNELS[name].nothing
         views[eye] = view.with_channels(changed)
     return Frame(frame.camera, views["left"], views["right"])
 

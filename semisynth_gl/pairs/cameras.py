@@ -38,11 +38,13 @@ class Taken(NamedTuple):
     chains: Mapping[Eye, LensChain] | None
     records: dict[str, Any]
 
-    def frame(self, drawn: Frame, outputs: Sequence[str]) -> Frame:
+    def frame(self, drawn: Frame, config: Config) -> Frame:
         """Return a drawn frame with these images of both eyes, and with the borders that lenses leave in its masks."""
         views = {eye: drawn.view(eye).with_channels(self.views[eye]) for eye in EYES}
         frame = Frame(drawn.camera, views["left"], views["right"])
-        return frame if self.chains is None else with_borders(frame, self.chains, outputs)
+        if self.chains is None or config.lens is None:
+            return frame
+        return with_borders(frame, self.chains, config.outputs, border_disparity=config.lens.border_disparity)
 
 
 class Cameras:
@@ -77,6 +79,8 @@ class Cameras:
         if self._lenses is not None:
             chains = self._lenses.chains(number // self._config.sequence.length, camera)
             records["lens"] = {eye: chain.raw.record() for eye, chain in chains.items()}
+            if self._config.lens is not None and not self._config.lens.border_disparity:
+                records["lens"]["border_disparity"] = False
         # All eyes expose at the same time, so motion blur is drawn once for a scene.
         motion_blur = section.motion_blur.draw(generator(self._seed, Purpose.IMPERFECTIONS, number, "motion_blur"))
         moved: list[Scene] = []

@@ -327,7 +327,7 @@ class PairRenderer:
             shown.left_channels = taken.views["left"]
             for array in shown.left_channels.values():
                 array.flags.writeable = False
-        return taken.frame(frame, self.config.outputs), taken.records
+        return taken.frame(frame, self.config), taken.records
 
     def _report(self, stage: str) -> None:
         if self.listener is not None:

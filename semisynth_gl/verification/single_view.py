@@ -82,7 +82,9 @@ def _check_disparity(frame: StoredFrame, largest_px: float | None, verdict: Verd
             largest = float(disparity[valid].max())
             if largest > largest_px + _SIX_DIGITS * abs(largest_px) + float(frame.rounding_px(largest)):
                 verdict.add("disparity", f"{name} reaches {largest:g} px, the config allows {largest_px:g} px")
-        lacking = _lacking(frame, eye, infinite)
+        left_out = frame.left_out(eye)
+        verdict.add_pixels("disparity", name, "is known in a border", valid & left_out)
+        lacking = _lacking(frame, eye, infinite & ~left_out)
         if lacking is not None and lacking.any():
             _check_infinite(frame, eye, disparity, lacking, verdict)
     verdict.measures["invalid_share"] = invalid / pixels
@@ -120,7 +122,7 @@ def _check_sky(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     if frame.encodings.signed or doffs_px < 0:
         bound = _SIX_DIGITS * abs(doffs_px) + frame.rounding_px(disparity)
         beyond = np.isinf(disparity) & (abs(doffs_px) > frame.encodings.disparity.limit_px)
-        wrong = sky & ~beyond & ~(np.abs(disparity + doffs_px) <= bound)
+        wrong = sky & ~frame.left_out(eye) & ~beyond & ~(np.abs(disparity + doffs_px) <= bound)
         verdict.add_pixels("sky", name, f"has another disparity than {-doffs_px:g} px", wrong)
     else:
         verdict.add_pixels("sky", name, "has a disparity", sky & np.isfinite(disparity))
@@ -209,7 +211,7 @@ def _check_depth(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     expected = way[..., 0] * (-1 if eye == "left" else 1)
     bound = FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px)) + frame.rounding_px(disparity)
     bound += 0.0 if camera.rectified else DEVIATING_PX
-    encodable = np.abs(expected) < frame.encodings.disparity.limit_px - bound
+    encodable = (np.abs(expected) < frame.encodings.disparity.limit_px - bound) & ~frame.left_out(eye)
     missing = np.isfinite(depth) & (depth > 0) & ((expected > bound) | frame.encodings.signed) & encodable
     wrong = np.where(np.isfinite(disparity), ~(np.abs(disparity - expected) <= bound), missing)
 
@@ -252,7 +254,8 @@ def check_normals(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     nothing_known = sky is not None and (depth is not None or ids is not None or always_disparity)
     zero = all_components(normals == 0)
     verdict.add_pixels("normals", name, "is 0 though something is seen", seen & zero)
-    verdict.add_pixels("normals", name, "is not 0 where nothing is seen", ~seen & ~zero & nothing_known)
+    unseen = ~(seen | frame.left_out(eye)) & nothing_known
+    verdict.add_pixels("normals", name, "is not 0 where nothing is seen", unseen & ~zero)
     height, width = disparity.shape
     column, row = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
     length = np.sqrt(dot(normals, normals))

@@ -11,6 +11,7 @@ from PIL import Image
 from planted_faults import all_findings, checks
 from tiny_datasets import EYE, LENS, cheap, with_lens
 
+from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.comparison.measured_view import make_view
 from semisynth_gl.comparison.measures import MEASURES
@@ -323,6 +324,58 @@ def test_each_layout_keeps_what_verify_accepts(tmp_path, layout, rig):
         np.testing.assert_array_equal(frame.view(eye).valid, expected.view(eye).valid)
         seen = (view.view(eye).visibility == VISIBLE for view in (frame, expected))
         np.testing.assert_array_equal(*seen)
+
+
+def without_borders(**changes):
+    return with_lens(lens=changes.pop("lens", {}) | {"border_disparity": False}, **changes)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"truth": "left"},
+        {"camera": {"doffs_px": 4}, "disparity": {"signed": True}, "background": {"cuboid": 0, "plane": 1, "sky": 1}},
+        {"rig": {"right_roll_deg": 0.5, "right_y_px": 1}},
+        {"sequence": {"length": 2}, "camera": {"sway_m": 0.01}},
+    ],
+    ids=str,
+)
+def test_borders_may_have_no_disparity(tmp_path, changes):
+    outputs = ["visibility", "valid", "depth", "normals", "instances", "sky", "correspondence"]
+    if "sequence" in changes:
+        outputs += ["flow", "disparity_change", "flow_backward"]
+    kept, out = (make(outputs=outputs, **changes) for make in (with_lens, without_borders))
+    of_disparity = {"disparity", "correspondence", "disparity_change", "visibility"}
+    with PairRenderer(kept, 0) as one, PairRenderer(out, 0) as other:
+        for number in range(2):
+            before, after = (renderer.render(number).frame for renderer in (one, other))
+            for eye in EYES:
+                for name, array in after.view(eye).items():
+                    expected = before.view(eye)[name].copy()
+                    if name in of_disparity:
+                        border = after.view(eye).valid != VISIBLE
+                        assert 0 < border.mean() < 0.9
+                        expected[border] = 0 if name == "visibility" else np.inf
+                    np.testing.assert_array_equal(array, expected, err_msg=name)
+    generate(out, tmp_path / "d", 2, layout="middlebury")
+    assert not all_findings(tmp_path / "d", rays=200)
+    path = next((tmp_path / "d").rglob("disp0GT.pfm"))
+    disparity = PFM.read(path).copy()
+    disparity[np.isinf(disparity)] = 5
+    path.write_bytes(PFM.encode(disparity))
+    assert "disparity_left is known in a border" in str(all_findings(tmp_path / "d"))
+
+
+def test_a_dataset_with_disparity_in_its_borders_may_not_lack_it(tmp_path):
+    generate(with_lens(), tmp_path / "d", 1, layout="middlebury")
+    path = next((tmp_path / "d").rglob("disp0GT.pfm"))
+    disparity = PFM.read(path).copy()
+    disparity[np.asarray(Image.open(path.with_name("valid0.png"))) == 0] = np.inf
+    path.write_bytes(PFM.encode(disparity))
+    assert {"disparity", "depth"} <= checks(tmp_path / "d")
+    with pytest.raises(Exception, match="add valid to outputs"):
+        cheap(lens=LENS | {"border_disparity": False}, outputs=["depth"])
 
 
 def test_verify_finds_a_wrong_border(tmp_path):
