@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from heavy import heavy
 from hypothesis import given
 from hypothesis import strategies as st
 from planted_faults import change_image, findings, swap
@@ -194,6 +195,7 @@ def test_a_crop_keeps_raw_images_whole():
 
 @pytest.mark.heavy
 def test_samples_have_raw_images():
+    heavy("torch")
     from semisynth_gl.torch import samples
 
     frames = [render_pair(with_raw(lens=lens), 0) for lens in ({}, FISHEYE)]
