@@ -72,7 +72,7 @@ def hand_made(tmp_path_factory):
 @pytest.mark.parametrize("backend", ["egl"], indirect=True)
 @pytest.mark.parametrize("layout", layout_names())
 def test_a_dataset_has_the_samples_of_the_stream(backend, moving, streamed, layout, tmp_path):
-    lacks = find_layout(layout).lacks
+    lacks = find_layout(layout).lacks | ({"raw"} if layout == "crestereo" else set())
     said = moving.model_copy(update={"outputs": tuple(output for output in moving.outputs if output not in lacks)})
     generate(said, tmp_path / "set", SPLITS, SEED, layout=layout, backend=backend)
     rounding = ROUNDING.get(layout, {})
