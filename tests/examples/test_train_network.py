@@ -854,13 +854,15 @@ def test_the_trained_network_predicts_pairs(dataset, tmp_path):
 
 @pytest.mark.parametrize("model", ["raft-stereo-realtime", "igev-stereo"])
 def test_networks_of_the_package_can_be_trained(model):
-    pytest.importorskip("stereo_matching", reason="needs pip install stereo-matching timm")
+    for package in ("stereo_matching", *(["torchvision"] if model == "igev-stereo" else [])):
+        pytest.importorskip(package, reason="needs pip install stereo-matching timm")
     from public_networks import stereo_matching
 
     training = training_of(stereo_matching(model, num_iters=2), loss="sequence")
-    assert np.isfinite(training.learn(batch_of(size=(64, 96))))
-    left = np.zeros((64, 96, 3), np.uint8)
-    assert training.form.predict(training.network, left, left).shape == (64, 96)
+    # Narrower images vanish in the pyramids of their correlations.
+    assert np.isfinite(training.learn(batch_of(size=(64, 160))))
+    left = np.zeros((64, 160, 3), np.uint8)
+    assert training.form.predict(training.network, left, left).shape == (64, 160)
     with pytest.raises(InputError, match=r"fog: .* has the settings"):
         stereo_matching(model, fog=1)
     with pytest.raises(InputError, match=r"model: expected one of .*raft-stereo.*, got 'absent'"):
