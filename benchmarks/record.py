@@ -144,7 +144,7 @@ def page(name: str, report: Mapping[str, Any]) -> str:
     result = MEASUREMENTS[name]
     parts = [
         f"# {result.title}",
-        "This command measures again and rewrites this page and its numbers. Run nothing else meanwhile:",
+        "The command repeats the measurements and rewrites this page. Run no other program while it measures:",
         f"    python benchmarks/record.py {name}",
         f"All numbers are in [{name}.json]({name}.json); they were measured with `{report['command']}`.",
         *([report["note"]] if "note" in report else []),

@@ -13,7 +13,7 @@ from semisynth_gl.augmentation.colour import Colours
 from semisynth_gl.augmentation.geometry import Warp, mirrored, upside_down
 from semisynth_gl.augmentation.occlusion import occluded
 from semisynth_gl.frame.camera import EYES, Crop, Eye
-from semisynth_gl.frame.channels import View
+from semisynth_gl.frame.channels import CHANNELS, View
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import check_type, to_real
 from semisynth_gl.inputs.errors import InputError, shown
@@ -24,8 +24,7 @@ Interval = tuple[float, float]
 Sides = tuple[int, int]
 
 
-# Channels that hold only for a pair that nobody has changed.
-_OF_UNCHANGED = (View.raw.name, View.raw_map.name)
+_CHANGED = frozenset(name for name, channel in CHANNELS.items() if channel.is_truth or name == View.image.name)
 
 
 def _limits(least: float, most: float) -> dict[str, Any]:
@@ -276,9 +275,7 @@ class Drawn:
 
 
 def _without_raw(frame: Frame) -> Frame:
-    left, right = (
-        View({name: array for name, array in frame.view(eye).items() if name not in _OF_UNCHANGED}) for eye in EYES
-    )
+    left, right = (View({name: array for name, array in frame.view(eye).items() if name in _CHANGED}) for eye in EYES)
     return Frame(frame.camera, left, right)
 
 

@@ -181,16 +181,12 @@ class View(Mapping[str, NDArray[Any]]):
         codec="grey8",
         of_own_view=True,
     )
-    raw = Channel(
-        _UINT8,
-        "{view} image before rectification, 8-bit RGB; black beyond what the rectified image shows",
-        components=3,
-        or_grey=True,
+    raw = replace(
+        image,
+        meaning="{view} image before rectification, 8-bit RGB; black beyond what the rectified image shows",
         output="raw",
         drawn_by="lens",
-        codec="image",
-        of_own_view=True,
-        is_truth=False,
+        attachment="",
         of_sensor=True,
     )
     raw_map = Channel(

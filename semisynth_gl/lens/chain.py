@@ -98,8 +98,11 @@ class LensChain:
     def raw_map(self) -> NDArray[np.float32]:
         """Both maps as one array, (H, W, 2) float32 px: column and row; inf behind the raw camera."""
         positions = np.stack(self.maps, axis=2)
-        y, x = np.mgrid[: positions.shape[0], : positions.shape[1]].astype(np.float64)
-        positions[~np.isfinite(self.raw.raw(self.pinhole, x, y)[0]) | ~np.isfinite(positions).all(axis=2)] = np.inf
+        # Depth in the raw camera's frame of the pixels' points at depth 1, which is linear over the image.
+        across, down, middle = np.array(self.raw.rotation)[:, 2] @ np.linalg.inv(self.pinhole)
+        rows, columns = (np.arange(side) for side in positions.shape[:2])
+        ahead = across * columns + down * rows[:, None] + middle > 0
+        positions[~(ahead & np.isfinite(positions).all(axis=2))] = np.inf
         return positions
 
     @cached_property
