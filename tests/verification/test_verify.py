@@ -21,7 +21,9 @@ from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.verification.dataset import verify_dataset
-from semisynth_gl.verification.view_consistency import match_views
+from semisynth_gl.verification.photometry import check_images
+from semisynth_gl.verification.verdict import Verdict
+from semisynth_gl.verification.view_consistency import match_views, one_surface, visible_pixels
 
 BENCHMARKS = ("middlebury", "kitti", "eth3d", "sceneflow")
 ALL_OUTPUTS = ("visibility", "instances", "depth")
@@ -111,6 +113,25 @@ def test_imperfect_images_are_judged_after_their_levels_are_matched(dataset):
     change_image(scene_of(dataset, 0) / "im0.png", lambda image: image[::-1, ::-1])
     (finding,) = (each for each in findings(dataset) if each.check == "images")
     assert "correlate" in finding.message
+
+
+@pytest.mark.parametrize(("noise", "found"), [(5, True), (30, False)])
+def test_a_fit_counts_where_imperfect_images_correlate(noise, found):
+    """Waves that are half a pixel off; under noise as strong as they are, where images fit best is chance."""
+    rng, disparity = np.random.default_rng(0), np.full((100, 200), 5, np.float32)
+    x, y = np.meshgrid(np.arange(200.0), np.arange(100.0))
+
+    def waves(x):
+        levels = 128 + 60 * np.sin(0.45 * x + 0.1 * y) + rng.normal(0, noise, x.shape)
+        return np.rint(levels.clip(0, 255)).astype(np.uint8)
+
+    left, right = waves(x), waves(x + 5.5)
+    match = match_views(disparity, disparity, -1)
+    verdict = Verdict("pair")
+    check_images(left, right, match, one_surface(match, visible_pixels(match, None)), verdict, imperfect=True)
+    assert verdict.measures["best_shift_px"] == pytest.approx(0.5, abs=0.1)
+    assert verdict.measures["image_correlation"] >= 0.5
+    assert any("fit best at d" in each.message for each in verdict.findings) is found
 
 
 def test_an_image_of_another_pair_is_found(dataset):
