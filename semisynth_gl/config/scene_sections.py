@@ -218,7 +218,7 @@ class ParticlesSection(Section):
         drift: speed in a random horizontal direction, relative to ``fall_m_s``.
         spin_deg_s: angular speed about a random axis.
         resting: share of particles that lie at rest instead of falling, where a surface below can carry them.
-        most: largest number of particles in a scene.
+        most: largest number of particles in a scene; where the target takes more, they become larger.
     """
 
     layers: Annotated[tuple[DepthLayerSection, ...], FROM_LIST, Field(max_length=_MOST_ITEMS)] | None = None
@@ -237,6 +237,8 @@ class ParticlesSection(Section):
     def _faults(self) -> Iterator[str]:
         if self.layers is not None and self.density != "default":
             yield "give either density or layers, not both: each layer states its own count"
+        if isinstance(self.density, Range) and self.density.high > self.most:
+            yield f"density goes up to {self.density.high:g} particles in view, but most allows {self.most} in a scene"
         if self.thinness.high > 1:
             yield f"thinness makes models thinner: expected at most 1, got {self.thinness.high:g}"
 

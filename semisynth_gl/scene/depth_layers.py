@@ -63,7 +63,14 @@ class DepthLayers:
         return self.low_px < self.high_px
 
     def exceedance(
-        self, edges_px: Floats, camera: StereoCamera, drift: Range, sizes: Sizes, heights: Floats, near_m: float
+        self,
+        edges_px: Floats,
+        camera: StereoCamera,
+        drift: Range,
+        sizes: Sizes,
+        heights: Floats,
+        near_m: float,
+        relief_px: float = np.inf,
     ) -> Floats:
         """Return how probably a particle of each layer shows at least some disparities where it covers a pixel.
 
@@ -76,6 +83,7 @@ class DepthLayers:
             sizes: the particles' diameters.
             heights: the models' mean relief, see `Silhouette`.
             near_m: depth of the near plane.
+            relief_px: largest radius of a model along the viewing axis.
 
         Returns:
             (K, J) probabilities.
@@ -83,21 +91,22 @@ class DepthLayers:
         where = _unit_points()
         disparity = self.low_px[:, None] + (self.high_px - self.low_px)[:, None] * where[:, 0]
         radius = sizes.radius_px(camera, disparity, where[:, 1])
+        relief = np.minimum(radius, relief_px)
         height = heights[(where[:, 2] * len(heights)).astype(np.int64)]
         speed = drift.low + (drift.high - drift.low) * where[:, 3]
         # Half a turn of headings covers both directions of each axis. A particle is in the middle of its path at half
         # its age.
         path, age = speed * path_px(camera, radius), where[:, 5] - 0.5
         # All depths here are in units of the depth of the path's middle.
-        room = 1 - radius / camera.focal_px - near_m / camera.depth_m(disparity)
-        nearest = 2 * np.maximum(room, 0.0)
+        room = 1 - relief / camera.focal_px - near_m / camera.depth_m(disparity)
+        nearest = 2 * np.clip(room, 0.0, relief_px / camera.focal_px)
         depth = 1 + age * np.clip(path * np.cos(np.pi * where[:, 4]) / camera.focal_px, -nearest, nearest)
         # Particles that drift sideways are missing at the side that they come from. On the right (or, with a negative
         # disparity, on the left) the margin for the other view supplies them.
         sideways = age * path * np.sin(2 * np.pi * where[:, 4])
         missing = np.maximum(sideways - np.maximum(-disparity, 0), 0)
         missing += np.maximum(-sideways - np.maximum(disparity, 0), 0)
-        shown = (disparity + camera.doffs_px) / (depth - height * radius / camera.focal_px) - camera.doffs_px
+        shown = (disparity + camera.doffs_px) / (depth - height * relief / camera.focal_px) - camera.doffs_px
         # A larger particle covers more pixels. Particles that come nearer grow, but their distances grow as much.
         weight = np.where(room > 0, radius**2 / (radius**2).sum(axis=1, keepdims=True), 0.0)
         at_least = shown[:, :, None] >= edges_px

@@ -33,6 +33,7 @@ class Slots:
     depth_m: Floats  # (S,) planar depth of the path's middle
     disparity_px: Floats  # (S,) disparity of the path's middle
     radius_px: Floats  # (S,) radius of the bounding sphere in the image, at the depth of the path's middle
+    flatness: Floats  # (S,) factor, up to 1, by which models are flattened along the viewing axis
     period_s: Floats  # (S,) time from the emission plane to the end of the view
     phase: Floats  # (S,) age at time 0, in periods, in [0, 1)
     path_m: Floats  # (S,) length that the path would have without drift
@@ -183,11 +184,13 @@ def draw_slots(
     rng: np.random.Generator,
     near_m: float = 0.0,
     sway: Sway = STILL,
+    relief_px: float = np.inf,
 ) -> Slots:
     """Draw the slots of one sequence, one for each particle of the batches.
 
     Batches of more than ``section.most`` particles together are cut in proportion. ``near_m`` is the depth of the near
-    plane, which the models keep clear of at any moment of the sway.
+    plane, which the models keep clear of at any moment of the sway; ``relief_px`` is the largest radius of a model
+    along the viewing axis, to which larger models are flattened.
     """
     counts = np.array([batch.count for batch in batches], np.int64)
     if counts.sum() > section.most:
@@ -208,8 +211,10 @@ def draw_slots(
     path = (view.bottom - view.top) * depth + sum(view.secants) * (radius_m + view.reach_m)
     width = _release_width_px(camera, disparity, radius)
     aside = np.hypot(width * depth / camera.focal_px, path) * (1 + section.drift.high)
-    room = depth - clear_depth_m(near_m, radius_m, aside, sway)
-    return Slots(depth, disparity, radius, path / speed, phase, path, room, view)
+    flatness = np.minimum(relief_px / radius, 1.0)
+    room = depth - clear_depth_m(near_m, radius_m * flatness, aside, sway)
+    room = np.minimum(room, relief_px * depth / camera.focal_px)
+    return Slots(depth, disparity, radius, flatness, path / speed, phase, path, room, view)
 
 
 def draw_release(camera: StereoCamera, section: ParticlesSection, slots: Slots, rng: np.random.Generator) -> Release:
@@ -234,7 +239,7 @@ class Particles:
     """The models of all slots at one moment; the world is the left camera's frame without its sway."""
 
     generation: Ints  # (S,) number of the model in its slot
-    radius_m: Floats  # (S,) radius of the bounding sphere
+    radius_m: Floats  # (S,) radius of the bounding sphere before models are flattened
     world_from_model: Floats  # (S, 4, 4) poses of models of radius 1
 
 
@@ -279,6 +284,8 @@ def particles_at(
         angle = drawn.spin_rad_s[k] * age[k] * slots.period_s[k]
         rotation = rotation_about_axis(drawn.axis[k], angle) @ rotation_from_quaternion(drawn.quaternion[k])
         matrix[k, :3, :3] = rotation * (drawn.scale[k] * radius_m[k, None])[:, None, :]
+    # The viewing axis is that of the camera without its sway: a model must not change as the camera moves.
+    matrix[:, 2, :3] *= slots.flatness[:, None]
     for slot, pose in slots.resting.items():
         matrix[slot] = pose
     return Particles(generation, radius_m, matrix)

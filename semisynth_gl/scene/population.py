@@ -21,7 +21,7 @@ from semisynth_gl.scene.arrangement import Catalogue
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, merge_bins, solve_coverage
 from semisynth_gl.scene.particles import Batch, Sizes, expected_cover, expected_in_view, stated_layers, stated_sizes
 from semisynth_gl.scene.pilots import Pilot, draw_pilots
-from semisynth_gl.scene.rig import check_reachable, near_depth_m
+from semisynth_gl.scene.rig import check_reachable, near_depth_m, relief_px
 from semisynth_gl.seeds.seeds import Purpose, generator
 
 # Number of pilot scenes in which objects are counted to find the sizes for a density.
@@ -36,6 +36,8 @@ _DENSITIES, _QUANTILES = 4, 32
 _SMALLEST = 0.05
 # Largest mean number of particles in a scene, in units of particles.most.
 _BEYOND_MOST = 2.0
+# Number of times that particles are enlarged, at the most, until particles.most are enough.
+_ENLARGEMENTS = 12
 # Number of bisections in the search for a factor of sizes.
 _HALVINGS = 10
 # Multiples of the roots of primes, modulo 1, spread evenly over [0, 1) for each layer separately, since the roots are
@@ -125,7 +127,8 @@ class Population:
 
         Raises:
             InputError: where a layer that the config states lies beyond infinity, or the target takes more particles
-                than ``particles.most``, or more or fewer objects than ``particles.density``.
+                than ``particles.most`` although they are as wide as the image, or more or fewer objects than
+                ``particles.density``.
         """
         for key, stated in self._stated_by_key.items():
             lowest = min((layer.disparity_px.low for layer in stated), default=np.inf)
@@ -260,16 +263,23 @@ class Population:
     def _corrected(self, sizes: Sizes) -> _Aim:
         """Shift the aim until the mean of the pilot scenes is near the target.
 
+        Where the target takes more particles than ``particles.most``, they become larger.
+
         Raises:
-            InputError: where the target takes more particles than ``particles.most``.
+            InputError: where that is not enough.
         """
         wanted, most = self.target.shares, self._config.particles.most
-        views = self._views(self._pilots, sizes)
-        number = float((self._coverage(wanted, views) / views.cover).sum(axis=1).mean())
-        if number > most:
+        for _ in range(_ENLARGEMENTS):
+            views = self._views(self._pilots, sizes)
+            number = float((self._coverage(wanted, views) / views.cover).sum(axis=1).mean())
+            if number <= most:
+                break
+            # A particle covers about the square of its size.
+            sizes = sizes.scaled(1.05 * (number / most) ** 0.5)
+        else:
             raise InputError(
-                f"disparity.target takes about {number:.0f} particles a scene at these sizes, and particles.most "
-                f"allows {most}: state larger sizes, a lower density, or raise particles.most"
+                f"disparity.target takes about {number:.0f} particles a scene, however large they are, and "
+                f"particles.most allows {most}: raise particles.most"
             )
         aims, shares = [], wanted
         for _ in range(_CORRECTIONS):
@@ -331,8 +341,9 @@ class Population:
         return self._exceedance(layers, np.array([-np.inf]), camera, sizes)[:, 0]
 
     def _exceedance(self, layers: DepthLayers, edges_px: Floats, camera: StereoCamera, sizes: Sizes) -> Floats:
-        near_m, drift = near_depth_m(camera, self._config.disparity), self._config.particles.drift
-        return layers.exceedance(edges_px, camera, drift, sizes, self._silhouette.heights, near_m)
+        disparity, drift = self._config.disparity, self._config.particles.drift
+        near_m, most_px = near_depth_m(camera, disparity), relief_px(camera, disparity)
+        return layers.exceedance(edges_px, camera, drift, sizes, self._silhouette.heights, near_m, most_px)
 
 
 def poisson_counts(mean: Floats, quantile: Floats) -> Ints:

@@ -21,6 +21,10 @@ _ALONG_BORDER = 129
 # Number of steps in the search for the near plane of a camera that deviates.
 _STEPS = 8
 
+# Largest radius of a model along the viewing axis, relative to its depth, as a share of the range of depth, relative to
+# the near plane's.
+_RELIEF = 0.1
+
 BEYOND_NEAR = 1.01
 """Smallest depth of walls, in units of the near plane's, so that rounding never puts a disparity above max_px."""
 
@@ -143,6 +147,20 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
             f"{expected_px:g}"
         )
     return depth_m
+
+
+def relief_px(camera: StereoCamera, section: DisparitySection) -> float:
+    """Return the largest radius of models along the viewing axis, px of the image at their own depth.
+
+    In a narrow range, models that are as deep as they are wide would not fit between ``min_px`` and the near plane, or
+    spread over all disparities. At a tenth of this depth, the mean of a dataset comes as near to its target as in a
+    wide range.
+
+    Raises:
+        InputError: where the camera has no near plane, see `near_depth_m`.
+    """
+    far_m = float(camera.depth_m(section.min_px))
+    return _RELIEF * camera.focal_px * max(far_m / near_depth_m(camera, section) - 1, 0.0)
 
 
 def _deviating_depth_m(camera: StereoCamera, max_px: float) -> float:

@@ -17,7 +17,7 @@ from semisynth_gl.scene.particles import Particles, Release, Slots, draw_release
 from semisynth_gl.scene.population import Population
 from semisynth_gl.scene.projector import draw_projector, projector_record
 from semisynth_gl.scene.resting import come_to_rest, triangles_of
-from semisynth_gl.scene.rig import near_depth_m
+from semisynth_gl.scene.rig import near_depth_m, relief_px
 from semisynth_gl.scene.scene import Motion, Projector, Scene
 from semisynth_gl.scene.structures import STILL_MODELS, Stage, draw_stage, take_stock
 from semisynth_gl.scene.view_volume import clear_depth_m
@@ -238,7 +238,8 @@ class SceneSampler:
             # A sequence that is drawn again gets a number that no other sequence has.
             batches = self.population.draw(number + _REDRAWN * attempt, stage.camera, stage.still.disparity_px, rng)
             near_m = near_depth_m(stage.camera, self._config.disparity)
-            slots = draw_slots(stage.camera, self._config.particles, batches, rng, near_m, stage.sway)
+            most_px = relief_px(stage.camera, self._config.disparity)
+            slots = draw_slots(stage.camera, self._config.particles, batches, rng, near_m, stage.sway, most_px)
             section = self._config.projector
             projector = None if section is None else draw_projector(section, draw.generator(Purpose.PROJECTOR))
             falling = _Sequence(draw, stage, near_m, slots, projector)
@@ -263,7 +264,8 @@ class SceneSampler:
             slot = int(chosen[number])
             x, y, z = pose[:3, 3]
             row = camera.cy_px + camera.focal_px * y / z
-            clear_m = clear_depth_m(near_m, particles.radius_m[slot], np.hypot(x, y), stage.sway)
+            radius_m = particles.radius_m[slot] * slots.flatness[slot]
+            clear_m = clear_depth_m(near_m, radius_m, np.hypot(x, y), stage.sway)
             if z > clear_m and -0.5 < row < camera.height_px - 0.5:
                 resting[slot] = pose
         return resting

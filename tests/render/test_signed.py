@@ -327,7 +327,9 @@ def test_scenes_are_as_many_below_0_as_above():
 def test_particles_come_into_both_views_at_any_disparity():
     """What the right view shows at its left border is left of the left view where its disparity is negative."""
     camera = StereoCamera.centred(100, 60, 50.0, 0.1, doffs_px=40.0)
-    slots = Slots(*(np.full(4000, value) for value in (1.0, -30.0, 5.0, 1.0, 0.5, 1.0, 1.0)), height_of_view(camera))
+    slots = Slots(
+        *(np.full(4000, value) for value in (1.0, -30.0, 5.0, 1.0, 1.0, 0.5, 1.0, 1.0)), height_of_view(camera)
+    )
     start = draw_release(camera, ParticlesSection(), slots, np.random.default_rng(0)).start_px
     assert start.min() == pytest.approx(-30 - 5 - 0.5, abs=0.3)
     assert start.max() == pytest.approx(100 + 5 - 0.5, abs=0.3)

@@ -28,19 +28,22 @@ def rigs(draw):
 
 
 @settings(max_examples=100)
-@given(rigs(), st.floats(0, 1.5), st.floats(0, 1), st.integers(0, 1000))
-def test_nothing_in_view_appears_or_disappears(rig, drift, size, seed):
+@given(rigs(), st.floats(0, 1.5), st.floats(0, 1), st.floats(0.5, 50) | st.just(np.inf), st.integers(0, 1000))
+def test_nothing_in_view_appears_or_disappears(rig, drift, size, relief_px, seed):
     (camera, near_m, sway), rng = rig, np.random.default_rng(seed)
     section = ParticlesSection(drift=Range(drift, 2 * drift), size_px=Range(5, 5 + size * camera.width_px))
     batches = [Batch(1.0, 0.5 * camera.width_px, COUNT, stated_sizes(section))]
-    slots = draw_slots(camera, section, batches, rng, near_m, sway)
+    slots = draw_slots(camera, section, batches, rng, near_m, sway, relief_px)
+    assert (slots.flatness * slots.radius_px <= relief_px * (1 + 1e-9)).all()
     release = draw_release(camera, section, slots, rng)
 
     def seen(age, time_s):
         """Points (S, 300, 3) of the spheres around all models that are shown, in the swaying left camera's frame."""
         of_age = replace(slots, phase=np.full(COUNT, age))
         state = particles_at(camera, of_age, lambda _: release, 0.0, np.zeros(COUNT, np.int64))
-        points = (state.world_from_model[:, None, :3, 3] + SPHERE * state.radius_m[:, None, None])[slots.shown]
+        balls = SPHERE * state.radius_m[:, None, None]
+        balls[..., 2] *= slots.flatness[:, None]
+        points = (state.world_from_model[:, None, :3, 3] + balls)[slots.shown]
         pose = sway.camera_from_world(time_s)
         return points @ pose[:3, :3].T + pose[:3, 3]
 

@@ -174,11 +174,42 @@ def test_narrow_bins_are_merged_for_layers():
     assert total_variation(population.target, population.expected()) < 0.06
 
 
-def test_more_particles_than_allowed_are_refused():
-    config = tiny(particles={"size_px": [0.5, 1.0]})
+def test_particles_grow_where_more_of_them_would_be_needed_than_allowed():
+    config = tiny(particles={"size_px": [0.5, 1.0], "most": 300})
     library = build_library(config.models, config.particles, Split(0))
-    with pytest.raises(InputError, match=r"takes about \d+ particles a scene .* particles\.most allows 2000"):
+    sampler = SceneSampler(config, 0, library, PATCH)
+    counts = [(sampler.sample(index).slot >= 0).sum() for index in range(8)]
+    assert 150 < np.mean(counts) <= 300
+    assert total_variation(sampler.population.target, sampler.population.expected()) < 0.06
+
+
+def test_more_particles_than_allowed_are_refused_where_no_size_helps():
+    config = tiny(particles={"most": 1})
+    library = build_library(config.models, config.particles, Split(0))
+    with pytest.raises(InputError, match=r"takes about \d+ particles a scene.* particles\.most allows 1"):
         SceneSampler(config, 0, library, PATCH).sample(0)
+
+
+def test_a_density_beyond_the_largest_number_of_particles_is_refused():
+    with pytest.raises(InputError, match=r"particles.* density goes up to 60 .* most allows 50"):
+        load_config("middlebury", ["particles.density=[20,60]", "particles.most=50"])
+
+
+@settings(max_examples=20)
+@given(st.floats(-1, 2.3), st.floats(0.01, 0.97), st.floats(0, 1))
+def test_narrow_ranges_meet_their_target(magnitude, width, doffs):
+    """Ranges of 0.1 to 200 px, up to where models are as deep as they are wide."""
+    most = 10**magnitude
+    least = most * (1 - width)
+    config = tiny(
+        camera={"doffs_px": doffs * least},
+        disparity={"min_px": least, "max_px": most, "target": {"form": "uniform"}},
+        background={"wall_disparity_px": least, "wall_turn_deg": 0},
+    )
+    sampler = SceneSampler(config, 0, build_library(config.models, config.particles, Split(0)), PATCH)
+    assert total_variation(sampler.population.target, sampler.population.expected()) < 0.1
+    scene = sampler.sample(0)
+    assert 0 < (scene.slot >= 0).sum() <= config.particles.most
 
 
 def test_another_form_takes_the_place_of_the_first():
@@ -311,6 +342,10 @@ def test_particles_show_their_fronts():
     height = np.sqrt(np.random.default_rng(3).random(100_000))
     shown = 80 / (1 - height * 140 / CAMERA.focal_px)
     np.testing.assert_allclose(found, [(shown >= edge).mean() for edge in edges], atol=0.05)
+    # Flattened to a relief of 70 px.
+    found = layers.exceedance(edges, CAMERA, still, sizes, heights, 0.1, 70.0)[0]
+    shown = 80 / (1 - height * 70 / CAMERA.focal_px)
+    np.testing.assert_allclose(found, [(shown >= edge).mean() for edge in edges], atol=0.05)
     # The depth of 80 px less a radius lies beyond no near plane of 1.6 m.
     assert layers.exceedance(edges, CAMERA, still, sizes, heights, 1.6)[0].tolist() == [0, 0, 0]
 
@@ -402,7 +437,7 @@ def test_fewer_objects_than_can_cover_the_target_are_refused():
 
 
 def test_more_objects_than_can_be_made_are_refused():
-    config = tiny(particles={"density": 1e5, "size_px": 200})
+    config = tiny(particles={"density": 1e5, "size_px": 200, "most": 100_000})
     library = build_library(config.models, config.particles, Split(0))
     with pytest.raises(InputError, match=r"density: 100000 objects .* 0\.05 of the stated sizes"):
         SceneSampler(config, 0, library, PATCH).sample(0)
