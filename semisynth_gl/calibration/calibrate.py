@@ -21,7 +21,7 @@ from semisynth_gl.comparison.measured_view import working_width
 from semisynth_gl.comparison.place import find_place, left_out
 from semisynth_gl.comparison.sides import MeasuredPlace, measure_place
 from semisynth_gl.config import Config
-from semisynth_gl.config.load import parse_config
+from semisynth_gl.config.load import Overrides, parse_config
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.histogram import total_variation
 from semisynth_gl.inputs.arguments import check_one_of, check_type, to_real, to_whole
@@ -73,6 +73,7 @@ def calibrate(
     range_px: tuple[float, float] | None = None,
     other_camera: bool = False,
     trials: int = 6,
+    overrides: Overrides = (),
     name: str = "calibrated",
     listener: Listener | None = None,
 ) -> Calibration:
@@ -100,6 +101,7 @@ def calibrate(
         other_camera: whether another camera took the photographs, so that they may have any size.
         trials: number of pairs to render and measure for each recipe at each of two texture scales; with 0, no pair is
             rendered, recipes have equal weights, and textures are as in the packaged configs.
+        overrides: keys to set in the config, as `load_config` takes them; the trial pairs have them, too.
         name: the config's name; characters other than letters, digits and hyphens become hyphens.
         listener: hears the number of pairs to render, and each finished pair.
 
@@ -141,10 +143,16 @@ def calibrate(
         other_camera=other_camera,
         pairs=_pairs(pairs, image_sources, scaled, other_camera, notes),
         lenses=_lenses(scaled, notes),
+        overrides=overrides,
     )
     name, style = config_name(name), untried_style(facts.recipes)
     # The template is checked before the trials, which take longest.
     config = _parsed(config_text(name, facts, style), name)
+    if trials and [recipe.recipe for recipe in config.scenes] != [recipe.name for recipe in facts.recipes]:
+        raise InputError(
+            "`overrides`: scenes cannot be set where trial pairs weigh the recipes: set `trials` to 0, or change scenes"
+            " in the file that is written"
+        )
     facts = replace(facts, layout=suited_layout(config, rigs))
     # Prepares the dataset's patches: unusable photographs are reported now, and the patches are cached.
     report = prepare_atlas(config.textures, Split(0)).report

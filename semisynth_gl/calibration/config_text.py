@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from semisynth_gl.calibration.disparity_range import DisparityRange, DisparitySource, disparity_range, farthest_px
-from semisynth_gl.calibration.photographs import are_grey, check_sizes, large_side, photograph_sizes
+from semisynth_gl.calibration.photographs import are_grey, check_sizes, patch_sides, photograph_sizes
 from semisynth_gl.calibration.recipes import SceneRecipe, suitable_recipes
 from semisynth_gl.calibration.rectification import Rectification, measure_rectification
 from semisynth_gl.calibration.rig import Rig, Size, median_size, rig_ranges
 from semisynth_gl.calibration.style import Style
 from semisynth_gl.config import Config
-from semisynth_gl.config.scene_sections import BackgroundSection
+from semisynth_gl.config.load import Overrides, with_overrides
+from semisynth_gl.config.scene_sections import BackgroundSection, TexturesSection
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.inputs.errors import abbreviate
 from semisynth_gl.inputs.templates import template_environment
@@ -38,12 +39,15 @@ _SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH = 0.04, 0.28
 _INDOOR_M = 20.0
 # Shares of such far pixels: only indoor scenes suit up to the first, only outdoor scenes beyond the second.
 _INDOOR_AT_MOST, _OUTDOOR_FROM = 0.005, 0.05
+# Ratio of the largest to the smallest depth up to which a street or an open ground would not fit.
+_DEPTH_OF_FLAT = 2.0
 # Back walls have the disparities of this farthest share of the wanted pixels. Particles can hide a wall that is too
 # far, but not one that is too near.
 _WALL_UP_TO = 0.05
 # Ends of the far plane's disparities, as fractions of the way from the farthest possible disparity to min_px.
 _PLANE_OF_MIN = (0.1, 0.7)
 _SOURCES_SHOWN = 5
+_USUAL_PATCH_PX = TexturesSection().patch_px
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +67,8 @@ class ConfigFacts:
         fitting_count: number of photographs with a calibrated size; 0 where sizes were not compared.
         layout: the layout that suits the rigs, see `suited_layout`; None for the default.
         lenses: each eye's way through its lens; None without a calibration of the cameras before rectification.
+        patch_px: side of patches.
+        overrides: keys that the user sets, as `load_config` takes them.
     """
 
     rigs: Sequence[Rig]
@@ -77,6 +83,8 @@ class ConfigFacts:
     fitting_count: int = 0
     layout: str | None = None
     lenses: Mapping[Eye, LensChain] | None = None
+    patch_px: int = _USUAL_PATCH_PX
+    overrides: Overrides = ()
 
     @property
     def photographs(self) -> str:
@@ -102,15 +110,32 @@ class ConfigFacts:
         return float(self.disparity.target.cumulative(far_px))
 
     @property
+    def flat(self) -> bool:
+        """Whether the view ends so soon behind the nearest things that a wall has to close it, even outdoors."""
+        disparity, doffs_px = self.disparity, sum(self.ranges["doffs_px"]) / 2
+        return disparity.max_px + doffs_px < _DEPTH_OF_FLAT * (disparity.min_px + doffs_px)
+
+    @property
+    def scenes_origin(self) -> str:
+        """The reason for the kinds of scenes."""
+        if self.flat:
+            return f"the farthest pixels are less than {_DEPTH_OF_FLAT:g} times as far as the nearest"
+        return f"{self.far_share:.1%} of the wanted pixels are farther than {_INDOOR_M:g} m"
+
+    @property
     def scenes(self) -> tuple[str, ...]:
-        """The kinds of scenes that suit `far_share`: ``indoor``, ``outdoor`` or both."""
-        suitable = {"indoor": self.far_share <= _OUTDOOR_FROM, "outdoor": self.far_share > _INDOOR_AT_MOST}
+        """The kinds of scenes that suit `far_share` and `flat`: ``indoor``, ``outdoor`` or both."""
+        suitable = {
+            "indoor": self.far_share <= _OUTDOOR_FROM or self.flat,
+            "outdoor": self.far_share > _INDOOR_AT_MOST and not self.flat,
+        }
         return tuple(kind for kind in suitable if suitable[kind])
 
     @property
     def recipes(self) -> tuple[SceneRecipe, ...]:
         """The recipes that suit the scenes."""
-        return suitable_recipes(self.scenes, self.disparity, self.size.width_px)
+        doffs_px = sum(self.ranges["doffs_px"]) / 2
+        return suitable_recipes(self.scenes, self.disparity, self.size.width_px, doffs_px)
 
 
 def config_facts(
@@ -122,6 +147,7 @@ def config_facts(
     other_camera: bool = False,
     pairs: Sequence[tuple[Path, Path]] = (),
     lenses: Mapping[Eye, LensChain] | None = None,
+    overrides: Overrides = (),
 ) -> ConfigFacts:
     """Gather the facts for a config, and check that they fit together.
 
@@ -133,6 +159,7 @@ def config_facts(
         other_camera: whether another camera took the photographs, so that they may have any size.
         pairs: left and right photographs of the rig, to match.
         lenses: each eye's way through its lens, if the config is to have it.
+        overrides: keys that the user sets, as `load_config` takes them.
 
     Raises:
         InputError: where something is missing or does not fit together.
@@ -143,6 +170,7 @@ def config_facts(
     fitting_count = 0 if other_camera else check_sizes(sizes, [rig.size for rig in rigs], scale)
     if scale is not None:
         rigs = [rig.scaled(scale) for rig in rigs]
+    patch_px, large_px = patch_sides(sizes, median_size(rigs).width_px)
     return ConfigFacts(
         rigs,
         scale,
@@ -150,11 +178,13 @@ def config_facts(
         [str(expanded(path).absolute()) for path in images],
         len(photographs),
         len(photographed_subjects(photographs)),
-        large_side(sizes, median_size(rigs).width_px),
+        large_px,
         are_grey(photographs),
         measure_rectification(pairs, rigs) if pairs else None,
         fitting_count,
         lenses=lenses,
+        patch_px=patch_px,
+        overrides=overrides,
     )
 
 
@@ -180,20 +210,21 @@ def config_text(name: str, facts: ConfigFacts, style: Style) -> str:
     environment.filters |= {"degrees": math.degrees, "vector": vector_of}
     shares = [f"{max(share, 0.0):.4f}".rstrip("0").rstrip(".") for share in facts.disparity.target.shares]
     smallest, largest = (round(part * facts.size.width_px) for part in (_SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH))
-    return environment.get_template("calibrated.yaml.jinja").render(
+    text = environment.get_template("calibrated.yaml.jinja").render(
         name=name,
         facts=facts,
         style=style,
         camera_origin=_camera_origin(facts),
         shares=textwrap.fill(", ".join(shares), _WIDTH - 14),
-        indoor_m=_INDOOR_M,
         wall_px=_wall_px(facts),
         wall_share=_WALL_UP_TO,
         turn_deg=_turn_deg(facts),
         usual_turn_deg=BackgroundSection().wall_turn_deg,
+        usual_patch_px=_USUAL_PATCH_PX,
         plane_px=_plane_px(facts),
         size_px=(max(smallest, 1), max(largest, 2)),
     )
+    return with_overrides(text, facts.overrides) if facts.overrides else text
 
 
 def config_name(stem: str) -> str:

@@ -7,14 +7,16 @@ from pathlib import Path
 
 from semisynth_gl.calibration.rig import Size
 from semisynth_gl.config.dataset_sections import SplitsSection
+from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.textures.images import ImageError, read_image, stored_size
 from semisynth_gl.textures.prepare import share_photographs
 
 _SIZES_SHOWN = 3
-# Limits of the side of large patches, px. Two dozen patches of the largest side take 100 MB.
-_SMALLEST_SIDE, _LARGEST_SIDE = 256, 1024
+# Largest side of large patches, px. Two dozen patches of this side take 100 MB.
+_LARGEST_SIDE = 1024
+_SMALLEST_PATCH = 16
 _ROUND_SCALES = tuple(sorted({part / whole for whole in range(2, 9) for part in (1, 2, 3)} | {2.0, 4.0}))
 
 
@@ -68,14 +70,18 @@ def check_sizes(photographs: Sequence[Size], calibrated: Sequence[Size], scale: 
     )
 
 
-def large_side(photographs: Sequence[Size], width_px: int) -> int:
-    """Return the side of large patches, px, from 256 to 1024.
+def patch_sides(photographs: Sequence[Size], width_px: int) -> tuple[int, int]:
+    """Return the sides of patches and of large patches, px.
 
-    It is the median over photographs of the shorter side, but at most the width of the rig's images, ``width_px``.
+    Patches have the usual side, or the largest power of two that fits into half of the photographs. The side of large
+    patches is the median over photographs of the shorter side, but at most 1024 and at most the width of the rig's
+    images, ``width_px``.
     """
     sides = sorted(map(min, photographs))
     median = sides[len(sides) // 2] if sides else 0
-    return max(min(median, width_px, _LARGEST_SIDE), _SMALLEST_SIDE)
+    usual = TexturesSection().patch_px
+    side = usual if median >= usual or median < _SMALLEST_PATCH else 1 << median.bit_length() - 1
+    return side, max(min(median, width_px, _LARGEST_SIDE), side)
 
 
 def impossible_splits(subjects: int) -> list[str]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from semisynth_gl.calibration.disparity_range import DisparityRange
+from semisynth_gl.scene.rig import BEYOND_NEAR
 
 # Number of particles in scenes that mostly show other objects. With two to six, views were either empty or full.
 _FLOATING = [12, 40]
@@ -12,6 +13,8 @@ _FLOATING = [12, 40]
 _NEAR = (0.4, 0.98)
 _ROOM_ENDS = (0.1, 0.4)
 _PANELS = (0.1, 0.8)
+# Where still things must be able to come as near as this quantile of the wanted distribution.
+_STILL_UP_TO = 0.9
 # Sides of panels, as fractions of the image's width.
 _PANEL_OF_WIDTH = (0.3, 1.0)
 
@@ -28,17 +31,21 @@ class SceneRecipe:
     keys: Mapping[str, Mapping[str, Any]]
 
 
-def suitable_recipes(scenes: Sequence[str], disparity: DisparityRange, width_px: int) -> tuple[SceneRecipe, ...]:
+def suitable_recipes(
+    scenes: Sequence[str], disparity: DisparityRange, width_px: int, doffs_px: float = 0.0
+) -> tuple[SceneRecipe, ...]:
     """Return the recipes that suit a place.
 
     Recipes of furnished, open and still scenes state their particles as layers, since their walls, ground and panels
-    already lie at the wanted disparities. The last two recipes, of which the last is clutter, are solved for the part
-    of the wanted distribution that the other recipes leave.
+    already lie at the wanted disparities. Where the range is so narrow that walls cannot reach these, there are no such
+    recipes. The last two recipes, of which the last is clutter, are solved for the part of the wanted distribution that
+    the other recipes leave.
 
     Args:
         scenes: the kinds of the place's scenes: "indoor", "outdoor" or both.
         disparity: the wanted disparities, px.
         width_px: width of the config's images.
+        doffs_px: the rig's cx_right - cx_left.
     """
     # Rounded as in the written config, so that ranges lie within its limits.
     least, most = (float(f"{limit:.10g}") for limit in (disparity.min_px, disparity.max_px))
@@ -55,6 +62,9 @@ def suitable_recipes(scenes: Sequence[str], disparity: DisparityRange, width_px:
         "panel_slant_deg": [0, 45],
     }
     no_background: dict[str, Any] = {"cuboid": 0, "plane": 0}
+    # Walls and panels keep a distance from the near plane.
+    if (most + doffs_px) / BEYOND_NEAR - doffs_px < disparity.target.quantile(_STILL_UP_TO):
+        scenes = ()
     recipes = list[SceneRecipe]()
     if "indoor" in scenes:
         room = no_background | {"room": 1, "wall_disparity_px": between(_ROOM_ENDS)}

@@ -35,7 +35,7 @@ def rig_summary(facts: ConfigFacts, report: TextureReport) -> list[str]:
         f"doffs            {_shown_range(ranges['doffs_px'], 'px')}",
         f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {disparity.target.mean_px:.2f} px",
         f"                 {disparity.origin}",
-        f"scenes           {' and '.join(facts.scenes)} ({facts.far_share:.1%} of the pixels beyond 20 m)",
+        f"scenes           {' and '.join(facts.scenes)} ({facts.scenes_origin})",
         f"photographs      {facts.photographs}{', all grey' * facts.grey}, which give {patches}",
     ]
     if 0 < facts.fitting_count < count:

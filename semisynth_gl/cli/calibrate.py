@@ -11,7 +11,17 @@ import click
 from semisynth_gl.calibration.calibrate import UNITS
 from semisynth_gl.calibration.calibrate import calibrate as calibrate_rig
 from semisynth_gl.calibration.config_text import PROPOSED_PAIRS
-from semisynth_gl.cli.options import NATURAL, FilesType, Number, UserPath, above_0, images_option, map_options, option
+from semisynth_gl.cli.options import (
+    NATURAL,
+    FilesType,
+    Number,
+    UserPath,
+    above_0,
+    images_option,
+    map_options,
+    option,
+    set_option,
+)
 from semisynth_gl.cli.outputs import CONFIG, Output, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
@@ -97,6 +107,7 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
     help="Pairs to render and measure for each recipe, with each of two texture scales. With 0, all "
     "recipes get the same weight, and textures are as in the packaged configs.",
 )
+@set_option()
 @output_option("--out", CONFIG, ".yaml", ".yml", required=True, help="YAML file to write.")
 def calibrate(
     images: tuple[str, ...],
@@ -105,6 +116,7 @@ def calibrate(
     png_scale: float,
     pairs: tuple[tuple[str, str], ...],
     rectify_to: Path | None,
+    settings: tuple[str, ...],
     output: Output,
     **others: Any,  # noqa: ANN401 - arguments of the function that calibrates
 ) -> None:
@@ -119,6 +131,7 @@ def calibrate(
             png_scale=png_scale,
             pairs=pairs,
             rectify_to=rectify_to,
+            overrides=settings,
             name=out.stem,
             listener=progress,
             **others,

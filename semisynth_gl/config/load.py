@@ -6,10 +6,13 @@ from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import replace
 from importlib.resources.abc import Traversable
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap
 
 from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.config.distributions import read_histogram
@@ -85,6 +88,31 @@ def parse_config(text: str, file: str) -> Config:
     Raises InputError as `load_config` does.
     """
     return _validated(_parse_document(text, Path(file), file, ()))
+
+
+def with_overrides(text: str, overrides: Overrides) -> str:
+    """Return a config's YAML text with overrides written into it; comments stay where they are.
+
+    Raises InputError as `load_config` does.
+    """
+    _validated(_parse_document(text, Path(), "the config", ()), overrides)
+    yaml = YAML()
+    yaml.width = 100
+    yaml.indent(mapping=2, sequence=4, offset=2)
+    tree = yaml.load(text)
+    for key, value, _ in map(_key_and_value, overrides.items() if isinstance(overrides, Mapping) else overrides):
+        *sections, last = key.split(".")
+        node = tree
+        for section in sections:
+            node = node.setdefault(section, CommentedMap())
+        # A new last key would stand behind the comment on the next section.
+        if last in node:
+            node[last] = value
+        else:
+            node.insert(0, last, value)
+    stream = StringIO()
+    yaml.dump(tree, stream)
+    return stream.getvalue()
 
 
 def _validated(document: Document, overrides: Overrides = ()) -> Config:

@@ -21,6 +21,7 @@ from shared_material import SHARED, needs_shared
 from skimage.data import stereo_motorcycle
 
 from semisynth_gl.calibration import config_text as config_template
+from semisynth_gl.calibration.calibrate import calibrate
 from semisynth_gl.calibration.config_text import PROPOSED_PAIRS, ConfigFacts, config_facts, config_name, config_text
 from semisynth_gl.calibration.disparity_maps import measure_maps
 from semisynth_gl.calibration.disparity_range import DisparitySource, chosen_range, disparity_range, measured_range
@@ -48,6 +49,9 @@ from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation
 from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
 from semisynth_gl.layouts import find_layout
+from semisynth_gl.scene.mix import MixSampler
+from semisynth_gl.scene.sources import prepare_sources
+from semisynth_gl.seeds.splits import Split
 
 SMALL = plain_rig(30, 0.1, Size(40, 30))
 CAMERA = StereoCamera(741, 500, 994.978, 0.193001, 311.193, 342.279, 254.877)
@@ -805,6 +809,70 @@ def test_a_measured_range_has_headroom_and_ignores_the_odd_pixel():
 
 
 # --- the whole ---
+
+
+SIZES = [(320, 240), (1242, 375), (1280, 1024), (2448, 2048)]
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    most_px=st.floats(-0.3, 2.84).map(lambda power: 10**power),
+    width=st.floats(-2, -0.005).map(lambda power: 10**power),
+    size=st.sampled_from(SIZES),
+    view=st.floats(0.4, 3),
+    baseline_m=st.floats(0.01, 1),
+)
+def test_scenes_of_any_range_meet_their_target(tmp_path_factory, most_px, width, size, view, baseline_m):
+    """Ranges up to 0.5 to 700 px, from 1 % to 99 % of the largest disparity wide."""
+    made = calibrate(
+        photographs(tmp_path_factory.mktemp("photos"), size=(40, 30)),
+        focal_px=view * size[0],
+        baseline_m=baseline_m,
+        size=size,
+        range_px=(most_px * (1 - width), most_px),
+        other_camera=True,
+        trials=0,
+        overrides=["textures.source=procedural", "textures.images=[]", "textures.max_patches=8", "textures.large_px=0"],
+    )
+    sources = prepare_sources(made.config, Split(0))
+    mix = MixSampler(made.config, 0, sources.libraries, sources.atlas.patches)
+    assert total_variation(mix.expected(), made.config.shown_histogram()) < 0.2
+    for index in range(len(mix.recipes)):
+        assert len(mix.sample(index).scene) > 0
+
+
+def test_a_table_top_becomes_a_dataset_that_verifies(tmp_path, call):
+    if fault := backend_fault("auto"):
+        pytest.skip(fault)
+    photographs(tmp_path / "photos", 2, size=(320, 240))
+    given = ("calibrate", "--images", "photos", "--other-camera", "--set", "particles.most=900", "--out", "table.yaml")
+    rig = ("--focal-px", 500, "--baseline-m", 0.05, "--size", "160x128", "--range-px", 50, 62.5)
+    assert call(*given, *rig, "--trials", 1)[0] == 0
+    config = load_config(tmp_path / "table.yaml")
+    assert (config.particles.most, config.textures.patch_px, config.textures.large_px) == (900, 128, 160)
+    assert call("generate", "--config", "table.yaml", "--out", "table", "--pairs", 5)[0] == 0
+    assert call("verify", "table", "--oracle")[0] == 0
+
+
+def test_keys_that_are_set_are_written_beside_the_comments(tmp_path, call):
+    photographs(tmp_path / "photos", 1, size=(40, 30))
+    rig = ("--focal-px", 30, "--baseline-m", 0.1, "--size", "40x30", "--range-px", 2, 20)
+    given = ("calibrate", "--images", "photos", "--other-camera", *rig)
+    keys = ["camera.colour=grey", "imperfections.noise=2", "name=other", "checks.min_valid=0.25"]
+    assert call(*given, "--trials", 0, "--out", "plain.yaml")[0] == 0
+    assert call(*given, "--trials", 0, "--out", "set.yaml", *(word for key in keys for word in ("--set", key)))[0] == 0
+    plain, changed = (load_config(tmp_path / name) for name in ("plain.yaml", "set.yaml"))
+    assert changed == load_config(tmp_path / "plain.yaml", keys) != plain
+    # The first comment has the file's name.
+    comments = [
+        [line for line in (tmp_path / name).read_text().splitlines()[1:] if line.startswith("#")]
+        for name in ("plain.yaml", "set.yaml")
+    ]
+    assert comments[0] == comments[1]
+    for key in ("camera.widht_px=3", "scenes=[]"):
+        code, _, err = call(*given, "--trials", 1, "--out", "no.yaml", "--set", key)
+        assert code == 2
+        assert key.partition("=")[0] in err
 
 
 def test_names_follow_files():
