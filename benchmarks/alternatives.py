@@ -2,8 +2,8 @@
 
     python benchmarks/alternatives.py --json alternatives.json
 
-Three tables, as `semisynth-gl bench accuracy` has them: variants of how a pixel gets its disparity, encodings of
-disparities and encodings of images. The default is bold; a star marks alternatives that no other one dominates.
+Two tables, as `semisynth-gl bench accuracy` has them: variants of how a pixel gets its disparity, and encodings of
+disparities. The default is bold; a star marks alternatives that no other one dominates.
 """
 
 import argparse
@@ -21,20 +21,12 @@ import numpy as np
 from disparity_variants import RENDERERS_VARIANT, DisparityVariants, Variant
 from isal import isal_zlib
 from numpy.typing import NDArray
-from PIL import Image
 
 from semisynth_gl.bench.accuracy import Effort, headline, scene_facts, section, table
-from semisynth_gl.bench.encodings import (
-    DEFAULT_DISPARITY_ENCODING,
-    DEFAULT_IMAGE_ENCODING,
-    Encoding,
-    measure_encodings,
-    usable_encodings,
-)
+from semisynth_gl.bench.encodings import DEFAULT_DISPARITY_ENCODING, Encoding, measure_encodings, offered_encodings
 from semisynth_gl.bench.scenes import BenchScenes, SampledTruth, cast_truth, sample_scenes
 from semisynth_gl.bench.summary import alternative_rows, error_stats, machine_facts
 from semisynth_gl.bench.timing import alternated, compare_times
-from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.render.backends import BACKENDS, Backend
@@ -64,20 +56,14 @@ def measure(config: Config, seed: int, backend: Backend, effort: Effort) -> dict
     truths, _ = cast_truth(bench, frames, effort.rays, np.random.default_rng(seed))
     with DisparityVariants(bench.models, backend) as variants:
         rows, refused = measure_variants(bench, variants, truths, effort.repeats), variants.left_out
-    views = [frame.view(eye) for frame in frames for eye in EYES]
-    maps, images = [view.disparity for view in views], [view.image for view in views]
-    offered, _ = usable_encodings(DISPARITY_CODECS)
-    stored = measure_encodings(
-        maps, [*offered, *more_disparity_encodings()], DEFAULT_DISPARITY_ENCODING, effort.repeats
-    )
-    offered, left_out = usable_encodings(IMAGE_CODECS)
-    stored_images = measure_encodings(images, [*offered, PILLOW_PNG], DEFAULT_IMAGE_ENCODING, effort.repeats)
+    maps = [frame.view(eye).disparity for frame in frames for eye in EYES]
+    encodings = [*offered_encodings(), *more_disparity_encodings()]
+    stored = measure_encodings(maps, encodings, DEFAULT_DISPARITY_ENCODING, effort.repeats)
     return {
         **scene_facts(bench, seed, effort, frames, truths),
         "machine": machine_facts() | driver,
         "get": section(RENDERERS_VARIANT, refused, rows),
         "store": section(DEFAULT_DISPARITY_ENCODING, {}, stored),
-        "images_store": section(DEFAULT_IMAGE_ENCODING, left_out, stored_images),
     }
 
 
@@ -129,20 +115,6 @@ def more_disparity_encodings() -> list[Encoding]:
     if find_spec("blosc2"):
         encodings.append(Encoding("blosc2", "float32, blosc2, shuffled, LZ4", _encode_blosc2, _decode_blosc2))
     return encodings
-
-
-def _encode_by_pillow(image: NDArray[np.uint8]) -> bytes:
-    file = io.BytesIO()
-    Image.fromarray(image).save(file, "PNG", compress_level=1)
-    return file.getvalue()
-
-
-PILLOW_PNG = Encoding(
-    "png-pillow",
-    "PNG by Pillow, zlib's level 1",
-    _encode_by_pillow,
-    lambda data, _: np.asarray(Image.open(io.BytesIO(data))),
-)
 
 
 def _encode_half(disparity: _Map) -> bytes:

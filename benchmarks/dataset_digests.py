@@ -6,7 +6,7 @@ Run it before and after a change that must not change any dataset, with the same
     python benchmarks/dataset_digests.py --compare before.txt
 
 Each line has a name and two digests. The first digest covers all files of the pairs, the lists and the links, by name
-and content. The second digest covers index, card, Croissant file and records; it may change where those files name
+and content. The second digest covers index, card and records; it may change where those files name
 versions. The shards' logs, which say how long it took, are in neither.
 
 With --compare each dataset has a line that says whether its files are the same. The exit code is 1 where pairs of a
@@ -31,8 +31,8 @@ from semisynth_gl.layouts import LAYOUTS
 REAL_RIG = Path(__file__).resolve().parents[1] / "examples" / "real-rig.yaml"
 # Layouts in which the config chooses the encodings.
 FREE_LAYOUTS = ("middlebury", "webdataset")
-ENCODINGS = (("png", "pfm", "flo"), ("qoi", "png16", "pfm"), ("jxl", "tiff", "png16"))
-DESCRIPTIONS = ("index.json", "README.md", "croissant.json")
+ENCODINGS = (("png", "pfm", "flo"), ("png", "png16", "pfm"), ("png", "pfm", "png16"))
+DESCRIPTIONS = ("index.json", "README.md")
 SMALL = ("--set", "camera.width_px=226", "--set", "camera.height_px=141", "--set", "textures.max_patches=64")
 # Small images, in a layout that has every output.
 ETH3D = ("--config", "eth3d", "--pairs", "2", "--layout", "middlebury")

@@ -39,7 +39,7 @@ if [ ! -e "$venv/.ready" ]; then
         # What only some tests need may be missing there.
         install hatchling editables
         install --no-build-isolation --editable . pytest pytest-xdist hypothesis
-        for each in imagecodecs opencv-python-headless psutil webdataset fsspec imageio; do
+        for each in opencv-python-headless psutil webdataset fsspec imageio; do
             install "$each" || say "Going on without $each"
         done
     fi

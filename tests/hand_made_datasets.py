@@ -6,13 +6,11 @@ from hand_made_pairs import CAMERA, make_frame, make_provenance
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.begun import complete_record
 from semisynth_gl.dataset.card import encode_card
-from semisynth_gl.dataset.croissant import encode_croissant
 from semisynth_gl.dataset.files import DatasetFiles
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.places import open_place
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.sample import encode_pair
-from semisynth_gl.dataset.schema import CARD, CROISSANT
 from semisynth_gl.dataset.shard import ShardWriter
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
@@ -62,6 +60,6 @@ def write_dataset(out, layout, pairs, shard_pairs, config=None, *, overwrite=Fal
             split = {"split": shard.split, "first": shard.first, "end": shard.end}
             writer.finish(split | {"redraws": 0, "renderers": ["none"]}, {"seconds": 0.1})
     index = describe_dataset(plan, sources, [complete_record(place, shard) for shard in plan.shards])
-    files.finish(index, {CARD: encode_card(index), CROISSANT: encode_croissant(index)})
+    files.finish(index, encode_card(index))
     files.close()
     return plan

@@ -1,4 +1,4 @@
-"""Errors and costs of the rendered disparity, of the encodings of disparities and images, and of antialiasing.
+"""Errors and costs of the rendered disparity, of the encodings of disparity, and of antialiasing.
 
 config -> scenes -> {truth, encodings, antialiasing} -> report, a dictionary of JSON's types -> table
 """
@@ -11,15 +11,9 @@ from typing import Any
 import numpy as np
 
 from semisynth_gl.bench.antialias import DEFAULT_MODE, REFERENCE, measure_modes
-from semisynth_gl.bench.encodings import (
-    DEFAULT_DISPARITY_ENCODING,
-    DEFAULT_IMAGE_ENCODING,
-    measure_encodings,
-    usable_encodings,
-)
+from semisynth_gl.bench.encodings import DEFAULT_DISPARITY_ENCODING, measure_encodings, offered_encodings
 from semisynth_gl.bench.scenes import BenchScenes, SampledTruth, cast_truth, sample_scenes
 from semisynth_gl.bench.summary import error_stats, machine_facts, markdown
-from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS, Encodings
 from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.frame import Frame
@@ -44,8 +38,8 @@ def measure(
 
     Returns:
         A report in JSON's types: the keys of `scene_facts`; "machine", a dictionary; "disparity", the renderer's error
-        as of `error_stats`; and in "store", "images_store" and "antialias" a `section` each, on encodings of
-        disparities, encodings of images and antialiasing modes.
+        as of `error_stats`; and in "store" and "antialias" a `section` each, on encodings of disparities and
+        antialiasing modes.
 
     Raises:
         SemisynthError: where the config or OpenGL cannot be used.
@@ -60,16 +54,9 @@ def measure(
     drawn = [frames[part.scene].view(part.eye).disparity[part.row, part.column] for part in truths]
     error = error_stats(np.concatenate(drawn), np.concatenate([part.disparity_px for part in truths]))
     listener.on_message("encodings of disparities")
-    views = [frame.view(eye) for frame in frames for eye in EYES]
-    signed, grey = config.disparity.signed, config.camera.colour == "grey"
-    maps = {name: Encodings.from_names(disparity=name, signed=signed).disparity for name in DISPARITY_CODECS}
-    usable, _ = usable_encodings(maps)
-    stored = measure_encodings([view.disparity for view in views], usable, DEFAULT_DISPARITY_ENCODING, effort.repeats)
-    listener.on_message("encodings of images")
-    by_name = {name: Encodings.from_names(name) for name in IMAGE_CODECS}
-    images = {name: (each.in_grey(three=False) if grey else each).image for name, each in by_name.items()}
-    usable, left_out = usable_encodings(images)
-    stored_images = measure_encodings([view.image for view in views], usable, DEFAULT_IMAGE_ENCODING, effort.repeats)
+    maps = [frame.view(eye).disparity for frame in frames for eye in EYES]
+    offered = offered_encodings(signed=config.disparity.signed)
+    stored = measure_encodings(maps, offered, DEFAULT_DISPARITY_ENCODING, effort.repeats)
     listener.on_message("antialiasing")
     modes, modes_left_out = measure_modes(bench, outlines, backend, effort.repeats)
     return {
@@ -77,7 +64,6 @@ def measure(
         "machine": machine_facts() | driver,
         "disparity": plain(error),
         "store": section(DEFAULT_DISPARITY_ENCODING, {}, stored),
-        "images_store": section(DEFAULT_IMAGE_ENCODING, left_out, stored_images),
         "antialias": section(DEFAULT_MODE, modes_left_out, modes) | {"reference": REFERENCE},
     }
 
@@ -188,10 +174,6 @@ _COLUMNS: Mapping[str, tuple[tuple[str, ...], _Cells]] = {
     "store": (
         ("to store disparity", *_FILE_HEAD, *_ERROR_HEAD),
         lambda row: (*_file_cost(row), *_errors(row["error"])),
-    ),
-    "images_store": (
-        ("to store images", *_FILE_HEAD, "lossless"),
-        lambda row: (*_file_cost(row), "yes" if row["lossless"] else "no"),
     ),
     "antialias": (
         ("to antialias", "PSNR, dB", "at outlines", "inside"),

@@ -1,9 +1,6 @@
-"""Encodings of disparities and of images, measured by encoding and decoding: time to write and to read, bytes, error.
+"""Encodings of disparities, measured by encoding and decoding: time to write and to read, bytes, error."""
 
-All installed codecs that a config may choose are measured.
-"""
-
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,11 +11,9 @@ from numpy.typing import NDArray
 
 from semisynth_gl.bench.summary import alternative_rows, error_stats
 from semisynth_gl.bench.timing import alternated, compare_times
-from semisynth_gl.codecs import Codec, Encodings
-from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.codecs import DISPARITY_CODECS, Codec, Encodings
 
 DEFAULT_DISPARITY_ENCODING = Encodings().disparity.name
-DEFAULT_IMAGE_ENCODING = Encodings().image.name
 
 # Decoders take the name of a file for their messages.
 _MEMORY = Path("memory")
@@ -31,8 +26,7 @@ class Encoding:
     Attributes:
         name: its name in reports.
         text: its description in reports.
-        encode: turns an array into bytes: either disparity, (H, W) float32 with inf where there is no truth, or an
-            image, (H, W, 3) uint8 RGB or (H, W) uint8 grey.
+        encode: turns disparities, (H, W) float32 with inf where there is no truth, into bytes.
         decode: turns the bytes and the array's shape into an array again.
     """
 
@@ -42,18 +36,12 @@ class Encoding:
     decode: Callable[[bytes, tuple[int, ...]], NDArray[Any]]
 
 
-def usable_encodings(codecs: Mapping[str, Codec[Any]]) -> tuple[list[Encoding], dict[str, str]]:
-    """Return the encodings whose codecs are installed, and the reason why each other codec is left out, by its name."""
-    usable: list[Encoding] = []
-    left_out: dict[str, str] = {}
-    for name, codec in codecs.items():
-        try:
-            codec.check_installed()
-        except InputError as error:
-            left_out[name] = str(error)
-        else:
-            usable.append(Encoding(name, codec.description, codec.encode, partial(_decode_file, codec)))
-    return usable, left_out
+def offered_encodings(*, signed: bool = False) -> list[Encoding]:
+    """Return the encodings that a config may choose; ``signed`` says whether its disparities are signed."""
+    codecs = {name: Encodings.from_names(disparity=name, signed=signed).disparity for name in DISPARITY_CODECS}
+    return [
+        Encoding(name, codec.description, codec.encode, partial(_decode_file, codec)) for name, codec in codecs.items()
+    ]
 
 
 def _decode_file(codec: Codec[Any], data: bytes, _: tuple[int, ...]) -> NDArray[Any]:
@@ -68,14 +56,14 @@ def measure_encodings(
     """Encode and decode arrays with each encoding in turn, and compare the decoded arrays with the originals.
 
     Args:
-        arrays: the left and right disparities, or images, of each pair, one pair after the other.
+        arrays: the left and right disparities of each pair, one pair after the other.
         encodings: the encodings; the ``default`` one must be among them.
         default: the name of the encoding to which times are relative.
         repeats: how often each encoding is timed.
 
     Returns:
-        A row of `alternative_rows` for each encoding. "error" has the `error_stats` of decoded disparities, and is None
-        for images. The Pareto front weighs time to write, time to read, bytes and worst error.
+        A row of `alternative_rows` for each encoding; "error" has the `error_stats`. The Pareto front weighs
+        time to write, time to read, bytes and worst error.
     """
 
     def encode(encoding: Encoding) -> list[bytes]:
@@ -91,29 +79,19 @@ def measure_encodings(
         compare_times(alternated({each.name: partial(work, each) for each in encodings}, repeats), default, pairs)
         for work in (encode, decode)
     )
-    figures, weighed = {}, {}
+    figures: dict[str, Any] = {}
+    weighed: dict[str, Sequence[float]] = {}
     for encoding in encodings:
         name, decoded = encoding.name, decode(encoding)
-        size, error = sum(map(len, encoded[name])) / pairs, _error(decoded, arrays)
+        size = sum(map(len, encoded[name])) / pairs
+        values, truth = (np.concatenate([array.ravel() for array in part]) for part in (decoded, arrays))
+        error = error_stats(values, truth.astype(np.float64))
         figures[name] = {
             "read_seconds_per_pair": reading[name].seconds,
             "bytes_per_pair": size,
             "lossless": all(map(np.array_equal, decoded, arrays)),
             "error": error,
         }
-        weighed[name] = reading[name].ratio, size, _worst_px(error)
+        # An encoding that loses pixels is the worst.
+        weighed[name] = reading[name].ratio, size, np.inf if error["missing"] else float(error["worst_px"])
     return alternative_rows({each.name: each.text for each in encodings}, writing, figures, weighed)
-
-
-def _error(decoded: Sequence[NDArray[Any]], arrays: Sequence[NDArray[Any]]) -> dict[str, Any] | None:
-    if arrays[0].dtype != np.float32:
-        return None
-    values, truth = (np.concatenate([array.ravel() for array in part]) for part in (decoded, arrays))
-    return error_stats(values, truth.astype(np.float64))
-
-
-def _worst_px(error: Mapping[str, Any] | None) -> float:
-    """Return the error that the front weighs: the worst error, or infinity for an encoding that loses pixels."""
-    if error is None:
-        return 0.0
-    return np.inf if error["missing"] else float(error["worst_px"])

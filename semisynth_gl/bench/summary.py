@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.bench.timing import Timing
 
-_PACKAGES = ("semisynth-gl", "moderngl", "numpy", "isal", "Pillow", "imagecodecs", "blosc2")
+_PACKAGES = ("semisynth-gl", "moderngl", "numpy", "isal", "Pillow", "blosc2")
 
 
 def error_stats(values: NDArray[np.floating], truth: NDArray[np.float64]) -> dict[str, Any]:

@@ -295,7 +295,7 @@ class _GenerationProgress(Progress):
             self.on_message(
                 f"in {counted(len(self._shares_beyond), 'pair')} more than {_LARGE_SHARE_BEYOND:.0%} of the pixels "
                 f"have a disparity that {encoding} cannot hold, at worst {max(self._shares_beyond):.1%}: they are "
-                f"invalid ({View.disparity.beyond_key} counts them); files.disparity=pfm or tiff holds them, in a "
+                f"invalid ({View.disparity.beyond_key} counts them); files.disparity=pfm holds them, in a "
                 "layout that lets you choose"
             )
 

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from semisynth_gl.codecs.by_imagecodecs import JXL, JXL_GREY, QOI
 from semisynth_gl.codecs.codec import Codec, read_bytes
 from semisynth_gl.codecs.flo import Flo
 from semisynth_gl.codecs.grey import ThreeEqual
@@ -12,7 +11,6 @@ from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.pfm import PFM, PFM3, FlowPfm
 from semisynth_gl.codecs.png import GREY8, GREY16, GREY_IMAGE, RGB8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, SIGNED_DISPARITY, FlowPng16
-from semisynth_gl.codecs.tiff import Tiff
 
 __all__ = ["DISPARITY_CODECS", "FLOW_CODECS", "IMAGE_CODECS", "Codec", "Encodings", "read_bytes"]
 
@@ -21,17 +19,17 @@ def _by_name(*codecs: Codec[Any]) -> dict[str, Codec[Any]]:
     return {codec.name: codec for codec in codecs}
 
 
-IMAGE_CODECS = _by_name(RGB8, QOI, JXL)
+IMAGE_CODECS = _by_name(RGB8)
 """Codecs of (H, W, 3) uint8 RGB for the config's ``files.image``."""
 
-DISPARITY_CODECS = _by_name(PFM, KITTI_DISPARITY, Tiff())
+DISPARITY_CODECS = _by_name(PFM, KITTI_DISPARITY)
 """Codecs of (H, W) float32 px for ``files.disparity``; all store inf as "no disparity"."""
 
 FLOW_CODECS = _by_name(Flo(), FlowPfm(), FlowPng16())
 """Codecs of (H, W, 2) float32 px for ``files.flow``; all store inf as "no flow"."""
 
-# Codec of grey images for each codec of RGB images that has one; QOI has no grey.
-_GREY_CODECS: Mapping[Codec[Any], Codec[Any]] = {RGB8: GREY_IMAGE, JXL: JXL_GREY, Jpeg(): Jpeg(grey=True)}
+# Codec of grey images for each codec of RGB images.
+_GREY_CODECS: Mapping[Codec[Any], Codec[Any]] = {RGB8: GREY_IMAGE, Jpeg(): Jpeg(grey=True)}
 
 _FIXED: Mapping[str, Codec[Any]] = {
     "grey8": GREY8,
@@ -90,8 +88,3 @@ class Encodings:
             return ThreeEqual(RGB8) if isinstance(self.image, ThreeEqual) else png
         chosen: Mapping[str, Codec[Any]] = {"image": self.image, "disparity": self.disparity, "flow": self.flow}
         return chosen[name] if name in chosen else _FIXED[name]
-
-    def check_installed(self) -> None:
-        """Raise InputError where a codec needs a package that is not installed."""
-        for codec in (self.image, self.disparity, self.flow):
-            codec.check_installed()

@@ -33,7 +33,6 @@ class MiddleburyCalib(Codec[Calibration]):
     """Middlebury's calib.txt, with the baseline in millimetres."""
 
     name = "txt"
-    media_type = "text/plain"
     description = "Middlebury's calib.txt"
     is_image = False
 
@@ -92,7 +91,6 @@ class KittiCalib(Codec[StereoCamera]):
     """KITTI's calib_cam_to_cam.txt: size, rotation and projection of both colour cameras, with lengths in metres."""
 
     name = "txt"
-    media_type = "text/plain"
     description = "KITTI's calib_cam_to_cam.txt"
     is_image = False
 

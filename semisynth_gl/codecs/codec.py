@@ -24,7 +24,6 @@ class Codec(ABC, Generic[Value]):
 
     Attributes:
         name: the codec's name in a config, and the ending of its files unless `suffix` differs.
-        media_type: the format's media type, or the address of its specification where it has none.
         description: the format in a few words.
         nothing: how the format stores "no value", in words.
         error_px: largest rounding error of a stored value, px.
@@ -36,7 +35,6 @@ class Codec(ABC, Generic[Value]):
     """
 
     name: str
-    media_type: str
     description: str
     nothing: ClassVar[str] = "inf"
     error_px: float = 0.0
@@ -59,7 +57,7 @@ class Codec(ABC, Generic[Value]):
 
     @abstractmethod
     def encode(self, value: Value) -> bytes:
-        """Return the bytes of a file that holds the value; raises InputError as `check_installed` does."""
+        """Return the bytes of a file that holds the value."""
 
     @abstractmethod
     def decode(self, data: bytes, path: Path) -> Value:
@@ -67,15 +65,11 @@ class Codec(ABC, Generic[Value]):
 
         Raises:
             ReadError: where the bytes are cut off, or have another format.
-            InputError: as `check_installed` does.
         """
 
     def exceeds_limit(self, value: NDArray[np.float32]) -> NDArray[np.bool_]:
         """Return where a value, (H, W) or (H, W, C), is finite but the format cannot store it, (H, W) bool."""
         return np.zeros(value.shape[:2], np.bool_)
-
-    def check_installed(self) -> None:
-        """Raise InputError where the format needs a package that is not installed."""
 
     def read(self, path: Path) -> Value:
         """Read and decode a file; raises ReadError also where the file cannot be read."""

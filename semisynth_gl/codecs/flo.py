@@ -19,7 +19,6 @@ class Flo(Codec[NDArray[np.float32]]):
     """Flow, (H, W, 2) float32 px: tag, width, height, then u and v of each pixel, little-endian; 1e10 means inf."""
 
     name = "flo"
-    media_type = "https://vision.middlebury.edu/flow/code/flow-code/README.txt"
     description = "Middlebury's .flo, float32"
     nothing = "1e10"
     is_image = False

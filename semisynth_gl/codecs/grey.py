@@ -18,7 +18,6 @@ class ThreeEqual(Codec[NDArray[np.uint8]]):
     def __init__(self, rgb: Codec[NDArray[np.uint8]]) -> None:
         self.rgb = rgb
         self.name = rgb.name
-        self.media_type = rgb.media_type
         self.description = f"{rgb.description}, three equal channels"
         self.is_image = rgb.is_image
         self.lossless = rgb.lossless
@@ -28,10 +27,6 @@ class ThreeEqual(Codec[NDArray[np.uint8]]):
     def suffix(self) -> str:
         """The ending of the format's files, with the dot."""
         return self.rgb.suffix
-
-    def check_installed(self) -> None:
-        """Raise InputError where the format needs a package that is not installed."""
-        self.rgb.check_installed()
 
     def encode(self, value: NDArray[np.uint8]) -> bytes:
         """Encode an image, (H, W)."""

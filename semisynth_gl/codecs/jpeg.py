@@ -17,7 +17,6 @@ class Jpeg(Codec[NDArray[np.uint8]]):
     """JPEG of (H, W, 3) uint8 RGB or, if ``grey``, (H, W) uint8: quality 100, colour at full resolution."""
 
     name = "jpg"
-    media_type = "image/jpeg"
     lossless = False
 
     def __init__(self, *, grey: bool = False) -> None:

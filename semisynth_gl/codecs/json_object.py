@@ -17,7 +17,6 @@ class JsonObject(Codec[Mapping[str, Any]]):
     """A mapping in JSON's types, indented, with a line break at the end."""
 
     name = "json"
-    media_type = "application/json"
     description = "JSON"
     is_image = False
 

@@ -22,7 +22,6 @@ class Pfm(Codec[NDArray[np.float32]]):
     """
 
     name = "pfm"
-    media_type = "https://netpbm.sourceforge.net/doc/pfm.html"
     description = "PFM, float32"
 
     def __init__(self, components: int = 1, *, tolerant: bool = False) -> None:
@@ -63,7 +62,6 @@ class FlowPfm(Codec[NDArray[np.float32]]):
     """SceneFlow's flow as PFM of three channels u, v and 0, from (H, W, 2) float32 px; inf stands for no flow."""
 
     name = "pfm"
-    media_type = Pfm.media_type
     description = "PFM of three channels, u, v and 0, float32"
     is_image = False
     pixel_bytes = 12.0

@@ -34,7 +34,6 @@ class Png(Codec[NDArray[Any]]):
     """PNG of uint8 or uint16: (H, W) grey with 1 of ``components``, or (H, W, 3) RGB with 3."""
 
     name = "png"
-    media_type = "image/png"
 
     def __init__(self, dtype: type[np.uint8 | np.uint16], components: int, pixel_bytes: float) -> None:
         self._bits = 8 * np.dtype(dtype).itemsize

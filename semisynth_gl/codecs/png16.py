@@ -18,7 +18,6 @@ class DisparityPng16(Codec[NDArray[np.float32]]):
     """Disparity, (H, W) float32 px, as 16-bit grey PNG that counts steps of 1/``steps`` px; 0 stands for inf."""
 
     suffix = ".png"
-    media_type = "image/png"
     nothing = "0"
     signed = False
     lossless = False
@@ -60,7 +59,6 @@ class _AboutMiddle(Codec[NDArray[np.float32]]):
 
     name = "png16"
     suffix = ".png"
-    media_type = "image/png"
     lossless = False
 
     _steps: ClassVar[int]

@@ -141,8 +141,8 @@ class FilesSection(Section):
     """Encodings of the dataset's files.
 
     Attributes:
-        image: ``png``, ``qoi`` or ``jxl``, all lossless; ``qoi`` and ``jxl`` need the extra ``codecs``.
-        disparity: ``pfm``, ``tiff`` (smaller), or KITTI's ``png16`` (up to 256 px; -128 to 128 px where signed).
+        image: ``png``.
+        disparity: ``pfm``, or KITTI's ``png16`` (up to 256 px; -128 to 128 px where signed).
         flow: Middlebury's ``flo``, SceneFlow's ``pfm``, or KITTI's ``png16`` (up to 512 px).
     """
 
@@ -179,7 +179,7 @@ class SplitsSection(Section):
 
 
 class LicencesSection(Section):
-    """Licences that the index, the card and the Croissant file state.
+    """Licences that the index and the card state.
 
     Attributes:
         dataset: licence of the dataset, by the name that hubs use.

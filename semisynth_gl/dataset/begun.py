@@ -14,7 +14,7 @@ from semisynth_gl.dataset.contents import Shard
 from semisynth_gl.dataset.documents import CHANGED_INDEX, PlanDocument, RecordDocument, parse_beginning, parse_record
 from semisynth_gl.dataset.places import Place
 from semisynth_gl.dataset.plan import Plan
-from semisynth_gl.dataset.schema import CARD, CROISSANT, INDEX, PLAN, PROGRAM, record_path
+from semisynth_gl.dataset.schema import CARD, INDEX, PLAN, PROGRAM, record_path
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.plugins import MissingPluginError, require_plugins
 
@@ -86,15 +86,15 @@ def plan_document(plan: Plan, beginning: Mapping[str, Any]) -> dict[str, Any]:
 def lost_files(place: Place, plan: Plan) -> list[str]:
     """Return the names of files, links and folders about the whole dataset that are missing or differ from the plan's.
 
-    A card or a Croissant file with other contents is not lost, since users add to them. A folder in the place of a link
-    is not lost either, since copies of datasets may have folders there. Raises ReadError where a link or a folder
+    A card with other contents is not lost, since users add to it. A real folder instead of a link is fine: ``cp -rL``
+    makes one. Raises ReadError where a link or a folder
     stands in the place of a file.
     """
     index = read_object(place, INDEX)
     if index is None:
         return [INDEX]
     lost = [PLAN] if read_object(place, PLAN) != plan_document(plan, index) else []
-    lost += [name for name in (CARD, CROISSANT) if place.size(name) is None]
+    lost += [CARD] if place.size(CARD) is None else []
     lost += [name for name, data in plan.all_lists.items() if place.size(name) is None or place.read(name) != data]
     if place.local is not None:
         for name, target in plan.all_links.items():

@@ -36,7 +36,7 @@ _LICENCES = frozenset(
 _SIZE_NAMES = ("1K", "10K", "100K", "1M", "10M", "100M", "1B", "10B", "100B", "1T")
 _UNITS = ("kB", "MB", "GB", "TB")
 # Endings of the images that the package datasets finds in folders and Pillow opens.
-_IMAGE_ENDINGS = (".png", ".jpg", ".tiff")
+_IMAGE_ENDINGS = (".png", ".jpg")
 _MAIN_ROLE = "left"
 
 

@@ -22,7 +22,7 @@ from semisynth_gl.dataset.own import (
 )
 from semisynth_gl.dataset.places import Folder, Place
 from semisynth_gl.dataset.plan import Plan, differences
-from semisynth_gl.dataset.schema import INDEX, JOURNAL_SUFFIX, LOCK, PLAN, PROGRAM, is_unfinished_file
+from semisynth_gl.dataset.schema import CARD, INDEX, JOURNAL_SUFFIX, LOCK, PLAN, PROGRAM, is_unfinished_file
 from semisynth_gl.inputs.errors import InputError, abbreviate
 from semisynth_gl.seeds.splits import SplitName
 
@@ -133,13 +133,10 @@ class DatasetFiles:
             shards = list(shards)
             return [shard for shard, record in zip(shards, pool.map(read_record, shards), strict=True) if not record]
 
-    def finish(self, index: IndexDocument, files: Mapping[str, bytes]) -> None:
-        """Write the files about the whole dataset, and finally the index, which says that the dataset is complete.
-
-        ``files`` are the card and the Croissant file, by path.
-        """
+    def finish(self, index: IndexDocument, card: bytes) -> None:
+        """Write the files about the whole dataset, and finally the index, which says that the dataset is complete."""
         place = self._place
-        for name, data in (self._plan.all_lists | dict(files)).items():
+        for name, data in (self._plan.all_lists | {CARD: card}).items():
             place.write(name, data)
         if isinstance(place, Folder):
             for name in self._plan.folders:

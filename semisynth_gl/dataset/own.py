@@ -17,7 +17,6 @@ from semisynth_gl.dataset.places import Folder, Place, entries_below
 from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.dataset.schema import (
     CARD,
-    CROISSANT,
     INDEX,
     LOCK,
     PARTIAL,
@@ -35,7 +34,7 @@ from semisynth_gl.inputs.errors import InputError, abbreviate
 
 def own_names(plan: Plan) -> Iterator[str]:
     """Yield the names of all files that a dataset may have, the pairs' files last."""
-    yield from (INDEX, CARD, CROISSANT, PLAN)
+    yield from (INDEX, CARD, PLAN)
     for split in plan.splits:
         first = [plan.key(split, 0)]
         yield from (*plan.lists(first), *plan.links(first))

@@ -9,7 +9,7 @@ from typing import Any
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.contents import Contents
-from semisynth_gl.dataset.schema import CARD, CROISSANT, FORMAT, INDEX, PARTIAL, PROGRAM, RECORDS
+from semisynth_gl.dataset.schema import CARD, FORMAT, INDEX, PARTIAL, PROGRAM, RECORDS
 from semisynth_gl.frame.channels import CHANNELS
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, counted, shown
@@ -23,7 +23,7 @@ _SHARD_BYTES = 1_000_000_000
 _FEWEST_SHARDS = 8
 # Each shard adds a few files, and a row of the index.
 _MOST_SHARDS = 1_000_000
-_OF_EVERY_DATASET = (INDEX, CARD, CROISSANT, RECORDS, PARTIAL)
+_OF_EVERY_DATASET = (INDEX, CARD, RECORDS, PARTIAL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +135,6 @@ def _check_encodings(config: Config, layout_name: str, encodings: Encodings) -> 
             f"the layout {layout_name} stores disparities as {encodings.disparity.description}, which has no values of "
             f"0 and below, but disparity.signed makes these valid: choose another `layout`: {', '.join(others)}"
         )
-    encodings.check_installed()
 
 
 def used_plugins(config: Config, layout_name: str) -> Records:

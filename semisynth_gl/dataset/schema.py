@@ -16,7 +16,6 @@ A change that an older program would misread takes the next number. A new key ta
 INDEX = "index.json"
 """The dataset's index, written last: it says that the dataset is complete."""
 CARD = "README.md"
-CROISSANT = "croissant.json"
 
 RECORDS = "shards"
 """Folder of the shards' records and tars."""

@@ -16,12 +16,10 @@ from semisynth_gl.dataset.apart import check_apart
 from semisynth_gl.dataset.begun import complete_record, read_resumed
 from semisynth_gl.dataset.card import encode_card
 from semisynth_gl.dataset.contents import Shard
-from semisynth_gl.dataset.croissant import encode_croissant
 from semisynth_gl.dataset.files import DatasetFiles
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.places import Place, open_place
 from semisynth_gl.dataset.plan import Plan, make_plan
-from semisynth_gl.dataset.schema import CARD, CROISSANT
 from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.engines.task import Engine
 from semisynth_gl.generation.shard_job import ShardJob
@@ -144,7 +142,7 @@ def generate(
         if not missing_count:
             records = [record for shard in plan.shards if (record := complete_record(place, shard)) is not None]
             index = describe_dataset(plan, sources, records)
-            files.finish(index, {CARD: encode_card(index), CROISSANT: encode_croissant(index)})
+            files.finish(index, encode_card(index))
     finally:
         files.close()
     stopped = listener.stopping and bool(files.missing(chosen, quick=True))

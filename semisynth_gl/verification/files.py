@@ -13,11 +13,11 @@ from semisynth_gl.dataset.contents import Shard
 from semisynth_gl.dataset.documents import RecordDocument, StoredFile
 from semisynth_gl.dataset.reader import Index, read_members, read_record, read_whole
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, camera_size, decode_file, wrong_sizes
-from semisynth_gl.dataset.schema import CARD, CROISSANT, INDEX, PARTIAL, PLAN, log_path, record_path, tar_path
+from semisynth_gl.dataset.schema import CARD, INDEX, PARTIAL, PLAN, log_path, record_path, tar_path
 from semisynth_gl.inputs.errors import ReadError, counted
 from semisynth_gl.verification.verdict import Verdict
 
-_ABOUT = frozenset({INDEX, PLAN, CARD, CROISSANT})
+_ABOUT = frozenset({INDEX, PLAN, CARD})
 _SHOWN = 20
 # A pair that lacks one of these roles cannot be judged.
 _NEEDED = frozenset({"left", "right", "disparity_left", "provenance"})

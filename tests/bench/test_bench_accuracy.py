@@ -13,12 +13,11 @@ from tiny_datasets import cheap
 from semisynth_gl import PairRenderer
 from semisynth_gl.bench.accuracy import Effort, measure, table
 from semisynth_gl.bench.antialias import MODES, REFERENCE, psnr_db
-from semisynth_gl.bench.encodings import usable_encodings
 from semisynth_gl.bench.scenes import BenchScenes, cast_truth, edges, grown, sample_scenes
 from semisynth_gl.bench.summary import front
 from semisynth_gl.bench.timing import alternated, compare_times
 from semisynth_gl.cli import main
-from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS
+from semisynth_gl.codecs import DISPARITY_CODECS
 from semisynth_gl.config import load_config
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.render.renderer import Renderer
@@ -34,11 +33,9 @@ def report():
 
 def test_the_report_is_whole_and_json(report):
     assert set(rows(report, "store")) == set(DISPARITY_CODECS)
-    assert set(rows(report, "images_store")) | set(report["images_store"]["left_out"]) == set(IMAGE_CODECS)
-    assert all(row["lossless"] for row in rows(report, "images_store").values())
     assert set(rows(report, "antialias")) | set(report["antialias"]["left_out"]) == {*MODES, REFERENCE}
     assert json.loads(json.dumps(report, allow_nan=False))["pixels_compared"] > 1000
-    for part in ("store", "images_store", "antialias"):
+    for part in ("store", "antialias"):
         assert report[part]["default"] in rows(report, part)
         assert any(row["on_front"] for row in rows(report, part).values())
         assert all(row["seconds_per_pair"] > 0 for row in rows(report, part).values())
@@ -56,10 +53,10 @@ def test_the_disparity_is_exact_to_float32(report):
 def test_storing_loses_what_the_format_says(report):
     stored = rows(report, "store")
     assert all(row["error"]["missing"] == 0 for row in stored.values())
-    assert {name for name, row in stored.items() if row["lossless"]} == {"pfm", "tiff"}
-    assert stored["pfm"]["error"]["worst_px"] == stored["tiff"]["error"]["worst_px"] == 0
+    assert {name for name, row in stored.items() if row["lossless"]} == {"pfm"}
+    assert stored["pfm"]["error"]["worst_px"] == 0
     assert 0 < stored["png16"]["error"]["worst_px"] <= 1 / 512
-    assert stored["pfm"]["bytes_per_pair"] > stored["tiff"]["bytes_per_pair"] > stored["png16"]["bytes_per_pair"]
+    assert stored["pfm"]["bytes_per_pair"] > stored["png16"]["bytes_per_pair"]
 
 
 def test_truth_lies_off_edges_and_on_the_drawn_surface():
@@ -117,17 +114,6 @@ def test_more_samples_come_nearer_to_the_reference(report):
     assert modes["none"]["psnr_db"] < modes["ssaa2"]["psnr_db"] < modes["ssaa3"]["psnr_db"]
     assert modes[REFERENCE]["psnr_db"] is None
     assert not modes[REFERENCE]["on_front"]
-
-
-def test_images_without_imagecodecs_are_left_out_with_the_reason(monkeypatch):
-    def refuse(name):
-        raise ImportError(name)
-
-    monkeypatch.setattr("semisynth_gl.codecs.by_imagecodecs.import_module", refuse)
-    usable, left_out = usable_encodings(IMAGE_CODECS)
-    assert [encoding.name for encoding in usable] == ["png"]
-    assert set(left_out) == {"qoi", "jxl"}
-    assert all("imagecodecs" in reason for reason in left_out.values())
 
 
 def test_the_front_keeps_what_no_point_dominates():

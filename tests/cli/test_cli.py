@@ -256,7 +256,7 @@ def test_help_is_there(call, command, tmp_path):
         (["--shards", "7-9"], ["--shards 7-9: the dataset has the shards 0-7"]),
         (["--shards", "3-2"], ["must not be smaller"]),
         (["--pairs", "0"], ["at least one pair"]),
-        (["--layout", "kitti", "--set", "files.disparity=tiff"], ["encodings of its own"]),
+        (["--layout", "kitti", "--set", "files.disparity=png16"], ["encodings of its own"]),
         (["--out", "nothing://x"], ["nothing://x"]),
     ],
 )

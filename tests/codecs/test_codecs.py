@@ -16,7 +16,7 @@ from PIL import Image
 from pydantic import ValidationError
 from tiny_datasets import cheap
 
-from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings, by_imagecodecs
+from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings
 from semisynth_gl.codecs.calib import MIDDLEBURY_CALIB, Calibration
 from semisynth_gl.codecs.deflate import deflate
 from semisynth_gl.codecs.disparity_map import read_disparity_map
@@ -28,10 +28,9 @@ from semisynth_gl.codecs.png16 import CRESTEREO_DISPARITY, KITTI_DISPARITY
 from semisynth_gl.config.dataset_sections import FilesSection
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.channels import CHANNELS
-from semisynth_gl.inputs.errors import InputError, ReadError
+from semisynth_gl.inputs.errors import ReadError
 
 SHAPES = [(1, 1), (1, 7), (9, 1), (30, 41)]
-FROM_IMAGECODECS = {"qoi", "jxl"}
 CAMERA = StereoCamera(37, 21, 1164.25, 0.193001, 17.5, 48.586, 10.25)
 PATH = Path("the-file")
 sides = st.integers(1, 40)
@@ -56,18 +55,6 @@ def by_opencv(data):
     return decoded if decoded.ndim == 2 else decoded[..., ::-1]
 
 
-def by_another_program(name, data):
-    """An image, decoded by a program that shares nothing with this one; for JPEG XL there is only libjxl."""
-    if name == "jxl":
-        return pytest.importorskip("imagecodecs").jpegxl_decode(data)
-    return np.asarray(Image.open(io.BytesIO(data), formats=[name.upper()]))
-
-
-def skip_without_imagecodecs(name):
-    if name in FROM_IMAGECODECS:
-        pytest.importorskip("imagecodecs")
-
-
 # The tables
 
 
@@ -82,14 +69,12 @@ def test_a_config_chooses_codecs_by_their_names():
         with pytest.raises(KeyError, match="webp"):
             Encodings.from_names(**{section: "webp"})
     assert Encodings() == Encodings.from_names() == Encodings.from_names("png", "pfm", "flo") == cheap().encodings
-    chosen = Encodings.from_names("jxl", "png16")
-    assert (chosen.image.suffix, chosen.disparity.suffix) == (".jxl", ".png")
 
 
 def test_a_channel_names_a_chosen_codec_or_a_fixed_one():
-    chosen = Encodings.from_names("qoi", "tiff", "png16")
-    assert chosen.codec("image") is IMAGE_CODECS["qoi"]
-    assert chosen.codec("disparity") is DISPARITY_CODECS["tiff"]
+    chosen = Encodings.from_names("png", "png16", "png16")
+    assert chosen.codec("image") is IMAGE_CODECS["png"]
+    assert chosen.codec("disparity") is DISPARITY_CODECS["png16"]
     assert chosen.codec("flow") is FLOW_CODECS["png16"]
     assert [chosen.codec(name) for name in ("grey8", "grey16", "float", "vector")] == [GREY8, GREY16, PFM, PFM3]
     with pytest.raises(KeyError, match="normals"):
@@ -106,8 +91,7 @@ def test_limits_and_errors_are_those_of_the_formats():
     for entry in every:
         rounding = entry.name.startswith("png16")
         assert (entry.error_px > 0) == np.isfinite(entry.limit_px) == rounding
-    for entry in (PFM, DISPARITY_CODECS["tiff"]):
-        assert not entry.exceeds_limit(np.array([[1e30, np.inf]], np.float32)).any()
+    assert not PFM.exceeds_limit(np.array([[1e30, np.inf]], np.float32)).any()
 
 
 # PNG
@@ -148,18 +132,16 @@ def test_where_a_stream_is_in_memory_does_not_matter(monkeypatch, length):
         assert len(deflated) == 1
 
 
-def test_png_and_tiff_are_deflated_so():
+def test_png_is_deflated_so():
     rng = np.random.default_rng(0)
     noise = rng.integers(0, 256, (200, 200), np.uint8)
     for codec, image in (
         (GREY8, noise),
         (GREY16, noise.view(np.uint16)),
         (IMAGE_CODECS["png"], noise[:, :198].reshape(200, 66, 3)),
-        (DISPARITY_CODECS["tiff"], noise.view(np.float32)),
     ):
         data, stream = codec.encode(image), zlib.decompressobj()
-        opened = Image.open(io.BytesIO(data))
-        (begin,) = opened.tag_v2[273] if opened.format == "TIFF" else (data.index(b"IDAT") + 4,)
+        begin = data.index(b"IDAT") + 4
         content = stream.decompress(data[begin:])
         deflated = data[begin : len(data) - len(stream.unused_data)]
         assert deflated == deflate(np.frombuffer(content, np.uint8)), codec
@@ -283,26 +265,6 @@ def test_wrong_pfm_is_named(tmp_path, data, words):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("name", IMAGE_CODECS)
-def test_images_come_back_bit_for_bit(name, shape):
-    skip_without_imagecodecs(name)
-    image = make_image(shape)
-    data = IMAGE_CODECS[name].encode(image)
-    np.testing.assert_array_equal(by_another_program(name, data), image)
-    np.testing.assert_array_equal(IMAGE_CODECS[name].decode(data, PATH), image)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_a_tiff_comes_back_bit_for_bit(shape):
-    disparity = make_disparity(shape, high=900)
-    data = DISPARITY_CODECS["tiff"].encode(disparity)
-    for came in (by_opencv(data), np.asarray(Image.open(io.BytesIO(data)))):
-        assert came.dtype == np.float32
-        np.testing.assert_array_equal(came, disparity)
-    np.testing.assert_array_equal(DISPARITY_CODECS["tiff"].decode(data, PATH), disparity)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("png", [KITTI_DISPARITY, CRESTEREO_DISPARITY], ids=lambda png: png.name)
 def test_a_disparity_png_counts_steps(png, shape):
     disparity = make_disparity(shape)
@@ -326,16 +288,15 @@ def test_a_png16_ends_at_256_px_and_keeps_0_for_no_truth():
     assert KITTI_DISPARITY.exceeds_limit(disparity)[0].tolist() == [False] * 8 + [True] * 3
 
 
-@pytest.mark.parametrize("name", ["qoi", "jxl", "tiff", "png16", "jpg"])
+@pytest.mark.parametrize("name", ["png16", "jpg"])
 def test_wrong_files_are_named(tmp_path, name):
-    skip_without_imagecodecs(name)
     image, disparity = make_image((30, 41)), make_disparity((30, 41))
     entry = {**IMAGE_CODECS, **DISPARITY_CODECS, "jpg": Jpeg()}[name]
     colour = name in IMAGE_CODECS or name == "jpg"
     good = entry.encode(image if colour else disparity)
     file = tmp_path / "file"
     foreign = io.BytesIO()
-    Image.fromarray(image[..., 0] if colour else image).save(foreign, "TIFF" if name == "tiff" else "PNG")
+    Image.fromarray(image[..., 0] if colour else image).save(foreign, "PNG")
     for data in (b"", good[: len(good) // 2], good[:-1], b"abc" * 50, foreign.getvalue()):
         file.write_bytes(data)
         with pytest.raises(ReadError):
@@ -347,31 +308,6 @@ def test_wrong_files_are_named(tmp_path, name):
 def test_a_folder_is_no_file(tmp_path):
     with pytest.raises(ReadError, match="cannot be read"):
         PFM.read(tmp_path)
-
-
-def test_grey_is_no_colour():
-    codecs = pytest.importorskip("imagecodecs")
-    data = codecs.jpegxl_encode(make_image((30, 41))[..., 0].copy(), lossless=True)
-    with pytest.raises(ReadError, match="expected 8-bit RGB"):
-        IMAGE_CODECS["jxl"].decode(data, PATH)
-
-
-@pytest.mark.parametrize("name", sorted(FROM_IMAGECODECS))
-def test_a_missing_imagecodecs_is_an_error_that_says_what_to_install(monkeypatch, name):
-    def refuse(module):
-        raise ImportError(f"No module named {module!r}")
-
-    monkeypatch.setattr(by_imagecodecs, "import_module", refuse)
-    entry = IMAGE_CODECS[name]
-    for call in (
-        entry.check_installed,
-        Encodings(image=entry).check_installed,
-        lambda: entry.encode(make_image((3, 4))),
-        lambda: entry.decode(b"qoif" + bytes(7) + b"\x01", PATH),
-    ):
-        with pytest.raises(InputError, match=rf"{name} needs the package imagecodecs.*'semisynth-gl\[codecs\]'"):
-            call()
-    Encodings().check_installed()
 
 
 # Calibrations and JSON

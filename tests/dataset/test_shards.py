@@ -163,7 +163,7 @@ def test_nobody_is_known_to_be_alone_without_locks(tmp_path, monkeypatch):
         run.open({"train": {}})
     with open_writer(tmp_path) as other:
         add_pairs(other, 2)
-        runs[0].finish(SimpleNamespace(values={"program": "semisynth-gl"}), {})
+        runs[0].finish(SimpleNamespace(values={"program": "semisynth-gl"}), b"")
         runs[0].close()
         add_pairs(other)
         other.finish(RANGE, {"seconds": 1.5})

@@ -78,7 +78,7 @@ def test_without_a_layout_the_number_of_pairs_decides(config, tmp_path):
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        (["files.disparity=tiff"], "choose another `layout`: middlebury, webdataset"),
+        (["files.disparity=png16"], "choose another `layout`: middlebury, webdataset"),
         (["outputs=[correspondence]"], "choose another `layout`: middlebury, middlebury-2014, webdataset"),
         (["disparity.signed=true"], "choose another `layout`: eth3d, middlebury, middlebury-2014, sceneflow, "),
     ],

@@ -23,7 +23,7 @@ from semisynth_gl.verification.dataset import verify_dataset
 
 PAIRS = {"train": 2, "validation": 1}
 LAYOUTS = ("middlebury", "webdataset", "middlebury-2014", "sceneflow", "kitti")
-INDEX, PLAN, CARD, CROISSANT = "index.json", "shards/plan.json", "README.md", "croissant.json"
+INDEX, PLAN, CARD = "index.json", "shards/plan.json", "README.md"
 SHARD = "semisynth-lab-train-000000"
 
 
@@ -90,7 +90,7 @@ def assert_whole(folder, wanted):
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_whatever_is_removed_the_same_command_makes_again(clean, tmp_path, layout):
     wanted, names = tree(clean / layout), parts_of(clean / layout)
-    assert {INDEX, PLAN, CARD, CROISSANT, f"shards/{SHARD}.json", f"shards/{SHARD}.log"} <= set(names)
+    assert {INDEX, PLAN, CARD, f"shards/{SHARD}.json", f"shards/{SHARD}.log"} <= set(names)
     folder = copied(clean, layout, tmp_path / "set")
     for name in names:
         remove(folder / name)
@@ -108,7 +108,7 @@ def test_what_is_cut_off_is_made_again(clean, tmp_path, layout):
     folder = copied(clean, layout, tmp_path / "set")
     for name in parts_of(clean / layout):
         path = folder / name
-        if path.is_symlink() or path.is_dir() or name in (CARD, CROISSANT) or name.endswith(".log"):
+        if path.is_symlink() or path.is_dir() or name == CARD or name.endswith(".log"):
             continue
         path.write_bytes(wanted[name][: len(wanted[name]) // 2])
         write(folder, layout)

@@ -41,8 +41,7 @@ from semisynth_gl.seeds.splits import SPLITS
 
 OTHER_ENCODINGS = [
     ("middlebury", Encodings.from_names("png", "png16", "png16")),
-    ("webdataset", Encodings.from_names("png", "tiff", "pfm")),
-    ("webdataset", Encodings.from_names("qoi", "png16", "flo")),
+    ("webdataset", Encodings.from_names("png", "png16", "pfm")),
 ]
 
 
@@ -85,8 +84,6 @@ def disparity_by_opencv(path):
     [*((name, None) for name in layout_names()), *OTHER_ENCODINGS],
 )
 def test_what_is_written_comes_back(name, encodings, outputs, truth):
-    if encodings and encodings.image.name == "qoi":
-        pytest.importorskip("imagecodecs")
     layout = find_layout(name)
     outputs = [output for output in outputs if output not in layout.lacks]
     frame = make_frame(6, outputs, truth)
@@ -300,7 +297,7 @@ def test_advice_says_what_loaders_will_refuse():
     middlebury = find_layout("middlebury")
     assert middlebury.advice(1, config("middlebury"), "train") == []
     assert middlebury.advice(1, config("middlebury", width_px=1501, height_px=997), "train") == []
-    others = load_config("middlebury", ["files.disparity=tiff", "outputs=[depth]", "sequence.length=2"])
+    others = load_config("middlebury", ["files.disparity=png16", "outputs=[depth]", "sequence.length=2"])
     assert [each.split(":")[0] for each in middlebury.advice(3, others, "train")] == [
         "The last sequence ends early",
         "The loaders of this layout read PNG and PFM alone",

@@ -237,7 +237,7 @@ def test_a_mix_can_be_sent_to_other_processes():
         ("{recipe: a, textures: {wrap: repeat}}", "set textures.wrap beside scenes"),
         ("{recipe: a, sequence: {length: 2}}", "mix.yaml:3: scenes.0.sequence: a recipe cannot change this key"),
         ("{recipe: a, splits: {test: 0.2}}", "set splits beside scenes"),
-        ("{recipe: a, files: {image: qoi}}", "set files beside scenes"),
+        ("{recipe: a, files: {disparity: png16}}", "set files beside scenes"),
         ("{recipe: a, outputs: [flow]}", "set outputs beside scenes"),
         ("{recipe: a, imperfections: {noise: 3}}", "set imperfections beside scenes"),
         ("{recipe: a, antialias: msaa4}", "set antialias beside scenes"),
