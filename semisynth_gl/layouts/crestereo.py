@@ -4,7 +4,7 @@ Pair 0 is in shapenet, pair 1 in reflective and so on; torchvision needs pairs i
 only images and disparities.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.jpeg import Jpeg
@@ -26,7 +26,7 @@ _NAMES: Mapping[str, str] = {
 
 
 class CreStereo(Layout):
-    """CREStereo: its own loader, torchvision's CREStereo."""
+    """CREStereo: its own loader, torchvision's CREStereo, WAFT-Stereo."""
 
     encodings = Encodings(image=Jpeg(), disparity=CRESTEREO_DISPARITY)
     lacks = frozenset({"correspondence"})
@@ -37,6 +37,14 @@ class CreStereo(Layout):
         begin = f"CREStereo/{_FOLDERS[key.index % len(_FOLDERS)]}/{key.index:06d}"
         names = view_stems(_NAMES, "_{view}.{channel}") | {"provenance": ""}
         return {role: f"{begin}{name}" for role, name in names.items()}
+
+    def links(self, keys: Sequence[Key]) -> dict[str, str]:
+        """Return the links under which WAFT-Stereo looks for the pairs, a folder deeper than torchvision.
+
+        They are outside ``CREStereo``, which CREStereo's own loader walks.
+        """
+        folders = (_FOLDERS[number] for number in sorted({key.index % len(_FOLDERS) for key in keys}))
+        return {f"WAFT-Stereo/CREStereo/{folder}/0": f"../../../CREStereo/{folder}" for folder in folders}
 
     def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
         """Return the base's sentences, and that torchvision needs a pair in each folder."""

@@ -1,4 +1,4 @@
-"""The folders of Middlebury's evaluation set (MiddEval3), full size; docs/layouts.md draws the tree.
+"""The folders of Middlebury's evaluation set (MiddEval3); docs/layouts.md draws the tree.
 
 Names with 0 belong to the left view. Images, disparities and flow in another encoding than the default end in its name.
 """
@@ -12,11 +12,12 @@ from semisynth_gl.layouts.layout import VERTICAL, Layout, scene_stems
 from semisynth_gl.seeds.splits import SplitName
 
 SCENES = "MiddEval3/trainingF"
+_OTHER_SIZES = ("trainingH", "trainingQ")
 SCENE_LIST = "MiddEval3/official_train.txt"
 
 
 class Middlebury(Layout):
-    """MiddEval3: RAFT-Stereo, HSM, torchvision's CarlaStereo, the evaluation kit."""
+    """MiddEval3: RAFT-Stereo, IGEV, HSM, torchvision's CarlaStereo, the evaluation kit."""
 
     replaced = (".png", ".npy")  # HSM looks for them to choose the reader of disparities
     positive_for = "HSM and the evaluation kit"
@@ -35,9 +36,13 @@ class Middlebury(Layout):
         return {SCENE_LIST: "".join(f"{key.name}\n" for key in keys).encode()}
 
     def links(self, keys: Sequence[Key]) -> dict[str, str]:
-        """Return the link under which torchvision's CarlaStereo looks for the scenes."""
+        """Return the links to the scenes: torchvision's CarlaStereo, and MiddEval3's other sizes.
+
+        Loaders of half or quarter size list the scenes in one folder and may read them in another.
+        """
         del keys
-        return {"carla-highres/trainingF": f"../{SCENES}"}
+        sizes = {f"MiddEval3/{size}": "trainingF" for size in _OTHER_SIZES}
+        return {"carla-highres/trainingF": f"../{SCENES}"} | sizes
 
     def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
         """Return the base's sentences, and which encodings and outputs the loaders need."""

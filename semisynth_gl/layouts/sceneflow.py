@@ -21,6 +21,7 @@ from semisynth_gl.seeds.splits import SplitName
 ROOT = "SceneFlow/FlyingThings3D"
 
 _IMAGES = "frames_cleanpass"
+_FINAL = "frames_finalpass"
 _LETTERS = "ABC"
 _FRAMES = 1000
 _PARTS: Mapping[SplitName, str] = {"train": "TRAIN", "validation": "TEST", "test": "TEST"}
@@ -36,12 +37,12 @@ _NAMES: Mapping[str, str] = {
 
 
 class SceneFlow(Layout):
-    """FlyingThings3D: RAFT-Stereo, torchvision, PSMNet, HSM; by lists CasStereo, GwcNet, MobileStereoNet, AANet."""
+    """FlyingThings3D: RAFT-Stereo, IGEV, torchvision, PSMNet, HSM; by lists CasStereo, GwcNet, OpenStereo, AANet."""
 
     lacks = frozenset({"correspondence"})
     encodings = Encodings(flow=FlowPfm())
     # RAFT-Stereo replaces these to find disparities, other loaders to find right images.
-    replaced = ("left", "right", _IMAGES, ".png")
+    replaced = ("left", "right", _IMAGES, _FINAL, ".png")
     most_frames = 10_000
     right_truth_for = "torchvision's SceneFlowStereo and HSM"
     positive_for = "CasStereo and HSM"
@@ -59,9 +60,9 @@ class SceneFlow(Layout):
         return {f"filenames/sceneflow_{name}.txt": text, f"filenames/SceneFlow_finalpass_{name}.txt": text}
 
     def links(self, keys: Sequence[Key]) -> dict[str, str]:
-        """Return the link under which PSMNet looks for disparities."""
+        """Return the links under which PSMNet looks for disparities, and RAFT-Stereo and IGEV for more images."""
         del keys
-        return {f"{ROOT}/frames_disparity": "disparity"}
+        return {f"{ROOT}/frames_disparity": "disparity", f"{ROOT}/{_FINAL}": _IMAGES}
 
     def folders(self) -> tuple[str, ...]:
         """Return the folders that PSMNet and HSM list, even where they are empty."""

@@ -125,7 +125,7 @@ def test_what_users_add_to_the_card_stays(clean, tmp_path):
 
 def test_a_link_that_leads_elsewhere_is_set_right(clean, tmp_path):
     folder = copied(clean, "middlebury", tmp_path / "set")
-    [link] = [path for path in (folder / "train").rglob("*") if path.is_symlink()]
+    link = next(path for path in (folder / "train").rglob("*") if path.is_symlink())
     target = link.readlink()
     link.unlink()
     link.symlink_to(tmp_path)

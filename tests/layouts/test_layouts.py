@@ -382,7 +382,8 @@ def test_folders_with_a_name_that_loaders_replace_are_told(name):
         (told,) = layout.place_advice(f"/data/my{word}one/lab")
         assert repr(word) in told
         assert f"/data/my{word}one/lab" in told
-    assert set(layout.replaced) >= {"sceneflow": {"left", "right"}, "kitti": {"c_0"}}.get(name, set())
+    sceneflow = {"left", "right", "frames_cleanpass", "frames_finalpass"}
+    assert set(layout.replaced) >= {"sceneflow": sceneflow, "kitti": {"c_0"}}.get(name, set())
 
 
 def test_kittis_masks_follow_from_its_disparities():
@@ -509,13 +510,18 @@ def raft_eth3d(root):
     )
 
 
-def raft_sceneflow(root, part="TRAIN"):
+def raft_sceneflow(root, part="TRAIN", images="frames_cleanpass"):
     folder = root / "SceneFlow" / "FlyingThings3D"
-    for left in sorted(glob(str(folder / "frames_cleanpass" / part / "*" / "*" / "left" / "*.png"))):
+    for left in sorted(glob(str(folder / images / part / "*" / "*" / "left" / "*.png"))):
         # The tree alone: the folders of a test's own name may hold anything.
         short = left.removeprefix(str(folder))
-        disparity = short.replace("frames_cleanpass", "disparity").replace(".png", ".pfm")
+        disparity = short.replace(images, "disparity").replace(".png", ".pfm")
         yield tuple(f"{folder}{each}" for each in (short, short.replace("left", "right"), disparity))
+
+
+def igev_sceneflow(root):
+    """Find files as IGEV does, and RAFT-Stereo and WAFT-Stereo for the second half of their images."""
+    return raft_sceneflow(root, images="frames_finalpass")
 
 
 def torchvision_sceneflow(root):
@@ -590,6 +596,13 @@ def crestereo(root):
         yield (left, f"{begin}_right.jpg", f"{begin}_left.disp.png", f"{begin}_right.disp.png")
 
 
+def waft_crestereo(root):
+    for folder in ("shapenet", "reflective", "tree", "hole"):
+        place = root / "WAFT-Stereo" / "CREStereo" / folder / "*"
+        images = scan_pairs(place / "*_left.jpg", place / "*_right.jpg")
+        yield from zip(*zip(*images, strict=True), sorted(glob(str(place / "*_left.disp.png"))), strict=True)
+
+
 def raft_middlebury(root):
     for name in sorted(os.listdir(root / "MiddEval3" / "trainingF")):
         assert name in (root / "MiddEval3" / "official_train.txt").read_text().splitlines()
@@ -597,6 +610,17 @@ def raft_middlebury(root):
         mask = cv2.imread(str(scene / "disp0GT.pfm").replace("disp0GT.pfm", "mask0nocc.png"), cv2.IMREAD_UNCHANGED)
         assert mask.ndim == 2
         yield tuple(str(scene / file) for file in ("im0.png", "im1.png", "disp0GT.pfm"))
+
+
+def middlebury_of_size(size, listed):
+    """Read the folder of a size, of the scenes that another folder lists: trainingF for RAFT, trainingH for IGEV."""
+
+    def found(root):
+        scenes = [Path(path).name for path in glob(str(root / "MiddEval3" / listed / "*"))]
+        folder = root / "MiddEval3" / f"training{size}"
+        return [tuple(str(folder / scene / file) for file in ("im0.png", "im1.png", "disp0GT.pfm")) for scene in scenes]
+
+    return found
 
 
 def hsm_middlebury(root):
@@ -637,11 +661,14 @@ LOADERS = {
     "kitti": (torchvision_kitti, raft_kitti, psmnet_kitti, openstereo_kitti, from_list("KITTI_2015_train.txt")),
     "eth3d": (torchvision_eth3d, raft_eth3d),
     "sceneflow": (
-        *(torchvision_sceneflow, raft_sceneflow, psmnet_sceneflow, hsm_sceneflow),
+        *(torchvision_sceneflow, raft_sceneflow, igev_sceneflow, psmnet_sceneflow, hsm_sceneflow),
         *(from_list("sceneflow_train.txt"), from_list("SceneFlow_finalpass_train.txt")),
     ),
-    "crestereo": (torchvision_crestereo, crestereo),
-    "middlebury": (raft_middlebury, hsm_middlebury, torchvision_carla),
+    "crestereo": (torchvision_crestereo, crestereo, waft_crestereo),
+    "middlebury": (
+        *(raft_middlebury, hsm_middlebury, torchvision_carla),
+        *(middlebury_of_size(size, listed) for size in "FHQ" for listed in ("trainingF", "trainingH")),
+    ),
     "middlebury-2014": (raft_middlebury_2014, torchvision_middlebury_2014),
 }
 
