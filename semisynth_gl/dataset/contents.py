@@ -104,6 +104,18 @@ class Contents:
         return {path: target for split in self.splits for path, target in self.links(self.keys(split)).items()}
 
     @property
+    def copies(self) -> dict[str, str]:
+        """The files that an object store gets a second time, by the path of the copy; see `Layout.copied`."""
+        return {
+            name.replace(original, to): name
+            for original, to in self.layout.copied.items()
+            for split in self.splits
+            for index in range(self.pairs[split])
+            for name in self.files(split, index).values()
+            if original in name
+        }
+
+    @property
     def folders(self) -> list[str]:
         """The folders below the dataset's that loaders list, even where they are empty."""
         return [f"{self.folder(split)}{path}" for split in self.splits for path in self.layout.folders()]

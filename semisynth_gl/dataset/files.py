@@ -22,6 +22,7 @@ from semisynth_gl.dataset.own import (
 )
 from semisynth_gl.dataset.places import Folder, Place
 from semisynth_gl.dataset.plan import Plan, differences
+from semisynth_gl.dataset.remote import Remote
 from semisynth_gl.dataset.schema import CARD, INDEX, JOURNAL_SUFFIX, LOCK, PLAN, PROGRAM, is_unfinished_file
 from semisynth_gl.inputs.errors import InputError, abbreviate
 from semisynth_gl.seeds.splits import SplitName
@@ -143,6 +144,8 @@ class DatasetFiles:
                 place.make_folder(name)
             for name, target in self._plan.all_links.items():
                 place.link(name, target)
+        elif isinstance(place, Remote) and (copies := self._plan.copies):
+            place.copy(copies)
         place.write(INDEX, JSON_OBJECT.encode(index.values))
         if isinstance(place, Folder) and self._is_alone():
             remove_unfinished(place)

@@ -46,6 +46,7 @@ def own_names(plan: Plan) -> Iterator[str]:
                 yield from plan.files(split, index).values()
                 # Some layouts have a link for each pair.
                 yield from plan.links([plan.key(split, index)])
+    yield from plan.copies
 
 
 def check_ways(place: Place, plan: Plan) -> None:

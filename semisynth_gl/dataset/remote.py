@@ -1,7 +1,7 @@
 """The root of a dataset at an address that fsspec knows (``s3://``, ``gs://``, ...)."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
@@ -100,6 +100,13 @@ class Remote(Place):
             self._make_parent(name)
             self._system.put_file(str(file), self._at(name))
         file.unlink()
+
+    def copy(self, originals: Mapping[str, str]) -> None:
+        """Copy files inside the store; ``originals`` has the name of each copy's original."""
+        with self._clear_errors(writing=True):
+            for name in originals:
+                self._make_parent(name)
+            self._system.copy([*map(self._at, originals.values())], [*map(self._at, originals)])
 
     def remove(self, name: str) -> None:
         """Remove a file."""

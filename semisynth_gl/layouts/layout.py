@@ -42,6 +42,8 @@ class Layout(ABC):
         positive_for: the loaders, in words, that treat disparities of 0 and below as missing; "" for none.
         replaced: texts that loaders replace or look for, anywhere in a file's path.
         most_frames: largest number of frames of a sequence that the layout's names can count; None for no limit.
+        copied: folders whose images loaders read a second time under another name, each with that name; both end in a
+            slash. Object stores hold no links, and get copies there: without them, loaders find nothing and go on.
     """
 
     packed: ClassVar[bool] = False
@@ -53,6 +55,7 @@ class Layout(ABC):
     positive_for: ClassVar[str] = ""
     replaced: ClassVar[tuple[str, ...]] = ()
     most_frames: ClassVar[int | None] = None
+    copied: ClassVar[Mapping[str, str]] = {}
 
     @property
     def title(self) -> tuple[str, str]:

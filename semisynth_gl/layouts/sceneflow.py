@@ -9,6 +9,7 @@ folder is a sequence: sequence 0 is A/0000, sequence 1 is B/0000, and frame k of
 """
 
 from collections.abc import Collection, Mapping, Sequence
+from typing import ClassVar
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.pfm import FlowPfm
@@ -44,6 +45,7 @@ class SceneFlow(Layout):
     # RAFT-Stereo replaces these to find disparities, other loaders to find right images.
     replaced = ("left", "right", _IMAGES, _FINAL, ".png")
     most_frames = 10_000
+    copied: ClassVar = {f"{ROOT}/{_IMAGES}/": f"{ROOT}/{_FINAL}/"}
     right_truth_for = "torchvision's SceneFlowStereo and HSM"
     positive_for = "CasStereo and HSM"
 

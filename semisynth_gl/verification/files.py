@@ -158,7 +158,7 @@ def check_index(index: Index, present: AbstractSet[str], unmade: int, verdict: V
     # Loaders take any file that they find for a part of a pair.
     foreign = sorted(
         name
-        for name in present - _ABOUT - lists.keys() - _shard_files(index)
+        for name in present - _ABOUT - lists.keys() - _shard_files(index) - index.copies.keys()
         if not name.startswith(f"{PARTIAL}/")
         and not (name in links and local is not None and (local / name).is_symlink())
     )

@@ -477,3 +477,17 @@ def test_object_stores_take_whole_shards(undisturbed, config, tmp_path):
         (tmp_path / "o" / name).write_bytes(made.place.read(name))
     assert digests(tmp_path / "o") == wanted
     assert open_dataset(address)[6].left.image.shape == (config.camera.height_px, config.camera.width_px, 3)
+
+
+def test_a_store_has_a_copy_where_loaders_find_nothing_without_a_link(config, tmp_path):
+    pytest.importorskip("fsspec")
+    splits = {"train": 2, "validation": 1, "test": 1}
+    place = generate(config, f"memory://{tmp_path.name}-copied", splits, SEED, layout="sceneflow").place
+    images = {name: place.read(name) for name in place.names() if "/frames_cleanpass/" in name}
+    assert len(images) == 8
+    for name, data in images.items():
+        assert place.read(name.replace("frames_cleanpass", "frames_finalpass")) == data
+    assert findings(place.address) == []
+    # Copies that an earlier dataset leaves would be read as pairs of this one.
+    generate(config, place.address, 1, SEED, layout="middlebury", overwrite=True)
+    assert not [name for name in place.names() if "frames_" in name]
