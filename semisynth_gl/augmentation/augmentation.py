@@ -237,15 +237,12 @@ class Drawn:
         """Height and width of the part of the image that the result is made of, px; None for all of it."""
         return None if self.size is None else self.warp.source(self.size, self.margin)
 
-    def applied(self, frame: Frame, rng: np.random.Generator) -> tuple[Frame, float]:
-        """Change a pair.
+    def applied(self, frame: Frame, rng: np.random.Generator) -> Frame:
+        """Return the changed pair.
 
         Args:
             frame: as large as `source` says.
             rng: draws the noise.
-
-        Returns:
-            The pair, whose camera has the horizontal focal length; and the vertical focal length, px.
 
         Raises:
             InputError: where the pair lacks what a change needs; the message names the change.
@@ -255,15 +252,14 @@ class Drawn:
             frame = mirrored(frame)
         if self.upside_down:
             frame = upside_down(frame)
-        vertical = frame.camera.focal_px
         if self.size is not None:
-            frame, vertical = self.warp.applied(frame, self.size, self.margin)
+            frame = self.warp.applied(frame, self.size, self.margin)
         frame = occluded(frame, self.rectangles)
         left, right = (
             frame.view(eye).with_channels({"image": self.colours[eye].applied(frame.view(eye).image, rng)})
             for eye in EYES
         )
-        return Frame(frame.camera, left, right), vertical
+        return Frame(frame.camera, left, right)
 
     def record(self) -> str:
         """Return what was drawn as JSON."""

@@ -90,16 +90,13 @@ class Warp:
         height, width = sides
         return ceil(height / self.scale_y) + 2 * margin, ceil(width / self.scale_x) + 2 * margin
 
-    def applied(self, frame: Frame, sides: tuple[int, int], margin: int) -> tuple[Frame, float]:
-        """Change a pair.
+    def applied(self, frame: Frame, sides: tuple[int, int], margin: int) -> Frame:
+        """Return the changed pair.
 
         Args:
             frame: as large as `source` says.
             sides: height and width of the result, px.
             margin: of the pair, px.
-
-        Returns:
-            The pair, with its horizontal focal length in its camera; and its vertical focal length, px.
 
         Raises:
             InputError: where the right image is moved and the pair is not rectified, or has a channel that this
@@ -144,8 +141,9 @@ class Warp:
             camera, width_px=width, height_px=height, focal_px=camera.focal_px * scale_x,
             cx_left_px=moved(camera.cx_left_px, scale_x), cx_right_px=moved(camera.cx_right_px, scale_x),
             cy_px=moved(camera.cy_px, scale_y), deviation=deviation,
+            aspect_ratio=camera.aspect_ratio * scale_y / scale_x,
         )  # fmt: skip
-        return Frame(changed, views["left"], views["right"]), camera.focal_px * scale_y
+        return Frame(changed, views["left"], views["right"])
 
 
 class _Turn:

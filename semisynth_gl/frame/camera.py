@@ -5,7 +5,7 @@ Frame (OpenCV's): x right, y down, z forward, metres, origin in the left camera.
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import MISSING, asdict, dataclass, fields, replace
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -112,18 +112,20 @@ _MOST_PX = 2**31 - 1
 
 @dataclass(frozen=True, slots=True)
 class StereoCamera:
-    """A pair of pinhole cameras with one focal length, rectified except for the right one's deviation.
+    """A pair of pinhole cameras with equal focal lengths, rectified except for the right one's deviation.
 
     Attributes:
         width_px: image width.
         height_px: image height.
-        focal_px: focal length, equal in x and y; 1e-9 to 1e6.
+        focal_px: focal length in x; 1e-9 to 1e6.
         baseline_m: distance between the two centres; 0, or 1e-9 to 1e9.
         cx_left_px: x of the left principal point; the image centre is (width - 1) / 2. Principal points lie within 1e6
             px of pixel 0.
         cx_right_px: x of the right principal point.
         cy_px: y of both principal points.
         deviation: deviation of the right camera from the rectified one, which all other attributes describe.
+        aspect_ratio: focal length in y divided by that in x; other than 1 only where an augmentation has stretched the
+            pair.
 
     Raises:
         InputError: where a value has the wrong type or is out of range.
@@ -137,19 +139,22 @@ class StereoCamera:
     cx_right_px: float
     cy_px: float
     deviation: Deviation = RECTIFIED
+    aspect_ratio: float = 1.0
 
     def __post_init__(self) -> None:
         check_type("deviation", self.deviation, Deviation)
         for name in ("width_px", "height_px"):
             object.__setattr__(self, name, to_whole(name, getattr(self, name), most=_MOST_PX))
         object.__setattr__(self, "focal_px", to_magnitude("focal_px", self.focal_px, least=LEAST, most=MOST_PX))
+        object.__setattr__(self, "aspect_ratio", to_real("aspect_ratio", self.aspect_ratio))
         object.__setattr__(self, "baseline_m", to_magnitude("baseline_m", self.baseline_m, least=LEAST))
         for name in ("cx_left_px", "cx_right_px", "cy_px"):
             object.__setattr__(self, name, to_magnitude(name, getattr(self, name), most=MOST_PX))
         if self.width_px < 1 or self.height_px < 1:
             raise InputError(f"an image needs at least 1 x 1 pixel, got {self.width_px} x {self.height_px}")
-        if self.focal_px <= 0:
-            raise InputError(f"focal_px must be positive, got {self.focal_px}")
+        for name in ("focal_px", "aspect_ratio"):
+            if getattr(self, name) <= 0:
+                raise InputError(f"{name} must be positive, got {getattr(self, name)}")
         if self.baseline_m < 0:
             raise InputError(f"baseline_m must be zero or positive, got {self.baseline_m}")
 
@@ -171,17 +176,19 @@ class StereoCamera:
         Raises:
             KeyError, TypeError, InputError: where values are missing or wrong.
         """
-        known = {key.name: values[key.name] for key in fields(cls) if key.name != "deviation"}
-        return cls(**known, deviation=Deviation(**values["deviation"]) if "deviation" in values else RECTIFIED)
+        known = {key.name: values[key.name] for key in fields(cls) if key.default is MISSING or key.name in values}
+        return cls(**known | {"deviation": Deviation(**values["deviation"]) if "deviation" in values else RECTIFIED})
 
     def values(self, *, deviation: bool = False) -> dict[str, Any]:
-        """Return the camera in JSON's types: the attributes by name, and "doffs_px".
+        """Return the camera in JSON's types: the attributes by name but an aspect ratio of 1, and "doffs_px".
 
         Args:
             deviation: whether a rectified pair has the key "deviation", too.
         """
         values = asdict(self)
         stated = values.pop("deviation")
+        if self.aspect_ratio == 1:
+            del values["aspect_ratio"]
         values["doffs_px"] = self.doffs_px
         return values | {"deviation": stated} if deviation or not self.rectified else values
 
@@ -214,7 +221,7 @@ class StereoCamera:
     @property
     def left_alone(self) -> tuple[float, ...]:
         """The values on which the left view depends: cameras with equal values differ only in the right eye."""
-        return self.width_px, self.height_px, self.focal_px, self.cx_left_px, self.cy_px
+        return self.width_px, self.height_px, self.focal_px, self.focal_y_px, self.cx_left_px, self.cy_px
 
     @property
     def doffs_px(self) -> float:
@@ -222,8 +229,13 @@ class StereoCamera:
         return self.cx_right_px - self.cx_left_px
 
     @property
+    def focal_y_px(self) -> float:
+        """Focal length in y."""
+        return self.focal_px * self.aspect_ratio
+
+    @property
     def focal_baseline(self) -> float:
-        """Focal length times baseline, px m."""
+        """Focal length in x times baseline, px m."""
         return self.focal_px * self.baseline_m
 
     def cx_px(self, eye: Eye) -> float:
@@ -231,7 +243,7 @@ class StereoCamera:
         return self.cx_left_px if eye == "left" else self.cx_right_px
 
     def lens_px(self, eye: Eye) -> tuple[float, float, float]:
-        """Return x and y of one eye's principal point, and the eye's focal length, px."""
+        """Return x and y of one eye's principal point, and the eye's focal length in x, px."""
         if eye == "left":
             return self.cx_left_px, self.cy_px, self.focal_px
         deviation = self.deviation
@@ -293,7 +305,7 @@ class StereoCamera:
             return np.stack(
                 [
                     focal * place[..., 0] / z + (cx - np.asarray(x_px)),
-                    focal * place[..., 1] / z + (cy - np.asarray(y_px)),
+                    focal * self.aspect_ratio * place[..., 1] / z + (cy - np.asarray(y_px)),
                 ],
                 axis=-1,
             )
@@ -328,7 +340,7 @@ class StereoCamera:
         """Return directions (..., 3) with z = 1 through pixel positions (...), in the eye's own frame."""
         cx, cy, focal = self.lens_px(eye)
         x = (np.asarray(x_px, np.float64) - cx) / focal
-        y = (np.asarray(y_px, np.float64) - cy) / focal
+        y = (np.asarray(y_px, np.float64) - cy) / (focal * self.aspect_ratio)
         return np.stack([x, y, np.ones_like(x)], axis=-1)
 
     def _seen_from_other(

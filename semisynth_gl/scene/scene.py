@@ -62,7 +62,7 @@ class Scene:
     Numbers may be up to 1e9 in magnitude: poses are composed in float64, but drawn in float32.
 
     Attributes:
-        camera: the stereo camera.
+        camera: the stereo camera, with square pixels.
         near_m: depth of the near plane, 1e-9 to 1e9; nearer surfaces are not drawn.
         camera_from_world: (4, 4) float64, the left camera's pose, metres; with the identity, the world is the left
             camera's frame.
@@ -93,6 +93,8 @@ class Scene:
 
     def __post_init__(self) -> None:
         check_type("camera", self.camera, StereoCamera)
+        if self.camera.aspect_ratio != 1:
+            raise InputError(f"scene: expected a camera with aspect_ratio 1, got {self.camera.aspect_ratio:g}")
         object.__setattr__(self, "near_m", to_magnitude("near_m", self.near_m, least=LEAST))
         check_type("projector", self.projector, Projector | None)
         if self.near_m <= 0:

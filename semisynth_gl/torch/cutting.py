@@ -71,8 +71,7 @@ class Cutting:
         """
         if self._augmentation is None or drawn is None:
             return to_sample(index, frame)
-        frame, focal_y_px = drawn.applied(frame, self._augmentation.noise_rng(seed, index, epoch))
-        sample = to_sample(index, frame, focal_y_px)
+        sample = to_sample(index, drawn.applied(frame, self._augmentation.noise_rng(seed, index, epoch)))
         return sample | {"augmentation": drawn.record()} if self._augmentation.recorded else sample
 
 

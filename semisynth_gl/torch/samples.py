@@ -16,22 +16,22 @@ from semisynth_gl.inputs.errors import InputError, shown
 Sample = dict[str, Any]
 """A pair as `StereoStream` and `StereoDataset` make it, before `transform`: see `to_sample`."""
 
-_CAMERA = ("focal_px", "baseline_m", "doffs_px", "cx_left_px", "cx_right_px", "cy_px")
+_CAMERA = ("focal_px", "focal_y_px", "baseline_m", "doffs_px", "cx_left_px", "cx_right_px", "cy_px")
 
 
-def to_sample(index: int, frame: Frame, focal_y_px: float | None = None) -> Sample:
+def to_sample(index: int, frame: Frame) -> Sample:
     """Return a pair as a dictionary that default_collate can batch.
 
     Args:
         index: the pair's number in its split.
         frame: a pair, rendered or read from files.
-        focal_y_px: vertical focal length, px; None for the horizontal one, which differs only in a stretched pair.
 
     Returns:
         ``index``, an int; ``camera``, a dictionary of floats; and each array of `Frame.arrays` as a tensor under its
-        role. The camera has ``focal_px``, ``baseline_m``, ``doffs_px``, the principal points ``cx_left_px``,
-        ``cx_right_px`` and ``cy_px`` (in a crop, in the crop's pixels), the vertical focal length ``focal_y_px``, and
-        the right camera's deviation: ``right_roll_rad``, ``right_pitch_rad``, ``right_y_px`` and ``focal_ratio``.
+        role. The camera has ``focal_px``, ``focal_y_px`` (which differs only in a stretched pair), ``baseline_m``,
+        ``doffs_px``, the principal points ``cx_left_px``, ``cx_right_px`` and ``cy_px`` (in a crop, in the crop's
+        pixels), and the right camera's deviation: ``right_roll_rad``, ``right_pitch_rad``, ``right_y_px`` and
+        ``focal_ratio``.
 
         Images are (3, H, W) uint8, or (1, H, W) from a monochrome camera, and raw images have H and W of the sensor;
         normals are (3, H, W) float32; flow, correspondences and maps into raw images are (2, H, W) float32; ids are
@@ -41,7 +41,6 @@ def to_sample(index: int, frame: Frame, focal_y_px: float | None = None) -> Samp
     camera = {name: float(getattr(frame.camera, name)) for name in _CAMERA}
     camera |= {f"right_{name}": float(getattr(deviation, name)) for name in ("roll_rad", "pitch_rad", "y_px")}
     camera["focal_ratio"] = float(deviation.focal_ratio)
-    camera["focal_y_px"] = camera["focal_px"] if focal_y_px is None else focal_y_px
     tensors = {role: _tensor(array) for role, array in frame.arrays().items()}
     images = {role: tensor for role, tensor in tensors.items() if ROLES[role][1].or_grey}
     tensors |= {role: image.reshape(-1, *image.shape[-2:]) for role, image in images.items()}

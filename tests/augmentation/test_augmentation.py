@@ -85,8 +85,8 @@ def test_a_scale_is_raised_until_the_crop_fits():
 def test_the_default_changes_nothing():
     pair = make_frame(1)
     drawn = Augmentation().draw(None, (32, 48), 0, 0)
-    changed, vertical = drawn.applied(pair, np.random.default_rng(0))
-    assert (changed.camera, vertical) == (pair.camera, pair.camera.focal_px)
+    changed = drawn.applied(pair, np.random.default_rng(0))
+    assert changed.camera == pair.camera
     for role, array in changed.arrays().items():
         np.testing.assert_array_equal(array, pair.arrays()[role], err_msg=role)
     raw = {f"{name}_{eye}" for name in ("raw", "raw_map") for eye in EYES}
@@ -99,7 +99,7 @@ def test_the_truth_does_not_depend_on_the_colours():
     plain = replace(STRONG, right_y_px=(0, 0), right_roll_deg=(0, 0), occluded=0)
     grey = replace(plain, brightness=(1, 1), saturation=(0, 0), noise=(0, 0), blur_px=(0, 0), jpeg=0)
     for sequence in range(5):
-        (one, _), (other, _) = (
+        one, other = (
             each.draw((20, 30), (32, 48), 0, sequence).applied(_source(each, pair, sequence), np.random.default_rng(0))
             for each in (plain, grey)
         )

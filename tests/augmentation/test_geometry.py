@@ -68,10 +68,9 @@ def both(draw, warp, sides=(60, 80), margin=0, corner=(37, 21)):
     whole = draw(0)
     height, width = warp.source(sides, margin)
     place = Crop(*corner, width, height)
-    changed, vertical = warp.applied(whole.cropped(place), sides, margin)
+    changed = warp.applied(whole.cropped(place), sides, margin)
     expected = draw(0, lambda camera: scaled_camera(camera, warp, sides, place, margin))
-    assert vertical == pytest.approx(whole.camera.focal_px * warp.scale_y)
-    for name in ("focal_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px"):
+    for name in ("focal_px", "focal_y_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px"):
         assert getattr(changed.camera, name) == pytest.approx(getattr(expected.camera, name), abs=1e-9)
     return changed, expected
 
@@ -122,8 +121,8 @@ def test_a_pair_that_is_not_changed_is_the_crop_bit_for_bit(draw, backend):
     # Depths are worked out anew from disparities, and a GPU's own division may be a step off.
     steps = 0 if is_software(context_facts(backend).renderer) else 2
     crop = whole.cropped(Crop(10, 5, 90, 70))
-    changed, vertical = Warp().applied(crop, (70, 90), 0)
-    assert (changed.camera, vertical) == (crop.camera, crop.camera.focal_px)
+    changed = Warp().applied(crop, (70, 90), 0)
+    assert changed.camera == crop.camera
     for role, array in changed.arrays().items():
         if role.startswith("depth"):
             np.testing.assert_array_max_ulp(array, crop.arrays()[role], maxulp=steps)
@@ -132,11 +131,12 @@ def test_a_pair_that_is_not_changed_is_the_crop_bit_for_bit(draw, backend):
 
 
 @pytest.mark.one_backend
-def test_a_stretched_pair_has_the_depth_of_before(draw):
+def test_a_stretched_pair_has_the_points_of_before(draw):
     whole = draw(0).cropped(Crop(30, 20, 40, 60))
-    changed, vertical = Warp(3.0, 1.0).applied(whole, (60, 120), 0)
+    changed = Warp(3.0, 1.0).applied(whole, (60, 120), 0)
     focal, camera = whole.camera.focal_px, changed.camera
-    assert (camera.focal_px, vertical) == (pytest.approx(3 * focal), focal)
+    assert (camera.focal_px, camera.focal_y_px) == (pytest.approx(3 * focal), pytest.approx(focal))
+    np.testing.assert_allclose(changed.points()[:, 1::3], whole.points(), rtol=1e-5, atol=1e-5)
     # Of three columns, the middle one lies on a column of before.
     np.testing.assert_allclose(changed.left.disparity[:, 1::3], 3 * whole.left.disparity, rtol=1e-6)
     np.testing.assert_array_equal(changed.left.normals[:, 1::3], whole.left.normals)
@@ -193,12 +193,23 @@ def test_the_ways_of_a_deviating_rig_upside_down_are_those_of_its_camera():
         np.testing.assert_allclose(over.ways(eye), expected, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("warp", [Warp(1, 1, 0.4), Warp(1.5, 1.5, -1.0, 0.02)])
+@pytest.mark.parametrize("scales", [(3, 1), (1, 3)])
+def test_the_ways_of_a_stretched_deviating_rig_are_those_of_its_camera(scales):
+    pair = make_frame(1)
+    pair = replace(pair, camera=replace(pair.camera, deviation=Deviation(0.03, -0.02, 0.7, 1.02)))
+    stretched = Warp(*map(float, scales)).applied(pair, (32 * scales[1], 48 * scales[0]), 0)
+    # Of three columns or rows, the middle one lies on one of before.
+    middle = (slice(scales[1] // 2, None, scales[1]), slice(scales[0] // 2, None, scales[0]))
+    for eye in EYES:
+        np.testing.assert_allclose(stretched.ways(eye)[middle], pair.ways(eye) * scales, rtol=1e-6, atol=1e-5)
+
+
+@pytest.mark.parametrize("warp", [Warp(1, 1, 0.4), Warp(1.5, 1.5, -1.0, 0.02), Warp(1.6, 0.9, 1.0, -0.03)])
 def test_what_has_no_disparity_has_none_in_a_moved_pair(warp):
     pair = make_frame(2, {"disparity_change"})
     crop = pair.cropped(Crop(3, 2, *warp.source((16, 20), 3)[::-1]))
-    moved, _ = warp.applied(crop, (16, 20), 3)
-    unmoved, _ = Warp(warp.scale_x, warp.scale_y).applied(crop, (16, 20), 3)
+    moved = warp.applied(crop, (16, 20), 3)
+    unmoved = Warp(warp.scale_x, warp.scale_y).applied(crop, (16, 20), 3)
     np.testing.assert_array_equal(np.isfinite(moved.left.disparity), np.isfinite(unmoved.left.disparity))
     assert np.isinf(moved.left.disparity).any()
     for eye in EYES:

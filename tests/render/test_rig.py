@@ -51,12 +51,13 @@ def rotation(deviation):
 
 def project(camera, eye, points):
     """Pixel positions (..., 2) of points in the left camera's frame, by K R (X - B)."""
+    focal = np.array([camera.focal_px, camera.focal_y_px])
     if eye == "left":
-        return camera.focal_px * points[..., :2] / points[..., 2:] + (camera.cx_left_px, camera.cy_px)
+        return focal * points[..., :2] / points[..., 2:] + (camera.cx_left_px, camera.cy_px)
     deviation = camera.deviation
     seen = (points - (camera.baseline_m, 0, 0)) @ rotation(deviation).T
     centre = camera.cx_right_px, camera.cy_px + deviation.y_px
-    return camera.focal_px * deviation.focal_ratio * seen[..., :2] / seen[..., 2:] + centre
+    return focal * deviation.focal_ratio * seen[..., :2] / seen[..., 2:] + centre
 
 
 def slanted(normal, distance):
@@ -228,12 +229,14 @@ ANGLES = st.floats(-0.1, 0.1)
 
 
 @settings(max_examples=60, deadline=None)
-@example(0.0, -0.099609375, 0.0, 0.90234375, 0.0, 320)
+@example(0.0, -0.099609375, 0.0, 0.90234375, 0.0, 1.0, 320)
 @given(
-    ANGLES, ANGLES, st.floats(-20, 20), st.floats(0.9, 1.1), st.floats(-30, 30), st.integers(0, 2**31),
+    ANGLES, ANGLES, st.floats(-20, 20), st.floats(0.9, 1.1), st.floats(-30, 30), st.floats(0.5, 2),
+    st.integers(0, 2**31),
 )  # fmt: skip
-def test_correspondence_and_depth_are_inverse_and_limits_hold(roll, pitch, down, ratio, doffs, seed):
-    camera = StereoCamera(640, 480, 700.0, 0.3, 310.0, 310.0 + doffs, 250.0, Deviation(roll, pitch, down, ratio))
+def test_correspondence_and_depth_are_inverse_and_limits_hold(roll, pitch, down, ratio, doffs, aspect, seed):
+    deviation = Deviation(roll, pitch, down, ratio)
+    camera = StereoCamera(640, 480, 700.0, 0.3, 310.0, 310.0 + doffs, 250.0, deviation, aspect)
     rng = np.random.default_rng(seed)
     x, y, depth = rng.uniform(0, 639, 50), rng.uniform(0, 479, 50), rng.uniform(0.5, 50, 50)
     points = camera.rays("left", x, y) * depth[:, None]
