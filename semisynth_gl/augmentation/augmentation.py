@@ -183,12 +183,12 @@ class Augmentation:
         return sides[0] - taken, sides[1] - taken
 
     def _margin(self, sides: Sides) -> int:
-        """Return by how many px at most the right image moves at scale 1, and what an image's filter needs."""
+        """Return by how many px at most the right image moves at scale 1, and what its filters need around them."""
         if not self._moves_right:
             return 0
         turned = sin(radians(max(map(abs, self.right_roll_deg)))) * sum(sides)
         shifted = max(map(abs, self.right_y_px)) / self.scale[0]
-        return ceil(turned + shifted) + 2
+        return ceil(turned + shifted) + 5
 
     def _colours(self, rng: np.random.Generator) -> Colours:
         drawn = {name: float(rng.uniform(*getattr(self, name))) for name in (

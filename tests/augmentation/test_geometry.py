@@ -5,12 +5,15 @@ from dataclasses import replace
 import hand_made_pairs
 import numpy as np
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 from tiny_datasets import tiny
 
 from semisynth_gl.augmentation.geometry import Warp, mirrored, upside_down
 from semisynth_gl.augmentation.occlusion import occluded
-from semisynth_gl.frame.camera import EYES, Crop, Deviation
-from semisynth_gl.frame.channels import OCCLUDED, OUTPUTS, OUTSIDE, VISIBLE
+from semisynth_gl.frame.camera import EYES, Crop, Deviation, StereoCamera
+from semisynth_gl.frame.channels import OCCLUDED, OUTPUTS, OUTSIDE, VISIBLE, View
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import renderer_options
 from semisynth_gl.render.backends import is_software
@@ -202,6 +205,35 @@ def test_the_ways_of_a_stretched_deviating_rig_are_those_of_its_camera(scales):
     middle = (slice(scales[1] // 2, None, scales[1]), slice(scales[0] // 2, None, scales[0]))
     for eye in EYES:
         np.testing.assert_allclose(stretched.ways(eye)[middle], pair.ways(eye) * scales, rtol=1e-6, atol=1e-5)
+
+
+TEXTURES = {
+    # Ramps up and down. With weak slopes or tiny ways, the rounding to whole levels alone puts images out of place.
+    "long": lambda x, y: 128 + 60 * np.sin(0.4 * x + 0.2 * y) + 60 * np.sin(0.2 * x - 0.4 * y),
+    "short": lambda x, y: 128 + 40 * np.sin(0.9 * x + 0.3 * y) + 40 * np.sin(0.5 * x - 1.1 * y) + 30 * np.sin(0.4 * y),
+}
+
+
+@given(st.sampled_from(list(TEXTURES)), st.integers(-16, 16), st.integers(-8, 8))
+@example("long", 2, 0)
+@settings(max_examples=20)
+def test_no_part_of_a_moved_image_is_out_of_place(texture, eighths, hundredths):
+    right_y_px, right_roll_rad = eighths / 8, hundredths / 100
+    y, x = np.mgrid[:91, :93].astype(float)
+    image = np.rint(TEXTURES[texture](x, y)).astype(np.uint8)
+    view = View({"image": np.stack([image, 255 - image, image], axis=-1)})
+    camera = StereoCamera(93, 91, 80.0, 0.2, 40.0, 45.5, 44.25)
+    moved = Warp(1, 1, right_y_px, right_roll_rad).applied(Frame(camera, view, view), (65, 67), 13)
+    np.testing.assert_array_equal(moved.left.image, view.image[13:-13, 13:-13])
+    cos, sin = np.cos(right_roll_rad), np.sin(right_roll_rad)
+    across, along = x - 45.5, y - 44.25 - right_y_px
+    expected = TEXTURES[texture](45.5 + cos * across + sin * along, 44.25 - sin * across + cos * along)
+    slopes = np.stack(np.gradient(expected), axis=-1)[13:-13, 13:-13]
+    errors = moved.right.image[..., ::2].mean(-1) - expected[13:-13, 13:-13]
+    np.testing.assert_allclose(moved.right.image[..., 1], 255.0 - moved.right.image[..., 0], atol=1)
+    for part in (np.s_[:32, :33], np.s_[33:, :33], np.s_[:32, 34:], np.s_[33:, 34:]):
+        shift = np.linalg.lstsq(slopes[part].reshape(-1, 2), errors[part].ravel(), rcond=None)[0]
+        assert np.abs(shift).max() < 0.01
 
 
 @pytest.mark.parametrize("warp", [Warp(1, 1, 0.4), Warp(1.5, 1.5, -1.0, 0.02), Warp(1.6, 0.9, 1.0, -0.03)])
