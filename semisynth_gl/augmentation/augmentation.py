@@ -253,7 +253,7 @@ class Drawn:
         if self.upside_down:
             frame = upside_down(frame)
         if self.size is not None:
-            frame = self.warp.applied(frame, self.size, self.margin)
+            frame = self.warp.applied(frame, self.size, self.margin).with_own_masks()
         frame = occluded(frame, self.rectangles)
         left, right = (
             frame.view(eye).with_channels({"image": self.colours[eye].applied(frame.view(eye).image, rng)})

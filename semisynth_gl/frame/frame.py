@@ -2,14 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isfinite
+from math import ceil, isfinite
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import EYES, Crop, Eye, StereoCamera
-from semisynth_gl.frame.channels import CHANNELS, ROLES, SKY, View
+from semisynth_gl.frame.channels import CHANNELS, OUTSIDE, ROLES, SKY, View
 from semisynth_gl.inputs.arguments import check_one_of, check_type
 from semisynth_gl.inputs.errors import InputError
 
@@ -72,19 +72,39 @@ class Frame:
         """Return one eye's view."""
         return self.left if eye == "left" else self.right
 
-    def ways(self, eye: Eye) -> NDArray[np.float64]:
+    def ways(self, eye: Eye, rows: slice = slice(None)) -> NDArray[np.float64]:
         """Return the way from each pixel of a view to the same point in the other view, by the view's disparity.
 
         The view must have a disparity. The output ``correspondence`` has the same values, rounded once.
 
+        Args:
+            eye: the view.
+            rows: successive rows; by default all H.
+
         Returns:
             (H, W, 2) float64 px, to the right and down; nan where there is no disparity.
         """
-        disparity = self.view(eye).disparity.astype(np.float64)
-        known = np.isfinite(disparity)
-        y_px, x_px = np.mgrid[: disparity.shape[0], : disparity.shape[1]].astype(np.float64)
-        depth_m = self.camera.depth_at(eye, x_px, y_px, np.where(known, disparity, np.nan))
-        return np.where(known[..., None], self.camera.correspondence(eye, x_px, y_px, depth_m), np.nan)
+        first, last, _ = rows.indices(self.camera.height_px)
+        disparity = self.view(eye).disparity[rows].astype(np.float64)
+        disparity[~np.isfinite(disparity)] = np.nan
+        if self.camera.rectified:
+            along = -disparity if eye == "left" else disparity
+            return np.stack([along, 0 * along], axis=-1)
+        y_px, x_px = np.mgrid[first:last, : disparity.shape[1]].astype(np.float64)
+        depth_m = self.camera.depth_at(eye, x_px, y_px, disparity)
+        return self.camera.correspondence(eye, x_px, y_px, depth_m)
+
+    def descent_px(self, eye: Eye) -> int:
+        """Return by how many rows at most a view's points lie higher or lower in the other view, up to all rows."""
+        camera = self.camera
+        if camera.rectified:
+            return 0
+        _, low, high = finite_range(self.view(eye).disparity)
+        # The way down is largest at a corner, for the nearest or the farthest point.
+        height, width = camera.height_px, camera.width_px
+        y, x, d = np.meshgrid((0.0, height - 1.0), (0.0, width - 1.0), (low, high))
+        down = float(np.abs(camera.correspondence(eye, x, y, camera.depth_at(eye, x, y, d))[..., 1]).max())
+        return min(height, ceil(down)) if isfinite(down) else height
 
     def points(self, eye: Eye = "left") -> NDArray[np.float32]:
         """Return the point that each pixel of a view shows, from its disparity and the calibration.
@@ -122,7 +142,9 @@ class Frame:
         return {role: view[name] for role, (view, name) in views.items() if name in view}
 
     def cropped(self, crop: Crop) -> "Frame":
-        """Return a crop of both views, as copies. Raw images stay whole, as their maps refer to them.
+        """Return a crop of both views, as copies; its masks speak of the whole images, see `with_own_masks`.
+
+        Raw images stay whole, as their maps refer to them.
 
         Raises:
             InputError: where the crop reaches beyond the image.
@@ -136,3 +158,39 @@ class Frame:
             for view in (self.left, self.right)
         )
         return Frame(camera, *views)
+
+    def with_own_masks(self) -> "Frame":
+        """Return the frame with masks of its own images: 0 also where a point lies outside of a crop."""
+        views = []
+        for eye in EYES:
+            view, masks = self.view(eye), {}
+            for name, channel in CHANNELS.items():
+                if channel.mask is not None and channel.mask in view:
+                    stays = self._stays(eye) if name == "disparity" else _within(view[name])
+                    masks[channel.mask] = np.where(stays, view[channel.mask], np.uint8(OUTSIDE))
+            views.append(view.with_channels(masks))
+        return Frame(self.camera, *views)
+
+    def _stays(self, eye: Eye) -> NDArray[np.bool_]:
+        """Return where a view's points lie within the other image, (H, W) bool."""
+        disparity, columns = self.view(eye).disparity, np.arange(self.camera.width_px, dtype=np.float32)
+        stays = _inside(columns - disparity if eye == "left" else columns + disparity, self.camera.width_px)
+        descent = self.descent_px(eye)
+        if descent:
+            rows = np.arange(self.camera.height_px)[:, None]
+            for part in (slice(0, descent), slice(-descent, None)):
+                stays[part] &= _inside(rows[part] + self.ways(eye, part)[..., 1], self.camera.height_px)
+        return stays
+
+
+def _inside(position: NDArray[np.floating[Any]], length_px: int) -> NDArray[np.bool_]:
+    """Return which columns or rows an image has, of any shape."""
+    inside: NDArray[np.bool_] = (position >= -0.5) & (position < length_px - 0.5)
+    return inside
+
+
+def _within(way: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Return where ways (H, W, 2) from the pixels of an image end within it, (H, W) bool."""
+    height, width = way.shape[:2]
+    columns, rows = np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)[:, None]
+    return _inside(columns + way[..., 0], width) & _inside(rows + way[..., 1], height)

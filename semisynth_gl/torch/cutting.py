@@ -4,8 +4,12 @@ from collections.abc import Sequence
 from numbers import Integral
 from typing import Any
 
+import numpy as np
+import torch
+
 from semisynth_gl.augmentation import Augmentation, Drawn
-from semisynth_gl.frame.camera import Crop
+from semisynth_gl.frame.camera import EYES, Crop
+from semisynth_gl.frame.channels import CHANNELS, View
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import check_type
 from semisynth_gl.inputs.errors import InputError, shown
@@ -70,9 +74,25 @@ class Cutting:
             InputError: where the pair lacks what a change needs.
         """
         if self._augmentation is None or drawn is None:
-            return to_sample(index, frame)
+            return to_sample(index, frame if self._crop is None else _with_own_masks(frame))
         sample = to_sample(index, drawn.applied(frame, self._augmentation.noise_rng(seed, index, epoch)))
         return sample | {"augmentation": drawn.record()} if self._augmentation.recorded else sample
+
+
+def _with_own_masks(frame: Frame) -> Frame:
+    """Return a crop with masks of its own; those of tensors on a GPU take the way through the computer's memory."""
+    if isinstance(frame.left.image, np.ndarray):
+        return frame.with_own_masks()
+    views = [{name: tensor.cpu().numpy() for name, tensor in frame.view(eye).items()} for eye in EYES]
+    masked = Frame(frame.camera, *map(View, views)).with_own_masks()
+    masks = {channel.mask for channel in CHANNELS.values()}
+    left, right = (
+        view.with_channels(
+            {name: torch.from_numpy(masked.view(eye)[name]).to(view.image.device) for name in masks & set(view)}
+        )
+        for eye, view in zip(EYES, (frame.left, frame.right), strict=True)
+    )
+    return Frame(frame.camera, left, right)
 
 
 def check_crop(crop: Any, sides: tuple[int, int], whose: str) -> None:  # noqa: ANN401 - that is what it checks

@@ -94,6 +94,16 @@ def test_the_default_changes_nothing():
     assert PRESETS["psmnet"] == Augmentation()
 
 
+def test_masks_are_those_of_the_changed_pair():
+    pair = make_frame(3)
+    changes = replace(STRONG, right_y_px=(0, 0), right_roll_deg=(0, 0), occluded=0)
+    for sequence in range(5):
+        drawn = changes.draw((20, 30), (32, 48), 0, sequence)
+        changed = drawn.applied(_source(changes, pair, sequence), np.random.default_rng(0))
+        for role, array in changed.with_own_masks().arrays().items():
+            np.testing.assert_array_equal(changed.arrays()[role], array, err_msg=role)
+
+
 def test_the_truth_does_not_depend_on_the_colours():
     pair = make_frame(5)
     plain = replace(STRONG, right_y_px=(0, 0), right_roll_deg=(0, 0), occluded=0)

@@ -2,17 +2,21 @@
 
 import copy
 import pickle
+from dataclasses import replace
 
+import hand_made_pairs
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scenes import noise_layers
 from scipy.spatial.transform import Rotation
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.codec import Codec
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.frame.channels import CHANNELS, DEFAULT_OUTPUTS, FLOW_OUTPUTS, OUTPUTS, ROLES, View
+from semisynth_gl.frame.camera import EYES, Crop, Deviation, StereoCamera
+from semisynth_gl.frame.channels import CHANNELS, DEFAULT_OUTPUTS, FLOW_OUTPUTS, OUTPUTS, OUTSIDE, ROLES, View
 from semisynth_gl.frame.frame import Frame, finite_range
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import InputError
@@ -249,3 +253,23 @@ def test_a_stored_frame_has_points_too():
     np.testing.assert_array_equal(
         StoredFrame(CAMERA, view, view).points("right"), Frame(CAMERA, view, view).points("right")
     )
+
+
+@given(st.integers(0, 6), st.integers(0, 20), st.integers(0, 12), st.booleans())
+def test_masks_of_a_crop_are_0_where_its_points_lie_outside_of_it(index, x_px, y_px, deviates):
+    pair = hand_made_pairs.make_frame(index)
+    if deviates:
+        pair = replace(pair, camera=replace(pair.camera, deviation=Deviation(0.04, -0.02, 0.7)))
+    crop = pair.cropped(Crop(x_px, y_px, 28, 20))
+    masked = crop.with_own_masks()
+    rows, columns = np.mgrid[:20, :28]
+    for eye in ("left", "right"):
+        view = crop.view(eye)
+        ways = {"flow_visibility": view.flow, "flow_backward_visibility": view.flow_backward}
+        ways["visibility"] = pair.ways(eye)[y_px : y_px + 20, x_px : x_px + 28]
+        for name, array in masked.view(eye).items():
+            expected = view[name]
+            if name in ways:
+                column, row = np.rint(columns + ways[name][..., 0]), np.rint(rows + ways[name][..., 1])
+                expected = np.where((column >= 0) & (column < 28) & (row >= 0) & (row < 20), expected, OUTSIDE)
+            np.testing.assert_array_equal(array, expected, err_msg=name)
