@@ -302,3 +302,13 @@ def test_a_rectangle_hides_what_lies_behind_it():
         behind = 10 <= column < 22 and 6 <= y < 15 and pair.left.visibility[y, x] == VISIBLE
         assert changed[y, x] == behind
     assert (hidden.left.visibility[changed] == OCCLUDED).all()
+    # The same rectangle stands in the other frames, where it hides what moves into it.
+    for name in ("flow", "flow_backward"):
+        mask, before = hidden.right[f"{name}_visibility"], pair.right[f"{name}_visibility"]
+        ends = np.mgrid[:32, :48][::-1] + np.moveaxis(np.nan_to_num(pair.right[name], posinf=1e6), 2, 0)
+        column, row = np.rint(ends)
+        behind = (column >= 10) & (column < 22) & (row >= 6) & (row < 15) & ~inside & (before == VISIBLE)
+        assert behind.any()
+        expected = np.where(inside, OUTSIDE, np.where(behind, OCCLUDED, before))
+        np.testing.assert_array_equal(mask, expected, err_msg=name)
+        np.testing.assert_array_equal(hidden.left[f"{name}_visibility"], pair.left[f"{name}_visibility"])
