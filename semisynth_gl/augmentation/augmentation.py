@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from semisynth_gl.augmentation.colour import Colours
+from semisynth_gl.augmentation.colour import Colours, mean_luminance
 from semisynth_gl.augmentation.geometry import Warp, mirrored, upside_down
 from semisynth_gl.augmentation.occlusion import occluded
 from semisynth_gl.frame.camera import EYES, Crop, Eye
@@ -51,7 +51,7 @@ class Augmentation:
             the row, and the output ``correspondence``, where the pairs have it, has the way down. Needs rectified rigs.
         right_roll_deg: by which the right image is turned about its principal point, clockwise; likewise.
         brightness: factors of all levels.
-        contrast: factors of the distance from the mean luminance.
+        contrast: factors of the distance from the mean luminance of both images.
         saturation: factors of the distance from grey.
         hue_turns: turns of the hue, as shares of the colour circle.
         white_balance: factors of red, green and blue, each drawn by itself.
@@ -255,9 +255,12 @@ class Drawn:
         if self.size is not None:
             frame = self.warp.applied(frame, self.size, self.margin).with_own_masks()
         frame = occluded(frame, self.rectangles)
+        images = {eye: frame.view(eye).image for eye in EYES}
+        # One mean for both eyes, so that changes that are alike leave them alike.
+        contrasts = any(each.contrast != 1 for each in self.colours.values())
+        mean = mean_luminance(list(images.values())) if contrasts else 0.0
         left, right = (
-            frame.view(eye).with_channels({"image": self.colours[eye].applied(frame.view(eye).image, rng)})
-            for eye in EYES
+            frame.view(eye).with_channels({"image": self.colours[eye].applied(images[eye], mean, rng)}) for eye in EYES
         )
         return Frame(frame.camera, left, right)
 

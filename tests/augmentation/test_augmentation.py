@@ -6,10 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hand_made_pairs import make_frame
+from hypothesis import given
+from hypothesis import strategies as st
 
 from semisynth_gl.augmentation import PRESETS, Augmentation
-from semisynth_gl.augmentation.colour import Colours
-from semisynth_gl.frame.camera import EYES, Crop
+from semisynth_gl.augmentation.colour import Colours, mean_luminance
+from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
+from semisynth_gl.frame.channels import View
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.imperfections import Imperfections
 
@@ -143,7 +147,7 @@ IMAGE = np.random.default_rng(0).integers(60, 190, (20, 30, 3)).astype(np.uint8)
 
 
 def coloured(image=IMAGE, **values):
-    return Colours(**values).applied(image, np.random.default_rng(1)).astype(float)
+    return Colours(**values).applied(image, mean_luminance([image]), np.random.default_rng(1)).astype(float)
 
 
 def test_colours_do_what_their_names_say():
@@ -161,6 +165,21 @@ def test_colours_do_what_their_names_say():
     again = coloured(coloured(soft, hue_turns=0.2).astype(np.uint8), hue_turns=-0.2)
     np.testing.assert_allclose(again, soft, atol=2)
     np.testing.assert_array_equal(coloured(hue_turns=0.0), IMAGE)
+
+
+@given(
+    st.floats(0.3, 2), st.floats(0.3, 2), st.floats(0, 2), st.floats(-0.5, 0.5), st.floats(0.8, 1.2), st.booleans()
+)  # fmt: skip
+def test_changes_that_are_alike_leave_equal_pixels_equal(brightness, contrast, saturation, hue, balance, grey):
+    ends = {"brightness": brightness, "contrast": contrast, "saturation": saturation, "hue_turns": hue}
+    alike = Augmentation(**{name: (value, value) for name, value in ends.items()}, white_balance=(balance, balance))
+    left = IMAGE[..., 0] if grey else IMAGE
+    right = left.copy()
+    right[::2] //= 2  # the right image is darker
+    camera = StereoCamera.centred(30, 20, 20.0, 0.1)
+    pair = Frame(camera, View({"image": left}), View({"image": right}))
+    changed = alike.draw(None, (20, 30), 0, 0).applied(pair, np.random.default_rng(0))
+    np.testing.assert_array_equal(changed.left.image[1::2], changed.right.image[1::2])
 
 
 def test_the_exposure_rises_in_its_direction():
