@@ -40,7 +40,7 @@ def occluded(frame: Frame, rectangles: Sequence[Crop]) -> Frame:
         left = left.with_channels({"visibility": left.visibility.copy()})
         covered, reach = np.flatnonzero(hidden.any(axis=1)), frame.descent_px("left") + 1
         top, bottom = max(0, int(covered[0]) - reach), int(covered[-1]) + 1 + reach
-        _hide(left.visibility[top:bottom], frame.ways("left", slice(top, bottom)), hidden, top)
+        _hide(left.visibility[top:bottom], frame.correspondences("left", slice(top, bottom)), hidden, top)
     return Frame(frame.camera, left, frame.right.with_channels(arrays))
 
 

@@ -246,7 +246,7 @@ def _with_outside(frame: Frame, eye: Eye) -> View:
         return view
     if view["visibility"].shape != view["disparity"].shape:
         return view
-    way = view["correspondence"] if "correspondence" in view else frame.ways(eye).astype(np.float32)
+    way = view["correspondence"] if "correspondence" in view else frame.correspondences(eye).astype(np.float32)
     return view.with_channels({"visibility": restore_outside(view["visibility"], way, View.correspondence, eye)})
 
 

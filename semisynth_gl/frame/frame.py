@@ -72,7 +72,7 @@ class Frame:
         """Return one eye's view."""
         return self.left if eye == "left" else self.right
 
-    def ways(self, eye: Eye, rows: slice = slice(None)) -> NDArray[np.float64]:
+    def correspondences(self, eye: Eye, rows: slice = slice(None)) -> NDArray[np.float64]:
         """Return the way from each pixel of a view to the same point in the other view, by the view's disparity.
 
         The view must have a disparity. The output ``correspondence`` has the same values, rounded once.
@@ -179,7 +179,7 @@ class Frame:
         if descent:
             rows = np.arange(self.camera.height_px)[:, None]
             for part in (slice(0, descent), slice(-descent, None)):
-                stays[part] &= _inside(rows[part] + self.ways(eye, part)[..., 1], self.camera.height_px)
+                stays[part] &= _inside(rows[part] + self.correspondences(eye, part)[..., 1], self.camera.height_px)
         return stays
 
 

@@ -70,7 +70,7 @@ def _seen_by_other(frame: Frame, eye: Eye, valid: NDArray[np.bool_]) -> NDArray[
         place = np.where(inside, column, 0).astype(np.intp)
         place += rows * width
     else:
-        along, down = np.moveaxis(frame.ways(eye), 2, 0)
+        along, down = np.moveaxis(frame.correspondences(eye), 2, 0)
         with np.errstate(invalid="ignore"):
             column, row = np.rint(columns + along), np.rint(rows + down)
             inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)

@@ -39,7 +39,7 @@ def check_correspondence(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None
     along = np.where(both, way[..., 0] * (-1 if eye == "left" else 1), 0)
     off = both & (np.abs(along - np.where(both, disparity, 0)) > frame.rounding_px(disparity))
     verdict.add_pixels("correspondence", name, "is not the disparity along the row", off)
-    expected = frame.ways(eye)
+    expected = frame.correspondences(eye)
     error = np.abs(np.where(both[..., None], way - expected, 0))[..., 1]
     # The rounding of a disparity makes the depth, and with it y, less certain.
     wrong = ~(error <= DEVIATING_PX + frame.rounding_px(disparity))
@@ -53,7 +53,7 @@ def check_correspondence(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None
 
 def check_deviating_views(frame: StoredFrame, verdict: Verdict, *, imperfect: bool) -> None:
     """Compare both views of a pair whose right camera deviates; ``imperfect`` is as in `check_images`."""
-    ways = {eye: frame.ways(eye) for eye in EYES}
+    ways = {eye: frame.correspondences(eye) for eye in EYES}
     for eye in EYES:
         other = OTHER_EYE[eye]
         targets = follow_flow(ways[eye].astype(np.float32), frame.view(eye)["disparity"])

@@ -158,7 +158,7 @@ def test_a_mirror_shows_the_points_on_the_other_side(draw):
         np.testing.assert_array_equal(mirror.view(eye).image, pair.view(other).image[:, ::-1])
         np.testing.assert_array_equal(mirror.view(eye).visibility, pair.view(other).visibility[:, ::-1])
         # The ways that the camera says are those that the arrays have.
-        ways, known = mirror.ways(eye), np.isfinite(mirror.view(eye).disparity)
+        ways, known = mirror.correspondences(eye), np.isfinite(mirror.view(eye).disparity)
         np.testing.assert_allclose(mirror.view(eye).correspondence[known], ways[known], atol=1e-4)
 
 
@@ -191,9 +191,9 @@ def test_the_ways_of_a_deviating_rig_upside_down_are_those_of_its_camera():
     pair = replace(pair, camera=replace(pair.camera, deviation=Deviation(0.01, -0.02, 0.7, 1.02)))
     over = upside_down(pair)
     for eye in EYES:
-        expected = pair.ways(eye)[::-1].copy()
+        expected = pair.correspondences(eye)[::-1].copy()
         expected[..., 1] *= -1
-        np.testing.assert_allclose(over.ways(eye), expected, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(over.correspondences(eye), expected, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("scales", [(3, 1), (1, 3)])
@@ -204,7 +204,9 @@ def test_the_ways_of_a_stretched_deviating_rig_are_those_of_its_camera(scales):
     # Of three columns or rows, the middle one lies on one of before.
     middle = (slice(scales[1] // 2, None, scales[1]), slice(scales[0] // 2, None, scales[0]))
     for eye in EYES:
-        np.testing.assert_allclose(stretched.ways(eye)[middle], pair.ways(eye) * scales, rtol=1e-6, atol=1e-5)
+        np.testing.assert_allclose(
+            stretched.correspondences(eye)[middle], pair.correspondences(eye) * scales, rtol=1e-6, atol=1e-5
+        )
 
 
 TEXTURES = {
@@ -245,7 +247,7 @@ def test_what_has_no_disparity_has_none_in_a_moved_pair(warp):
     np.testing.assert_array_equal(np.isfinite(moved.left.disparity), np.isfinite(unmoved.left.disparity))
     assert np.isinf(moved.left.disparity).any()
     for eye in EYES:
-        ways, known = moved.ways(eye), np.isfinite(moved.view(eye).disparity)
+        ways, known = moved.correspondences(eye), np.isfinite(moved.view(eye).disparity)
         np.testing.assert_allclose(moved.view(eye).correspondence[known], ways[known], atol=2e-4)
         assert np.isinf(moved.view(eye).correspondence[~known]).all()
 
@@ -272,7 +274,7 @@ def test_a_rectangle_hides_what_lies_behind_it_in_a_crooked_rig(index):
     pair.left.visibility[:] = VISIBLE
     rectangle = Crop(5, int(rng.integers(25)), 30, 5)
     found = occluded(pair, [rectangle]).left.visibility
-    ways = pair.ways("left")
+    ways = pair.correspondences("left")
     y, x = np.mgrid[:32, :48]
     column, row = np.rint(x + ways[..., 0]), np.rint(y + ways[..., 1])
     behind = (column >= 5) & (column < 35) & (rectangle.y_px <= row) & (row < rectangle.bottom_px)

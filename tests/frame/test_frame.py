@@ -266,7 +266,7 @@ def test_masks_of_a_crop_are_0_where_its_points_lie_outside_of_it(index, x_px, y
     for eye in ("left", "right"):
         view = crop.view(eye)
         ways = {"flow_visibility": view.flow, "flow_backward_visibility": view.flow_backward}
-        ways["visibility"] = pair.ways(eye)[y_px : y_px + 20, x_px : x_px + 28]
+        ways["visibility"] = pair.correspondences(eye)[y_px : y_px + 20, x_px : x_px + 28]
         for name, array in masked.view(eye).items():
             expected = view[name]
             if name in ways:

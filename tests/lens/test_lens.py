@@ -192,7 +192,7 @@ def test_a_border_hides_its_pixels_and_those_that_match_it(deviation):
     valid["right"][40:80, 100:] = False
     for eye in EYES:
         found = bordered(frame, eye, valid)
-        ways = frame.ways(eye)
+        ways = frame.correspondences(eye)
         for row in range(0, 120, 7):
             for column in range(0, 160, 5):
                 x, y = round(column + ways[row, column, 0]), round(row + ways[row, column, 1])

@@ -176,7 +176,7 @@ def test_a_crop_is_a_part_of_the_whole_image_and_points_are_where_they_stand(ope
     for eye in EYES:
         points = whole.points(eye)[whole.view(eye).instances == 1]
         np.testing.assert_allclose(points[:, 2], 2.0, rtol=1e-5)
-        np.testing.assert_allclose(whole.ways(eye), whole.view(eye).correspondence, atol=1e-4)
+        np.testing.assert_allclose(whole.correspondences(eye), whole.view(eye).correspondence, atol=1e-4)
     # Beside the near board the far one goes on, and is hidden from the other eye.
     assert {OUTSIDE, VISIBLE} < set(np.unique(whole.left.visibility).tolist())
 
