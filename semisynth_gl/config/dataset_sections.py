@@ -109,7 +109,7 @@ class ImperfectionsSection(Section):
 
 
 class ChecksSection(Section):
-    """Conditions on each pair, or on the first frame of each sequence; a scene that fails one is drawn again.
+    """Conditions on each pair (of sequences, the first frame), as drawn and as written; else it is redrawn.
 
     Attributes:
         min_brightness: smallest mean of the darker image that passes, 8-bit levels.

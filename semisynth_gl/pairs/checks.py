@@ -44,8 +44,12 @@ class Closed:
         """
         camera, signed = sampled.scene.camera, config.disparity.signed
         if signed or not camera.rectified:
-            return cls(everywhere=False, least_px=-np.inf)
+            return OPEN
         return cls(not sampled.scene.sky.any(), _FAR_BELOW * float(camera.disparity_px(sampled.farthest_m)))
+
+
+OPEN = Closed(everywhere=False, least_px=-np.inf)
+"""What a scene guarantees of a frame with borders: nothing."""
 
 
 def faults(frame: Frame, config: Config, closed: Closed) -> list[str]:

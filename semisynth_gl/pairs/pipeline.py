@@ -24,7 +24,7 @@ from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.cameras import Cameras
-from semisynth_gl.pairs.checks import Closed, faults
+from semisynth_gl.pairs.checks import OPEN, Closed, faults
 from semisynth_gl.plugins import plugin_records
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.devices import check_libraries
@@ -76,8 +76,9 @@ class _Shown:
     crop: Crop | None
     # Draws the scene's pairs if there are several.
     shared: SharedLeft | None
-    # Frames that were drawn for the checks and not asked for yet, by the number of the right view.
-    frames: dict[int, Frame] = field(default_factory=dict)
+    # Frames that were made for the checks and not asked for yet, each with what the provenance says of its cameras, by
+    # the number of the right view.
+    frames: dict[int, tuple[Frame, dict[str, Any]]] = field(default_factory=dict)
     # What the left camera gives, by channel, once a pair of the scene has been made.
     left_channels: dict[str, NDArray[Any]] | None = None
 
@@ -249,15 +250,16 @@ class PairRenderer:
         # Lenses and imperfections need whole images.
         shown = self._show(number, settled.attempt, crop if self.config.images_as_drawn else None)
         sampled = shown.sampled.seen_by(view)
-        frame = shown.frames.pop(view) if view in shown.frames else self._draw(shown, view)
+        if view in shown.frames:
+            frame, records = shown.frames.pop(view)
+        else:
+            frame, records = self._through_cameras(self._draw(shown, view), shown, view)
         provenance = {"pair": index} | self._made_by | self.sampler.provenance(sampled)
         if settled.redrawn:
             provenance["redrawn"] = settled.redrawn
         if "instances" in self.config.outputs:
             provenance["instances"] = self.sampler.instance_table(sampled)
-        if not self.config.images_as_drawn:
-            frame, records = self._through_cameras(frame, shown, view)
-            provenance |= records
+        provenance |= records
         if crop is not None and frame.camera == sampled.scene.camera:  # it was drawn whole
             frame = frame.cropped(crop)
         self._report("check")
@@ -293,7 +295,8 @@ class PairRenderer:
     def _settle(self, sequence: int) -> _Settled:
         """Return a sequence's first attempt whose first frame passes the checks with all its right views.
 
-        The drawn frames are kept until they are asked for.
+        Checks judge the drawn frames and, where lenses or imperfections change them, the frames that cameras give.
+        These are kept until they are asked for.
         """
         redrawn: list[str] = []
         for attempt in range(self.config.checks.attempts):
@@ -301,9 +304,14 @@ class PairRenderer:
             shown = self._show(sequence * self.config.sequence.length, attempt, None)
             clauses: list[str] = []
             for view in range(self.config.views):
-                shown.frames[view] = self._draw(shown, view)
-                closed = Closed.of(shown.sampled.seen_by(view), self.config)
-                clauses = faults(shown.frames[view], self.config, closed)
+                frame = self._draw(shown, view)
+                clauses = faults(frame, self.config, Closed.of(shown.sampled.seen_by(view), self.config))
+                if not clauses:
+                    shown.frames[view] = self._through_cameras(frame, shown, view)
+                    # The drawn frame is judged too, since noise hides that a scene is flat.
+                    if not self.config.images_as_drawn:
+                        seen = faults(shown.frames[view][0], self.config, OPEN)
+                        clauses = [f"{clause}, after lens and imperfections" for clause in seen]
                 self._report("check")
                 if clauses:
                     break
@@ -313,11 +321,13 @@ class PairRenderer:
             redrawn.append("; ".join(clauses))
         raise InputError(
             f"sequence {sequence} failed its checks in {counted(len(redrawn), 'attempt')}. Fault of the last one: "
-            f"{redrawn[-1]}. Change the images or the scene, or lower the limit in the section checks"
+            f"{redrawn[-1]}. Change images, scene, lens or imperfections, or lower the limit in the section checks"
         )
 
     def _through_cameras(self, frame: Frame, shown: _Shown, view: int) -> tuple[Frame, dict[str, Any]]:
         """Return a frame with the images that the rig's cameras give, and what the provenance says of them."""
+        if self.config.images_as_drawn:
+            return frame, {}
         left = shown.left_channels if view else None
         eyes: tuple[Eye, ...] = EYES if left is None else ("right",)
         taken = self._cameras.take(frame, shown.sampled.seen_by(view), shown.number, view, eyes)

@@ -271,7 +271,8 @@ def test_a_pair_says_its_lens_and_sequences_keep_it():
 
 @pytest.mark.parametrize("focal_px", [110, 300])
 def test_baselines_share_the_left_image(focal_px):
-    config = with_lens(camera={"baselines": 2, "baseline_m": [0.1, 0.2]}, lens={"left": EYE | {"fx_px": focal_px}})
+    lens = {"raw_width_px": 130, "raw_height_px": 100, "left": EYE | {"fx_px": focal_px}}
+    config = with_lens(camera={"baselines": 2, "baseline_m": [0.1, 0.2]}, lens=lens)
     with PairRenderer(config, 0) as renderer:
         first, second = (renderer.render(index).frame for index in (0, 1))
         np.testing.assert_array_equal(first.left.image, second.left.image)

@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
-from tiny_datasets import cheap
+from tiny_datasets import EYE, cheap, with_lens
 
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.frame.camera import EYES, Deviation, StereoCamera
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs import pipeline
-from semisynth_gl.pairs.checks import Closed, faults
+from semisynth_gl.pairs.checks import OPEN, Closed, faults
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections, with_imperfections
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
 from semisynth_gl.seeds.seeds import Purpose, generator
@@ -325,6 +325,72 @@ def test_giving_up_says_why():
     config = cheap(checks={"min_brightness": 250.0, "attempts": 3})
     with PairRenderer(config, 0) as pairs, pytest.raises(InputError, match=r"in 3 attempts.* too dark: mean"):
         pairs.render(0)
+
+
+# Turns by which the left camera sees a part of the view alone.
+ASIDE = {"left": EYE | {"rotation_deg": [0, 18, 0]}}
+
+
+@pytest.mark.parametrize(
+    ("changes", "fault"),
+    [
+        ({"lens": ASIDE}, "too little texture: 0.00 levels"),
+        ({"lens": ASIDE | {"border_disparity": False}, "checks": {"min_texture": 0}}, "too few pixels with truth"),
+        ({"lens": ASIDE, "checks": {"min_texture": 0, "min_brightness": 40}}, "too dark"),
+        ({"imperfections": {"exposure_stops": -6}}, "too dark"),
+        ({"imperfections": {"blur_px": 40}}, "too little texture"),
+    ],
+    ids=str,
+)
+def test_checks_judge_what_is_written(changes, fault):
+    if "lens" in changes:
+        pytest.importorskip("cv2", reason="OpenCV, the extra opencv, is not installed")
+    make = with_lens if "lens" in changes else cheap
+    config = make(**changes | {"checks": {"attempts": 2} | changes.get("checks", {})})
+    with PairRenderer(config, 0) as pairs:
+        for number in (0, 3):
+            assert pairs.render(number, checked=False).index == number
+            with pytest.raises(InputError, match=rf"in 2 attempts.*{fault}.*, after lens and imperfections\."):
+                pairs.render(number)
+
+
+def test_noise_does_not_stand_for_texture():
+    config = cheap(imperfections={"noise": 40}, checks={"attempts": 1, "min_texture": 0})
+    noisy, plain = render_pair(config, 0), render_pair(cheap(), 0)
+    textures = [least_texture((frame.left.image, frame.right.image)) for frame in (plain, noisy)]
+    assert textures[0] + 5 < textures[1]
+    between = config.model_copy(update={"checks": config.checks.model_copy(update={"min_texture": sum(textures) / 2})})
+    with pytest.raises(InputError, match=rf"too little texture: {textures[0]:.2f} levels"):
+        render_pair(between, 0)
+
+
+@pytest.mark.parametrize("views", [1, 2])
+def test_a_pair_that_its_cameras_spoil_is_drawn_again(monkeypatch, views):
+    """The next attempt has the same lens and imperfections, and each pair that passes is what it is without checks."""
+    pytest.importorskip("cv2", reason="OpenCV, the extra opencv, is not installed")
+    camera = {} if views == 1 else {"baselines": 2, "baseline_m": [0.1, 0.2]}
+    config, written = with_lens(imperfections={"noise": 3}, camera=camera), []
+
+    def fussy(frame, _config, closed):
+        if closed is not OPEN:
+            return []
+        written.append(frame)
+        return ["too something: 3 of 4"] if len(written) == views else []
+
+    monkeypatch.setattr(pipeline, "faults", fussy)
+    with PairRenderer(config, 0) as pairs:
+        made = [pairs.render(number) for number in range(2 * views)]
+    with PairRenderer(config, 0) as pairs:
+        plain = [pairs.render(number, checked=False) for number in range(2 * views)]
+    for number, (pair, unchecked) in enumerate(zip(made, plain, strict=True)):
+        again = number < views
+        expected = ["too something: 3 of 4, after lens and imperfections"] if again else None
+        assert pair.provenance.get("redrawn") == expected
+        assert np.array_equal(pair.frame.left.image, unchecked.frame.left.image) != again
+        for key in ("lens", "imperfections"):
+            assert pair.provenance[key] == unchecked.provenance[key]
+        for eye in EYES:
+            np.testing.assert_array_equal(pair.frame.view(eye).image, written[views + number].view(eye).image)
 
 
 def stated_faults(frame, config, closed):
