@@ -201,13 +201,20 @@ class Config(Section):
         yield from self._camera_faults()
 
     def _camera_faults(self) -> Iterator[str]:
-        if self.lens is not None and "visibility" in self.outputs and "valid" not in self.outputs:
+        masked = [output for output in ("visibility", "flow", "flow_backward") if output in self.outputs]
+        if self.lens is not None and masked and "valid" not in self.outputs:
             yield (
-                "the masks of visibility leave out what the sensors of lens did not see, and the output valid says "
+                f"the masks of {masked[0]} leave out what the sensors of lens did not see, and the output valid says "
                 "where that is: add valid to outputs"
             )
-        if self.lens is not None and not self.lens.border_disparity and "valid" not in self.outputs:
-            yield "lens.border_disparity false leaves out what the output valid marks: add valid to outputs"
+        if self.lens is not None and not self.lens.border_disparity:
+            if "valid" not in self.outputs:
+                yield "lens.border_disparity false leaves out what the output valid marks: add valid to outputs"
+            if "disparity_change" in self.outputs and "flow" not in self.outputs:
+                yield (
+                    "with lens.border_disparity false, disparity_change is missing where flow leads into a border: add "
+                    "flow to outputs"
+                )
         of_lens = [output for output in self.outputs if output not in DRAWN_OUTPUTS]
         if self.lens is None and of_lens:
             yield f"the output {of_lens[0]} needs the section lens: add lens, or leave the output out"

@@ -63,14 +63,21 @@ class StoredFrame(Frame):
         is_sky = np.array([False, *(isinstance(row, dict) and row.get("sky") is True for row in rows)])
         return np.asarray(is_sky[np.minimum(ids, len(rows))])
 
+    @property
+    def border_disparity(self) -> bool:
+        """Whether disparities reach into the borders that a lens leaves; see the config's ``lens.border_disparity``."""
+        match self.provenance.get("lens"):
+            case {"border_disparity": False}:
+                return False
+        return True
+
     def left_out(self, eye: Eye) -> NDArray[np.bool_]:
         """Return where a view has no disparity because its sensor saw nothing, (H, W) bool.
 
         It is empty unless the config says ``border_disparity: false`` of the lens.
         """
-        match self.provenance.get("lens"):
-            case {"border_disparity": False} if "valid" in self.view(eye):
-                return np.asarray(self.view(eye).valid != VISIBLE)
+        if not self.border_disparity and "valid" in self.view(eye):
+            return np.asarray(self.view(eye).valid != VISIBLE)
         return np.zeros((self.camera.height_px, self.camera.width_px), bool)
 
     def rounding_px(self, disparity: NDArray[np.floating[Any]] | float) -> NDArray[np.float64]:

@@ -11,14 +11,16 @@ from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Vi
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.lens.chain import LensChain
 
+# The masks, by the truth that leads from a pixel to its point in the other view or at another moment.
+_MASKS = {name: channel.mask for name, channel in CHANNELS.items() if channel.mask is not None}
 # What hangs on a pixel's disparity.
-_OF_DISPARITY = ("disparity", "correspondence", "disparity_change")
+_OF_DISPARITY = ("disparity", "correspondence", "disparity_change", "visibility")
 
 
 def with_borders(
     frame: Frame, chains: Mapping[Eye, LensChain], outputs: Collection[str], *, border_disparity: bool
 ) -> Frame:
-    """Return a frame whose masks leave out what a sensor did not see, in either view.
+    """Return a frame whose masks leave out what a sensor did not see, in either view or at either moment.
 
     Args:
         frame: a whole pair.
@@ -31,48 +33,58 @@ def with_borders(
     for eye in EYES:
         view = frame.view(eye)
         changed: dict[str, NDArray[Any]] = {}
-        if "visibility" in view:
-            # As files have it: not visible, for whatever reason.
-            most = np.where(bordered(frame, eye, valid), np.uint8(OCCLUDED), np.uint8(VISIBLE))
-            changed["visibility"] = np.minimum(view.visibility, most)
+        for leading, mask in _MASKS.items():
+            if mask in view:
+                # As files have it: not visible, for whatever reason.
+                most = np.where(bordered(frame, eye, valid, leading), np.uint8(OCCLUDED), np.uint8(VISIBLE))
+                changed[mask] = np.minimum(view[mask], most)
         if "valid" in outputs and "disparity" in view:
             changed["valid"] = np.where(valid[eye], np.uint8(VISIBLE), np.uint8(OUTSIDE))
         if not border_disparity and "disparity" in view:
-            for name in (*_OF_DISPARITY, "visibility"):
+            for name in _OF_DISPARITY:
                 if name in view:
+                    lost = bordered(frame, eye, valid, "flow") if name == "disparity_change" else ~valid[eye]
                     changed[name] = changed.get(name, view[name]).copy()
-                    changed[name][~valid[eye]] = CHANNELS[name].nothing
+                    changed[name][lost] = CHANNELS[name].nothing
         views[eye] = view.with_channels(changed)
     return Frame(frame.camera, views["left"], views["right"])
 
 
-def bordered(frame: Frame, eye: Eye, valid: Mapping[Eye, NDArray[np.bool_]]) -> NDArray[np.bool_]:
-    """Return where a sensor saw nothing of a view's point, its own or the other eye's, (H, W) bool.
+def bordered(
+    frame: Frame, eye: Eye, valid: Mapping[Eye, NDArray[np.bool_]], leading: str = "disparity"
+) -> NDArray[np.bool_]:
+    """Return where a sensor saw nothing of a view's point, at its pixel or where the point lies otherwise, (H, W) bool.
 
     Args:
-        frame: the pair; the view has a disparity.
+        frame: the pair.
         eye: the view.
         valid: (H, W) bool by eye, where its sensor saw something.
+        leading: the view's channel that leads to the other place: ``disparity`` to the other eye's view, ``flow`` or
+            ``flow_backward`` to the same view at another moment.
     """
-    return ~(valid[eye] & _seen_by_other(frame, eye, valid[OTHER_EYE[eye]]))
+    if leading != "disparity":
+        return ~(valid[eye] & valid_at(valid[eye], *np.moveaxis(frame.view(eye)[leading], 2, 0)))
+    if frame.camera.rectified:
+        disparity = frame.view(eye).disparity
+        along, down = -disparity if eye == "left" else disparity, np.float32(0)
+    else:
+        along, down = np.moveaxis(frame.correspondences(eye), 2, 0)
+    return ~(valid[eye] & valid_at(valid[OTHER_EYE[eye]], along, down))
 
 
-def _seen_by_other(frame: Frame, eye: Eye, valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return where the other view's nearest pixel to a view's point is valid, (H, W) bool; True outside the image."""
+def valid_at(
+    valid: NDArray[np.bool_], along: NDArray[np.floating], down: NDArray[np.floating] | np.float32
+) -> NDArray[np.bool_]:
+    """Return where the pixel nearest to a vector's end is valid, (H, W) bool; True outside the image.
+
+    ``along`` and ``down`` are (H, W) px, from each pixel; not finite vectors end outside.
+    """
     height, width = valid.shape
     if valid.all():
         return valid
-    columns, rows = np.arange(width, dtype=np.float32), np.arange(height)[:, None]
-    if frame.camera.rectified:
-        disparity = frame.view(eye).disparity
-        column = np.rint(columns - disparity if eye == "left" else columns + disparity)
-        inside = (column >= 0) & (column < width)
-        place = np.where(inside, column, 0).astype(np.intp)
-        place += rows * width
-    else:
-        along, down = np.moveaxis(frame.correspondences(eye), 2, 0)
-        with np.errstate(invalid="ignore"):
-            column, row = np.rint(columns + along), np.rint(rows + down)
-            inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        place = np.where(inside, row * width + column, 0).astype(np.intp)
+    with np.errstate(invalid="ignore"):
+        column = np.rint(np.arange(width, dtype=np.float32) + along)
+        row = np.rint(np.arange(height)[:, None] + down)
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    place = np.where(inside, row * width + column, 0).astype(np.intp)
     return np.asarray(valid.ravel().take(place) | ~inside)

@@ -14,6 +14,7 @@ from semisynth_gl.verification.agreement import (
     ends,
     spread_evenly,
 )
+from semisynth_gl.verification.lens import find_flow_borders
 from semisynth_gl.verification.photometry import check_flow_images
 from semisynth_gl.verification.single_view import OPPOSITE, has_flow
 from semisynth_gl.verification.verdict import Verdict
@@ -145,6 +146,9 @@ def _check_direction(
         # Only the flow back tells two surfaces of similar disparity apart.
         seen = surface & agrees & (flow_back is not None)
         expected = np.where(hidden, OCCLUDED, np.where(seen, VISIBLE, UNCERTAIN)).astype(np.uint8)
+        # Each single pixel of a border is judged with its own view.
+        _, border = find_flow_borders(start, eye, channel)
+        expected[border[targets.row, targets.column]] = UNCERTAIN
         measure = f"{channel}_visibility_{eye}"
         check_mask_agreement("flow-mask", f"{measure} of {start.name}", measure, values, expected, end.name, verdict)
     if images:

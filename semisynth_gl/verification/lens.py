@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.channels import OUTSIDE, VISIBLE, View
-from semisynth_gl.lens.borders import bordered
+from semisynth_gl.lens.borders import bordered, valid_at
 from semisynth_gl.lens.raw_camera import RawCamera, pinhole_of
 from semisynth_gl.verification.verdict import Verdict
 
@@ -29,6 +29,31 @@ def find_borders(frame: StoredFrame, eye: Eye) -> NDArray[np.bool_] | None:
     """Return where a sensor saw nothing of a view's point, (H, W) bool; None for a pair without ``valid``."""
     valid = {each: frame.view(each)["valid"] == VISIBLE for each in EYES if "valid" in frame.view(each)}
     return bordered(frame, eye, valid) if len(valid) == len(EYES) else None
+
+
+def find_flow_borders(frame: StoredFrame, eye: Eye, channel: str) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return where a view's sensor saw nothing of a point, now or where its flow leads, (H, W) bool each.
+
+    The first array is where that is sure, the second where it may be, up to the rounding of stored flow. Both are empty
+    for a view without ``valid``, and without the ``channel`` of flow.
+    """
+    view, error_px = frame.view(eye), frame.encodings.flow.error_px
+    if "valid" not in view or channel not in view:
+        none = np.zeros(view.image.shape[:2], bool)
+        return none, none
+    valid, (along, down) = view.valid == VISIBLE, np.moveaxis(view[channel], 2, 0)
+    # Rounding moves the end of flow by less than a pixel, so the corners of its range meet all pixels.
+    steps = sorted({-error_px, error_px})
+    ends = [valid_at(valid, along + np.float32(x), down + np.float32(y)) for x in steps for y in steps]
+    return ~(valid & np.logical_or.reduce(ends)), ~(valid & np.logical_and.reduce(ends))
+
+
+def find_lost_change(frame: StoredFrame, eye: Eye) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return where a change of disparity must, and where it may be missing for a border; see `find_flow_borders`."""
+    if frame.border_disparity:
+        none = np.zeros(frame.view(eye).image.shape[:2], bool)
+        return none, none
+    return find_flow_borders(frame, eye, "flow")
 
 
 def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:

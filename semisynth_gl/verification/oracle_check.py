@@ -18,6 +18,7 @@ from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
 from semisynth_gl.seeds.splits import SplitName
+from semisynth_gl.verification.lens import find_lost_change
 from semisynth_gl.verification.single_view import OPPOSITE, flow_bound_px
 from semisynth_gl.verification.verdict import Verdict, format_vector
 
@@ -120,7 +121,7 @@ def _compare(
     """
     x, y = pixels
     rays = cast(motions, x, y)
-    left_out = frame.left_out(eye)[y.astype(np.int64), x.astype(np.int64)]
+    left_out, lost_change = frame.left_out(eye), find_lost_change(frame, eye)[1]
     for channel, expected in rays.items():
         array = frame.view(eye).get(channel)
         if array is None:
@@ -133,7 +134,8 @@ def _compare(
             errors = np.where(stored == encodable, 0.0, np.abs(stored - encodable))
         # The chord of a small angle is the angle in radians; its cosine would round to 1.
         error = np.linalg.norm(errors, axis=1) if channel == "normals" else errors.max(axis=1)
-        error[left_out & np.isposinf(stored).all(axis=1)] = 0
+        may_lack = (lost_change if channel == "disparity_change" else left_out)[y.astype(np.int64), x.astype(np.int64)]
+        error[may_lack & np.isposinf(stored).all(axis=1)] = 0
         scale, unit, suffix = _SCALES.get(channel, (1.0, "px", " px"))
         wrong = np.flatnonzero(~(error <= bound))
         measure = _MEASURES.get(channel)

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, Eye
-from semisynth_gl.frame.channels import CHANNELS, OUTSIDE, SKY, Channel, View
+from semisynth_gl.frame.channels import CHANNELS, OUTSIDE, SKY, VISIBLE, Channel, View
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.verification.agreement import all_components, check_mask_values, dot, ends, inside_px
+from semisynth_gl.verification.lens import find_flow_borders, find_lost_change
 from semisynth_gl.verification.verdict import Verdict, count_pixels
 
 Where = NDArray[np.bool_]
@@ -282,7 +283,8 @@ def flow_bound_px(flow: NDArray[np.floating], encoding_px: float | NDArray[np.fl
 def _check_flow(frame: StoredFrame, channel: str, eye: Eye, verdict: Verdict) -> None:
     """Check a view's flow in one direction: no NaN, and both components of a pixel are finite or both are inf.
 
-    Its mask must be `OUTSIDE` exactly where there is no flow, or the flow leads out of the image.
+    Its mask must be `OUTSIDE` exactly where there is no flow, or the flow leads out of the image, and not `VISIBLE` in
+    borders.
     """
     view, name = frame.view(eye), f"{channel}_{eye}"
     flow, mask = view.get(channel), view.get(f"{channel}_visibility")
@@ -298,7 +300,10 @@ def _check_flow(frame: StoredFrame, channel: str, eye: Eye, verdict: Verdict) ->
         verdict.add("flow", f"{name}: {fault}")
     verdict.measures[f"{name}_none_share"] = missing / infinite[..., 0].size
     if mask is not None:
-        _check_outside(f"{channel}_visibility_{eye}", flow, mask, frame.encodings.flow.error_px, verdict)
+        name = f"{channel}_visibility_{eye}"
+        _check_outside(name, flow, mask, frame.encodings.flow.error_px, verdict)
+        border, _ = find_flow_borders(frame, eye, channel)
+        verdict.add_pixels("flow-mask", name, "is 255 though a border hides the point", border & (mask == VISIBLE))
 
 
 def _check_outside(
@@ -345,12 +350,14 @@ def check_change(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict
     verdict.add_pixels("change", name, "leads to an impossible disparity", impossible, step)
     if flow is None:
         return
+    lost, perhaps_lost = find_lost_change(frame, eye)
+    verdict.add_pixels("change", name, "is finite though a border hides the point at a frame", finite & lost)
     flows = has_flow(flow)
     beyond = _count_beyond(frame, View.flow, eye)
     if int((known & ~flows).sum()) > beyond:
         detail = f"; the provenance counts {beyond} with flow beyond the encoding"
         verdict.add_pixels("change", name, "is finite without flow", known & ~flows, detail)
-    missing = np.isfinite(disparity) & flows & infinite
+    missing = np.isfinite(disparity) & flows & infinite & ~perhaps_lost
     if missing.any():
         # A disparity leaves the valid range only through 0, and only if doffs is positive or the right camera deviates.
         around = later[_neighbours(missing) & known]

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
-from planted_faults import all_findings, checks
+from planted_faults import all_findings, change_disparity, change_image, checks, findings
 from tiny_datasets import EYE, LENS, cheap, with_lens
 
 from semisynth_gl.codecs.pfm import PFM
@@ -201,6 +201,29 @@ def test_a_border_hides_its_pixels_and_those_that_match_it(deviation):
                 assert found[row, column] == expected
 
 
+def looked_up(valid, flow):
+    """Where flow leads to a pixel that is not valid, by its nearest pixel."""
+    height, width = valid.shape
+    lost = np.zeros_like(valid)
+    for row, column in np.argwhere(np.isfinite(flow).all(axis=2)):
+        x, y = round(column + float(flow[row, column, 0])), round(row + float(flow[row, column, 1]))
+        lost[row, column] = 0 <= x < width and 0 <= y < height and not valid[y, x]
+    return lost
+
+
+@given(st.integers(0, 999), st.sampled_from([0.3, 3.0, 40.0]))
+def test_a_border_hides_points_at_both_moments(seed, most_px):
+    rng = np.random.default_rng(seed)
+    flow = rng.uniform(-most_px, most_px, (24, 31, 2)).astype(np.float32)
+    flow[rng.random((24, 31)) < 0.1] = np.inf
+    valid = rng.random((24, 31)) < rng.choice([0.5, 0.9, 1.0])
+    camera = StereoCamera.centred(31, 24, 30.0, 0.1)
+    arrays = {"flow_backward_right": flow, "disparity_right": np.ones((24, 31), np.float32)}
+    frame = Frame.from_arrays(camera, arrays)
+    found = bordered(frame, "right", {"left": ~valid, "right": valid}, "flow_backward")
+    np.testing.assert_array_equal(found, ~valid | looked_up(valid, flow))
+
+
 # --- pairs ---
 
 
@@ -294,8 +317,11 @@ def test_a_lens_that_cannot_be_is_refused(changes, message):
 
 
 def test_the_masks_of_a_lens_need_the_output_that_says_why():
-    with pytest.raises(Exception, match="add valid to outputs"):
-        cheap(lens=LENS, outputs=["visibility"])
+    for output in ("visibility", "flow", "flow_backward"):
+        with pytest.raises(Exception, match=f"masks of {output} leave out .* add valid to outputs"):
+            cheap(lens=LENS, outputs=[output])
+    with pytest.raises(Exception, match="missing where flow leads into a border: add flow to outputs"):
+        without_borders(outputs=["valid", "disparity_change"])
     with pytest.raises(Exception, match="the output valid needs the section lens: add lens"):
         cheap(outputs=["valid"])
 
@@ -327,6 +353,67 @@ def test_each_layout_keeps_what_verify_accepts(tmp_path, layout, rig):
         np.testing.assert_array_equal(*seen)
 
 
+# Motion that carries points into and out of borders.
+MOVING = {"sequence": {"length": 2}, "camera": {"sway_m": 0.1, "sway_deg": 6}}
+FLOWS = ["visibility", "valid", "flow", "flow_backward", "disparity_change"]
+
+
+def test_masks_of_flow_leave_out_what_the_sensor_did_not_see():
+    plain = render_pair(cheap(outputs=[name for name in FLOWS if name != "valid"], **MOVING), 0)
+    seen = render_pair(with_lens(outputs=FLOWS, **MOVING), 0)
+    for eye in EYES:
+        valid = seen.view(eye).valid == VISIBLE
+        for name in ("flow", "flow_backward", "disparity_change"):
+            np.testing.assert_array_equal(plain.view(eye)[name], seen.view(eye)[name])
+        for name in ("flow", "flow_backward"):
+            lost = looked_up(valid, seen.view(eye)[name])
+            assert (lost & valid).any()
+            mask = plain.view(eye)[f"{name}_visibility"]
+            expected = np.where(~valid | lost, np.minimum(mask, OCCLUDED), mask)
+            np.testing.assert_array_equal(seen.view(eye)[f"{name}_visibility"], expected)
+
+
+@pytest.mark.parametrize("border_disparity", [True, False])
+@pytest.mark.parametrize("files", [{}, {"flow": "png16", "disparity": "png16"}], ids=str)
+def test_verify_finds_masks_and_changes_that_ignore_the_lens(tmp_path, border_disparity, files):
+    config = with_lens(outputs=FLOWS, files=files, lens={"border_disparity": border_disparity}, **MOVING)
+    generate(config, tmp_path / "d", 2, layout="middlebury")
+    assert not all_findings(tmp_path / "d", rays=200)
+    (scene,) = (path.parent for path in (tmp_path / "d").rglob("flow_mask0.png") if path.parent.name.endswith("0"))
+    outputs = [name for name in FLOWS if name != "valid"]
+    plain = render_pair(cheap(outputs=outputs, files=files, **MOVING), 0)
+    valid = np.asarray(Image.open(scene / "valid0.png")) == VISIBLE
+    for name in ("flow", "flow_backward"):
+        path = scene / f"{name}_mask0.png"
+        right, wrong = np.asarray(Image.open(path)), plain.left[f"{name}_visibility"]
+        # All of them; then a pixel of the border, and one that lies in the border at the other frame.
+        lost = looked_up(valid, plain.left[name])
+        change_image(path, lambda _, wrong=wrong: wrong)
+        assert checks(tmp_path / "d") == {"flow-mask"}
+        for where in (~valid, valid & lost):
+            row, column = np.argwhere(where & (wrong == VISIBLE))[-1]
+            changed = right.copy()
+            changed[row, column] = VISIBLE
+            change_image(path, lambda _, changed=changed: changed)
+            (finding,) = findings(tmp_path / "d")
+            fault = f"{name}_visibility_left is 255 though a border hides the point in 1 pixel"
+            assert finding.message == f"{fault}, the first at ({column}, {row})"
+        change_image(path, lambda _, right=right: right)
+    path = scene / "disparity_change0.pfm"
+    right, wrong = PFM.read(path).copy(), plain.left.disparity_change
+    assert np.array_equal(right, wrong) == border_disparity
+    if not border_disparity:
+        lost = valid & looked_up(valid, plain.left.flow)
+        change_disparity(path, lambda _: np.where(valid, wrong, np.inf))
+        assert "change" in checks(tmp_path / "d")
+        inside = valid & ~lost & (np.asarray(Image.open(scene / "flow_mask0.png")) == VISIBLE)
+        for where, value in ((lost, 0.25), (inside, np.inf)):
+            changed = right.copy()
+            changed[tuple(np.argwhere(where)[len(np.argwhere(where)) // 2])] = value
+            change_disparity(path, lambda _, changed=changed: changed)
+            assert "change" in checks(tmp_path / "d")
+
+
 def without_borders(**changes):
     return with_lens(lens=changes.pop("lens", {}) | {"border_disparity": False}, **changes)
 
@@ -338,7 +425,7 @@ def without_borders(**changes):
         {"truth": "left"},
         {"camera": {"doffs_px": 4}, "disparity": {"signed": True}, "background": {"cuboid": 0, "plane": 1, "sky": 1}},
         {"rig": {"right_roll_deg": 0.5, "right_y_px": 1}},
-        {"sequence": {"length": 2}, "camera": {"sway_m": 0.01}},
+        MOVING,
     ],
     ids=str,
 )
@@ -357,6 +444,8 @@ def test_borders_may_have_no_disparity(tmp_path, changes):
                     if name in of_disparity:
                         border = after.view(eye).valid != VISIBLE
                         assert 0 < border.mean() < 0.9
+                        if name == "disparity_change":
+                            border |= looked_up(~border, after.view(eye).flow)
                         expected[border] = 0 if name == "visibility" else np.inf
                     np.testing.assert_array_equal(array, expected, err_msg=name)
     generate(out, tmp_path / "d", 2, layout="middlebury")
