@@ -108,18 +108,19 @@ class LensChain:
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
         """Where the raw image has the four pixels that a rectified one is mixed from, (H, W) bool."""
-        x, y = self.maps
-        inside = (x >= -_BORDER_PX) & (x <= self.raw.width_px - 1 + _BORDER_PX)
+        x, y = np.moveaxis(self.raw_map, 2, 0)
+        inside: NDArray[np.bool_] = (x >= -_BORDER_PX) & (x <= self.raw.width_px - 1 + _BORDER_PX)
         inside &= (y >= -_BORDER_PX) & (y <= self.raw.height_px - 1 + _BORDER_PX)
         return inside
 
     @cached_property
     def density(self) -> float:
         """The most raw pixels along a rectified one, 1 or more: drawn so dense, the raw image lacks no detail."""
-        x, y = (each[::_GRID_PX, ::_GRID_PX].astype(np.float64) / _GRID_PX for each in self.maps)
+        seen = self.valid[::_GRID_PX, ::_GRID_PX]
+        # Behind the raw camera, maps are inf.
+        x, y = (np.where(seen, each[::_GRID_PX, ::_GRID_PX].astype(np.float64) / _GRID_PX, 0) for each in self.maps)
         a, b = (np.diff(each, axis=1)[:-1] for each in (x, y))
         c, d = (np.diff(each, axis=0)[:, :-1] for each in (x, y))
-        seen = self.valid[::_GRID_PX, ::_GRID_PX]
         seen = seen[:-1, :-1] & seen[1:, :-1] & seen[:-1, 1:]
         # The larger singular value of each 2 x 2 matrix of derivatives.
         total, product = a * a + b * b + c * c + d * d, a * d - b * c

@@ -102,7 +102,8 @@ def _chains(draw):
     width, height = draw(st.integers(2, 60)), draw(st.integers(2, 50))
     model = draw(st.sampled_from(["radial-tangential", "fisheye"]))
     distortion = (draw(st.floats(-0.2, 0.2)), draw(st.floats(-0.05, 0.05)), 0.0, 0.0)
-    turn = rotation_of(tuple(draw(st.floats(-0.4, 0.4)) for _ in range(3)))
+    most_rad = draw(st.sampled_from([0.4, 2.0]))
+    turn = rotation_of(tuple(draw(st.floats(-most_rad, most_rad)) for _ in range(3)))
     focal_px = draw(st.floats(10, 80))
     raw = RawCamera(width, height, focal_px, focal_px, width / 2, height / 2, model, distortion, turn)
     return raw, camera, draw(st.sampled_from(["black", "replicate"]))
@@ -112,7 +113,13 @@ def _chains(draw):
 NARROW = RawCamera(5, 39, 22, 22, 2.5, 19.5, "radial-tangential", (0.1, 0, 0, 0), rotation_of((0.4, -0.3, 0.3)))
 
 
+# Half of the rectified view lies behind this fisheye.
+BEHIND = RawCamera(60, 50, 15, 15, 30, 25, "fisheye", (0.0, 0, 0, 0), rotation_of((0, 1.5, 0)))
+
+
+@pytest.mark.filterwarnings("error")
 @given(_chains(), st.integers(0, 99))
+@example((BEHIND, StereoCamera(40, 30, 20.0, 0.1, 19.0, 21.0, 14.5), "black"), 0)
 @example((NARROW, StereoCamera(40, 30, 54.0, 0.1, 19.0, 21.0, 14.5), "black"), 0)
 def test_any_raw_image_has_all_that_its_rectification_reads(made, seed):
     raw, camera, border = made
@@ -126,6 +133,7 @@ def test_any_raw_image_has_all_that_its_rectification_reads(made, seed):
     assert not np.isnan(chain.raw_map).any()
     assert (np.isfinite(x) == np.isfinite(y)).all()
     assert (np.isfinite(x) | ~chain.valid).all()
+    assert 1 <= chain.density < 100
 
 
 def test_what_lies_behind_a_raw_camera_has_no_place_in_its_image():
