@@ -47,20 +47,13 @@ def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px
     """
     camera = scene.camera
     x, y = np.asarray(x_px, np.float64).ravel(), np.asarray(y_px, np.float64).ravel()
-    turn = camera.turn(eye)
     rays = camera.rays_of_eye(eye, x, y)
     hits = Hits(np.full(len(x), np.inf), np.full(len(x), -1), np.full(len(x), -1))
     by_row = np.argsort(y)
     sorted_x, sorted_y = x[by_row], y[by_row]
     for number in range(len(scene)):
-        mesh = models[int(scene.model[number])]
-        vertices = placed_vertices(mesh, scene.view_from_model(number))
-        vertices[:, 0] -= scene.offset_m(eye, number)
-        if turn is not None:
-            vertices = vertices @ turn.T
+        mesh, vertices, near_m = _in_view(scene, models, eye, number)
         sky = bool(scene.sky[number])
-        # No part of the sky is near.
-        near_m = np.finfo(np.float64).tiny if sky else scene.near_of(eye)
         boxes = _boxes(camera, eye, vertices, mesh.triangles, near_m)
         for place, triangle in _inside(boxes, sorted_x, sorted_y):
             ray = by_row[place]
@@ -77,6 +70,37 @@ def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px
             hits.instance[ray[nearer]] = number
             hits.triangle[ray[nearer]] = triangle[nearer]
     return hits
+
+
+def triangles_near(
+    scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px: Floats, reach_px: float
+) -> Iterator[tuple[NDArray[np.intp], Floats]]:
+    """Yield the triangles whose bounding boxes on the image come within ``reach_px`` of R positions, hidden ones too.
+
+    Yields:
+        Numbers of positions (N,), and the triangles' corners (N, 3, 3), metres in the eye's frame. No corner is nearer
+        than the near plane.
+    """
+    by_row = np.argsort(y_px)
+    for number in range(len(scene)):
+        mesh, vertices, near_m = _in_view(scene, models, eye, number)
+        triangles = mesh.triangles[(vertices[mesh.triangles][..., 2] >= near_m).all(axis=1)]
+        if len(triangles):
+            boxes = _boxes(scene.camera, eye, vertices, triangles, near_m)
+            boxes += reach_px * np.array([[-1.0], [1.0], [-1.0], [1.0]])
+            for place, triangle in _inside(boxes, x_px[by_row], y_px[by_row]):
+                yield by_row[place], vertices[triangles[triangle]]
+
+
+def _in_view(scene: Scene, models: Sequence[Mesh], eye: Eye, number: int) -> tuple[Mesh, Floats, float]:
+    """Return an instance's mesh, its vertices (V, 3), m in the eye's frame, and the least depth that the eye sees."""
+    mesh, turn = models[int(scene.model[number])], scene.camera.turn(eye)
+    vertices = placed_vertices(mesh, scene.view_from_model(number))
+    vertices[:, 0] -= scene.offset_m(eye, number)
+    if turn is not None:
+        vertices = vertices @ turn.T
+    # No part of the sky is near.
+    return mesh, vertices, np.finfo(np.float64).tiny if scene.sky[number] else scene.near_of(eye)
 
 
 def _boxes(camera: StereoCamera, eye: Eye, vertices: Floats, triangles: NDArray[np.integer], near_m: float) -> Floats:

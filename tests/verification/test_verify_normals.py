@@ -1,13 +1,16 @@
 """Clean normals have no finding in any layout, and each planted fault has one."""
 
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from backends import backend_fault
 from planted_faults import change_normals, checks, findings
+from scenes import noise_layers
 from tiny_datasets import cheap, lean
 
+from semisynth_gl import Renderer, make_mesh, make_scene, oracle
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.dataset.reader import read_index
@@ -18,9 +21,11 @@ from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.verification.dataset import verify_dataset
+from semisynth_gl.verification.oracle_check import OracleCheck
 from semisynth_gl.verification.single_view import check_normals
 from semisynth_gl.verification.verdict import Verdict
 
+SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 OUTPUTS = ("normals", "visibility", "instances", "depth")
 
 
@@ -101,6 +106,52 @@ def test_rays_find_normals_of_another_pair_and_small_turns(dataset):
         ("middlebury-000001", "normals_right"),
     ]
     assert "pixels are off by more than 0.01 degrees; at (" in found[0].message
+
+
+def edge_on(seed, count, camera):
+    """A wall, and triangles before it whose planes nearly go through the left eye, as one model each; their frame."""
+    rng, middle = np.random.default_rng(seed), np.array([camera.cx_left_px, camera.cy_px])
+    wall = make_mesh("wall", [[-9, -9, 9], [9, -9, 9], [9, 9, 9], [-9, 9, 9]], SQUARE, [[0, 1, 2], [0, 2, 3]])
+    start, angle = rng.uniform(0, middle * 2, (count, 2)), rng.uniform(0, 2 * np.pi, count)
+    along, across = (np.stack([np.cos(angle + turn), np.sin(angle + turn)], axis=1) for turn in (0, np.pi / 2))
+    length, width = rng.uniform(5, 60, count)[:, None], 10 ** rng.uniform(-3, -1, count)[:, None]
+    at = np.stack([start, start + length * along, start + length * along / 2 + width * across], axis=1)
+    points = np.concatenate([(at - middle) / camera.focal_px, np.ones((count, 3, 1))], axis=2)
+    points *= rng.uniform(2, 4, (count, 3, 1))
+    slivers = make_mesh(
+        "slivers", points.reshape(-1, 3), np.tile(SQUARE[:3], (count, 1)), np.arange(3 * count).reshape(-1, 3)
+    )
+    models = [wall, slivers]
+    scene = make_scene(camera, model=[0, 1], world_from_model=[np.eye(4)] * 2, layer=[0, 0])
+    with Renderer(models, noise_layers(1, 16), outputs=("normals",)) as renderer:
+        return models, scene, renderer.render(scene)
+
+
+def count_wrong(models, scene, frame, normals, pixels):
+    """The number of wrong normals that rays through pixels find, of a frame's left view with these normals."""
+    stored = StoredFrame(
+        frame.camera, frame.left.with_channels({"normals": normals}), View({"image": frame.right.image})
+    )
+    check, verdict = object.__new__(OracleCheck), Verdict("pair")
+    check._scenes = SimpleNamespace(sampled=lambda _: SimpleNamespace(scene=scene), models=models, seed=0)
+    check.check(stored, pixels, verdict)
+    found = [finding.message for finding in verdict.findings if finding.message.startswith("normals_left: ")]
+    return sum(int(message.split()[1]) for message in found)
+
+
+def test_rays_do_not_blame_the_normals_of_surfaces_that_they_miss(monkeypatch):
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    seen = edge_on(5, 1000, StereoCamera.centred(80, 60, 75.0, 0.1))
+    normals = seen[-1].left.normals
+    # Those of other places, and those of other sides, are found as before.
+    cases = (normals, 30_000), (np.roll(normals, 5, axis=1), 30_000), (-normals, 1000)
+    right, *wrong = (count_wrong(*seen, *case) for case in cases)
+    monkeypatch.setattr(oracle, "normals_beside", lambda *_: ())
+    by_rays, *found_by_rays = (count_wrong(*seen, *case) for case in cases)
+    assert right == 0 < by_rays
+    for number, expected in zip(wrong, found_by_rays, strict=True):
+        assert 400 < expected < 1.1 * number
 
 
 INF = np.inf
