@@ -19,12 +19,12 @@ from semisynth_gl.config import Config
 from semisynth_gl.config.load import Overrides, with_overrides
 from semisynth_gl.config.scene_sections import BackgroundSection, TexturesSection
 from semisynth_gl.frame.camera import Eye
+from semisynth_gl.frame.raw_camera import vector_of
 from semisynth_gl.inputs.errors import abbreviate
 from semisynth_gl.inputs.templates import template_environment
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.layouts import find_layout
 from semisynth_gl.lens.chain import LensChain
-from semisynth_gl.lens.raw_camera import vector_of
 from semisynth_gl.textures.image_files import find_images, printable
 from semisynth_gl.textures.subjects import of_subjects, photographed_subjects
 

@@ -12,11 +12,10 @@ import numpy as np
 
 from semisynth_gl.calibration.file_values import FormatError, Matrix, numbers
 from semisynth_gl.calibration.rig import Projections, Size
-from semisynth_gl.config.rig_sections import COEFFICIENTS, LensModel
 from semisynth_gl.frame.camera import EYES, Eye
+from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel, RawCamera
 from semisynth_gl.inputs.errors import shown
 from semisynth_gl.inputs.opencv import open_opencv
-from semisynth_gl.lens.raw_camera import RawCamera
 
 # What tools call the two models of a lens: OpenCV, ROS and Kalibr.
 _MODELS: Mapping[str, LensModel] = {

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from semisynth_gl.config.fields import LARGEST, SMALLEST
 from semisynth_gl.frame.camera import Eye, StereoCamera
+from semisynth_gl.frame.raw_camera import RawCamera
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.lens.raw_camera import RawCamera
 
 # Largest differences between equal values, relative and in px: the rounding of calibrations that are printed with six
 # digits, which is invisible in images.

@@ -11,8 +11,8 @@ from semisynth_gl.calibration.opencv_rigs import RAW_KEYS
 from semisynth_gl.calibration.raw_rig import intrinsics
 from semisynth_gl.calibration.rig import Projections, Size
 from semisynth_gl.frame.camera import EYES
+from semisynth_gl.frame.raw_camera import RawCamera
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.lens.raw_camera import RawCamera
 
 # ROS's keys of P, K, D and R in calibration files, and in messages of ROS 2 and of ROS 1.
 _ROS_KEYS = (

@@ -215,6 +215,8 @@ class Config(Section):
                     "with lens.border_disparity false, disparity_change is missing where flow leads into a border: add "
                     "flow to outputs"
                 )
+        if self.lens is not None:
+            yield from self.lens.view_faults(self.camera)
         of_lens = [output for output in self.outputs if output not in DRAWN_OUTPUTS]
         if self.lens is None and of_lens:
             yield f"the output {of_lens[0]} needs the section lens: add lens, or leave the output out"

@@ -1,9 +1,12 @@
 """The sections about the rig: its cameras and the disparities that they see."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from math import hypot, radians
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator
 from pydantic_core import PydanticKnownError
 
@@ -24,7 +27,9 @@ from semisynth_gl.config.fields import (
     check_not_tiny,
     count,
 )
+from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.channels import Colour
+from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel, RawCamera, rotation_of
 
 # Any current OpenGL 4.5 driver draws images of this width, and the memory of a large machine holds this many pixels.
 _WIDEST_PX, _MOST_PIXELS = 16_384, 1 << 27
@@ -34,13 +39,15 @@ _MOST_DOTS = 1_000_000
 # Number of quantiles that stand for the range of drawn baselines.
 _QUANTILES = 16
 
+# Number of drawn lenses, and of columns and rows of the view, by which a lens is tried.
+_LENSES, _COLUMNS, _ROWS = 16, 13, 9
+# Raw images with fewer pixels than one for so many rectified ones, along a side, have lost all texture.
+_COARSEST = 16
+
 _Side = Annotated[int, count(_WIDEST_PX)]
 
-LensModel = Literal["radial-tangential", "fisheye"]
 LensBorder = Literal["black", "replicate"]
 _DRAWN_PATTERNS = ("dots", "stripes")
-COEFFICIENTS: Mapping[LensModel, tuple[int, ...]] = {"radial-tangential": (4, 5, 8, 12), "fisheye": (4,)}
-"""Numbers of coefficients that OpenCV knows for each model of a lens."""
 
 
 class CameraSection(Section):
@@ -143,6 +150,19 @@ class CameraSection(Section):
             return self.cx_right_px.middle - self.cx_left_px.middle
         return 0.0
 
+    def middle_pinhole(self, eye: Eye) -> NDArray[np.float64]:
+        """Return the camera matrix, (3, 3) float64, of one eye of the rectified pair in the middle of all ranges."""
+        if self.focal_px is not None:
+            focal_px = self.focal_px.middle
+        else:
+            assert self.focal_mm is not None and self.sensor_width_mm is not None  # noqa: S101, PT018 - `_faults`
+            focal_px = self.focal_mm.middle / self.sensor_width_mm * self.width_px
+        doffs_px = self.mean_doffs_px
+        cx_px = (self.width_px - 1 - doffs_px) / 2 if self.cx_left_px is None else self.cx_left_px.middle
+        cx_px += doffs_px if eye == "right" else 0
+        cy_px = (self.height_px - 1) / 2 if self.cy_px is None else self.cy_px.middle
+        return np.array([[focal_px, 0, cx_px], [0, focal_px, cy_px], [0, 0, 1]])
+
     @property
     def all_doffs_px(self) -> Range:
         """Range of all differences cx_right - cx_left that may be drawn."""
@@ -236,6 +256,66 @@ class LensSection(Section):
             if len(eye.distortion) not in known:
                 expected = " or ".join(map(str, known))
                 yield f"{name}.distortion: {self.model} has {expected} coefficients, got {len(eye.distortion)}"
+
+    def draw(self, eye: Eye, rng: np.random.Generator) -> RawCamera:
+        """Draw one eye's camera: every range once, always in the same order."""
+        values: RawEyeSection = getattr(self, eye)
+
+        def draw(key: Range | None, default: float) -> float:
+            return (key or Range(default, default)).draw(rng)
+
+        size = self.raw_width_px, self.raw_height_px
+        fx_px = values.fx_px.draw(rng)
+        fy_px = draw(values.fy_px, fx_px)
+        cx_px, cy_px = (draw(key, (side - 1) / 2) for key, side in zip((values.cx_px, values.cy_px), size, strict=True))
+        distortion = tuple(each.draw(rng) for each in values.distortion)
+        x, y, z = (radians(each.draw(rng)) for each in values.rotation_deg)
+        return RawCamera(*size, fx_px, fy_px, cx_px, cy_px, self.model, distortion, rotation_of((x, y, z)))
+
+    def view_faults(self, camera: CameraSection) -> Iterator[str]:
+        """Yield a fault for each eye whose raw images show nothing of the rectified view, or hardly a pixel of it.
+
+        Lenses drawn from the ranges are tried until one sees something.
+        """
+        for eye in EYES:
+            rng, pinhole = np.random.default_rng(0), camera.middle_pinhole(eye)
+            most = 0.0
+            for _ in range(_LENSES):
+                density = _raw_density(self.draw(eye, rng), pinhole, (camera.width_px, camera.height_px))
+                most = max(most, density)
+                if most * _COARSEST >= 1:
+                    break
+            else:
+                if not most:
+                    yield (
+                        f"lens.{eye}.rotation_deg, fx_px, cx_px, cy_px and distortion lead the whole rectified view "
+                        f"past the raw image of {self.raw_width_px} x {self.raw_height_px} px: expected a camera that "
+                        "sees a part of it; rotation_deg is the rotation vector of R1 or R2, degrees"
+                    )
+                else:
+                    yield (
+                        f"lens.{eye}.fx_px spreads a raw pixel over {1 / most:.0f} rectified ones along a "
+                        f"side: expected at most {_COARSEST}, with a focal length in pixels of the raw image"
+                    )
+
+
+def _raw_density(raw: RawCamera, pinhole: NDArray[np.float64], size: tuple[int, int]) -> float:
+    """Return how many raw pixels a rectified one takes along a side, on average over what the raw camera sees.
+
+    It is 0 for a camera that sees nothing of the view, whose camera matrix is (3, 3) and whose size is in px.
+    """
+    x, y = np.meshgrid(np.linspace(0, size[0] - 1, _COLUMNS), np.linspace(0, size[1] - 1, _ROWS))
+    across, down = raw.raw(pinhole, x, y)
+    seen = (across >= 0) & (across <= raw.width_px - 1) & (down >= 0) & (down <= raw.height_px - 1)
+    x, y, across, down = (each[seen] for each in (x, y, across, down))
+    # Distortion bends directions far outside of the view back into it, where they are not seen.
+    back = raw.rectified(pinhole, across, down)
+    seen = np.hypot(back[0] - x, back[1] - y) < 1
+    if not seen.any():
+        return 0.0
+    widths = [float(np.ptp(each[seen])) for each in (x, y, across, down)]
+    rectified_px, raw_px = hypot(*widths[:2]), hypot(*widths[2:])
+    return raw_px / rectified_px if rectified_px > 0 else 1.0
 
 
 class ProjectorSection(Section):

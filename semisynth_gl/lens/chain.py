@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from semisynth_gl.config.rig_sections import LensBorder
 from semisynth_gl.frame.camera import Eye, StereoCamera
+from semisynth_gl.frame.raw_camera import Floats, RawCamera, pinhole_of
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.opencv import open_opencv
-from semisynth_gl.lens.raw_camera import Floats, RawCamera, pinhole_of
 
 # Directions are found exactly at a grid of raw pixels, and by cubic interpolation between them.
 _GRID_PX = 16

@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.channels import OUTSIDE, VISIBLE, View
+from semisynth_gl.frame.raw_camera import RawCamera, pinhole_of
 from semisynth_gl.lens.borders import bordered, valid_at
-from semisynth_gl.lens.raw_camera import RawCamera, pinhole_of
 from semisynth_gl.verification.verdict import Verdict
 
 # Bounds; docs/verify.md derives them.

@@ -19,9 +19,9 @@ from semisynth_gl.calibration.style import untried_style
 from semisynth_gl.cli.calibrate import calibrate as command
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.frame.camera import EYES
+from semisynth_gl.frame.raw_camera import RawCamera, rotation_of, vector_of
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.lens.chain import LensChain
-from semisynth_gl.lens.raw_camera import RawCamera, rotation_of, vector_of
 from semisynth_gl.pairs.pipeline import render_pair
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.borders import black_border

@@ -16,10 +16,10 @@ from semisynth_gl.codecs.flo import Flo
 from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
+from semisynth_gl.frame.raw_camera import RawCamera, pinhole_of, rotation_of
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.lens.chain import LensChain
-from semisynth_gl.lens.raw_camera import RawCamera, pinhole_of, rotation_of
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
 from semisynth_gl.verification.dataset import verify_dataset
 

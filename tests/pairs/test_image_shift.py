@@ -8,10 +8,10 @@ import pytest
 from semisynth_gl.bench.antialias import MODES
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.frame import Frame
+from semisynth_gl.frame.raw_camera import RawCamera, rotation_of
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.lens.chain import LensChain, scaled_camera
-from semisynth_gl.lens.raw_camera import RawCamera, rotation_of
 from semisynth_gl.pairs.exposure import exposed, moments
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.render.renderer import Renderer

@@ -5,15 +5,17 @@ The formulas are OpenCV's. A position is in px, and pixel centres have whole num
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.config.rig_sections import COEFFICIENTS, LensModel
 from semisynth_gl.frame.camera import Eye, StereoCamera
 
 Floats = NDArray[np.float64]
+LensModel = Literal["radial-tangential", "fisheye"]
+COEFFICIENTS: Mapping[LensModel, tuple[int, ...]] = {"radial-tangential": (4, 5, 8, 12), "fisheye": (4,)}
+"""Numbers of coefficients that OpenCV knows for each model of a lens."""
 
 # Newton's steps, and the width of the differences that stand for derivatives.
 _STEPS, _DIFFERENCE = 30, 1e-6
