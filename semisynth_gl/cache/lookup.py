@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from semisynth_gl.cache.file_fingerprint import FileFingerprint, read_fingerprint, revalidated, stat_fingerprint
-from semisynth_gl.cache.store import Entry, cache_folder, read_entry, write_entry
+from semisynth_gl.cache.store import Entry, cache_folder, is_writable, read_entry, write_entry
 from semisynth_gl.inputs.errors import SemisynthError
 
 _LOG = logging.getLogger(__name__)
@@ -73,7 +73,7 @@ def cached(
                 return result
     before = [stat_fingerprint(path) for path in files]
     if work is not None:
-        _LOG.info("%s; later runs find them in %s", work, folder)
+        _LOG.info("%s%s", work, f"; later runs find them in {folder}" if folder and is_writable(folder) else "")
     result, opened = build()
     packed = pack(result)
     if packed is not None:

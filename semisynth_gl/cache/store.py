@@ -62,6 +62,13 @@ def cache_folder() -> Path | None:
         return None
 
 
+def is_writable(folder: Path) -> bool:
+    """Return whether entries can be written to their folder, which may not exist yet."""
+    whole = folder.absolute()
+    there = next(each for each in (whole, *whole.parents) if os.access(each, os.F_OK))
+    return there.is_dir() and os.access(there, os.W_OK | os.X_OK)
+
+
 def cache_summary() -> str:
     """Return one line with the cache's folder, the size of its entries and `LIMIT_BYTES`, or "off".
 
@@ -70,6 +77,8 @@ def cache_summary() -> str:
     folder = cache_folder()
     if folder is None:
         return "off"
+    if not is_writable(folder):
+        return f"off: {folder} cannot be written to; set {_VARIABLE} to another folder"
     total = sum(size for _, size, _ in _entry_files(folder))
     return f"{folder}, {total / 1e6:.0f} MB of at most {LIMIT_BYTES / 1e6:.0f} MB"
 

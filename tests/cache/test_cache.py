@@ -148,9 +148,11 @@ def test_work_that_takes_seconds_is_logged_where_nothing_is_found(photographs, f
         build_library(kinds, PARTICLES, Split(3))
     atlas, library = "making patches of photographs (images: 6)", "making models"
     assert caplog.messages == [f"{work}; later runs find them in {folder}" for work in (atlas, library)]
-    monkeypatch.setenv("SEMISYNTH_GL_CACHE", "off")
-    prepare_atlas(section, Split(3))
-    assert caplog.messages[2:] == [atlas]
+    (folder.parent / "file").write_text("")
+    for without in ("off", str(folder.parent / "file"), str(folder.parent / "file/below")):
+        monkeypatch.setenv("SEMISYNTH_GL_CACHE", without)
+        prepare_atlas(section, Split(3))
+    assert caplog.messages[2:] == [atlas] * 3
 
 
 def test_models_that_are_found_equal_those_that_were_built(tmp_path, built):
