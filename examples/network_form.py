@@ -38,6 +38,8 @@ _TAKES = (
 )
 _PADDED = 32
 """Networks with more levels than fit into multiples of this, px, are rare."""
+LARGEST_MULTIPLE = 512
+"""Images padded to multiples of more px would be padding for the most part."""
 
 
 @dataclass(frozen=True, slots=True)

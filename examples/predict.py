@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 import numpy as np
 import torch
-from network_form import Form, find_device, load_weights, read_state
+from network_form import LARGEST_MULTIPLE, Form, find_device, load_weights, read_state
 from PIL import Image
 
 from semisynth_gl.codecs.pfm import PFM
@@ -47,7 +47,7 @@ _REFUSED = 2
 )
 @click.option(
     "--multiple",
-    type=click.IntRange(1),
+    type=click.IntRange(1, LARGEST_MULTIPLE),
     help="Pad images to sides that are multiples of this, px, such as 32.  [default: as it was trained]",
 )
 @click.option(

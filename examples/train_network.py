@@ -23,13 +23,14 @@ from numpy.typing import NDArray
 
 from semisynth_gl.augmentation import PRESETS
 from semisynth_gl.bench.summary import machine_facts
+from semisynth_gl.cli.options import COUNT, MOST_WORKERS, above_0
 from semisynth_gl.cli.wording import in_options
 from semisynth_gl.inputs.errors import InputError, SemisynthError
 
 try:
     import torch
     from network_data import Data, Sample, batches_of, read_augmentation, read_sources, with_augmentation
-    from network_form import LEVELS, Form, find_device, load_weights
+    from network_form import LARGEST_MULTIPLE, LEVELS, Form, find_device, load_weights
     from network_losses import LOSSES
     from network_training import PRECISIONS, Plan, Training, join_processes
     from torch import distributed
@@ -43,6 +44,9 @@ PRETRAINED = "pretrained"
 _CONFIG = Path(__file__).with_name("small-rooms.yaml")
 _STEPS_SHOWN = 20
 _REFUSED = 2
+_MOST_PX = 4096
+# A step's seed is this times the most steps times 1000, and PyTorch's seeds have 64 bits.
+_LARGEST_SEED = 1_000_000_000
 
 
 class Judged:
@@ -216,10 +220,10 @@ def learn(training: Training, batches: Iterator[Sample], out: Path, every: int, 
     show_default=True,
     help="cross-entropy needs scores, as the small network gives them; smooth-l1 is PSMNet's, sequence RAFT-Stereo's.",
 )
-@click.option("--steps", type=click.IntRange(1), default=800, show_default=True, help="Batches to learn from.")
+@click.option("--steps", type=COUNT, default=800, show_default=True, help="Batches to learn from.")
 @click.option(
     "--crop",
-    type=click.IntRange(16),
+    type=click.IntRange(16, _MOST_PX),
     nargs=2,
     default=(160, 320),
     show_default=True,
@@ -227,18 +231,22 @@ def learn(training: Training, batches: Iterator[Sample], out: Path, every: int, 
     help="Sides of the parts of pairs to learn from, px.",
 )
 @click.option(
-    "--batch", type=click.IntRange(1), default=2, show_default=True, help="Crops that each process takes in a step."
+    "--batch",
+    type=click.IntRange(1, 4096),
+    default=2,
+    show_default=True,
+    help="Crops that each process takes in a step.",
 )
 @click.option(
     "--max-disparity",
-    type=click.IntRange(16),
+    type=click.IntRange(16, _MOST_PX),
     default=80,
     show_default=True,
     help="End of the searched range, px; larger disparities are not learnt from.",
 )
 @click.option(
     "--learning-rate",
-    type=click.FloatRange(0, min_open=True),
+    type=above_0(10),
     default=2e-3,
     show_default=True,
     help="AdamW's, at its highest: it rises, then falls.",
@@ -257,7 +265,7 @@ def learn(training: Training, batches: Iterator[Sample], out: Path, every: int, 
 )
 @click.option(
     "--workers",
-    type=click.IntRange(0),
+    type=click.IntRange(0, MOST_WORKERS),
     default=1,
     show_default=True,
     help="Processes that read or render pairs ahead; 0 leaves it to the training.",
@@ -271,7 +279,7 @@ def learn(training: Training, batches: Iterator[Sample], out: Path, every: int, 
 )
 @click.option(
     "--seed",
-    type=click.IntRange(0),
+    type=click.IntRange(0, _LARGEST_SEED),
     default=0,
     show_default=True,
     help="A whole number; another one draws other pairs, crops, changes and first weights.",
@@ -287,15 +295,13 @@ def learn(training: Training, batches: Iterator[Sample], out: Path, every: int, 
 )
 @click.option(
     "--multiple",
-    type=click.IntRange(1),
+    type=click.IntRange(1, LARGEST_MULTIPLE),
     default=1,
     show_default=True,
     help="The network needs sides that are multiples of this, px, such as 32: pad images that are judged or predicted, "
     "but not crops.",
 )
-@click.option(
-    "--every", type=click.IntRange(1), default=200, show_default=True, help="Steps between checkpoints and judgements."
-)
+@click.option("--every", type=COUNT, default=200, show_default=True, help="Steps between checkpoints and judgements.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path),

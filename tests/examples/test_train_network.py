@@ -10,6 +10,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 from backends import backend_fault
@@ -894,6 +895,21 @@ def test_what_cannot_be_followed_is_refused(arguments, words, tmp_path, monkeypa
     done = run(*arguments, "--steps", "1", "--device", "cpu")
     assert done.exit_code == 2
     assert words.format(here=tmp_path) in done.output
+
+
+def test_numbers_have_bounds_within_which_seeds_fit():
+    types = {option.name: option.type for option in train_network.main.params}
+    ranges = {name: kind for name, kind in types.items() if isinstance(kind, click.IntRange | click.FloatRange)}
+    assert {"seed", "steps", "learning_rate", "multiple"} <= ranges.keys()
+    for name, kind in ranges.items():
+        assert kind.max is not None, name
+        for wrong in (kind.max * 2, "nan"):
+            with pytest.raises(click.BadParameter):
+                kind.convert(wrong, None, None)
+    seed, steps = ranges["seed"].max, ranges["steps"].max
+    training = training_of(Shift(), seed=seed, steps=steps, loss="smooth-l1")
+    training.step = steps - 1
+    training.learn(batch_of())
 
 
 @pytest.mark.usefixtures("small_motorcycle")
