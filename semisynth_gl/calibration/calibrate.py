@@ -9,12 +9,13 @@ from typing import Literal
 from semisynth_gl.calibration.config_text import ConfigFacts, config_facts, config_name, config_text, suited_layout
 from semisynth_gl.calibration.disparity_range import DisparitySource
 from semisynth_gl.calibration.matching import given_pairs, open_matcher, pairs_among
+from semisynth_gl.calibration.photographs import centre_crop, photograph_sizes
 from semisynth_gl.calibration.raw_photographs import lens_chains, rectify_photographs
 from semisynth_gl.calibration.rectification import fitting_pairs
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.calibration.style import Style, untried_style
-from semisynth_gl.calibration.summary import baseline_note, raw_note, rig_summary, style_summary
+from semisynth_gl.calibration.summary import baseline_note, raw_note, rig_summary, style_summary, view_note
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.maps import map_files, one_of_each_scene
 from semisynth_gl.comparison.measured_view import working_width
@@ -66,11 +67,14 @@ def calibrate(
     scale: float | None = None,
     unit: Unit | None = None,
     alpha: float | None = None,
+    fov_deg: float | None = None,
     disparity: Files = (),
+    depth: Files = (),
     png_scale: float = KITTI_DISPARITY.steps,
     pairs: Sequence[tuple[str | PathLike[str], str | PathLike[str]]] = (),
     rectify_to: str | PathLike[str] | None = None,
     range_px: tuple[float, float] | None = None,
+    range_m: tuple[float, float] | None = None,
     other_camera: bool = False,
     trials: int = 6,
     overrides: Overrides = (),
@@ -91,13 +95,17 @@ def calibrate(
         unit: unit of the baseline in OpenCV's files; by default metres.
         alpha: how to rectify a calibration that does not say it, as OpenCV's stereoRectify takes it: from 0, for images
             without borders, to 1, for as much of the raw images as they can show; by default OpenCV's default.
+        fov_deg: angle, 10 to 170 degrees, that the width of the rectified images takes, instead of ``alpha``; by
+            default at most 100 for a fisheye.
         disparity: disparity maps, true or predicted, from which the wanted histogram is measured.
+        depth: depth maps instead: whole numbers in millimetres, or floating point in metres.
         png_scale: levels per pixel of disparity in 16-bit PNG maps.
         pairs: left and right photographs of the rig, in which the right camera's deviation is measured; needs OpenCV.
             By default the pairs among ``images`` that have names as in Middlebury, ETH3D or KITTI.
         rectify_to: folder for rectified photographs, where ``images`` and ``pairs`` are photographs as the cameras take
             them; the config then cuts patches from these.
         range_px: least and largest disparity, instead of ``disparity``.
+        range_m: least and largest distance, instead of ``range_px``.
         other_camera: whether another camera took the photographs, so that they may have any size.
         trials: number of pairs to render and measure for each recipe at each of two texture scales; with 0, no pair is
             rendered, recipes have equal weights, and textures are as in the packaged configs.
@@ -111,23 +119,30 @@ def calibrate(
         BackendError: where OpenGL is missing, and ``trials`` is above 0.
     """
     image_sources, calib_sources = names_of("images", images), names_of("calib", calib)
-    map_sources = names_of("disparity", disparity)
+    kind = "depth" if depth else "disparity"
+    map_sources = names_of(kind, depth or disparity)
     trials = to_whole("`trials`", trials, least=0)
     scale = None if scale is None else _positive("`scale`", scale)
     png_scale = _positive("`png_scale`", png_scale)
     range_px = None if range_px is None else _two_numbers("`range_px`", range_px)
+    range_m = None if range_m is None else _two_numbers("`range_m`", range_m)
     check_type("`name`", name, str)
     check_type("`listener`", listener, Listener | None)
     if unit is not None:
         check_one_of("`unit`", unit, UNITS)
-    if map_sources and range_px is not None:
-        raise InputError("`range_px` and `disparity` both state the disparities: give only one of them")
+    sources = {"range_px": range_px, "range_m": range_m, "disparity": disparity, "depth": depth}
+    given = [f"`{argument}`" for argument, value in sources.items() if value]
+    if len(given) > 1:
+        raise InputError(f"{' and '.join(given)} all state the disparities: give only one of them")
     _check_pairs(pairs)
     check_type("`rectify_to`", rectify_to, str | PathLike | None)
     notes: list[str] = []
     unit_m = None if unit is None else UNITS[unit]
-    rigs = _rigs(calib_sources, focal_px, baseline_m, _size(size), unit_m, _alpha(alpha))
-    found = map_files(map_sources)
+    view = {"alpha": _within("`alpha`", alpha, 0, 1), "fov_deg": _within("`fov_deg`", fov_deg, 10, 170)}
+    rigs = _rigs(calib_sources, focal_px, baseline_m, _size(size), unit_m, view)
+    if not other_camera:
+        rigs = _cropped(rigs, photograph_sizes(find_images(image_sources)), scale, notes)
+    found = map_files(map_sources, kind)
     scaled = rigs if scale is None else [rig.scaled(scale) for rig in rigs]
     if rectify_to is not None:
         if other_camera:
@@ -138,7 +153,7 @@ def calibrate(
     facts = config_facts(
         rigs,
         image_sources,
-        DisparitySource(one_of_each_scene(found), png_scale, range_px),
+        DisparitySource(one_of_each_scene(found), png_scale, range_px, kind == "depth", range_m),
         scale=scale,
         other_camera=other_camera,
         pairs=_pairs(pairs, image_sources, scaled, other_camera, notes),
@@ -159,14 +174,16 @@ def calibrate(
     place = None
     if trials:
         width_px = working_width(facts.size.width_px)
-        place = measure_place(find_place(find_images(image_sources), found, png_scale), width_px)
+        depths_of = scaled[0].camera if kind == "depth" else None
+        place = measure_place(find_place(find_images(image_sources), found, png_scale, depths_of), width_px)
         style = _tried(facts, place, trials, listener or Listener())
     text = config_text(name, facts, style)
     config = _parsed(text, name)
     summary = [*rig_summary(facts, report), *style_summary(style, place), *([_expectation(config)] if trials else [])]
     skipped = left_out(find_files(image_sources, image_extensions()), found)
     unrectified = raw_note(facts, place) if rectify_to is None else None
-    notes += filter(None, [baseline_note(facts.ranges["baseline_m"]), skipped, unrectified])
+    narrowed = view_note(facts) if alpha is None and fov_deg is None else None
+    notes += filter(None, [narrowed, baseline_note(facts.ranges["baseline_m"]), skipped, unrectified])
     return Calibration(config, text, summary, notes)
 
 
@@ -200,12 +217,12 @@ def _size(size: tuple[int, int] | None) -> Size | None:
     return Size(*(to_whole("`size`", side, least=1) for side in size))
 
 
-def _alpha(alpha: float | None) -> float | None:
-    if alpha is None:
+def _within(name: str, value: float | None, least: float, most: float) -> float | None:
+    if value is None:
         return None
-    number = to_real("`alpha`", alpha)
-    if not 0 <= number <= 1:
-        raise InputError(f"`alpha`: expected a number from 0 to 1, got {number:g}")
+    number = to_real(name, value)
+    if not least <= number <= most:
+        raise InputError(f"{name}: expected a number from {least:g} to {most:g}, got {number:g}")
     return number
 
 
@@ -215,20 +232,36 @@ def _rigs(
     baseline_m: float | None,
     size: Size | None,
     unit_m: float | None,
-    alpha: float | None,
+    view: Mapping[str, float | None],
 ) -> list[Rig]:
+    """Read or make the rigs; ``view`` has ``alpha`` and ``fov_deg``, which choose how lenses are rectified."""
+    chosen = [f"`{name}`" for name, value in view.items() if value is not None]
+    if len(chosen) > 1:
+        raise InputError(f"{' and '.join(chosen)} both choose the view: give only one of them")
     plain = {"`focal_px`": focal_px, "`baseline_m`": baseline_m}
     given = [name for name, value in plain.items() if value is not None]
     if calib:
         if given:
             raise InputError(f"{' and '.join(given)}: `calib` states the same: give one or the other")
-        return read_rigs(calib, size=size, unit_m=unit_m, alpha=alpha)
-    if alpha is not None:
-        raise InputError("`alpha` is for the lenses of a calibration: give `calib`, or leave `alpha` out")
+        return read_rigs(calib, size=size, unit_m=unit_m, **view)
+    if chosen:
+        raise InputError(f"{chosen[0]} is for the lenses of a calibration: give `calib`, or leave {chosen[0]} out")
     if focal_px is None or baseline_m is None or size is None:
         missing = [name for name, value in (plain | {"`size`": size}).items() if value is None]
         raise InputError(f"{', '.join(missing)} missing: give `calib`, or `focal_px`, `baseline_m` and `size`")
     return [plain_rig(to_real("`focal_px`", focal_px), to_real("`baseline_m`", baseline_m), size)]
+
+
+def _cropped(rigs: list[Rig], photographs: Sequence[Size], scale: float | None, notes: list[str]) -> list[Rig]:
+    """Return the rigs of a cropped mode, with a note, where photographs show the centre of the calibrated images."""
+    size = centre_crop(photographs, [rig.size for rig in rigs], scale)
+    if size is None:
+        return rigs
+    notes.append(
+        f"the photographs are taken for the centre, {size}, of the calibrated images, {rigs[0].size}: principal points "
+        "were moved with it. If they show another part, give the calibration of such images"
+    )
+    return [rig.cropped(size) for rig in rigs]
 
 
 def _check_pairs(pairs: Sequence[tuple[str | PathLike[str], str | PathLike[str]]]) -> None:

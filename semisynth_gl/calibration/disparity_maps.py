@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from semisynth_gl.calibration.rig import Rig, Size, median_size
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
+from semisynth_gl.comparison.maps import disparity_of_depths
 from semisynth_gl.histogram import Histogram, PixelCount
 from semisynth_gl.inputs.errors import InputError
 
@@ -39,13 +40,15 @@ class MeasuredMaps:
     scaled: tuple[Size, ...] = ()
 
 
-def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = KITTI_DISPARITY.steps) -> MeasuredMaps:
+def measure_maps(
+    paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = KITTI_DISPARITY.steps, *, depths: bool = False
+) -> MeasuredMaps:
     """Measure the disparities of one or more maps; `read_values` says which numbers mark missing values.
 
     Disparities are in proportion to the width of the image. If a map's size is not that of any rig, its disparities are
     multiplied by the ratio of the rigs' median width to the map's width. ``png_scale`` is the number of levels per
-    pixel of disparity in a 16-bit PNG. Raises InputError where a map does not fit the rigs or has no value, and
-    ReadError where it cannot be read.
+    pixel of disparity in a 16-bit PNG. With ``depths``, the maps hold depths of the first rig instead. Raises
+    InputError where a map does not fit the rigs or has no value, and ReadError where it cannot be read.
     """
     sizes, median = {rig.size for rig in rigs}, median_size(rigs)
     widest = max(width for width, _ in sizes)
@@ -56,7 +59,7 @@ def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = 
     pixels = valid = 0
     scaled = list[Size]()
     for path in paths:
-        disparity = read_values(path, rigs, png_scale)
+        disparity = disparity_of_depths(path, rigs[0].camera) if depths else read_values(path, rigs, png_scale)
         size = Size(*disparity.shape[::-1])
         has_value = np.isfinite(disparity)
         count = int(has_value.sum())
@@ -66,7 +69,8 @@ def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = 
         if largest > size.width_px:
             raise InputError(
                 f"{path}: holds disparities up to {largest:g} px in an image {size.width_px} px wide: expected "
-                f"disparities up to the width. If a PNG has other than {png_scale:g} levels per pixel, set `png_scale`"
+                f"disparities up to the width. If a PNG has not {png_scale:g} levels per pixel, set `png_scale`; "
+                "if the map holds depths, give it as `depth`"
             )
         if size not in sizes:
             disparity = disparity * np.float32(_scale_to(median, size, path))

@@ -58,12 +58,15 @@ class DisparitySource:
     """The source of the disparities: the user's maps or range, or, without either, the bounds in the calibrations.
 
     ``maps`` has one map per scene, ``png_scale`` is the number of levels per pixel in 16-bit PNG maps, and ``range_px``
-    has the least and the largest disparity.
+    has the least and the largest disparity, ``range_m`` the least and the largest distance. With ``depths``, the maps
+    hold depths instead.
     """
 
     maps: Sequence[Path] = ()
     png_scale: float = KITTI_DISPARITY.steps
     range_px: tuple[float, float] | None = None
+    depths: bool = False
+    range_m: tuple[float, float] | None = None
 
 
 def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRange:
@@ -74,11 +77,14 @@ def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRa
     """
     least_doffs_px = min(rig.camera.doffs_px for rig in rigs)
     if source.maps:
-        measured, count = measure_maps(source.maps, rigs, source.png_scale), len(source.maps)
+        if source.depths and len(rigs) > 1:
+            raise InputError(f"`depth`: expected the maps and the calibration of one rig, got {len(rigs)} calibrations")
+        measured = measure_maps(source.maps, rigs, source.png_scale, depths=source.depths)
+        maps = counted(len(source.maps), f"{'depth' if source.depths else 'disparity'} map")
         names = abbreviate([str(path) for path in source.maps], _NAMED)
         low, high = (measured.histogram.quantile(share) for share in (_LOWEST, _HIGHEST))
         origin = (
-            f"Measured from {counted(count, 'disparity map')}, each counting the same: "
+            f"Measured from {maps}, each counting the same: "
             f"{names}; {measured.pixels} pixels, {measured.valid / measured.pixels:.1%} with a disparity, all but a "
             f"thousandth of them above {low:.4g} px and below {high:.4g} px. max_px leaves a tenth of room above that."
             f"{_scaled_maps(measured.scaled, median_size(rigs))}"
@@ -87,6 +93,16 @@ def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRa
     ends_px: tuple[float | None, float]
     if source.range_px is not None:
         ends_px, origin = source.range_px, "The range is the one given"
+    elif source.range_m is not None:
+        near_m, far_m = source.range_m
+        if not 0 < near_m < far_m:
+            raise InputError(f"`range_m` {near_m:g} {far_m:g}: expected two distances above 0, the nearer one first")
+        cameras = [rig.camera for rig in rigs]
+        ends_px = (
+            min(camera.focal_baseline / far_m - camera.doffs_px for camera in cameras),
+            max(camera.focal_baseline / near_m - camera.doffs_px for camera in cameras),
+        )
+        origin = f"The range is that of distances from {near_m:g} to {far_m:g} m, as given"
     else:
         ends_px, origin = _calibrated_bounds(rigs, least_doffs_px)
     smooth = "the histogram is chosen, not measured: wide and smooth; with disparity maps it would be measured."
@@ -116,8 +132,8 @@ def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[tupl
         camera = rigs[0].camera
         raise InputError(
             f"the range of disparity is not known: {rigs[0].source} states none, as ndisp or vmax; give disparity maps "
-            f"as `disparity`, or the range, low and high, as `range_px`: at a distance of Z m, this rig has "
-            f"{camera.focal_baseline:.4g} / Z - {camera.doffs_px:.4g} px"
+            "as `disparity`, or the range as `range_px` or, in metres, as `range_m`: at a distance of Z m, this rig "
+            f"has {camera.focal_baseline:.4g} / Z - {camera.doffs_px:.4g} px"
         )
     high_px, name, source = max(largest)
     # A vmin of 0 stands for an unknown one, and a vmin beyond infinity is not valid.
@@ -148,7 +164,9 @@ def measured_range(histogram: Histogram, least_doffs_px: float = 0.0) -> Dispari
     lie beyond infinity.
     """
     low, high = histogram.quantile(_LOWEST), histogram.quantile(_HIGHEST)
-    advice = "give disparity maps of these rigs, or calibrate rigs with different doffs separately"
+    advice = (
+        "give disparity maps of these rigs, depth maps as `depth`, or calibrate rigs with different doffs separately"
+    )
     _check_before_infinity(low, least_doffs_px, "a thousandth of the measured disparities lies below", advice)
     first = _rounded_down(low, farthest_px(least_doffs_px, signed=low <= 0))
     edges, bin_px = _bins(first, max(high * _HEADROOM, high + (_HEADROOM - 1) * (high - first)))

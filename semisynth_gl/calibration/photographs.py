@@ -17,6 +17,8 @@ _SIZES_SHOWN = 3
 # Largest side of large patches, px. Two dozen patches of this side take 100 MB.
 _LARGEST_SIDE = 1024
 _SMALLEST_PATCH = 16
+# A cropped mode of a camera leaves at least this share of a side.
+_LEAST_OF_SIDE = 0.5
 _ROUND_SCALES = tuple(sorted({part / whole for whole in range(2, 9) for part in (1, 2, 3)} | {2.0, 4.0}))
 
 
@@ -68,6 +70,29 @@ def check_sizes(photographs: Sequence[Size], calibrated: Sequence[Size], scale: 
         f"{counted(sizes.total(), 'photograph')} none has that size: they have {_listed(sizes)}; {advice} "
         "they were taken with another camera, say so with `other_camera`"
     )
+
+
+def centre_crop(photographs: Sequence[Size], calibrated: Sequence[Size], scale: float | None) -> Size | None:
+    """Return the part of calibrated images, px, that a cropped mode of the camera leaves; None without a sign of one.
+
+    The sign is that no photograph has a calibrated size, and most have one that is as wide, or as high, and less in the
+    other direction. ``scale`` multiplies calibrated sizes.
+    """
+    whole, *others = set(calibrated)
+    if others or not photographs:
+        return None
+    seen = whole.scaled(scale or 1)
+    part, count = Counter(photographs).most_common(1)[0]
+    ratios = sorted(ours / all_px for ours, all_px in zip(part, seen, strict=True))
+    if seen in photographs or 2 * count <= len(photographs) or not (_LEAST_OF_SIDE <= ratios[0] < ratios[1] == 1):
+        return None
+    crop = Size(
+        *(
+            side if ours == all_px else round(ours / (scale or 1))
+            for side, ours, all_px in zip(whole, part, seen, strict=True)
+        )
+    )
+    return crop if crop.scaled(scale or 1) == part else None
 
 
 def patch_sides(photographs: Sequence[Size], width_px: int) -> tuple[int, int]:

@@ -5,17 +5,21 @@ to the right one's, R1 and R2 from each raw camera's frame to the rectified one'
 points.
 """
 
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from semisynth_gl.calibration.file_values import FormatError, Matrix, numbers
-from semisynth_gl.calibration.rig import Projections, Size
+from semisynth_gl.calibration.rig import Projections, Size, turned_size_fault, vertical_fault
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel, RawCamera
 from semisynth_gl.inputs.errors import shown
 from semisynth_gl.inputs.opencv import open_opencv
+
+WIDEST_FISHEYE_DEG = 100.0
+"""Angle that the width of a fisheye's rectified images takes at most by default; its tangent keeps the middle sharp."""
 
 # What tools call the two models of a lens: OpenCV, ROS and Kalibr.
 _MODELS: Mapping[str, LensModel] = {
@@ -67,15 +71,18 @@ class Unrectified(NamedTuple):
     size: Size
     source: str
 
-    def rectified(self, alpha: float | None) -> Projections:
+    def rectified(self, alpha: float | None, fov_deg: float | None) -> Projections:
         """Rectify the rig by OpenCV's stereoRectify with equal principal points.
 
         Args:
             alpha: from 0, for images without borders, to 1, for as much of the raw images as they can show; None for
                 OpenCV's default. A fisheye's is OpenCV's ``balance``.
+            fov_deg: angle that the width of the rectified images takes, instead of ``alpha``. Without either, it is at
+                most `WIDEST_FISHEYE_DEG` for a fisheye: OpenCV's default would shrink the middle of a wide view.
 
         Raises:
-            FormatError: where the cameras have different models of lens, or the same position.
+            FormatError: where the cameras have different models of lens or the same position, one stands above the
+                other, or the size is written as height and width.
             InputError: where OpenCV is missing.
         """
         cv2 = open_opencv("rectifying by R and T, as the calibration has no P1 and P2,")
@@ -84,6 +91,10 @@ class Unrectified(NamedTuple):
             raise FormatError(f"expected lenses of one model, got {left.model} left and {right.model} right")
         if np.linalg.norm(self.shift_m) < _NO_SHIFT:
             raise FormatError("expected cameras apart from each other, got a translation of 0 between them")
+        right_m, down_m, _ = (-self.turn.T @ self.shift_m.ravel()).tolist()
+        fault = vertical_fault(right_m, down_m) or turned_size_fault(self.size, left.matrix, right.matrix)
+        if fault is not None:
+            raise FormatError(fault)
         matrices = left.matrix, left.distortion, right.matrix, right.distortion
         placed = tuple(self.size), np.array(self.turn), np.array(self.shift_m).reshape(3, 1)
         fisheye = left.model == "fisheye"
@@ -92,6 +103,16 @@ class Unrectified(NamedTuple):
         r1, r2, p1, p2, *_ = rectify(*matrices, *placed, flags=cv2.CALIB_ZERO_DISPARITY, **chosen)
         raw = raw_cameras(self.cameras, (r1, r2), self.size)
         how = "its default alpha" if alpha is None else f"alpha {alpha:g}"
+        half_px = self.size.width_px / 2
+        if fov_deg is None and alpha is None and fisheye and p1[0, 0] < half_px / _tangent(WIDEST_FISHEYE_DEG):
+            fov_deg = WIDEST_FISHEYE_DEG
+        if fov_deg is not None:
+            baseline_m = p2[0, 3] / p2[0, 0]
+            p1[:2, :3] = half_px / _tangent(fov_deg) * np.eye(2, 3)
+            p1[:2, 2] = (np.array(self.size) - 1) / 2
+            p2 = p1.copy()
+            p2[0, 3] = baseline_m * p2[0, 0]
+            how = f"a view of {fov_deg:g} degrees across"
         return Projections(p1, p2, self.size, f"{self.source}, rectified by stereoRectify with {how}", raw=raw)
 
 
@@ -146,6 +167,11 @@ def raw_cameras(
 ) -> dict[Eye, RawCamera]:
     """Return both eyes' cameras of images of a size."""
     return {eye: camera.camera(turn, size) for eye, camera, turn in zip(EYES, cameras, rotations, strict=True)}
+
+
+def _tangent(fov_deg: float) -> float:
+    """Return the tangent of half a field of view."""
+    return math.tan(math.radians(fov_deg) / 2)
 
 
 def _is_empty(node: object) -> bool:

@@ -1,13 +1,15 @@
 """Rectified rigs: checks that are common to all formats of calibrations, and ranges over several rigs."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.config.fields import LARGEST, SMALLEST
+from semisynth_gl.config.rig_sections import MOST_PIXELS, WIDEST_PX
 from semisynth_gl.frame.camera import Eye, StereoCamera
 from semisynth_gl.frame.raw_camera import RawCamera
 from semisynth_gl.inputs.errors import InputError
@@ -18,6 +20,8 @@ _SAME_FOCAL = 1e-4
 _SAME_CY_PX = 0.05
 # Largest distance of a rectified right camera from the x axis, as a fraction of the baseline; KITTI's is off by 0.5 %.
 _OFF_BASELINE = 0.01
+# A principal point farther from the centre than this, as a fraction of the side, may be that of another size.
+_NEAR_CENTRE = 0.1
 # Largest entry of a projection matrix: the product of a focal length and a baseline.
 _LARGEST_ENTRY = LARGEST**2
 
@@ -89,6 +93,11 @@ class Rig:
 
     def __post_init__(self) -> None:
         camera = self.camera
+        if max(self.size) > WIDEST_PX or math.prod(self.size) > MOST_PIXELS:
+            raise InputError(
+                f"{self.source}: images of {self.size}: expected sides of at most {WIDEST_PX} and at most "
+                f"{MOST_PIXELS:,} pixels"
+            )
         for name, value in (("focal length", camera.focal_px), ("baseline", camera.baseline_m)):
             if not SMALLEST <= value <= LARGEST:
                 raise InputError(f"{self.source}: the {name} is {value:g}: expected {SMALLEST:g} to {LARGEST:g}")
@@ -102,6 +111,24 @@ class Rig:
     def size(self) -> Size:
         """Size of the images."""
         return Size(self.camera.width_px, self.camera.height_px)
+
+    @property
+    def view_deg(self) -> float:
+        """Angle that the image's width takes, degrees."""
+        return 2 * math.degrees(math.atan(self.camera.width_px / 2 / self.camera.focal_px))
+
+    def cropped(self, size: Size) -> "Rig":
+        """Return the rig of the images' centre, a window of ``size``."""
+        across, down = ((whole - part) / 2 for whole, part in zip(self.size, size, strict=True))
+        sides: dict[str, Any] = {"width_px": size.width_px, "height_px": size.height_px}
+        camera = self.camera
+        points: dict[str, Any] = {name: getattr(camera, name) - across for name in ("cx_left_px", "cx_right_px")}
+        raw = self.raw and {
+            eye: replace(each, **sides, cx_px=each.cx_px - across, cy_px=each.cy_px - down)
+            for eye, each in self.raw.items()
+        }
+        camera = replace(camera, **sides, **points, cy_px=camera.cy_px - down)
+        return replace(self, camera=camera, raw=raw, source=f"{self.source}, the centre of {size}")
 
     def scaled(self, scale: float) -> "Rig":
         """Return the rig of images whose sides are multiplied by ``scale``: reduced below 1, enlarged above.
@@ -149,6 +176,8 @@ def rectified(projections: Projections, size: Size | None) -> Rig:
     # Translations t, metres, from P = K [I | t]; their difference places the right camera in the left one's frame.
     left_m, right_m = (np.linalg.solve(matrix[:, :3], matrix[:, 3]) for matrix in (left, right))
     baseline_m, down_m, forward_m = map(float, left_m - right_m)
+    if (fault := vertical_fault(baseline_m, down_m)) is not None:
+        raise InputError(f"{source}: {fault}")
     if np.hypot(down_m, forward_m) > _OFF_BASELINE * abs(baseline_m):
         raise _not_rectified(
             source,
@@ -160,6 +189,14 @@ def rectified(projections: Projections, size: Size | None) -> Rig:
             f"{source}: the baseline is {baseline_m:g} m: expected the right camera to the right of the left one; "
             "swap left and right, in the calibration and in your images"
         )
+    size = _size_of(projections, size)
+    camera = StereoCamera(*size, focal_px, baseline_m, float(left[0, 2]), float(right[0, 2]), cy_px)
+    raw = _bending(projections.raw, camera)
+    return Rig(camera, source, projections.bounds, projections.layout, raw, projections.lens_fault)
+
+
+def _size_of(projections: Projections, size: Size | None) -> Size:
+    source = projections.source
     if projections.size is not None and size is not None and projections.size != size:
         raise InputError(
             f"{source}: is for images of {projections.size}, but `size` says {size}: leave `size` out, or give "
@@ -168,9 +205,45 @@ def rectified(projections: Projections, size: Size | None) -> Rig:
     size = projections.size or size
     if size is None:
         raise InputError(f"{source}: does not say how large the images are: give `size`, width and height")
-    camera = StereoCamera(*size, focal_px, baseline_m, float(left[0, 2]), float(right[0, 2]), cy_px)
-    raw = _bending(projections.raw, camera)
-    return Rig(camera, source, projections.bounds, projections.layout, raw, projections.lens_fault)
+    # The principal points of cameras that were turned a lot lie anywhere once they are rectified.
+    raw = [camera.matrix for camera in (projections.raw or {}).values()]
+    if (fault := turned_size_fault(size, *(raw or (projections.left, projections.right)))) is not None:
+        raise InputError(f"{source}: {fault}")
+    return size
+
+
+def vertical_fault(right_m: float, down_m: float) -> str | None:
+    """Return what is wrong with a second camera rather above or below the first one than beside it; None for others.
+
+    ``right_m`` and ``down_m`` lead from the first camera to the second.
+    """
+    if abs(down_m) <= abs(right_m):
+        return None
+    return (
+        f"is a vertical rig: the right camera stands {abs(down_m):.6g} m {'below' if down_m > 0 else 'above'} the left "
+        "one: expected cameras side by side. Turn the images of both by a quarter, as if the rig lay on its side, and "
+        "calibrate the turned images"
+    )
+
+
+def turned_size_fault(size: Size, *matrices: NDArray[np.float64]) -> str | None:
+    """Return what is wrong with a size whose width and height have changed places, by camera matrices; None for others.
+
+    The principal points are far from the centre of such a size, and near the centre of the turned one.
+    """
+
+    def distance(width_px: int, height_px: int) -> float:
+        return max(float(abs(m[k, 2] / side - 0.5)) for m in matrices for k, side in enumerate((width_px, height_px)))
+
+    turned = Size(size.height_px, size.width_px)
+    far = distance(*size)
+    if far <= _NEAR_CENTRE or distance(*turned) > min(_NEAR_CENTRE, far / 2):
+        return None
+    cx_px, cy_px = matrices[0][:2, 2]
+    return (
+        f"the principal point ({cx_px:.6g}, {cy_px:.6g}) is far from the centre of images of {size}, and near that of "
+        f"{turned}: the size is probably written as height, width: expected width, then height"
+    )
 
 
 def _bending(raw: Mapping[Eye, RawCamera] | None, camera: StereoCamera) -> Mapping[Eye, RawCamera] | None:

@@ -49,6 +49,7 @@ def read_rigs(
     size: Size | None = None,
     unit_m: float | None = None,
     alpha: float | None = None,
+    fov_deg: float | None = None,
 ) -> list[Rig]:
     """Read rectified rigs from calibration files and globs, in the order of the files.
 
@@ -60,6 +61,7 @@ def read_rigs(
         size: size of the images, for files that do not state it; where a file does, both must be equal.
         unit_m: metres per unit of the translation in OpenCV files; None for files in metres, and for other formats.
         alpha: how to rectify files that do not say it, see `Unrectified.rectified`; None for other files.
+        fov_deg: likewise, instead of ``alpha``.
 
     Raises:
         InputError: where there is no file, a rig is not rectified, or OpenCV is needed and missing.
@@ -74,7 +76,7 @@ def read_rigs(
             raise InputError(f"`calib` {source}: no such file, and as a glob it matches no .txt, .yaml, .yml or .json")
         paths |= dict.fromkeys(matches)
     calibrations = _opencv_rigs([each for path in paths for each in _read(path, unit_m)], size, unit_m)
-    pairs = [_projections(pair, alpha) for pair in calibrations if not isinstance(pair, Camera)]
+    pairs = [_projections(pair, alpha, fov_deg) for pair in calibrations if not isinstance(pair, Camera)]
     cameras = [camera for camera in calibrations if isinstance(camera, Camera)]
     if cameras and (pairs or len(cameras) > 2):
         names = ", ".join(camera.source for camera in cameras[:4]) + (", ..." if len(cameras) > 4 else "")
@@ -83,21 +85,22 @@ def read_rigs(
             "these, the left camera's first, or only the right camera's"
         )
     if cameras:
-        pairs = [_projections(paired(cameras), alpha)]
+        pairs = [_projections(paired(cameras), alpha, fov_deg)]
     return [rectified(pair, size) for pair in pairs]
 
 
-def _projections(rig: Projections | Unrectified, alpha: float | None) -> Projections:
+def _projections(rig: Projections | Unrectified, alpha: float | None, fov_deg: float | None) -> Projections:
     if isinstance(rig, Unrectified):
         try:
-            return rig.rectified(alpha)
+            return rig.rectified(alpha, fov_deg)
         except FormatError as error:
             raise ReadError(Path(rig.source), str(error)) from None
-    if alpha is not None:
-        raise InputError(
-            f"`alpha` {alpha:g}: {rig.source} states how its images are rectified: leave `alpha` out, or give an "
-            "OpenCV file with only K, D, R and T"
-        )
+    for name, value in {"`alpha`": alpha, "`fov_deg`": fov_deg}.items():
+        if value is not None:
+            raise InputError(
+                f"{name} {value:g}: {rig.source} states how its images are rectified: leave {name} out, or give an "
+                "OpenCV file with only K, D, R and T"
+            )
     return rig
 
 

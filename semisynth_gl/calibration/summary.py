@@ -1,12 +1,14 @@
 """What `calibrate` found, as lines for a person."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from semisynth_gl.calibration.config_text import ConfigFacts
 from semisynth_gl.calibration.opencv_rigs import LONGEST_M
 from semisynth_gl.calibration.photographs import impossible_splits
+from semisynth_gl.calibration.raw_rig import WIDEST_FISHEYE_DEG
 from semisynth_gl.calibration.style import Style
 from semisynth_gl.comparison.sides import MeasuredPlace
 from semisynth_gl.frame.camera import Eye
@@ -26,15 +28,18 @@ _LEAST_OF_BORDER, _MUCH_BORDER = 0.3, 0.03
 def rig_summary(facts: ConfigFacts, report: TextureReport) -> list[str]:
     """Return lines about the rig, its disparities, scenes and photographs."""
     ranges, disparity, count = facts.ranges, facts.disparity, facts.photograph_count
+    focal_px, angle = _shown_range(ranges["focal_px"], "px"), _shown_range(_views_deg(facts), "degrees")
+    far_m, near_m = (_distance_m(facts, *end) for end in ((disparity.min_px, max), (disparity.max_px, min)))
     patches = counted(report.total("kept"), "patch")
     lines = [
         f"layout           {facts.layout or 'middlebury, and webdataset from 10,000 pairs on'}",
         f"image size       {facts.size}",
-        f"focal length     {_shown_range(ranges['focal_px'], 'px')}",
+        f"focal length     {focal_px}, a view of {angle} across",
         f"baseline         {_shown_range(ranges['baseline_m'], 'm')}",
         f"doffs            {_shown_range(ranges['doffs_px'], 'px')}",
         f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {disparity.target.mean_px:.2f} px",
         f"                 {disparity.origin}",
+        f"distance         {near_m} to {far_m} m",
         f"scenes           {' and '.join(facts.scenes)} ({facts.scenes_origin})",
         f"photographs      {facts.photographs}{', all grey' * facts.grey}, which give {patches}",
     ]
@@ -83,6 +88,18 @@ def baseline_note(ends_m: tuple[float, float]) -> str | None:
     )
 
 
+def view_note(facts: ConfigFacts) -> str | None:
+    """Return a note on the view of fisheyes that was narrowed to the default; None where it was not."""
+    rig = facts.rigs[0]
+    if facts.lenses is None or not math.isclose(rig.view_deg, WIDEST_FISHEYE_DEG, rel_tol=1e-3):
+        return None
+    lost = 1 - min(float(chain.shown.mean()) for chain in facts.lenses.values())
+    return (
+        f"the rectified images show {rig.view_deg:.0f} degrees across, so that their middle stays sharp: {lost:.0%} of "
+        "the fisheye's image is lost. `fov_deg` sets another angle"
+    )
+
+
 def raw_note(facts: ConfigFacts, place: MeasuredPlace | None) -> str | None:
     """Return a warning about photographs, and pairs, that seem unrectified; None without a sign of it."""
     reasons = []
@@ -109,6 +126,17 @@ def _shown_lenses(lenses: Mapping[Eye, LensChain]) -> str:
         f"{lenses['left'].raw.model}; borders: {', '.join(borders)}; at least {shown:.0%} of each raw image in view, "
         f"up to {density:.2f} times as fine as the rectified one"
     )
+
+
+def _distance_m(facts: ConfigFacts, disparity_px: float, choose: Callable[[list[float]], float]) -> str:
+    """Return the distance of a disparity, m, the least or the largest over the rigs."""
+    sums = [(rig.camera.focal_baseline, disparity_px + rig.camera.doffs_px) for rig in facts.rigs]
+    return f"{choose([focal / px if px > 0 else math.inf for focal, px in sums]):.3g}"
+
+
+def _views_deg(facts: ConfigFacts) -> tuple[float, float]:
+    angles = [float(f"{rig.view_deg:.3g}") for rig in facts.rigs]
+    return min(angles), max(angles)
 
 
 def _shown_range(ends: tuple[float, float], unit: str) -> str:

@@ -76,9 +76,24 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
     help="stereoRectify's alpha, for a calibration that lacks P1 and P2: 0 leaves no borders, 1 keeps as much of the "
     "raw images as possible; by default stereoRectify's.",
 )
+@option(
+    "--fov",
+    "fov_deg",
+    type=Number(min=10, max=170),
+    metavar="DEGREES",
+    help="Angle that the width of the rectified images takes, for a calibration that lacks P1 and P2, instead of "
+    "--alpha; by default at most 100 for a fisheye.",
+)
 @map_options(
     "to measure the histogram",
     "Disparities of a map that is not as wide as the rig's images are scaled by the ratio of the widths. ",
+)
+@option(
+    "--depth",
+    type=FilesType(),
+    multiple=True,
+    metavar="PATH_OR_GLOB",
+    help="Depth maps instead of disparity maps: 16-bit .png in millimetres, .pfm or .npy in metres. May be repeated.",
 )
 @option(
     "--pairs",
@@ -99,6 +114,9 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
 @option(
     "--range-px", type=(_ANY_NUMBER, _ANY_NUMBER), help="Smallest and largest disparity in pixels, without --disparity."
 )
+@option(
+    "--range-m", type=(_ANY_NUMBER, _ANY_NUMBER), help="Smallest and largest distance in metres, without --range-px."
+)
 @option("--other-camera", is_flag=True, help="The photographs are from another camera, and may have any size.")
 @option(
     "--trials",
@@ -113,6 +131,7 @@ def calibrate(
     images: tuple[str, ...],
     calib: tuple[str, ...],
     disparity: tuple[str, ...],
+    depth: tuple[str, ...],
     png_scale: float,
     pairs: tuple[tuple[str, str], ...],
     rectify_to: Path | None,
@@ -121,13 +140,14 @@ def calibrate(
     **others: Any,  # noqa: ANN401 - arguments of the function that calibrates
 ) -> None:
     """Write a config for a rig: its camera, the disparities that it sees, and the photographs to cut patches from."""
-    output.check((*calib, *disparity, *images, *chain.from_iterable(pairs)))
+    output.check((*calib, *disparity, *depth, *images, *chain.from_iterable(pairs)))
     out = output.file
     with Progress() as progress:
         made = calibrate_rig(
             images,
             calib=calib,
             disparity=disparity,
+            depth=depth,
             png_scale=png_scale,
             pairs=pairs,
             rectify_to=rectify_to,

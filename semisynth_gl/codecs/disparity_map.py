@@ -1,7 +1,8 @@
-"""Disparity maps from any source: PFM of any kind, NumPy arrays, 16-bit PNG."""
+"""Disparity and depth maps from any source: PFM of any kind, NumPy arrays, 16-bit PNG."""
 
 import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,12 @@ from semisynth_gl.codecs.png16 import KITTI_DISPARITY, SIGNED_DISPARITY, Dispari
 from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.inputs.user_files import NotOnDiskError, open_file
 
+_MM_PER_M = 1000
+# The median depth of real scenes is smaller.
+_FARTHEST_M = 500.0
+
 MAP_EXTENSIONS = (".pfm", ".npy", ".png")
-"""Endings of the files that may be disparity maps."""
+"""Endings of the files that may be disparity or depth maps."""
 
 
 def read_disparity_map(
@@ -30,10 +35,39 @@ def read_disparity_map(
     """
     data = read_bytes(path)
     if data.startswith(b"\x93NUMPY"):
-        return _read_npy(data, path)
+        return _float32(_read_npy(data, path))
     if data.startswith(b"\x89PNG"):
         return (SIGNED_DISPARITY if signed else DisparityPng16(png_steps)).decode(data, path)
     return ANY_PFM.decode(data, path)
+
+
+def read_depth_map(path: Path) -> NDArray[np.float32]:
+    """Read a depth map as (H, W) float32 metres, nan where it has no value.
+
+    Whole numbers, in a 16-bit grey PNG or an array, are millimetres; 0 and 65535 mean that there is no value. Floating
+    point, in a PFM or an array, is metres; 0, negative numbers, inf and nan mean that there is no value.
+
+    Raises:
+        ReadError: as `read_disparity_map`, and where depths in floating point are hardly metres.
+    """
+    data = read_bytes(path)
+    if data.startswith(b"\x93NUMPY"):
+        stored = _read_npy(data, path)
+    elif data.startswith(b"\x89PNG"):
+        stored = GREY16.decode(data, path)
+    else:
+        stored = ANY_PFM.decode(data, path)
+    depth = _float32(stored)
+    known = np.isfinite(depth) & (depth > 0)
+    if stored.dtype.kind in "iu":
+        known &= depth != np.iinfo(np.uint16).max
+        depth = depth / np.float32(_MM_PER_M)
+    depth = np.where(known, depth, np.float32(np.nan))
+    if known.any() and (median_m := float(np.median(depth[known]))) > _FARTHEST_M:
+        raise ReadError(
+            path, f"holds depths of {median_m:g} m (median): expected metres in floating point, or whole millimetres"
+        )
+    return depth
 
 
 def is_disparity_map(path: Path) -> bool:
@@ -52,7 +86,7 @@ def is_disparity_map(path: Path) -> bool:
         raise ReadError(path, f"cannot be read: {error.strerror}") from None
 
 
-def _read_npy(data: bytes, path: Path) -> NDArray[np.float32]:
+def _read_npy(data: bytes, path: Path) -> NDArray[Any]:
     try:
         values = np.load(io.BytesIO(data), allow_pickle=False)
     except (ValueError, OSError, EOFError, MemoryError) as error:
@@ -64,6 +98,11 @@ def _read_npy(data: bytes, path: Path) -> NDArray[np.float32]:
     while values.ndim > 2 and 1 in (values.shape[0], values.shape[-1]):
         values = values[0] if values.shape[0] == 1 else values[..., 0]
     if values.ndim != 2 or values.size == 0:
-        raise ReadError(path, f"expected one disparity per pixel, (H, W), got an array of shape {shape}")
+        raise ReadError(path, f"expected one value per pixel, (H, W), got an array of shape {shape}")
+    array: NDArray[Any] = values
+    return array
+
+
+def _float32(values: NDArray[Any]) -> NDArray[np.float32]:
     with np.errstate(over="ignore"):
         return np.asarray(values, np.float32)

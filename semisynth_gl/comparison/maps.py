@@ -1,4 +1,4 @@
-"""Find and read disparity maps of a place, true or predicted, dense or sparse."""
+"""Find and read disparity or depth maps of a place, true or predicted, dense or sparse."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map, read_disparity_map
+from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map, read_depth_map, read_disparity_map
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
+from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.textures.image_files import KITTI_2012_MAPS, KITTI_2015_MAPS, find_files
@@ -20,10 +21,10 @@ _OF_ONE_SCENE = (("disp0GT", "disp1GT"), ("disp0", "disp1"), KITTI_2015_MAPS, KI
 _OF_RIGHT_VIEWS = frozenset({"disp1GT", "disp1", *KITTI_2015_MAPS[2:]})
 
 
-def map_files(sources: Sequence[str | Path]) -> list[Path]:
-    """Return the disparity maps in files, folders and globs: .pfm, .npy and 16-bit grey .png.
+def map_files(sources: Sequence[str | Path], kind: str = "disparity") -> list[Path]:
+    """Return the maps of a kind, disparity or depth, in files, folders and globs: .pfm, .npy and 16-bit grey .png.
 
-    Images and masks may lie beside disparity maps, so PNG files of other kinds are ignored in folders and globs.
+    Images and masks may lie beside maps, so PNG files of other kinds are ignored in folders and globs.
 
     Raises:
         InputError: where a source matches no map.
@@ -36,7 +37,7 @@ def map_files(sources: Sequence[str | Path]) -> list[Path]:
             maps = [path for path in maps if is_disparity_map(path)]
         if not maps:
             raise InputError(
-                f"`disparity` {source}: no disparity map there: expected .pfm, .npy or 16-bit grey .png, or a folder "
+                f"`{kind}` {source}: no {kind} map there: expected .pfm, .npy or 16-bit grey .png, or a folder "
                 "or glob of them"
             )
         paths |= dict.fromkeys(maps)
@@ -53,16 +54,32 @@ def one_of_each_scene(maps: Sequence[Path]) -> list[Path]:
     return [path for path in maps if given.isdisjoint(_before(path))]
 
 
-def read_map(path: Path, png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np.float32]:
-    """Read a disparity map, (H, W) float32 px, with nan where it has no value.
+def disparity_of_depths(path: Path, camera: StereoCamera) -> NDArray[np.float32]:
+    """Read a depth map as disparity, (H, W) float32 px at the map's width, nan where it has no value.
 
-    In .pfm and .npy, inf, nan, 0 and negative numbers mean that there is no value; in a 16-bit grey .png, 0 does. A PNG
-    has ``png_scale`` levels per pixel of disparity.
+    Points so near that the right camera's image would not show them have no value either. ``camera`` is the rectified
+    pair, whose left image the map belongs to, at any resolution.
 
     Raises:
         ReadError: where the file cannot be read.
     """
-    values = read_disparity_map(path, png_scale)
+    depth = read_depth_map(path)
+    disparity = (camera.focal_baseline / depth - camera.doffs_px) / camera.width_px
+    return np.where(disparity <= 1, disparity * depth.shape[1], np.nan).astype(np.float32)
+
+
+def read_map(
+    path: Path, png_scale: float = KITTI_DISPARITY.steps, depths_of: StereoCamera | None = None
+) -> NDArray[np.float32]:
+    """Read a disparity map, (H, W) float32 px, with nan where it has no value.
+
+    In .pfm and .npy, inf, nan, 0 and negative numbers mean that there is no value; in a 16-bit grey .png, 0 does. A PNG
+    has ``png_scale`` levels per pixel of disparity. With ``depths_of``, the map holds depths of this camera instead.
+
+    Raises:
+        ReadError: where the file cannot be read.
+    """
+    values = read_disparity_map(path, png_scale) if depths_of is None else disparity_of_depths(path, depths_of)
     return np.where(np.isfinite(values) & (values > 0), values, np.float32(np.nan))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.maps import image_beside, is_of_right_view, one_of_each_scene, read_map
 from semisynth_gl.comparison.measured_view import WORKING_WIDTH, MeasuredView, make_view
+from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.errors import InputError, Skipped, counted
 from semisynth_gl.textures.image_files import beside_photographs
 from semisynth_gl.textures.images import ImageError, read_image
@@ -20,16 +21,20 @@ class PlaceFiles:
 
     Maps are of left views unless their names say otherwise. To measure borders of objects, a map is read together with
     its image, if Middlebury's, ETH3D's or KITTI's names tell where that is. A 16-bit PNG map has ``png_scale`` levels
-    per pixel of disparity.
+    per pixel of disparity. With ``depths_of``, the maps hold depths of this camera instead.
     """
 
     photographs: Sequence[Path]
     maps: Sequence[Path] = ()
     png_scale: float = KITTI_DISPARITY.steps
+    depths_of: StereoCamera | None = None
 
 
 def find_place(
-    photographs: Sequence[Path], maps: Sequence[Path], png_scale: float = KITTI_DISPARITY.steps
+    photographs: Sequence[Path],
+    maps: Sequence[Path],
+    png_scale: float = KITTI_DISPARITY.steps,
+    depths_of: StereoCamera | None = None,
 ) -> PlaceFiles:
     """Return the files of a place without masks and maps among the photographs, and with one map of each scene.
 
@@ -41,7 +46,7 @@ def find_place(
     images = [path for path in photographs if not beside_photographs(path)]
     if not images:
         raise InputError("no photographs to compare with: expected at least one image that is not a mask or map")
-    return PlaceFiles(images, one_of_each_scene(maps), png_scale)
+    return PlaceFiles(images, one_of_each_scene(maps), png_scale, depths_of)
 
 
 def left_out(images: Sequence[Path], maps: Sequence[Path]) -> str:
@@ -70,7 +75,7 @@ def map_views(place: PlaceFiles, width_px: int = WORKING_WIDTH) -> Iterator[Meas
     Right views are mirrored, so that they count as left views. A map without any disparity raises InputError.
     """
     for path in place.maps:
-        disparity, beside = read_map(path, place.png_scale), image_beside(path)
+        disparity, beside = read_map(path, place.png_scale, place.depths_of), image_beside(path)
         if not np.isfinite(disparity).any():
             raise InputError(f"{path}: holds no disparity: all of its values are 0 or below, inf or nan")
         image = None if beside is None else read_image(beside)

@@ -32,7 +32,7 @@ from semisynth_gl.frame.channels import Colour
 from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel, RawCamera, rotation_of
 
 # Any current OpenGL 4.5 driver draws images of this width, and the memory of a large machine holds this many pixels.
-_WIDEST_PX, _MOST_PIXELS = 16_384, 1 << 27
+WIDEST_PX, MOST_PIXELS = 16_384, 1 << 27
 # Largest side of a projector's pattern, widest view in degrees, and largest number of dots.
 _LARGEST_PATTERN_PX, _WIDEST_DEG = 8192, 170.0
 _MOST_DOTS = 1_000_000
@@ -44,7 +44,7 @@ _LENSES, _COLUMNS, _ROWS = 16, 13, 9
 # Raw images with fewer pixels than one for so many rectified ones, along a side, have lost all texture.
 _COARSEST = 16
 
-_Side = Annotated[int, count(_WIDEST_PX)]
+_Side = Annotated[int, count(WIDEST_PX)]
 
 LensBorder = Literal["black", "replicate"]
 _DRAWN_PATTERNS = ("dots", "stripes")
@@ -89,9 +89,9 @@ class CameraSection(Section):
     colour: Colour = "rgb"
 
     def _faults(self) -> Iterator[str]:
-        if self.width_px * self.height_px > _MOST_PIXELS:
+        if self.width_px * self.height_px > MOST_PIXELS:
             size = f"{self.width_px} x {self.height_px}"
-            yield f"expected width_px x height_px of at most {_MOST_PIXELS}, got {size}"
+            yield f"expected width_px x height_px of at most {MOST_PIXELS}, got {size}"
 
         if (self.focal_px is None) == (self.focal_mm is None):
             yield "give either focal_px, or focal_mm with sensor_width_mm"

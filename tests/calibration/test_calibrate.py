@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from announcements import without_announcements
 from backends import backend_fault
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 from shared_material import SHARED, needs_shared
@@ -25,7 +25,7 @@ from semisynth_gl.calibration.calibrate import calibrate
 from semisynth_gl.calibration.config_text import PROPOSED_PAIRS, ConfigFacts, config_facts, config_name, config_text
 from semisynth_gl.calibration.disparity_maps import measure_maps
 from semisynth_gl.calibration.disparity_range import DisparitySource, chosen_range, disparity_range, measured_range
-from semisynth_gl.calibration.photographs import check_sizes, impossible_splits, photograph_sizes
+from semisynth_gl.calibration.photographs import centre_crop, check_sizes, impossible_splits, photograph_sizes
 from semisynth_gl.calibration.recipes import SceneRecipe
 from semisynth_gl.calibration.rig import (
     DisparityBounds,
@@ -36,16 +36,19 @@ from semisynth_gl.calibration.rig import (
     plain_rig,
     rectified,
     rig_ranges,
+    turned_size_fault,
 )
 from semisynth_gl.calibration.rig_files import FORMATS, read_rigs
 from semisynth_gl.calibration.style import BLURS, EXPOSURES, TEXELS, Trial, fitted_style, untried_style
 from semisynth_gl.cli import main
+from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.comparison.maps import map_files, read_map
 from semisynth_gl.comparison.measures import MEASURES
 from semisynth_gl.comparison.sides import Side
 from semisynth_gl.config import Range, load_config
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.frame.camera import StereoCamera
+from semisynth_gl.frame.raw_camera import RawCamera
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation
 from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
 from semisynth_gl.layouts import find_layout
@@ -237,6 +240,7 @@ numbers = st.floats(1, 5000, allow_nan=False)
 def test_a_rig_written_in_any_format_is_read_back(tmp_path_factory, size, focal_px, baseline_m, centre):
     folder = tmp_path_factory.mktemp("rig")
     camera = StereoCamera(*size, focal_px, baseline_m, *centre)
+    assume(turned_size_fault(Size(*size), *matrices(camera)) is None)
     for name, text in {
         "m.txt": middlebury(camera),
         "k.txt": kitti(camera),
@@ -387,14 +391,100 @@ def test_files_that_are_not_there_are_refused(tmp_path):
             read_rigs([tmp_path / source])
 
 
-def test_a_vertical_rig_is_not_rectified():
+def test_a_vertical_rig_is_named():
     left, right = matrices()
     right[0, 3], right[1, 3] = 0, -100
-    with pytest.raises(InputError, match="not rectified"):
+    with pytest.raises(InputError, match=r"vertical rig: the right camera stands 0\.100505 m below"):
         rectified(Projections(left, right, (741, 500), "x"), None)
 
 
+@given(
+    size=st.tuples(st.integers(100, 4000), st.integers(100, 4000)).filter(lambda size: max(size) > 1.25 * min(size)),
+    off=st.tuples(*[st.floats(-0.03, 0.03)] * 3),
+)
+def test_a_size_whose_sides_changed_places_is_noticed(size, off):
+    size = Size(*size)
+    left_x, right_x = (size.width_px * (0.5 + each) for each in off[:2])
+    camera = StereoCamera(*size, 500, 0.1, left_x, right_x, size.height_px * (0.5 + off[2]))
+    assert rectified(Projections(*matrices(camera), size, "x"), None).size == size
+    turned = Size(*reversed(size))
+    for stated, users in ((turned, None), (None, turned)):
+        with pytest.raises(InputError, match=f"near that of {size}: the size is probably written as height, width"):
+            rectified(Projections(*matrices(camera), stated, "x"), users)
+
+
+def test_images_that_no_memory_holds_are_refused():
+    for size in ((16384, 16384), (20000, 10)):
+        with pytest.raises(InputError, match=f"images of {size[0]} x {size[1]}: expected sides of at most 16384"):
+            plain_rig(500, 0.1, Size(*size))
+
+
 # --- scale, ranges, photographs ---
+
+
+@given(
+    whole=st.tuples(st.integers(20, 3000), st.integers(20, 3000)),
+    scale=st.sampled_from([None, 0.5, 0.25, 2]),
+    share=st.floats(0.51, 0.99),
+    side=st.integers(0, 1),
+)
+def test_photographs_of_a_cropped_mode_show_the_centre_of_the_calibrated_images(whole, scale, share, side):
+    part = list(whole)
+    part[side] = int(share * part[side])
+    wanted, photographed = Size(*part), Size(*part).scaled(scale or 1)
+    assume(photographed[side] < Size(*whole).scaled(scale or 1)[side])
+    found = centre_crop([photographed] * 3 + [Size(7, 7)], [Size(*whole)], scale)
+    assert found is None or found.scaled(scale or 1) == photographed
+    assert found == wanted or scale in {0.5, 0.25}
+    raw = {"left": RawCamera(*whole, 50.0, 51.0, 20.0, 30.0, "fisheye", (0.0,) * 4)}
+    rig = replace(plain_rig(30, 0.1, Size(*whole)), raw=raw)
+    rig = replace(rig, camera=replace(rig.camera, cx_right_px=rig.camera.cx_right_px + 3))
+    crop = rig.cropped(wanted)
+    corner = np.subtract(whole, part) / 2
+    assert crop.size == wanted
+    assert (crop.raw["left"].width_px, crop.raw["left"].height_px) == wanted
+    for before, after in zip(
+        (*(rig.camera.lens_px(eye)[:2] for eye in ("left", "right")), (20, 30)),
+        (
+            *(crop.camera.lens_px(eye)[:2] for eye in ("left", "right")),
+            (crop.raw["left"].cx_px, crop.raw["left"].cy_px),
+        ),
+        strict=True,
+    ):
+        np.testing.assert_allclose(np.subtract(before, after), corner)
+
+
+@pytest.mark.parametrize(
+    ("photographed", "calibrated"),
+    [
+        ([(640, 360)], [(1280, 720)]),  # reduced
+        ([(1280, 300)], [(1280, 800)]),  # hardly a mode
+        ([(1280, 900)], [(1280, 800)]),  # more than was calibrated
+        ([(1280, 720), (1280, 800)], [(1280, 800)]),  # at least one fits
+        ([(1280, 720), (640, 480)], [(1280, 800)]),  # of several cameras
+        ([(1280, 720)], [(1280, 800), (1280, 760)]),  # of several rigs
+        ([], [(1280, 800)]),
+    ],
+)
+def test_other_photographs_are_of_no_cropped_mode(photographed, calibrated):
+    assert centre_crop([Size(*each) for each in photographed], [Size(*each) for each in calibrated], None) is None
+
+
+@given(
+    focal_px=st.floats(50, 5000),
+    baseline_m=st.floats(0.01, 2),
+    doffs_px=st.floats(0, 40),
+    near_m=st.floats(0.2, 20),
+    ratio=st.floats(1.2, 100),
+)
+def test_a_range_of_distances_is_that_of_their_disparities(focal_px, baseline_m, doffs_px, near_m, ratio):
+    rigs = [plain_rig(focal_px, length_m, Size(640, 480)) for length_m in (baseline_m, baseline_m * 1.1)]
+    cameras = [replace(rig.camera, cx_right_px=rig.camera.cx_left_px + doffs_px) for rig in rigs]
+    rigs = [replace(rig, camera=camera) for rig, camera in zip(rigs, cameras, strict=True)]
+    made = disparity_range(DisparitySource(range_m=(near_m, near_m * ratio)), rigs)
+    ends = [[each.focal_baseline / z - each.doffs_px for z in (near_m * ratio, near_m)] for each in cameras]
+    assert made.min_px == pytest.approx(min(low for low, _ in ends), rel=1e-9, abs=1e-9)
+    assert made.max_px == pytest.approx(max(high for _, high in ends), rel=1e-9, abs=1e-9)
 
 
 def test_scaling_keeps_rays_and_relative_disparities():
@@ -652,8 +742,8 @@ def test_broken_maps_are_refused(tmp_path, name, data, words):
         (np.ones((40, 30)), ["has 30 x 40 pixels", "40 x 30", "shape differs by a factor of 1.78", "maps of this rig"]),
         (np.ones((19, 40)), ["has 40 x 19 pixels", "shape differs by a factor of 1.58, and at most 1.5"]),
         (np.ones((2, 2)), ["has 2 x 2 pixels", "its width by a factor of 20, and at most 16"]),
-        (np.full((30, 40), 512.0), ["up to 512 px", "40 px wide", "`png_scale`"]),
-        (np.ones((3, 30, 40)), ["one disparity per pixel", "(3, 30, 40)"]),
+        (np.full((30, 40), 512.0), ["up to 512 px", "40 px wide", "`png_scale`", "depths, give it as `depth`"]),
+        (np.ones((3, 30, 40)), ["one value per pixel", "(3, 30, 40)"]),
         (np.ones((30, 40), complex), ["expected numbers, got complex128"]),
     ],
 )
@@ -673,6 +763,46 @@ def test_a_sparse_map_counts_as_much_as_a_dense_one(tmp_path):
     assert (measured.pixels, measured.valid) == (2400, 1210)
     assert measured.histogram.cumulative(15) == pytest.approx(0.5)
     assert measured.histogram.mean_px == pytest.approx(15.03, abs=0.04)
+
+
+@pytest.mark.parametrize("size", [(40, 30), (80, 60)])
+@pytest.mark.parametrize("form", ["mm.png", "mm.npy", "m.npy", "m.pfm"])
+def test_depths_are_measured_as_their_disparities(tmp_path, form, size):
+    rig = replace(SMALL, camera=replace(SMALL.camera, cx_right_px=SMALL.camera.cx_left_px + 1.5))
+    ramp = np.linspace(1, 12, size[0] * size[1]).reshape(size[1], size[0]).astype(np.float32)
+    depth = (rig.camera.focal_baseline / (ramp + 1.5)).astype(np.float32)
+    disparity = ramp * (size[0] / 40)
+    for values, missing in ((depth, 0), (disparity, np.nan)):
+        values[:2] = missing
+    np.save(tmp_path / "disparity.npy", disparity)
+    path = tmp_path / f"depth-{form}"
+    stored = np.rint(depth * 1000).astype(np.uint16) if form.startswith("mm") else depth
+    if form.startswith("mm"):
+        stored[2] = 65535
+        disparity[2] = np.nan
+        np.save(tmp_path / "disparity.npy", disparity)
+    {"png": lambda: Image.fromarray(stored).save(path), "npy": lambda: np.save(path, stored)}.get(
+        path.suffix[1:], lambda: path.write_bytes(PFM.encode(stored))
+    )()
+    found = measure_maps([path], [rig], depths=True)
+    expected = measure_maps([tmp_path / "disparity.npy"], [rig])
+    assert (found.valid, found.pixels) == (expected.valid, expected.pixels)
+    # Millimetres are as fine as 0.02 px here, and bins 0.06 px wide.
+    assert found.histogram.mean_px == pytest.approx(expected.histogram.mean_px, abs=0.03)
+    assert total_variation(found.histogram, expected.histogram) < 0.2
+    place = read_map(path, depths_of=rig.camera)
+    np.testing.assert_allclose(place, disparity, atol=0.1)
+
+
+def test_depths_that_are_hardly_metres_are_refused(tmp_path):
+    np.save(tmp_path / "a.npy", np.full((30, 40), 1500.0))
+    with pytest.raises(
+        ReadError, match=r"a\.npy: holds depths of 1500 m \(median\): expected metres in floating point"
+    ):
+        measure_maps([tmp_path / "a.npy"], [SMALL], depths=True)
+    np.save(tmp_path / "b.npy", np.full((30, 40), 1500))
+    with pytest.raises(InputError, match="`depth`: expected the maps and the calibration of one rig, got 2"):
+        disparity_range(DisparitySource([tmp_path / "b.npy"], depths=True), [SMALL, SMALL])
 
 
 def test_maps_of_several_sizes_count_at_the_rigs_width(tmp_path):
@@ -1157,6 +1287,11 @@ def test_an_invalid_config_is_reported_under_its_own_name(call, tmp_path, monkey
             ["--calib", "calib.txt", "--scale", "0.5"],
             ["371 x 250 with --scale 0.5", "741 x 500", "without --scale they fit"],
         ),
+        (["--calib", "calib.txt", "--range-m", "1", "4", "--range-px", "2", "9"], ["--range-px and --range-m all"]),
+        (["--calib", "calib.txt", "--range-m", "4", "1"], ["--range-m 4 1", "the nearer one first"]),
+        (["--calib", "calib.txt", "--range-px", "1", "4", "--fov", "90"], ["--fov 90: calib.txt states how"]),
+        (["--calib", "calib.txt", "--fov", "200"], ["--fov", "10<=x<=170"]),
+        (["--calib", "calib.txt", "--depth", "none.png"], ["--depth none.png: no depth map there"]),
         (["--calib", "calib.txt", "--disparity", "none.pfm"], ["none.pfm: no disparity map there"]),
         (["--calib", "calib.txt", "--images", "flat"], ["no patch can be cut"]),
     ],

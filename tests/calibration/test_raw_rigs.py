@@ -379,6 +379,59 @@ def test_a_fisheyes_alpha_is_opencvs_balance(tmp_path):
     np.testing.assert_allclose(rig.camera.focal_px, p1[0, 0], rtol=1e-9)
 
 
+@pytest.mark.parametrize("lens", ["equidistant", "radtan"])
+@pytest.mark.parametrize("fov_deg", [30, 90, 140])
+def test_a_field_of_view_is_that_of_the_rectified_images(tmp_path, lens, fov_deg):
+    (tmp_path / "camchain.yaml").write_text(kalibr(lens, (FISHEYE, FISHEYE)))
+    (rig,) = read_rigs([tmp_path / "camchain.yaml"], fov_deg=fov_deg)
+    camera = rig.camera
+    left, right = (np.degrees(np.arctan((x - camera.cx_left_px) / camera.focal_px)) for x in (-0.5, SIZE[0] - 0.5))
+    assert (-left, right) == (pytest.approx(fov_deg / 2), pytest.approx(fov_deg / 2))
+    assert (camera.cx_right_px, camera.cy_px) == (camera.cx_left_px, (SIZE[1] - 1) / 2)
+    assert camera.baseline_m == pytest.approx(np.linalg.norm(T))
+
+
+@pytest.mark.parametrize("focal_px", [520, 150, 100])
+def test_the_middle_of_a_wide_fisheye_stays_sharp(tmp_path, focal_px):
+    """As OpenCV's default does not keep it."""
+    text = kalibr("equidistant", (FISHEYE, FISHEYE)).replace("520.0, 522.0", f"{focal_px}, {focal_px}")
+    (tmp_path / "camchain.yaml").write_text(text.replace("525.0, 524.0", f"{focal_px}, {focal_px}"))
+    (rig,), (whole,) = (read_rigs([tmp_path / "camchain.yaml"], alpha=alpha) for alpha in (None, 0))
+    assert (rig.view_deg < 99) == (focal_px == 520)
+    assert rig.view_deg == pytest.approx(min(whole.view_deg, 100))
+
+
+def test_a_narrowed_fisheye_is_noted_with_what_is_lost(place):
+    wide = np.array([[160.0, 0, 322], [0, 160, 236], [0, 0, 1]])
+    values = {"K1": wide, "K2": wide, "D1": FISHEYE, "D2": FISHEYE, "R": np.eye(3), "T": T}
+    path = stored(place / "wide.yml", values)
+    path.write_text(path.read_text() + "distortion_model: fisheye\n")
+    told = calibrate(place / "photos", calib=path, range_px=(2, 40), trials=0).notes
+    lost = [re.search(r"100 degrees across.*: (\d+)% of the fisheye's image is lost", note) for note in told]
+    (found,) = filter(None, lost)
+    (rig,) = read_rigs([path])
+    x, y = np.meshgrid(np.arange(0.0, SIZE[0], 5), np.arange(0.0, SIZE[1], 5))
+    chain = LensChain(rig.raw["left"], rig.camera, "left", "black")
+    column, row = rig.raw["left"].rectified(chain.pinhole, x, y)
+    seen = (column >= 0) & (column < SIZE[0]) & (row >= 0) & (row < SIZE[1])
+    assert int(found[1]) == pytest.approx(100 * (1 - seen.mean()), abs=2)
+    told = calibrate(place / "photos", calib=path, range_px=(2, 40), trials=0, fov_deg=100).notes
+    assert not any("is lost" in note for note in told)
+
+
+@pytest.mark.parametrize("lens", ["equidistant", "radtan"])
+def test_cameras_above_each_other_and_turned_sizes_are_named(tmp_path, lens):
+    path = tmp_path / "camchain.yaml"
+    text = kalibr(lens, (FISHEYE, FISHEYE))
+    path.write_text(text.replace("resolution: [640, 480]", "resolution: [480, 640]"))
+    with pytest.raises(ReadError, match="near that of 640 x 480: the size is probably written as height, width"):
+        read_rigs([path])
+    below = pose(R, R @ [-0.001, -0.12, 0]).tolist()
+    path.write_text(re.sub(r"T_cn_cnm1: .*", f"T_cn_cnm1: {below}", text))
+    with pytest.raises(ReadError, match=r"vertical rig: the right camera stands 0\.12 m below the left one"):
+        read_rigs([path])
+
+
 def test_alpha_is_refused_where_it_decides_nothing(tmp_path):
     with pytest.raises(InputError, match=r"`alpha` 0\.5: .*rig\.yml states how its images are rectified"):
         read_rigs([stored(tmp_path / "rig.yml", RAW | rectified())], alpha=0.5)
