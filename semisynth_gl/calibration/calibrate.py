@@ -133,7 +133,7 @@ def calibrate(
     sources = {"range_px": range_px, "range_m": range_m, "disparity": disparity, "depth": depth}
     given = [f"`{argument}`" for argument, value in sources.items() if value]
     if len(given) > 1:
-        raise InputError(f"{' and '.join(given)} all state the disparities: give only one of them")
+        raise InputError(f"{' and '.join(given[:2])} both state the disparities: give only one of them")
     _check_pairs(pairs)
     check_type("`rectify_to`", rectify_to, str | PathLike | None)
     notes: list[str] = []

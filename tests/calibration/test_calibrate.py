@@ -1287,7 +1287,7 @@ def test_an_invalid_config_is_reported_under_its_own_name(call, tmp_path, monkey
             ["--calib", "calib.txt", "--scale", "0.5"],
             ["371 x 250 with --scale 0.5", "741 x 500", "without --scale they fit"],
         ),
-        (["--calib", "calib.txt", "--range-m", "1", "4", "--range-px", "2", "9"], ["--range-px and --range-m all"]),
+        (["--calib", "calib.txt", "--range-m", "1", "4", "--range-px", "2", "9"], ["--range-px and --range-m both"]),
         (["--calib", "calib.txt", "--range-m", "4", "1"], ["--range-m 4 1", "the nearer one first"]),
         (["--calib", "calib.txt", "--range-px", "1", "4", "--fov", "90"], ["--fov 90: calib.txt states how"]),
         (["--calib", "calib.txt", "--fov", "200"], ["--fov", "10<=x<=170"]),
