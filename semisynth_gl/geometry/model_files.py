@@ -21,6 +21,9 @@ from semisynth_gl.inputs.user_files import files_below, of_kernel
 # Reading a smaller file takes a second or two; larger files are logged.
 _LARGE_BYTES = 10_000_000
 
+# Formats of models that trimesh does not know.
+_NOT_READ = ("fbx", "usd", "usda", "usdc", "usdz", "blend", "3ds", "max")
+
 _LOG = logging.getLogger(__name__)
 
 
@@ -29,7 +32,8 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
 
     ``folders`` may also name single files. The parts of a file are joined as its nodes place them, and the model is
     normalised. Parts keep their UV map, scaled to model units; parts and single triangles without usable UV get it from
-    `project_uv`. Files in formats that trimesh does not know are ignored. Nothing is downloaded.
+    `project_uv`. Files in formats that trimesh does not know are ignored, but those of models are reported. Nothing is
+    downloaded.
 
     Returns the models, named by their paths relative to the folder, and the unusable files, each with a reason. Raises
     InputError where a folder does not exist or is not on a disk, or no file has a usable model.
@@ -60,7 +64,7 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
 
 def _files(folders: Sequence[Path], formats: Collection[str]) -> Iterator[tuple[Path, str]]:
     """Yield the given files, and the files of a known format in the given folders, each with its name."""
-    endings = tuple(f".{suffix}" for suffix in formats)
+    endings = tuple(f".{suffix}" for suffix in {*formats, *_NOT_READ})
     for folder in folders:
         if not folder.is_dir():
             yield folder, folder.name

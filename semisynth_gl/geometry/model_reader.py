@@ -9,6 +9,7 @@ import tarfile
 import warnings
 import zipfile
 from collections.abc import Mapping
+from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -19,7 +20,7 @@ from trimesh.resolvers import Resolver, ZipResolver
 
 from semisynth_gl.geometry.model_parts import BrokenModelError, Part, PlacedParts
 from semisynth_gl.inputs.errors import cut, described, shown
-from semisynth_gl.inputs.user_files import open_file
+from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER, open_file
 
 MAX_BYTES = 256 << 20
 """Most bytes of a model's file together with the files that it refers to, unpacked."""
@@ -38,6 +39,14 @@ _ARCHIVES = frozenset(trimesh_load.compressed_loaders)
 FORMATS = frozenset({*trimesh_load.mesh_loaders, *_ARCHIVES, *trimesh.available_formats()})
 """File name suffixes that trimesh knows, without the leading dot; some need a package that may not be installed."""
 
+# Packages that trimesh needs for a format.
+_PACKAGES = {
+    **dict.fromkeys(("dae", "zae"), "pycollada"),
+    **dict.fromkeys(("3mf", "3dxml", "xaml"), "lxml networkx"),
+    **dict.fromkeys(("step", "stp"), "cascadio"),
+}
+_COMPRESSIONS = {"KHR_draco_mesh_compression": "Draco", "EXT_meshopt_compression": "meshopt"}
+
 _TEXT_FORMATS = frozenset({"gltf", "obj", "off", "stl", "stl_ascii", "xyz"})
 
 _LIMIT = f"the limit is {MAX_BYTES:,} bytes: decimate the model, for example in MeshLab or Blender"
@@ -55,9 +64,11 @@ def read_parts(path: Path) -> PlacedParts:
     """
     suffix = max((kind for kind in FORMATS if path.name.lower().endswith(f".{kind}")), key=len, default=None)
     if suffix is None:
-        raise BrokenModelError(f"is of a kind that trimesh cannot read ({path.suffix or path.name})")
+        kind = path.suffix or path.name
+        raise BrokenModelError(f"is of a kind that is not read ({kind}): save it as .glb, for example in Blender")
     if suffix not in trimesh.available_formats():
-        raise BrokenModelError(f"needs a package that is not installed for trimesh to read {path.suffix} files")
+        how = f": pip install {_PACKAGES[suffix]}" if suffix in _PACKAGES else ""
+        raise BrokenModelError(f"needs a package that is not installed for trimesh to read {path.suffix} files{how}")
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         try:
@@ -77,12 +88,25 @@ def read_parts(path: Path) -> PlacedParts:
             raise BrokenModelError(f"cannot be read ({clause})") from error
 
 
+def _check_compression(gltf: bytes) -> None:
+    """Refuse a glTF or GLB file that requires a compression which is not read here."""
+    text = gltf
+    if gltf.startswith(b"glTF"):  # a header of 12 bytes, then the length and the kind of the chunk of JSON
+        text = gltf[20 : 20 + int.from_bytes(gltf[12:16], "little")]
+    required = json.loads(text).get("extensionsRequired", [])
+    for name in filter(_COMPRESSIONS.__contains__, required):
+        if name == "KHR_draco_mesh_compression" and find_spec("DracoPy") is not None:
+            continue
+        hint = ", or pip install DracoPy" if "draco" in name else ""
+        raise BrokenModelError(f"is compressed with {_COMPRESSIONS[name]}: save it without compression{hint}")
+
+
 def _scene(content: bytes, suffix: str, resolver: Resolver, *, skip_materials: bool) -> trimesh.Scene:
     if zipfile.is_zipfile(io.BytesIO(content)):  # as 3mf, 3dxml and zae are
         _require_room(_unpacked_size(content))
     content = _in_utf8(content, suffix)
-    if suffix == "gltf":
-        json.loads(content)  # trimesh would look for another file, whatever is wrong with this one
+    if suffix in {"glb", "gltf"}:  # trimesh would look for another file, whatever is wrong with a .gltf
+        _check_compression(content)
     return trimesh.load_scene(
         io.BytesIO(content),
         file_type=suffix,
@@ -200,6 +224,8 @@ def _read(path: Path, room: int) -> bytes:
         if len(content) > room:
             size = path.stat().st_size
             raise BrokenModelError(f"is too large with what it refers to ({path.name} has {size:,} bytes), {_LIMIT}")
+    if content.startswith(LFS_POINTER):
+        raise BrokenModelError(f"{IS_LFS_POINTER} ({path.name})")
     return content
 
 

@@ -18,6 +18,12 @@ from semisynth_gl.inputs.errors import InputError
 Files = str | PathLike[str] | Sequence[str | PathLike[str]]
 """A file, folder or glob, or several of them."""
 
+LFS_POINTER = b"version https://git-lfs.github.com/spec/"
+"""Beginning of the file that Git LFS leaves in place of one that was not fetched."""
+
+IS_LFS_POINTER = "is a Git LFS pointer in place of the file, which `git lfs pull` fetches"
+"""Reason for skipping such a file."""
+
 _KERNELS = ("/proc", "/sys")
 _KINDS = {
     stat.S_IFIFO: "a named pipe",
