@@ -11,11 +11,15 @@ from pathlib import Path
 
 from ruamel.yaml import YAML
 
-from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.inputs.resources import data_root
 from semisynth_gl.inputs.user_files import expanded, of_kernel
 from semisynth_gl.textures.images import image_extensions
 
+# Images that phones and cameras write, and Pillow does not read without further packages.
+_OF_CAMERAS = frozenset(
+    {".heic", ".heif", ".hif", ".cr2", ".cr3", ".nef", ".arw", ".dng", ".orf", ".raf", ".rw2", ".pef", ".srw", ".raw"}
+)
 _MASKS = frozenset({"mask0nocc.png", "mask1nocc.png"})
 KITTI_2015_MAPS = ("disp_occ_0", "disp_noc_0", "disp_occ_1", "disp_noc_1")
 """KITTI 2015's folders of disparity maps: two for the left view, then two for the right view."""
@@ -38,8 +42,19 @@ def find_images(sources: Sequence[str | Path]) -> list[Path]:
             raise InputError(
                 f"no image matches {str(source)!r}: expected an image file, a folder with images "
                 f"(.jpg, .png, .tif, .webp, ...) in it, or a glob such as 'photos/**/*.jpg'"
+                + "".join(f"; {unread}" for unread in [unread_photographs([source])] if unread)
             )
     return [path for path in find_files(sources, image_extensions()) if not beside_photographs(path)]
+
+
+def unread_photographs(sources: Sequence[str | Path]) -> str:
+    """Return a sentence on the files of cameras, such as HEIC, that sources name and Pillow cannot read; "" if none."""
+    kinds = _OF_CAMERAS - image_extensions()
+    files = [path for path in find_files(sources, kinds) if path.suffix.lower() in kinds]
+    if not files:
+        return ""
+    found = ", ".join(sorted({path.suffix.lower() for path in files}))
+    return f"left out {counted(len(files), 'file')} ({found}), such as {files[0]}: save them as JPEG, PNG or TIFF"
 
 
 def beside_photographs(path: Path) -> bool:

@@ -1,9 +1,11 @@
 """Reading an image file of any kind as 8-bit RGB, or refusing it with a reason."""
 
+import logging
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from functools import cache
+from contextlib import contextmanager, suppress
+from functools import cache, lru_cache
+from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageFile, ImageOps, UnidentifiedImageError
 
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.inputs.user_files import NotOnDiskError, open_file
+from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER, NotOnDiskError, open_file
+from semisynth_gl.seeds.spread import spread
 
 MAX_PIXELS = 178_956_970
 """Most pixels of an image; a larger image is refused before anything is decoded. It is Pillow's own limit. The RGB that
@@ -32,6 +35,14 @@ _BYTES_PER_PIXEL = 8
 # Bytes per pixel of decoders that need more: a fixed number, and a number for each band of the image; measured.
 _DECODERS = {"AVIF": (16, 0), "JPEG2000": (5, 5), "WEBP": (17, 0)}
 _PROGRESSIVE_JPEG = (4, 2)  # all coefficients are in memory at once, 2 bytes each
+
+_OF_SENSORS, _OF_16_BITS = (255, 1023, 4095, 16383), 65535
+"""White in 16-bit files of cameras with 8, 10, 12 and 14 bits, and with 16 bits."""
+
+_SAMPLED = 8
+"""Files of a folder by which the bits of its images are told."""
+
+_LOG = logging.getLogger(__name__)
 
 _STRIP_PIXELS = 1 << 20
 """Pixels that are converted at a time, so that the memory for intermediate steps does not grow with the image."""
@@ -99,7 +110,9 @@ def read_image(path: Path) -> NDArray[np.uint8]:
 
     - 8-bit RGB comes out bit for bit; colour profiles are not applied.
     - Grey, palette, 1-bit, CMYK, YCbCr and LAB are converted by Pillow; of several frames the first is read.
-    - 16-bit grey is scaled so that 65535 becomes 255, rounded. 32-bit integers are taken for 16-bit ones.
+    - 16-bit grey is scaled so that 65535 becomes 255, rounded; or 255, 1023, 4095 or 16383, if neither the image nor
+      others of its kind in the folder have larger values, as of 10-bit to 14-bit sensors. 32-bit integers are taken for
+      16-bit ones.
     - Floating point is taken as 0..1 where no value exceeds 1, else as 0..255 where none exceeds 255, else as 0..65535.
     - Transparent pixels get the mean colour of the visible pixels, and half-transparent pixels are blended with it. The
       colour stored under transparency is arbitrary (often what an editor erased) and was never meant to be seen. The
@@ -114,9 +127,11 @@ def read_image(path: Path) -> NDArray[np.uint8]:
             than `MAX_PIXELS` pixels, or needs more than `MAX_MEMORY` bytes.
     """
     with _opened(path) as image:
+        # Asked for before the pixels are decoded, so that only one image is in memory.
+        level = _folder_level(path.parent, path.suffix) if _has_16_bits(image) else 0
         ImageOps.exif_transpose(image, in_place=True)  # decodes the pixels first
-        if image.mode in ("I", "F") or image.mode.startswith("I;16"):
-            convert = _grey_conversion(path, image)
+        if image.mode == "F" or _has_16_bits(image):
+            convert = _grey_conversion(path, image, level)
         elif image.has_transparency_data:
             convert = _opaque_conversion(path, image)
         else:
@@ -164,15 +179,22 @@ def _opened(path: Path) -> Iterator[Image.Image]:
             warnings.simplefilter("ignore")  # about metadata, and about sizes that are decided here
             # A file object, not a name: given a name, Pillow maps uncompressed TIFF into memory, and where EXIF turns
             # the image by a quarter it takes the turned width for the stored width (seen in 13.0), which slants it.
-            with open_file(path) as file, Image.open(file, formats=_formats()) as image:
-                _check_size(path, image)
-                yield image
+            with open_file(path) as file:
+                _check_fetched(path, file)
+                with Image.open(file, formats=_formats()) as image:
+                    _check_size(path, image)
+                    yield image
     except ImageError:
         raise
     except Exception as error:  # decoders of hostile files raise anything
         raise ImageError(path, _reason(error)) from error
     finally:
         ImageFile.LOAD_TRUNCATED_IMAGES = tolerant
+
+
+def _check_fetched(path: Path, file: BufferedReader) -> None:
+    if file.peek(len(LFS_POINTER)).startswith(LFS_POINTER):
+        raise ImageError(path, IS_LFS_POINTER)
 
 
 def _check_size(path: Path, image: Image.Image) -> None:
@@ -211,23 +233,44 @@ _Conversion = Callable[[Image.Image], NDArray[np.uint8]]
 """Converts a strip to RGB, (H, W, 3), or to grey levels, (H, W, 1)."""
 
 
-def _grey_conversion(path: Path, image: Image.Image) -> _Conversion:
+def _has_16_bits(image: Image.Image) -> bool:
+    return image.mode == "I" or image.mode.startswith("I;16")
+
+
+def _grey_conversion(path: Path, image: Image.Image, level: int) -> _Conversion:
     # NumPy's extremes, not Python's: they are NaN where any value is NaN.
     extremes = [(values.min(), values.max()) for values in (np.asarray(strip) for _, strip in _strips(image))]
     low, high = np.min([low for low, _ in extremes]), np.max([high for _, high in extremes])
     if not (low >= 0 and high <= np.iinfo(np.uint16).max):  # also where an extreme is NaN
         raise ImageError(path, f"has grey values from {low} to {high}, expected 0 to 65535")
-    brightest = next(white for white in (1, 255, 65535) if high <= white)
+    is_whole = _has_16_bits(image)
+    whites = (*_OF_SENSORS, _OF_16_BITS) if is_whole else (1, 255, _OF_16_BITS)
+    brightest = next(white for white in whites if max(high, level) <= white)
 
     def convert(strip: Image.Image) -> NDArray[np.uint8]:
         values: NDArray[Any] = np.asarray(strip)
-        if np.issubdtype(values.dtype, np.integer):
-            grey = (values.astype(np.uint32) + 128) // 257
+        if is_whole:
+            grey = (values.astype(np.uint32) * 510 + brightest) // (2 * brightest)
         else:
             grey = np.floor(values * (255.0 / brightest) + 0.5)
         return grey.astype(np.uint8)[..., np.newaxis]
 
     return convert
+
+
+@lru_cache
+def _folder_level(folder: Path, suffix: str) -> int:
+    """Return the highest level of a folder's 16-bit grey images, by a few of those with a suffix."""
+    files = sorted(path for path in folder.iterdir() if path.suffix == suffix)
+    highest = 0
+    for path in (files[number] for number in spread(len(files), _SAMPLED)):
+        with suppress(ImageError), _opened(path) as image:
+            if _has_16_bits(image):
+                highest = max(highest, *(int(np.asarray(strip).max()) for _, strip in _strips(image)))
+    if highest <= _OF_SENSORS[-1]:
+        white = next(white for white in _OF_SENSORS if highest <= white)
+        _LOG.info("%s: 16-bit images have values up to %d only: %d counts as white", folder, highest, white)
+    return highest
 
 
 def _opaque_conversion(path: Path, image: Image.Image) -> _Conversion:

@@ -1,5 +1,6 @@
 """The atlas of a dataset, from the source that its config names: built once, and then found in the cache."""
 
+import logging
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import chain
@@ -16,7 +17,7 @@ from semisynth_gl.textures.atlas import Atlas, Patch
 from semisynth_gl.textures.clips import AtlasLimits, natural_key
 from semisynth_gl.textures.crop_report import CropCount, JudgedCrop, TextureReport
 from semisynth_gl.textures.crops import Square
-from semisynth_gl.textures.image_files import relative_names
+from semisynth_gl.textures.image_files import relative_names, unread_photographs
 from semisynth_gl.textures.images import OUT_OF_MEMORY
 from semisynth_gl.textures.large import with_large_patches
 from semisynth_gl.textures.pictures import Picture, TextureImage
@@ -26,8 +27,10 @@ from semisynth_gl.textures.sources import describe_source, open_source
 from semisynth_gl.textures.subjects import photographed_subjects
 from semisynth_gl.textures.view_names import groups_by_name
 
-VERSION = 4
+VERSION = 5
 """Increase this when the same inputs give other patches or pictures; see `semisynth_gl.cache.lookup`."""
+
+_LOG = logging.getLogger(__name__)
 
 # Memory for pictures that are kept to cut large patches from. The program's own take 42 MB; a plug-in's may be of any
 # number and size, and pictures beyond the limit are drawn again.
@@ -106,6 +109,8 @@ def split_images(section: TexturesSection, split: Split) -> list[Path]:
         InputError: where no image is found, or images are too few to hold some out.
     """
     images = list(describe_source(section.source).files(section))
+    if unread := unread_photographs(section.images):
+        _LOG.info("%s", unread)
     if not images or not split.held_out:
         return images
     if not section.sequence:

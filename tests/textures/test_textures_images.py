@@ -1,6 +1,7 @@
 """Reading images: every mode to its expected values, everything broken refused with a reason."""
 
 import io
+import logging
 import pickle
 import struct
 import subprocess
@@ -19,10 +20,13 @@ from numpy.typing import NDArray
 from PIL import Image, ImageCms, ImageFile
 from shared_material import SHARED, needs_shared
 
+from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import images
-from semisynth_gl.textures.image_files import find_images
+from semisynth_gl.textures.image_files import find_images, unread_photographs
 from semisynth_gl.textures.images import MAX_PIXELS, ImageError, read_image, stored_size
+from semisynth_gl.textures.prepare import split_images
 
 
 def levels(*shape: int) -> NDArray[np.uint8]:
@@ -117,6 +121,42 @@ def test_16_bit_grey_spans_8_bits(tmp_path: Path, name: str, byte_order: str) ->
     else:
         path = save(Image.fromarray(values), tmp_path / name)
     np.testing.assert_array_equal(read_image(path), as_rgb(np.rint(values / 257)))
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 14, 16])
+def test_white_is_that_of_the_sensor_whose_values_the_folder_holds(
+    tmp_path: Path, bits: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "semisynth_gl")
+    white = 2**bits - 1
+    bright, dark = (np.rint(np.array([[0, 0.1, share]]) * white).astype(np.uint16) for share in (0.9, 0.2))
+    paths = [save(Image.fromarray(values), tmp_path / name) for values, name in ((dark, "a.png"), (bright, "b.png"))]
+    save(Image.new("RGB", (9, 9), (255, 0, 0)), tmp_path / "c.png")
+    for path, values in zip(paths, (dark, bright), strict=True):
+        np.testing.assert_array_equal(read_image(path), as_rgb(np.floor(values * (255 / white) + 0.5)))
+    told = [message for message in caplog.messages if f"{white} counts as white" in message]
+    assert len(told) == len(caplog.messages) == (bits < 16)
+
+
+def test_what_git_lfs_left_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:12\nsize 3\n")
+    for read in (read_image, stored_size):
+        with pytest.raises(ImageError, match="is a Git LFS pointer"):
+            read(tmp_path / "a.png")
+
+
+def test_photographs_of_kinds_that_are_not_read_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    save(Image.effect_noise((300, 300), 80).convert("RGB"), tmp_path / "a.png")
+    for name in ("b.HEIC", "c.nef", "d.txt"):
+        (tmp_path / name).write_bytes(b"x")
+    caplog.set_level(logging.INFO, "semisynth_gl")
+    section = TexturesSection(source="images", images=(str(tmp_path),))
+    assert [path.name for path in split_images(section, Split(0))] == ["a.png"]
+    assert [message for message in caplog.messages if "left out 2 files (.heic, .nef), such as" in message]
+    (tmp_path / "a.png").unlink()
+    with pytest.raises(InputError, match=r"no image matches .*; left out 2 files \(\.heic, \.nef\)"):
+        split_images(section, Split(0))
+    assert unread_photographs([tmp_path / "d.txt"]) == ""
 
 
 def big_endian_tiff(values: NDArray[np.uint16]) -> bytes:
