@@ -130,10 +130,7 @@ def calibrate(
     check_type("`listener`", listener, Listener | None)
     if unit is not None:
         check_one_of("`unit`", unit, UNITS)
-    sources = {"range_px": range_px, "range_m": range_m, "disparity": disparity, "depth": depth}
-    given = [f"`{argument}`" for argument, value in sources.items() if value]
-    if len(given) > 1:
-        raise InputError(f"{' and '.join(given[:2])} both state the disparities: give only one of them")
+    _check_one_of({"range_px": range_px, "range_m": range_m, "disparity": disparity, "depth": depth})
     _check_pairs(pairs)
     check_type("`rectify_to`", rectify_to, str | PathLike | None)
     notes: list[str] = []
@@ -185,6 +182,12 @@ def calibrate(
     narrowed = view_note(facts) if alpha is None and fov_deg is None else None
     notes += filter(None, [narrowed, baseline_note(facts.ranges["baseline_m"]), skipped, unrectified])
     return Calibration(config, text, summary, notes)
+
+
+def _check_one_of(sources: Mapping[str, object]) -> None:
+    given = [f"`{argument}`" for argument, value in sources.items() if value]
+    if len(given) > 1:
+        raise InputError(f"{' and '.join(given[:2])} both state the disparities: give only one of them")
 
 
 def _parsed(text: str, name: str) -> Config:
