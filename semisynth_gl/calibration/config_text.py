@@ -40,7 +40,7 @@ _INDOOR_M = 20.0
 # Shares of such far pixels: only indoor scenes suit up to the first, only outdoor scenes beyond the second.
 _INDOOR_AT_MOST, _OUTDOOR_FROM = 0.005, 0.05
 # Ratio of the largest to the smallest depth up to which a street or an open ground would not fit.
-_DEPTH_OF_FLAT = 2.0
+_DEPTH_OF_FLAT = 3.0
 # Back walls have the disparities of this farthest share of the wanted pixels. Particles can hide a wall that is too
 # far, but not one that is too near.
 _WALL_UP_TO = 0.05

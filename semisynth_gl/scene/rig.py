@@ -21,8 +21,8 @@ _ALONG_BORDER = 129
 # Number of steps in the search for the near plane of a camera that deviates.
 _STEPS = 8
 
-# Largest radius of a model along the viewing axis, relative to its depth, as a share of the range of depth, relative to
-# the near plane's.
+# Largest radius of a model along the viewing axis, relative to its depth, as a share of how much deeper than the near
+# plane a very narrow range is, relative to the near plane.
 _RELIEF = 0.1
 
 BEYOND_NEAR = 1.01
@@ -153,14 +153,14 @@ def relief_px(camera: StereoCamera, section: DisparitySection) -> float:
     """Return the largest radius of models along the viewing axis, px of the image at their own depth.
 
     In a narrow range, models that are as deep as they are wide would not fit between ``min_px`` and the near plane, or
-    spread over all disparities. At a tenth of this depth, the mean of a dataset comes as near to its target as in a
-    wide range.
+    spread over all disparities. With a tenth of that depth, the mean of a dataset comes as near to its target as in a
+    wide range. The limit grows to inf where the farthest depth is twice the near plane's.
 
     Raises:
         InputError: where the camera has no near plane, see `near_depth_m`.
     """
-    far_m = float(camera.depth_m(section.min_px))
-    return _RELIEF * camera.focal_px * max(far_m / near_depth_m(camera, section) - 1, 0.0)
+    deeper = max(float(camera.depth_m(section.min_px)) / near_depth_m(camera, section) - 1, 0.0)
+    return _RELIEF * camera.focal_px * deeper / (1 - deeper) if deeper < 1 else np.inf
 
 
 def _deviating_depth_m(camera: StereoCamera, max_px: float) -> float:

@@ -545,7 +545,12 @@ def test_several_rigs_give_ranges(tmp_path):
 
 @pytest.mark.parametrize(
     ("disparities", "scenes"),
-    [((30, 40), "indoor"), ((1, 2), "outdoor"), ((19.4, 40), "indoor and outdoor")],  # 20 m is 20 px
+    [
+        ((30, 40), "indoor"),
+        ((1, 4), "outdoor"),
+        ((19.4, 62), "indoor and outdoor"),
+        ((1, 2), "indoor"),
+    ],  # 20 m is 20 px
 )
 def test_far_pixels_make_a_scene_an_outdoor_one(disparities, scenes):
     rig = plain_rig(1000, 0.4, Size(640, 480))
@@ -670,7 +675,7 @@ def test_blurred_texture_is_enlarged():
 
 
 def test_every_kind_of_scene_has_recipes_that_a_config_takes():
-    found = measured_range(Histogram.from_counts((19.4, 40), [1.0]))
+    found = measured_range(Histogram.from_counts((19.4, 62), [1.0]))
     for baseline_m, kinds in ((0.1, {"room"}), (0.4, {"room", "street"}), (4, {"street"})):
         known = facts([plain_rig(1000, baseline_m, Size(640, 480))], found)
         config = parse_config(config_text("x", known, untried_style(known.recipes)), "x.yaml")
