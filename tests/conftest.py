@@ -130,21 +130,3 @@ def square() -> Mesh:
     """The unit square in x and y, with z = 0 and u, v along x, y."""
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     return make_mesh("square", np.c_[corners, np.zeros(4)], corners, [[0, 1, 2], [0, 2, 3]])
-
-
-@pytest.fixture
-def models_read_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read models in this process: to start another one for each test would take longer than all else."""
-    from semisynth_gl.geometry import model_files, model_reader
-
-    class ReaderHere:
-        formats = model_reader.FORMATS
-        read = staticmethod(model_reader.read_parts)
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            pass
-
-    monkeypatch.setattr(model_files, "ModelReader", ReaderHere)

@@ -17,8 +17,7 @@ from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
 from semisynth_gl.geometry.families import build_family, find_family
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS, kind_weights
 from semisynth_gl.geometry.mesh import Floats, Mesh
-from semisynth_gl.geometry.model_files import load_models
-from semisynth_gl.geometry.model_process import PASSING
+from semisynth_gl.geometry.model_files import OUT_OF_MEMORY, load_models
 from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette, views_each
 from semisynth_gl.geometry.topology import marked_solid
 from semisynth_gl.inputs.errors import InputError, Skipped
@@ -149,9 +148,9 @@ def _digest(mesh: Mesh) -> str:
 def _packed(library: ModelLibrary) -> Entry | None:
     """Return the library as an entry whose arrays hold the models one after the other.
 
-    Returns None where a model was left out for a reason that may not hold the next time.
+    Returns None where a model did not fit into memory, which may fit the next time.
     """
-    if any(skipped.reason.startswith(PASSING) for skipped in library.skipped):
+    if any(skipped.reason == OUT_OF_MEMORY for skipped in library.skipped):
         return None
     values = {
         "rows": {name: [len(getattr(mesh, name)) for mesh in library.models] for name in _ARRAYS},

@@ -18,7 +18,8 @@ import trimesh
 from trimesh.exchange import load as trimesh_load
 from trimesh.resolvers import Resolver, ZipResolver
 
-from semisynth_gl.geometry.model_parts import BrokenModelError, Part, PlacedParts
+from semisynth_gl.geometry.mesh import Floats
+from semisynth_gl.geometry.model_units import BrokenModelError, Surface
 from semisynth_gl.inputs.errors import cut, described, shown
 from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER, open_file
 
@@ -52,15 +53,16 @@ _TEXT_FORMATS = frozenset({"gltf", "obj", "off", "stl", "stl_ascii", "xyz"})
 _LIMIT = f"the limit is {MAX_BYTES:,} bytes: decimate the model, for example in MeshLab or Blender"
 
 
-def read_parts(path: Path) -> PlacedParts:
-    """Read the parts of a model's file that have triangles, in the order of the nodes that place them.
+def read_surfaces(path: Path) -> list[Surface]:
+    """Read the parts of a model's file that have triangles, once for each node that places them, in the scene's frame.
 
     Files that it refers to are looked for in its own folder and below. Nothing is downloaded; materials and textures
     are left out.
 
     Raises:
-        BrokenModelError: where the file cannot be read, refers to a file elsewhere, or exceeds a limit.
-        MemoryError: where the reader needs more memory than this process may have.
+        BrokenModelError: where the file cannot be read, refers to a file elsewhere, exceeds a limit, or has vertices
+            that are not finite or triangles whose indices are out of range.
+        MemoryError: where there is not enough memory.
     """
     suffix = max((kind for kind in FORMATS if path.name.lower().endswith(f".{kind}")), key=len, default=None)
     if suffix is None:
@@ -69,18 +71,15 @@ def read_parts(path: Path) -> PlacedParts:
     if suffix not in trimesh.available_formats():
         how = f": pip install {_PACKAGES[suffix]}" if suffix in _PACKAGES else ""
         raise BrokenModelError(f"needs a package that is not installed for trimesh to read {path.suffix} files{how}")
-    with warnings.catch_warnings(), np.errstate(all="ignore"):
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             content = _read(path, MAX_BYTES)
             if suffix in _ARCHIVES:
                 scenes = _scenes_in_archive(path, suffix, content)
             else:
-                # Materials are skipped, since their textures would be read for nothing. Not for glTF, whose loader
-                # drops the UV map along with the material.
-                beside, skip_materials = _Neighbours(path, MAX_BYTES - len(content)), suffix not in {"glb", "gltf"}
-                scenes = [_scene(content, suffix, beside, skip_materials=skip_materials)]
-            return _placed_parts(scenes)
+                scenes = [_scene(content, suffix, _Neighbours(path, MAX_BYTES - len(content)))]
+            return _surfaces(scenes)
         except (BrokenModelError, MemoryError):
             raise
         except Exception as error:  # a reader may throw anything at a hostile file
@@ -88,32 +87,40 @@ def read_parts(path: Path) -> PlacedParts:
             raise BrokenModelError(f"cannot be read ({clause})") from error
 
 
-def _check_compression(gltf: bytes) -> None:
-    """Refuse a glTF or GLB file that requires a compression which is not read here."""
+def _check_gltf(gltf: bytes) -> None:
+    """Refuse a glTF or GLB file that requires a compression which is not read here, or has too many vertices."""
     text = gltf
     if gltf.startswith(b"glTF"):  # a header of 12 bytes, then the length and the kind of the chunk of JSON
         text = gltf[20 : 20 + int.from_bytes(gltf[12:16], "little")]
-    required = json.loads(text).get("extensionsRequired", [])
-    for name in filter(_COMPRESSIONS.__contains__, required):
+    document = json.loads(text)
+    for name in filter(_COMPRESSIONS.__contains__, document.get("extensionsRequired", [])):
         if name == "KHR_draco_mesh_compression" and find_spec("DracoPy") is not None:
             continue
         hint = ", or pip install DracoPy" if "draco" in name else ""
         raise BrokenModelError(f"is compressed with {_COMPRESSIONS[name]}: save it without compression{hint}")
+    # Counted before trimesh allocates them: an accessor may have more elements than the file has bytes, and trimesh
+    # copies vertices that primitives share.
+    counts = [accessor["count"] for accessor in document.get("accessors", [])]
+    attributes_of = [primitive["attributes"] for mesh in document.get("meshes", []) for primitive in mesh["primitives"]]
+    vertices = sum(counts[attributes["POSITION"]] for attributes in attributes_of if "POSITION" in attributes)
+    _require_at_most(MAX_VERTICES, "vertices", max([*counts, vertices]))
 
 
-def _scene(content: bytes, suffix: str, resolver: Resolver, *, skip_materials: bool) -> trimesh.Scene:
+def _scene(content: bytes, suffix: str, resolver: Resolver) -> trimesh.Scene:
     if zipfile.is_zipfile(io.BytesIO(content)):  # as 3mf, 3dxml and zae are
         _require_room(_unpacked_size(content))
     content = _in_utf8(content, suffix)
     if suffix in {"glb", "gltf"}:  # trimesh would look for another file, whatever is wrong with a .gltf
-        _check_compression(content)
+        _check_gltf(content)
     return trimesh.load_scene(
         io.BytesIO(content),
         file_type=suffix,
         resolver=resolver,
         process=False,
         allow_remote=False,
-        skip_materials=skip_materials,
+        # Their textures would be read for nothing. glTF's loader drops the UV map along with the material; in archives
+        # it is lost, as in datasets of earlier versions.
+        skip_materials=suffix not in {"glb", "gltf"} or isinstance(resolver, ZipResolver),
     )
 
 
@@ -138,46 +145,52 @@ def _is_binary_stl(content: bytes, suffix: str) -> bool:
     return suffix == "stl" and len(content) == 84 + 50 * int.from_bytes(content[80:84], "little")
 
 
-def _placed_parts(scenes: list[trimesh.Scene]) -> PlacedParts:
-    """Return the triangle meshes of scenes, and the nodes that place them."""
-    meshes: list[trimesh.Trimesh] = []
-    placed, matrices = [], []
-    for scene in scenes:
-        numbers: dict[Any, int] = {}
-        for node in scene.graph.nodes_geometry:
-            scene_from_part, name = scene.graph[node]
-            geometry = scene.geometry[name]
-            if not isinstance(geometry, trimesh.Trimesh) or len(geometry.faces) == 0:
-                continue  # point clouds and lines have no surface
-            if name not in numbers:
-                numbers[name] = len(meshes)
-                meshes.append(geometry)
-            placed.append(numbers[name])
-            matrices.append(np.asarray(scene_from_part, np.float64))
-    for limit, what, count in (
-        (MAX_PARTS, "parts", len(placed)),
-        (MAX_TRIANGLES, "triangles", sum(len(meshes[number].faces) for number in placed)),
-        (MAX_VERTICES, "vertices", sum(len(meshes[number].vertices) for number in placed)),
-    ):
-        if count > limit:
-            how = "join them" if what == "parts" else "decimate the model"
-            raise BrokenModelError(
-                f"has {count:,} {what}, the limit is {limit:,}: {how}, for example in MeshLab or Blender"
-            )
-    return PlacedParts(
-        tuple(map(_part, meshes)), np.array(placed, np.int64), np.array(matrices, np.float64).reshape(-1, 4, 4)
-    )
+def _surfaces(scenes: list[trimesh.Scene]) -> list[Surface]:
+    """Return the triangle meshes of scenes, once for each node that places them, in the scene's frame."""
+    placed = [
+        (part, np.asarray(scene_from_part, np.float64))
+        for scene in scenes
+        for scene_from_part, name in (scene.graph[node] for node in scene.graph.nodes_geometry)
+        # Point clouds and lines have no surface.
+        if isinstance(part := scene.geometry[name], trimesh.Trimesh) and len(part.faces) > 0
+    ]
+    _require_at_most(MAX_PARTS, "parts", len(placed))
+    _require_at_most(MAX_TRIANGLES, "triangles", sum(len(part.faces) for part, _ in placed))
+    _require_at_most(MAX_VERTICES, "vertices", sum(len(part.vertices) for part, _ in placed))
+    return [_surface(part, scene_from_part) for part, scene_from_part in placed]
 
 
-def _part(geometry: trimesh.Trimesh) -> Part:
-    vertices = np.asarray(geometry.vertices, np.float64)
-    triangles = np.asarray(geometry.faces, np.int64)
-    for what, array in (("vertices", vertices), ("triangles", triangles)):
+def _require_at_most(limit: int, what: str, count: int) -> None:
+    if count > limit:
+        how = f"{'join them' if what == 'parts' else 'decimate the model'}, for example in MeshLab or Blender"
+        raise BrokenModelError(f"has {count:,} {what}, the limit is {limit:,}: {how}")
+
+
+def _surface(part: trimesh.Trimesh, scene_from_part: Floats) -> Surface:
+    local = np.asarray(part.vertices, np.float64)
+    triangles = np.asarray(part.faces, np.int64)
+    for what, array in (("vertices", local), ("triangles", triangles)):
         if array.ndim != 2 or array.shape[1] != 3:  # trimesh reads OBJ's lines by the length of the first
             raise BrokenModelError(f"has {what} of shape {array.shape}, expected three columns")
-    uv = getattr(geometry.visual, "uv", None)
-    has_uv = uv is not None and np.shape(uv) == (len(vertices), 2)
-    return Part(vertices, triangles, np.asarray(uv, np.float64) if has_uv else None)
+    index = triangles.min() if triangles.min() < 0 else triangles.max()
+    if not 0 <= index < len(local):
+        raise BrokenModelError(f"has triangle index {index} out of range, there are {len(local)} vertices")
+    _require_finite(local, "vertices")
+    positions = local @ scene_from_part[:3, :3].T + scene_from_part[:3, 3]
+    _require_finite(positions, "vertices once its nodes are placed")
+    if np.linalg.det(scene_from_part[:3, :3]) < 0:  # reversed, so that the outside of a mirrored part stays outside
+        triangles = triangles[:, ::-1]
+    used, renumbered = np.unique(triangles, return_inverse=True)
+    upwards = getattr(part.visual, "uv", None)  # in all formats, as trimesh returns it
+    has_uv = upwards is not None and np.shape(upwards) == (len(local), 2)
+    uv = np.asarray(upwards, np.float64)[used] * (1, -1) + np.array([0, 1]) if has_uv else None
+    return positions[used], renumbered.reshape(-1, 3), uv
+
+
+def _require_finite(positions: Floats, what: str) -> None:
+    for is_bad, label in ((np.isnan(positions), "NaN"), (np.isinf(positions), "infinite")):
+        if is_bad.any():
+            raise BrokenModelError(f"has {int(is_bad.any(axis=1).sum())} {label} {what}")
 
 
 class _Neighbours(Resolver):
@@ -239,8 +252,7 @@ def _scenes_in_archive(path: Path, suffix: str, content: bytes) -> list[trimesh.
         if kind not in trimesh_load.mesh_formats():
             continue
         try:
-            # glTF's UV maps are lost with the materials, as in datasets of earlier versions.
-            scenes.append(_scene(member, kind, resolver, skip_materials=True))
+            scenes.append(_scene(member, kind, resolver))
         except MemoryError:
             raise
         except Exception as error:  # noqa: BLE001 - a reader may throw anything at a hostile file

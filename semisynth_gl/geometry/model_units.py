@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.geometry.mesh import Floats, Mesh, make_part, merged, normalised, without_degenerate
-from semisynth_gl.geometry.model_parts import BrokenModelError
 from semisynth_gl.geometry.unwrap import project_uv
 from semisynth_gl.inputs.arguments import MOST, check_type, to_array
 from semisynth_gl.inputs.errors import InputError
@@ -20,6 +19,11 @@ PULL_LIMIT = 16
 # A UV map whose distance from the origin exceeds its extent this many times is moved to the origin, because float32
 # would shift its texels. Moving it does no harm, since a patch may lie anywhere on a model.
 _FAR_UV = 1024
+
+
+class BrokenModelError(Exception):
+    """A model is unusable; the message is a clause about the file, such as ``"has no triangles"``."""
+
 
 Surface = tuple[Floats, NDArray[np.int64], Floats | None]
 """Positions, (V, 3); triangles, (T, 3); and UV, (V, 2) with v downwards, or None where there is no UV map."""

@@ -21,9 +21,10 @@ from semisynth_gl.cache import file_fingerprint, lookup, store
 from semisynth_gl.cache.store import Entry, cache_folder, cache_summary, read_entry, write_entry
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection, TexturesSection
 from semisynth_gl.engines.interrupts import interrupts_wait
-from semisynth_gl.geometry import model_library
+from semisynth_gl.geometry import model_library, model_reader
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.geometry.model_reader import read_surfaces
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import pilots
 from semisynth_gl.scene.sources import recipe_libraries
@@ -37,9 +38,6 @@ from semisynth_gl.textures.prepare import prepare_atlas
 TRIANGLE = "v 0 0 0\nv 2 0 0\nv 2 2 0\nf 1 2 3\n"
 LARGER = "v 0 0 0\nv 3 0 0\nv 2 2 0\nf 1 2 3\n"
 PARTICLES = ParticlesSection()
-
-
-pytestmark = pytest.mark.usefixtures("models_read_here")
 
 
 @pytest.fixture(autouse=True)
@@ -311,6 +309,23 @@ def test_what_may_go_otherwise_the_next_time_is_not_kept(photographs, built, mon
             prepare_atlas(section, Split(1))
     assert prepare_atlas(section, Split(0)).report.images_skipped == ()
     assert len(built) == 3
+
+
+def test_a_model_that_does_not_fit_into_memory_is_read_again_the_next_time(tmp_path, monkeypatch):
+    (tmp_path / "m").mkdir()
+    for name in ("one.obj", "two.obj"):
+        (tmp_path / "m" / name).write_text(TRIANGLE)
+
+    def read_one(path):
+        if path.name == "two.obj":
+            raise MemoryError
+        return read_surfaces(path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(model_reader, "read_surfaces", read_one)
+        library = build_library(models(tmp_path / "m"), PARTICLES, Split(0))
+        assert [skipped.path.name for skipped in library.skipped] == ["two.obj"]
+    assert build_library(models(tmp_path / "m"), PARTICLES, Split(0)).skipped == ()
 
 
 def test_keys_that_do_not_decide_the_patches_do_not_count(photographs, built):

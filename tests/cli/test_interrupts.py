@@ -5,7 +5,6 @@ import subprocess
 import sys
 
 import pytest
-from processes import alive, wait_for
 from recorder import Recorder
 
 from semisynth_gl.engines import interrupts
@@ -142,25 +141,6 @@ def test_sigterm_leaves_a_pair_undone_that_takes_long(monkeypatch):
         assert signal.getitimer(signal.ITIMER_REAL)[0] > 0
     assert signal.getitimer(signal.ITIMER_REAL) == (0, 0)
     assert signal.getsignal(signal.SIGALRM) is signal.SIG_DFL
-
-
-READER = """
-import os, signal, time
-from semisynth_gl.geometry.model_process import ModelReader
-with ModelReader() as reader:
-    # Busy, as with a large model, it would not see that nobody asks any more.
-    os.kill(reader._process.pid, signal.SIGSTOP)
-    print(reader._process.pid, flush=True)
-    time.sleep(1000)
-"""
-
-
-def test_the_process_that_reads_models_ends_with_the_program():
-    with subprocess.Popen([sys.executable, "-c", READER], stdout=subprocess.PIPE, text=True) as program:
-        reader = int(program.stdout.readline())
-        assert alive(reader)
-        program.terminate()
-    wait_for(lambda: not alive(reader))
 
 
 def test_the_second_interrupt_of_a_long_run_is_the_last_that_python_hears_of():

@@ -157,7 +157,6 @@ def test_patches_of_sampled_scenes_lie_where_scenes_say():
         np.testing.assert_array_equal(placed.view_from_model, scene.view_from_model())
 
 
-@pytest.mark.usefixtures("models_read_here")
 def test_models_of_files_lose_nothing_far_from_their_origin(tmp_path):
     ball = SIMPLE_KINDS["sphere"](np.random.default_rng(0))
     for name, away, uv_away in (("near", 0, 0), ("far", AWAY_M, PERIODS)):

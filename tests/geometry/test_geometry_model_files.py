@@ -15,7 +15,6 @@ from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
 from semisynth_gl.geometry import model_files, model_library
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_files import load_models
-from semisynth_gl.geometry.model_process import ModelReader
 from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette
 from semisynth_gl.geometry.surfaces import box
 from semisynth_gl.inputs.errors import InputError
@@ -25,9 +24,6 @@ from semisynth_gl.seeds.splits import Split
 MODELS = SHARED / "models"
 
 SQUARE = "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 2 0\n"
-
-
-pytestmark = pytest.mark.usefixtures("models_read_here")
 
 
 @pytest.fixture
@@ -273,8 +269,7 @@ def test_nothing_is_fetched_from_the_network(folder: Path, monkeypatch: pytest.M
 
 
 @needs_shared
-def test_real_models(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(model_files, "ModelReader", ModelReader)
+def test_real_models(capfd: pytest.CaptureFixture[str]) -> None:
     meshes, skipped = load_models([MODELS])
     assert {broken.path.name: broken.reason for broken in skipped} == {
         "BoxWithInfinites.glb": "has 24 infinite vertices",
@@ -298,17 +293,6 @@ def test_real_models(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixtu
     # its parts with and without UV: 3644 triangles less those without area
     assert 3600 < len(found["CesiumMilkTruck.glb"].triangles) <= 1744 + 56 + 2 * 288 + 768 + 768
     assert len(found["Duck.glb"].positions) < 1.2 * 2399
-
-
-@needs_shared
-def test_real_models_load_the_same_here_and_in_a_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    paths = [MODELS / name for name in ("Duck.glb", "chair_model.obj", "nested.glb")]
-    here, _ = load_models(paths)
-    monkeypatch.setattr(model_files, "ModelReader", ModelReader)
-    for first, second in zip(here, load_models(paths)[0], strict=True):
-        assert first.positions.tobytes() == second.positions.tobytes()
-        assert first.uv.tobytes() == second.uv.tobytes()
-        assert first.triangles.tobytes() == second.triangles.tobytes()
 
 
 def test_a_large_model_is_told_with_its_cost_before_it_is_read_and_measured(

@@ -5,23 +5,22 @@ import bz2
 import io
 import json
 import os
-import signal
 import struct
 import sys
 import tarfile
 import zipfile
-from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from trimesh.exchange import load as trimesh_load
 
-from semisynth_gl.geometry import model_process, model_reader
-from semisynth_gl.geometry.model_files import load_models
-from semisynth_gl.geometry.model_parts import BrokenModelError
-from semisynth_gl.geometry.model_process import ModelReader
-from semisynth_gl.geometry.model_reader import MAX_BYTES, read_parts
+from semisynth_gl.geometry import model_reader
+from semisynth_gl.geometry.model_files import OUT_OF_MEMORY, load_models
+from semisynth_gl.geometry.model_reader import MAX_BYTES, read_surfaces
+from semisynth_gl.geometry.model_units import BrokenModelError
 
 TRIANGLE = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
@@ -61,7 +60,7 @@ def write(folder, name, content):
 
 def reason(path):
     with pytest.raises(BrokenModelError) as caught:
-        read_parts(path)
+        read_surfaces(path)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -135,9 +134,9 @@ def test_nothing_outside_a_models_folder_is_opened(home):
         "/own.bin",
         "/x/own.bin",
     ):
-        assert len(read_parts(write(home, "a.gltf", gltf(uri))).parts) == 1
+        assert len(read_surfaces(write(home, "a.gltf", gltf(uri)))) == 1
     data = "data:application/octet-stream;base64," + base64.b64encode(TRIANGLE).decode()
-    assert len(read_parts(write(home, "a.gltf", gltf(data))).parts) == 1
+    assert len(read_surfaces(write(home, "a.gltf", gltf(data)))) == 1
 
 
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -175,7 +174,7 @@ def test_textures_and_materials_elsewhere_do_no_harm_and_are_not_opened(home, mo
         "a.ply": "ply\nformat ascii 1.0\ncomment TextureFile /etc/passwd\n" + PLY_BODY,
         "a.gltf": gltf("own.bin", images=[{"uri": "/etc/passwd"}, {"uri": "../secret.bin"}, {"uri": "pipe.bin"}]),
     }.items():
-        assert len(read_parts(write(home, name, content)).parts) == 1, name
+        assert len(read_surfaces(write(home, name, content))) == 1, name
     assert opened == ["a.obj", "b.obj", "a.ply", "a.gltf", "own.bin"]
 
 
@@ -213,13 +212,13 @@ def test_text_needs_no_further_package_in_another_encoding(tmp_path, monkeypatch
         "a.gltf": json.dumps(document(data) | {"nodes": [{"mesh": 0, "name": "Tür"}]}, ensure_ascii=False),
     }
     for name, text in texts.items():
-        parts = read_parts(write(tmp_path, name, text.encode(encoding))).parts
-        assert [len(part.triangles) for part in parts] == [1], name
+        surfaces = read_surfaces(write(tmp_path, name, text.encode(encoding)))
+        assert [len(triangles) for _, triangles, _ in surfaces] == [1], name
     with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
         archive.writestr("a.obj", texts["a.obj"].encode(encoding))
     for name, content in {"a.zip": (tmp_path / "a.zip").read_bytes(), "b.ply": PLY_BINARY, "b.stl": STL_BINARY}.items():
-        (part,) = read_parts(write(tmp_path, name, content)).parts
-        np.testing.assert_array_equal(part.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+        ((positions, _, _),) = read_surfaces(write(tmp_path, name, content))
+        np.testing.assert_array_equal(positions, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
 
 
 ROOM = 20_000
@@ -287,22 +286,21 @@ def test_what_is_unpacked_is_counted_before_it_is_kept(tmp_path, monkeypatch):
         "b.obj.bz2": bz2.compress(OBJ.encode()),
         "part.zip": zipped(a_obj=OBJ, b_ply="no model"),
     }.items():
-        assert len(read_parts(write(tmp_path, name, content)).parts) == 1, name
+        assert len(read_surfaces(write(tmp_path, name, content))) == 1, name
 
 
 def test_buffers_count_together(tmp_path, monkeypatch):
     monkeypatch.setattr(model_reader, "MAX_BYTES", ROOM)
     write(tmp_path, "a.bin", TRIANGLE + bytes(ROOM // 3))
     buffers = [{"uri": "a.bin", "byteLength": 36}]
-    assert read_parts(write(tmp_path, "a.gltf", gltf(buffers=buffers * 2))).parts
+    assert read_surfaces(write(tmp_path, "a.gltf", gltf(buffers=buffers * 2)))
     assert "too large with what it refers to" in reason(write(tmp_path, "a.gltf", gltf(buffers=buffers * 3)))
 
 
 def test_triangles_vertices_and_parts_are_counted_as_often_as_they_are_placed(tmp_path, monkeypatch):
     nodes = {"nodes": [{"mesh": 0}] * 8, "scenes": [{"nodes": list(range(8))}]}
     path = write(tmp_path, "a.glb", glb(**nodes))
-    assert len(read_parts(path).placed) == 8
-    assert len(read_parts(path).parts) == 1
+    assert len(read_surfaces(path)) == 8
     for name, limit, clause in (
         ("MAX_PARTS", 7, "has 8 parts, the limit is 7: join them"),
         ("MAX_TRIANGLES", 7, "has 8 triangles, the limit is 7: decimate the model, for example in MeshLab or Blender"),
@@ -310,7 +308,7 @@ def test_triangles_vertices_and_parts_are_counted_as_often_as_they_are_placed(tm
     ):
         with monkeypatch.context() as patch:
             patch.setattr(model_reader, name, limit + 1)
-            assert len(read_parts(path).placed) == 8
+            assert len(read_surfaces(path)) == 8
             patch.setattr(model_reader, name, limit)
             assert clause in reason(path)
 
@@ -321,7 +319,6 @@ def test_a_pipe_that_is_given_as_a_model_is_not_opened(tmp_path):
     assert "No such file" in reason(tmp_path / "absent.obj")
 
 
-@pytest.mark.usefixtures("models_read_here")
 def test_vertices_of_fewer_coordinates_than_three_are_refused_and_the_other_models_read(tmp_path):
     lines = ("f 0 0 0\nv 1 0 0\nv 0 ", "v 1\nf 1 1 1\n", "v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n")
     broken = [write(tmp_path, f"{number}.obj", text) for number, text in enumerate(lines)]
@@ -338,7 +335,7 @@ def test_vertices_of_fewer_coordinates_than_three_are_refused_and_the_other_mode
     edits=st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=5),
     end=st.floats(0.3, 1),
 )
-def test_damaged_bytes_give_parts_or_a_reason(tmp_path, name, edits, end):
+def test_damaged_bytes_give_surfaces_or_a_reason(tmp_path, name, edits, end):
     data = "data:application/octet-stream;base64," + base64.b64encode(TRIANGLE).decode()
     whole = {
         "a.obj": OBJ.encode(),
@@ -355,42 +352,38 @@ def test_damaged_bytes_give_parts_or_a_reason(tmp_path, name, edits, end):
     for at, value in edits:
         damaged[int(at * len(damaged))] = value
     try:
-        read = read_parts(write(tmp_path, name, bytes(damaged)))
+        surfaces = read_surfaces(write(tmp_path, name, bytes(damaged)))
     except (BrokenModelError, MemoryError):
         return
-    assert len(read.placed) == len(read.scene_from_part)
-    assert all(part.triangles.shape[1:] == part.vertices.shape[1:] == (3,) for part in read.parts)
+    for positions, triangles, _ in surfaces:
+        assert positions.shape[1:] == triangles.shape[1:] == (3,)
+        assert np.isfinite(positions).all()
+        assert {*triangles.flat} == {*range(len(positions))}
 
 
-def test_what_takes_too_much_memory_or_crashes_its_reader_leaves_the_other_models(tmp_path):
-    huge = {"accessors": [{"componentType": 5126, "count": 10**9, "type": "VEC3"}]}
-    views = {"bufferViews": [{"buffer": 0, "byteLength": 36}] * 5}
-    write(tmp_path, "a.glb", glb(**huge))
-    write(tmp_path, "b.obj", OBJ)
-    write(tmp_path, "c.glb", glb(**views))
-    write(tmp_path, "d.txt", "no model")
+@pytest.mark.parametrize("error", [MemoryError(), RecursionError("too deep"), ValueError("two\nlines"), KeyError("x")])
+def test_whatever_a_reader_raises_leaves_the_other_models(tmp_path, monkeypatch, error):
+    def raising(*_args, **_options):
+        raise error
+
+    monkeypatch.setitem(trimesh_load.mesh_loaders, "off", raising)
+    broken = [write(tmp_path, "a.off", "OFF"), write(tmp_path, "b.zip", zipped(a_off="OFF"))]
+    write(tmp_path, "c.obj", OBJ)
+    write(tmp_path, "d.zip", zipped(a_obj=OBJ))
     meshes, skipped = load_models([tmp_path])
-    assert [mesh.name for mesh in meshes] == ["b.obj", "c.glb"]
-    ((path, why),) = [(broken.path.name, broken.reason) for broken in skipped]
-    assert path == "a.glb"
-    assert why.startswith("takes more than 4 GiB of memory to read: decimate the model")
-    assert why.startswith(model_process.PASSING)
+    assert [mesh.name for mesh in meshes] == ["c.obj", "d.zip"]
+    assert [each.path for each in skipped] == broken
+    for each in skipped:
+        assert (each.reason == OUT_OF_MEMORY) == isinstance(error, MemoryError)
+        assert each.reason.startswith((OUT_OF_MEMORY, f"cannot be read ({type(error).__name__}"))
 
 
-def test_a_reader_that_is_killed_or_works_without_end_is_replaced(tmp_path, monkeypatch):
-    good = write(tmp_path, "good.obj", OBJ)
-    # One part for each material, each of which goes over all vertices.
-    slow = write(tmp_path, "slow.obj", "v 0 0 0\n" * 300_000 + "".join(f"usemtl {i}\nf 1 2 3\n" for i in range(20_000)))
-    monkeypatch.setattr(model_process, "MAX_CPU_S", 0)
-    write(tmp_path, "json.py", "raise SystemExit(3)")  # the process takes nothing from where the user stands
-    monkeypatch.chdir(tmp_path)
-    with ModelReader() as reader:
-        assert len(reader.read(Path("good.obj")).parts) == 1
-        with pytest.raises(BrokenModelError, match="s of a processor's time to read: decimate") as caught:
-            reader.read(slow)
-        assert str(caught.value).startswith(model_process.PASSING)
-        os.kill(reader._process.pid, signal.SIGSEGV)  # noqa: SLF001
-        with pytest.raises(BrokenModelError, match=r"crashes its reader \(SIGSEGV\)") as caught:
-            reader.read(good)
-        assert str(caught.value).startswith(model_process.PASSING)
-        np.testing.assert_array_equal(reader.read(good).parts[0].triangles, [[0, 1, 2]])
+def test_what_a_gltf_declares_is_counted_before_it_is_allocated(tmp_path, monkeypatch):
+    monkeypatch.setattr(model_reader, "MAX_VERTICES", 8)
+    monkeypatch.setattr(trimesh, "load_scene", lambda *_args, **_options: pytest.fail("trimesh read the file"))
+    absent = {"accessors": [{"componentType": 5126, "count": 10**9, "type": "VEC3"}]}
+    primitive = {"attributes": {"POSITION": 0}}
+    shared = {"meshes": [{"primitives": [primitive] * 2}, {"primitives": [primitive]}]}
+    for parts, count in ((absent, "1,000,000,000"), (shared, "9")):
+        for name, content in (("a.glb", glb(**parts)), ("a.zip", zipped(a_glb=glb(**parts)))):
+            assert reason(write(tmp_path, name, content)).startswith(f"has {count} vertices, the limit is 8: decimate")
