@@ -118,9 +118,8 @@ def _scene(content: bytes, suffix: str, resolver: Resolver) -> trimesh.Scene:
         resolver=resolver,
         process=False,
         allow_remote=False,
-        # Their textures would be read for nothing. glTF's loader drops the UV map along with the material; in archives
-        # it is lost, as in datasets of earlier versions.
-        skip_materials=suffix not in {"glb", "gltf"} or isinstance(resolver, ZipResolver),
+        # Their textures would be read for nothing. glTF's loader drops the UV map along with the material.
+        skip_materials=suffix not in {"glb", "gltf"},
     )
 
 

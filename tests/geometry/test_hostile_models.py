@@ -387,3 +387,18 @@ def test_what_a_gltf_declares_is_counted_before_it_is_allocated(tmp_path, monkey
     for parts, count in ((absent, "1,000,000,000"), (shared, "9")):
         for name, content in (("a.glb", glb(**parts)), ("a.zip", zipped(a_glb=glb(**parts)))):
             assert reason(write(tmp_path, name, content)).startswith(f"has {count} vertices, the limit is 8: decimate")
+
+
+@pytest.mark.parametrize("kind", ["glb", "gltf", "obj"])
+def test_a_model_in_an_archive_is_the_model_of_its_file(tmp_path, kind):
+    mesh = trimesh.creation.box()
+    mesh.visual = trimesh.visual.TextureVisuals(uv=np.random.default_rng(0).random((8, 2)))
+    exported = mesh.scene().export(file_type=kind)
+    files = exported if kind == "gltf" else {f"model.{kind}": exported}
+    with zipfile.ZipFile(tmp_path / "model.zip", "w") as archive:
+        for name, content in files.items():
+            write(tmp_path, name, content)
+            archive.writestr(name, content)
+    ((*_, uv),) = alone = read_surfaces(tmp_path / f"model.{kind}")
+    assert uv.shape == (8, 2)
+    np.testing.assert_equal(read_surfaces(tmp_path / "model.zip"), alone)
