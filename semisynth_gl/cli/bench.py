@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from semisynth_gl.cli.options import COUNT, MOST_WORKERS, SEED, Callback, ConfigName, option, option_group, set_option
-from semisynth_gl.cli.outputs import Output, json_report, output_option
+from semisynth_gl.cli.outputs import Output, output_option
 from semisynth_gl.cli.wording import Command
 from semisynth_gl.config import load_config
 from semisynth_gl.listener import Listener
@@ -33,14 +33,14 @@ class _BenchOptions:
     def run(self, benchmark: ModuleType, effort: Any, output: Output) -> None:  # noqa: ANN401 - each benchmark has its own
         """Measure with a benchmark module and its ``Effort``; print the report, and write it as JSON to the output."""
         config = load_config(self.config_name, self.settings)
-        output.check_beside(self.config_name, config)
+        output.check(self.config_name)
         report = benchmark.measure(config, self.seed, self.backend, effort, _Parts())
         report["command"] = " ".join(["semisynth-gl", *sys.argv[1:]])
         output.write_json(report)
         click.echo(f"{benchmark.headline(report)}\n\n{benchmark.table(report)}")
 
 
-def _bench_options(command: str, config: str) -> Callable[[Callback], Callback]:
+def _bench_options(config: str) -> Callable[[Callback], Callback]:
     """Return a decorator for the shared options, with a default config, and for --json of a bench command."""
     options = option_group(
         "options",
@@ -61,8 +61,7 @@ def _bench_options(command: str, config: str) -> Callable[[Callback], Callback]:
             help="egl: a GPU, or llvmpipe; osmesa: Mesa's off-screen renderer; auto: the first that works.",
         ),
     )
-    kind = json_report(f"semisynth-gl bench {command}", config=str, machine=dict)
-    report = output_option("--json", kind, help="Also write the full report to this JSON file.")
+    report = output_option("--json", help="Also write the full report to this JSON file.")
     return lambda callback: options(report(callback))
 
 
@@ -74,7 +73,7 @@ class _Parts(Listener):
 
 
 @bench.command(cls=Command)
-@_bench_options("accuracy", "eth3d")
+@_bench_options("eth3d")
 @option("--pairs", type=COUNT, default=3, help="Number of pairs to measure.")
 @option("--rays", type=COUNT, default=20_000, help="Rays cast for each eye of a pair.")
 @option("--repeats", type=COUNT, default=7, help="How often each alternative is timed.")
@@ -104,7 +103,7 @@ def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[i
 
 
 @bench.command(cls=Command)
-@_bench_options("speed", "middlebury")
+@_bench_options("middlebury")
 @option(
     "--pairs", type=COUNT, default=8, help="Pairs in a round of each number of workers; at least 4 for each worker."
 )

@@ -4,7 +4,7 @@ import re
 import shlex
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import click
 
@@ -22,7 +22,7 @@ from semisynth_gl.cli.options import (
     option,
     set_option,
 )
-from semisynth_gl.cli.outputs import CONFIG, Output, output_option
+from semisynth_gl.cli.outputs import Output, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.cli.wording import Command, in_options
@@ -126,7 +126,7 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
     "recipes get the same weight, and textures are as in the packaged configs.",
 )
 @set_option()
-@output_option("--out", CONFIG, ".yaml", ".yml", required=True, help="YAML file to write.")
+@output_option("--out", ".yaml", ".yml", required=True, help="YAML file to write.")
 def calibrate(
     images: tuple[str, ...],
     calib: tuple[str, ...],
@@ -140,8 +140,8 @@ def calibrate(
     **others: Any,  # noqa: ANN401 - arguments of the function that calibrates
 ) -> None:
     """Write a config for a rig: its camera, the disparities that it sees, and the photographs to cut patches from."""
-    output.check((*calib, *disparity, *depth, *images, *chain.from_iterable(pairs)))
-    out = output.file
+    output.check(*calib, *disparity, *depth, *images, *chain.from_iterable(pairs))
+    out = cast("Path", output.path)  # the option is required
     with Progress() as progress:
         made = calibrate_rig(
             images,

@@ -3,7 +3,7 @@
 import click
 
 from semisynth_gl.cli.options import COUNT, FilesType, images_option, map_options, option
-from semisynth_gl.cli.outputs import Output, further_output_option, json_report, marked_png, output_option
+from semisynth_gl.cli.outputs import Output, further_output_option, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.wording import Command
 from semisynth_gl.comparison.compare import Comparison, comparison_json, comparison_table
@@ -35,14 +35,8 @@ from semisynth_gl.textures.subjects import of_subjects
 )
 @option("--sample", type=COUNT, default=SAMPLE, help="How many pairs to measure, evenly spread over the dataset.")
 @option("--split", type=click.Choice(SPLITS), help="Measure only this split.")
-@output_option(
-    "--json",
-    json_report("semisynth-gl compare", width_px=int, measures=list, profiles=list),
-    help="Also write all figures, unrounded, to this JSON file.",
-)
-@further_output_option(
-    "--out", "picture", marked_png("semisynth-gl compare"), ".png", help="Also draw all distributions into this PNG."
-)
+@output_option("--json", help="Also write all figures, unrounded, to this JSON file.")
+@further_output_option("--out", "picture", ".png", help="Also draw all distributions into this PNG.")
 def compare(
     directory: str,
     images: tuple[str, ...],
@@ -59,7 +53,7 @@ def compare(
     Photographs are enough to compare textures and luminance; disparity maps add depth, occlusion and borders.
     """
     for file in (output, picture):
-        file.check([*disparity, *images], images)
+        file.check(*disparity, *images)
     with Progress() as progress:
         comparison = compare_dataset(
             directory,

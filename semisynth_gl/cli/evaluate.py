@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from semisynth_gl.cli.options import FilesType, UserPath, option
-from semisynth_gl.cli.outputs import Output, json_report, marked_png, output_option
+from semisynth_gl.cli.outputs import Output, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.wording import Command
 from semisynth_gl.codecs.png import RGB8
@@ -22,7 +22,6 @@ from semisynth_gl.seeds.splits import SPLITS, SplitName
 _PATH = UserPath()
 # Most pairs with a row in a table, unless --all is given.
 _WORST = 10
-_ERROR_MAP = marked_png("semisynth-gl evaluate")
 
 
 @click.command(cls=Command)
@@ -49,11 +48,7 @@ _ERROR_MAP = marked_png("semisynth-gl evaluate")
 @option("--mask", "masks", type=_PATH, help="Folder of masks to use instead of --gt's; 255 means not occluded.")
 @option("--split", type=click.Choice(SPLITS), help="Evaluate only this split of --gt.")
 @option("--partial", is_flag=True, help="Evaluate the predictions that exist, even if others are missing.")
-@output_option(
-    "--json",
-    json_report("semisynth-gl evaluate", pairs=int, mean=dict, images=list),
-    help="Also write all figures, unrounded, to this JSON file.",
-)
+@output_option("--json", help="Also write all figures, unrounded, to this JSON file.")
 @option("--all", "show_all", is_flag=True, help=f"Print a row for every pair, not only for the {_WORST} worst.")
 @option("--maps", type=_PATH, help="Also write an error map of each pair into this folder.")
 def evaluate(
@@ -83,7 +78,7 @@ def evaluate(
         raise InputError("expected --gt, the truth, or --pred-right, which judges without truth")
     truth_set = find_truth(truth, split, masks)
     inputs = {"--pred": str(predictions), "--gt": truth} | ({} if masks is None else {"--mask": str(masks)})
-    output.check([*inputs.values()])
+    output.check()
     pictures = _error_maps(maps, truth_set, inputs, output)
     files = find_predictions(predictions, truth_set.pairs, partial=partial)
     protocol = PROTOCOLS[protocol_name or truth_set.protocol]
@@ -127,7 +122,7 @@ def _evaluate_views(
     """
     if refused:
         raise InputError(f"--pred-right judges without truth: leave {', '.join(refused)} out")
-    output.check([str(predictions), str(predictions_right)])
+    output.check()
     report = evaluate_views(predictions, predictions_right)
     output.write_json(report, allow_nan=False)
     click.echo(f"{counted(report['pairs'], 'pair')} without truth: % of pixels that the right view does not confirm\n")
@@ -155,9 +150,10 @@ def _error_maps(maps: Path | None, truth_set: TrueSet, inputs: Mapping[str, str]
                 "another folder"
             )
         raise InputError(f"--maps {maps}: is the folder of {name}, which must not change; name another folder")
-    pictures = {
-        pair.name: Output("--maps", _ERROR_MAP, maps / f"{pair.name}.png", output.overwrite) for pair in truth_set.pairs
-    }
-    for picture in pictures.values():
-        picture.check([*inputs.values()], makes_folder=True)
+    pictures = {}
+    for pair in truth_set.pairs:
+        path = maps / f"{pair.name}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pictures[pair.name] = Output("--maps", path, output.overwrite)
+        pictures[pair.name].check()
     return pictures

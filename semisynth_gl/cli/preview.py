@@ -7,7 +7,7 @@ import click
 import numpy as np
 
 from semisynth_gl.cli.options import SceneOptions, option, scene_options
-from semisynth_gl.cli.outputs import Output, further_output_option, marked_ply, marked_png, output_option
+from semisynth_gl.cli.outputs import Output, further_output_option, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.cli.wording import Command
@@ -23,11 +23,10 @@ _FEWEST = 4
 
 @click.command(cls=Command)
 @scene_options
-@output_option("--out", marked_png("semisynth-gl preview"), ".png", default="preview.png", help="PNG file to write.")
+@output_option("--out", ".png", default="preview.png", help="PNG file to write.")
 @further_output_option(
     "--ply",
     "cloud",
-    marked_ply("semisynth-gl preview"),
     ".ply",
     metavar="FILE",
     help="Also write the first shown pair's left view to this PLY file, as a coloured point cloud in metres.",
@@ -49,7 +48,7 @@ def preview(scene: SceneOptions, output: Output, cloud: Output, pairs: int | Non
 
     config = scene.config()
     for file in (output, cloud):
-        file.check_beside(scene.config_name, config)
+        file.check(scene.config_name, *scene.images)
     recipes = config.recipes()
     with PairRenderer(config, scene.seed, scene.backend) as renderer, Progress() as progress:
         indices = renderer.sampler.overview(pairs or max(_FEWEST, len(recipes)))
@@ -71,7 +70,7 @@ def preview(scene: SceneOptions, output: Output, cloud: Output, pairs: int | Non
     png = io.BytesIO()
     draw_sheet([pair.frame for _, pair in grouped], target, title, names, weights).savefig(png, format="png")
     output.write(png.getvalue())
-    say(f"{counted(len(shown), 'pair')} in {output.file}")
+    say(f"{counted(len(shown), 'pair')} in {output.path}")
     if cloud.path is not None:
         points = first.frame.points()
         seen = np.isfinite(points[..., 2])

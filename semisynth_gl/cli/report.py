@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from semisynth_gl.cli.options import COUNT, FilesType, option
-from semisynth_gl.cli.outputs import Output, marked_html, output_option
+from semisynth_gl.cli.outputs import Output, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.cli.wording import Command
@@ -20,7 +20,6 @@ from semisynth_gl.seeds.splits import SPLITS, SplitName
 @click.argument("directory", type=FilesType(), metavar="DIR_OR_ADDRESS")
 @output_option(
     "--out",
-    marked_html("semisynth-gl report"),
     ".html",
     ".htm",
     help="HTML file to write.  [default: the dataset's name and -report.html, in the current folder]",

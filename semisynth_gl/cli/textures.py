@@ -5,7 +5,7 @@ import io
 import click
 
 from semisynth_gl.cli.options import SEED, ConfigName, images_option, option, read_config, set_option
-from semisynth_gl.cli.outputs import Output, marked_png, output_option
+from semisynth_gl.cli.outputs import Output, output_option
 from semisynth_gl.cli.streams import say
 from semisynth_gl.cli.wording import Command
 from semisynth_gl.config import packaged_configs
@@ -14,7 +14,6 @@ from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.crop_report import REJECTIONS, TextureReport, count_crops
 from semisynth_gl.textures.image_files import printable
 from semisynth_gl.textures.prepare import named_images, prepare_atlas, split_images
-from semisynth_gl.textures.reach import photograph_sources
 
 
 @click.command(cls=Command)
@@ -29,14 +28,14 @@ from semisynth_gl.textures.reach import photograph_sources
 @images_option()
 @option("--seed", type=SEED, default=0, help="Seed of the dataset whose patches to draw.")
 @set_option(help="Override a key of the config, for example textures.patch_px=512. May be repeated.")
-@output_option("--out", marked_png("semisynth-gl textures"), ".png", default="textures.png", help="PNG file to write.")
+@output_option("--out", ".png", default="textures.png", help="PNG file to write.")
 def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tuple[str, ...], output: Output) -> None:
     """Draw the patches that a dataset shows, count them, and say how many crops were rejected and why."""
     # Imported here: other commands need no fonts.
     from semisynth_gl.textures.sheet import draw_texture_sheet  # noqa: PLC0415
 
     section = read_config(config_name, images, (), settings).textures
-    output.check([config_name], photograph_sources(section))
+    output.check(config_name, *images)
     split = Split(seed)
     photographs = split_images(section, split)
     atlas = prepare_atlas(section, split, photographs)
@@ -51,7 +50,7 @@ def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tup
     for line in _table(report):
         say(line)
     say(report.summary())
-    say(f"{counted(kept, 'patch')} in {output.file}")
+    say(f"{counted(kept, 'patch')} in {output.path}")
 
 
 def _table(report: TextureReport) -> list[str]:

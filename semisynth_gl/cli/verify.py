@@ -5,7 +5,7 @@ import time
 import click
 
 from semisynth_gl.cli.options import COUNT, FilesType, option
-from semisynth_gl.cli.outputs import Output, json_report, output_option
+from semisynth_gl.cli.outputs import Output, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.wording import Command
 from semisynth_gl.inputs.errors import counted
@@ -17,11 +17,7 @@ from semisynth_gl.verification.verify import verify as verify_dataset
 @click.argument("directory", type=FilesType(), metavar="DIR_OR_ADDRESS")
 @option("--oracle", is_flag=True, help="Also make each scene again and compare the truth with float64 rays.")
 @option("--pixels", type=COUNT, default=500, help="Rays that --oracle casts for each pair.")
-@output_option(
-    "--json",
-    json_report("semisynth-gl verify", pairs=int, findings=list, measures=dict),
-    help="Also write findings and measures to this JSON file.",
-)
+@output_option("--json", help="Also write findings and measures to this JSON file.")
 def verify(directory: str, oracle: bool, pixels: int, output: Output) -> None:
     """Read a dataset back from its files, as a user's program would, and print its faults.
 

@@ -8,7 +8,6 @@ import subprocess
 import sys
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -1231,28 +1230,6 @@ def test_comments_say_where_numbers_are_from(call, tmp_path):
     assert "# the back wall: the farthest 5% of the pixels" in text
     assert call(*given, "--calib", "scene0/calib.txt", "--range-px", 0.5, 40)[0] == 0
     assert "# the far plane: between infinity and min_px" in (tmp_path / "a.yaml").read_text()
-
-
-def test_runs_beside_each_other_keep_to_their_own_file(call, tmp_path, monkeypatch):
-    given = (
-        "calibrate", "--images", "photos", "--focal-px", 700, "--baseline-m", 0.12, "--size", "300x300",
-        "--range-px", 2, 96, "--out", "lab.yaml", "--overwrite", "--trials", 0,
-    )  # fmt: skip
-    photographs(tmp_path / "photos", 1, (300, 300))
-    names = []
-    write = Path.write_bytes
-
-    def write_bytes(path, data):
-        if "lab.yaml" in path.name:
-            names.append(path.name)
-        return write(path, data)
-
-    monkeypatch.setattr(Path, "write_bytes", write_bytes)
-    for process in (11, 12):
-        monkeypatch.setattr(os, "getpid", lambda process=process: process)
-        assert call(*given)[0] == 0
-    assert len(set(names)) == len(names) == 2
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["lab.yaml", "photos"]
 
 
 def test_an_invalid_config_is_reported_under_its_own_name(call, tmp_path, monkeypatch):

@@ -72,7 +72,7 @@ def run(*arguments):
 def figures_of(tmp_path, *arguments):
     """What --json writes, and Python returns."""
     path = tmp_path / "figures.json"
-    assert run(*arguments, "--json", path)[0] == 0
+    assert run(*arguments, "--json", path, "--overwrite")[0] == 0
     said = json.loads(path.read_text())
     given = dict(zip(arguments[::2], arguments[1::2], strict=True))
     options = {"split": given.get("--split"), "masks": given.get("--mask")}
