@@ -8,7 +8,7 @@
 # not, it stops with the one line to type.
 set -eu
 
-# The packages that semisynth_gl/render/context.py names too; tests/project/test_setup.py holds the two together.
+# The packages that semisynth_gl/render/context.py names too.
 opengl_packages="libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri"
 osmesa_package="libosmesa6"
 

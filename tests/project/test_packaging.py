@@ -5,12 +5,14 @@ import re
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
 from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
 
 import pytest
 from heavy import heavy
+from ruamel.yaml import YAML
 
 from semisynth_gl.inputs.resources import data_root
 
@@ -154,6 +156,14 @@ def test_the_installed_wheel_finds_its_data(elsewhere: dict[str, str], target: P
     show = f"from semisynth_gl.inputs.resources import data_root; print(*map(data_root, {DATA_FOLDERS!r}), sep='\\n')"
     folders = run(sys.executable, "-S", "-c", show, cwd=tmp_path, env=elsewhere).splitlines()
     assert [Path(folder) for folder in folders] == [target / "semisynth_gl" / name for name in DATA_FOLDERS]
+
+
+def test_the_version_is_the_same_everywhere() -> None:
+    citation = YAML(typ="safe", pure=True).load(CHECKOUT / "CITATION.cff")
+    newest = re.search(r"^## (\S+), ", (CHECKOUT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
+    project = tomllib.loads((CHECKOUT / "pyproject.toml").read_text("utf-8"))["project"]
+    assert newest is not None
+    assert str(citation["version"]) == newest[1] == project["version"]
 
 
 def test_the_installed_program_says_its_version(elsewhere: dict[str, str], target: Path, tmp_path: Path) -> None:

@@ -24,7 +24,6 @@ from semisynth_gl.config.load import parse_config
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.generation.generate import generate
 
-LANGUAGES = {"python", "sh", "bash", "console", "text", "toml", "yaml"}
 RUN = {"python", "sh", "bash"}
 PROGRAM = "semisynth-gl"
 ALL_BLOCKS = [block for page in PAGES for block in blocks(page)]
@@ -173,15 +172,6 @@ def test_the_heavy_blocks_of_a_page_run_in_order(page, make_folder):
 # --- what is not run ---
 
 
-def test_every_block_says_what_it_is():
-    assert [block.place for block in ALL_BLOCKS if block.language not in LANGUAGES] == []
-    for path in PAGES.values():
-        prose = re.sub(r"^```.*?^```", "", path.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL)
-        assert re.findall(r"\n\n(    .*)", prose) == [], (
-            f"{path.name}: an indented block; fence it, and name its language"
-        )
-
-
 def test_every_block_that_could_run_runs_or_says_why_not():
     assert [block.place for block in ALL_BLOCKS if block.language in RUN and not block.mark] == []
     assert [block.place for block in ALL_BLOCKS if block.language not in {*RUN, "yaml"} and block.mark] == []
@@ -194,13 +184,6 @@ def test_every_block_that_could_run_runs_or_says_why_not():
     # Else one is misspelt, or away from its block.
     assert sum(map(len, comments)) == sum(bool(block.mark) for block in ALL_BLOCKS)
     assert sum(block.mark == "runnable" for block in ALL_BLOCKS) > 5
-
-
-def test_what_is_presumed_is_of_a_page_that_runs_something():
-    assert (
-        PRESUMED.keys() - {page for page in PAGES if any(block.mark.startswith("run") for block in blocks(page))}
-        == set()
-    )
 
 
 @pytest.mark.parametrize("place", [block.place for block in CONFIGS if not block.mark])
