@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, mkdtemp
 from typing import Any
 
 import numpy as np
@@ -24,8 +24,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from semisynth_gl.cache import lookup
-from semisynth_gl.cache.store import Entry
+from semisynth_gl.cache import Entry, read_entry
 from semisynth_gl.config import Config
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection, TexturesSection
 from semisynth_gl.geometry import model_library
@@ -139,17 +138,15 @@ def _photograph(seed: int) -> Image.Image:
 
 def _kept(folder: Path, build: Callable[[], object]) -> dict[str, Numbers]:
     """Build something with an empty cache, and return the entries that it gets, by their kinds."""
-    entries: dict[str, Entry] = {}
+    kept = mkdtemp(dir=folder)
     # Kinds that are quick to draw stand for the program's own: which are drawn, and in which order.
     kinds = [_named(kind.__name__, number) for number, kind in enumerate(drawn.KINDS)]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(lookup, "cache_folder", lambda: folder)
-        patch.setattr(lookup, "read_entry", lambda _: None)
-        patch.setattr(lookup, "write_entry", lambda name, entry: entries.update({name.partition("-")[0]: entry}))
+        patch.setenv("SEMISYNTH_GL_CACHE", kept)
         patch.setattr(drawn, "KINDS", kinds)
         patch.setitem(sources.SOURCES, "builtin", replace(sources.SOURCES["builtin"], files=lambda _: ()))
         build()
-    return {kind: _numbers(entry) for kind, entry in entries.items()}
+    return {path.name.partition("-")[0]: _numbers(read_entry(path)) for path in sorted(Path(kept).iterdir())}
 
 
 def _named(name: str, number: int) -> Callable[[np.random.Generator], Any]:
@@ -162,8 +159,8 @@ def _named(name: str, number: int) -> Callable[[np.random.Generator], Any]:
 
 def _numbers(entry: Entry) -> Numbers:
     arrays = {name: _number(array) for name, array in entry.arrays.items()}
-    # Where files lie, their times, and exact hashes of pixels are no part of what is compared.
-    values = {key: value for key, value in entry.values.items() if key not in {"files", "pictures"}}
+    # Exact hashes of pixels are no part of what is compared.
+    values = {key: value for key, value in entry.values.items() if key != "pictures"}
     leaves = list(_leaves(values))
     texts = "\n".join(leaf for leaf in leaves if isinstance(leaf, str))
     numbers = np.array([float(leaf) for leaf in leaves if not isinstance(leaf, str)])

@@ -7,7 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 import click
 import numpy as np
 
-from semisynth_gl.cache.store import cache_summary
+from semisynth_gl.cache import cache_summary
 from semisynth_gl.cli.wording import Command
 from semisynth_gl.config.plugin_recipes import plugin_recipe
 from semisynth_gl.geometry.families import build_family

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.cache.lookup import cached, installed_packages, package_versions
-from semisynth_gl.cache.store import Entry
+from semisynth_gl.cache import Entry, cached, file_states, installed_packages, package_versions
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
 from semisynth_gl.geometry.families import build_family, find_family
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS, kind_weights
@@ -26,7 +25,7 @@ from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
 
 VERSION = 2
-"""Increase this when the same inputs give other models; see `semisynth_gl.cache.lookup`."""
+"""Increase this when the same inputs give other models; see `semisynth_gl.cache`."""
 
 FULL_FAMILY = 25
 """Number of the user's models from which on their family has its full weight; fewer have a proportional part of it. It
@@ -89,22 +88,20 @@ def build_library(section: ModelsSection, particles: ParticlesSection, split: Sp
             "stretch": particles.model_dump(mode="json", include={"stretch", "thinness"}),
             "seed": split.dataset_seed,
             "split": [split.name, sorted(split.held_out.items()) if split.models else []],
-            "files": [[str(path.absolute()) for path in group] for group in files],
+            # Only the reader of a model knows which files it opens, so all count.
+            "files": [[[str(path.absolute()) for path in group], file_states(group)] for group in files],
             "versions": package_versions("numpy", "pyrr"),
             "families": {plugin.name: [plugin.record, plugin.code_sha256] for plugin in families},
             # A reader or a family may use any package.
             "readers": installed_packages() if folders or families else [],
         }
 
-    flat = [path for group in files for path in group]
     return cached(
         "models",
         VERSION,
         key,
         work="making models",
-        files=flat,
-        # Only the reader of a model knows which files it opened, so all files count.
-        build=lambda: (_build(section, particles, split), flat),
+        build=lambda: _build(section, particles, split),
         pack=_packed,
         unpack=_unpacked,
     )

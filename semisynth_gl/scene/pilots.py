@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from semisynth_gl.cache.lookup import cached, package_versions
-from semisynth_gl.cache.store import Entry
+from semisynth_gl.cache import Entry, cached, package_versions
 from semisynth_gl.config.model import Config
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.scene import Floats
@@ -24,7 +23,7 @@ _KEYS = (Purpose.CAMERA, Purpose.BACKGROUND, Purpose.STRUCTURES, Purpose.SWAY, P
 # The sections that `draw_stage` reads.
 _SECTIONS = {"camera", "rig", "disparity", "background", "room", "street", "structures"}
 VERSION = 1
-"""To be raised by each change of the code that changes pilot scenes; see `semisynth_gl.cache.lookup`."""
+"""To be raised by each change of the code that changes pilot scenes; see `semisynth_gl.cache`."""
 
 
 class Pilot(NamedTuple):
@@ -49,8 +48,8 @@ def draw_pilots(config: Config, seed: int, catalogue: Catalogue) -> list[Pilot]:
             "versions": package_versions("numpy", "pyrr"),
         }
 
-    def build() -> tuple[list[Pilot], Sequence[Any]]:
-        return [_draw_pilot(config, seed, number, catalogue) for number in range(_PILOTS)], ()
+    def build() -> list[Pilot]:
+        return [_draw_pilot(config, seed, number, catalogue) for number in range(_PILOTS)]
 
     return cached("pilots", VERSION, key, build=build, pack=_packed, unpack=_unpacked)
 

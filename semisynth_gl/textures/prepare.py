@@ -7,8 +7,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from semisynth_gl.cache.lookup import cached, installed_packages, package_versions
-from semisynth_gl.cache.store import Entry
+from semisynth_gl.cache import Entry, cached, file_states, installed_packages, package_versions
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import Skipped
 from semisynth_gl.seeds.seeds import Purpose, generator
@@ -28,7 +27,7 @@ from semisynth_gl.textures.subjects import photographed_subjects
 from semisynth_gl.textures.view_names import groups_by_name
 
 VERSION = 5
-"""Increase this when the same inputs give other patches or pictures; see `semisynth_gl.cache.lookup`."""
+"""Increase this when the same inputs give other patches or pictures; see `semisynth_gl.cache`."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -63,6 +62,7 @@ def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path]
             "section": section.model_dump(mode="json", exclude=_NOT_DECISIVE),
             "seed": split.seed,
             "images": list(relative_names(images).values()),
+            "files": file_states(images),
             # Names of folders above the folder that all images share tell subjects apart, too.
             "subjects": groups_by_name(images),
             "versions": package_versions("numpy", "Pillow"),
@@ -75,29 +75,27 @@ def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path]
         VERSION,
         key,
         work=f"making {source.patches}" + (f" (images: {len(images):,})" if source.noun == "photograph" else ""),
-        files=images,
         build=lambda: _build(section, split, images),
         pack=lambda atlas: pack_atlas(atlas, images),
         unpack=lambda entry: unpack_atlas(entry, images),
     )
 
 
-def _build(section: TexturesSection, split: Split, images: Sequence[Path]) -> tuple[Atlas, Sequence[Path]]:
-    """Return the atlas, and the files that were opened for it."""
+def _build(section: TexturesSection, split: Split, images: Sequence[Path]) -> Atlas:
     rng = generator(split.seed, Purpose.ATLAS)
     if section.source == "procedural":
-        return procedural_atlas(rng, section.max_patches, section.patch_px), []
+        return procedural_atlas(rng, section.max_patches, section.patch_px)
     pictures = split_pictures(section, split)
     if not section.large_px or section.sequence:
         return build_atlas(images, section, AtlasLimits(), rng, pictures)
     kept: dict[str, TextureImage] = {}
     keeping = None if pictures is None else _keeping(pictures, kept)
-    atlas, opened = build_atlas(images, section, AtlasLimits(), rng, keeping)
+    atlas = build_atlas(images, section, AtlasLimits(), rng, keeping)
 
     def named(names: Collection[str]) -> dict[str, TextureImage]:
         return kept | named_images(section, set(names) - set(kept), split, images)
 
-    return with_large_patches(atlas, named, section, generator(split.seed, Purpose.LARGE_PATCHES)), opened
+    return with_large_patches(atlas, named, section, generator(split.seed, Purpose.LARGE_PATCHES))
 
 
 def split_images(section: TexturesSection, split: Split) -> list[Path]:

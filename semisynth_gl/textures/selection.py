@@ -44,7 +44,7 @@ def build_atlas(
     limits: AtlasLimits,
     rng: np.random.Generator,
     pictures: Iterable[Picture] | None = None,
-) -> tuple[Atlas, list[Path]]:
+) -> Atlas:
     """Crop squares out of images and keep crops with texture that are sharp and unlike each other.
 
     Images are opened one at a time in random order. Each offers its good crops in random order, with scales taking
@@ -72,8 +72,7 @@ def build_atlas(
         pictures: drawn pictures, iterated over once; None where the source has none.
 
     Returns:
-        The atlas, with its patches ordered by image, side, row and column, files before pictures; and the files that
-        were opened, the only ones that can have changed the atlas.
+        The atlas, with its patches ordered by image, side, row and column, files before pictures.
 
     Raises:
         InputError: where there is no patch, or two pictures have one name.
@@ -106,16 +105,13 @@ def build_atlas(
     report = selection.report(chosen, skipped, not_opened=sum(map(len, pending.values())))
     if not chosen:
         raise InputError(_no_patch_message(len(images) + len(drawn), report))
-    # The headers of all successive frames are read.
-    unopened = set() if section.sequence else set(chain.from_iterable(pending.values()))
     sources = {patch.square.source for patch in chosen}
-    atlas = Atlas(
+    return Atlas(
         opaque_layers([patch.frames for patch in chosen]),
         _described(chosen, report.subjects),
         report,
         {name: digest for name, digest in drawn.items() if name in sources},
     )
-    return atlas, [path for path in images if path not in unopened]
 
 
 def _note_digest(picture: Picture, drawn: dict[str, str]) -> None:

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from semisynth_gl.cache.lookup import cached, package_versions
-from semisynth_gl.cache.store import Entry
+from semisynth_gl.cache import Entry, cached, file_states, package_versions
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.textures.borders import inside_borders
 from semisynth_gl.textures.image_files import relative_names
@@ -23,7 +22,7 @@ from semisynth_gl.textures.images import OUT_OF_MEMORY, ImageError, read_reduced
 from semisynth_gl.textures.view_names import groups_by_name
 
 VERSION = 2
-"""Increase this when the same photographs are grouped differently; see `semisynth_gl.cache.lookup`."""
+"""Increase this when the same photographs are grouped differently; see `semisynth_gl.cache`."""
 
 ALIKE = 0.6
 """Mean correlation of both halves above which two photographs are of one subject.
@@ -109,18 +108,19 @@ def photographed_subjects(photographs: Sequence[Path]) -> list[list[Path]]:
     only.
     """
 
-    def build() -> tuple[tuple[list[int], bool], Sequence[Path]]:
+    def build() -> tuple[list[int], bool]:
         finder, whole = SubjectFinder(photographs), True
         for number, path in enumerate(photographs if len(photographs) > 1 else ()):
             try:
                 finder.add(number, read_reduced(path, _LEAST_SIDES))
             except ImageError as error:
                 whole &= error.reason != OUT_OF_MEMORY
-        return ([finder.subject(number) for number in range(len(photographs))], whole), photographs
+        return [finder.subject(number) for number in range(len(photographs))], whole
 
     def key() -> dict[str, Any]:
         return {
             "names": list(relative_names(photographs).values()),
+            "files": file_states(photographs),
             # Names of folders above the folder that all photographs share count, too.
             "groups": groups_by_name(photographs),
             "versions": package_versions("numpy", "Pillow"),
@@ -131,7 +131,6 @@ def photographed_subjects(photographs: Sequence[Path]) -> list[list[Path]]:
         VERSION,
         key,
         work=f"comparing {counted(len(photographs), 'photograph')}" if len(photographs) > _MANY else None,
-        files=photographs,
         build=build,
         pack=lambda found: Entry({"subjects": found[0]}, {}) if found[1] else None,
         unpack=lambda entry: ([int(subject) for subject in entry.values["subjects"]], True),

@@ -4,8 +4,7 @@ import hashlib
 import json
 import logging
 import os
-import shutil
-import signal
+import pickle
 import subprocess
 import sys
 from dataclasses import fields
@@ -14,13 +13,14 @@ from pathlib import Path
 import built as fixed
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from PIL import Image
 from tiny_datasets import cheap
 
-from semisynth_gl.cache import file_fingerprint, lookup, store
-from semisynth_gl.cache.store import Entry, cache_folder, cache_summary, read_entry, write_entry
+from semisynth_gl import cache
+from semisynth_gl.cache import SUFFIX, Entry, cache_folder, cache_summary, cached, file_states
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection, TexturesSection
-from semisynth_gl.engines.interrupts import interrupts_wait
 from semisynth_gl.geometry import model_library, model_reader
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import build_library
@@ -42,9 +42,8 @@ PARTICLES = ParticlesSection()
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """A cache of the test's own, in which the times of new files count."""
+    """A cache of the test's own."""
     monkeypatch.setenv("SEMISYNTH_GL_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(file_fingerprint, "_YOUNG_NS", -(10**15))
     return tmp_path / "cache"
 
 
@@ -138,7 +137,7 @@ def test_an_atlas_that_is_found_equals_the_one_that_was_built(photographs, built
     assert len(built) == 2
 
 
-def test_work_that_takes_seconds_is_logged_where_nothing_is_found(photographs, folder, caplog, monkeypatch):
+def test_work_that_takes_seconds_is_logged_where_nothing_is_found(photographs, folder, caplog):
     caplog.set_level(logging.INFO, "semisynth_gl")
     section, kinds = textures(photographs), ModelsSection(complex=0.0, variants=1)
     for _ in range(2):
@@ -146,11 +145,6 @@ def test_work_that_takes_seconds_is_logged_where_nothing_is_found(photographs, f
         build_library(kinds, PARTICLES, Split(3))
     atlas, library = "making patches of photographs (images: 6)", "making models"
     assert caplog.messages == [f"{work}; later runs find them in {folder}" for work in (atlas, library)]
-    (folder.parent / "file").write_text("")
-    for without in ("off", str(folder.parent / "file"), str(folder.parent / "file/below")):
-        monkeypatch.setenv("SEMISYNTH_GL_CACHE", without)
-        prepare_atlas(section, Split(3))
-    assert caplog.messages[2:] == [atlas] * 3
 
 
 def test_models_that_are_found_equal_those_that_were_built(tmp_path, built):
@@ -205,95 +199,40 @@ def test_pilot_scenes_that_are_found_equal_those_that_were_drawn(monkeypatch):
         assert len(drawn) == 3 * number, changes
 
 
-def opened_and_not(home):
-    """One photograph that the atlas of `textures` was cut from, and one that was not opened for it."""
-    atlas = prepare_atlas(textures(home), Split(0))
-    used = {patch.source for patch in atlas.patches}
-    assert atlas.report.images_not_opened == 6 - len(used) > 0
-    names = [path.relative_to(home).as_posix() for path in sorted(home.rglob("*.png"))]
-    return home / min(used), home / next(name for name in names if name not in used)
-
-
-def test_a_start_reads_no_photograph(photographs, built, monkeypatch):
-    opened_and_not(photographs)
-    monkeypatch.setattr(file_fingerprint, "read_fingerprint", pytest.fail)
-    monkeypatch.setattr(lookup, "read_fingerprint", pytest.fail)
-    prepare_atlas(textures(photographs), Split(0))
-    assert built == ["build_atlas"]
-
-
-@pytest.mark.parametrize("times", ["new", "set back"])
-def test_a_changed_photograph_counts_if_it_was_opened(photographs, built, times):
-    for path, expected in zip(opened_and_not(photographs), (2, 2), strict=True):
-        status = path.stat()
-        save(path, 77)
-        assert path.stat().st_size == status.st_size
-        if times == "set back":
-            os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
-        found = prepare_atlas(textures(photographs), Split(0))
-        assert len(built) == expected
-        assert_same_atlas(found, rebuilt(photographs))
-        built.pop()
-
-
 def rebuilt(home):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SEMISYNTH_GL_CACHE", "off")
         return prepare_atlas(textures(home), Split(0))
 
 
-def test_photographs_that_came_or_went_count(photographs, built):
-    _, spare = opened_and_not(photographs)
-    save(photographs / "new.png", 8)
-    assert_same_atlas(prepare_atlas(textures(photographs), Split(0)), rebuilt(photographs))
-    assert len(built) == 3
-    (photographs / "new.png").unlink()
-    spare.unlink()
-    assert_same_atlas(prepare_atlas(textures(photographs), Split(0)), rebuilt(photographs))
-    assert len(built) == 5
-
-
-def test_touched_and_moved_photographs_are_the_same_ones(photographs, built, tmp_path, monkeypatch):
-    opened, _ = opened_and_not(photographs)
-    (photographs / "broken.png").write_bytes(b"no image")
-    section = textures(photographs, max_patches=99)
-    first = prepare_atlas(section, Split(0))
-    built.clear()
-    os.utime(opened, ns=(5, 5))
-    assert_same_atlas(prepare_atlas(section, Split(0)), first)
-    with monkeypatch.context() as patch:  # their new times were noted
-        patch.setattr(file_fingerprint, "read_fingerprint", pytest.fail)
-        prepare_atlas(section, Split(0))
-    shutil.copytree(photographs, tmp_path / "copy")
-    moved = prepare_atlas(textures(tmp_path / "copy", max_patches=99), Split(0))
-    assert built == []
-    np.testing.assert_array_equal(moved.layers, first.layers)
-    assert moved.report.images_skipped[0].path == tmp_path / "copy/broken.png"
-
-
-def test_times_of_files_that_changed_just_now_prove_nothing(photographs, built, monkeypatch):
-    monkeypatch.setattr(file_fingerprint, "_YOUNG_NS", 10**12)
-    opened, _ = opened_and_not(photographs)
-    seen = file_fingerprint.stat_fingerprint(opened)
-    monkeypatch.setattr(
-        file_fingerprint, "stat_fingerprint", lambda _: seen
-    )  # the clock of the file system stands still
+def test_photographs_that_change_come_or_go_count(photographs, built):
     prepare_atlas(textures(photographs), Split(0))
-    assert len(built) == 1
-    save(opened, 77)
-    prepare_atlas(textures(photographs), Split(0))
-    assert len(built) == 2
+    before = (photographs / "0.png").stat()
 
+    def set_back():
+        save(photographs / "0.png", 77)
+        os.utime(photographs / "0.png", ns=(before.st_atime_ns, before.st_mtime_ns))
 
-def test_what_changes_while_it_is_read_is_not_kept(photographs, folder, monkeypatch):
-    def read_and_change(path):
-        image = read_image(path)
-        save(path, 55)
-        return image
+    def swap():
+        for path in (photographs / "1.png", photographs / "2.png"):
+            os.utime(path, ns=(5, 5))
+        prepare_atlas(textures(photographs), Split(0))
+        (photographs / "1.png").rename(photographs / "other")
+        (photographs / "2.png").rename(photographs / "1.png")
+        (photographs / "other").rename(photographs / "2.png")
 
-    monkeypatch.setattr(clips, "read_image", read_and_change)
-    prepare_atlas(textures(photographs), Split(0))
-    assert not folder.exists()
+    for change in (
+        lambda: save(photographs / "0.png", 7),
+        set_back,
+        swap,
+        lambda: save(photographs / "new.png", 8),
+        (photographs / "3.png").unlink,
+    ):
+        change()
+        built.clear()
+        found = prepare_atlas(textures(photographs), Split(0))
+        assert built == ["build_atlas"]
+        assert_same_atlas(found, rebuilt(photographs))
 
 
 def test_what_may_go_otherwise_the_next_time_is_not_kept(photographs, built, monkeypatch):
@@ -352,8 +291,8 @@ def test_another_version_of_a_builder_finds_nothing(photographs, built, tmp_path
 
 
 def test_every_user_of_the_cache_has_a_version():
-    package = Path(lookup.__file__).parents[1]
-    users = {path for path in package.rglob("*.py") if "cache.lookup import cached" in path.read_text("utf-8")}
+    package = Path(cache.__file__).parent
+    users = {path for path in package.rglob("*.py") if "semisynth_gl.cache import Entry, cached" in path.read_text()}
     assert users == {Path(builder.__file__) for builder in fixed.BUILDERS.values()}
 
 
@@ -405,7 +344,6 @@ def test_models_are_read_again_when_their_folder_changes(tmp_path, built):
     for change, expected in (
         (lambda: None, True),
         (lambda: None, False),
-        (lambda: os.utime(home / "one.obj", ns=(7, 7)), False),
         (set_back, True),
         (lambda: (home / "one.bin").write_text("otherwise"), True),
         (lambda: (home / "two.obj").write_text(TRIANGLE), True),
@@ -435,93 +373,153 @@ def test_single_files_and_missing_folders_are_not_kept(tmp_path, built):
         build_library(models(tmp_path / "absent"), PARTICLES, Split(0))
 
 
-def entry():
-    return Entry({"a": [1, 0.1, None]}, {"none": np.zeros((0, 3)), "x": np.arange(50, dtype=np.float32).reshape(5, 10)})
+def pair(number=0, version=1, work=None, builds=None):
+    """A result of numbers and arrays from the cache; ``builds`` gets an item when it is built."""
+    return cached(
+        "pair",
+        version,
+        lambda: {"number": number},
+        work=work,
+        build=lambda: (None if builds is None else builds.append(number)) or ([number, 0.1, None, "ä"], *ARRAYS),
+        pack=lambda result: Entry({"head": result[0]}, {"none": result[1], "x": result[2]}),
+        unpack=lambda entry: (entry.values["head"], entry.arrays["none"], entry.arrays["x"]),
+    )
 
 
-def test_damage_is_noticed_wherever_it_is(folder):
-    write_entry("e", entry())
-    found = read_entry("e")
-    assert found.values == entry().values
-    for name, array in entry().arrays.items():
-        assert_same_array(found.arrays[name], array)
+ARRAYS = np.zeros((0, 3)), np.arange(3000, dtype=np.float32).reshape(300, 10)
+
+
+def assert_pair(found, number=0):
+    assert found[0] == [number, 0.1, None, "ä"]
+    for array, expected in zip(found[1:], ARRAYS, strict=True):
+        assert_same_array(array, expected)
+
+
+def test_a_result_is_built_once_for_each_key_and_version():
+    builds = []
+    for number, version in [(0, 1), (0, 1), (1, 1), (0, 2), (1, 1), (0, 1)]:
+        assert_pair(pair(number, version, builds=builds), number)
+    assert builds == [0, 1, 0]
+
+
+def cut_off(share):
+    return lambda data: data[: int(share * len(data))]
+
+
+def overwritten(share, other):
+    return lambda data: data[: (at := int(share * len(data)))] + other + data[at + len(other) :]
+
+
+CHANGES = st.one_of(
+    st.builds(cut_off, st.floats(0, 1)),
+    st.builds(overwritten, st.floats(0, 1), st.binary(min_size=1, max_size=40)),
+)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(CHANGES)
+def test_a_damaged_entry_gives_the_same_result(folder, change):
+    pair()
     [path] = folder.iterdir()
-    whole = path.read_bytes()
-    told = whole.index(b"}", whole.index(b'"arrays"')) + 1
-    for at in [*range(told), *range(len(whole) - 200, len(whole))]:
-        path.write_bytes(whole[:at] + bytes([whole[at] ^ 4]) + whole[at + 1 :])
-        assert read_entry("e") is None, at
-    for length in range(0, len(whole), 3):
-        path.write_bytes(whole[:length])
-        assert read_entry("e") is None, length
+    path.write_bytes(change(path.read_bytes()))
+    builds = []
+    assert_pair(pair(builds=builds))
+    assert_pair(pair(builds=builds))
+    assert len(builds) < 2
     path.unlink()
-    path.mkdir()
-    assert read_entry("e") is None
 
 
-@pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "of another kind"])
-def test_a_damaged_entry_is_made_again(photographs, built, folder, damage):
-    first = prepare_atlas(textures(photographs), Split(0))
+class Trap:
+    """Fails the test where it is unpickled."""
+
+    def __reduce__(self):
+        return pytest.fail, ("the cache ran a pickle",)
+
+
+@pytest.mark.parametrize("foreign", ["an array", "a pickle", "pickled arrays", "fewer arrays", "a smaller shape"])
+def test_what_is_no_entry_is_made_again(folder, foreign):
+    pair()
     [path] = folder.iterdir()
     whole = path.read_bytes()
-    if damage == "of another kind":
-        write_entry(path.stem, Entry({"files": {}}, {}))
-    else:
-        flipped = bytes([whole[-9] ^ 1])
-        path.write_bytes({"cut": whole[:-5], "flipped": whole[:-9] + flipped + whole[-8:], "empty": b""}[damage])
+    with path.open("wb") as file:
+        if foreign == "an array":
+            np.save(file, ARRAYS[1])
+        elif foreign == "a pickle":
+            pickle.dump(Trap(), file)
+        elif foreign == "pickled arrays":
+            np.savez(file, values=np.array([Trap()], object), x=ARRAYS[1])
+        elif foreign == "fewer arrays":
+            np.savez(file, values=np.frombuffer(b'{"head": [0, 0.1, null]}', np.uint8), x=ARRAYS[1])
+        else:
+            file.write(whole.replace(b"(300, 10)", b"(100, 10)"))
+    builds = []
     for _ in range(2):
-        assert_same_atlas(prepare_atlas(textures(photographs), Split(0)), first)
-    assert len(built) == 2
-    assert [each.name for each in folder.iterdir()] == [path.name]
+        assert_pair(pair(builds=builds))
+    assert builds == [0]
 
 
-@pytest.mark.parametrize("place", ["off", "OFF", "below a file", "/proc/nothing/cache"])
-def test_without_a_cache_all_goes_on(photographs, built, tmp_path, monkeypatch, place):
+@pytest.mark.parametrize("place", ["off", "OFF", "below a file", "a file", "/proc/nothing/cache"])
+def test_without_a_folder_that_can_be_written_all_goes_on(tmp_path, monkeypatch, caplog, place):
+    caplog.set_level(logging.INFO, "semisynth_gl")
     (tmp_path / "file").write_text("")
-    monkeypatch.setenv("SEMISYNTH_GL_CACHE", str(tmp_path / "file/cache") if "file" in place else place)
+    chosen = {"a file": tmp_path / "file", "below a file": tmp_path / "file/cache"}.get(place, place)
+    monkeypatch.setenv("SEMISYNTH_GL_CACHE", str(chosen))
+    builds = []
     for _ in range(2):
-        prepare_atlas(textures(photographs), Split(0))
-    assert len(built) == 2
-    assert cache_summary()
+        assert_pair(pair(work="making pairs", builds=builds))
+    assert builds == [0, 0]
+    assert caplog.messages == ["making pairs"] * 2
+    assert cache_summary().startswith("off")
 
 
-def test_a_full_disk_is_no_fault(tmp_path, monkeypatch):
-    write_entry("old", entry())
+def test_a_file_that_is_gone_is_left_to_the_builder(tmp_path):
+    key = lambda: {"files": file_states([tmp_path / "absent"])}  # noqa: E731
+    assert cached("gone", 1, key, build=lambda: 5, pack=pytest.fail, unpack=pytest.fail) == 5
+
+
+def test_a_full_disk_is_no_fault(folder, tmp_path, monkeypatch):
+    pair(0)
     partial = tmp_path / "partial"
     partial.symlink_to("/dev/full")
     with monkeypatch.context() as patch:
-        patch.setattr(store.tempfile, "mkstemp", lambda **_: (os.open(partial, os.O_WRONLY), str(partial)))
-        write_entry("new", entry())
+        patch.setattr(cache.tempfile, "mkstemp", lambda *_, **__: (os.open(partial, os.O_WRONLY), str(partial)))
+        assert_pair(pair(1), 1)
     assert not partial.is_symlink()
-    assert read_entry("new") is None
-    assert read_entry("old") is not None
-    monkeypatch.setattr(store, "LIMIT_SHARE", 0.0)  # no room at all
-    write_entry("new", entry())
-    assert read_entry("new") is None
+    assert len(list(folder.iterdir())) == 1
+    monkeypatch.setattr(cache, "LIMIT_SHARE", 0.0)
+    assert_pair(pair(1), 1)
+    assert len(list(folder.iterdir())) == 1
 
 
-def test_what_was_not_used_for_longest_goes_first(folder, monkeypatch):
+def test_entries_that_were_unused_for_longest_go_first(folder, monkeypatch):
     folder.mkdir()
-    (folder / "notes.txt").write_text("the user's")
-    (folder / f"x{store.PARTIAL_SUFFIX}").write_bytes(bytes(300))  # of a killed process
-    os.utime(folder / f"x{store.PARTIAL_SUFFIX}", ns=(1, 1))
-    for age, name in enumerate("abc"):
-        write_entry(name, entry())
-        os.utime(folder / f"{name}{store.SUFFIX}", ns=(age + 2, age + 2))
-    read_entry("a")
-    size = (folder / f"a{store.SUFFIX}").stat().st_size
-    monkeypatch.setattr(store, "LIMIT_BYTES", 3 * size)
-    write_entry("d", entry())
-    assert sorted(path.name[0] for path in folder.iterdir()) == ["a", "c", "d", "n"]
-    monkeypatch.setattr(store, "LIMIT_BYTES", size - 1)
-    write_entry("e", entry())  # too large by itself: nothing goes for it
-    assert sorted(path.name[0] for path in folder.iterdir()) == ["a", "c", "d", "n"]
+    (folder / "photographs.npz").write_text("the user's")
+    (folder / f"x{SUFFIX}").write_bytes(bytes(300))  # of a process that was killed
+    os.utime(folder / f"x{SUFFIX}", ns=(1, 1))
+    for number in range(3):
+        known = set(folder.iterdir())
+        pair(number)
+        [path] = set(folder.iterdir()) - known
+        os.utime(path, ns=(number + 2, number + 2))
+    pair(0)
+    monkeypatch.setattr(cache, "LIMIT_BYTES", 3 * path.stat().st_size)
+    pair(3)
+    monkeypatch.setattr(cache, "LIMIT_BYTES", 100)
+    pair(4)  # too large by itself: none goes for it
+    builds = []
+    monkeypatch.undo()
+    monkeypatch.setenv("SEMISYNTH_GL_CACHE", str(folder))
+    for number in (0, 2, 3, 1, 4):
+        pair(number, builds=builds)
+    assert builds == [1, 4]
+    assert (folder / "photographs.npz").exists()
+    assert not (folder / f"x{SUFFIX}").exists()
 
 
 def test_two_processes_at_once(photographs, folder):
     script = (
         "import hashlib, sys\n"
-        "from semisynth_gl.cache.store import cache_folder\n"
+        "from semisynth_gl.cache import cache_folder\n"
         "from semisynth_gl.config.scene_sections import TexturesSection\n"
         "from semisynth_gl.seeds.splits import Split\n"
         "from semisynth_gl.textures.prepare import prepare_atlas\n"
@@ -566,12 +564,3 @@ def test_where_the_cache_lies(tmp_path, monkeypatch):
     assert cache_summary() == f"{tmp_path}, 0 MB of at most 4000 MB"
     monkeypatch.setenv("SEMISYNTH_GL_CACHE", "off")
     assert cache_summary() == "off"
-
-
-def test_an_interrupt_waits_for_what_would_swallow_it():
-    before = signal.getsignal(signal.SIGINT)
-    done = []
-    with pytest.raises(KeyboardInterrupt), interrupts_wait():
-        done += [signal.raise_signal(signal.SIGINT), "what follows"]
-    assert done == [None, "what follows"]
-    assert signal.getsignal(signal.SIGINT) == before

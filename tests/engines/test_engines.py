@@ -19,6 +19,7 @@ from recorder import Recorder
 
 from semisynth_gl.engines import local
 from semisynth_gl.engines.cluster import RayEngine
+from semisynth_gl.engines.interrupts import interrupts_wait
 from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.inputs.errors import ContextLostError, InputError, WorkerError
 from semisynth_gl.listener import Listener
@@ -284,3 +285,12 @@ def test_workers_end_with_the_first_process(number, tmp_path):
         errors = program.stderr.read()
     # Workers say nothing of it.
     assert errors.count("Traceback") == (number == signal.SIGINT)
+
+
+def test_an_interrupt_waits_for_what_would_swallow_it():
+    before = signal.getsignal(signal.SIGINT)
+    done = []
+    with pytest.raises(KeyboardInterrupt), interrupts_wait():
+        done += [signal.raise_signal(signal.SIGINT), "what follows"]
+    assert done == [None, "what follows"]
+    assert signal.getsignal(signal.SIGINT) == before

@@ -11,8 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from semisynth_gl.cache.file_fingerprint import read_fingerprint, stat_fingerprint
-from semisynth_gl.cache.store import SUFFIX, read_entry
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.cli.options import read_config
 from semisynth_gl.codecs.disparity_map import read_disparity_map
@@ -109,17 +107,12 @@ def test_whatever_names_a_file_refuses_what_is_none(traps, reader):
         assert said in message or reader == "models", message  # models go by their ending
 
 
-def test_a_dataset_and_the_cache_open_nothing_else(traps, tmp_path, monkeypatch):
+def test_a_dataset_opens_nothing_else(traps, tmp_path):
     for path in traps:
-        assert read_fingerprint(path, stat_fingerprint(path)) is None
         folder = Folder(path.parent)
         for read in (folder.read, folder.open) if path.parent.name == "traps" else ():
             with pytest.raises(ReadError, match=r"expected a file|is a link"):
                 read(path.name)
-    monkeypatch.setenv("SEMISYNTH_GL_CACHE", str(tmp_path / "cache"))
-    (tmp_path / "cache").mkdir()
-    os.mkfifo(tmp_path / "cache" / f"models-1{SUFFIX}")
-    assert read_entry("models-1") is None
     for name in ("index.json", "shards/plan.json"):
         dataset = tmp_path / f"dataset-{name[:5]}"
         (dataset / "shards").mkdir(parents=True)

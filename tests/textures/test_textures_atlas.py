@@ -57,7 +57,7 @@ def build(
         max_patches=max_patches,
         sequence=sequence,
     )
-    return build_atlas(images, section, AtlasLimits(max_layers, max_frames), np.random.default_rng(seed))[0]
+    return build_atlas(images, section, AtlasLimits(max_layers, max_frames), np.random.default_rng(seed))
 
 
 def check_consistent(atlas: Atlas, images_given: int) -> None:

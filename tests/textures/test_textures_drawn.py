@@ -55,7 +55,7 @@ def built(
     **keys: object,
 ) -> Atlas:
     section = SECTION.model_copy(update=keys)
-    return build_atlas(files or [], section, limits or AtlasLimits(), np.random.default_rng(0), pictures)[0]
+    return build_atlas(files or [], section, limits or AtlasLimits(), np.random.default_rng(0), pictures)
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)

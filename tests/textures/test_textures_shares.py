@@ -99,7 +99,7 @@ def test_surfaces_wear_a_subject_as_often_as_a_photograph_alone():
 
 def built(pictures, **keys):
     section = TexturesSection(patch_px=64, scales=(1.0,), **keys)
-    return build_atlas([], section, AtlasLimits(), np.random.default_rng(0), pictures)[0]
+    return build_atlas([], section, AtlasLimits(), np.random.default_rng(0), pictures)
 
 
 def test_an_uneven_say_is_said():

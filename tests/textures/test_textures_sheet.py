@@ -9,7 +9,7 @@ from announcements import without_announcements
 from PIL import Image, ImageFilter, ImageOps
 from shared_material import SHARED, needs_shared
 
-from semisynth_gl.cache.store import Entry
+from semisynth_gl.cache import Entry
 from semisynth_gl.cli import main
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.seeds.splits import Split

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from PIL import Image
 from shared_material import SHARED, needs_shared
 
-from semisynth_gl.cache import file_fingerprint
 from semisynth_gl.config.dataset_sections import SplitsSection
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import InputError
@@ -184,7 +183,6 @@ def test_subjects_are_joined_by_names_and_content(tmp_path):
 
 def test_photographs_are_compared_once(tmp_path, monkeypatch):
     monkeypatch.setenv("SEMISYNTH_GL_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(file_fingerprint, "_YOUNG_NS", -(10**15))
     opened, read = [], subjects.read_reduced
     monkeypatch.setattr(subjects, "read_reduced", lambda *arguments: opened.append(arguments) or read(*arguments))
     left, right = views(0)

@@ -1,0 +1,194 @@
+"""The cache: results that are built once, and kept on disk for later runs.
+
+An entry is an .npz file, named by the SHA-256 of a key. The key holds everything that decides the result: values,
+states of files, versions of packages. The code of a builder is not part of the key. Its module has a `VERSION`;
+increase it with each change of what the builder makes of the same inputs, or of how it packs the result. tests/built.py
+finds changes without an increase.
+
+At any time the cache may be emptied, damaged, full, forbidden or used by several processes: then the result is built
+again, and the run goes on.
+"""
+
+import hashlib
+import json
+import logging
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from importlib.metadata import version as package_version
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+LIMIT_BYTES = 4_000_000_000
+"""Largest size of all entries together; a full atlas of 256-pixel patches takes 134 MB."""
+
+LIMIT_SHARE = 0.1
+"""Largest size of all entries together, as a share of the space that the disk would have free without them."""
+
+SUFFIX = ".prepared"
+"""Ending of entries: the user may choose a folder that holds .npz files of theirs."""
+
+_VARIABLE = "SEMISYNTH_GL_CACHE"
+_LOG = logging.getLogger(__name__)
+_Result = TypeVar("_Result")
+
+
+class Entry(NamedTuple):
+    """The content of an entry: values in JSON's types, and arrays of numbers or bool by any name but "values"."""
+
+    values: dict[str, Any]
+    arrays: dict[str, NDArray[Any]]
+
+
+def cached(
+    kind: str,
+    version: int,
+    key: Callable[[], Mapping[str, Any]],
+    *,
+    work: str | None = None,
+    build: Callable[[], _Result],
+    pack: Callable[[_Result], Entry | None],
+    unpack: Callable[[Entry], _Result],
+) -> _Result:
+    """Return a result from the cache, or build it and put it into the cache; errors of ``build`` are passed on.
+
+    Args:
+        kind: the sort of result, with which the entry's name begins.
+        version: the builder's version.
+        key: returns, in JSON's types, everything that decides the result. Where it raises OSError or ImportError, the
+            cache is not used.
+        work: what ``build`` does, such as "making models", logged as INFO before it begins; None where it is quick.
+        build: returns the result.
+        pack: turns a result into an entry; None keeps the result out of the cache.
+        unpack: turns an entry into a result that equals the built one in every value.
+    """
+    path = None
+    with suppress(OSError, ImportError):
+        if (folder := cache_folder()) is not None:
+            digest = hashlib.sha256(json.dumps([version, key()], sort_keys=True).encode()).hexdigest()
+            path = folder / f"{kind}-{digest}{SUFFIX}"
+    if path is not None:
+        with suppress(Exception):  # there is no entry, or a damaged one, which may fail in any way
+            return unpack(read_entry(path))
+        if not is_writable(path.parent):
+            path = None
+    if work is not None:
+        _LOG.info("%s%s", work, f"; later runs find them in {path.parent}" if path else "")
+    result = build()
+    if path is not None and (entry := pack(result)) is not None:
+        with suppress(OSError):
+            write_entry(path, entry)
+    return result
+
+
+def file_states(paths: Iterable[Path]) -> list[tuple[int, int, int]]:
+    """Return the size and the times of files, for a key; raises OSError where there is no such file.
+
+    The time of the last change of name or rights counts, too: files that have swapped their names may have equal sizes
+    and times otherwise.
+    """
+    return [(status.st_size, status.st_mtime_ns, status.st_ctime_ns) for status in map(os.stat, paths)]
+
+
+def package_versions(*packages: str) -> dict[str, str]:
+    """Return the versions of packages by name; raises ImportError where a package is not installed."""
+    return {package: package_version(package) for package in packages}
+
+
+def installed_packages() -> list[str]:
+    """Return the metadata folders of all installed packages, which have name and version, such as "x-1.0.dist-info".
+
+    They are for the keys of results that any package may change.
+    """
+    names = {path.name for folder in map(Path, sys.path) if folder.is_dir() for path in folder.iterdir()}
+    return sorted(name for name in names if name.endswith((".dist-info", ".egg-info")))
+
+
+def cache_folder() -> Path | None:
+    """Return the folder of the entries, which may not exist yet; None where the user switched the cache off."""
+    chosen = os.environ.get(_VARIABLE, "")
+    if chosen.lower() == "off":
+        return None
+    try:
+        if chosen:
+            return Path(chosen).expanduser()
+        base = Path(os.environ.get("XDG_CACHE_HOME", ""))
+        return (base if base.is_absolute() else Path.home() / ".cache") / "semisynth-gl"
+    except RuntimeError:  # the user has no home folder
+        return None
+
+
+def is_writable(folder: Path) -> bool:
+    """Return whether entries can be written to their folder, which is made where it does not exist."""
+    with suppress(OSError):
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    return folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)
+
+
+def cache_summary() -> str:
+    """Return one line with the cache's folder, the size of its entries and `LIMIT_BYTES`, or "off".
+
+    On a disk with little free space, `LIMIT_SHARE` makes the true limit lower than the one in the line.
+    """
+    folder = cache_folder()
+    if folder is None:
+        return "off"
+    if not is_writable(folder):
+        return f"off: {folder} cannot be written to; set {_VARIABLE} to another folder"
+    total = sum(size for _, size, _ in _entry_files(folder))
+    return f"{folder}, {total / 1e6:.0f} MB of at most {LIMIT_BYTES / 1e6:.0f} MB"
+
+
+def read_entry(path: Path) -> Entry:
+    """Read an entry; raises an error of any class where it is absent, damaged or another program's."""
+    with np.load(path, allow_pickle=False) as file:
+        # NumPy reads no further than an array's header says, so a damaged header may escape the checksums.
+        if damaged := file.zip.testzip():
+            raise ValueError(f"{path} is damaged at {damaged}")
+        arrays = {name: file[name] for name in file.files}
+    with suppress(OSError):
+        os.utime(path)  # the entries that were unused for longest are removed first
+    return Entry(json.loads(arrays.pop("values").tobytes()), arrays)
+
+
+def write_entry(path: Path, entry: Entry) -> None:
+    """Write an entry, unless it is larger than all entries may be together; raises OSError where it cannot be written.
+
+    Entries that were unused for longest are removed to make room.
+    """
+    files = _entry_files(path.parent)
+    total = sum(size for _, size, _ in files)
+    limit = min(LIMIT_BYTES, int(LIMIT_SHARE * (shutil.disk_usage(path.parent).free + total)))
+    room = limit - sum(array.nbytes for array in entry.arrays.values())
+    if room < 0:
+        return
+    for _, size, oldest in files:
+        if total <= room:
+            break
+        oldest.unlink(missing_ok=True)
+        total -= size
+    content: Any = entry.arrays | {"values": np.frombuffer(json.dumps(entry.values).encode(), np.uint8)}
+    # Under a name of its own until it is whole: other processes may read or write the same entry meanwhile.
+    handle, partial = tempfile.mkstemp(SUFFIX, dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            np.savez(file, **content)
+        Path(partial).replace(path)
+    finally:
+        Path(partial).unlink(missing_ok=True)
+
+
+def _entry_files(folder: Path) -> list[tuple[int, int, Path]]:
+    """Return time of last use (ns), size (bytes) and path of all entries, unused for longest first."""
+    files = []
+    for path in folder.glob(f"*{SUFFIX}"):
+        with suppress(OSError):  # another process removed the file
+            status = path.stat()
+            files.append((status.st_mtime_ns, status.st_size, path))
+    return sorted(files)

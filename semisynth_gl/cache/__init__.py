@@ -1,1 +1,0 @@
-"""The cache: results that are built once and kept on disk for later runs."""
