@@ -82,7 +82,7 @@ def cases() -> Iterator[tuple[str, tuple[str, ...]]]:
     yield "sky", ("--config", "eth3d", "--pairs", "2", "--layout", "webdataset", *MOVING, *sky)
     left = (*ETH3D, "--truth", "left")
     yield "truth/left", (*left, "--outputs", "visibility,instances,depth")
-    for antialias in ("edges", "msaa4", "ssaa2"):
+    for antialias in ("edges", "ssaa2"):
         yield f"antialias/{antialias}", (*ETH3D, "--set", f"antialias={antialias}")
     yield "anisotropy", (*ETH3D, "--set", "textures.anisotropy=4")
     yield "imperfections", (*ETH3D, *NOISE)

@@ -1,6 +1,6 @@
 """This project's renderer: one `Renderer` for all frames, its arrays written by its own encoders.
 
-Variants: none, edges, msaa4 and ssaa2 antialias the images that way; all is none with the right disparity and both
+Variants: none, edges and ssaa2 antialias the images that way; all is none with the right disparity and both
 visibilities as well, which is what a dataset's pair holds.
 """
 

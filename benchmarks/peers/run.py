@@ -83,7 +83,6 @@ class Candidate:
 CANDIDATES = (
     Candidate(OURS, "none", "semisynth-gl"),
     Candidate(OURS, "edges", "semisynth-gl, images antialiased along edges"),
-    Candidate(OURS, "msaa4", "semisynth-gl, images 4x multisampled"),
     Candidate(OURS, "ssaa2", "semisynth-gl, images 2x2 supersampled"),
     Candidate(OURS, "all", "semisynth-gl, both disparities and visibilities"),
     *(

@@ -97,7 +97,7 @@ SETS: Mapping[str, TrainingSet] = {
     ),
     "sparse": TrainingSet("a third as many models, larger", {"particles.density": "sparse"}),
     "dense": TrainingSet("three times as many models, smaller", {"particles.density": "dense"}),
-    "antialiased": TrainingSet("colours of 4 samples a pixel", {"antialias": "msaa4"}),
+    "antialiased": TrainingSet("colours of 4 samples a pixel", {"antialias": "ssaa2"}),
     "imperfect": TrainingSet(
         "blurred lenses and noise of each eye", {"imperfections": {"blur_px": [0, 0.8], "noise": [0, 3]}}
     ),

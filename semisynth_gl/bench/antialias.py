@@ -20,7 +20,6 @@ from semisynth_gl.scene.scene import Scene
 MODES: Mapping[str, str] = {
     "none": "one sample at the pixel's centre",
     "edges": "shares of pixels along outlines",
-    "msaa4": "4 coverage samples, one colour a surface",
     "ssaa2": "4 samples, averaged",
     "ssaa3": "9 samples, averaged",
 }

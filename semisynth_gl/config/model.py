@@ -134,8 +134,7 @@ class Config(Section):
             ``sky``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``; with ``lens``, ``valid``,
             ``raw``, ``raw_map``.
         truth: views that get truth: ``both`` or ``left``; both get images, ``raw`` and ``raw_map``.
-        antialias: antialiasing of colour: ``none``, ``edges``, ``msaa4`` (or another number of samples that the driver
-            offers), ``ssaa2`` to ``ssaa8``.
+        antialias: antialiasing of colour: ``none``, ``edges``, or ``ssaa2`` to ``ssaa8``.
     """
 
     name: Name

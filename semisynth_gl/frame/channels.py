@@ -24,8 +24,7 @@ Colour = Literal["rgb", "grey"]
 TruthViews = Literal["both", "left"]
 TRUTH_VIEWS: tuple[TruthViews, ...] = get_args(TruthViews)
 
-# Antialiasings that exist; numbers of samples are powers of two in all drivers.
-ANTIALIAS_PATTERN = r"^(none|edges|msaa(2|4|8|16|32)|ssaa[2-8])$"
+ANTIALIAS_PATTERN = r"^(none|edges|ssaa[2-8])$"
 
 Value = TypeVar("Value", bound=np.generic)
 _UINT8, _FLOAT32 = np.dtype(np.uint8), np.dtype(np.float32)

@@ -1,4 +1,4 @@
-"""Framebuffers of antialiased colour, apart from those of the truth, which have one sample a pixel."""
+"""Framebuffers of supersampled colour, apart from those of the truth, which have one sample a pixel."""
 
 import moderngl
 import numpy as np
@@ -12,31 +12,24 @@ from semisynth_gl.render.targets import window
 
 
 class ColourTargets:
-    """The framebuffers in which images of one size are drawn with "msaa" or "ssaa", one eye after the other.
+    """The framebuffers in which images of one size are drawn with "ssaa", one eye after the other.
 
     Args:
         loaded: the renderer's context, and what it is to draw.
         image_size: width and height, px.
 
     Attributes:
-        fine: the framebuffer to draw into, with several samples a pixel or several pixels for one.
+        fine: the framebuffer to draw into, with several pixels for one.
 
     Raises:
-        BackendError: where the driver has too few samples per pixel, or no images as large as needed.
+        BackendError: where the driver has no images as large as needed.
     """
 
     def __init__(self, loaded: Loaded, image_size: tuple[int, int]) -> None:
-        context, antialias = loaded.context, loaded.wanted.antialias
-        gl, factor = context.gl, antialias.factor
-        self._gl, self._read = gl, loaded.read
-        samples = factor if antialias.kind == "msaa" else 0
-        scale = factor if antialias.kind == "ssaa" else 1
-        if samples > gl.max_samples:
-            raise BackendError(
-                f"antialias msaa{samples} was asked for, but {context.renderer} has up to {gl.max_samples} samples "
-                "a pixel: take fewer, or ssaa2"
-            )
-        size = image_size[0] * scale, image_size[1] * scale
+        context, factor = loaded.context, loaded.wanted.antialias.factor
+        gl = context.gl
+        self._gl, self._read, self._factor = gl, loaded.read, factor
+        size = image_size[0] * factor, image_size[1] * factor
         if max(size) > int(gl.info["GL_MAX_TEXTURE_SIZE"]):
             raise BackendError(
                 f"antialias ssaa{factor} draws {size[0]} x {size[1]} px, but {context.renderer} goes up to "
@@ -44,33 +37,28 @@ class ColourTargets:
             )
         # Not every driver can draw into formats of three components.
         stored, self._components = (1, 1) if loaded.patches.grey else (4, 3)
-        self._colour = gl.texture(size, stored) if not samples else gl.renderbuffer(size, stored, samples=samples)
-        self._depth_buffer = gl.depth_renderbuffer(size, samples=samples)
-        context.unbound.make_depth_float32(self._depth_buffer.glo, *size, samples)
+        self._colour = gl.texture(size, stored)
+        self._depth_buffer = gl.depth_renderbuffer(size)
+        context.unbound.make_depth_float32(self._depth_buffer.glo, *size)
         self.fine = gl.framebuffer([self._colour], self._depth_buffer)
         self._resolved = gl.texture(image_size, stored)
         self._resolve = gl.framebuffer([self._resolved])
-        self._program: moderngl.Program | None = None
-        if antialias.kind == "ssaa":
-            self._program = link_program(context, "whole_image.vert", "resolve.frag", {"FACTOR": factor})
-            self._vao = gl.vertex_array(self._program, [])
+        self._program = link_program(context, "whole_image.vert", "resolve.frag", {"FACTOR": factor})
+        self._vao = gl.vertex_array(self._program, [])
 
     def limit(self, region: Crop | None) -> None:
         """Restrict drawing and clearing to a rectangle of the image until the next call; None lifts the restriction."""
-        scale = self.fine.width // self._resolve.width
+        scale = self._factor
         x, y, width, height = window(region, self._resolve.size)
         self.fine.scissor = scale * x, scale * y, scale * width, scale * height
         self._resolve.scissor = x, y, width, height
 
     def resolve(self) -> None:
-        """Reduce the samples that were drawn into `fine` to one per pixel, which `read_colour` reads."""
-        if isinstance(self._colour, moderngl.Texture):
-            self._resolve.use()
-            self._gl.enable_only(moderngl.NOTHING)
-            self._colour.use(0)
-            self._vao.render(moderngl.TRIANGLES, 3)
-        else:
-            self._gl.copy_framebuffer(self._resolve, self.fine)
+        """Average the pixels that were drawn into `fine` to those that `read_colour` reads."""
+        self._resolve.use()
+        self._gl.enable_only(moderngl.NOTHING)
+        self._colour.use(0)
+        self._vao.render(moderngl.TRIANGLES, 3)
 
     def read_colour(self, crop: Crop | None = None) -> NDArray[np.uint8]:
         """Return the resolved image, or a crop of it: by default (H, W, 3) uint8 RGB or (H, W) grey, top row first."""
@@ -80,8 +68,6 @@ class ColourTargets:
 
     def release(self) -> None:
         """Free all framebuffers and programs."""
-        for resource in (self.fine, self._resolve, self._colour, self._depth_buffer, self._resolved):
+        framebuffers = self.fine, self._resolve, self._colour, self._depth_buffer, self._resolved
+        for resource in (*framebuffers, self._vao, self._program):
             resource.release()
-        if self._program is not None:
-            self._vao.release()
-            self._program.release()

@@ -288,7 +288,6 @@ def context_facts(backend: Backend, device_index: int = 0) -> ContextFacts:
         limits = {
             "largest image side, px": int(info["GL_MAX_TEXTURE_SIZE"]),
             "patches in an atlas": int(info["GL_MAX_ARRAY_TEXTURE_LAYERS"]),
-            "samples per pixel": int(context.gl.max_samples),
         }
         return ContextFacts(context.backend, context.renderer, str(info["GL_VERSION"]), limits)
     finally:

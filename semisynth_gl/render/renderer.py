@@ -63,8 +63,7 @@ class Renderer:
         truth: the views for which disparity and outputs are made, "both" or "left".
         rectified: False where right cameras may deviate from the rectified one; both eyes' depths are then drawn.
         signed: whether disparities of 0 and below are valid.
-        antialias: "none", "edges", "msaa4" (or another number of samples that the driver has) or "ssaa2" to "ssaa8";
-            for colour only.
+        antialias: "none", "edges", or "ssaa2" to "ssaa8"; for colour only.
         pattern: the picture that the projectors of scenes throw, (H, W) uint8; None if no scene has a projector.
         backend: "auto", "egl" or "osmesa".
         device_index: EGL's number of the device.

@@ -52,7 +52,7 @@ class UnboundCalls:
         self._clip_control = function("glClipControl", _UINT, _UINT)
         self._disable = function("glDisable", _UINT)
         self._bind = function("glBindRenderbuffer", _UINT, _UINT)
-        self._storage = function("glRenderbufferStorageMultisample", _UINT, _INT, _UINT, _INT, _INT)
+        self._storage = function("glRenderbufferStorage", _UINT, _UINT, _INT, _INT)
         self._parameter = function("glGetRenderbufferParameteriv", _UINT, _UINT, _INTS)
         self._clear_float = function("glClearBufferfv", _UINT, _INT, _FLOATS)
         self._clear_unsigned = function("glClearBufferuiv", _UINT, _INT, _UINTS)
@@ -153,14 +153,14 @@ class UnboundCalls:
         """Make all layers of one level of a texture the first colour attachment of a framebuffer."""
         self._attach_level(framebuffer, _GL_COLOR_ATTACHMENT0, texture, level)
 
-    def make_depth_float32(self, renderbuffer: int, width_px: int, height_px: int, samples: int = 0) -> None:
+    def make_depth_float32(self, renderbuffer: int, width_px: int, height_px: int) -> None:
         """Give a renderbuffer 32-bit float depth storage; moderngl's own is 24-bit integer.
 
         Raises:
             BackendError: where the driver gives less than 32 bits.
         """
         self._bind(_GL_RENDERBUFFER, renderbuffer)
-        self._storage(_GL_RENDERBUFFER, samples, _GL_DEPTH_COMPONENT32F, width_px, height_px)
+        self._storage(_GL_RENDERBUFFER, _GL_DEPTH_COMPONENT32F, width_px, height_px)
         bits = ctypes.c_int(0)
         self._parameter(_GL_RENDERBUFFER, _GL_RENDERBUFFER_DEPTH_SIZE, ctypes.byref(bits))
         self._bind(_GL_RENDERBUFFER, 0)

@@ -30,31 +30,30 @@ class Antialias:
     """How colour is antialiased.
 
     Attributes:
-        kind: "none", "edges" (shares of pixels worked out along outlines), "msaa" (several coverage samples, one colour
-            a surface) or "ssaa" (a larger image, averaged).
-        factor: samples per pixel of "msaa"; how many times wider and higher "ssaa" draws; 1 for the others.
+        kind: "none", "edges" (shares of pixels worked out along outlines) or "ssaa" (a larger image, averaged).
+        factor: how many times wider and higher "ssaa" draws; 1 for the others.
     """
 
-    kind: Literal["none", "edges", "msaa", "ssaa"]
+    kind: Literal["none", "edges", "ssaa"]
     factor: int = 1
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read "none", "edges", "msaa4", "ssaa2" and their like.
+        """Read "none", "edges", or "ssaa2" to "ssaa8".
 
         Raises:
             InputError: where the text names no antialiasing.
         """
         if not re.fullmatch(ANTIALIAS_PATTERN, text):
-            raise InputError(f"antialias: expected none, edges, msaa2, msaa4, ... or ssaa2 to ssaa8, got {text}")
+            raise InputError(f"antialias: expected none, edges, or ssaa2 to ssaa8, got {text}")
         if text in ("none", "edges"):
             return cls("none" if text == "none" else "edges")
-        return cls("msaa" if text.startswith("msaa") else "ssaa", int(text[4:]))
+        return cls("ssaa", int(text[4:]))
 
     @property
     def redraws(self) -> bool:
         """Whether colour is drawn once more, in a separate framebuffer."""
-        return self.kind in ("msaa", "ssaa")
+        return self.kind == "ssaa"
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ CROPS = (Crop(0, 0, 24, 16), Crop(100, 61, 87, 64), Crop(60, 40, 1, 1), Crop(0, 
     "changes",
     [
         {"outputs": ("visibility", "instances", "depth")},
-        {"outputs": (), "antialias": "msaa4"},
         {"truth": "left", "antialias": "ssaa2"},
         {"outputs": (), "antialias": "edges"},
         {"antialias": "edges"},

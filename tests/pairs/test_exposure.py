@@ -72,7 +72,7 @@ def test_a_moment_moves_the_scenes_own_instances():
 
 
 @pytest.mark.parametrize("colour", ["rgb", "grey"])
-@pytest.mark.parametrize("antialias", ["none", "edges", "msaa4", "ssaa2"])
+@pytest.mark.parametrize("antialias", ["none", "edges", "ssaa2"])
 def test_images_alone_are_those_of_the_whole_pair(antialias, colour):
     # What is behind the near plane is another share of what each eye sees, where the right one turns.
     rig, camera = {"right_roll_deg": 3.0, "right_pitch_deg": 5.0}, {"sway_m": 0.03, "colour": colour}

@@ -120,7 +120,7 @@ def reader(runtime):
     return CudaReader(DEVICE)
 
 
-@pytest.mark.parametrize("antialias", ["none", "msaa4", "ssaa2"])
+@pytest.mark.parametrize("antialias", ["none", "ssaa2"])
 def test_what_is_drawn_reaches_cuda_as_it_is_read_back(backend, runtime, reader, antialias):
     config = cheap(antialias=antialias, outputs=list(DRAWN_OUTPUTS))
     with PairRenderer(config, SEED, backend) as usual, PairRenderer(config, SEED, backend, read=reader) as renderer:

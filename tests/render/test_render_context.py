@@ -98,7 +98,7 @@ def test_two_renderers_draw_in_turn_and_outlive_each_other(backend, square):
         one.render(make_scene(StereoCamera.centred(9, 9, 9.0, 0.1), model=[], world_from_model=[], layer=[]))
 
 
-@pytest.mark.parametrize("antialias", ["none", "edges", "msaa4", "ssaa2"])
+@pytest.mark.parametrize("antialias", ["none", "edges", "ssaa2"])
 def test_targets_are_made_once_for_pairs_and_once_for_denser_images(open_renderer, square, antialias, monkeypatch):
     made = []
     for kind in (ImageTargets, PairTargets):
@@ -248,7 +248,7 @@ def test_more_instances_than_ids_are_refused(open_renderer, square):
         open_renderer([square], noise_layers(1, 16), outputs=["albedo"])
 
 
-@pytest.mark.parametrize("mode", ["edges", "msaa4", "ssaa2", "ssaa3"])
+@pytest.mark.parametrize("mode", ["edges", "ssaa2", "ssaa3"])
 def test_antialiasing_changes_colour_at_edges_only_and_truth_nowhere(open_renderer, square, mode):
     camera = StereoCamera.centred(200, 150, 200.0, 0.1)
     flat = np.zeros((2, 16, 16, 4), np.uint8)
@@ -282,16 +282,8 @@ def test_antialiasing_changes_colour_at_edges_only_and_truth_nowhere(open_render
         assert abs(float(after.mean()) - float(before.mean())) < 0.3
 
 
-def test_samples_that_the_driver_lacks_are_refused(open_renderer, square):
-    camera = StereoCamera.centred(8, 8, 8.0, 0.1)
-    scene = make_scene(camera, model=[0], world_from_model=[np.eye(4)], layer=[0])
-    renderer = open_renderer([square], noise_layers(1, 16), antialias="msaa32")
-    if renderer._context.gl.max_samples < 32:  # noqa: SLF001 - what the driver has
-        with pytest.raises(BackendError, match="msaa32 was asked for"):
-            renderer.render(scene)
-    else:
-        renderer.render(scene)
-    for text in ("msaa", "ssaa1", "ssaa9", "fxaa", "msaa1", "msaa3"):
+def test_antialiasing_that_does_not_exist_is_refused(open_renderer, square):
+    for text in ("msaa4", "ssaa", "ssaa1", "ssaa9", "fxaa"):
         with pytest.raises(InputError, match="antialias: expected none"):
             open_renderer([square], noise_layers(1, 16), antialias=text)
 

@@ -240,7 +240,7 @@ def test_a_mix_can_be_sent_to_other_processes():
         ("{recipe: a, files: {disparity: png16}}", "set files beside scenes"),
         ("{recipe: a, outputs: [flow]}", "set outputs beside scenes"),
         ("{recipe: a, imperfections: {noise: 3}}", "set imperfections beside scenes"),
-        ("{recipe: a, antialias: msaa4}", "set antialias beside scenes"),
+        ("{recipe: a, antialias: ssaa2}", "set antialias beside scenes"),
         ("{recipe: a, scenes: []}", "mix.yaml:3: scenes.0.scenes: unknown key"),
         ("{weight: 3}", "mix.yaml:3: scenes.0.recipe: missing"),
         ("{recipe: a b}", "mix.yaml:3: scenes.0.recipe: "),
