@@ -70,7 +70,7 @@ def test_an_extra_is_installed_from_an_index_or_by_its_packages(extra):
 
 
 def test_every_message_that_names_an_extra_says_both():
-    assert NAMED == ["codecs", "cuda", "opencv", "ray", "remote", "torch"]
+    assert NAMED == ["cuda", "opencv", "ray", "remote", "torch"]
     assert [text[:80] for text in SOURCES if re.search(r"semisynth-gl\[\w", text)] == []
 
 
@@ -87,5 +87,5 @@ def test_every_extra_that_a_page_or_script_installs_exists():
         for extras in re.findall(r"(?:semisynth-gl|[\s'\"]\.)\[(\w[\w, -]*)\]", path.read_text("utf-8"))
         for extra in extras.split(",")
     }
-    assert {extra for _, extra in named} > {"codecs", "dev", "docs", "heavy", "opencv", "ray", "remote", "torch"}
+    assert {extra for _, extra in named} > {"dev", "docs", "heavy", "opencv", "ray", "remote", "torch"}
     assert {(page, extra) for page, extra in named if extra not in EXTRAS} == set()

@@ -336,7 +336,8 @@ def test_a_lens_is_refused_where_it_sees_next_to_nothing(rotation_deg, fx_px, mo
         share = LensChain(lens.draw("left", np.random.default_rng(0)), CAMERA, "left", "black").valid.mean()
     except InputError:  # the lens bends two directions to one pixel
         return
-    assert share < 0.02 if "lens.left.rotation_deg," in refused else share > 0
+    # The view is tried at 13 x 9 points.
+    assert share < 0.05 if "lens.left.rotation_deg," in refused else share > 0
 
 
 def test_the_masks_of_a_lens_need_the_output_that_says_why():
