@@ -87,8 +87,7 @@ def lost_files(place: Place, plan: Plan) -> list[str]:
     """Return the names of files, links and folders about the whole dataset that are missing or differ from the plan's.
 
     A card with other contents is not lost, since users add to it. A real folder instead of a link is fine: ``cp -rL``
-    makes one. Raises ReadError where a link or a folder
-    stands in the place of a file.
+    makes one. Raises ReadError where a link or a folder stands in the place of a file.
     """
     index = read_object(place, INDEX)
     if index is None:

@@ -342,7 +342,8 @@ class Population:
 
     def _exceedance(self, layers: DepthLayers, edges_px: Floats, camera: StereoCamera, sizes: Sizes) -> Floats:
         disparity, drift = self._config.disparity, self._config.particles.drift
-        near_m, most_px = near_depth_m(camera, disparity), relief_px(camera, disparity)
+        near_m = near_depth_m(camera, disparity)
+        most_px = relief_px(camera, disparity.min_px, near_m)
         return layers.exceedance(edges_px, camera, drift, sizes, self._silhouette.heights, near_m, most_px)
 
 

@@ -149,17 +149,14 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
     return depth_m
 
 
-def relief_px(camera: StereoCamera, section: DisparitySection) -> float:
+def relief_px(camera: StereoCamera, min_px: float, near_m: float) -> float:
     """Return the largest radius of models along the viewing axis, px of the image at their own depth.
 
     In a narrow range, models that are as deep as they are wide would not fit between ``min_px`` and the near plane, or
     spread over all disparities. With a tenth of that depth, the mean of a dataset comes as near to its target as in a
-    wide range. The limit grows to inf where the farthest depth is twice the near plane's.
-
-    Raises:
-        InputError: where the camera has no near plane, see `near_depth_m`.
+    wide range. The limit grows to inf where the farthest depth is twice the near plane's, ``near_m``.
     """
-    deeper = max(float(camera.depth_m(section.min_px)) / near_depth_m(camera, section) - 1, 0.0)
+    deeper = max(float(camera.depth_m(min_px)) / near_m - 1, 0.0)
     return _RELIEF * camera.focal_px * deeper / (1 - deeper) if deeper < 1 else np.inf
 
 

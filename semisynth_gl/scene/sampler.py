@@ -238,7 +238,7 @@ class SceneSampler:
             # A sequence that is drawn again gets a number that no other sequence has.
             batches = self.population.draw(number + _REDRAWN * attempt, stage.camera, stage.still.disparity_px, rng)
             near_m = near_depth_m(stage.camera, self._config.disparity)
-            most_px = relief_px(stage.camera, self._config.disparity)
+            most_px = relief_px(stage.camera, self._config.disparity.min_px, near_m)
             slots = draw_slots(stage.camera, self._config.particles, batches, rng, near_m, stage.sway, most_px)
             section = self._config.projector
             projector = None if section is None else draw_projector(section, draw.generator(Purpose.PROJECTOR))

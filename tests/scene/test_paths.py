@@ -41,6 +41,8 @@ def test_nothing_in_view_appears_or_disappears(rig, drift, size, relief_px, seed
         """Points (S, 300, 3) of the spheres around all models that are shown, in the swaying left camera's frame."""
         of_age = replace(slots, phase=np.full(COUNT, age))
         state = particles_at(camera, of_age, lambda _: release, 0.0, np.zeros(COUNT, np.int64))
+        depth_m = np.linalg.norm(state.world_from_model[:, 2, :3], axis=1)
+        assert (depth_m <= slots.flatness * state.radius_m * (1 + 1e-9)).all()
         balls = SPHERE * state.radius_m[:, None, None]
         balls[..., 2] *= slots.flatness[:, None]
         points = (state.world_from_model[:, None, :3, 3] + balls)[slots.shown]
