@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import requires
 from pathlib import Path
+from typing import Self
 
 
 class SemisynthError(Exception):
@@ -16,7 +17,26 @@ class SemisynthError(Exception):
 
 
 class InputError(SemisynthError):
-    """An input of the user cannot be used: a config, a path, an image, a model, a scene."""
+    """An input of the user cannot be used: a config, a path, an image, a model, a scene.
+
+    Attributes:
+        argument: the argument of the public function that the text is about, which the message then begins with; the
+            command line puts its option there. "" for none.
+        keys: the dotted keys of the config that the text is about.
+    """
+
+    def __init__(self, text: str, *, argument: str = "", keys: Sequence[str] = ()) -> None:
+        super().__init__(text)
+        self.argument = argument
+        self.keys = tuple(keys)
+
+    @property
+    def text(self) -> str:
+        """What was expected, what came and what to do, without the argument."""
+        return super().__str__()
+
+    def __str__(self) -> str:
+        return f"{self.argument}: {self.text}" if self.argument else self.text
 
 
 class ReadError(SemisynthError):
@@ -26,6 +46,9 @@ class ReadError(SemisynthError):
         super().__init__(f"{path}: {reason}")
         self.path = path
         self.reason = reason
+
+    def __reduce__(self) -> tuple[type[Self], tuple[Path, str]]:
+        return type(self), (self.path, self.reason)
 
 
 class BackendError(SemisynthError):

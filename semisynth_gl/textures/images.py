@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from functools import cache, lru_cache
 from io import BufferedReader
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,12 +60,12 @@ class ImageError(InputError):
     """An image file that cannot be used, with a reason such as ``"is truncated or damaged"``."""
 
     def __init__(self, path: Path, reason: str) -> None:
-        super().__init__(path, reason)  # both arguments, so that the error survives pickling between processes
+        super().__init__(f"{path}: {reason}")
         self.path = path
         self.reason = reason
 
-    def __str__(self) -> str:
-        return f"{self.path}: {self.reason}"
+    def __reduce__(self) -> tuple[type[Self], tuple[Path, str]]:
+        return type(self), (self.path, self.reason)
 
 
 @cache
