@@ -191,8 +191,7 @@ def config_facts(
 def suited_layout(config: Config, rigs: Sequence[Rig]) -> str | None:
     """Return the name of the layout of the benchmark that all rigs come from; None if they come from several or none.
 
-    Returns None too where the layout cannot hold the config's disparities, or where the benchmark's loaders would
-    refuse such a dataset.
+    Returns None too where the layout cannot hold the config's disparities.
     """
     name, *others = {rig.layout for rig in rigs}
     if name is None or others:
@@ -200,7 +199,7 @@ def suited_layout(config: Config, rigs: Sequence[Rig]) -> str | None:
     layout = find_layout(name)
     codec = layout.encodings_for(config).disparity
     holds = config.disparity.max_px <= codec.limit_px and (codec.signed or not config.disparity.signed)
-    return name if holds and not layout.advice(PROPOSED_PAIRS, config, "train") else None
+    return name if holds else None
 
 
 def config_text(name: str, facts: ConfigFacts, style: Style) -> str:

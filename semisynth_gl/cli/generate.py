@@ -323,9 +323,6 @@ def _conclude(result: "GenerationResult") -> None:
         )
         say(f"the requested shards are in {result.place.address}")
         return
-    for split in plan.splits:
-        for advice in plan.layout.advice(plan.pairs[split], plan.config, split):
-            click.echo(f"note: {advice}", err=True)
     address, (_, loaders) = result.place.address, plan.layout.title
     say(f"{counted(total, 'pair')} in {address}")
     images = f"{address}/{plan.images_folder()}".rstrip("/")

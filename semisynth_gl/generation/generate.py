@@ -119,7 +119,7 @@ def generate(
     files = DatasetFiles(place, plan, overwrite=overwrite)
     if files.complete:
         return GenerationResult(place, plan, 0)
-    for message in _notes(place, plan, files):
+    for message in _notes(place, files):
         listener.on_message(message)
     if engine is None or isinstance(engine, SerialEngine | LocalEngine):
         check_libraries(backend)
@@ -149,13 +149,10 @@ def generate(
     return GenerationResult(place, plan, missing_count, stopped)
 
 
-def _notes(place: Place, plan: Plan, files: DatasetFiles) -> Iterator[str]:
+def _notes(place: Place, files: DatasetFiles) -> Iterator[str]:
     """Yield messages about the dataset's folder, before the run writes there."""
     if files.lost:
         yield f"{place.address}: the dataset lacks {abbreviate(files.lost, 3)}: writing it again"
-    if place.local is not None:
-        for advice in plan.layout.place_advice(str(place.local.absolute())):
-            yield f"note: {advice}"
 
 
 def _describe(plan: Plan, sources: Mapping[SplitName, Sources], listener: Listener) -> None:

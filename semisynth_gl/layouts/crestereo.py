@@ -9,10 +9,8 @@ from collections.abc import Mapping, Sequence
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.png16 import CRESTEREO_DISPARITY
-from semisynth_gl.config import Config
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.layout import Layout, view_stems
-from semisynth_gl.seeds.splits import SplitName
 
 _FOLDERS = ("shapenet", "reflective", "tree", "hole")
 _NAMES: Mapping[str, str] = {
@@ -30,7 +28,6 @@ class CreStereo(Layout):
 
     encodings = Encodings(image=Jpeg(), disparity=CRESTEREO_DISPARITY)
     lacks = frozenset({"correspondence"})
-    right_truth_for = "CREStereo and torchvision's loader for it"
 
     def stems(self, key: Key) -> dict[str, str]:
         """Return the names of a pair's files, side by side in one of four folders."""
@@ -45,15 +42,6 @@ class CreStereo(Layout):
         """
         folders = (_FOLDERS[number] for number in sorted({key.index % len(_FOLDERS) for key in keys}))
         return {f"WAFT-Stereo/CREStereo/{folder}/0": f"../../../CREStereo/{folder}" for folder in folders}
-
-    def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
-        """Return the base's sentences, and that torchvision needs a pair in each folder."""
-        sentences = super().advice(pairs, config, split)
-        if pairs < len(_FOLDERS):
-            sentences.append(
-                f"torchvision wants a pair in each of {', '.join(_FOLDERS)}: make {len(_FOLDERS)} or more."
-            )
-        return sentences
 
 
 LAYOUT = CreStereo()

@@ -20,7 +20,7 @@ class Eth3d(Layout):
     needs = frozenset({"visibility"})
     lacks = frozenset({"correspondence"})
     encodings = Encodings()
-    three_channels_for = "RAFT-Stereo's demo"  # ETH3D's own grey images have three channels too
+    three_channels = True  # for RAFT-Stereo's demo; ETH3D's own grey images have three channels too
 
     def stems(self, key: Key) -> dict[str, str]:
         """Return the files of a scene's two folders."""

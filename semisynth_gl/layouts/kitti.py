@@ -11,21 +11,11 @@ from collections.abc import Mapping, Sequence
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, FlowPng16
-from semisynth_gl.config import Config
-from semisynth_gl.frame.channels import FLOW_OUTPUTS
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.layout import SHORT_SPLITS, Layout, pair_lines, view_stems
-from semisynth_gl.seeds.splits import SplitName
 
 # Number of the first frame of a scene: KITTI numbers frames with two digits from here on.
 _FIRST_FRAME = 10
-
-# Number of pairs on which HSM, the evaluation kit and the repositories' own lists rely.
-_FEWEST = 200
-# Smallest width and height of KITTI's rectified images; the largest are 1242 and 376.
-_SMALLEST_SIZE = 1224, 370
-# Size to which CasStereo and others pad the images.
-_PADDED_SIZE = 1248, 384
 
 # Folders that are not named by their channel, in the order in which a pair's files are listed.
 _FOLDERS: Mapping[str, str] = {
@@ -56,10 +46,8 @@ class Kitti(Layout):
 
     needs = frozenset({"visibility", "instances"})
     lacks = frozenset({"correspondence"})
-    replaced = ("c_0",)  # OpenStereo replaces it to find the right view's disparities
     encodings = Encodings(disparity=KITTI_DISPARITY, flow=FlowPng16())
     most_frames = 100 - _FIRST_FRAME
-    right_truth_for = "torchvision's Kitti2015Stereo and OpenStereo"
 
     def stems(self, key: Key) -> dict[str, str]:
         """Return a pair's files, which have the same name in many folders."""
@@ -82,39 +70,6 @@ class Kitti(Layout):
         """Return the links under which torchvision looks for the pairs."""
         flow = {"KittiFlow/training": "../training"} if any(key.sequence_length for key in keys) else {}
         return {"Kitti2015/training": "../training"} | flow
-
-    def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
-        """Return the base's sentences, and which loaders need more pairs, more frames or another size."""
-        sentences = super().advice(pairs, config, split)
-        what = "pairs"
-        if FLOW_OUTPUTS.intersection(config.outputs):
-            if config.sequence.length == 1:
-                sentences.append(
-                    "RAFT and torchvision take a flow's second image from the frames _11, and without sequences there "
-                    "are none: set sequence.length to 2 or more."
-                )
-            # Loaders count sequences by their first frames, one for each right view.
-            together, views = config.sequence_pairs, config.views
-            what, pairs = "sequences", pairs // together * views + min(pairs % together, views)
-        width, height = config.camera.width_px, config.camera.height_px
-        if pairs < _FEWEST:
-            sentences.append(
-                f"KITTI 2015 has {_FEWEST} {what}, this dataset {pairs}: HSM, the evaluation kit and the lists that "
-                f"repositories bring along fail with fewer than {_FEWEST}."
-            )
-        if width < _SMALLEST_SIZE[0] or height < _SMALLEST_SIZE[1]:
-            sentences.append(
-                f"PSMNet crops 1232 x 368 from KITTI, whose images have {_SMALLEST_SIZE[0]} x {_SMALLEST_SIZE[1]} or "
-                f"more, but images are {width} x {height}."
-            )
-        if width >= _PADDED_SIZE[0] or height >= _PADDED_SIZE[1]:
-            sentences.append(
-                f"CasStereo, GwcNet and MobileStereoNet pad KITTI to {_PADDED_SIZE[0]} x {_PADDED_SIZE[1]} and want "
-                f"less than that, but images are {width} x {height}."
-            )
-        if split != "train":
-            sentences.append(f"KITTI has truth under training alone: {split} pairs get such a folder of their own.")
-        return sentences
 
 
 LAYOUT = Kitti()

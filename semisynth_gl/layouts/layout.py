@@ -12,7 +12,6 @@ from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.channels import CHANNELS, Colour, TruthViews
-from semisynth_gl.inputs.errors import counted
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.roles import ROLES, Role
 from semisynth_gl.seeds.splits import SplitName
@@ -36,11 +35,7 @@ class Layout(ABC):
         needs: outputs that every dataset in this layout must have.
         lacks: outputs for which the layout has no files, since none of its loaders could read them.
         encodings: the layout's own encodings; None where the config's section ``files`` chooses them.
-        three_channels_for: the loaders, in words, that fail at one-channel grey images, so that these get three equal
-            channels; "" for none.
-        right_truth_for: the loaders, in words, that also read the right view's truth; "" for none.
-        positive_for: the loaders, in words, that treat disparities of 0 and below as missing; "" for none.
-        replaced: texts that loaders replace or look for, anywhere in a file's path.
+        three_channels: whether grey images get three equal channels, since loaders fail at one.
         most_frames: largest number of frames of a sequence that the layout's names can count; None for no limit.
         copied: folders whose images loaders read a second time under another name, each with that name; both end in a
             slash. Object stores hold no links, and get copies there: without them, loaders find nothing and go on.
@@ -50,10 +45,7 @@ class Layout(ABC):
     needs: ClassVar[frozenset[str]] = frozenset()
     lacks: ClassVar[frozenset[str]] = frozenset()
     encodings: ClassVar[Encodings | None] = None
-    three_channels_for: ClassVar[str] = ""
-    right_truth_for: ClassVar[str] = ""
-    positive_for: ClassVar[str] = ""
-    replaced: ClassVar[tuple[str, ...]] = ()
+    three_channels: ClassVar[bool] = False
     most_frames: ClassVar[int | None] = None
     copied: ClassVar[Mapping[str, str]] = {}
 
@@ -108,33 +100,6 @@ class Layout(ABC):
         """Return a split's folder below the dataset's, "" or ending in a slash, in a dataset of these splits."""
         return "" if len(splits) == 1 else f"{split}/"
 
-    def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
-        """Return sentences on reasons why loaders will not read all of a split with this number of pairs."""
-        del split
-        sentences = []
-        if pairs % config.sequence_pairs:
-            whole = "sequence" if config.sequence.length > 1 else "scene"
-            sentences.append(
-                f"The last {whole} ends early: {counted(pairs, 'pair')}, no multiple of {config.sequence_pairs}, which "
-                f"each {whole} has."
-            )
-        if config.truth != "both" and self.right_truth_for:
-            sentences.append(f"{self.right_truth_for} read the right view's truth too: set truth to both.")
-        if config.disparity.signed and self.positive_for:
-            sentences.append(
-                f"{self.positive_for} leave out pixels with disparities of 0 and below, which are valid here."
-            )
-        return sentences
-
-    def place_advice(self, root: str) -> list[str]:
-        """Return sentences on reasons why loaders will not read a dataset in the folder ``root``."""
-        return [
-            f"Loaders of this layout replace {name!r} wherever it stands in the path of a file. {root} contains it: "
-            "choose another folder for `out`, or move this one before training."
-            for name in self.replaced
-            if name in root
-        ]
-
     def encodings_for(self, config: Config) -> Encodings:
         """Return the codecs for the pairs of a config in this layout."""
         return self.encodings_of(config.encodings, config.camera.colour)
@@ -142,7 +107,7 @@ class Layout(ABC):
     def encodings_of(self, chosen: Encodings, colour: Colour) -> Encodings:
         """Return the codecs in this layout, for the config's choice of encodings and the cameras' ``colour``."""
         encodings = chosen if self.encodings is None else replace(self.encodings, signed=chosen.signed)
-        return encodings if colour == "rgb" else encodings.in_grey(three=bool(self.three_channels_for))
+        return encodings if colour == "rgb" else encodings.in_grey(three=self.three_channels)
 
 
 def view_stems(names: Mapping[str, str], default: str) -> dict[str, str]:

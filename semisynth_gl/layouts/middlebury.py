@@ -6,10 +6,8 @@ Names with 0 belong to the left view. Images, disparities and flow in another en
 from collections.abc import Sequence
 
 from semisynth_gl.codecs import Encodings
-from semisynth_gl.config import Config
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.layout import VERTICAL, Layout, scene_stems
-from semisynth_gl.seeds.splits import SplitName
 
 SCENES = "MiddEval3/trainingF"
 _OTHER_SIZES = ("trainingH", "trainingQ")
@@ -19,10 +17,7 @@ SCENE_LIST = "MiddEval3/official_train.txt"
 class Middlebury(Layout):
     """MiddEval3: RAFT-Stereo, IGEV, HSM, torchvision's CarlaStereo, the evaluation kit."""
 
-    replaced = (".png", ".npy")  # HSM looks for them to choose the reader of disparities
-    positive_for = "HSM and the evaluation kit"
-    three_channels_for = "RAFT-Stereo's demo and HSM's submission"
-    right_truth_for = "HSM and torchvision's CarlaStereo"
+    three_channels = True  # for RAFT-Stereo's demo and HSM's submission
 
     def stems(self, key: Key) -> dict[str, str]:
         """Return the files of a scene's folder."""
@@ -43,17 +38,6 @@ class Middlebury(Layout):
         del keys
         sizes = {f"MiddEval3/{size}": "trainingF" for size in _OTHER_SIZES}
         return {"carla-highres/trainingF": f"../{SCENES}"} | sizes
-
-    def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
-        """Return the base's sentences, and which encodings and outputs the loaders need."""
-        sentences = super().advice(pairs, config, split)
-        if (config.files.image, config.files.disparity) != ("png", "pfm"):
-            sentences.append(
-                "The loaders of this layout read PNG and PFM alone: leave files.image and files.disparity out for them."
-            )
-        if "visibility" not in config.outputs:
-            sentences.append("RAFT-Stereo and HSM read masks too: add the output visibility for them.")
-        return sentences
 
 
 LAYOUT = Middlebury()

@@ -23,7 +23,6 @@ class Middlebury2014(Layout):
 
     needs = frozenset({"visibility"})
     encodings = Encodings()
-    right_truth_for = "torchvision's Middlebury2014Stereo and OpenStereo"
 
     def stems(self, key: Key) -> dict[str, str]:
         """Return the files of a scene's folder."""

@@ -13,8 +13,6 @@ from typing import ClassVar
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.pfm import FlowPfm
-from semisynth_gl.config import Config
-from semisynth_gl.frame.channels import FLOW_OUTPUTS
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.layout import SHORT_SPLITS, Layout, pair_lines, view_stems
 from semisynth_gl.seeds.splits import SplitName
@@ -42,12 +40,8 @@ class SceneFlow(Layout):
 
     lacks = frozenset({"correspondence"})
     encodings = Encodings(flow=FlowPfm())
-    # RAFT-Stereo replaces these to find disparities, other loaders to find right images.
-    replaced = ("left", "right", _IMAGES, _FINAL, ".png")
     most_frames = 10_000
     copied: ClassVar = {f"{ROOT}/{_IMAGES}/": f"{ROOT}/{_FINAL}/"}
-    right_truth_for = "torchvision's SceneFlowStereo and HSM"
-    positive_for = "CasStereo and HSM"
 
     def stems(self, key: Key) -> dict[str, str]:
         """Return a pair's files, which have the same name in many folders."""
@@ -79,16 +73,6 @@ class SceneFlow(Layout):
             *(f"{ROOT}/monkaa_{tree}" for tree in (_IMAGES, "disparity")),
             *(f"{ROOT}/driving_{tree}/{each}" for tree in (_IMAGES, "disparity") for each in driving),
         )
-
-    def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
-        """Return the base's sentences, and that loaders of flow need two frames of a sequence."""
-        sentences = super().advice(pairs, config, split)
-        if FLOW_OUTPUTS.intersection(config.outputs) and config.sequence.length == 1:
-            sentences.append(
-                "RAFT and torchvision pair flow with two images of a sequence, and here each has one alone: set "
-                "sequence.length to 2 or more."
-            )
-        return sentences
 
     def folder(self, split: SplitName, splits: Collection[SplitName]) -> str:
         """Return a split's folder: "" for train and test, which share one tree."""

@@ -339,17 +339,6 @@ def test_sequences_that_names_cannot_count_are_refused():
     assert make_plan(config(91), 0, "middlebury", {"train": 1}).config.sequence.length == 91
 
 
-def test_advice_tells_of_sequences():
-    for name, words in (("kitti", "frames _11"), ("sceneflow", "two images of a sequence")):
-        layout = find_layout(name)
-        told = " ".join(layout.advice(400, config(1), "train"))
-        assert words in told
-        assert "set sequence.length to 2 or more" in told
-        assert "sequence.length" not in " ".join(layout.advice(400, config(2), "train"))
-    assert "200 sequences, this dataset 199" in " ".join(find_layout("kitti").advice(398, config(2), "train"))
-    assert "200" not in " ".join(find_layout("kitti").advice(400, config(2), "train"))
-
-
 # Loaders of flow: what each finds, as lists of image 1, image 2 and flow
 
 

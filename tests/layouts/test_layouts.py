@@ -282,34 +282,6 @@ def test_configs_know_the_names_of_all_layouts():
         parse_config("extends: kitti\nlayout: kiti\n", "lab.yaml")
 
 
-def test_advice_says_what_loaders_will_refuse():
-    def config(name, **camera):
-        loaded = load_config(name)
-        return loaded.model_copy(update={"camera": loaded.camera.model_copy(update=camera)})
-
-    kitti = find_layout("kitti")
-    assert kitti.advice(200, config("kitti"), "train") == []
-    assert "200 pairs, this dataset 199" in kitti.advice(199, config("kitti"), "train")[0]
-    assert kitti.advice(200, config("kitti", width_px=1224, height_px=370), "train") == []  # a size of KITTI's
-    assert "PSMNet crops" in kitti.advice(200, config("kitti", width_px=1223), "train")[0]
-    assert "less than that" in kitti.advice(200, config("kitti", height_px=384), "train")[0]
-    assert "training alone" in kitti.advice(200, config("kitti"), "test")[0]
-    middlebury = find_layout("middlebury")
-    assert middlebury.advice(1, config("middlebury"), "train") == []
-    assert middlebury.advice(1, config("middlebury", width_px=1501, height_px=997), "train") == []
-    others = load_config("middlebury", ["files.disparity=png16", "outputs=[depth]", "sequence.length=2"])
-    assert [each.split(":")[0] for each in middlebury.advice(3, others, "train")] == [
-        "The last sequence ends early",
-        "The loaders of this layout read PNG and PFM alone",
-        "RAFT-Stereo and HSM read masks too",
-    ]
-    assert "in each of shapenet" in find_layout("crestereo").advice(3, config("middlebury"), "train")[0]
-    left = config("middlebury").model_copy(update={"truth": "left"})
-    advice = {name: find_layout(name).advice(200, left, "train") for name in layout_names()}
-    told = {name for name, sentences in advice.items() if any("set truth" in each for each in sentences)}
-    assert told == {"crestereo", "kitti", "middlebury", "middlebury-2014", "sceneflow"}
-
-
 # What the layouts make of a frame
 
 
@@ -372,18 +344,6 @@ def test_a_hidden_point_is_outside_where_its_position_is(eye, disparity, mask):
         position = np.float32(x) + (-disparity[0, x] if eye == "left" else disparity[0, x])
         inside = np.isinf(disparity[0, x]) or -0.5 <= position < 6.5
         assert restored[0, x] == (OUTSIDE if mask[0, x] == OCCLUDED and not inside else mask[0, x])
-
-
-@pytest.mark.parametrize("name", layout_names())
-def test_folders_with_a_name_that_loaders_replace_are_told(name):
-    layout = find_layout(name)
-    assert layout.place_advice("/data/lab") == []
-    for word in layout.replaced:
-        (told,) = layout.place_advice(f"/data/my{word}one/lab")
-        assert repr(word) in told
-        assert f"/data/my{word}one/lab" in told
-    sceneflow = {"left", "right", "frames_cleanpass", "frames_finalpass"}
-    assert set(layout.replaced) >= {"sceneflow": sceneflow, "kitti": {"c_0"}}.get(name, set())
 
 
 def test_kittis_masks_follow_from_its_disparities():

@@ -432,7 +432,7 @@ def test_a_plugin_that_cannot_be_used_is_named_with_its_fault(noun, install):
 
 
 def test_what_ends_the_program_from_within_is_an_error(install, tmp_path):
-    code = f"{LAYOUT}import sys\nthing.place_advice = lambda *_: sys.exit(0)"
+    code = f"{LAYOUT}import sys\nthing.encodings_for = lambda *_: sys.exit(0)"
     with install({"layouts": ["thing = other:thing"]}, code):
         message = said("generate", "--config", "middlebury", "--layout", "thing", "--out", tmp_path / "set")
     assert message.startswith("a package ended the command before it was done (SystemExit: 0): see whether")
