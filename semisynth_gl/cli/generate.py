@@ -323,11 +323,10 @@ def _conclude(result: "GenerationResult") -> None:
         )
         say(f"the requested shards are in {result.place.address}")
         return
-    address, (_, loaders) = result.place.address, plan.layout.title
+    address = result.place.address
     say(f"{counted(total, 'pair')} in {address}")
     images = f"{address}/{plan.images_folder()}".rstrip("/")
     click.echo(
-        f"The images are in {images}, for {loaders or 'loaders'}. To look at them: "
-        f"semisynth-gl report {shlex.quote(address)}",
+        f"The images are in {images}. To look at them: semisynth-gl report {shlex.quote(address)}",
         err=True,
     )

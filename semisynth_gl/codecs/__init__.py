@@ -69,13 +69,6 @@ class Encodings:
         grey = None if three else _GREY_CODECS.get(self.image)
         return replace(self, image=grey or ThreeEqual(self.image))
 
-    @property
-    def channels(self) -> str:
-        """The channels of an image in words."""
-        if isinstance(self.image, ThreeEqual):
-            return "grey, in three equal channels"
-        return "grey" if self.image in _GREY_CODECS.values() else "RGB"
-
     def codec(self, name: str) -> Codec[Any]:
         """Return the codec with the name that a channel or a role has for it.
 

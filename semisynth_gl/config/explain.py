@@ -99,7 +99,7 @@ def _default(field: FieldInfo) -> str:
         value = value.model_dump(mode="json", exclude_unset=True)
     if value in (None, (), {}):
         return ""
-    return write_yaml(_short(value), flow=True).strip()
+    return write_yaml(_short(value)).strip()
 
 
 def _short(value: Any) -> Any:  # noqa: ANN401 - any value of a config
@@ -130,7 +130,7 @@ def _section(section: BaseModel, indent: str) -> Iterator[str]:
             yield f"{indent}{key}:"
             yield from _section(inner, f"{indent}  ")
         else:
-            yield f"{indent}{key}: {write_yaml(value, flow=True)}"
+            yield f"{indent}{key}: {write_yaml(value)}"
         if not indent:
             yield ""
 
@@ -140,7 +140,7 @@ def _recipes(recipes: Iterable[Mapping[str, Any]]) -> Iterator[str]:
     for recipe in recipes:
         head = {key: recipe[key] for key in ("recipe", "extends", "weight") if key in recipe}
         for number, (key, value) in enumerate({**head, **recipe}.items()):
-            yield f"  {'  ' if number else '- '}{key}: {write_yaml(value, flow=True)}"
+            yield f"  {'  ' if number else '- '}{key}: {write_yaml(value)}"
 
 
 def _meanings(section: type[BaseModel]) -> dict[str, str]:

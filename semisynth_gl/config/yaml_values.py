@@ -85,13 +85,10 @@ def _read(text: str, *, several: bool) -> tuple[list[Any], dict[Key, int]]:
         raise YamlError(None, (), f"not valid YAML: {cut(str(error), 200)}") from None
 
 
-def write_yaml(value: Any, *, flow: bool = False) -> str:  # noqa: ANN401 - any YAML value
-    """Return plain values as YAML, each text and each list of values on one line; with ``flow``, all on one line."""
+def write_yaml(value: Any) -> str:  # noqa: ANN401 - any YAML value
+    """Return plain values as YAML on one line."""
     stream, yaml = io.StringIO(), YAML()
     yaml.width = 1 << 20
-    if not flow:
-        yaml.dump(value, stream)
-        return stream.getvalue()
     yaml.default_flow_style = True
     yaml.dump(value, stream)
     # A value that is neither a mapping nor a list is followed by the mark of a document's end.

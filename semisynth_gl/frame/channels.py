@@ -120,7 +120,7 @@ class View(Mapping[str, NDArray[Any]]):
 
     image = Channel(
         _UINT8,
-        "{view} image, 8-bit RGB",
+        "{view} image, 8-bit",
         components=3,
         or_grey=True,
         attachment="colour",
@@ -182,7 +182,7 @@ class View(Mapping[str, NDArray[Any]]):
     )
     raw = replace(
         image,
-        meaning="{view} image before rectification, 8-bit RGB; black beyond what the rectified image shows",
+        meaning="{view} image before rectification, 8-bit; black beyond what the rectified image shows",
         output="raw",
         drawn_by="lens",
         attachment="",

@@ -28,8 +28,6 @@ _SCENE_NAMES: Mapping[str, str] = {
 class Layout(ABC):
     """The names of a dataset's files. A file's content follows from its role; see `semisynth_gl.layouts.roles`.
 
-    The first line of a layout's docstring names the layout and, after a colon, its loaders; see `title`.
-
     Attributes:
         packed: whether the files of a shard are packed into one tar; else each file stands in a folder.
         needs: outputs that every dataset in this layout must have.
@@ -48,12 +46,6 @@ class Layout(ABC):
     three_channels: ClassVar[bool] = False
     most_frames: ClassVar[int | None] = None
     copied: ClassVar[Mapping[str, str]] = {}
-
-    @property
-    def title(self) -> tuple[str, str]:
-        """The layout's name, and its loaders in words; both are "" under ``python -OO``, which drops docstrings."""
-        name, _, loaders = (type(self).__doc__ or "").partition("\n")[0].partition(": ")
-        return name, loaders.removesuffix(".")
 
     @abstractmethod
     def stems(self, key: Key) -> dict[str, str]:

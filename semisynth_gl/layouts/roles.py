@@ -63,10 +63,6 @@ class Role:
         """Return the file's codec in a dataset with these encodings."""
         return encodings.codec(self.codec_or_name) if isinstance(self.codec_or_name, str) else self.codec_or_name
 
-    def described(self, encodings: Encodings) -> str:
-        """Return the meaning in a dataset with these encodings, whose images may be grey."""
-        return self.meaning.replace("RGB", encodings.channels)
-
 
 def not_occluded_role(channel: Channel[Any], eye: Eye) -> str:
     """Return the name of the role of a channel's values at visible points only, such as ``not_occluded_left``."""

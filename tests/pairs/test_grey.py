@@ -307,7 +307,6 @@ def test_a_dataset_is_the_luminance_of_the_coloured_one(dataset):
         {key: value for key, value in patch.items() if key != "sha256"} for patch in index["splits"]["train"]["patches"]
     ]
     assert kept == [patch.described() for patch in patches.patches]
-    assert "8-bit grey, in three equal channels" in (dataset / "README.md").read_text()
 
 
 def test_verify_report_compare_and_preview_take_grey_datasets(dataset):

@@ -15,8 +15,6 @@ from tiny_datasets import cheap, digests
 from semisynth_gl import oracle
 from semisynth_gl.config import Config, Range
 from semisynth_gl.config.rig_sections import CameraSection
-from semisynth_gl.dataset.file_sets import list_file_sets
-from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.channels import DRAWN_OUTPUTS
@@ -326,18 +324,6 @@ def test_loaders_of_sequences_get_one_for_each_right_view():
     assert [Key("a", "train", index, None, 3).sequence for index in range(4)] == [0, 1, 2, 3]
 
 
-@pytest.mark.parametrize("layout", ["sceneflow", "kitti", "middlebury"])
-@pytest.mark.parametrize("baselines", [[1.0], SEVERAL, [0.1, 0.2]])
-def test_patterns_of_files_hold_for_all_pairs(layout, baselines):
-    config = several(baselines, sequence=MOVING, outputs=["visibility", "flow"])
-    one = several([1.0], sequence=MOVING, outputs=["visibility", "flow"])
-    patterns = [
-        {files.role: files.pattern for files in list_file_sets(make_plan(each, 0, layout, {"train": 12}), "train")}
-        for each in (config, one)
-    ]
-    assert patterns[0] == patterns[1]
-
-
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     """A sequence of two frames and three baselines, and the beginning of another one; and what it is made by."""
@@ -368,7 +354,6 @@ def test_a_dataset_of_several_baselines_is_whole(written):
         for role in ("left", "instances_left", "depth_left", "flow_left", "flow_visibility_left"):
             assert lefts.setdefault((scene, role), data := (root / "whole" / files[role]).read_bytes()) == data
     assert len({data for (_, role), data in lefts.items() if role == "left"}) == 3
-    assert "3 pairs of each" in (root / "whole" / "README.md").read_text()
 
 
 def test_a_run_that_ends_within_a_scene_goes_on_there(written, tmp_path):

@@ -412,9 +412,3 @@ def test_the_report_has_a_table_of_recipes(dataset, monkeypatch):
     assert re.search(r'"caption":"recipe (plain|walls|solids), ', report.page)
     assert re.search(r"The config's textures.texels_per_pixel is [\d.]+ to 3 ", report.page)
     assert report.measurement.ray_faults == {}
-
-
-def test_the_card_names_the_recipes(dataset):
-    assert "Recipes of scenes, by their shares: plain 33.3%, walls 33.3%, solids 33.3%" in (
-        dataset / "README.md"
-    ).read_text("utf-8")

@@ -263,9 +263,6 @@ def test_a_dataset_tells_of_its_pictures(tmp_path: Path) -> None:
     digests = [image["sha256"] for images in of_split for image in images]
     assert None not in digests
     assert len(set(digests)) == len(digests)
-    card = (tmp_path / "o/README.md").read_text()
-    assert "patches of drawn pictures and photographs" in card
-    assert "Pictures of one split show up in no other." in card
 
 
 def test_every_source_that_a_config_may_name_is_in_the_table() -> None:
