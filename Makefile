@@ -30,7 +30,7 @@ shown = $(if $(filter 1 2 3,$(PAIRS)),--pairs $(PAIRS))
 # $(call render,CONFIG,IMAGE OPTIONS): a dataset, and a contact sheet beside it.
 define render
 $(VENV)/bin/semisynth-gl generate --config $(1) --out $(OUT)/$(1) --pairs $(PAIRS) --overwrite $(scene_options) $(2)
-$(VENV)/bin/semisynth-gl preview --config $(1) --out $(OUT)/$(1).png --overwrite $(shown) $(scene_options) $(2)
+$(VENV)/bin/semisynth-gl preview --config $(1) --out $(OUT)/$(1).png $(shown) $(scene_options) $(2)
 
 endef
 

@@ -99,12 +99,12 @@ _BENCH = ("-m", "semisynth_gl", "bench")
 _PEER_ROWS = ("--peers", "pyrender,blender,blender-system", "--variants", "edges,msaa4,ssaa2,all,none,workbench")
 MEASUREMENTS: Mapping[str, Result] = {
     "accuracy": Result(
-        "Accuracy and cost of what the program offers", _ACCURACY, (*_BENCH, "accuracy", "--overwrite"),
+        "Accuracy and cost of what the program offers", _ACCURACY, (*_BENCH, "accuracy"),
         accuracy.headline, accuracy.table,
     ),
     "accuracy-middlebury": Result(
         "Accuracy and cost of what the program offers, `middlebury`", _ACCURACY,
-        (*_BENCH, "accuracy", "--overwrite", "--config", "middlebury", "--pairs", "2"), accuracy.headline,
+        (*_BENCH, "accuracy", "--config", "middlebury", "--pairs", "2"), accuracy.headline,
         accuracy.table,
     ),
     "alternatives": Result(
@@ -115,7 +115,7 @@ MEASUREMENTS: Mapping[str, Result] = {
         "Accuracy and cost beside alternatives that are not offered, `middlebury`", _ALTERNATIVES,
         ("benchmarks/alternatives.py", "--config", "middlebury", "--pairs", "2"), accuracy.headline, accuracy.table,
     ),
-    "speed": Result("Speed", _SPEED, (*_BENCH, "speed", "--overwrite", "--repeats", "5"), speed.headline, speed.table),
+    "speed": Result("Speed", _SPEED, (*_BENCH, "speed", "--repeats", "5"), speed.headline, speed.table),
     "peers": Result(
         "Renderers side by side", _PEERS, ("benchmarks/peers/run.py", *_PEER_ROWS), _peers_headline, peers.table
     ),

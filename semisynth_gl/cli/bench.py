@@ -3,13 +3,14 @@
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import click
 
 from semisynth_gl.cli.options import COUNT, MOST_WORKERS, SEED, Callback, ConfigName, option, option_group, set_option
-from semisynth_gl.cli.outputs import Output, output_option
+from semisynth_gl.cli.outputs import OutputFile, write_json
 from semisynth_gl.cli.wording import Command
 from semisynth_gl.config import load_config
 from semisynth_gl.listener import Listener
@@ -30,13 +31,13 @@ class _BenchOptions:
     seed: int
     backend: Backend
 
-    def run(self, benchmark: ModuleType, effort: Any, output: Output) -> None:  # noqa: ANN401 - each benchmark has its own
-        """Measure with a benchmark module and its ``Effort``; print the report, and write it as JSON to the output."""
+    def run(self, benchmark: ModuleType, effort: Any, json_file: Path | None) -> None:  # noqa: ANN401 - each benchmark has its own
+        """Measure with a benchmark module and its ``Effort``; print the report, and write it as JSON."""
         config = load_config(self.config_name, self.settings)
-        output.check(self.config_name)
         report = benchmark.measure(config, self.seed, self.backend, effort, _Parts())
         report["command"] = " ".join(["semisynth-gl", *sys.argv[1:]])
-        output.write_json(report)
+        if json_file is not None:
+            write_json(json_file, report)
         click.echo(f"{benchmark.headline(report)}\n\n{benchmark.table(report)}")
 
 
@@ -61,7 +62,7 @@ def _bench_options(config: str) -> Callable[[Callback], Callback]:
             help="egl: a GPU, or llvmpipe; osmesa: Mesa's off-screen renderer; auto: the first that works.",
         ),
     )
-    report = output_option("--json", help="Also write the full report to this JSON file.")
+    report = option("--json", "json_file", type=OutputFile(), help="Also write the full report to this JSON file.")
     return lambda callback: options(report(callback))
 
 
@@ -77,7 +78,7 @@ class _Parts(Listener):
 @option("--pairs", type=COUNT, default=3, help="Number of pairs to measure.")
 @option("--rays", type=COUNT, default=20_000, help="Rays cast for each eye of a pair.")
 @option("--repeats", type=COUNT, default=7, help="How often each alternative is timed.")
-def accuracy(options: _BenchOptions, output: Output, pairs: int, rays: int, repeats: int) -> None:
+def accuracy(options: _BenchOptions, json_file: Path | None, pairs: int, rays: int, repeats: int) -> None:
     """Compare the disparity with float64 rays, and encodings and antialiasing modes with each other.
 
     Prints the error of the disparity, then the time, size and error of disparity encodings, image encodings and
@@ -85,7 +86,7 @@ def accuracy(options: _BenchOptions, output: Output, pairs: int, rays: int, repe
     """
     from semisynth_gl.bench import accuracy as benchmark  # noqa: PLC0415 - other commands need no renderer
 
-    options.run(benchmark, benchmark.Effort(pairs, rays, repeats), output)
+    options.run(benchmark, benchmark.Effort(pairs, rays, repeats), json_file)
 
 
 def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int, ...]:
@@ -119,7 +120,7 @@ def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[i
 )
 def speed(
     options: _BenchOptions,
-    output: Output,
+    json_file: Path | None,
     pairs: int,
     repeats: int,
     workers: tuple[int, ...],
@@ -135,4 +136,4 @@ def speed(
     from semisynth_gl.bench import speed as benchmark  # noqa: PLC0415 - other commands need no renderer
 
     effort = benchmark.Effort(pairs, repeats, workers, memory_pairs, stress=not no_stress)
-    options.run(benchmark, effort, output)
+    options.run(benchmark, effort, json_file)

@@ -2,9 +2,8 @@
 
 import re
 import shlex
-from itertools import chain
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import click
 
@@ -22,7 +21,7 @@ from semisynth_gl.cli.options import (
     option,
     set_option,
 )
-from semisynth_gl.cli.outputs import Output, output_option
+from semisynth_gl.cli.outputs import OutputFile
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.cli.wording import Command, in_options
@@ -126,7 +125,8 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
     "recipes get the same weight, and textures are as in the packaged configs.",
 )
 @set_option()
-@output_option("--out", ".yaml", ".yml", required=True, help="YAML file to write.")
+@option("--out", type=OutputFile(".yaml", ".yml"), required=True, help="YAML file to write.")
+@option("--overwrite", is_flag=True, help="Replace an existing --out, with what you may have changed there.")
 def calibrate(
     images: tuple[str, ...],
     calib: tuple[str, ...],
@@ -136,12 +136,13 @@ def calibrate(
     pairs: tuple[tuple[str, str], ...],
     rectify_to: Path | None,
     settings: tuple[str, ...],
-    output: Output,
+    out: Path,
+    overwrite: bool,
     **others: Any,  # noqa: ANN401 - arguments of the function that calibrates
 ) -> None:
     """Write a config for a rig: its camera, the disparities that it sees, and the photographs to cut patches from."""
-    output.check(*calib, *disparity, *depth, *images, *chain.from_iterable(pairs))
-    out = cast("Path", output.path)  # the option is required
+    if out.is_file() and not overwrite:
+        raise InputError(f"--out {out}: exists already; choose another name, or replace it with --overwrite")
     with Progress() as progress:
         made = calibrate_rig(
             images,
@@ -156,7 +157,7 @@ def calibrate(
             listener=progress,
             **others,
         )
-    output.write(made.text.encode())
+    out.write_text(made.text, "utf-8")
     for line in made.summary:
         say(line)
     for note in made.notes:

@@ -1,9 +1,11 @@
 """``semisynth-gl compare``."""
 
+from pathlib import Path
+
 import click
 
 from semisynth_gl.cli.options import COUNT, FilesType, images_option, map_options, option
-from semisynth_gl.cli.outputs import Output, further_output_option, output_option
+from semisynth_gl.cli.outputs import OutputFile, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.wording import Command
 from semisynth_gl.comparison.compare import Comparison, comparison_json, comparison_table
@@ -35,8 +37,8 @@ from semisynth_gl.textures.subjects import of_subjects
 )
 @option("--sample", type=COUNT, default=SAMPLE, help="How many pairs to measure, evenly spread over the dataset.")
 @option("--split", type=click.Choice(SPLITS), help="Measure only this split.")
-@output_option("--json", help="Also write all figures, unrounded, to this JSON file.")
-@further_output_option("--out", "picture", ".png", help="Also draw all distributions into this PNG.")
+@option("--json", "json_file", type=OutputFile(), help="Also write all figures, unrounded, to this JSON file.")
+@option("--out", type=OutputFile(".png"), help="Also draw all distributions into this PNG.")
 def compare(
     directory: str,
     images: tuple[str, ...],
@@ -45,15 +47,13 @@ def compare(
     width_px: int | None,
     sample: int,
     split: SplitName | None,
-    output: Output,
-    picture: Output,
+    json_file: Path | None,
+    out: Path | None,
 ) -> None:
     """Compare a dataset's pairs with the place that it is made for, and say which keys of the config to change.
 
     Photographs are enough to compare textures and luminance; disparity maps add depth, occlusion and borders.
     """
-    for file in (output, picture):
-        file.check(*disparity, *images)
     with Progress() as progress:
         comparison = compare_dataset(
             directory,
@@ -65,12 +65,13 @@ def compare(
             split=split,
             listener=progress,
         )
-    output.write_json(comparison_json(comparison), allow_nan=False)
-    if picture.path is not None:
+    if json_file is not None:
+        write_json(json_file, comparison_json(comparison))
+    if out is not None:
         # Imported here: matplotlib takes longer to load than many pairs to measure.
         from semisynth_gl.comparison.plots import comparison_png  # noqa: PLC0415
 
-        picture.write(comparison_png(comparison, f"{directory}: {_counts(comparison)}"))
+        out.write_bytes(comparison_png(comparison, f"{directory}: {_counts(comparison)}"))
     for line in (_counts(comparison), "", *comparison_table(comparison), "", *_summary(comparison)):
         click.echo(line)
     passed_over = left_out(find_files(images, image_extensions()), map_files(disparity))

@@ -1,13 +1,12 @@
 """``semisynth-gl evaluate``."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from semisynth_gl.cli.options import FilesType, UserPath, option
-from semisynth_gl.cli.outputs import Output, output_option
+from semisynth_gl.cli.outputs import OutputFile, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.wording import Command
 from semisynth_gl.codecs.png import RGB8
@@ -16,7 +15,7 @@ from semisynth_gl.metrics.confirmation import evaluate_views
 from semisynth_gl.metrics.evaluate import REGIONS, SIGN_HINT, Evaluation, evaluate_pair, report_json, report_table
 from semisynth_gl.metrics.predictions import Predictions, find_predictions
 from semisynth_gl.metrics.protocol import PROTOCOL_NAMES, PROTOCOLS, Protocol, ProtocolName
-from semisynth_gl.metrics.truth import TrueSet, find_truth
+from semisynth_gl.metrics.truth import find_truth
 from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 _PATH = UserPath()
@@ -48,7 +47,7 @@ _WORST = 10
 @option("--mask", "masks", type=_PATH, help="Folder of masks to use instead of --gt's; 255 means not occluded.")
 @option("--split", type=click.Choice(SPLITS), help="Evaluate only this split of --gt.")
 @option("--partial", is_flag=True, help="Evaluate the predictions that exist, even if others are missing.")
-@output_option("--json", help="Also write all figures, unrounded, to this JSON file.")
+@option("--json", "json_file", type=OutputFile(), help="Also write all figures, unrounded, to this JSON file.")
 @option("--all", "show_all", is_flag=True, help=f"Print a row for every pair, not only for the {_WORST} worst.")
 @option("--maps", type=_PATH, help="Also write an error map of each pair into this folder.")
 def evaluate(
@@ -59,7 +58,7 @@ def evaluate(
     masks: Path | None,
     split: SplitName | None,
     partial: bool,
-    output: Output,
+    json_file: Path | None,
     show_all: bool,
     maps: Path | None,
 ) -> None:
@@ -72,14 +71,14 @@ def evaluate(
     if predictions_right is not None:
         of_truth = {"--gt": truth, "--protocol": protocol_name, "--mask": masks, "--split": split, "--maps": maps}
         refused = [name for name, value in {**of_truth, "--partial": partial or None}.items() if value is not None]
-        _evaluate_views(predictions, predictions_right, refused, output, show_all=show_all)
+        _evaluate_views(predictions, predictions_right, refused, json_file, show_all=show_all)
         return
     if truth is None:
         raise InputError("expected --gt, the truth, or --pred-right, which judges without truth")
     truth_set = find_truth(truth, split, masks)
-    inputs = {"--pred": str(predictions), "--gt": truth} | ({} if masks is None else {"--mask": str(masks)})
-    output.check()
-    pictures = _error_maps(maps, truth_set, inputs, output)
+    for name, folder in (("--pred", predictions), ("--gt", Path(truth)), ("--mask", masks)):
+        if maps is not None and folder is not None and maps.resolve() == folder.resolve():
+            raise InputError(f"--maps {maps}: is the folder of {name}; name another folder")
     files = find_predictions(predictions, truth_set.pairs, partial=partial)
     protocol = PROTOCOLS[protocol_name or truth_set.protocol]
     evaluations: list[Evaluation] = []
@@ -87,12 +86,15 @@ def evaluate(
         progress.on_total(len(files.found))
         for pair, prediction in files.found:
             evaluation = evaluate_pair(pair, prediction, protocol, draw=maps is not None)
-            if evaluation.error_map is not None:
-                pictures[pair.name].write(RGB8.encode(evaluation.error_map))
+            if maps is not None and evaluation.error_map is not None:
+                path = maps / f"{pair.name}.png"
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(RGB8.encode(evaluation.error_map))
             # Without the map: the maps of a large set would fill the memory.
             evaluations.append(replace(evaluation, error_map=None))
             progress.advance()
-    output.write_json(report_json(evaluations, protocol, files), allow_nan=False)
+    if json_file is not None:
+        write_json(json_file, report_json(evaluations, protocol, files))
     click.echo(f"{len(evaluations)} of {counted(len(truth_set.pairs), 'pair')} by the definitions of {protocol.source}")
     _print_tables(evaluations, files, protocol, None if show_all else _WORST)
     if files.missing:
@@ -114,7 +116,7 @@ def _print_tables(evaluations: list[Evaluation], files: Predictions, protocol: P
 
 
 def _evaluate_views(
-    predictions: Path, predictions_right: Path, refused: list[str], output: Output, *, show_all: bool
+    predictions: Path, predictions_right: Path, refused: list[str], json_file: Path | None, *, show_all: bool
 ) -> None:
     """Print the share of pixels that the right views' predictions do not confirm, worst pairs first.
 
@@ -122,38 +124,12 @@ def _evaluate_views(
     """
     if refused:
         raise InputError(f"--pred-right judges without truth: leave {', '.join(refused)} out")
-    output.check()
     report = evaluate_views(predictions, predictions_right)
-    output.write_json(report, allow_nan=False)
+    if json_file is not None:
+        write_json(json_file, report)
     click.echo(f"{counted(report['pairs'], 'pair')} without truth: % of pixels that the right view does not confirm\n")
     images = sorted(report["images"], key=lambda image: -image["unconfirmed"])
     rows = [(image["name"], image["unconfirmed"]) for image in (images if show_all else images[:_WORST])]
     rows.append(("mean", report["mean"]["unconfirmed"]))
     for name, share in rows:
         click.echo(f"{name.ljust(max(len(name) for name, _ in rows))}  {share:11.2f}")
-
-
-def _error_maps(maps: Path | None, truth_set: TrueSet, inputs: Mapping[str, str], output: Output) -> dict[str, Output]:
-    """Return the error map's file of each pair by the pair's name; refuse a folder that cannot take error maps."""
-    if maps is None:
-        return {}
-    if maps.exists() and not maps.is_dir():
-        raise InputError(f"--maps {maps}: is a file; name a folder")
-    if truth_set.local is not None and maps.resolve().is_relative_to(truth_set.local.resolve()):
-        raise InputError(f"--maps {maps}: lies in --gt, which must not change; name another folder")
-    for name, source in inputs.items():
-        if "://" in source or maps.resolve() != Path(source).resolve():
-            continue
-        if name == "--pred":
-            raise InputError(
-                f"--maps {maps}: is the folder of predictions, where error maps would be read as predictions; name "
-                "another folder"
-            )
-        raise InputError(f"--maps {maps}: is the folder of {name}, which must not change; name another folder")
-    pictures = {}
-    for pair in truth_set.pairs:
-        path = maps / f"{pair.name}.png"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        pictures[pair.name] = Output("--maps", path, output.overwrite)
-        pictures[pair.name].check()
-    return pictures

@@ -1,13 +1,13 @@
 """``semisynth-gl preview``."""
 
-import io
 from collections.abc import Sequence
+from pathlib import Path
 
 import click
 import numpy as np
 
 from semisynth_gl.cli.options import SceneOptions, option, scene_options
-from semisynth_gl.cli.outputs import Output, further_output_option, output_option
+from semisynth_gl.cli.outputs import OutputFile
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.cli.wording import Command
@@ -23,11 +23,10 @@ _FEWEST = 4
 
 @click.command(cls=Command)
 @scene_options
-@output_option("--out", ".png", default="preview.png", help="PNG file to write.")
-@further_output_option(
+@option("--out", type=OutputFile(".png"), default="preview.png", help="PNG file to write.")
+@option(
     "--ply",
-    "cloud",
-    ".ply",
+    type=OutputFile(".ply"),
     metavar="FILE",
     help="Also write the first shown pair's left view to this PLY file, as a coloured point cloud in metres.",
 )
@@ -36,7 +35,7 @@ _FEWEST = 4
     type=click.IntRange(min=1, max=64),
     help=f"How many pairs to show.  [default: {_FEWEST}, or one for each recipe if there are more recipes]",
 )
-def preview(scene: SceneOptions, output: Output, cloud: Output, pairs: int | None) -> None:
+def preview(scene: SceneOptions, out: Path, ply: Path | None, pairs: int | None) -> None:
     """Draw a contact sheet: pairs, if possible one of each recipe, and their histogram against the config's.
 
     The histogram weights each recipe by its share of the scenes.
@@ -47,8 +46,6 @@ def preview(scene: SceneOptions, output: Output, cloud: Output, pairs: int | Non
         from semisynth_gl.reporting.contact_sheet import draw_sheet  # noqa: PLC0415
 
     config = scene.config()
-    for file in (output, cloud):
-        file.check(scene.config_name, *scene.images)
     recipes = config.recipes()
     with PairRenderer(config, scene.seed, scene.backend) as renderer, Progress() as progress:
         indices = renderer.sampler.overview(pairs or max(_FEWEST, len(recipes)))
@@ -67,15 +64,13 @@ def preview(scene: SceneOptions, output: Output, cloud: Output, pairs: int | Non
     names = [f"{'' if recipe.name is None else f'{recipe.name}, '}pair {pair.index}" for recipe, pair in grouped]
     weights = [recipe.share / len(of_recipe[recipe.name]) for recipe, _ in grouped]
     target = config.shown_histogram()
-    png = io.BytesIO()
-    draw_sheet([pair.frame for _, pair in grouped], target, title, names, weights).savefig(png, format="png")
-    output.write(png.getvalue())
-    say(f"{counted(len(shown), 'pair')} in {output.path}")
-    if cloud.path is not None:
+    draw_sheet([pair.frame for _, pair in grouped], target, title, names, weights).savefig(out)
+    say(f"{counted(len(shown), 'pair')} in {out}")
+    if ply is not None:
         points = first.frame.points()
         seen = np.isfinite(points[..., 2])
-        cloud.write(encode_points(points[seen], as_rgb(first.frame.left.image)[seen]))
-        say(f"the points of pair {first.index} in {cloud.path}")
+        ply.write_bytes(encode_points(points[seen], as_rgb(first.frame.left.image)[seen]))
+        say(f"the points of pair {first.index} in {ply}")
     for recipe, (objects, still) in zip(recipes, in_view, strict=True):
         say(_about(recipe, [pair.index for pair in of_recipe[recipe.name]], objects, 1 - still))
     say(

@@ -1,13 +1,12 @@
 """``semisynth-gl report``."""
 
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from semisynth_gl.cli.options import COUNT, FilesType, option
-from semisynth_gl.cli.outputs import Output, output_option
+from semisynth_gl.cli.outputs import OutputFile
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.cli.wording import Command
@@ -18,10 +17,9 @@ from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 @click.command(cls=Command)
 @click.argument("directory", type=FilesType(), metavar="DIR_OR_ADDRESS")
-@output_option(
+@option(
     "--out",
-    ".html",
-    ".htm",
+    type=OutputFile(".html", ".htm"),
     help="HTML file to write.  [default: the dataset's name and -report.html, in the current folder]",
 )
 @option(
@@ -32,7 +30,7 @@ from semisynth_gl.seeds.splits import SPLITS, SplitName
 )
 @option("--sample", type=COUNT, default=200, help="How many pairs to measure, evenly spread over the dataset.")
 @option("--split", type=click.Choice(SPLITS), help="Report only on this split.")
-def report(directory: str, output: Output, pairs: int, sample: int, split: SplitName | None) -> None:
+def report(directory: str, out: Path | None, pairs: int, sample: int, split: SplitName | None) -> None:
     """Write one HTML page about a dataset: pairs, distributions, outliers, and the settings that made it.
 
     The page needs no server and no network: it opens from disk in a browser.
@@ -40,19 +38,18 @@ def report(directory: str, output: Output, pairs: int, sample: int, split: Split
     # Imported here: matplotlib takes longer to load than a pair to read.
     from semisynth_gl.reporting.build import report as report_on  # noqa: PLC0415
 
-    if output.path is None:
+    if out is None:
         local = open_place(directory).local
         name = local.resolve().name if local is not None else directory.rstrip("/").rpartition("/")[2]
-        output = replace(output, path=Path(f"{name}-report.html"))
-    output.check()
+        out = Path(f"{name}-report.html")
     start = time.monotonic()
     with Progress() as progress:
         built = report_on(directory, pairs=pairs, sample=sample, split=split, listener=progress)
     data = built.page.encode("utf-8", "backslashreplace")  # file names may hold bytes that are not text
-    output.write(data)
+    out.write_bytes(data)
     measured, total = len(built.measurement.pairs), built.measurement.dataset_pairs
     size = f" at 1/{built.step} of their size" if built.step > 1 else ""
     say(
-        f"{output.path}: {measured} of {counted(total, 'pair')} measured, {built.shown} shown{size}, "
+        f"{out}: {measured} of {counted(total, 'pair')} measured, {built.shown} shown{size}, "
         f"{len(data) / 1e6:.1f} MB, {time.monotonic() - start:.0f} s"
     )

@@ -1,11 +1,11 @@
 """``semisynth-gl textures``."""
 
-import io
+from pathlib import Path
 
 import click
 
 from semisynth_gl.cli.options import SEED, ConfigName, images_option, option, read_config, set_option
-from semisynth_gl.cli.outputs import Output, output_option
+from semisynth_gl.cli.outputs import OutputFile
 from semisynth_gl.cli.streams import say
 from semisynth_gl.cli.wording import Command
 from semisynth_gl.config import packaged_configs
@@ -28,14 +28,13 @@ from semisynth_gl.textures.prepare import named_images, prepare_atlas, split_ima
 @images_option()
 @option("--seed", type=SEED, default=0, help="Seed of the dataset whose patches to draw.")
 @set_option(help="Override a key of the config, for example textures.patch_px=512. May be repeated.")
-@output_option("--out", ".png", default="textures.png", help="PNG file to write.")
-def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tuple[str, ...], output: Output) -> None:
+@option("--out", type=OutputFile(".png"), default="textures.png", help="PNG file to write.")
+def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tuple[str, ...], out: Path) -> None:
     """Draw the patches that a dataset shows, count them, and say how many crops were rejected and why."""
     # Imported here: other commands need no fonts.
     from semisynth_gl.textures.sheet import draw_texture_sheet  # noqa: PLC0415
 
     section = read_config(config_name, images, (), settings).textures
-    output.check(config_name, *images)
     split = Split(seed)
     photographs = split_images(section, split)
     atlas = prepare_atlas(section, split, photographs)
@@ -43,14 +42,12 @@ def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tup
     kept = report.total("kept")
     shown = ", ".join(section.images) if section.source == "images" else section.source
     title = f"{counted(kept, 'patch')} of {report.patch_px} x {report.patch_px} pixels: {shown}"
-    png = io.BytesIO()
     images_of_sheet = named_images(section, report.named_images, split, photographs)
-    draw_texture_sheet(atlas, images_of_sheet, title).save(png, format="png")
-    output.write(png.getvalue())
+    draw_texture_sheet(atlas, images_of_sheet, title).save(out)
     for line in _table(report):
         say(line)
     say(report.summary())
-    say(f"{counted(kept, 'patch')} in {output.path}")
+    say(f"{counted(kept, 'patch')} in {out}")
 
 
 def _table(report: TextureReport) -> list[str]:

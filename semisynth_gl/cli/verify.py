@@ -1,11 +1,12 @@
 """``semisynth-gl verify``."""
 
 import time
+from pathlib import Path
 
 import click
 
 from semisynth_gl.cli.options import COUNT, FilesType, option
-from semisynth_gl.cli.outputs import Output, output_option
+from semisynth_gl.cli.outputs import OutputFile, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.wording import Command
 from semisynth_gl.inputs.errors import counted
@@ -17,13 +18,12 @@ from semisynth_gl.verification.verify import verify as verify_dataset
 @click.argument("directory", type=FilesType(), metavar="DIR_OR_ADDRESS")
 @option("--oracle", is_flag=True, help="Also make each scene again and compare the truth with float64 rays.")
 @option("--pixels", type=COUNT, default=500, help="Rays that --oracle casts for each pair.")
-@output_option("--json", help="Also write findings and measures to this JSON file.")
-def verify(directory: str, oracle: bool, pixels: int, output: Output) -> None:
+@option("--json", "json_file", type=OutputFile(), help="Also write findings and measures to this JSON file.")
+def verify(directory: str, oracle: bool, pixels: int, json_file: Path | None) -> None:
     """Read a dataset back from its files, as a user's program would, and print its faults.
 
     Each line is one finding: scene, check, expected and found values. The exit code is 1 if there are findings.
     """
-    output.check()
     start = time.monotonic()
     with Progress() as progress:
         found = verify_dataset(
@@ -34,7 +34,8 @@ def verify(directory: str, oracle: bool, pixels: int, output: Output) -> None:
             on_finding=lambda finding: click.echo(str(finding)),
         )
     seconds = time.monotonic() - start
-    output.write_json(found.values())
+    if json_file is not None:
+        write_json(json_file, found.values())
     if found.findings:
         suffix = " and in the dataset as a whole" if found.verdicts[0].findings else ""
         click.echo(

@@ -108,7 +108,7 @@ def test_each_option_and_argument_that_is_needed_is_missed_by_name(call, tmp_pat
             shown = missing.opts[0] if isinstance(missing, click.Option) else missing.human_readable_name
             refused(call(*given, cwd=tmp_path), "Missing", shown)
             needed.add((name, missing.name))
-    assert needed >= {("calibrate", "output"), ("evaluate", "predictions"), ("verify", "directory")}
+    assert needed >= {("calibrate", "out"), ("evaluate", "predictions"), ("verify", "directory")}
     assert list(tmp_path.iterdir()) == []
 
 
@@ -188,7 +188,7 @@ def test_patches_are_announced_before_they_are_made_and_not_when_they_are_found(
     tmp_path, photographs, call, monkeypatch
 ):
     monkeypatch.setenv("SEMISYNTH_GL_CACHE", str(tmp_path / "cache"))
-    arguments = ["textures", "--images", photographs, "--overwrite"]
+    arguments = ["textures", "--images", photographs]
     announced = f"making patches of photographs (images: {len(list(photographs.iterdir()))}); later runs find them in "
     assert call(*arguments, cwd=tmp_path).stderr.startswith(announced)
     assert "making" not in call(*arguments, cwd=tmp_path).stderr

@@ -697,15 +697,11 @@ def test_background_is_what_stands_still(dataset):
     assert value("background", frame_view(replace(frame, provenance=without), 48)) is None
 
 
-def test_plots_are_a_picture_and_files_of_others_stay(dataset, photographs, tmp_path):
+def test_plots_are_a_picture(dataset, photographs, tmp_path):
     path = tmp_path / "plots.png"
     assert run(dataset, "--images", photographs, "--width", 48, "--out", path)[0] == 0
     with Image.open(path) as image:
         assert min(image.size) > 500
-    path.write_bytes(RGB8.encode(pixels()))
-    code, _, err = run(dataset, "--images", photographs, "--out", path)
-    assert (code, path.read_bytes()) == (2, RGB8.encode(pixels()))
-    assert "--overwrite" in err
     assert run(dataset, "--images", photographs, "--out", tmp_path / "plots.txt")[0] == 2
 
 

@@ -127,9 +127,7 @@ def test_a_preview_shows_each_recipe_and_says_what_it_is(tmp_path):
     assert [(name, share) for name, share, _ in said] == [("plain", "33"), ("walls", "33"), ("solids", "33")]
     shown = sorted(int(index) for *_, indices in said for index in indices.split(", "))
     assert shown == sampler_of(mixed(small()), seed=0).overview(4)
-    one = CliRunner().invoke(
-        semisynth_gl, ["preview", "--config", str(path), "--out", sheet, "--pairs", "1", "--overwrite"]
-    )
+    one = CliRunner().invoke(semisynth_gl, ["preview", "--config", str(path), "--out", sheet, "--pairs", "1"])
     assert one.stdout.count("no pair shown; on average") == 2
 
 

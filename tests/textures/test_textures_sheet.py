@@ -167,7 +167,7 @@ def test_the_command_counts_by_source_and_scale(call, tmp_path, photographs):
     assert "1 smaller than 64 pixels" in out
     assert Image.open(tmp_path / "sheet.png").size[0] == 1600
     again = (tmp_path / "sheet.png").read_bytes()
-    assert call("--images", photographs, *small, "--out", "sheet.png", "--overwrite")[0] == 0
+    assert call("--images", photographs, *small, "--out", "sheet.png")[0] == 0
     assert (tmp_path / "sheet.png").read_bytes() == again
 
 

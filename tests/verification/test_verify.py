@@ -402,7 +402,7 @@ def test_the_command_tells_what_it_found(call, dataset, tmp_path):
     assert out.startswith("3 pairs, nothing found; at worst: ")
     assert "3 of 3 pairs" in err
     (scene_of(dataset) / "im0.png").unlink()
-    code, out, err = call(dataset, "--json", tmp_path / "report.json", "--overwrite")
+    code, out, err = call(dataset, "--json", tmp_path / "report.json")
     assert code == 1
     assert out == f"middlebury-000001: files: {SCENES}/middlebury-000001/im0.png is missing\n"
     assert "1 finding in 1 of 3 pairs" in err
