@@ -15,8 +15,8 @@ from semisynth_gl.inputs.errors import SemisynthError, described, did_you_mean, 
 _REFUSED = 2
 
 _COMMANDS = (
-    *("bench", "calibrate", "compare", "configs", "doctor", "evaluate"),
-    *("generate", "preview", "report", "textures", "verify"),
+    *("bench", "calibrate", "compare", "configs", "doctor"),
+    *("evaluate", "generate", "preview", "report", "verify"),
 )
 
 

@@ -13,10 +13,15 @@ from semisynth_gl.cli.streams import say
 from semisynth_gl.cli.wording import Command
 from semisynth_gl.codecs.ply import encode_points
 from semisynth_gl.config.model import Recipe
+from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.engines.interrupts import interrupts_end
 from semisynth_gl.frame.frame import as_rgb
 from semisynth_gl.histogram import total_variation, wasserstein_px
-from semisynth_gl.inputs.errors import counted
+from semisynth_gl.inputs.errors import InputError, counted
+from semisynth_gl.seeds.splits import Split
+from semisynth_gl.textures.crop_report import REJECTIONS, TextureReport, count_crops
+from semisynth_gl.textures.image_files import printable
+from semisynth_gl.textures.prepare import named_images, prepare_atlas, split_images
 
 _FEWEST = 4
 
@@ -31,15 +36,26 @@ _FEWEST = 4
     help="Also write the first shown pair's left view to this PLY file, as a coloured point cloud in metres.",
 )
 @option(
+    "--patches",
+    is_flag=True,
+    help="Draw the patches that the pairs show instead, count them, and say how many crops were rejected and why.",
+)
+@option(
     "--pairs",
     type=click.IntRange(min=1, max=64),
     help=f"How many pairs to show.  [default: {_FEWEST}, or one for each recipe if there are more recipes]",
 )
-def preview(scene: SceneOptions, out: Path, ply: Path | None, pairs: int | None) -> None:
+def preview(scene: SceneOptions, out: Path, ply: Path | None, patches: bool, pairs: int | None) -> None:
     """Draw a contact sheet: pairs, if possible one of each recipe, and their histogram against the config's.
 
     The histogram weights each recipe by its share of the scenes.
     """
+    if patches:
+        refused = [name for name, value in (("--ply", ply), ("--pairs", pairs)) if value is not None]
+        if refused:
+            raise InputError(f"--patches draws no pairs: leave {' and '.join(refused)} out")
+        _draw_patches(scene.config().textures, scene.seed, out)
+        return
     # Imported here: help and completion need no renderer, and matplotlib takes longer to load than a pair to render.
     with interrupts_end():
         from semisynth_gl.pairs.pipeline import PairRenderer  # noqa: PLC0415
@@ -78,6 +94,43 @@ def preview(scene: SceneOptions, out: Path, ply: Path | None, pairs: int | None)
         f"{total_variation(expected, target):.3f} from the target, and a Wasserstein-1 distance of "
         f"{wasserstein_px(target, expected):.2g} px"
     )
+
+
+def _draw_patches(section: TexturesSection, seed: int, out: Path) -> None:
+    """Draw the patches of a dataset with this seed, and print how many each image gives and how many were rejected."""
+    # Imported here: other commands need no fonts.
+    from semisynth_gl.textures.sheet import draw_texture_sheet  # noqa: PLC0415
+
+    split = Split(seed)
+    photographs = split_images(section, split)
+    atlas = prepare_atlas(section, split, photographs)
+    report = atlas.report
+    kept = counted(report.total("kept"), "patch")
+    shown = ", ".join(section.images) if section.source == "images" else section.source
+    title = f"{kept} of {report.patch_px} x {report.patch_px} pixels: {shown}"
+    draw_texture_sheet(atlas, named_images(section, report.named_images, split, photographs), title).save(out)
+    for line in (*_patch_table(report), report.summary(), f"{kept} in {out}"):
+        say(line)
+
+
+def _patch_table(report: TextureReport) -> list[str]:
+    """Return a line for each image: its patches by scale, its rejected crops by reason, its share of the surfaces."""
+    scales = report.scale_names
+    groups = {printable(name): counts for name, counts in report.grouped_counts.items()}
+    wide = max(len("image"), *map(len, groups)) if groups else len("image")
+    heads = ["patches", *(f"at {name}" for name in scales.values()), *REJECTIONS, "surfaces"]
+    shares = report.surface_shares
+    lines = [f"{'image':<{wide}}  " + "  ".join(f"{head:>9}" for head in heads)]
+    for name, counts in (*groups.items(), ("all", report.counts)):
+        numbers = [
+            count_crops(counts, "kept"),
+            *(count_crops(counts, "kept", side) for side in scales),
+            *(count_crops(counts, outcome) for outcome in REJECTIONS),
+        ]
+        worn = sum(shares.get(source, 0.0) for source in {count.source for count in counts})
+        cells = [*map(str, numbers), f"{worn:.1%}"]
+        lines.append(f"{name:<{wide}}  " + "  ".join(f"{cell:>9}" for cell in cells))
+    return lines
 
 
 def _about(recipe: Recipe, indices: Sequence[int], objects: float, covered: float) -> str:

@@ -188,7 +188,7 @@ def test_patches_are_announced_before_they_are_made_and_not_when_they_are_found(
     tmp_path, photographs, call, monkeypatch
 ):
     monkeypatch.setenv("SEMISYNTH_GL_CACHE", str(tmp_path / "cache"))
-    arguments = ["textures", "--images", photographs]
+    arguments = ["preview", "--patches", "--config", "middlebury", "--images", photographs]
     announced = f"making patches of photographs (images: {len(list(photographs.iterdir()))}); later runs find them in "
     assert call(*arguments, cwd=tmp_path).stderr.startswith(announced)
     assert "making" not in call(*arguments, cwd=tmp_path).stderr
@@ -212,7 +212,7 @@ def test_doctor_names_the_command_where_nothing_works():
 
 
 def test_quotes_are_advised_where_patterns_are_taken(call, tmp_path):
-    for command, advised in ((["textures", "--images"], True), (["report"], False)):
+    for command, advised in ((["preview", "--config", "eth3d", "--images"], True), (["report"], False)):
         done = call(*command, "a.jpg", "b.jpg", "c.jpg", cwd=tmp_path)
         assert "unexpected extra argument" in done.stderr
         assert ("into quotes" in done.stderr) == advised

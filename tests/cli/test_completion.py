@@ -40,7 +40,7 @@ def completed(*words):
         (("generate", "--set", "camera.width"), ["plain,camera.width_px="]),
         (("generate", "--set", "anti"), ["plain,antialias="]),
         (("preview", "--set", "no.such"), []),
-        (("textures", "--set", "textures.pat"), ["plain,textures.patch_px="]),
+        (("preview", "--set", "textures.pat"), ["plain,textures.patch_px="]),
         (("bench", "speed", "--set", "disparity.ma"), ["plain,disparity.max_px="]),
         # Files come first: bash forgets what stands before them.
         *(
@@ -48,7 +48,6 @@ def completed(*words):
             for command in (
                 ("generate", "--config"),
                 ("preview", "--config"),
-                ("textures", "--config"),
                 ("configs",),
                 ("bench", "accuracy", "--config"),
             )

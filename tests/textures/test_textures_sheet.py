@@ -1,4 +1,4 @@
-"""``semisynth-gl textures``: the sheet shows the patches, the table counts them, and the cache keeps both."""
+"""``semisynth-gl preview --patches``: the sheet shows the patches, the table counts them, and the cache keeps both."""
 
 import json
 import sys
@@ -139,7 +139,9 @@ def test_files_are_found_by_any_extension(tmp_path):
 def call(monkeypatch, capsys, tmp_path):
     def caller(*arguments):
         monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(sys, "argv", ["semisynth-gl", "textures", *map(str, arguments)])
+        monkeypatch.setattr(
+            sys, "argv", ["semisynth-gl", "preview", "--patches", "--config", "middlebury", *map(str, arguments)]
+        )
         capsys.readouterr()
         with pytest.raises(SystemExit) as stopped:
             main()
@@ -178,7 +180,7 @@ def test_any_file_name_can_be_shown(call, tmp_path):
     code, out, err = call("--images", "p", "--set", "textures.patch_px=64")
     assert (code, without_announcements(err)) == (0, "")
     assert "a?b" in out
-    assert (tmp_path / "textures.png").is_file()
+    assert (tmp_path / "preview.png").is_file()
     assert printable("a\udcffb") == "a?b"
 
 
@@ -187,6 +189,7 @@ def test_any_file_name_can_be_shown(call, tmp_path):
     [
         (["--out", "sheet.jpg"], "ends in .png"),
         (["--out", "no/sheet.png"], "does not exist"),
+        (["--pairs", "2", "--ply", "a.ply"], "--patches draws no pairs: leave --ply and --pairs out"),
         (["--images", "nothing"], "no image matches"),
         (["--config", "nothing"], "no such config"),
         (["--set", "textures.min_difference=2"], "textures.min_difference"),
