@@ -6,10 +6,9 @@ from typing import Any
 
 from semisynth_gl.codecs.codec import Codec, read_bytes
 from semisynth_gl.codecs.flo import Flo
-from semisynth_gl.codecs.grey import ThreeEqual
 from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.pfm import PFM, PFM3, FlowPfm
-from semisynth_gl.codecs.png import GREY8, GREY16, GREY_IMAGE, RGB8
+from semisynth_gl.codecs.png import GREY8, GREY16, GREY_IMAGE, RGB8, ThreeEqual
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, SIGNED_DISPARITY, FlowPng16
 
 __all__ = ["DISPARITY_CODECS", "FLOW_CODECS", "IMAGE_CODECS", "Codec", "Encodings", "read_bytes"]
@@ -72,12 +71,9 @@ class Encodings:
     def codec(self, name: str) -> Codec[Any]:
         """Return the codec with the name that a channel or a role has for it.
 
-        ``image``, ``disparity`` and ``flow`` are the dataset's codecs. ``png`` is for images that are always PNG, with
-        the channels of the other images. ``grey8`` and ``grey16`` (PNG), ``float`` (PFM), ``vector`` (PFM of three
-        channels) and ``shift`` (Middlebury's .flo) are the same in all datasets. Raises KeyError for other names.
+        ``image``, ``disparity`` and ``flow`` are the dataset's codecs. ``grey8`` and ``grey16`` (PNG), ``float`` (PFM),
+        ``vector`` (PFM of three channels) and ``shift`` (Middlebury's .flo) are the same in all datasets. Raises
+        KeyError for other names.
         """
-        if name == "png":
-            png = GREY_IMAGE if self.image in _GREY_CODECS.values() else RGB8
-            return ThreeEqual(RGB8) if isinstance(self.image, ThreeEqual) else png
         chosen: Mapping[str, Codec[Any]] = {"image": self.image, "disparity": self.disparity, "flow": self.flow}
         return chosen[name] if name in chosen else _FIXED[name]

@@ -34,27 +34,16 @@ class MiddleburyCalib(Codec[Calibration]):
 
     name = "txt"
     description = "Middlebury's calib.txt"
-    is_image = False
 
     def encode(self, value: Calibration) -> bytes:
         """Encode a calibration, with the lines in Middlebury's order."""
         camera = value.camera
         f, cy = float(camera.focal_px), float(camera.cy_px)
-        lines = [
-            f"cam0=[{f!r} 0 {float(camera.cx_left_px)!r}; 0 {f!r} {cy!r}; 0 0 1]",
-            f"cam1=[{f!r} 0 {float(camera.cx_right_px)!r}; 0 {f!r} {cy!r}; 0 0 1]",
-            f"doffs={float(value.doffs_px)!r}",
-            f"baseline={float(camera.baseline_m) * 1000!r}",
-            f"width={camera.width_px}",
-            f"height={camera.height_px}",
-            f"ndisp={value.ndisp}",
-            "isint=0",
-            f"vmin={value.vmin_px:g}",
-            f"vmax={value.vmax_px:g}",
-            "dyavg=0",
-            "dymax=0",
-        ]
-        return ("\n".join(lines) + "\n").encode()
+        eyes = [f"[{f!r} 0 {float(cx)!r}; 0 {f!r} {cy!r}; 0 0 1]" for cx in (camera.cx_left_px, camera.cx_right_px)]
+        lengths = float(value.doffs_px), float(camera.baseline_m) * 1000
+        sizes = camera.width_px, camera.height_px, value.ndisp
+        values = (*eyes, *map(repr, lengths), *sizes, 0, f"{value.vmin_px:g}", f"{value.vmax_px:g}", 0, 0)
+        return "".join(f"{key}={text}\n" for key, text in zip(_KEYS, values, strict=True)).encode()
 
     def decode(self, data: bytes, path: Path) -> Calibration:
         """Decode a calibration; raises ReadError also where lines are missing or in another order."""
@@ -92,7 +81,6 @@ class KittiCalib(Codec[StereoCamera]):
 
     name = "txt"
     description = "KITTI's calib_cam_to_cam.txt"
-    is_image = False
 
     def encode(self, value: StereoCamera) -> bytes:
         """Encode a rectified pair of cameras."""

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from math import inf
 from pathlib import Path
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,22 +25,18 @@ class Codec(ABC, Generic[Value]):
     Attributes:
         name: the codec's name in a config, and the ending of its files unless `suffix` differs.
         description: the format in a few words.
-        nothing: how the format stores "no value", in words.
         error_px: largest rounding error of a stored value, px.
         limit_px: largest magnitude of a stored value, px.
         signed: whether values of 0 and below can be stored.
-        is_image: whether common image readers, such as Pillow, return the value unchanged.
         lossless: whether `decode` returns the encoded value bit for bit.
         pixel_bytes: estimated bytes of a file per pixel, for the size of shards; 0 for files without pixels.
     """
 
     name: str
     description: str
-    nothing: ClassVar[str] = "inf"
     error_px: float = 0.0
     limit_px: float = inf
     signed: bool = True
-    is_image: bool = True
     lossless: bool = True
     pixel_bytes: float = 0.0
 
@@ -84,14 +80,6 @@ def read_bytes(path: Path, most_bytes: int | None = None) -> bytes:
         raise ReadError(path, "is missing") from None
     except OSError as error:
         raise ReadError(path, f"cannot be read: {error.strerror}") from None
-
-
-def check_image(image: NDArray[Any], path: Path, *, grey: bool) -> NDArray[np.uint8]:
-    """Return a decoded image; raises ReadError where it is not (H, W, 3) uint8 or, if ``grey``, (H, W) uint8."""
-    if image.dtype != np.uint8 or image.shape[2:] != (() if grey else (3,)):
-        kind = "grey" if grey else "RGB"
-        raise ReadError(path, f"expected 8-bit {kind}, got {image.dtype} of shape {image.shape}")
-    return image
 
 
 def check_size(data: bytes, header_bytes: int, pixel_bytes: int, width: int, height: int, path: Path) -> None:

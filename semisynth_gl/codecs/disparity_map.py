@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.codecs.codec import read_bytes
+from semisynth_gl.codecs.codec import Codec, read_bytes
 from semisynth_gl.codecs.pfm import ANY_PFM
 from semisynth_gl.codecs.png import GREY16, HEAD_BYTES
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, SIGNED_DISPARITY, DisparityPng16
@@ -33,12 +33,7 @@ def read_disparity_map(
     Raises:
         ReadError: where the file cannot be read, has another format, or does not have one value per pixel.
     """
-    data = read_bytes(path)
-    if data.startswith(b"\x93NUMPY"):
-        return _float32(_read_npy(data, path))
-    if data.startswith(b"\x89PNG"):
-        return (SIGNED_DISPARITY if signed else DisparityPng16(png_steps)).decode(data, path)
-    return ANY_PFM.decode(data, path)
+    return _float32(_stored(path, SIGNED_DISPARITY if signed else DisparityPng16(png_steps)))
 
 
 def read_depth_map(path: Path) -> NDArray[np.float32]:
@@ -50,13 +45,7 @@ def read_depth_map(path: Path) -> NDArray[np.float32]:
     Raises:
         ReadError: as `read_disparity_map`, and where depths in floating point are hardly metres.
     """
-    data = read_bytes(path)
-    if data.startswith(b"\x93NUMPY"):
-        stored = _read_npy(data, path)
-    elif data.startswith(b"\x89PNG"):
-        stored = GREY16.decode(data, path)
-    else:
-        stored = ANY_PFM.decode(data, path)
+    stored = _stored(path, GREY16)
     depth = _float32(stored)
     known = np.isfinite(depth) & (depth > 0)
     if stored.dtype.kind in "iu":
@@ -84,6 +73,14 @@ def is_disparity_map(path: Path) -> bool:
         return False
     except OSError as error:
         raise ReadError(path, f"cannot be read: {error.strerror}") from None
+
+
+def _stored(path: Path, png: Codec[NDArray[Any]]) -> NDArray[Any]:
+    """Return a map's values as they are in the file, (H, W); ``png`` decodes a PNG."""
+    data = read_bytes(path)
+    if data.startswith(b"\x93NUMPY"):
+        return _read_npy(data, path)
+    return (png if data.startswith(b"\x89PNG") else ANY_PFM).decode(data, path)
 
 
 def _read_npy(data: bytes, path: Path) -> NDArray[Any]:

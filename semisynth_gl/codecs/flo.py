@@ -20,8 +20,6 @@ class Flo(Codec[NDArray[np.float32]]):
 
     name = "flo"
     description = "Middlebury's .flo, float32"
-    nothing = "1e10"
-    is_image = False
     pixel_bytes = 8.0
 
     def encode(self, value: NDArray[np.float32]) -> bytes:

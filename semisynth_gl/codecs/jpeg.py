@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from semisynth_gl.codecs.codec import GREY_PIXEL_BYTES, PHOTOGRAPH_PIXEL_BYTES, Codec, check_image
+from semisynth_gl.codecs.codec import GREY_PIXEL_BYTES, PHOTOGRAPH_PIXEL_BYTES, Codec
 from semisynth_gl.inputs.errors import ReadError
 
 _BEGIN, _END = b"\xff\xd8", b"\xff\xd9"
@@ -36,6 +36,9 @@ class Jpeg(Codec[NDArray[np.uint8]]):
             raise ReadError(path, "does not end as a JPEG does: cut off, or something follows")
         try:
             with Image.open(io.BytesIO(data), formats=["JPEG"]) as image:
-                return check_image(np.asarray(image), path, grey=self._grey)
+                mode, pixels = image.mode, np.asarray(image)
         except (RuntimeError, ValueError, LookupError, OSError, SyntaxError) as error:
             raise ReadError(path, f"cannot be decoded: {error}") from None
+        if mode != ("L" if self._grey else "RGB"):
+            raise ReadError(path, f"expected 8-bit {'grey' if self._grey else 'RGB'}, got a JPEG of the mode {mode}")
+        return pixels

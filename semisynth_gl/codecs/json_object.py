@@ -18,7 +18,6 @@ class JsonObject(Codec[Mapping[str, Any]]):
 
     name = "json"
     description = "JSON"
-    is_image = False
 
     def encode(self, value: Mapping[str, Any]) -> bytes:
         """Encode a mapping."""

@@ -214,7 +214,7 @@ def _calibration(sample: Sample) -> Calibration:
 
 def _exposed_right(stops: int) -> Role:
     meaning = f"right image a stop {'darker' if stops < 0 else 'brighter'}"
-    return Role(meaning, "png", lambda sample: expose(sample.frame.right.image, stops))
+    return Role(meaning, "image", lambda sample: expose(sample.frame.right.image, stops))
 
 
 _MASKED = [

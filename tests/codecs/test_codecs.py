@@ -18,12 +18,11 @@ from tiny_datasets import cheap
 
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings
 from semisynth_gl.codecs.calib import MIDDLEBURY_CALIB, Calibration
-from semisynth_gl.codecs.deflate import deflate
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.codecs.pfm import ANY_PFM, PFM, PFM3
-from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, RGB16
+from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, RGB16, deflate
 from semisynth_gl.codecs.png16 import CRESTEREO_DISPARITY, KITTI_DISPARITY
 from semisynth_gl.config.dataset_sections import FilesSection
 from semisynth_gl.frame.camera import StereoCamera

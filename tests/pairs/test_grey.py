@@ -17,9 +17,8 @@ from scenes import assert_equal, facing, noise_layers
 from tiny_datasets import cheap, findings
 
 from semisynth_gl.codecs import IMAGE_CODECS, Encodings
-from semisynth_gl.codecs.grey import ThreeEqual
 from semisynth_gl.codecs.jpeg import Jpeg
-from semisynth_gl.codecs.png import GREY_IMAGE, RGB8
+from semisynth_gl.codecs.png import GREY_IMAGE, RGB8, ThreeEqual
 from semisynth_gl.comparison.measured_view import mean_luminance
 from semisynth_gl.comparison.sides import frame_view
 from semisynth_gl.config import Config, load_config
