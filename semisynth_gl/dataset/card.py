@@ -25,12 +25,8 @@ def encode_card(index: IndexDocument) -> bytes:
     licence = plan.config.licences.dataset.lower()
     known = _LICENCES.fullmatch(licence)
     power = max(0, len(str(sum(plan.pairs.values()))) - 3)
-    environment = template_environment()
-    environment.filters["one_line"] = _one_line
-    environment.filters["licences"] = lambda splits: _one_line(
-        "; ".join(sorted({source.licence for sources in splits for source in sources}))
-    )
-    card = environment.get_template("card.md.jinja").render(
+    template = template_environment().get_template("card.md.jinja")
+    card = template.render(
         plan=plan,
         index=index,
         licence=licence if known else "other",
@@ -78,7 +74,3 @@ def _pattern(paths: list[str]) -> str:
         begin, end = commonprefix(names), commonprefix([name[::-1] for name in names])[::-1]  # noqa: RUF071 - names
         parts.append(names[0] if len(set(names)) == 1 else f"{begin.rstrip('0123456789')}*{end}")
     return "/".join(parts)
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())
