@@ -62,17 +62,15 @@ class SceneFlow(Layout):
 
     def folders(self) -> tuple[str, ...]:
         """Return the folders that PSMNet and HSM list, even where they are empty."""
+        used = [f"{{}}/{part}/{letter}" for part in ("TRAIN", "TEST") for letter in _LETTERS]
         driving = [
-            f"{length}/{scene}/{speed}/left"
+            f"driving_{{}}/{length}/{scene}/{speed}/left"
             for length in ("35mm_focallength", "15mm_focallength")
             for scene in ("scene_backwards", "scene_forwards")
             for speed in ("fast", "slow")
         ]
-        return (
-            *(f"{ROOT}/{tree}/{part}/{each}" for tree in (_IMAGES, "disparity") for part in _USED for each in _LETTERS),
-            *(f"{ROOT}/monkaa_{tree}" for tree in (_IMAGES, "disparity")),
-            *(f"{ROOT}/driving_{tree}/{each}" for tree in (_IMAGES, "disparity") for each in driving),
-        )
+        names = (*used, "monkaa_{}", *driving)
+        return tuple(f"{ROOT}/{name.format(tree)}" for tree in (_IMAGES, "disparity") for name in names)
 
     def folder(self, split: SplitName, splits: Collection[SplitName]) -> str:
         """Return a split's folder: "" for train and test, which share one tree."""
@@ -85,7 +83,5 @@ def _place(key: Key) -> tuple[str, str]:
     folder, frame = divmod(number, _FRAMES) if key.sequence_length is None else (number, key.frame)
     return f"{_PARTS[key.split]}/{_LETTERS[letter]}/{folder:04d}", f"{frame:04d}"
 
-
-_USED = ("TRAIN", "TEST")
 
 LAYOUT = SceneFlow()

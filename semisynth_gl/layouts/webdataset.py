@@ -17,16 +17,8 @@ from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.layout import Layout, scene_stems
 from semisynth_gl.layouts.roles import ROLES, Role, Sample
 
-_CAMERA: Mapping[str, type[int] | type[float]] = {
-    "width_px": int,
-    "height_px": int,
-    "focal_px": float,
-    "baseline_m": float,
-    "cx_left_px": float,
-    "cx_right_px": float,
-    "cy_px": float,
-    "doffs_px": float,
-}
+_SIZES = ("width_px", "height_px")
+_LENGTHS = ("focal_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px", "doffs_px")
 
 
 class WebDataset(Layout):
@@ -48,8 +40,10 @@ class WebDataset(Layout):
 def _facts(sample: Sample) -> dict[str, Any]:
     """Return the facts that every pair has, and the provenance as text: loaders lose keys that only some pairs have."""
     provenance, camera = sample.provenance, sample.frame.camera
+    numbers: dict[str, Any] = {name: int(getattr(camera, name)) for name in _SIZES}
+    numbers |= {name: float(getattr(camera, name)) for name in _LENGTHS}
     # Either all pairs of a dataset have it or none: a rectified twin states a deviation of zero.
-    deviation = {key: value for key, value in provenance.get("camera", {}).items() if key == "deviation"}
+    numbers |= {key: value for key, value in provenance.get("camera", {}).items() if key == "deviation"}
     beyond = provenance.get(View.disparity.beyond_key, {})
     return {
         "pair": int(provenance["pair"]),
@@ -58,7 +52,7 @@ def _facts(sample: Sample) -> dict[str, Any]:
         **{name: int(provenance[name]) for name in ("seed", "sequence", "frame")},
         **({"view": int(provenance["view"])} if "view" in provenance else {}),
         "near_m": float(provenance["near_m"]),
-        "camera": {name: kind(getattr(camera, name)) for name, kind in _CAMERA.items()} | deviation,
+        "camera": numbers,
         "ndisp": int(sample.ndisp),
         "redrawn": len(provenance.get("redrawn", ())),
         "beyond_left": int(beyond.get("left", 0)),

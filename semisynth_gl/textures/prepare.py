@@ -74,7 +74,7 @@ def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path]
         "atlas",
         VERSION,
         key,
-        work=f"making {source.patches}" + (f" (images: {len(images):,})" if source.noun == "photograph" else ""),
+        work=f"making {source.patches}" + (f" (images: {len(images):,})" if images and source.pictures is None else ""),
         build=lambda: _build(section, split, images),
         pack=lambda atlas: pack_atlas(atlas, images),
         unpack=lambda entry: unpack_atlas(entry, images),

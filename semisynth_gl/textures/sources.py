@@ -25,7 +25,6 @@ class TextureSource:
     """A source of patches.
 
     Attributes:
-        noun: what patches are cut from, as the card of a dataset calls it.
         patches: what log messages call the patches.
         files: returns the files that patches are cut from, sorted; raises `InputError` where files are missing. A
             source without files returns none.
@@ -36,7 +35,6 @@ class TextureSource:
         plugin: the plug-in that draws the pictures; None for the program's own sources.
     """
 
-    noun: Literal["photograph", "picture", "pattern"]
     patches: str
     files: Callable[[TexturesSection], Sequence[Path]] = lambda _: ()
     pictures: Callable[[np.random.Generator], Iterable[Picture]] | None = None
@@ -56,23 +54,20 @@ def _packaged(_: TexturesSection) -> Sequence[Path]:
 
 
 SOURCES: dict[str, TextureSource] = {
-    "images": TextureSource(noun="photograph", patches="patches of photographs", files=_of_the_user),
+    "images": TextureSource(patches="patches of photographs", files=_of_the_user),
     "builtin": TextureSource(
-        noun="picture",
         patches="patches of drawn pictures and photographs",
         files=_packaged,
         pictures=drawn_pictures,
         licences=builtin_licences,
         licence="own",
     ),
-    "photographs": TextureSource(
-        noun="photograph", patches="patches of photographs", files=_packaged, licences=builtin_licences
-    ),
-    "procedural": TextureSource(noun="pattern", patches="procedural patterns", licence="none"),
+    "photographs": TextureSource(patches="patches of photographs", files=_packaged, licences=builtin_licences),
+    "procedural": TextureSource(patches="procedural patterns", licence="none"),
 }
 """The program's own sources, by their names in a config."""
 
-_OF_PLUGIN = TextureSource(noun="picture", patches="patches of pictures")
+_OF_PLUGIN = TextureSource(patches="patches of pictures")
 
 
 def describe_source(name: str) -> TextureSource:
