@@ -25,10 +25,9 @@ from numpy.typing import NDArray
 from semisynth_gl.bench.speed import headline
 from semisynth_gl.bench.summary import machine_facts, markdown
 from semisynth_gl.config import Config, load_config
+from semisynth_gl.dataset.engines import LocalEngine, cores
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset
-from semisynth_gl.engines.local import LocalEngine
-from semisynth_gl.engines.task import cores
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import SemisynthError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.backends import is_software
@@ -161,7 +160,7 @@ def measure(
     failed: dict[str, str] = {}
     for kind, config in configs.items():
         with tempfile.TemporaryDirectory() as scratch:
-            generate(config, scratch, _COMPARED, seed, layout="middlebury", engine=LocalEngine(1, _TIMEOUT_S))
+            generate(config, scratch, _COMPARED, seed, layout="middlebury", engine=LocalEngine(1))
             files = {number: frame.arrays() for number, frame in enumerate(open_dataset(scratch))}
         for way in chosen:
             row: dict[str, Any] = {"way": way.name, "kind": kind, "workers": way.workers, "rates": []}

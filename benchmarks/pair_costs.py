@@ -68,11 +68,13 @@ def maker(config_name: str, settings: Sequence[str], folder: Path) -> Iterator[C
     from semisynth_gl.codecs.pfm import Pfm  # noqa: PLC0415
     from semisynth_gl.codecs.png import Png  # noqa: PLC0415
     from semisynth_gl.config import load_config  # noqa: PLC0415
-    from semisynth_gl.dataset.shard import ShardWriter  # noqa: PLC0415
-    from semisynth_gl.engines import worker  # noqa: PLC0415
+    from semisynth_gl.dataset.engines import keep_freed_memory  # noqa: PLC0415
+    from semisynth_gl.dataset.make import encode, open_renderer  # noqa: PLC0415
+    from semisynth_gl.dataset.root import open_root  # noqa: PLC0415
+    from semisynth_gl.dataset.shard import write_shard  # noqa: PLC0415
     from semisynth_gl.pairs import pipeline  # noqa: PLC0415
 
-    getattr(worker, "keep_freed_memory", lambda: None)()  # earlier versions have none
+    keep_freed_memory()
     clock = Clock()
 
     def by_kind(encode: Callable[..., Any]) -> Callable[..., Any]:
@@ -84,8 +86,8 @@ def maker(config_name: str, settings: Sequence[str], folder: Path) -> Iterator[C
     type(JSON_OBJECT).encode = clock.inside("encode: provenance", type(JSON_OBJECT).encode)
     pipeline.with_imperfections = clock.inside("imperfections", pipeline.with_imperfections)
     job = shard_job(load_config(config_name, settings), 0, "auto", MOST_PAIRS, 1, folder)
-    plan, place, shards = job.plan, job.place, job.plan.shards
-    with job.open_renderer(SPLIT) as renderer:
+    plan, root, shards = job.plan, open_root(job.address), job.plan.shards
+    with open_renderer(job, SPLIT) as renderer:
         for sampler in renderer.sampler.samplers:
             sampler.population.expected()  # solved once for each recipe
         renderer.listener = clock
@@ -94,14 +96,12 @@ def maker(config_name: str, settings: Sequence[str], folder: Path) -> Iterator[C
             shard = shards[number]
             clock.__init__()
             pair = renderer.render(shard.first)
-            with ShardWriter(place, shard, packed=plan.layout.packed, folder=plan.folder(SPLIT)) as writer:
-                clock.on_stage("write and hash")
-                files, facts = job.encode(pair, SPLIT)
-                clock.on_stage("encode: the rest")
-                writer.add(files, facts | {"seconds": 0.0})
+            encoded = encode(plan, shard, pair)
+            clock.on_stage("encode: the rest")
+            write_shard(root, plan, shard, [encoded])
             clock.on_stage("write and hash")
-            for path in files:
-                place.path(plan.folder(SPLIT) + path).unlink()
+            for path in encoded.files:
+                (root / f"{plan.folder(SPLIT)}{path}").unlink()
             return dict(clock.seconds)
 
         make(0)

@@ -26,10 +26,9 @@ from torch.utils.data import DataLoader
 
 from semisynth_gl.bench.summary import machine_facts
 from semisynth_gl.config import Config, load_config
+from semisynth_gl.dataset.engines import LocalEngine, cores
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import read_index, read_record
-from semisynth_gl.engines.local import LocalEngine
-from semisynth_gl.engines.task import cores
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import is_software
 from semisynth_gl.torch import Selection, StereoStream
@@ -123,12 +122,12 @@ def measure(config: Config, seed: int, pairs: int, rounds: int, listener: Listen
     with tempfile.TemporaryDirectory() as scratch:
         shard_pairs = -(-pairs // (_SHARDS_EACH * most))
         generate(
-            config, scratch, pairs, seed, layout="webdataset", engine=LocalEngine(2, _TIMEOUT_S),
+            config, scratch, pairs, seed, layout="webdataset", engine=LocalEngine(2),
             shard_pairs=shard_pairs,
         )  # fmt: skip
         tars = [str(path) for path in sorted(Path(scratch).rglob("*.tar"))]
         about = read_index(scratch)
-        renderer = read_record(about.place, about.shards[0], packed=about.layout.packed).renderers[0]
+        renderer = read_record(about.root, about.plan.shards[0], packed=True).renderers[0]
         megabytes = sum(Path(tar).stat().st_size for tar in tars) / pairs / 1e6
         rates: dict[Way, list[float]] = defaultdict(list)
         for number in range(rounds):

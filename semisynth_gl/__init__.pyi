@@ -6,6 +6,8 @@ from semisynth_gl.comparison.compare import Comparison as Comparison
 from semisynth_gl.comparison.compare import compare as compare
 from semisynth_gl.config import Config as Config
 from semisynth_gl.config import load_config as load_config
+from semisynth_gl.dataset.generate import GenerationResult as GenerationResult
+from semisynth_gl.dataset.generate import generate as generate
 from semisynth_gl.dataset.reader import Dataset as Dataset
 from semisynth_gl.dataset.reader import open_dataset as open_dataset
 from semisynth_gl.dataset.sample import StoredFrame as StoredFrame
@@ -13,8 +15,6 @@ from semisynth_gl.frame.camera import Crop as Crop
 from semisynth_gl.frame.camera import StereoCamera as StereoCamera
 from semisynth_gl.frame.channels import View as View
 from semisynth_gl.frame.frame import Frame as Frame
-from semisynth_gl.generation.generate import GenerationResult as GenerationResult
-from semisynth_gl.generation.generate import generate as generate
 from semisynth_gl.geometry.mesh import Mesh as Mesh
 from semisynth_gl.geometry.mesh import make_mesh as make_mesh
 from semisynth_gl.geometry.model_units import make_model as make_model

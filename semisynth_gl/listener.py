@@ -14,14 +14,12 @@ class FinishedPair:
         index: the pair's number in its split.
         redrawn: why each earlier attempt failed its checks; only the first frame of a sequence has these reasons.
         share_beyond: share of the pixels whose disparity the encoding cannot store, in the view with the larger share.
-        kept: whether an earlier run wrote the pair.
     """
 
     split: SplitName
     index: int
     redrawn: tuple[str, ...] = ()
     share_beyond: float = 0.0
-    kept: bool = False
 
 
 class Listener:
@@ -49,6 +47,9 @@ class Listener:
 
     def on_total(self, pairs: int) -> None:
         """Called before the first pair, with the number of pairs that will follow."""
+
+    def on_render(self, split: SplitName, index: int) -> None:
+        """Called before a pair of a dataset is rendered, in the process that renders it."""
 
     def on_pair(self, pair: FinishedPair) -> None:
         """Called when a pair is on disk, or has been measured."""

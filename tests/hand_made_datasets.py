@@ -4,14 +4,11 @@ import numpy as np
 from hand_made_pairs import CAMERA, make_frame, make_provenance
 
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.begun import complete_record
-from semisynth_gl.dataset.card import encode_card
-from semisynth_gl.dataset.files import DatasetFiles
-from semisynth_gl.dataset.index import describe_dataset
-from semisynth_gl.dataset.places import open_place
+from semisynth_gl.dataset.folder import begin, check_begin, finish, locked, missing
 from semisynth_gl.dataset.plan import make_plan
+from semisynth_gl.dataset.root import open_root
 from semisynth_gl.dataset.sample import encode_pair
-from semisynth_gl.dataset.shard import ShardWriter
+from semisynth_gl.dataset.shard import PairFiles, write_shard
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.geometry.silhouette import Silhouette
@@ -37,29 +34,33 @@ def config_of(**values):
     return Config.model_validate(base | values)
 
 
-def write_dataset(out, layout, pairs, shard_pairs, config=None, *, overwrite=False, level=0):
-    """Write a dataset of `make_frame`'s pairs, or what it lacks, whose patches have a grey level; return its plan."""
-    plan = make_plan(config or config_of(), SEED, layout, pairs, shard_pairs)
-    place, encodings = open_place(out), plan.layout.encodings_for(plan.config)
+def pairs_of(plan, shard):
+    """The pairs of a shard, as files."""
+    for number in range(shard.first, shard.end):
+        made = {name: plan.values()[name] for name in ("version", "config", "config_sha256", "seed")}
+        provenance = make_provenance(number) | made | {"split": shard.split}
+        frame = make_frame(number, plan.config.outputs)
+        key = plan.key(shard.split, number)
+        yield PairFiles(encode_pair(plan.layout, key, frame, provenance, 200, plan.encodings).files, [], 0.0, "none")
+
+
+def plan_of(layout, pairs, shard_pairs, config=None, level=0, seed=SEED):
+    """The plan of a dataset of `make_frame`'s pairs, whose patches have a grey level; and its sources."""
+    plan = make_plan(config or config_of(), seed, layout, pairs, shard_pairs)
     sources = sources_of(plan, level)
-    files = DatasetFiles(place, plan, overwrite=overwrite)
-    if files.complete:
-        return plan
-    files.open({split: split_sources.digests() for split, split_sources in sources.items()})
-    for shard in plan.shards:
-        with ShardWriter(place, shard, packed=plan.layout.packed, folder=plan.folder(shard.split)) as writer:
-            if writer.complete:
-                continue
-            for number in range(shard.first + len(writer.samples), shard.end):
-                key, facts = plan.key(shard.split, number), {"redrawn": [], "share_beyond": 0.0, "renderer": "none"}
-                made = {name: plan.values()[name] for name in ("version", "config", "config_sha256", "seed")}
-                provenance = make_provenance(number) | made | {"split": shard.split}
-                frame = make_frame(number, plan.config.outputs)
-                encoded = encode_pair(plan.layout, key, frame, provenance, 200, encodings)
-                writer.add(encoded.files, facts | {"seconds": 0.1})
-            split = {"split": shard.split, "first": shard.first, "end": shard.end}
-            writer.finish(split | {"redraws": 0, "renderers": ["none"]}, {"seconds": 0.1})
-    index = describe_dataset(plan, sources, [complete_record(place, shard) for shard in plan.shards])
-    files.finish(index, encode_card(index))
-    files.close()
-    return plan
+    digests = {split: dict(split_sources.digests()) for split, split_sources in sources.items()}
+    return plan.model_copy(update={"sources": digests}), sources
+
+
+def write_dataset(out, layout, pairs, shard_pairs, config=None, *, overwrite=False, **options):
+    """Write a dataset of `make_frame`'s pairs, or what it lacks; return the numbers of the shards that it lacked."""
+    plan, sources = plan_of(layout, pairs, shard_pairs, config, **options)
+    root = open_root(out)
+    check_begin(root, plan, overwrite=overwrite)
+    with locked(root):
+        begin(root, plan, overwrite=overwrite)
+        lacking = missing(root, plan)
+        for shard in lacking:
+            assert write_shard(root, plan, shard, pairs_of(plan, shard))
+        finish(root, plan, sources)
+    return [shard.number for shard in lacking]

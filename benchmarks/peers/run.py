@@ -29,7 +29,7 @@ from accuracy import cast_truth, errors_px
 from scene import PeerScene, library_meshes, make_scene, read_meshes
 
 from semisynth_gl.bench.summary import machine_facts, markdown
-from semisynth_gl.engines.task import THREADS
+from semisynth_gl.dataset.engines import THREADS
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]

@@ -40,9 +40,9 @@ from training_report import headline, table
 from training_sets import COLOURS, REAL, SETS, config_of
 
 from semisynth_gl.bench.summary import machine_facts
-from semisynth_gl.engines.local import LocalEngine, SerialEngine
+from semisynth_gl.dataset.engines import LocalEngine, SerialEngine
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.frame.frame import Frame
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError, SemisynthError
 
 BUDGETS: Mapping[str, Budget] = {
@@ -55,7 +55,6 @@ BUDGETS: Mapping[str, Budget] = {
         steps=400, batch=8, crop_px=(192, 320), factor=1, max_disparity_px=80, width=2, pairs=0, minutes=9.5
     ),
 }  # fmt: skip
-_WORKER_TIMEOUT_S = 300.0
 _REFUSED = 2
 
 
@@ -80,7 +79,7 @@ class Sources:
         name = SETS[name].pairs_of or name
         folder = self.folder / name
         pairs = max(1, round(budget.pairs * SETS[name].share))
-        engine = LocalEngine(self.workers, _WORKER_TIMEOUT_S) if self.workers > 1 else SerialEngine()
+        engine = LocalEngine(self.workers) if self.workers > 1 else SerialEngine()
         generate(config_of(name, self.images, self.folder), folder, pairs, engine=engine)
         return folder
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from semisynth_gl.bench.shards import LAYOUT, SPLIT, measure_pairs, shard_job
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.contents import Shard
-from semisynth_gl.generation.shard_job import ShardJob
+from semisynth_gl.dataset.documents import Shard
+from semisynth_gl.dataset.make import Job, write_pairs
 from semisynth_gl.inputs.errors import SemisynthError
 from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.pipeline import PairRenderer
@@ -36,10 +36,10 @@ class _Memory(NamedTuple):
     objects: dict[str, int]
 
 
-def _memory_after(job: ShardJob, renderer: PairRenderer, shard: Shard) -> _Memory:
+def _memory_after(job: Job, renderer: PairRenderer, shard: Shard) -> _Memory:
     """Make the pair of a shard, remove it from the disk and read the process's memory; passed to `measure_pairs`."""
-    job.make(shard, lambda _: renderer, Listener())
-    shutil.rmtree(job.place.path(""))
+    write_pairs(job, shard, renderer, Listener())
+    shutil.rmtree(job.address)
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return _Memory(pages * os.sysconf("SC_PAGE_SIZE"), renderer.count_objects())
 

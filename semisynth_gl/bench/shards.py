@@ -1,56 +1,63 @@
 """Datasets that are made only for measurements, in worker processes as by `generate`."""
 
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import closing, contextmanager
-from dataclasses import dataclass
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Generic, NoReturn
+from typing import TypeVar
 
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.contents import Shard
-from semisynth_gl.dataset.places import Folder
+from semisynth_gl.dataset.documents import Shard
+from semisynth_gl.dataset.engines import THREADS, keep_freed_memory, threads_each
+from semisynth_gl.dataset.make import Job, open_renderer
 from semisynth_gl.dataset.plan import make_plan
-from semisynth_gl.engines.local import LocalEngine
-from semisynth_gl.engines.task import Job, Result, Task
-from semisynth_gl.generation.shard_job import ShardJob
-from semisynth_gl.inputs.errors import WorkerError
-from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.seeds.splits import SplitName
 
 LAYOUT = "middlebury"
 SPLIT: SplitName = "train"
-# The default of ``generate --timeout``.
-_TIMEOUT_S = 600.0
+
+Argument = TypeVar("Argument")
+Result = TypeVar("Result")
 
 
-def shard_job(config: Config, seed: int, backend: Backend, pairs: int, shard_pairs: int, folder: Path) -> ShardJob:
+def shard_job(config: Config, seed: int, backend: Backend, pairs: int, shard_pairs: int, folder: Path) -> Job:
     """Return the job that makes the shards of a dataset in a folder: ``pairs`` in all, ``shard_pairs`` in each shard.
 
-    Do not call `ShardJob.open` on it. It lacks the digests of patches and models that `open` compares between machines,
-    and a measurement runs on one machine.
+    Its plan lacks the digests of patches and models, which `ShardMaker` compares between machines.
     """
-    plan = make_plan(config, seed, LAYOUT, {SPLIT: pairs}, shard_pairs)
-    return ShardJob(plan, Folder(folder), backend, {})
+    return Job(make_plan(config, seed, LAYOUT, {SPLIT: pairs}, shard_pairs), str(folder), backend)
 
 
-def do_all(job: Job[Result], tasks: Iterable[int], workers: int) -> list[Result]:
-    """Do tasks in worker processes; return their results in the order of the tasks' numbers.
+def in_processes(
+    function: Callable[[Argument], Result], arguments: Sequence[Argument], begin: Callable[[], object] | None = None
+) -> list[Result]:
+    """Call a function with each argument, all at once in processes as `LocalEngine` has them; return the results.
+
+    All must be picklable. ``begin`` is called first in each process, which inherits what it holds.
 
     Raises:
-        WorkerError: where a worker is lost, which makes the measurement worthless.
-        Exception: any error of a task or of the opening of the job.
+        BrokenProcessPool: where a process dies, which makes the measurement worthless.
+        Exception: any error of the function.
     """
-    engine = LocalEngine(workers, _TIMEOUT_S)
-    with closing(engine.run(job, tasks, _Undisturbed())) as results:
-        by_task = dict(results)
-    return [by_task[number] for number in sorted(by_task)]
+    count = len(arguments)
+    with ProcessPoolExecutor(count, get_context("spawn"), _begin, (threads_each(count), begin)) as pool:
+        return list(pool.map(function, arguments))
+
+
+def _begin(threads: int, begin: Callable[[], object] | None) -> None:
+    os.environ.setdefault(THREADS, str(threads))
+    keep_freed_memory()
+    if begin is not None:
+        begin()
 
 
 def measure_pairs(
-    measure: Callable[[ShardJob, PairRenderer, Shard], Result], config: Config, seed: int, backend: Backend, pairs: int
+    measure: Callable[[Job, PairRenderer, Shard], Result], config: Config, seed: int, backend: Backend, pairs: int
 ) -> list[Result]:
     """Measure a config's first pairs, one after the other in one worker process with an open renderer.
 
@@ -67,22 +74,9 @@ def measure_pairs(
     """
     with TemporaryDirectory() as scratch:
         job = shard_job(config, seed, backend, pairs, 1, Path(scratch) / "out")
-        return do_all(_MeasuredPairs(job, measure), range(pairs), 1)
+        return in_processes(partial(_measure_pairs, measure), [job])[0]
 
 
-@dataclass(frozen=True, slots=True)
-class _MeasuredPairs(Generic[Result]):
-    job: ShardJob
-    measure: Callable[[ShardJob, PairRenderer, Shard], Result]
-
-    @contextmanager
-    def open(self, worker: int) -> Iterator[Task[Result]]:
-        with self.job.open_renderer(SPLIT, worker) as renderer:
-            yield lambda number, _: self.measure(self.job, renderer, self.job.plan.shards[number])
-
-
-class _Undisturbed(Listener):
-    """Refuses a measurement during which a message comes, since that means that something went wrong."""
-
-    def on_message(self, text: str) -> NoReturn:
-        raise WorkerError(f"nothing can be measured: {text}")
+def _measure_pairs(measure: Callable[[Job, PairRenderer, Shard], Result], job: Job) -> list[Result]:
+    with open_renderer(job, SPLIT) as renderer:
+        return [measure(job, renderer, shard) for shard in job.plan.shards]

@@ -13,7 +13,7 @@ from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.bench.summary import machine_facts, markdown
 from semisynth_gl.bench.workers import measure_workers
 from semisynth_gl.config import Config
-from semisynth_gl.engines.task import cores
+from semisynth_gl.dataset.engines import cores
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from semisynth_gl.bench.shards import SPLIT
-from semisynth_gl.dataset.contents import Shard
-from semisynth_gl.dataset.shard import ShardWriter
+from semisynth_gl.dataset.documents import Shard
+from semisynth_gl.dataset.make import Job, encode
+from semisynth_gl.dataset.root import open_root
+from semisynth_gl.dataset.shard import write_shard
 from semisynth_gl.frame.camera import EYES
-from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.pipeline import PAIR_STAGES, PairRenderer
 from semisynth_gl.render.pass_clock import PASSES, PassName, PassSeconds
@@ -92,7 +92,7 @@ class _StageClock(Listener):
         self.cpu_seconds[stage] += self._last[1] - last[1]
 
 
-def time_pair(job: ShardJob, renderer: PairRenderer, shard: Shard) -> PairTimes:
+def time_pair(job: Job, renderer: PairRenderer, shard: Shard) -> PairTimes:
     """Time the pair of a shard: as a whole, then its stages, then its passes; passed to `measure_pairs`."""
     start = time.perf_counter()
     _write(job, renderer, shard, Listener())
@@ -108,19 +108,16 @@ def time_pair(job: ShardJob, renderer: PairRenderer, shard: Shard) -> PairTimes:
     return PairTimes(costs, seconds, passes, renderer.clock.queries, renderer.facts)
 
 
-def _write(job: ShardJob, renderer: PairRenderer, shard: Shard, listener: Listener) -> tuple[int, int]:
-    """Make a pair as `ShardJob.make` does; return the bytes of its arrays and of its files, which are removed."""
+def _write(job: Job, renderer: PairRenderer, shard: Shard, listener: Listener) -> tuple[int, int]:
+    """Make a pair as `write_pairs` does; return the bytes of its arrays and of its files, which are removed."""
     pair = renderer.render(shard.first)
-    with ShardWriter(job.place, shard, packed=job.plan.layout.packed, folder=job.plan.folder(SPLIT)) as writer:
-        listener.on_stage("write")
-        files, facts = job.encode(pair, SPLIT)
-        listener.on_stage("encode")
-        writer.add(files, facts | {"seconds": 0.0})
-        record = writer.finish({"split": SPLIT, "first": shard.first, "end": shard.end}, {})
-    # Writing includes beginning and ending a shard, which takes less time per pair in a shard of more pairs.
+    encoded = encode(job.plan, shard, pair)
+    listener.on_stage("encode")
+    # Writing includes the shard's record, which takes less time per pair in a shard of more pairs.
+    write_shard(open_root(job.address), job.plan, shard, [encoded])
     listener.on_stage("write")
-    shutil.rmtree(job.place.path(""))
-    return sum(array.nbytes for array in pair.frame.arrays().values()), record["bytes"]
+    shutil.rmtree(job.address)
+    return sum(array.nbytes for array in pair.frame.arrays().values()), sum(map(len, encoded.files.values()))
 
 
 def stage_rows(pairs: Sequence[Mapping[str, Costs]], cores: int, *, software: bool) -> list[dict[str, Any]]:

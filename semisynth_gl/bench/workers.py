@@ -9,7 +9,7 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from math import ceil
 from multiprocessing import get_context
@@ -19,13 +19,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from semisynth_gl.bench.shards import SPLIT, do_all, measure_pairs, shard_job
+from semisynth_gl.bench.shards import SPLIT, in_processes, measure_pairs, shard_job
 from semisynth_gl.bench.stages import PairTimes, pass_rows, speed_limit, stage_rows, time_pair
 from semisynth_gl.bench.timing import turns
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.places import Folder
-from semisynth_gl.engines.task import THREADS, Task, cores, threads_each
-from semisynth_gl.generation.shard_job import ShardJob
+from semisynth_gl.dataset.engines import THREADS, cores, threads_each
+from semisynth_gl.dataset.make import Job, open_renderer, write_pairs
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend, is_software
 
@@ -34,41 +33,44 @@ _PAIRS_EACH = 4
 _SINGLE = "1, one thread"
 
 
-class _ShardTimes(NamedTuple):
-    """The result of a task of `_TimedShards`; its times are comparable between processes.
+class _Share(NamedTuple):
+    """The share of a worker in a round; it writes to a folder of its own."""
 
-    ``start_s`` is when all workers were open, ``end_s`` when the shard was complete.
-    """
-
+    job: Job
     worker: int
+    workers: int
+
+
+class _ShareTimes(NamedTuple):
+    """The times of a worker, s, which are comparable between processes; ``start`` is when all workers were open."""
+
     pairs: int
     start_s: float
     end_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class _TimedShards:
-    """A job that makes timed shards once all workers are open; each worker writes to its own folder."""
+# Passed by all workers of a round once they are open.
+_opened: Barrier
 
-    job: ShardJob
-    opened: Barrier
 
-    @contextmanager
-    def open(self, worker: int) -> Iterator[Task[_ShardTimes]]:
-        job = replace(self.job, place=Folder(self.job.place.path(str(worker))))
-        shards = job.plan.shards
-        with job.open_renderer(SPLIT) as renderer:
-            # An untimed sequence first, since the first pair makes the buffers and compiles the shaders.
-            job.make(shards[0], lambda _: renderer, Listener())
-            self.opened.wait()
-            start = time.perf_counter()
+def _set_barrier(opened: Barrier) -> None:
+    global _opened  # noqa: PLW0603 - a barrier is inherited, and never pickled
+    _opened = opened
 
-            def make(number: int, listener: Listener) -> _ShardTimes:
-                shard = shards[number]
-                job.make(shard, lambda _: renderer, listener)
-                return _ShardTimes(worker, shard.end - shard.first, start, time.perf_counter())
 
-            yield make
+def _make_share(share: _Share) -> _ShareTimes:
+    """Make every shard of a worker's share."""
+    job = replace(share.job, address=str(Path(share.job.address, str(share.worker))))
+    untimed, *timed = job.plan.shards
+    shards = timed[share.worker :: share.workers]
+    with open_renderer(job, SPLIT) as renderer:
+        # An untimed sequence first, since the first pair makes the buffers and compiles the shaders.
+        write_pairs(job, untimed, renderer, Listener())
+        _opened.wait()
+        start = time.perf_counter()
+        for shard in shards:
+            write_pairs(job, shard, renderer, Listener())
+        return _ShareTimes(sum(shard.end - shard.first for shard in shards), start, time.perf_counter())
 
 
 def measure_workers(
@@ -152,15 +154,11 @@ def _rate(config: Config, seed: int, backend: Backend, count: int, threads: str 
     number of pairs is divided by the mean of the times until each worker's last pair.
     """
     length = config.sequence_pairs
-    # At least a sequence for each worker: an engine starts no more workers than there are tasks.
+    # At least a sequence for each worker.
     sequences = max(count, ceil(pairs / length))
     with tempfile.TemporaryDirectory() as scratch, worker_threads(threads):
         job = shard_job(config, seed, backend, (1 + sequences) * length, length, Path(scratch))
         # Workers are spawned, so the barrier must come from the same multiprocessing context.
-        opened = get_context("spawn").Barrier(count)
-        shards = do_all(_TimedShards(job, opened), range(1, 1 + sequences), count)
-    start = min(shard.start_s for shard in shards)
-    last: dict[int, float] = defaultdict(float)
-    for shard in shards:
-        last[shard.worker] = max(last[shard.worker], shard.end_s - start)
-    return sum(shard.pairs for shard in shards) / float(np.mean(list(last.values())))
+        begin = partial(_set_barrier, get_context("spawn").Barrier(count))
+        times = in_processes(_make_share, [_Share(job, worker, count) for worker in range(count)], begin)
+    return sum(share.pairs for share in times) / float(np.mean([share.end_s - share.start_s for share in times]))

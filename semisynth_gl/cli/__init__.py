@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 import click
 
-from semisynth_gl.engines.interrupts import interrupts_end, interrupts_raise
+from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_raise
 from semisynth_gl.inputs.errors import SemisynthError, described, did_you_mean, near
 
 # Also the code of a run that was stopped or ran out of disk space; it leaves nothing half-written, and can start again.

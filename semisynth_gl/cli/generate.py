@@ -15,7 +15,6 @@ from semisynth_gl.cli.options import (
     FilesType,
     Number,
     SceneOptions,
-    above_0,
     option,
     option_group,
     scene_options,
@@ -24,11 +23,8 @@ from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.cli.wording import Command
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.begun import read_resumed
-from semisynth_gl.dataset.places import open_place
-from semisynth_gl.engines.interrupts import interrupts_end, interrupts_stop
-from semisynth_gl.engines.local import LocalEngine, SerialEngine
-from semisynth_gl.engines.task import Engine, cores
+from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_stop
+from semisynth_gl.dataset.root import open_root
 from semisynth_gl.frame.channels import OUTPUTS, TRUTH_VIEWS, TruthViews, View
 from semisynth_gl.inputs.errors import InputError, counted, did_you_mean, near, shown
 from semisynth_gl.layouts import layout_names
@@ -37,15 +33,10 @@ from semisynth_gl.plugins import MissingPluginError
 from semisynth_gl.seeds.splits import SplitName
 
 if TYPE_CHECKING:
-    from semisynth_gl.generation.generate import GenerationResult
+    from semisynth_gl.dataset.engines import Engine
+    from semisynth_gl.dataset.generate import GenerationResult
 
-# Why each engine refuses --workers and --timeout; "" where it takes them.
-ENGINES = {
-    "serial": "works only in this process",
-    "local": "",
-    "ray": "has as many workers as the cluster has room for, and no timeout",
-}
-_TIMEOUT_S = 600.0
+ENGINES = ("serial", "local", "ray")
 _REASONS_SHOWN = 5
 # Share of a pair's pixels above which a message tells of disparities that the encoding cannot store.
 _LARGE_SHARE_BEYOND = 0.01
@@ -142,29 +133,27 @@ class _WorkerOptions:
     gpus: str | None
     gpu_share: float
     ray_address: str | None
-    timeout: float | None
 
-    def open_engine(self, pairs: int) -> Engine:
+    def open_engine(self, pairs: int) -> "Engine":
         """Return the engine that makes a number of pairs in all; refuse options that it does not take."""
+        # Imported here: help and completion need no renderer.
+        from semisynth_gl.dataset.cluster import RayEngine  # noqa: PLC0415
+        from semisynth_gl.dataset.engines import LocalEngine, SerialEngine, cores  # noqa: PLC0415
+
         if self.engine is not None and self.engine not in ENGINES:
             raise InputError(f"--engine: expected one of {', '.join(ENGINES)}, got {self.engine}")
-        # The engine serial is one worker anyway.
-        workers = None if self.engine == "serial" and self.workers == 1 else self.workers
-        given = {"--workers": workers, "--timeout": self.timeout}
-        reason = ENGINES.get(self.engine or "local")
-        if reason and (found := [f"{name} {n:g}" for name, n in given.items() if n is not None]):
-            raise InputError(f"--engine {self.engine} {reason}: leave {' and '.join(found)} out, or use --engine local")
+        if self.engine == "ray" and self.workers is not None:
+            raise InputError("--workers is for --engine local: Ray has as many as the cluster has room for")
+        if self.engine == "serial" and self.workers not in (None, 1):
+            raise InputError("--engine serial works in this process only: leave --workers out, or use --engine local")
         if self.engine == "ray":
-            # Loaded with the engine that needs it.
-            from semisynth_gl.engines.cluster import RayEngine  # noqa: PLC0415
-
             return RayEngine(self.ray_address, gpus=self.gpu_share)
         if self.ray_address is not None or self.gpu_share:
             raise InputError("--ray-address and --gpu-share are for --engine ray")
         count = self.workers or max(1, min(cores(), pairs // _PAIRS_PER_WORKER))
         if self.engine == "serial" or (self.engine is None and count == 1):
             return SerialEngine()
-        return LocalEngine(count, self.timeout or _TIMEOUT_S)
+        return LocalEngine(count)
 
     def gpu_numbers(self) -> tuple[int, ...]:
         """Return CUDA's numbers of the GPUs; none leaves the choice to EGL. Ray shows each task its GPU as number 0."""
@@ -201,13 +190,6 @@ _worker_options = option_group(
         help="GPUs for each Ray task; a fraction lets several tasks share a GPU.",
     ),
     option("--ray-address", metavar="ADDRESS", help="Ray cluster to use.  [default: $RAY_ADDRESS, else a local one]"),
-    option(
-        "--timeout",
-        type=above_0(1e6),
-        metavar="SECONDS",
-        help="Longest time that a worker of the engine local may take to start or for a pair; a slower one is "
-        f"replaced.  [default: {_TIMEOUT_S:g}]",
-    ),
 )
 
 
@@ -215,7 +197,7 @@ _worker_options = option_group(
 @scene_options
 @_dataset_options
 @_worker_options
-@option("--shard-pairs", type=COUNT, metavar="N", help="Pairs in a shard.  [default: as many as take about 1 GB]")
+@option("--shard-pairs", type=COUNT, metavar="N", help="Pairs in a shard.  [default: 64, or fewer in a small dataset]")
 @option("--shards", metavar="A-B", help="Make only these shards, counted from 0, to share the work among machines.")
 @option("--overwrite", is_flag=True, help="Replace the dataset in the --out folder.")
 def generate(
@@ -228,21 +210,23 @@ def generate(
 ) -> None:
     """Write a dataset: left, right, both disparities, masks and calibration of each pair.
 
-    If a run was stopped or killed, the same command makes only the missing pairs. With more --pairs, the dataset grows.
-    Press Ctrl-C once to stop after the pairs in hand.
+    If a run was stopped or killed, the same command makes only the missing shards. With more --pairs, the dataset
+    grows. Press Ctrl-C once to stop after the pairs in hand.
 
     The layout decides which loaders can read the files; docs/layouts.md lists all layouts. Outputs add files; flow
     outputs need sequences, which the config's section sequence makes. The config's section files chooses encodings.
     """
     # Imported here: help and completion need no renderer.
     with interrupts_end():
-        from semisynth_gl.generation.generate import generate as generate_dataset  # noqa: PLC0415
+        from semisynth_gl.dataset.generate import generate as generate_dataset  # noqa: PLC0415
 
     try:
         config = scene.config(*dataset.settings())
     except MissingPluginError:
         if dataset.out is not None and not overwrite:
-            read_resumed(open_place(dataset.out))  # the dataset in this place may name the package to install
+            from semisynth_gl.dataset.folder import read_plan  # noqa: PLC0415 - see above
+
+            read_plan(open_root(dataset.out))  # the dataset in this place may name the package to install
         raise
     counts: dict[SplitName, int] = {"train": dataset.pairs, "validation": dataset.validation, "test": dataset.test}
     engine = workers.open_engine(sum(counts.values()))
@@ -279,10 +263,9 @@ class _GenerationProgress(Progress):
 
     def on_pair(self, pair: FinishedPair) -> None:
         super().on_pair(pair)
-        if not pair.kept:
-            self._redrawn.extend(f"pair {pair.index}: {reason}" for reason in pair.redrawn)
-            if pair.share_beyond > _LARGE_SHARE_BEYOND:
-                self._shares_beyond.append(pair.share_beyond)
+        self._redrawn.extend(f"pair {pair.index}: {reason}" for reason in pair.redrawn)
+        if pair.share_beyond > _LARGE_SHARE_BEYOND:
+            self._shares_beyond.append(pair.share_beyond)
 
     def conclude(self, config: Config, result: "GenerationResult") -> None:
         for reason in self._redrawn[:_REASONS_SHOWN]:
@@ -313,7 +296,7 @@ def _range(text: str) -> range:
 def _conclude(result: "GenerationResult") -> None:
     plan, total = result.plan, sum(result.plan.pairs.values())
     if result.stopped:
-        click.echo("Stopped. Finished pairs stay on disk; the same command makes the missing pairs.", err=True)
+        click.echo("Stopped. Complete shards stay on disk; the same command makes the others.", err=True)
         click.get_current_context().exit(_STOPPED)
     if result.missing:
         click.echo(
@@ -321,9 +304,9 @@ def _conclude(result: "GenerationResult") -> None:
             "completes the dataset and writes its index.",
             err=True,
         )
-        say(f"the requested shards are in {result.place.address}")
+        say(f"the requested shards are in {result.root}")
         return
-    address = result.place.address
+    address = str(result.root)
     say(f"{counted(total, 'pair')} in {address}")
     images = f"{address}/{plan.images_folder()}".rstrip("/")
     click.echo(

@@ -14,7 +14,7 @@ from semisynth_gl.cli.wording import Command
 from semisynth_gl.codecs.ply import encode_points
 from semisynth_gl.config.model import Recipe
 from semisynth_gl.config.scene_sections import TexturesSection
-from semisynth_gl.engines.interrupts import interrupts_end
+from semisynth_gl.dataset.interrupts import interrupts_end
 from semisynth_gl.frame.frame import as_rgb
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.inputs.errors import InputError, counted

@@ -49,14 +49,9 @@ class Progress(Listener):
             self._bar = self._open.enter_context(tqdm(total=pairs, unit="pair", file=sys.stderr))
 
     def on_pair(self, pair: FinishedPair) -> None:
-        """Count a new pair; take a pair that an earlier run wrote out of the total."""
-        if not pair.kept:
-            self.advance()
-            return
-        self._total -= 1
-        if self._bar is not None:
-            self._bar.total = self._total
-            self._bar.refresh()
+        """Count a pair."""
+        del pair
+        self.advance()
 
     def advance(self) -> None:
         """Count a pair; without a terminal, print a line every 10 s and at the end."""

@@ -10,7 +10,7 @@ from semisynth_gl.cli.outputs import OutputFile
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.cli.wording import Command
-from semisynth_gl.dataset.places import open_place
+from semisynth_gl.dataset.root import open_root
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.seeds.splits import SPLITS, SplitName
 
@@ -39,9 +39,7 @@ def report(directory: str, out: Path | None, pairs: int, sample: int, split: Spl
     from semisynth_gl.reporting.build import report as report_on  # noqa: PLC0415
 
     if out is None:
-        local = open_place(directory).local
-        name = local.resolve().name if local is not None else directory.rstrip("/").rpartition("/")[2]
-        out = Path(f"{name}-report.html")
+        out = Path(f"{open_root(directory).absolute().name}-report.html")
     start = time.monotonic()
     with Progress() as progress:
         built = report_on(directory, pairs=pairs, sample=sample, split=split, listener=progress)

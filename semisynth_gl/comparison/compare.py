@@ -23,7 +23,6 @@ from semisynth_gl.comparison.sides import (
     measure_place,
     sampled_pairs,
 )
-from semisynth_gl.dataset.configs import pairs_per_scene, recipe_values
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.inputs.arguments import to_real, to_whole
 from semisynth_gl.inputs.user_files import Files, names_of
@@ -160,12 +159,13 @@ def compare(
     found, photographs = map_files(names_of("disparity", disparity)), find_images(names_of("images", images))
     place, opened = find_place(photographs, found, png_scale), open_dataset(dataset, split)
     if width_px is None:
-        configured = opened.about.config.camera.width_px
+        configured = opened.about.plan.config.camera.width_px
         width_px = WORKING_WIDTH if configured is None else working_width(round(configured))
     measured = measure_place(place, width_px)
-    pairs = sampled_pairs(len(opened), pairs_per_scene(opened.about), sample)
+    pairs = sampled_pairs(len(opened), opened.about.plan.views, sample)
     ours = measure_dataset(opened, width_px, pairs, listener)
-    return Comparison(width_px, ours, len(pairs), len(opened), measured, recipe_values(opened.about))
+    configs = [recipe.config.model_dump(mode="json") for recipe in opened.about.plan.config.recipes()]
+    return Comparison(width_px, ours, len(pairs), len(opened), measured, configs)
 
 
 def comparison_table(comparison: Comparison) -> list[str]:

@@ -3,8 +3,10 @@
 import os
 from pathlib import Path
 
-from semisynth_gl.dataset.places import Place
-from semisynth_gl.dataset.plan import Plan
+from upath import UPath
+
+from semisynth_gl.dataset.documents import Plan
+from semisynth_gl.dataset.root import is_local
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.textures.image_files import find_files
@@ -12,12 +14,12 @@ from semisynth_gl.textures.images import image_extensions
 from semisynth_gl.textures.reach import photograph_sources, reaching_source
 
 
-def check_apart(place: Place, plan: Plan) -> None:
+def check_apart(root: UPath, plan: Plan) -> None:
     """Raise InputError if the dataset's folder lies where photographs or models are sought, or holds any of them."""
-    if place.local is None:
+    if not is_local(root):
         return
-    config, folder, real = plan.config, place.local, Path(os.path.realpath(place.local))
-    advice = "Choose a folder apart from it for `out`"
+    config, folder, real = plan.config, Path(root), Path(os.path.realpath(root))
+    advice = "Choose a folder apart from it"
     sources, extensions = photograph_sources(config.textures), image_extensions()
     if sources:
         # "file" stands for any name, since the next dataset in this folder may have other names.
@@ -27,15 +29,16 @@ def check_apart(place: Place, plan: Plan) -> None:
         source = source or next(filter(None, files), None)
         if source is not None:
             raise InputError(
-                f"{place.address}: lies where photographs are sought ({source}): images of the dataset would become "
-                f"photographs. {advice}"
+                f"{root}: lies where photographs are sought ({source}): images of the dataset would become "
+                f"photographs. {advice}",
+                argument="out",
             )
         if folder.is_dir():
             for path in find_files(sources, extensions):
                 if Path(os.path.realpath(path)).is_relative_to(real):
-                    raise InputError(f"{place.address}: the photograph {path} lies in this folder. {advice}")
+                    raise InputError(f"{root}: the photograph {path} lies in this folder. {advice}", argument="out")
     for models in config.models.folders:
         real_models = Path(os.path.realpath(expanded(models)))
         if real.is_relative_to(real_models) or real_models.is_relative_to(real):
             inside = "lies in" if real.is_relative_to(real_models) else "holds"
-            raise InputError(f"{place.address}: {inside} {models}, where models are sought. {advice}")
+            raise InputError(f"{root}: {inside} {models}, where models are sought. {advice}", argument="out")

@@ -4,9 +4,7 @@ import re
 from os.path import commonprefix
 from typing import Any
 
-from semisynth_gl.dataset.begun import plan_of
-from semisynth_gl.dataset.documents import IndexDocument
-from semisynth_gl.dataset.plan import Plan
+from semisynth_gl.dataset.documents import Index, Plan
 from semisynth_gl.frame.channels import FLOW_OUTPUTS
 from semisynth_gl.inputs.templates import template_environment
 from semisynth_gl.seeds.splits import SplitName
@@ -19,9 +17,9 @@ _LICENCES = re.compile(
 _SIZES = ("1K", "10K", "100K", "1M", "10M", "100M", "1B")
 
 
-def encode_card(index: IndexDocument) -> bytes:
+def encode_card(index: Index) -> bytes:
     """Encode a dataset's README.md from its index."""
-    plan = plan_of(index)
+    plan: Plan = index
     licence = plan.config.licences.dataset.lower()
     known = _LICENCES.fullmatch(licence)
     power = max(0, len(str(sum(plan.pairs.values()))) - 3)
@@ -38,10 +36,10 @@ def encode_card(index: IndexDocument) -> bytes:
     return card.encode()
 
 
-def _configs(plan: Plan, index: IndexDocument) -> list[dict[str, Any]]:
+def _configs(plan: Plan, index: Index) -> list[dict[str, Any]]:
     """Return the hub's configs: one for tars, else one for each role of images. By itself, a hub loads any files."""
     if plan.layout.packed:
-        tars = {shard.split: f"{str(shard.tar).rpartition('-')[0]}-*.tar" for shard in index.shards}
+        tars = {shard.split: f"{str(shard.tar).rpartition('-')[0]}-*.tar" for shard in index.shard_entries}
         files = [{"split": split, "path": tars[split]} for split in plan.splits]
         return [{"config_name": "default", "data_files": files}]
     patterns = {split: file_patterns(plan, split) for split in plan.splits}

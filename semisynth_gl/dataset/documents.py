@@ -1,37 +1,50 @@
-"""The JSON files about a dataset, typed: index, plan, and the records and journals of shards.
+"""The JSON files about a dataset: plan, records of shards, and index.
 
 The values of a file are checked here, before a path is opened or memory allocated by them. Keys that this version does
 not know are ignored: another version may have written them. Documents of a newer format are refused.
 """
 
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import AfterValidator, Field, InstanceOf, ValidationError, ValidationInfo, field_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    InstanceOf,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
 from pydantic.dataclasses import dataclass
 
+from semisynth_gl.codecs import Encodings
+from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.config.fields import count, reason_of
 from semisynth_gl.config.model import Config
-from semisynth_gl.dataset.contents import Contents, Shard
-from semisynth_gl.dataset.schema import FORMAT, INDEX, PLAN, PROGRAM, tar_path
-from semisynth_gl.dataset.stored_config import MOST_PAIRS, StoredConfig, StoredDocument, StoredObject
+from semisynth_gl.dataset.names import FORMAT, PROGRAM, RECORDS, shard_name, tar_path
 from semisynth_gl.dataset.tar import content_offsets
-from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate, counted, shown
-from semisynth_gl.layouts import layout_names
+from semisynth_gl.frame.camera import EYES
+from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate, shown
+from semisynth_gl.layouts import Key, Layout, find_layout, layout_names
+from semisynth_gl.layouts.key import sequence_length
 from semisynth_gl.plugins import MissingPluginError, Records, require_plugins
-from semisynth_gl.seeds.splits import SPLITS, SplitName
+from semisynth_gl.seeds.splits import SPLITS, Split, SplitName
 from semisynth_gl.textures.atlas import Patch
 
-CHANGED_INDEX = f"somebody changed it; without {INDEX}, the dataset's generate command goes on from {PLAN}"
-"""Advice in messages about an index with values that no dataset has."""
-
+# More pairs than any dataset has, and few enough for lists and sums of them.
+_MOST_PAIRS = 10**8
 # Larger than any dataset, and small enough to count with.
 _MOST_BYTES = 2**62
-_SHOWN = 3
+_FAULTS_SHOWN = 3
 
-_Document = TypeVar("_Document", bound=StoredObject)
+_Value = TypeVar("_Value")
+_Document = TypeVar("_Document", bound="Document")
 
 
 class NewerFormatError(InputError):
@@ -47,77 +60,232 @@ def _check_below(name: str) -> str:
 
 _Format = Annotated[int, Field(ge=1, le=FORMAT)]
 _Number = Annotated[int, Field(ge=0)]
-_Count = Annotated[int, count(MOST_PAIRS)]
+_Count = Annotated[int, count(_MOST_PAIRS)]
 _Bytes = Annotated[int, Field(ge=0, le=_MOST_BYTES, strict=True)]
-_Pairs = Annotated[int, Field(ge=1, le=MOST_PAIRS)]
+_Pairs = Annotated[int, Field(ge=1, le=_MOST_PAIRS)]
 _Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$", strict=True)]
 _FileName = Annotated[str, AfterValidator(_check_below)]
 # Names of files may have bytes that are not UTF-8, which pydantic's strings refuse.
 _Text = InstanceOf[str]
 
 
-class _Package(StoredObject):
+class Document(BaseModel):
+    """An object in a file about a dataset; values are not coerced."""
+
+    model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False, serialize_by_alias=True)
+
+    @classmethod
+    def parse(cls, data: bytes, path: Path) -> Self:
+        """Parse the bytes of a document's file; the path is for messages.
+
+        Raises:
+            NewerFormatError: where a newer program wrote the document.
+            ReadError: where the bytes are no JSON object, or keys are wrong or missing; the message has the expected
+                and the found values.
+            MissingPluginError: where the layout is a plug-in's that is not installed.
+        """
+        return parse_values(cls, JSON_OBJECT.decode(data, path), path)
+
+    def values(self) -> dict[str, Any]:
+        """Return the document's content in JSON's types."""
+        return self.model_dump(mode="json")
+
+
+@dataclass(frozen=True, slots=True)
+class Shard:
+    """A fixed range of a split's pairs, from ``first`` to ``end`` - 1, with one record once all pairs are written.
+
+    ``number`` counts the shards of the whole dataset from 0, for ``--shards``. ``name`` is the name of the shard's own
+    files without their endings.
+    """
+
+    number: int
+    name: str
+    split: SplitName
+    first: int
+    end: int
+
+
+class _Package(Document):
     """Name and version of a plug-in's package; their patterns are strict since messages put both into a command."""
 
     package: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)]
     version: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._+!-]*$", max_length=100)]
 
 
-class PlanDocument(StoredDocument):
-    """A dataset's plan; see `semisynth_gl.dataset.plan.Plan.values`."""
+class Plan(Document):
+    """The plan of a dataset: its pairs, their shards and their names. All but the pixels follows from it.
+
+    Attributes:
+        program: `PROGRAM`.
+        version: the version of the program that began the dataset.
+        format: the format of the dataset, see `FORMAT`.
+        name: the config's name.
+        config_sha256: the config's digest.
+        config: the config, with the outputs that the layout needs.
+        seed: the dataset's seed.
+        layout_name: the name of the files' layout; see `semisynth_gl.layouts`.
+        pairs: number of pairs of each split; splits without pairs are left out.
+        shard_pairs: number of pairs in a shard; the last shard of a split may have fewer.
+        views: number of pairs that show each scene.
+        plugins: the packages of the plug-ins that the dataset is made with.
+        sources: digests of patches and models, by name in each split.
+    """
 
     program: Literal["semisynth-gl"]
-    plugins: dict[str, dict[str, _Package]] = Field(default_factory=dict)
-    layout: str
     version: str
     format: _Format = 1
-    config: Annotated[str, *Config.model_fields["name"].metadata]
+    name: Annotated[str, *Config.model_fields["name"].metadata] = Field(alias="config")
     config_sha256: _Sha256
-    config_values: StoredConfig
+    config: Config = Field(alias="config_values")
     seed: _Number
+    layout_name: str = Field(alias="layout")
     pairs: Annotated[dict[SplitName, _Pairs], Field(min_length=1)]
     shard_pairs: _Pairs
-    views: _Pairs = 1
-    sources: dict[SplitName, dict[str, str]] = Field(default_factory=dict)
+    views: Annotated[_Pairs, Field(exclude_if=lambda views: views == 1)] = 1
+    plugins: Annotated[dict[str, dict[str, _Package]], Field(exclude_if=lambda plugins: not plugins)] = {}
+    sources: dict[SplitName, dict[str, str]] = {}
 
-    @field_validator("layout")
+    @field_validator("config")
     @classmethod
-    def _is_known(cls, name: str, info: ValidationInfo) -> str:
-        package = info.data.get("plugins", {}).get("layouts", {}).get(name)
-        if package is not None:
-            require_plugins({"layouts": {name: package.model_dump()}})
+    def _has_the_name(cls, config: Config, info: ValidationInfo) -> Config:
+        if config.name != info.data.get("name", config.name):
+            raise ValueError(f"expected a config with the name {info.data['name']!r}")
+        return config
+
+    @field_validator("layout_name")
+    @classmethod
+    def _is_known(cls, name: str) -> str:
         if name not in layout_names():
             raise ValueError(f"expected one of {', '.join(layout_names())}")
         return name
 
-    @field_validator("config_values")
-    @classmethod
-    def _has_the_name(cls, config: StoredConfig, info: ValidationInfo) -> StoredConfig:
-        if config.name != info.data.get("config", config.name):
-            raise ValueError(f"expected a config with the name {info.data['config']!r}")
-        return config
-
     @property
     def plugin_records(self) -> Records:
         """The packages of the plug-ins that the dataset is made with."""
+        return {group: {name: each.values() for name, each in names.items()} for group, names in self.plugins.items()}
+
+    @property
+    def layout(self) -> Layout:
+        """The layout of `layout_name`."""
+        return find_layout(self.layout_name)
+
+    @cached_property
+    def encodings(self) -> Encodings:
+        """The codecs of the files in this layout."""
+        return self.layout.encodings_for(self.config)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of the images, px."""
+        return self.config.camera.height_px, self.config.camera.width_px
+
+    @property
+    def splits(self) -> tuple[SplitName, ...]:
+        """The splits that have pairs: train, validation, test in this order."""
+        return tuple(name for name in SPLITS if self.pairs.get(name))
+
+    def split(self, name: SplitName) -> Split:
+        """Return a split with its shares of photographs and models."""
+        return self.config.splits.split(name, self.splits, self.seed)
+
+    @property
+    def kind(self) -> str:
+        """The kind of the pairs, in a word or two."""
+        return "rectified stereo" if self.config.rig.none() else "stereo"
+
+    @cached_property
+    def shards(self) -> tuple[Shard, ...]:
+        """All shards of the complete dataset, by number: the shards of train first."""
+        ranges = [
+            (split, number, first, min(first + self.shard_pairs, self.pairs[split]))
+            for split in self.splits
+            for number, first in enumerate(range(0, self.pairs[split], self.shard_pairs))
+        ]
+        return tuple(
+            Shard(position, shard_name(self.name, split, number), split, first, end)
+            for position, (split, number, first, end) in enumerate(ranges)
+        )
+
+    def folder(self, split: SplitName) -> str:
+        """Return the folder of a split's files below the dataset's, "" or ending in a slash."""
+        return self.layout.folder(split, self.splits)
+
+    def key(self, split: SplitName, index: int) -> Key:
+        """Return the key of a pair, which names its files."""
+        length = sequence_length(self.config.outputs, self.config.sequence.length)
+        return Key(self.name, split, index, length, self.views)
+
+    def keys(self, split: SplitName) -> list[Key]:
+        """Return the keys of all pairs of a split."""
+        return [self.key(split, index) for index in range(self.pairs.get(split, 0))]
+
+    def files(self, split: SplitName, index: int) -> dict[str, str]:
+        """Return the path of each file of a pair by role: below the dataset's folder, or inside a tar."""
+        config, layout = self.config, self.layout
+        files = layout.files(self.key(split, index), self.encodings, config.outputs, config.truth)
+        folder = "" if layout.packed else self.folder(split)
+        return {role: f"{folder}{path}" for role, path in files.items()}
+
+    def lists(self, keys: Sequence[Key]) -> dict[str, bytes]:
+        """Return the layout's lists about these pairs of one split: bytes by path below the dataset's folder."""
+        return self._below_folder(keys[0].split, self.layout.lists(keys, self.encodings))
+
+    def links(self, keys: Sequence[Key]) -> dict[str, str]:
+        """Return the layout's links for these pairs of one split: target by path below the dataset's folder."""
+        return self._below_folder(keys[0].split, self.layout.links(keys))
+
+    @property
+    def all_lists(self) -> dict[str, bytes]:
+        """The layout's lists about all pairs of each split; see `lists`."""
+        return {path: data for split in self.splits for path, data in self.lists(self.keys(split)).items()}
+
+    @property
+    def all_links(self) -> dict[str, str]:
+        """The layout's links for all pairs of each split; see `links`."""
+        return {path: target for split in self.splits for path, target in self.links(self.keys(split)).items()}
+
+    @property
+    def copies(self) -> dict[str, str]:
+        """The files that an object store gets a second time, by the path of the copy; see `Layout.copied`."""
         return {
-            group: {name: each.model_dump() for name, each in names.items()} for group, names in self.plugins.items()
+            name.replace(original, to): name
+            for original, to in self.layout.copied.items()
+            for split in self.splits
+            for index in range(self.pairs[split])
+            for name in self.files(split, index).values()
+            if original in name
         }
 
     @property
-    def contents(self) -> Contents:
-        """The dataset's pairs, shards and files."""
-        pairs = {name: self.pairs[name] for name in SPLITS if name in self.pairs}
-        return Contents(self.config_values, self.layout, pairs, self.shard_pairs, self.views)
+    def folders(self) -> list[str]:
+        """The folders below the dataset's that loaders list, even where they are empty."""
+        return [f"{self.folder(split)}{path}" for split in self.splits for path in self.layout.folders()]
+
+    def images_folder(self) -> str:
+        """Return the deepest folder below the dataset's that holds all images, or all tars where shards are packed."""
+        if self.layout.packed:
+            return RECORDS
+        images = (
+            self.files(split, index)[eye]
+            for split in self.splits
+            for index in (0, self.pairs[split] - 1)
+            for eye in EYES
+        )
+        return os.path.commonpath([os.path.dirname(path) for path in images])  # noqa: PTH120 - of addresses too
+
+    def _below_folder(self, split: SplitName, by_path: Mapping[str, _Value]) -> dict[str, _Value]:
+        folder = self.folder(split)
+        return {f"{folder}{path}": value for path, value in by_path.items()}
 
 
-class _Source(StoredObject):
+class _Source(Document):
     name: _Text
     sha256: _Sha256 | None = None
     licence: _Text
 
 
-class _Patch(StoredObject):
+class _Patch(Document):
     source: _Text
     left_px: _Number
     top_px: _Number
@@ -135,18 +303,18 @@ class _Patch(StoredObject):
         return Patch(**self.model_dump(exclude={"sha256"}))
 
 
-class SplitSources(StoredObject):
+class SplitSources(Document):
     """What the index says of a split's photographs, patches and models."""
 
     pairs: _Pairs | None = None
-    photographs: list[_Source] = Field(default_factory=list)
-    patches: list[_Patch] = Field(default_factory=list)
-    models: list[_Source] = Field(default_factory=list)
-    left_out: list[_Text] = Field(default_factory=list)
+    photographs: list[_Source] = []
+    patches: list[_Patch] = []
+    models: list[_Source] = []
+    left_out: list[_Text] = []
 
 
-class ShardEntry(StoredObject):
-    """What the index says of a shard."""
+class ShardEntry(Document):
+    """What the index says of a shard; ``sha256`` is the digest of its tar, or of the lines of `sha256sum`."""
 
     shard: str
     split: SplitName
@@ -158,14 +326,23 @@ class ShardEntry(StoredObject):
     redraws: _Number
 
 
-class IndexDocument(PlanDocument):
-    """A dataset's index; see `semisynth_gl.dataset.index.describe_dataset`."""
+class Index(Plan):
+    """The index of a dataset: its plan, its sources and its shards."""
 
     renderers: list[str]
     redraws: _Number
     bytes: _Bytes
-    splits: dict[SplitName, SplitSources]
-    shards: list[ShardEntry]
+    split_sources: dict[SplitName, SplitSources] = Field(alias="splits")
+    shard_entries: list[ShardEntry] = Field(alias="shards")
+
+    def check(self, path: Path) -> None:
+        """Raise ReadError where pairs and list of shards disagree; the path is for the message."""
+        # Compare the counts first: a wrong number of pairs may make a list of shards that no memory holds.
+        number = sum(-(-pairs // self.shard_pairs) for pairs in self.pairs.values())
+        if number != len(self.shard_entries):
+            raise ReadError(path, f"shards: expected {number} by pairs and shard_pairs, got {len(self.shard_entries)}")
+        for shard, entry in zip(self.shards, self.shard_entries, strict=True):
+            _check_shard(entry, shard, f"shards.{shard.number}.", path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,28 +357,17 @@ class StoredFile:
     offset: _Bytes | None = None
 
 
-class Sample(StoredObject):
+class Sample(Document):
     """What the record of a shard says of a pair."""
 
     pair: _Number
-    files: Annotated[dict[_FileName, StoredFile], Field(min_length=1)]
-    redrawn: list[str] = Field(default_factory=list)
+    redrawn: list[str] = []
     share_beyond: float = 0.0
+    files: Annotated[dict[_FileName, StoredFile], Field(min_length=1)]
 
 
-class JournalEntry(StoredDocument, Sample):
-    """A line of a shard's journal; see `semisynth_gl.dataset.shard`."""
-
-    redrawn: list[str]
-    share_beyond: float
-    renderer: str
-    seconds: float
-    end: _Bytes = 0
-    crc32: _Number = 0
-
-
-class RecordDocument(ShardEntry):
-    """The record of a shard; see `semisynth_gl.dataset.shard`."""
+class Record(ShardEntry):
+    """The record of a shard, which says that the shard is complete."""
 
     format: _Format = 1
     renderers: list[str]
@@ -220,23 +386,19 @@ class RecordDocument(ShardEntry):
         return {name: file.bytes for sample in self.samples for name, file in sample.files.items()}
 
 
-def parse_document(values: Mapping[str, Any], model: type[_Document], path: Path) -> _Document:
-    """Check the values of a document, in JSON's types, and return them typed; the path is for messages.
-
-    Raises:
-        NewerFormatError: where a newer program wrote the document.
-        ReadError: where keys are wrong or missing; the message has the expected and the found values.
-        MissingPluginError: where the layout is a plug-in's that is not installed.
-    """
+def parse_values(model: type[_Document], values: Mapping[str, Any], path: Path) -> _Document:
+    """Return a document of values in JSON's types; the path is for messages. Raises as `Document.parse` does."""
     number = values.get("format")
-    if issubclass(model, PlanDocument) and isinstance(number, int) and number > FORMAT:
+    if issubclass(model, Plan) and isinstance(number, int) and number > FORMAT:
         raise NewerFormatError(
             f"{path}: format: expected at most {FORMAT}, which {PROGRAM} {version(PROGRAM)} reads, got "
             f"{shown(number)}: {PROGRAM} {shown(values.get('version'))} wrote the dataset; install that version or a "
             "newer one"
         )
     try:
-        return model.model_validate(values)
+        if issubclass(model, Plan):
+            _require_layout(values)
+        return model.model_validate(values, extra="ignore")
     except MissingPluginError as error:
         raise MissingPluginError(f"{path}: {error}") from None
     except ValidationError as error:
@@ -245,53 +407,37 @@ def parse_document(values: Mapping[str, Any], model: type[_Document], path: Path
             key = ".".join(str(part) for part in fault["loc"] if part != "[key]")
             came = "" if fault["type"] == "missing" else f", got {shown(fault['input'])}"
             faults.append(f"{key}: {reason_of(fault)}{came}")
-        raise ReadError(path, abbreviate(faults, _SHOWN)) from None
+        raise ReadError(path, abbreviate(faults, _FAULTS_SHOWN)) from None
 
 
-def parse_index(values: Mapping[str, Any], path: Path) -> IndexDocument:
-    """Parse an index; raises as `parse_document` does, and ReadError where pairs and list of shards disagree."""
-    index = parse_document(values, IndexDocument, path)
-    # Compare the counts first: a wrong number of pairs may make a list of shards that no memory holds.
-    count = sum(-(-number // index.shard_pairs) for number in index.pairs.values())
-    if count != len(index.shards):
-        raise ReadError(path, f"shards: expected {count} by pairs and shard_pairs, got {len(index.shards)}")
-    for shard, entry in zip(index.contents.shards, index.shards, strict=True):
-        _check_shard(entry, shard, f"shards.{shard.number}.", path)
-    return index
+def _require_layout(values: Mapping[str, Any]) -> None:
+    """Raise MissingPluginError where a dataset's layout is of a plug-in that is not installed."""
+    match values:
+        case {"layout": str(name), "plugins": {"layouts": {**layouts}}} if name in layouts:
+            require_plugins({"layouts": {name: _Package.model_validate(layouts[name]).values()}})
 
 
-def parse_beginning(values: Mapping[str, Any], name: str, path: Path) -> PlanDocument:
-    """Parse the index or the plan of a dataset; ``name`` is `INDEX` or `PLAN`. Raises as `parse_index` does."""
-    return parse_index(values, path) if name == INDEX else parse_document(values, PlanDocument, path)
-
-
-def parse_record(values: Mapping[str, Any], shard: Shard, path: Path, *, packed: bool) -> RecordDocument:
-    """Parse the record of a shard, in JSON's types; the path is for messages.
+def parse_record(data: bytes, shard: Shard, path: Path, *, packed: bool) -> Record:
+    """Parse the record of a shard; the path is for messages.
 
     In a packed shard, the files' offsets in the tar must agree with their sizes.
 
     Raises:
         ReadError: where a value is wrong, or the record lists other pairs than the shard's.
     """
-    record = parse_document(values, RecordDocument, path)
+    record = Record.parse(data, path)
     _check_shard(record, shard, "", path)
-    expected, came = list(range(shard.first, shard.end)), [sample.pair for sample in record.samples]
-    if came != expected:
-        pairs = f"{counted(len(came), 'pair')} ({shown(came)})"
-        raise ReadError(path, f"samples: expected the pairs {shard.first} to {shard.end - 1}, the record lists {pairs}")
+    if [sample.pair for sample in record.samples] != list(range(shard.first, shard.end)):
+        pairs = shown([sample.pair for sample in record.samples])
+        raise ReadError(path, f"samples: expected the pairs {shard.first} to {shard.end - 1}, got {pairs}")
     if not packed:
         return record
     if record.tar != tar_path(shard.name):
         raise ReadError(path, f"tar: expected {tar_path(shard.name)}, got {shown(record.tar)}")
-    files = [
-        (f"samples.{number}.files.{name}", file)
-        for number, sample in enumerate(record.samples)
-        for name, file in sample.files.items()
-    ]
-    offsets, size = content_offsets(file.bytes for _, file in files)
-    for (key, file), offset in zip(files, offsets, strict=True):
-        if file.offset != offset:
-            raise ReadError(path, f"{key}.offset: expected {offset} by the sizes, got {shown(file.offset)}")
+    files = [file for sample in record.samples for file in sample.files.values()]
+    offsets, size = content_offsets(file.bytes for file in files)
+    if [file.offset for file in files] != offsets:
+        raise ReadError(path, "samples: expected the offsets that the sizes of the files give")
     if record.bytes != size:
         raise ReadError(path, f"bytes: expected {size} by the sizes of the files, got {record.bytes}")
     return record

@@ -7,9 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from semisynth_gl.dataset.documents import IndexDocument, RecordDocument, parse_index
-from semisynth_gl.dataset.plan import Plan
-from semisynth_gl.dataset.schema import INDEX
+from semisynth_gl.dataset.documents import Plan, Record
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.inputs.user_files import open_file
 from semisynth_gl.scene.sources import Sources
@@ -21,19 +19,18 @@ from semisynth_gl.textures.sources import describe_source
 _OWN_LICENCE = "MIT"
 
 
-def describe_dataset(
-    plan: Plan, sources: Mapping[SplitName, Sources], records: Sequence[RecordDocument]
-) -> IndexDocument:
-    """Return a dataset's index, from the sources of each split and the records of all shards in order."""
-    values = plan.values() | {
-        "sources": {split: split_sources.digests() for split, split_sources in sources.items()},
+def describe_dataset(plan: Plan, sources: Mapping[SplitName, Sources], records: Sequence[Record]) -> dict[str, Any]:
+    """Return the content of a dataset's index, from the sources of each split and the records of all shards in order.
+
+    It is in JSON's types; `semisynth_gl.dataset.documents.Index` reads it.
+    """
+    return plan.values() | {
         "renderers": sorted({renderer for record in records for renderer in record.renderers}),
         "redraws": sum(record.redraws for record in records),
         "bytes": sum(record.bytes for record in records),
         "splits": {split: _describe_split(plan, split, split_sources) for split, split_sources in sources.items()},
         "shards": [record.entry for record in records],
     }
-    return parse_index(values, Path(INDEX))
 
 
 def _describe_split(plan: Plan, split: SplitName, sources: Sources) -> dict[str, Any]:

@@ -1,64 +1,30 @@
-"""The plan of a dataset: its pairs, their shards and their names. Everything but the pixels follows from the plan."""
+"""Making the plan of a dataset: a layout that can hold it, and the number of pairs in a shard."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from importlib.metadata import version
 from math import ceil
 from typing import Any
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.contents import Contents
-from semisynth_gl.dataset.schema import CARD, FORMAT, INDEX, PARTIAL, PROGRAM, RECORDS
+from semisynth_gl.dataset.documents import Plan
+from semisynth_gl.dataset.names import CARD, FORMAT, INDEX, PROGRAM, RECORDS
 from semisynth_gl.frame.channels import CHANNELS
-from semisynth_gl.inputs.arguments import check_type, to_whole
+from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, counted, shown
 from semisynth_gl.layouts import LAYOUTS, find_layout
 from semisynth_gl.layouts.key import sequence_length
 from semisynth_gl.plugins import Records, plugin_records
-from semisynth_gl.seeds.splits import SPLITS, Split, SplitName
+from semisynth_gl.seeds.splits import SPLITS, SplitName
 
-# Shards usually have about 1 GB; small datasets have smaller shards, so that workers can share the dataset.
+# A shard that a run was killed in is made again, so it has few pairs. Small datasets have at least a few shards, so
+# that workers can share them.
+_MOST_PAIRS = 64
 _SHARD_BYTES = 1_000_000_000
 _FEWEST_SHARDS = 8
 # Each shard adds a few files, and a row of the index.
 _MOST_SHARDS = 1_000_000
-_OF_EVERY_DATASET = (INDEX, CARD, RECORDS, PARTIAL)
-
-
-@dataclass(frozen=True, slots=True)
-class Plan(Contents):
-    """The plan of a dataset; ``plugins`` are the packages of its plug-ins, see `semisynth_gl.plugins`."""
-
-    config: Config
-    seed: int
-    plugins: Records = field(default_factory=dict)
-
-    def split(self, name: SplitName) -> Split:
-        """Return a split with its shares of photographs and models."""
-        return self.config.splits.split(name, self.splits, self.seed)
-
-    @property
-    def kind(self) -> str:
-        """The kind of the pairs, in a word or two."""
-        return "rectified stereo" if self.config.rig.none() else "stereo"
-
-    def values(self) -> dict[str, Any]:
-        """Return the content of plan.json without its sources, in JSON's types."""
-        return {
-            "program": PROGRAM,
-            "version": version(PROGRAM),
-            "format": FORMAT,
-            "config": self.config.name,
-            "config_sha256": self.config.digest(),
-            "config_values": self.config.model_dump(mode="json"),
-            "seed": self.seed,
-            "layout": self.layout_name,
-            "pairs": dict(self.pairs),
-            "shard_pairs": self.shard_pairs,
-            **({"views": self.views} if self.views > 1 else {}),
-            **({"plugins": dict(self.plugins)} if self.plugins else {}),
-        }
+_OF_EVERY_DATASET = (INDEX, CARD, RECORDS)
 
 
 def make_plan(
@@ -71,13 +37,12 @@ def make_plan(
         seed: 0 or more.
         layout_name: the name of a layout, built-in or a plug-in's.
         pairs: number of pairs of each split; 0 leaves a split out.
-        shard_pairs: pairs in a shard; by default about 1 GB of them, and fewer in small datasets.
+        shard_pairs: pairs in a shard; by default 64 of them, and fewer in small datasets or where 64 are above 1 GB.
 
     Raises:
         InputError: where a number is out of range, there is no such layout, or the layout cannot hold the config's
             outputs, encodings or sequences.
     """
-    check_type("config", config, Config, "load_config(NAME_OR_PATH) reads one")
     layout = find_layout(layout_name)
     seed = to_whole("a seed", seed, least=0)
     counts = {name: pairs[name] for name in SPLITS if pairs.get(name)}
@@ -116,7 +81,22 @@ def make_plan(
             f"{counted(shards, 'shard')} of {counted(shard_pairs, 'pair')}: expected at most {_MOST_SHARDS}; give a "
             "larger `shard_pairs`, or make several datasets"
         )
-    plan = Plan(config, layout_name, counts, shard_pairs, config.views, seed, used_plugins(config, layout_name))
+    plan = Plan.model_validate(
+        {
+            "program": PROGRAM,
+            "version": version(PROGRAM),
+            "format": FORMAT,
+            "config": config.name,
+            "config_sha256": config.digest(),
+            "config_values": config,
+            "seed": seed,
+            "layout": layout_name,
+            "pairs": counts,
+            "shard_pairs": shard_pairs,
+            "views": config.views,
+            "plugins": used_plugins(config, layout_name),
+        }
+    )
     _check_names(plan)
     return plan
 
@@ -168,7 +148,7 @@ def _shard_pairs(config: Config, encodings: Encodings, pairs: int) -> int:
             if channel.of_sensor and config.lens is not None:
                 pixels = config.lens.raw_width_px * config.lens.raw_height_px
             size += views * pixels * encodings.codec(channel.codec).pixel_bytes
-    number = max(1, min(round(_SHARD_BYTES / size), ceil(pairs / _FEWEST_SHARDS)))
+    number = max(1, min(_MOST_PAIRS, round(_SHARD_BYTES / size), ceil(pairs / _FEWEST_SHARDS)))
     # If two shards shared a sequence, it would be set up twice.
     together = config.sequence_pairs
     return ceil(number / together) * together

@@ -1,9 +1,6 @@
 """The scenes of a finished dataset, rebuilt from the config, the seed and the patches in its index."""
 
-from pydantic import ValidationError
-
-from semisynth_gl.config import Config
-from semisynth_gl.dataset.reader import Index
+from semisynth_gl.dataset.reader import StoredIndex
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.inputs.errors import InputError
@@ -21,28 +18,24 @@ class RebuiltScenes:
     ``config`` and ``seed`` are the dataset's, and ``models`` are the meshes that `Scene.model` indexes.
 
     Raises:
-        InputError: where this version does not know the index's config, seed or patches, or models are missing.
+        InputError: where the dataset is not finished, or models are missing.
         MissingPluginError: where a plug-in that made models is missing or has another version.
     """
 
-    def __init__(self, index: Index, split: SplitName) -> None:
-        if index.made is None:
-            raise InputError(f"{index.place.address}: the scenes cannot be rebuilt from the index: {index.fault}")
-        document = index.made
-        try:
-            self.config = Config.model_validate(index.config.values)
-            patches = tuple(entry.patch for entry in document.splits[split].patches)
-        except (ValidationError, KeyError) as error:
-            reason = " ".join(str(error).splitlines()[:3])
-            raise InputError(f"{index.place.address}: the scenes cannot be rebuilt from the index: {reason}") from None
-        if not patches:
-            raise InputError(f"{index.place.address}: the scenes cannot be rebuilt from the index: it lists no patches")
-        self.seed, part = document.seed, self.config.splits.split(split, index.splits, document.seed)
+    def __init__(self, index: StoredIndex, split: SplitName) -> None:
+        made = index.made
+        if made is None:
+            raise InputError(f"{index.root}: the scenes cannot be rebuilt from the index: {index.fault}")
+        described = made.split_sources.get(split)
+        if described is None or not described.patches:
+            raise InputError(f"{index.root}: the scenes cannot be rebuilt from the index: it lists no patches")
+        patches = tuple(entry.patch for entry in described.patches)
+        self.config, self.seed, part = made.config, made.seed, made.split(split)
         try:
             # Another version of a plug-in may make other models. Recipes need no check: the config has their keys.
-            require_plugins(document.plugin_records, ["models"], same=True)
+            require_plugins(made.plugin_records, ["models"], same=True)
         except MissingPluginError as error:
-            raise MissingPluginError(f"{index.place.address}: the scenes cannot be rebuilt: {error}") from None
+            raise MissingPluginError(f"{index.root}: the scenes cannot be rebuilt: {error}") from None
         libraries = recipe_libraries(self.config, part)
         self._sampler = MixSampler(self.config, part.seed, libraries, patches)
         self.models: tuple[Mesh, ...] = self._sampler.models

@@ -17,8 +17,9 @@ from semisynth_gl.codecs.calib import calib_values
 from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, read_disparity_map
 from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, DisparityPng16
+from semisynth_gl.dataset.names import INDEX, PLAN
 from semisynth_gl.dataset.reader import Dataset, open_dataset
-from semisynth_gl.dataset.schema import INDEX, PLAN
+from semisynth_gl.dataset.root import is_local, path_of, read_whole
 from semisynth_gl.frame.channels import VISIBLE
 from semisynth_gl.inputs.errors import InputError, ReadError, cut, shown
 from semisynth_gl.metrics.protocol import UNLIMITED, Limits, ProtocolName, shown_size
@@ -125,42 +126,37 @@ def find_truth(address: str, split: SplitName | None = None, masks: Path | None 
 
 def _dataset_truths(dataset: Dataset, only_split: SplitName | None) -> TrueSet:
     index = dataset.about
-    codec = index.encodings.disparity
+    codec = index.plan.encodings.disparity
     png_steps = codec.steps if isinstance(codec, DisparityPng16) else _STEPS
-    several = len(index.pairs) > 1
-    pairs = []
+    several = len(index.plan.pairs) > 1
+    pairs, root = [], index.root
     for place in range(len(dataset)):
         split, number = dataset.pair(place)
-        scene = index.key(split, number).name
-        path = index.files(split, number)["disparity_left"]
+        scene = index.plan.key(split, number).name
+        path = index.plan.files(split, number)["disparity_left"]
         stems: dict[str, float] = {f"{split}/{scene}": _STEPS} if several else {}
         stems |= {scene: _STEPS} | _path_stems(PurePosixPath(path), png_steps)
         name = f"{split}/{scene}" if several and only_split is None else scene
-        pairs.append(
-            TruePair(name, str(index.place.path(path)), stems, partial(_read_pair, dataset, place), index.signed)
-        )
-    return TrueSet(pairs, _PROTOCOL_OF_LAYOUT.get(index.layout_name, "middlebury"), index.place.local)
+        pairs.append(TruePair(name, str(path_of(root, path)), stems, partial(_read_pair, dataset, place), index.signed))
+    return TrueSet(
+        pairs, _PROTOCOL_OF_LAYOUT.get(index.plan.layout_name, "middlebury"), Path(root) if is_local(root) else None
+    )
 
 
 def _read_pair(dataset: Dataset, place: int) -> Truth:
     index, frame = dataset.about, dataset[place]
     disparity, visibility = frame.left.disparity, frame.left.get("visibility")
     # A frame has no array for KITTI's map of objects.
-    name = index.files(*dataset.pair(place)).get(_OBJECTS_ROLE)
+    name = index.plan.files(*dataset.pair(place)).get(_OBJECTS_ROLE)
     objects = None
     if name is not None:
-        path = index.place.path(name)
-        try:
-            data = index.place.read(name)
-        except FileNotFoundError:
-            raise ReadError(path, "is missing") from None
-        objects = _same_size(GREY8.decode(data, path), disparity, path, "its disparity")
+        path = path_of(index.root, name)
+        objects = _same_size(GREY8.decode(read_whole(index.root, name), path), disparity, path, "its disparity")
     if frame.calibration is not None:
         limits = Limits(frame.calibration.ndisp, signed=index.signed)
     else:
         # In layouts without calib.txt, ndisp is the number that calib.txt would have.
-        largest_px = index.config.disparity.max_px
-        limits = UNLIMITED if largest_px is None else Limits(max(1, ceil(largest_px)), signed=index.signed)
+        limits = Limits(max(1, ceil(index.plan.config.disparity.max_px)), signed=index.signed)
     return Truth(disparity, None if visibility is None else visibility == VISIBLE, objects, limits)
 
 

@@ -6,7 +6,7 @@ config -> scene    `MixSampler`: the objects of pair i, from (config, seed, i) a
        -> shard    `ShardWriter`: a fixed range of samples on disk, complete or absent
        -> dataset  `DatasetFiles`: shards, and at last an index
 
-The first two steps are here; `semisynth_gl.generation.generate` does the others.
+The first two steps are here; `semisynth_gl.dataset.generate` does the others.
 """  # noqa: D415 - the drawing is the summary
 
 from dataclasses import dataclass, field

@@ -70,7 +70,7 @@ def report(
     shown = []
     for (pair, reason), picture in zip(chosen, pictures, strict=True):
         name, number = pair.key
-        label = f"{number:06d}" if len(index.pairs) == 1 else f"{name} {number:06d}"
+        label = f"{number:06d}" if len(index.plan.pairs) == 1 else f"{name} {number:06d}"
         shown.append(ShownPair(pair, label, picture, reason))
     page = render_page(index, measurement, redraws, outliers, shown)
     return Report(page, measurement, len(shown), pictures[0].step if pictures else 0)

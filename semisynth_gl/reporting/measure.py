@@ -9,8 +9,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.dataset.configs import read_config
-from semisynth_gl.dataset.reader import Dataset, Index
+from semisynth_gl.dataset.reader import Dataset, StoredIndex
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.channels import OCCLUDED
 from semisynth_gl.histogram import Histogram, PixelCount
@@ -135,7 +134,7 @@ def measure(
     listener.on_total(len(positions))
     target, fault, wanted = None, None, dict[str, float]()
     try:
-        config = read_config(index)
+        config = index.plan.config
         wanted = {recipe.name: recipe.share for recipe in config.recipes() if recipe.name is not None}
         target = config.shown_histogram()
     except InputError as error:
@@ -168,7 +167,7 @@ def measure(
         listener.on_pair(FinishedPair(*dataset.pair(position)))
     if not pairs:
         fault = f"the fault of the first: {unread[0]}" if unread else "the sample is empty"
-        raise InputError(f"{index.place.address}: no pair could be read; {fault}")
+        raise InputError(f"{index.address}: no pair could be read; {fault}")
     return Measurement(
         dataset_pairs=len(dataset),
         pairs=tuple(pairs),
@@ -196,20 +195,20 @@ def _depth_m(frame: StoredFrame, x: NDArray[np.int64], y: NDArray[np.int64]) -> 
     return depth_m[(farthest_m > 0) & np.isfinite(farthest_m)]
 
 
-def _edges(index: Index, target: Histogram | None, frame: StoredFrame) -> NDArray[np.float64]:
+def _edges(index: StoredIndex, target: Histogram | None, frame: StoredFrame) -> NDArray[np.float64]:
     """Return the edges of the bins of disparity: from 0 to the config's limit, or to the image's width without a limit.
 
     The target's edges are among them. Bins of signed disparities begin at that of infinity, if it is below 0.
     """
     target_edges = [] if target is None else target.edges_px.tolist()
-    limit_px = index.config.disparity.max_px
+    limit_px = index.plan.config.disparity.max_px
     high = max([frame.left.disparity.shape[1] if limit_px is None else limit_px, *target_edges])
     low = min([0.0, *([-frame.camera.doffs_px] if index.signed else []), *target_edges])
     return np.union1d(np.linspace(low, high, _BINS + 1), target_edges)
 
 
 def _measure_pair(
-    index: Index, position: int, frame: StoredFrame, redraws: Mapping[PairKey, Sequence[str]]
+    index: StoredIndex, position: int, frame: StoredFrame, redraws: Mapping[PairKey, Sequence[str]]
 ) -> PairMeasures:
     key = cast("SplitName", frame.split), frame.index
     valid = frame.left.disparity[np.isfinite(frame.left.disparity)]
@@ -217,7 +216,7 @@ def _measure_pair(
     return PairMeasures(
         position=position,
         key=key,
-        name=frame.name if len(index.pairs) == 1 else f"{frame.split} {frame.name}",
+        name=frame.name if len(index.plan.pairs) == 1 else f"{frame.split} {frame.name}",
         median_px=float(np.median(valid)) if valid.size else float("nan"),
         occluded=None if mask is None else float((mask == OCCLUDED).mean()),
         invalid=1 - valid.size / frame.left.disparity.size,

@@ -10,9 +10,8 @@ import numpy as np
 from matplotlib import colormaps
 from numpy.typing import NDArray
 
-from semisynth_gl.dataset.configs import recipe_values
 from semisynth_gl.dataset.documents import SplitSources
-from semisynth_gl.dataset.reader import Index
+from semisynth_gl.dataset.reader import StoredIndex
 from semisynth_gl.histogram import Histogram, total_variation, wasserstein_px
 from semisynth_gl.inputs.resources import data_root
 from semisynth_gl.inputs.templates import template_environment
@@ -61,7 +60,11 @@ class Chart:
 
 
 def render_page(
-    index: Index, measurement: Measurement, redraws: Redraws, outliers: Sequence[Outlier], shown: Sequence[ShownPair]
+    index: StoredIndex,
+    measurement: Measurement,
+    redraws: Redraws,
+    outliers: Sequence[Outlier],
+    shown: Sequence[ShownPair],
 ) -> str:
     """Return the page of a dataset, or of the split that measurement and redraws are from, as HTML.
 
@@ -77,11 +80,10 @@ def render_page(
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
     disparity, target = measurement.disparity, measurement.target
     medians = _finite(pair.median_px for pair in measurement.pairs)
-    sources = {} if index.made is None else index.made.splits
-    configs = recipe_values(index)
+    sources = {} if index.made is None else index.made.split_sources
+    configs = [recipe.config.model_dump(mode="json") for recipe in index.plan.config.recipes()]
     return environment.get_template("report.html").render(
-        index=index,
-        document=index.document,
+        plan=index.plan,
         measurement=measurement,
         target_variation=total_variation(target, disparity) if target and disparity else None,
         target_wasserstein_px=wasserstein_px(target, disparity) if target and disparity else None,
@@ -98,7 +100,7 @@ def render_page(
         sources=sources,
         licences=_licences(sources),
         unused_files=[(split, text) for split, source in sources.items() for text in source.left_out],
-        config_json=json.dumps(index.config.values, indent=1),
+        config_json=json.dumps(index.plan.config.model_dump(mode="json"), indent=1),
         shown=shown,
         shown_numbers={pair.measures.position: number for number, pair in enumerate(shown)},
         jpeg_quality=JPEG_QUALITY,
@@ -222,16 +224,16 @@ def _size_range_px(configs: Sequence[Values]) -> list[float]:
     return _config_range(configs, "particles", "size_px")
 
 
-def _left_file(index: Index, key: PairKey) -> str:
+def _left_file(index: StoredIndex, key: PairKey) -> str:
     split, number = key
-    path = index.files(split, number)["left"]
-    if index.layout.packed:
-        path += f" in shard {number // index.shard_pairs} of {split}"
+    path = index.plan.files(split, number)["left"]
+    if index.plan.layout.packed:
+        path += f" in shard {number // index.plan.shard_pairs} of {split}"
     return path
 
 
 def _most_redrawn(
-    index: Index, redraws: Redraws, measured: Sequence[PairMeasures]
+    index: StoredIndex, redraws: Redraws, measured: Sequence[PairMeasures]
 ) -> list[tuple[str, int | None, tuple[str, ...]]]:
     """Return name, position and messages of each of the pairs with the most failed attempts.
 
@@ -239,8 +241,8 @@ def _most_redrawn(
     """
     positions = {pair.key: pair.position for pair in measured}
     most = sorted(redraws.messages.items(), key=lambda item: -len(item[1]))[:_MOST_REDRAWN]
-    prefixes = {split: f"{split} " if len(index.pairs) > 1 else "" for split in index.pairs}
-    return [(f"{prefixes[key[0]]}{index.key(*key).name}", positions.get(key), messages) for key, messages in most]
+    prefixes = {split: f"{split} " if len(index.plan.pairs) > 1 else "" for split in index.plan.pairs}
+    return [(f"{prefixes[key[0]]}{index.plan.key(*key).name}", positions.get(key), messages) for key, messages in most]
 
 
 def _licences(sources: Mapping[SplitName, SplitSources]) -> list[tuple[str, str, int, str]]:

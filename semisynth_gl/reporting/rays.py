@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl import oracle
-from semisynth_gl.dataset.reader import Index
+from semisynth_gl.dataset.reader import StoredIndex
 from semisynth_gl.dataset.rebuild import RebuiltScenes
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.geometry.mesh import Mesh
@@ -61,7 +61,7 @@ class Rays:
 class RayCaster:
     """Rebuilds the scenes of a dataset's pairs, and casts rays through them."""
 
-    def __init__(self, index: Index) -> None:
+    def __init__(self, index: StoredIndex) -> None:
         self._index = index
         # The scenes of each split, or why they cannot be rebuilt.
         self._scenes: dict[str, RebuiltScenes | str] = {}

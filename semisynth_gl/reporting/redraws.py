@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from semisynth_gl.dataset.reader import Index, read_record
+from semisynth_gl.dataset.reader import StoredIndex, read_record
 from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.seeds.splits import SplitName
 
@@ -47,18 +47,18 @@ class Redraws:
     unread: tuple[str, ...]
 
 
-def read_redraws(index: Index, split: SplitName | None = None) -> Redraws:
+def read_redraws(index: StoredIndex, split: SplitName | None = None) -> Redraws:
     """Read the records of all shards, or of the shards of one split; unreadable records are listed in the result."""
     messages: dict[PairKey, tuple[str, ...]] = {}
     examples: dict[str, str] = {}
     counts: Counter[str] = Counter()
     unread: list[str] = []
     pairs = 0
-    for shard in index.shards:
+    for shard in index.plan.shards:
         if split not in (None, shard.split):
             continue
         try:
-            record = read_record(index.place, shard, packed=index.layout.packed)
+            record = read_record(index.root, shard, packed=index.plan.layout.packed)
         except ReadError as error:
             unread.append(str(error))
             continue

@@ -57,18 +57,18 @@ class StereoDataset(Dataset[Any]):
         check_transform(transform)
         self.pairs = open_dataset(address, split)
         about = self.pairs.about
-        self._seed = about.document.seed if seed is None else to_whole("a seed", seed, least=0)
-        self._together = about.config.sequence.length * about.views
+        self._seed = about.plan.seed if seed is None else to_whole("a seed", seed, least=0)
+        self._together = about.plan.config.sequence.length * about.plan.views
         self._transform, self._epoch = transform, 0
         sides = (0, 0)
         if crop is not None or augmentation is not None:
             camera = self.pairs[0].camera
             sides = camera.height_px, camera.width_px
-        self._cutting = Cutting(crop, augmentation, sides, f"{about.place.address}")
+        self._cutting = Cutting(crop, augmentation, sides, about.address)
         made = ("version", "config", "config_sha256", "seed", "layout", "pairs", "sources", "plugins")
         self.identity: Mapping[str, Any] = {
             # Without plug-ins there is no such key.
-            "dataset": {name: value for name, value in about.document.values.items() if name in made},
+            "dataset": {name: value for name, value in about.plan.values().items() if name in made},
             "split": split,
             **self._cutting.identity,
             "crop_seed": self._seed,

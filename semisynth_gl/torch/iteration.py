@@ -8,8 +8,8 @@ from typing import Any, Protocol
 
 from torch.utils.data import IterableDataset, get_worker_info
 
+from semisynth_gl.dataset.names import PROGRAM
 from semisynth_gl.dataset.plan import differences
-from semisynth_gl.dataset.schema import PROGRAM
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, abbreviate, shown
 from semisynth_gl.seeds.seeds import LARGEST_NUMBER

@@ -15,7 +15,7 @@ from torch.utils.data import get_worker_info
 
 from semisynth_gl.augmentation import Augmentation
 from semisynth_gl.config import Config
-from semisynth_gl.engines.task import THREADS, threads_each
+from semisynth_gl.dataset.engines import THREADS, threads_each
 from semisynth_gl.inputs.arguments import check_one_of, check_type, to_whole
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer

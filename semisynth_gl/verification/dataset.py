@@ -4,7 +4,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from semisynth_gl.dataset.reader import Index
+from semisynth_gl.dataset.reader import StoredIndex
+from semisynth_gl.dataset.root import names_below
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.verification.correspondence import check_correspondence, check_deviating_views
@@ -35,7 +36,7 @@ from semisynth_gl.verification.view_consistency import (
 _UNKNOWN_VALUES = np.errstate(invalid="ignore", divide="ignore")
 
 
-def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
+def verify_dataset(index: StoredIndex, oracle_pixels: int = 0) -> Iterator[Verdict]:
     """Check a dataset: yield a verdict on the dataset itself, and then one on each pair, in the order of the shards.
 
     The verdict on a shard's first pair also has the findings about the shard.
@@ -47,18 +48,18 @@ def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
     Raises:
         InputError: where rays are asked for, and the scenes cannot be sampled again.
     """
-    oracles = {split: OracleCheck(index, split) for split in index.pairs} if oracle_pixels else {}
+    oracles = {split: OracleCheck(index, split) for split in index.plan.pairs} if oracle_pixels else {}
     verdict = Verdict(DATASET)
-    present = frozenset(index.place.names())
-    unmade = [unmade_pairs(index, shard, present) for shard in index.shards]
+    present = frozenset(names_below(index.root))
+    unmade = [unmade_pairs(index, shard, present) for shard in index.plan.shards]
     check_index(index, present, sum(map(len, unmade)), verdict)
     yield verdict
     recent: dict[int, StoredFrame] = {}
-    for planned, still_unmade in zip(index.shards, unmade, strict=True):
+    for planned, still_unmade in zip(index.plan.shards, unmade, strict=True):
         shard = StoredShard(index, planned)
         for number in shard.numbers:
-            scene = index.key(shard.split, number).name
-            verdict = Verdict(scene if len(index.pairs) == 1 else f"{shard.split} {scene}")
+            scene = index.plan.key(shard.split, number).name
+            verdict = Verdict(scene if len(index.plan.pairs) == 1 else f"{shard.split} {scene}")
             if number in still_unmade:
                 yield verdict
                 continue
@@ -76,51 +77,50 @@ def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
             yield verdict
 
 
-def _looked_back_at(number: int, index: Index) -> set[int]:
+def _looked_back_at(number: int, index: StoredIndex) -> set[int]:
     """Return the numbers of the earlier pairs that a pair is compared with.
 
     These are the same view's pair one frame earlier, and the first pair of the same scene.
     """
-    scene, view = divmod(number, index.views)
-    before = {number - index.views} if scene % index.config.sequence.length else set()
+    scene, view = divmod(number, index.plan.views)
+    before = {number - index.plan.views} if scene % index.plan.config.sequence.length else set()
     return before | ({number - view} if view else set())
 
 
-def _still_needed(number: int, index: Index) -> set[int]:
+def _still_needed(number: int, index: StoredIndex) -> set[int]:
     """Return the numbers of the pairs with which pairs after ``number`` are yet to be compared."""
-    return {at for later in range(number + 1, number + 1 + index.views) for at in _looked_back_at(later, index)}
+    return {at for later in range(number + 1, number + 1 + index.plan.views) for at in _looked_back_at(later, index)}
 
 
 @_UNKNOWN_VALUES
-def _check_against(frame: StoredFrame, recent: Mapping[int, StoredFrame], index: Index, verdict: Verdict) -> None:
+def _check_against(frame: StoredFrame, recent: Mapping[int, StoredFrame], index: StoredIndex, verdict: Verdict) -> None:
     """Compare a pair with earlier pairs of its sequence or scene; pairs of another size are passed over."""
     sizes = frame.left.image.shape
     for number in _looked_back_at(frame.index, index):
         other = recent.get(number)
         if other is None or other.split != frame.split or other.left.image.shape != sizes:
             continue
-        if number // index.views == frame.index // index.views:
+        if number // index.plan.views == frame.index // index.plan.views:
             check_lefts(frame, other, verdict)
         else:
             check_frames(other, frame, verdict, images=_same_textures(frame, index))
 
 
-def _same_textures(frame: StoredFrame, index: Index) -> bool:
+def _same_textures(frame: StoredFrame, index: StoredIndex) -> bool:
     """Return whether a surface point has the same colour in all frames of a sequence."""
-    textures = index.config.textures
-    changing = isinstance(textures, dict) and bool(textures.get("sequence"))
+    changing = bool(index.plan.config.textures.sequence)
     return not (index.imperfect or changing) and frame.encodings.image.lossless
 
 
 @_UNKNOWN_VALUES
-def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
+def _check_frame(frame: StoredFrame, index: StoredIndex, verdict: Verdict) -> bool:
     """Check a pair by itself; return whether all its arrays have the size of its camera."""
     check_origin(frame, index, verdict)
     check_calibration(frame, verdict)
     if not is_of_one_size(frame):
         # The checks that follow compare pixel with pixel.
         return False
-    check_single_views(frame, index.config.disparity.max_px, verdict)
+    check_single_views(frame, index.plan.config.disparity.max_px, verdict)
     # Imperfections make the images of both views differ, as a real rig does.
     imperfect = index.imperfect or not frame.encodings.image.lossless
     for eye in EYES:

@@ -8,12 +8,13 @@ from io import BufferedReader
 from pathlib import Path
 from typing import Any, cast
 
+from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.config.model import digest_of
-from semisynth_gl.dataset.contents import Shard
-from semisynth_gl.dataset.documents import RecordDocument, StoredFile
-from semisynth_gl.dataset.reader import Index, read_members, read_record, read_whole
-from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, camera_size, decode_file, wrong_sizes
-from semisynth_gl.dataset.schema import CARD, INDEX, PARTIAL, PLAN, log_path, record_path, tar_path
+from semisynth_gl.dataset.documents import Record, Shard, StoredFile
+from semisynth_gl.dataset.names import CARD, INDEX, LOCK, PLAN, log_path, record_path, tar_path
+from semisynth_gl.dataset.reader import StoredIndex, read_members, read_record
+from semisynth_gl.dataset.root import is_local, read_whole
+from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file, wrong_sizes
 from semisynth_gl.inputs.errors import ReadError, counted
 from semisynth_gl.verification.verdict import Verdict
 
@@ -32,16 +33,16 @@ class StoredShard:
         fault: why the shard's record cannot be read; None where it can.
     """
 
-    def __init__(self, index: Index, shard: Shard) -> None:
+    def __init__(self, index: StoredIndex, shard: Shard) -> None:
         self.split = shard.split
         self.numbers = range(shard.first, shard.end)
         self._shard = shard
         self._index = index
-        self._record: RecordDocument | None = None
+        self._record: Record | None = None
         self.fault: str | None = None
         self._samples: Mapping[int, Mapping[str, StoredFile]] = {}
         try:
-            self._record = read_record(index.place, shard, packed=index.layout.packed)
+            self._record = read_record(index.root, shard, packed=index.plan.layout.packed)
             self._samples = {sample.pair: sample.files for sample in self._record.samples}
         except ReadError as error:
             why = "the shard is not finished, or its record was changed"
@@ -53,7 +54,7 @@ class StoredShard:
         if record is None:
             verdict.add("shard", str(self.fault))
             return
-        entry = record if made is None else made.shards[self._shard.number]
+        entry = record if made is None else made.shard_entries[self._shard.number]
         for key in ("bytes", "sha256"):
             ours, theirs = getattr(record, key), getattr(entry, key)
             if ours != theirs:
@@ -61,10 +62,10 @@ class StoredShard:
         if record.tar is not None:
             self._check_tar(record, verdict)
 
-    def _check_tar(self, record: RecordDocument, verdict: Verdict) -> None:
-        place, name = self._index.place, tar_path(self._shard.name)
+    def _check_tar(self, record: Record, verdict: Verdict) -> None:
+        name = tar_path(self._shard.name)
         try:
-            with place.open(name) as file:
+            with (self._index.root / name).open("rb") as file:
                 digest = hashlib.file_digest(cast("BufferedReader", file), "sha256").hexdigest()
                 file.seek(0)
                 with tarfile.open(fileobj=file) as tar:
@@ -98,16 +99,16 @@ class StoredShard:
         Raises:
             ReadError: where the file or, of a tar, its shard's record is missing or cannot be read.
         """
-        place = self._index.place
-        if not self._index.layout.packed:
+        root = self._index.root
+        if not self._index.plan.layout.packed:
             try:
-                return read_whole(place, name)
+                return read_whole(root, name)
             except ReadError as error:
                 raise ReadError(Path(name), error.reason) from None
         if self._record is None:
             raise ReadError(Path(name), f"cannot be read from its shard: {self.fault}")
         try:
-            return read_members(place, self._shard, self._record, number, [name])[name]
+            return read_members(root, self._shard, self._record, number, [name])[name]
         except ReadError as error:
             raise ReadError(Path(name), f"cannot be read from its shard: {error.path} {error.reason}") from None
 
@@ -121,7 +122,7 @@ class StoredShard:
             verdict.add("sha256", f"{name} has {digest[:12]}, its shard's record {file.sha256:.12}")
 
 
-def unmade_pairs(index: Index, shard: Shard, present: AbstractSet[str]) -> range:
+def unmade_pairs(index: StoredIndex, shard: Shard, present: AbstractSet[str]) -> range:
     """Return the numbers of a shard's pairs that an unfinished dataset does not have yet.
 
     The range is empty for a finished dataset, and for a shard that has a record. ``present`` has the names of all of
@@ -130,14 +131,14 @@ def unmade_pairs(index: Index, shard: Shard, present: AbstractSet[str]) -> range
     numbers = range(shard.first, shard.end)
     if index.fault is None or record_path(shard.name) in present:
         return numbers[:0]
-    if index.layout.packed:
+    if index.plan.layout.packed:
         return numbers[:0] if tar_path(shard.name) in present else numbers
-    made = [number for number in numbers if not present.isdisjoint(index.files(shard.split, number).values())]
+    made = [number for number in numbers if not present.isdisjoint(index.plan.files(shard.split, number).values())]
     # A worker makes the pairs of a shard in order, so the pairs after the last one with a file are not made yet.
     return range(made[-1] + 1 if made else shard.first, shard.end)
 
 
-def check_index(index: Index, present: AbstractSet[str], unmade: int, verdict: Verdict) -> None:
+def check_index(index: StoredIndex, present: AbstractSet[str], unmade: int, verdict: Verdict) -> None:
     """Check that the index agrees with itself, and that the names of the dataset's files are as the index says.
 
     Args:
@@ -149,18 +150,20 @@ def check_index(index: Index, present: AbstractSet[str], unmade: int, verdict: V
     if index.fault is not None:
         verdict.add("index", index.fault)
     if unmade:
-        verdict.add("index", f"{unmade} of {counted(sum(index.pairs.values()), 'pair')} not made yet")
-    digest, recorded = digest_of(index.config.values), index.document.config_sha256
+        verdict.add("index", f"{unmade} of {counted(sum(index.plan.pairs.values()), 'pair')} not made yet")
+    # The plan has the config without the keys that this version does not know.
+    stored = PLAN if index.made is None else INDEX
+    values = JSON_OBJECT.decode(read_whole(index.root, stored), Path(stored))
+    digest, recorded = digest_of(values["config_values"]), index.plan.config_sha256
     if digest != recorded:
         verdict.add("index", f"config_values have the digest {digest[:12]}, config_sha256 is {recorded:.12}")
     lists, links = _lists_and_links(index)
-    local = index.place.local
+    root = index.root
     # Loaders take any file that they find for a part of a pair.
     foreign = sorted(
         name
-        for name in present - _ABOUT - lists.keys() - _shard_files(index) - index.copies.keys()
-        if not name.startswith(f"{PARTIAL}/")
-        and not (name in links and local is not None and (local / name).is_symlink())
+        for name in present - _ABOUT - lists.keys() - _shard_files(index) - index.plan.copies.keys()
+        if name != LOCK and not (name in links and is_local(root) and (root / name).is_symlink())
     )
     for name in foreign[:_SHOWN]:
         verdict.add("files", f"{name} does not belong here: the index lists no such file")
@@ -174,9 +177,9 @@ def check_index(index: Index, present: AbstractSet[str], unmade: int, verdict: V
         _check_list(index, name, expected, verdict)
 
 
-def _check_list(index: Index, name: str, expected: bytes, verdict: Verdict) -> None:
+def _check_list(index: StoredIndex, name: str, expected: bytes, verdict: Verdict) -> None:
     try:
-        data = read_whole(index.place, name)
+        data = read_whole(index.root, name)
     except ReadError as error:
         verdict.add("files", f"{name} {error.reason}")
         return
@@ -188,36 +191,40 @@ def _check_list(index: Index, name: str, expected: bytes, verdict: Verdict) -> N
         verdict.add("files", f"{name} has {counts}{example}")
 
 
-def _lists_and_links(index: Index) -> tuple[dict[str, bytes], set[str]]:
+def _lists_and_links(index: StoredIndex) -> tuple[dict[str, bytes], set[str]]:
     """Return the layout's lists of pairs, contents by name, and the names of its symbolic links."""
     lists: dict[str, bytes] = {}
     links: set[str] = set()
-    for split, pairs in index.pairs.items():
-        folder, keys = index.folder(split), [index.key(split, number) for number in range(pairs)]
-        lists |= {f"{folder}{path}": data for path, data in index.layout.lists(keys, index.encodings).items()}
-        links |= {f"{folder}{path}" for path in index.layout.links(keys)}
+    for split, pairs in index.plan.pairs.items():
+        folder, keys = index.plan.folder(split), [index.plan.key(split, number) for number in range(pairs)]
+        lists |= {f"{folder}{path}": data for path, data in index.plan.layout.lists(keys, index.plan.encodings).items()}
+        links |= {f"{folder}{path}" for path in index.plan.layout.links(keys)}
     return lists, links
 
 
-def _shard_files(index: Index) -> set[str]:
+def _shard_files(index: StoredIndex) -> set[str]:
     """Return the names of the files, records and logs of all shards."""
-    names = [shard.name for shard in index.shards]
+    names = [shard.name for shard in index.plan.shards]
     paths = {path(name) for name in names for path in (record_path, log_path)}
-    if index.layout.packed:
+    if index.plan.layout.packed:
         return paths.union(map(tar_path, names))
     return paths.union(
-        *(index.files(split, number).values() for split, pairs in index.pairs.items() for number in range(pairs))
+        *(
+            index.plan.files(split, number).values()
+            for split, pairs in index.plan.pairs.items()
+            for number in range(pairs)
+        )
     )
 
 
-def read_pair(index: Index, shard: StoredShard, number: int, verdict: Verdict) -> StoredFrame | None:
+def read_pair(index: StoredIndex, shard: StoredShard, number: int, verdict: Verdict) -> StoredFrame | None:
     """Read a pair's files, and compare their names and digests with the layout and with the shard's record.
 
     Faults of the files become findings. The result is None where the pair cannot be judged further.
     """
-    if index.layout.packed and shard.fault is not None:
+    if index.plan.layout.packed and shard.fault is not None:
         return None  # the shard has the finding
-    expected = index.files(shard.split, number)
+    expected = index.plan.files(shard.split, number)
     listed = shard.listed(number)
     if listed is not None:
         for name in sorted(set(expected.values()) - listed.keys()):
@@ -229,16 +236,15 @@ def read_pair(index: Index, shard: StoredShard, number: int, verdict: Verdict) -
         try:
             data = shard.read(number, name)
             shard.check_digest(number, name, data, verdict)
-            values[role] = decode_file(index.layout, role, data, Path(name), index.encodings)
+            values[role] = decode_file(index.plan.layout, role, data, Path(name), index.plan.encodings)
         except ReadError as error:
             verdict.add("files", f"{error.path} {error.reason}")
     if not values.keys() >= _NEEDED:
         return None
-    size = index.config.size or camera_size(values["provenance"])
-    for role, fault in wrong_sizes(values, size) if size is not None else ():
+    for role, fault in wrong_sizes(values, index.plan.size):
         verdict.add("size", f"{expected[role]} {fault}")
     try:
-        return assemble_frame(index.key(shard.split, number), values, index.encodings)
+        return assemble_frame(index.plan.key(shard.split, number), values, index.plan.encodings)
     except ReadError as error:
         verdict.add("files", f"{error.path} {error.reason}")
         return None
@@ -250,18 +256,19 @@ def is_of_one_size(frame: StoredFrame) -> bool:
     return not any(wrong_sizes(values, (frame.camera.height_px, frame.camera.width_px)))
 
 
-def check_origin(frame: StoredFrame, index: Index, verdict: Verdict) -> None:
+def check_origin(frame: StoredFrame, index: StoredIndex, verdict: Verdict) -> None:
     """Compare a pair's provenance with the index, and with the pair's place in the dataset."""
-    provenance = frame.provenance
-    for key in ("program", "version", "config", "config_sha256", "seed"):
-        if provenance.get(key) != getattr(index.document, key):
-            verdict.add("origin", f"{key} is {provenance.get(key)!r}, in the index {getattr(index.document, key)!r}")
-    recorded = {group: names for group, names in index.document.plugin_records.items() if group != "layouts"}
+    provenance, plan = frame.provenance, index.plan
+    stated = {name: getattr(plan, name) for name in ("program", "version", "config_sha256", "seed")}
+    for key, expected in ({"config": plan.name} | stated).items():
+        if provenance.get(key) != expected:
+            verdict.add("origin", f"{key} is {provenance.get(key)!r}, in the index {expected!r}")
+    recorded = {group: names for group, names in index.plan.plugin_records.items() if group != "layouts"}
     if provenance.get("plugins", {}) != recorded:
         verdict.add("origin", f"plugins are {provenance.get('plugins', {})!r}, in the index {recorded!r}")
     place: dict[str, object] = {"pair": frame.index, "split": frame.split}
-    if index.views > 1:
-        place["view"] = frame.index % index.views
+    if index.plan.views > 1:
+        place["view"] = frame.index % index.plan.views
     for key, expected in place.items():
         if provenance.get(key) != expected:
             verdict.add("origin", f"{key} is {provenance.get(key)!r}, by the place of its files {expected!r}")

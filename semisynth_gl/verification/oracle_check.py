@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl import oracle
-from semisynth_gl.dataset.reader import Index
+from semisynth_gl.dataset.reader import StoredIndex
 from semisynth_gl.dataset.rebuild import RebuiltScenes
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, Eye
@@ -55,7 +55,7 @@ class OracleCheck:
     The constructor raises InputError where the scenes cannot be sampled again.
     """
 
-    def __init__(self, index: Index, split: SplitName) -> None:
+    def __init__(self, index: StoredIndex, split: SplitName) -> None:
         try:
             self._scenes = RebuiltScenes(index, split)
         except InputError as error:

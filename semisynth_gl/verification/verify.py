@@ -79,7 +79,7 @@ def verify(
         found: Iterable[Verdict] = [damaged]
     else:
         found = verify_dataset(index, pixels if oracle else 0)
-        keys = [FinishedPair(each.split, n) for each in index.shards for n in range(each.first, each.end)]
+        keys = [FinishedPair(each.split, n) for each in index.plan.shards for n in range(each.first, each.end)]
     listener.on_total(len(keys))
     verdicts: list[Verdict] = []
     for verdict in found:

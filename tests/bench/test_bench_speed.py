@@ -20,7 +20,7 @@ from semisynth_gl.bench.stages import PASS_TEXTS, STAGES, Costs, pass_rows, spee
 from semisynth_gl.bench.workers import worker_threads
 from semisynth_gl.cli import main
 from semisynth_gl.config import load_config
-from semisynth_gl.generation.generate import generate
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.geometry.topology import is_solid
 from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.pairs.pipeline import PAIR_STAGES

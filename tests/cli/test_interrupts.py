@@ -5,10 +5,8 @@ import subprocess
 import sys
 
 import pytest
-from recorder import Recorder
 
-from semisynth_gl.engines import interrupts
-from semisynth_gl.engines.interrupts import interrupts_end, interrupts_raise, interrupts_stop
+from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_raise, interrupts_stop
 from semisynth_gl.listener import Listener
 
 STOPPED = "Stopped. Finished files stay on disk; nothing half-written is left."
@@ -118,29 +116,6 @@ def test_handlers_are_put_back():
     with pytest.raises(KeyboardInterrupt), interrupts_raise():
         signal.raise_signal(signal.SIGINT)
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
-
-
-def test_sigterm_leaves_a_pair_undone_that_takes_long(monkeypatch):
-    """Such as one of a model of millions of triangles; who sends SIGTERM kills the process before long."""
-    monkeypatch.setattr(interrupts, "GRACE_S", 0.01)
-    recorder = Recorder()
-
-    def terminated():
-        with interrupts_stop(recorder):
-            signal.raise_signal(signal.SIGTERM)
-            signal.pause()
-
-    with pytest.raises(KeyboardInterrupt):
-        terminated()
-    assert recorder.stopping
-    assert recorder.messages == ["Finishing the pairs in hand; pairs that are not done in 0.01 s are left out."]
-    # A run that ends by then is left alone.
-    monkeypatch.setattr(interrupts, "GRACE_S", 1000)
-    with interrupts_stop(Recorder()):
-        signal.raise_signal(signal.SIGTERM)
-        assert signal.getitimer(signal.ITIMER_REAL)[0] > 0
-    assert signal.getitimer(signal.ITIMER_REAL) == (0, 0)
-    assert signal.getsignal(signal.SIGALRM) is signal.SIG_DFL
 
 
 def test_the_second_interrupt_of_a_long_run_is_the_last_that_python_hears_of():

@@ -13,9 +13,9 @@ from tiny_datasets import cheap
 from semisynth_gl.cli import main
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.dataset.apart import check_apart
-from semisynth_gl.dataset.places import open_place
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.plan import make_plan
-from semisynth_gl.generation.generate import generate
+from semisynth_gl.dataset.root import open_root
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures.image_files import find_files
 from semisynth_gl.textures.reach import reaching_source
@@ -152,10 +152,10 @@ def test_a_dataset_lies_apart_from_its_photographs(home, tmp_path, monkeypatch, 
     config = cheap(textures={"source": "images", "images": [images]})
     plan = make_plan(config, 0, "middlebury", {"train": 1})
     if apart:
-        check_apart(open_place(out), plan)
+        check_apart(open_root(out), plan)
         return
     with pytest.raises(InputError) as fault:
-        check_apart(open_place(out), plan)
+        check_apart(open_root(out), plan)
     assert out in str(fault.value)
     assert images.strip("/") in str(fault.value) or "0.png" in str(fault.value)
 
@@ -175,10 +175,10 @@ def test_a_dataset_lies_apart_from_its_models(tmp_path, monkeypatch):
         config = cheap(textures={"source": "procedural"}, models={"folders": [models]})
         plan = make_plan(config, 0, "middlebury", {"train": 1})
         if apart:
-            check_apart(open_place(out), plan)
+            check_apart(open_root(out), plan)
         else:
             with pytest.raises(InputError, match=f"(?s){out}: .*{models}"):
-                check_apart(open_place(out), plan)
+                check_apart(open_root(out), plan)
 
 
 def test_what_is_foreseen_is_what_is_found(tmp_path, monkeypatch):
@@ -266,7 +266,7 @@ def test_home_is_expanded_in_every_path(call, home, tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     for name in ("set", "pred", "gt"):
         shutil.copytree(home / name, tmp_path / name, symlinks=True)
-    assert open_place("~/set").local == tmp_path / "set"
+    assert open_root("~/set") == tmp_path / "set"
     assert call("verify ~/set --json ~/v.json")[0] == 0
     assert call("evaluate --pred ~/pred --gt ~/gt --json ~/e.json --maps ~/maps")[0] == 0
     assert call("report ~/set --pairs 1 --sample 1 --out ~/r.html")[0] == 0

@@ -19,11 +19,8 @@ from tiny_datasets import cheap, tiny
 from semisynth_gl.codecs import FLOW_CODECS, Encodings
 from semisynth_gl.codecs.png import GREY16, RGB8, RGB16
 from semisynth_gl.config.dataset_sections import FilesSection
-from semisynth_gl.dataset.documents import PlanDocument, parse_document
-from semisynth_gl.dataset.places import Folder
+from semisynth_gl.dataset.documents import Plan, parse_values
 from semisynth_gl.dataset.plan import make_plan
-from semisynth_gl.dataset.reader import make_index
-from semisynth_gl.dataset.schema import PLAN
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE, View
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError, ReadError
@@ -308,24 +305,22 @@ def test_names_without_flow_are_those_of_pairs():
 
 @pytest.mark.parametrize("length", [1, 4])
 @pytest.mark.parametrize("outputs", [(), ("visibility",), ("flow",), ("disparity_change",)], ids=str)
-def test_plan_and_index_name_pairs_alike(tmp_path, outputs, length):
+def test_only_flow_numbers_pairs_by_sequence(outputs, length):
     plan = make_plan(config(length).model_copy(update={"outputs": outputs}), 0, "sceneflow", {"train": 9})
-    index = make_index(Folder(tmp_path), parse_document(plan.values(), PlanDocument, Path(PLAN)))
     for number in range(9):
         key = plan.key("train", number)
-        assert index.key("train", number) == key
         own = {"flow", "disparity_change"}.isdisjoint(outputs)
         assert (key.sequence, key.frame) == ((number, 0) if own else divmod(number, length))
 
 
-def test_an_index_tells_its_encoding_of_flow(tmp_path):
+def test_a_plan_tells_its_encoding_of_flow(tmp_path):
     plan = make_plan(config(files={"flow": "png16"}), 0, "webdataset", {"train": 1})
-    index = make_index(Folder(tmp_path), parse_document(plan.values(), PlanDocument, Path(PLAN)))
-    assert index.encodings == Encodings.from_names(flow="png16")
+    assert plan.encodings == Encodings.from_names(flow="png16")
     values = plan.values()
+    assert parse_values(Plan, values, tmp_path / "plan.json") == plan
     values["config_values"]["files"]["flow"] = "exr"
     with pytest.raises(ReadError, match=r"files\.flow: expected one of flo, pfm, png16, got 'exr'"):
-        parse_document(values, PlanDocument, tmp_path / "plan.json")
+        parse_values(Plan, values, tmp_path / "plan.json")
     with pytest.raises(InputError, match=r"encodings of its own \(png, png16, png16\): leave .* files\.flow out"):
         make_plan(config(files={"flow": "pfm"}), 0, "kitti", {"train": 1})
 

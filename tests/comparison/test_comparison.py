@@ -45,8 +45,8 @@ from semisynth_gl.comparison.quantities import (
 )
 from semisynth_gl.comparison.sides import FEWEST, MeasuredPlace, Side, distance, frame_view, sampled_pairs
 from semisynth_gl.config import Config, load_config
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset, read_index
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.textures.image_files import find_files, find_images

@@ -23,9 +23,9 @@ from semisynth_gl import InputError, open_dataset
 from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.config import load_config
 from semisynth_gl.dataset import plan as plan_module
+from semisynth_gl.dataset.generate import generate
+from semisynth_gl.dataset.names import FORMAT, INDEX, PLAN
 from semisynth_gl.dataset.reader import read_index
-from semisynth_gl.dataset.schema import FORMAT, INDEX, PLAN
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.verification.dataset import verify_dataset
 
 DATA = Path(__file__).parents[1] / "data"
@@ -117,8 +117,9 @@ def test_a_document_without_the_key_is_of_format_1(kept, name):
     if name == PLAN:
         (kept / INDEX).unlink()  # only without an index is the plan read
     read = read_index(kept)
-    assert "format" not in read.document.values  # a refused index would have given way to the plan, which has the key
-    assert read.pairs == {"train": 1}
+    # A refused index would have given way to the plan.
+    assert (read.made is not None) == (name == INDEX)
+    assert (read.plan.format, read.plan.pairs) == (1, {"train": 1})
 
 
 def test_another_version_does_not_go_on_with_a_dataset_and_says_why(kept, monkeypatch):
@@ -150,7 +151,7 @@ def test_a_newer_format_is_refused_by_all_that_read_a_dataset(kept):
     for name in (INDEX, PLAN):
         changed(kept, name, format=FORMAT + 1, version="9.1.0", pairs="as nobody knows")
     before = contents(kept)
-    said = rf"{INDEX}: format: expected at most {FORMAT}, .* got {FORMAT + 1}: semisynth-gl '9\.1\.0' wrote the dataset"
+    said = rf"({INDEX}|{PLAN}): format: expected at most {FORMAT}, .* got {FORMAT + 1}: semisynth-gl '9\.1\.0' wrote"
     config = load_config(DATA / "format-1.yaml")
     for use in (
         lambda: open_dataset(kept),

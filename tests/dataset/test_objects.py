@@ -8,9 +8,9 @@ import pytest
 from backends import backend_fault
 from tiny_datasets import lean
 
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.dataset.rebuild import RebuiltScenes
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.reporting.rays import RayCaster
 from semisynth_gl.scene.structures import STILL_MODELS
 

@@ -1,7 +1,6 @@
 """Files of another size or kind than the dataset's images have: every file of every layout is refused by name."""
 
 import json
-import os
 from dataclasses import replace
 from itertools import cycle
 
@@ -31,12 +30,6 @@ def doubled(array):
 
 
 OTHER_SIZES = cycle((lambda array: array[:-1], lambda array: array[:, :-1], doubled))
-
-
-@pytest.fixture(autouse=True)
-def _quick_disk(monkeypatch):
-    """The tests kill no kernel, so nothing has to wait for the disk."""
-    monkeypatch.setattr(os, "fsync", lambda _: None)
 
 
 def other_size(data, path, codec):
@@ -98,7 +91,7 @@ def test_a_file_of_another_size_is_refused(tmp_path, monkeypatch, name):
     assert len(made) == len(roles)
     dataset = open_dataset(tmp_path / "set")
     for number, role in enumerate(roles):
-        path = dataset.about.files("train", number)[role]
+        path = dataset.about.plan.files("train", number)[role]
         with pytest.raises(ReadError) as refused:
             dataset[number]
         assert str(refused.value).startswith(f"{tmp_path}/set/{path}: expected "), role
@@ -113,7 +106,7 @@ def test_a_file_of_another_size_is_refused(tmp_path, monkeypatch, name):
     assert dataset[len(roles)].left.image.shape == (*SIZE, 3)
     verdicts = list(verify_dataset(read_index(tmp_path / "set")))[1:]
     for number, role in enumerate(roles):
-        path = dataset.about.files("train", number)[role]
+        path = dataset.about.plan.files("train", number)[role]
         sizes = [finding.message for finding in verdicts[number].findings if finding.check == "size"]
         assert len(sizes) == 1, role
         assert sizes[0].startswith(f"{path} expected ")
@@ -152,24 +145,10 @@ def test_a_file_of_another_kind_is_refused(tmp_path, monkeypatch, name):
     assert sum(map(bool, made.values())) >= len(roles) - 3
     for number, role in enumerate(roles):
         if made[number]:
-            path = dataset.about.files("train", number)[role]
+            path = dataset.about.plan.files("train", number)[role]
             with pytest.raises(ReadError, match="expected") as refused:
                 dataset[number]
             assert str(refused.value).startswith(f"{tmp_path}/set/{path}: "), role
-
-
-def test_without_a_size_in_the_index_that_of_the_provenance_counts(tmp_path):
-    """As another version may have written it."""
-    write_dataset(tmp_path / "set", "middlebury", {"train": 2}, 2)
-    index = json.loads((tmp_path / "set/index.json").read_text())
-    del index["config_values"]["camera"]["width_px"]
-    (tmp_path / "set/index.json").write_text(json.dumps(index))
-    dataset = open_dataset(tmp_path / "set")
-    assert dataset[1].left.image.shape == (*SIZE, 3)
-    path = tmp_path / "set" / dataset.about.files("train", 0)["right"]
-    path.write_bytes(RGB8.encode(np.zeros((16, 24, 3), np.uint8)))
-    with pytest.raises(ReadError, match=r"im1\.png: expected shape \(32, 48, 3\), .* got \(16, 24, 3\)"):
-        dataset[0]
 
 
 def test_a_pair_of_another_dataset_is_refused(tmp_path):

@@ -7,8 +7,8 @@ import time
 import pytest
 from tiny_datasets import PAIRS, SEED, command, digests, findings, tiny
 
-from semisynth_gl.dataset.remote import Remote
-from semisynth_gl.generation.generate import generate
+from semisynth_gl.dataset.generate import generate
+from semisynth_gl.dataset.root import names_below, open_root, size_of
 from semisynth_gl.inputs.errors import InputError
 
 BUCKET = "s3://datasets"
@@ -40,10 +40,10 @@ def store(monkeypatch):
 
 
 def fetched(address, to):
-    place = Remote(address)
-    for name in place.names():
+    root = open_root(address)
+    for name in names_below(root):
         (to / name).parent.mkdir(parents=True, exist_ok=True)
-        (to / name).write_bytes(place.read(name))
+        (to / name).write_bytes((root / name).read_bytes())
     return digests(to)
 
 
@@ -54,16 +54,16 @@ def test_a_killed_run_leaves_whole_shards_and_is_taken_up(store, tmp_path):
     run = command(config, tmp_path / "x", "webdataset")
     run[run.index("--out") + 1] = f"{store}/set"
     process = subprocess.Popen(run, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    place = Remote(f"{store}/set")
+    root = open_root(f"{store}/set")
     try:
-        while not any(name.endswith(".tar") for name in place.names()):
+        while not any(name.endswith(".tar") for name in names_below(root)):
             assert process.poll() is None
             # The server works in this process, and would take the run's share of the processor.
             time.sleep(0.05)
     finally:
         process.kill()
         process.wait()
-    whole = {name: size for name in place.names() if (size := place.size(name)) and name.endswith(".tar")}
+    whole = {name: size for name in names_below(root) if (size := size_of(root, name)) and name.endswith(".tar")}
     assert whole == {name: (tmp_path / "here" / name).stat().st_size for name in whole}
     done = subprocess.run(run, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -90,10 +90,10 @@ def test_what_the_store_refuses_is_told(store, monkeypatch):
 
 def test_a_protocol_without_its_package_is_told():
     code = (
-        "import sys; sys.modules['fsspec'] = None\n"
+        "import sys; sys.modules['s3fs'] = None\n"
         "from semisynth_gl.inputs.errors import InputError\n"
-        "from semisynth_gl.dataset.places import open_place\n"
-        "try:\n    open_place('s3://bucket/x')\n"
+        "from semisynth_gl.dataset.root import open_root\n"
+        "try:\n    open_root('s3://bucket/x')\n"
         "except InputError as error:\n    print(error)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

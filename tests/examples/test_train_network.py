@@ -37,8 +37,8 @@ from stereo_network import Estimates, StereoNetwork, correlated, warped  # noqa:
 from semisynth_gl.augmentation import PRESETS, Augmentation  # noqa: E402
 from semisynth_gl.codecs.pfm import PFM  # noqa: E402
 from semisynth_gl.config import load_config  # noqa: E402
+from semisynth_gl.dataset.generate import generate  # noqa: E402
 from semisynth_gl.dataset.reader import open_dataset  # noqa: E402
-from semisynth_gl.generation.generate import generate  # noqa: E402
 from semisynth_gl.inputs.errors import InputError, SemisynthError  # noqa: E402
 from semisynth_gl.metrics.truth import Truth  # noqa: E402
 

@@ -195,7 +195,7 @@ WRONG = {
     "frame of a list": lambda _: Frame.from_arrays(CAMERA, [IMAGE, IMAGE]),
     "pair as text": lambda out: DATASET(out)["0"],
     "pair of a half": lambda out: DATASET(out).pair(np.float32(0.5)),
-    "split that is a list": lambda out: open_dataset(DATASET(out).about.place.address, ["train"]),
+    "split that is a list": lambda out: open_dataset(DATASET(out).about.address, ["train"]),
     "folder without a name": lambda _: load_config("kitti", {"textures.images": [""]}),
 }  # fmt: skip
 

@@ -20,10 +20,8 @@ from semisynth_gl.config import Config, load_config
 from semisynth_gl.config.distributions import read_histogram
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.config.scene_sections import TexturesSection
-from semisynth_gl.dataset.places import Folder
-from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.geometry.model_files import load_models
-from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
+from semisynth_gl.inputs.errors import InputError, SemisynthError
 from semisynth_gl.inputs.user_files import NotOnDiskError, expanded, files_below, open_file, read_file
 from semisynth_gl.metrics.truth import read_limits
 from semisynth_gl.seeds.splits import Split
@@ -105,20 +103,6 @@ def test_whatever_names_a_file_refuses_what_is_none(traps, reader):
         message = str(caught.value)
         assert str(path) in message, path
         assert said in message or reader == "models", message  # models go by their ending
-
-
-def test_a_dataset_opens_nothing_else(traps, tmp_path):
-    for path in traps:
-        folder = Folder(path.parent)
-        for read in (folder.read, folder.open) if path.parent.name == "traps" else ():
-            with pytest.raises(ReadError, match=r"expected a file|is a link"):
-                read(path.name)
-    for name in ("index.json", "shards/plan.json"):
-        dataset = tmp_path / f"dataset-{name[:5]}"
-        (dataset / "shards").mkdir(parents=True)
-        os.mkfifo(dataset / name)
-        with pytest.raises((SemisynthError, OSError)):
-            open_dataset(str(dataset))
 
 
 def photograph(path):

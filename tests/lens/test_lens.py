@@ -18,12 +18,12 @@ from semisynth_gl.comparison.measures import MEASURES
 from semisynth_gl.config import load_config
 from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.config.rig_sections import CameraSection, LensSection
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Deviation, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, VISIBLE
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.frame.raw_camera import RawCamera, pinhole_of, rotation_of
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.lens.borders import bordered
 from semisynth_gl.lens.chain import LensChain, scaled_camera

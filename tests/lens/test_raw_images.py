@@ -14,10 +14,10 @@ from tiny_datasets import EYE, cheap, with_lens
 from semisynth_gl.cli.verify import verify as command
 from semisynth_gl.codecs.flo import Flo
 from semisynth_gl.config.dataset_sections import LAYOUTS
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.raw_camera import RawCamera, pinhole_of, rotation_of
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair

@@ -19,8 +19,8 @@ from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.metrics.predictions import find_predictions
 from semisynth_gl.metrics.protocol import Limits

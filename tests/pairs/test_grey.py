@@ -22,11 +22,11 @@ from semisynth_gl.codecs.png import GREY_IMAGE, RGB8, ThreeEqual
 from semisynth_gl.comparison.measured_view import mean_luminance
 from semisynth_gl.comparison.sides import frame_view
 from semisynth_gl.config import Config, load_config
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.channels import View
 from semisynth_gl.frame.frame import Frame, as_rgb
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.layouts.roles import expose

@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from installed_plugins import EXAMPLE, build_example, find_anew, unpack, write_package
+from semisynth_gl.dataset.places import open_place
+from semisynth_gl.generation.shard_job import ShardJob
 from tiny_datasets import cheap, digests, findings
 
 from semisynth_gl import make_model, open_dataset
@@ -23,11 +25,9 @@ from semisynth_gl.config.explain import explain
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.config.plugin_recipes import plugin_recipe
 from semisynth_gl.dataset.documents import PlanDocument, parse_document
-from semisynth_gl.dataset.places import open_place
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import read_index
-from semisynth_gl.generation.generate import generate
-from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.geometry.families import build_family, find_family
 from semisynth_gl.geometry.kinds import SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import Mesh

@@ -21,8 +21,8 @@ from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.config import load_config, packaged_configs
 from semisynth_gl.config.load import parse_config
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.plan import make_plan
-from semisynth_gl.generation.generate import generate
 
 RUN = {"python", "sh", "bash"}
 PROGRAM = "semisynth-gl"

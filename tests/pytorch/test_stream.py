@@ -21,12 +21,12 @@ from PIL import Image
 from tiny_datasets import cheap
 
 from semisynth_gl.config import load_config
+from semisynth_gl.dataset.engines import threads_each
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset
-from semisynth_gl.engines.task import threads_each
 from semisynth_gl.frame.camera import Crop, StereoCamera
 from semisynth_gl.frame.channels import View
 from semisynth_gl.frame.frame import Frame
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render import context

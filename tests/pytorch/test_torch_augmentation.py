@@ -9,8 +9,8 @@ from heavy import heavy
 from tiny_datasets import cheap
 
 from semisynth_gl.augmentation import PRESETS, Augmentation
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.frame.channels import ROLES
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError
 
 torch = heavy("torch")

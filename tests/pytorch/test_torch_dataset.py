@@ -10,11 +10,11 @@ from heavy import heavy
 from tiny_datasets import cheap
 
 from semisynth_gl.codecs.png import RGB8
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import EYES, Crop
 from semisynth_gl.frame.channels import CHANNELS, OUTPUTS, ROLES, View
 from semisynth_gl.frame.frame import Frame
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.layouts import find_layout, layout_names
 

@@ -15,10 +15,10 @@ from tiny_datasets import cheap, digests
 from semisynth_gl import oracle
 from semisynth_gl.config import Config, Range
 from semisynth_gl.config.rig_sections import CameraSection
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.channels import DRAWN_OUTPUTS
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import ContextLostError, InputError
 from semisynth_gl.layouts import Key
 from semisynth_gl.pairs import pipeline
@@ -338,7 +338,7 @@ def written(tmp_path_factory):
 def test_a_dataset_of_several_baselines_is_whole(written):
     root = written[1]
     index = read_index(root / "whole")
-    assert (index.views, index.document.views) == (3, 3)
+    assert index.plan.views == 3
     verdicts = list(verify_dataset(index, 20))
     assert [str(finding) for verdict in verdicts for finding in verdict.findings] == []
     # Flow was compared with the same view's frame before.
@@ -350,7 +350,7 @@ def test_a_dataset_of_several_baselines_is_whole(written):
         scene, view = divmod(pair.index, 3)
         assert (pair.provenance["view"], pair.camera.baseline_m) == (view, SEVERAL[view])
         assert (pair.provenance["sequence"], pair.provenance["frame"]) == divmod(scene, 2)
-        files = index.files("train", pair.index)
+        files = index.plan.files("train", pair.index)
         for role in ("left", "instances_left", "depth_left", "flow_left", "flow_visibility_left"):
             assert lefts.setdefault((scene, role), data := (root / "whole" / files[role]).read_bytes()) == data
     assert len({data for (_, role), data in lefts.items() if role == "left"}) == 3
@@ -380,7 +380,8 @@ def scene(tmp_path_factory):
 def test_left_files_that_were_changed_are_found(scene, tmp_path):
     dataset = shutil.copytree(scene, tmp_path / "changed", symlinks=True)
     second, third = (
-        {role: dataset / path for role, path in read_index(dataset).files("train", index).items()} for index in (1, 2)
+        {role: dataset / path for role, path in read_index(dataset).plan.files("train", index).items()}
+        for index in (1, 2)
     )
     change_image(second["left"], lambda image: np.where(np.arange(64)[:, None] == 40, 255 - image, image))
     change_image(second["flow_visibility_left"], lambda mask: mask[:, ::-1])

@@ -5,8 +5,8 @@ import pytest
 from tiny_datasets import lean
 
 from semisynth_gl import open_dataset, oracle
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.frame.camera import EYES
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.raycast import cast_rays
 

@@ -13,8 +13,8 @@ from tiny_datasets import cheap, config_of
 
 from semisynth_gl.config import load_config
 from semisynth_gl.config.rig_sections import ProjectorSection
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.frame.camera import EYES, Crop, Deviation, StereoCamera
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer

@@ -15,9 +15,9 @@ from backends import backend_fault
 from scenes import facing, noise_layers
 from tiny_datasets import cheap
 
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.channels import DRAWN_OUTPUTS, FLOW_OUTPUTS
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer

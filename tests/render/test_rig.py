@@ -14,10 +14,10 @@ from tiny_datasets import cheap
 from semisynth_gl import oracle
 from semisynth_gl.codecs.flo import Flo
 from semisynth_gl.config import load_config
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import EYES, RECTIFIED, Crop, Deviation, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.renderer import Renderer

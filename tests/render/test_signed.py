@@ -13,11 +13,11 @@ from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.codecs.png16 import SIGNED_DISPARITY
 from semisynth_gl.config import load_config
 from semisynth_gl.config.scene_sections import ParticlesSection
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, SKY, VISIBLE
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts import LAYOUTS
 from semisynth_gl.metrics.evaluate import evaluate
 from semisynth_gl.metrics.protocol import find_protocol
@@ -384,7 +384,7 @@ def test_signed_png16_keeps_all_but_what_is_too_large(values):
 def check_read_back(data, config, made):
     """Compare a dataset with its pairs as they were rendered, and let verify and evaluate judge it."""
     index = read_index(data)
-    assert (index.signed, index.document.format) == (True, 1)
+    assert (index.signed, index.plan.format) == (True, 1)
     assert [each for verdict in verify_dataset(index, oracle_pixels=50) for each in verdict.findings] == []
     exact_px = SIGNED_DISPARITY.error_px if config.files.disparity == "png16" else 0.0
     results = data.parent / f"{data.name}-results"

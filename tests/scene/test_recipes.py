@@ -18,10 +18,9 @@ from semisynth_gl.config import Config, load_config
 from semisynth_gl.config.explain import explain
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.config.model import Recipe
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset, read_index
-from semisynth_gl.dataset.stored_config import StoredConfig
 from semisynth_gl.frame.camera import Crop
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.histogram import PixelCount, total_variation
 from semisynth_gl.inputs.errors import InputError
@@ -370,7 +369,7 @@ def test_a_dataset_of_recipes_is_exact(dataset):
 
 def test_pairs_say_their_recipe(dataset):
     pairs = open_dataset(dataset)
-    config = Config.model_validate(read_index(dataset).config.values)
+    config = read_index(dataset).plan.config
     shares = Shares([recipe.share for recipe in config.recipes()], 1)
     names = [recipe["recipe"] for recipe in RECIPES]
     assert [pair.recipe for pair in pairs] == [names[shares.recipe(number // 2)] for number in range(12)]
@@ -381,7 +380,7 @@ def test_pairs_say_their_recipe(dataset):
 def test_any_pair_and_any_crop_of_a_mix_can_be_rendered_first(dataset):
     crop = Crop(10, 5, 30, 20)
     stored = open_dataset(dataset)
-    with PairRenderer(Config.model_validate(read_index(dataset).config.values), 1) as pairs:
+    with PairRenderer(read_index(dataset).plan.config, 1) as pairs:
         for index in (7, 2, 11, 0):
             frame = pairs.render(index).frame
             np.testing.assert_array_equal(frame.left.image, stored[index].left.image)
@@ -394,9 +393,11 @@ def test_the_report_has_a_table_of_recipes(dataset, monkeypatch):
     index = read_index(dataset)
     # A recipe of weight 0 makes no pair, and counts nowhere.
     never = {"recipe": "never", "weight": 0.0, "textures": {"texels_per_pixel": 9.0}}
-    values = index.config.values
-    config = StoredConfig.model_validate({**values, "scenes": [*values["scenes"], never]})
-    monkeypatch.setattr(build, "read_index", lambda _: replace(index, config=config))
+    values = index.plan.config.model_dump(mode="json")
+    config = Config.model_validate({**values, "scenes": [*values["scenes"], never]})
+    monkeypatch.setattr(
+        build, "read_index", lambda _: replace(index, plan=index.plan.model_copy(update={"config": config}))
+    )
     report = build.report(dataset, pairs=1, sample=6)
     rows = {recipe.name: recipe for recipe in report.measurement.recipes}
     assert {name: recipe.wanted for name, recipe in rows.items()} == pytest.approx(dict.fromkeys(rows, 1 / 3))

@@ -15,7 +15,7 @@ from PIL import Image
 from tiny_datasets import cheap
 
 from semisynth_gl.config.scene_sections import TEXTURE_SOURCES, TexturesSection
-from semisynth_gl.generation.generate import generate
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import prepare

@@ -16,8 +16,8 @@ from tiny_datasets import cheap, lean, tiny
 from semisynth_gl.cli import main
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY16
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import read_index
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.verification.dataset import verify_dataset
@@ -268,9 +268,9 @@ def test_an_index_of_another_config_is_found(dataset, datasets):
     other["config_values"]["name"] = "middlebury"
     (dataset / "index.json").write_text(json.dumps(other))
     assert {"origin", "size"} <= checks(dataset)
-    index["config_values"]["disparity"]["max_px"] = 20.0
+    index["config_values"]["disparity"]["max_px"] += 1
     (dataset / "index.json").write_text(json.dumps(index))
-    assert {"index", "disparity"} <= checks(dataset)
+    assert checks(dataset) == {"index"}
 
 
 def test_another_seed_is_found_by_the_oracle(dataset):
@@ -303,7 +303,7 @@ def test_of_an_unfinished_dataset_what_is_there_is_checked(tmp_path, layout):
     said = [str(finding) for finding in findings(tmp_path / "set")]
     assert "not finished" in said[0]
     if layout == "webdataset":
-        assert said[1:] == ["dataset: index: 4 of 7 pairs not made yet"]
+        assert said[1] == "dataset: index: 1 of 7 pairs not made yet"
         return
     assert said[1] == "dataset: index: 3 of 7 pairs not made yet"
     assert all("shard is not finished" in line for line in said[2:])

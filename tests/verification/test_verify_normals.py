@@ -13,11 +13,11 @@ from tiny_datasets import cheap, lean
 from semisynth_gl import Renderer, make_mesh, make_scene, oracle
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.channels import View
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.verification.dataset import verify_dataset

@@ -1,8 +1,6 @@
-"""Every name that a dataset has on disk, except the layout's names."""
+"""The names of the files that every dataset has; its layout names the others."""
 
-import re
-
-from semisynth_gl.seeds.splits import SPLITS, SplitName
+from semisynth_gl.seeds.splits import SplitName
 
 PROGRAM = "semisynth-gl"
 """Value of the key ``program`` in index and plan."""
@@ -21,20 +19,8 @@ RECORDS = "shards"
 """Folder of the shards' records and tars."""
 PLAN = f"{RECORDS}/plan.json"
 """The dataset's plan, written first: without an index beside it, the dataset is unfinished."""
-
-REPLACED = "replaced"
-"""Key of a plan whose dataset is being removed to make room for another one."""
-
-PARTIAL = ".partial"
-"""Folder of unfinished files; the last run removes it."""
-LOCK = f"{PARTIAL}/lock"
-JOURNAL_SUFFIX = ".jsonl"
-
-UNLOCKED = f"{PROGRAM}-"
-"""Prefix of a run's own folder inside `PARTIAL`, for a shard that the run could not lock."""
-
-_OF_A_SHARD = rf"semisynth-[^/]+-({'|'.join(SPLITS)})-\d{{6,}}({re.escape(JOURNAL_SUFFIX)}|\.tar|\.\d+)"
-_UNFINISHED = re.compile(rf"{PARTIAL}/(lock|{PROGRAM}\.[^/]+\.\d+|({UNLOCKED}[^/]+/)?{_OF_A_SHARD})")
+LOCK = f"{RECORDS}/lock"
+"""Locked by runs on the dataset; a finished dataset has no such file."""
 
 
 def shard_name(config: str, split: SplitName, number: int) -> str:
@@ -55,18 +41,3 @@ def log_path(shard: str) -> str:
 def tar_path(shard: str) -> str:
     """Return the path of a shard's tar, in layouts that pack their files."""
     return f"{RECORDS}/{shard}.tar"
-
-
-def journal_name(shard: str) -> str:
-    """Return the name, inside `PARTIAL`, of a shard's journal, which lists the pairs written so far."""
-    return f"{shard}{JOURNAL_SUFFIX}"
-
-
-def unfinished_path(name: str, number: int) -> str:
-    """Return the path under which a file is written before it is renamed to ``name``; each run takes another number."""
-    return f"{PARTIAL}/{PROGRAM}.{name.replace('/', '-')}.{number}"
-
-
-def is_unfinished_file(path: str) -> bool:
-    """Return whether a path is an unfinished file's of this program; other files in `PARTIAL` are somebody else's."""
-    return _UNFINISHED.fullmatch(path) is not None

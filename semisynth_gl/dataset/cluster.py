@@ -1,0 +1,166 @@
+"""The engine that makes shards on a Ray cluster. Ray is an extra, so it is imported only where it runs."""
+
+import atexit
+import logging
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from importlib import import_module
+from itertools import islice
+from socket import create_connection
+from typing import Any
+
+from semisynth_gl.dataset.engines import Recorder, keep_freed_memory, portable, repeat
+from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_kept
+from semisynth_gl.dataset.make import Job, ShardMaker
+from semisynth_gl.inputs.errors import ContextLostError, InputError, WorkerError, how_to_install
+from semisynth_gl.listener import Listener
+
+# How often Ray makes a shard again after the loss of its process or node.
+_RETRIES = 3
+# How soon a request to stop is noticed.
+_TICK_S = 0.2
+# Shards that are waited for at a time, of all that Ray has been given.
+_WAITED_FOR = 1000
+# How long a cluster may take to accept a connection.
+_KNOCK_S = 5.0
+# Unless told otherwise, Ray reports usage to its makers. Without the second variable, Ray warns of a coming change in
+# how it hides GPUs from tasks that ask for none.
+_ENVIRONMENT = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
+
+
+class RayEngine:
+    """Makes shards on a Ray cluster; this package must be installed on each of its nodes.
+
+    Ray starts the processes, and makes a shard again after the loss of its node or process. Each process is worker 0,
+    since Ray shows it only the GPUs that it may use.
+
+    Args:
+        address: ``host:port`` of a cluster that this machine is part of, or "auto" for a cluster that was started on
+            this machine. None takes the cluster of RAY_ADDRESS, else one that was started on this machine, else it
+            starts a cluster of this machine alone and shuts it down at the end.
+        gpus: number of GPUs that each process takes besides a CPU; 0.25 lets four processes share a GPU.
+    """
+
+    def __init__(self, address: str | None = None, gpus: float = 0) -> None:
+        self._address = address
+        self._gpus = gpus
+
+    def run(self, job: Job, numbers: Sequence[int], listener: Listener) -> None:
+        """Make shards; see `Engine.run`. A request to stop ends the shards in hand.
+
+        Raises:
+            InputError: where Ray is missing or the cluster cannot be reached.
+            WorkerError: where a shard has ended four processes, or where Ray reports another failure.
+        """
+        ray = _ray()
+        with _connected(ray, self._address):
+            if self._gpus > ray.cluster_resources().get("GPU", 0):
+                listener.on_message(
+                    f"no node of the cluster has {self._gpus:g} GPU: shards wait until such a node joins"
+                )
+            # Ray ends a process after one task with a GPU unless max_calls says that it may do many.
+            make = ray.remote(num_cpus=1, num_gpus=self._gpus, max_retries=_RETRIES, max_calls=0)(_make)
+            pickled = ray.put(ray.cloudpickle.dumps(job))
+            pending = {make.remote(pickled, number): number for number in numbers}
+            try:
+                while pending and not listener.stopping:
+                    ready, _ = ray.wait(list(islice(pending, _WAITED_FOR)), num_returns=1, timeout=_TICK_S)
+                    for reference in ready:
+                        repeat(_result(ray, reference, pending.pop(reference)), listener)
+            finally:
+                with suppress(ray.exceptions.RayError):
+                    for reference in pending:
+                        ray.cancel(reference, force=True)
+
+
+def _result(ray: Any, reference: Any, number: int) -> list[tuple[str, Any]]:  # noqa: ANN401 - Ray has no types
+    try:
+        made = ray.get(reference)
+    except ray.exceptions.RayError as error:
+        raise WorkerError(
+            f"shard {number} could not be made in {_RETRIES + 1} attempts; the last one failed because: "
+            f"{str(error).strip()}. Complete shards stay on disk"
+        ) from None
+    if isinstance(made, Exception):
+        raise made
+    return made  # type: ignore[no-any-return]
+
+
+# The job's bytes and the GPUs of this process, and its maker. Ray uses a process for one shard after the other, and may
+# give it another GPU for the next one.
+_open: dict[tuple[bytes, str | None], ShardMaker] = {}
+
+
+def _make(job: bytes, number: int) -> list[tuple[str, Any]] | Exception:
+    """Make a shard in a process of Ray; return the calls of its listener, or an error, whose type Ray would change."""
+    listener = Recorder()
+    try:
+        _maker(job).make_shard(number, listener)
+    except ContextLostError:
+        os._exit(1)  # Ray makes the shard again in another process
+    except Exception as error:  # noqa: BLE001 - the driver raises it
+        return portable(error)
+    return listener.calls
+
+
+def _maker(job: bytes) -> ShardMaker:
+    key = job, os.environ.get("CUDA_VISIBLE_DEVICES")
+    if key not in _open:
+        _close()
+        from ray import cloudpickle  # noqa: PLC0415 - an extra
+
+        keep_freed_memory()
+        _open[key] = ShardMaker(cloudpickle.loads(job))
+    return _open[key]
+
+
+@atexit.register
+def _close() -> None:
+    while _open:
+        with suppress(ContextLostError):
+            _open.popitem()[1].close()
+
+
+def _ray() -> Any:  # noqa: ANN401 - a module
+    for name, value in _ENVIRONMENT.items():
+        os.environ.setdefault(name, value)
+    try:
+        with interrupts_end():
+            import_module("ray.cloudpickle")
+            return import_module("ray")
+    except ImportError as error:
+        raise InputError(
+            f"the engine ray needs the package ray, which cannot be imported ({error}): "
+            f"{how_to_install('ray')}; do so here and on all nodes, or choose another engine"
+        ) from None
+
+
+@contextmanager
+def _connected(ray: Any, address: str | None) -> Iterator[None]:  # noqa: ANN401
+    """Connect this process to the cluster for the block, unless it is connected already."""
+    if ray.is_initialized():
+        yield
+        return
+    if address and "://" in address:
+        raise InputError(
+            f"the Ray cluster's address: expected host:port or auto, got {address}. Run this on a node of the "
+            "cluster, or with: ray job submit"
+        )
+    where = address or os.environ.get("RAY_ADDRESS") or "auto"
+    try:
+        host, _, port = where.rpartition(":")
+        if port.isdigit():
+            # Without this, Ray would try for minutes to reach an address where nothing listens.
+            create_connection((host.strip("[]"), int(port)), _KNOCK_S).close()
+        with interrupts_kept():
+            ray.init(address, log_to_driver=False, logging_level=logging.CRITICAL, include_dashboard=False)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(
+            f"the Ray cluster (address {where}) cannot be reached ({error}). Is it running, and is this "
+            "machine part of it? `ray status` tells, `ray start` starts or joins one"
+        ) from error
+    try:
+        yield
+    finally:
+        ray.shutdown()

@@ -1,0 +1,271 @@
+"""A dataset's folder: `begin` writes the plan, `missing` lists the shards it lacks, `finish` writes the index last.
+
+A run may be killed anywhere: the next one goes on with the shards that have no record, or whose files lack the sizes
+that the record says.
+"""
+
+import errno
+import fcntl
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from upath import UPath
+
+from semisynth_gl.codecs.json_object import JSON_OBJECT
+from semisynth_gl.dataset.card import encode_card
+from semisynth_gl.dataset.documents import Index, Plan, Record, Shard, parse_record, parse_values
+from semisynth_gl.dataset.index import describe_dataset
+from semisynth_gl.dataset.names import CARD, INDEX, LOCK, PLAN, PROGRAM, log_path, record_path, tar_path
+from semisynth_gl.dataset.plan import differences
+from semisynth_gl.dataset.root import clear_errors, is_local, names_below, path_of, replace, size_of, write
+from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate
+from semisynth_gl.plugins import MissingPluginError, require_plugins
+from semisynth_gl.scene.sources import Sources
+from semisynth_gl.seeds.splits import SplitName
+
+# Requests to a store at a time.
+_REQUESTS = 16
+
+
+def read_plan(root: UPath) -> Plan | None:
+    """Return the plan of the dataset that was begun in a folder; None where there is none.
+
+    Raises:
+        ReadError: where the plan is damaged.
+        NewerFormatError: where a newer program wrote it.
+        MissingPluginError: where it names a plug-in that is not installed.
+    """
+    with clear_errors(root):
+        try:
+            data = (root / PLAN).read_bytes()
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+    plan = Plan.parse(data, path_of(root, PLAN))
+    try:
+        require_plugins(plan.plugin_records)
+    except MissingPluginError as error:
+        raise MissingPluginError(f"{root}: {error}") from None
+    return plan
+
+
+def check_begin(root: UPath, plan: Plan, *, overwrite: bool) -> None:
+    """Raise InputError where `begin` would, so far as that is known without the digests of patches and models."""
+    if is_local(root) and root.exists() and not root.is_dir():
+        raise InputError(f"{root}: expected a folder to write to, but it is a file", argument="out")
+    there = read_plan(root)
+    if there is None:
+        with clear_errors(root):
+            names = [name for name in names_below(root) if name != LOCK]
+        if names:
+            raise InputError(
+                f"{root}: the folder is not empty (it holds {abbreviate(names, 3)}), and is no dataset of {PROGRAM}: "
+                "choose another",
+                argument="out",
+            )
+    elif not overwrite and _has_records(root, there):
+        _check_same(root, there, plan)
+
+
+def begin(root: UPath, plan: Plan, *, overwrite: bool = False) -> None:
+    """Write a dataset's plan, or go on with the dataset that was begun with the same plan or one of fewer pairs.
+
+    With ``overwrite``, the files of another or finished dataset of this program are removed; other files stay. The same
+    happens where another plan has no complete shard.
+
+    Raises:
+        InputError: where the folder holds something else, or a dataset of another plan; the message names the keys that
+            differ.
+        OSError: where the folder cannot be written to.
+    """
+    check_begin(root, plan, overwrite=overwrite)
+    there = read_plan(root)
+    if there is not None:
+        if replaces(root, plan, overwrite=overwrite):
+            _remove(root, there)
+        elif changed := differences(there.sources, plan.sources):
+            raise InputError(
+                f"{root}: photographs or models are not those that the dataset was begun with: "
+                f"{abbreviate(changed)}. Give the same again, or choose another folder",
+                argument="out",
+            )
+        (root / INDEX).unlink(missing_ok=True)
+    if there != plan:
+        with clear_errors(root):
+            replace(root, PLAN, JSON_OBJECT.encode(plan.values()))
+
+
+def replaces(root: UPath, plan: Plan, *, overwrite: bool) -> bool:
+    """Return whether `begin` removes a dataset that is there."""
+    there = read_plan(root)
+    if there is None:
+        return False
+    if overwrite:
+        return there != plan or size_of(root, INDEX) is not None
+    return there != plan and not _has_records(root, there)
+
+
+def discard(root: UPath, plan: Plan) -> None:
+    """Remove what a run has written that failed before its first shard was complete."""
+    if not _has_records(root, plan):
+        _remove(root, plan)
+        for name in (PLAN, LOCK):
+            (root / name).unlink(missing_ok=True)
+        if is_local(root):
+            _remove_empty_folders(root)
+
+
+def missing(root: UPath, plan: Plan, shards: Iterable[Shard] | None = None) -> list[Shard]:
+    """Return the shards, by default of all, that have no complete record; see `complete_record`."""
+    shards = plan.shards if shards is None else list(shards)
+    with ThreadPoolExecutor(_REQUESTS) as pool:
+        records = pool.map(lambda shard: complete_record(root, plan, shard), shards)
+        return [shard for shard, record in zip(shards, records, strict=True) if record is None]
+
+
+def complete_record(root: UPath, plan: Plan, shard: Shard) -> Record | None:
+    """Return a shard's record; None where it is missing or damaged, or a file lacks the size that it says."""
+    path = record_path(shard.name)
+    try:
+        record = parse_record((root / path).read_bytes(), shard, path_of(root, path), packed=plan.layout.packed)
+    except (FileNotFoundError, NotADirectoryError, ReadError):
+        return None
+    return record if all(size_of(root, name) == size for name, size in record.sizes.items()) else None
+
+
+def is_complete(root: UPath, plan: Plan) -> bool:
+    """Return whether a dataset of this plan is finished and lacks no file of a pair; sources are not compared."""
+    there = read_plan(root)
+    same = there is not None and there.model_copy(update={"sources": plan.sources}) == plan
+    return same and size_of(root, INDEX) is not None and not missing(root, plan)
+
+
+def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> None:
+    """Write the lists, links and card of a dataset that lacks no shard, and last its index.
+
+    Args:
+        root: the dataset's root.
+        plan: its plan.
+        sources: the photographs, patches and models of each split.
+    """
+    records = [record for shard in plan.shards if (record := complete_record(root, plan, shard)) is not None]
+    values = describe_dataset(plan, sources, records)
+    for name, data in plan.all_lists.items():
+        write(root, name, data)
+    write(root, CARD, encode_card(parse_values(Index, values, Path(INDEX))))
+    if is_local(root):
+        for name in plan.folders:
+            (root / name).mkdir(parents=True, exist_ok=True)
+        for name, target in plan.all_links.items():
+            link = root / name
+            link.unlink(missing_ok=True)
+            link.parent.mkdir(parents=True, exist_ok=True)
+            link.symlink_to(target)
+    elif copies := plan.copies:
+        root.fs.copy([(root / name).path for name in copies.values()], [(root / name).path for name in copies])
+    replace(root, INDEX, JSON_OBJECT.encode(values))
+
+
+@contextmanager
+def locked(root: UPath, shards: range | None = None) -> Iterator[None]:
+    """Keep other runs away from a dataset or from some of its shards, also those of other machines on a shared disk.
+
+    Each shard is a byte of one locked file, so that runs may share a dataset; None stands for all bytes. The lock ends
+    with the process. Object stores and some network file systems have no locks.
+
+    Raises:
+        InputError: where another run works on one of the shards.
+    """
+    if not is_local(root):
+        yield
+        return
+    path = root / LOCK
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = path.open("ab")
+    except OSError as error:
+        raise InputError(f"{root}: cannot be written to: {error.strerror}", argument="out") from None
+    with file:
+        try:
+            length, start = (0, 0) if shards is None else (len(shards), shards.start)
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, length, start)
+        except OSError as error:
+            if error.errno in (errno.EACCES, errno.EAGAIN):
+                raise InputError(
+                    f"{root}: another run is making this dataset: wait for its end or stop it, or share the work by "
+                    "different shards",
+                    argument="out",
+                ) from None
+        try:
+            yield
+        finally:
+            if (root / INDEX).exists():
+                path.unlink(missing_ok=True)
+
+
+def _has_records(root: UPath, plan: Plan) -> bool:
+    return any(size_of(root, record_path(shard.name)) is not None for shard in plan.shards)
+
+
+def _check_same(root: UPath, there: Plan, plan: Plan) -> None:
+    """Raise InputError where a dataset was begun with another plan; only its numbers of pairs may be smaller."""
+    choose = "choose another folder, or replace the dataset with overwrite"
+    if there.version != plan.version:
+        raise InputError(
+            f"{root}: holds a dataset that was begun with another version, whose pairs may differ: version "
+            f"({there.version} there, {plan.version} now). Go on with {PROGRAM} {there.version}, {choose}. A finished "
+            "dataset can be read as it is",
+            argument="out",
+        )
+    keys = ("config_values", "seed", "layout", "shard_pairs", "plugins")
+    old, new = ({key: values.get(key, {}) for key in keys} for values in (there.values(), plan.values()))
+    changed = differences(old, new)
+    if set(there.pairs) != set(plan.pairs):
+        changed += differences({"pairs": there.pairs}, {"pairs": plan.pairs})
+    if changed:
+        raise InputError(
+            f"{root}: holds a dataset that was begun with other values: {abbreviate(changed)}. Give the same to go on "
+            f"with it, {choose}",
+            argument="out",
+        )
+    fewer = [
+        f"{name} ({there.pairs[name]} there, {now} now)" for name, now in plan.pairs.items() if now < there.pairs[name]
+    ]
+    if fewer:
+        raise InputError(
+            f"{root}: holds a dataset of more pairs: {abbreviate(fewer)}. Ask for as many or more to go on with it, "
+            f"{choose}",
+            argument="out",
+        )
+
+
+def _own_names(plan: Plan) -> Iterator[str]:
+    """Yield the names of all files that a dataset may have, records first: without them, no shard is complete."""
+    yield from (INDEX, *(record_path(shard.name) for shard in plan.shards))
+    for shard in plan.shards:
+        yield from (log_path(shard.name), tar_path(shard.name))
+    for split in plan.splits if not plan.layout.packed else ():
+        for index in range(plan.pairs[split]):
+            yield from plan.files(split, index).values()
+    yield from (CARD, *plan.all_lists, *plan.all_links, *plan.copies)
+
+
+def _remove(root: UPath, plan: Plan) -> None:
+    """Remove the files of a dataset but its plan, then empty folders."""
+    there = set(names_below(root))
+    names = [name for name in dict.fromkeys(_own_names(plan)) if name in there]
+    if not is_local(root):
+        if names:
+            root.fs.rm([(root / name).path for name in names])
+        return
+    for name in names:
+        (root / name).unlink()
+    _remove_empty_folders(root)
+
+
+def _remove_empty_folders(root: Path) -> None:
+    for folder, _, _ in os.walk(root, topdown=False):
+        with suppress(OSError):
+            Path(folder).rmdir()

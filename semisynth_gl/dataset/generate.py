@@ -1,0 +1,184 @@
+"""Making a dataset: an engine makes the shards that are missing, and the index follows once none is."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from upath import UPath
+
+from semisynth_gl.config import Config
+from semisynth_gl.dataset.apart import check_apart
+from semisynth_gl.dataset.documents import Plan, Shard
+from semisynth_gl.dataset.engines import Engine, LocalEngine, SerialEngine
+from semisynth_gl.dataset.folder import (
+    begin,
+    check_begin,
+    discard,
+    finish,
+    is_complete,
+    locked,
+    missing,
+    read_plan,
+    replaces,
+)
+from semisynth_gl.dataset.make import Job, open_renderer
+from semisynth_gl.dataset.plan import make_plan
+from semisynth_gl.dataset.root import open_root
+from semisynth_gl.inputs.arguments import to_whole
+from semisynth_gl.inputs.errors import InputError, counted, shown
+from semisynth_gl.listener import Listener
+from semisynth_gl.render.backends import Backend
+from semisynth_gl.render.devices import check_libraries
+from semisynth_gl.scene.mix import MixSampler
+from semisynth_gl.scene.sources import Sources, prepare_sources
+from semisynth_gl.seeds.splits import SPLITS, SplitName
+
+# Number of pairs from which on file systems are slower with single files than with tars.
+_MANY_PAIRS = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class GenerationResult:
+    """The state of a dataset after a run.
+
+    Attributes:
+        root: the dataset's root.
+        plan: the plan of the complete dataset.
+        missing: number of shards that are still missing; 0 for a complete dataset.
+        stopped: whether the listener stopped the run before it had made all shards that it was asked for.
+    """
+
+    root: UPath
+    plan: Plan
+    missing: int
+    stopped: bool = False
+
+
+def generate(
+    config: Config,
+    out: str | os.PathLike[str],
+    pairs: int | Mapping[SplitName, int],
+    seed: int = 0,
+    *,
+    layout: str | None = None,
+    backend: Backend = "auto",
+    engine: Engine | None = None,
+    gpus: Sequence[int] = (),
+    shard_pairs: int | None = None,
+    shards: range | None = None,
+    overwrite: bool = False,
+    listener: Listener | None = None,
+) -> GenerationResult:
+    """Write a dataset, or its missing part.
+
+    The files are the same with every engine, however often the run was ended and begun again.
+
+    Args:
+        config: the config of the pairs, such as `load_config` returns.
+        out: the dataset's folder, or an address that fsspec knows.
+        pairs: number of training pairs, or of the pairs of each split by its name.
+        seed: the dataset's seed, 0 or more.
+        layout: see `semisynth_gl.layouts`; by default the layout of the unfinished dataset in ``out``, else
+            the config's, else ``middlebury``, and ``webdataset`` from 10,000 pairs on.
+        backend: "auto", "egl" or "osmesa".
+        engine: runs the shards; by default in this process.
+        gpus: CUDA's numbers of the GPUs that workers take in turn; by default all workers use the first GPU of
+            CUDA_VISIBLE_DEVICES or, where that is not set, EGL's first device.
+        shard_pairs: pairs in a shard; by default as in the unfinished dataset in ``out``, else 64 or fewer, see
+            `make_plan`.
+        shards: numbers of the shards to make; by default all. Runs may share the shards of a dataset, also on several
+            machines; the run that finds none missing writes the index.
+        overwrite: replace an earlier dataset of this program, and leave other files in its folder; an unfinished
+            dataset of the same plan is resumed.
+        listener: hears messages, the number of pairs to make and each pair, and may ask to stop.
+
+    Raises:
+        SemisynthError: where the input cannot be used, the place holds something else, or workers keep dying.
+        OSError: where the disk is full or cannot be written to. Complete shards stay.
+    """
+    named: Mapping[SplitName, int] = pairs if isinstance(pairs, Mapping) else {"train": pairs}
+    if not named.keys() <= {*SPLITS}:
+        raise InputError(f"expected the splits {', '.join(SPLITS)}, got {shown(list(named))}", argument="pairs")
+    counts = {name: to_whole(f"pairs of {name}", count) for name, count in named.items()}
+    gpus = tuple(to_whole("the number of a GPU", number, least=0) for number in gpus)
+    listener = listener or Listener()
+    engine = engine or SerialEngine()
+    root = open_root(out)
+    earlier = None if overwrite else read_plan(root)
+    by_number = "middlebury" if sum(counts.values()) < _MANY_PAIRS else "webdataset"
+    layout = layout or (earlier and earlier.layout_name) or config.layout or by_number
+    if shard_pairs is None and earlier is not None:
+        shard_pairs = earlier.shard_pairs
+    plan = make_plan(config, seed, layout, counts, shard_pairs)
+    chosen = _chosen(plan.shards, shards)
+    check_apart(root, plan)
+    check_begin(root, plan, overwrite=overwrite)
+    if not overwrite and is_complete(root, plan):
+        return GenerationResult(root, plan, 0)
+    if isinstance(engine, SerialEngine | LocalEngine):
+        check_libraries(backend)
+    sources = {split: prepare_sources(plan.config, plan.split(split)) for split in plan.splits}
+    digests = {split: dict(split_sources.digests()) for split, split_sources in sources.items()}
+    plan = plan.model_copy(update={"sources": digests})
+    job = Job(plan, str(root.absolute()), backend, gpus)
+    with locked(root, shards):
+        if replaces(root, plan, overwrite=overwrite):
+            # If the driver or the config's checks fail, the earlier dataset stays.
+            with open_renderer(job, chosen[0].split) as renderer:
+                renderer.render(chosen[0].first)
+        begin(root, plan, overwrite=overwrite)
+        _describe(plan, sources, listener)
+        try:
+            _make(job, missing(root, plan, chosen), engine, listener)
+        except BaseException:
+            if shards is None:  # else another run may be making the first shard
+                discard(root, plan)
+            raise
+        left = missing(root, plan)
+        if not left:
+            finish(root, plan, sources)
+    stopped = listener.stopping and not {*left}.isdisjoint(chosen)
+    return GenerationResult(root, plan, len(left), stopped)
+
+
+def _make(job: Job, shards: Sequence[Shard], engine: Engine, listener: Listener) -> None:
+    listener.on_total(sum(shard.end - shard.first for shard in shards))
+    if shards:
+        engine.run(job, [shard.number for shard in shards], listener)
+
+
+def _describe(plan: Plan, sources: Mapping[SplitName, Sources], listener: Listener) -> None:
+    """Report the patches and models of each split; raises InputError for a target that the scenes cannot meet."""
+    for split, split_sources in sources.items():
+        prefix = f"{split}: " if len(sources) > 1 else ""
+        listener.on_message(prefix + split_sources.atlas.report.summary())
+        for reason in split_sources.skipped_models:
+            listener.on_message(f"model left out: {reason}")
+        listener.on_message(f"{prefix}{counted(len(split_sources.models), 'model')}{_of_the_user(split_sources)}")
+    first = plan.splits[0]
+    seed, patches = plan.split(first).seed, sources[first].atlas.patches
+    # Before any worker starts, so that all workers find the result in the cache.
+    MixSampler(plan.config, seed, sources[first].libraries, patches).expected()
+
+
+def _of_the_user(sources: Sources) -> str:
+    """Return a text on the user's models and how often they are drawn; "" without such models."""
+    count = max(library.user_count for library in sources.libraries)
+    if not count:
+        return ""
+    shares = [library.user_share for library in sources.libraries]
+    low, high = f"{min(shares):.1%}", f"{max(shares):.1%}"
+    spread = low if low == high else f"{low} to {high}, by recipe,"
+    return f", {count} of them yours: {spread} of the falling objects (models.user)"
+
+
+def _chosen(shards: Sequence[Shard], numbers: range | None) -> Sequence[Shard]:
+    if numbers is None:
+        return shards
+    if not numbers or numbers.start < 0 or numbers.stop > len(shards):
+        raise InputError(
+            f"{numbers.start}-{numbers.stop - 1}: the dataset has the shards 0-{len(shards) - 1} "
+            f"({len(shards)} of up to {counted(max(shard.end - shard.first for shard in shards), 'pair')})",
+            argument="shards",
+        )
+    return [shards[number] for number in numbers]

@@ -1,0 +1,85 @@
+"""Handling of SIGINT (Ctrl-C) and SIGTERM, as context managers. They have no effect outside of the main thread."""
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from multiprocessing import resource_tracker
+from types import FrameType
+from typing import TYPE_CHECKING, Any, NoReturn
+
+if TYPE_CHECKING:
+    from semisynth_gl.listener import Listener
+
+_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def interrupts_raise() -> AbstractContextManager[None]:
+    """Let the first Ctrl-C in the block raise KeyboardInterrupt, and the second one end the process at once."""
+    return _handlers(_raise_once, (signal.SIGINT,))
+
+
+def interrupts_end() -> AbstractContextManager[None]:
+    """Let Ctrl-C in the block end the process at once, without an exception.
+
+    This is for imports: some packages catch every exception while they are imported, KeyboardInterrupt too.
+    """
+    return _handlers(signal.SIG_DFL, (signal.SIGINT,))
+
+
+def interrupts_stop(listener: "Listener") -> AbstractContextManager[None]:
+    """Let Ctrl-C and SIGTERM in the block ask a long function to stop; a second one raises KeyboardInterrupt."""
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        if listener.stopping:
+            _raise_once(number, frame)
+        listener.stop()
+        listener.on_message("Finishing the pairs in hand; Ctrl-C again stops at once.")
+
+    return _handlers(ask, _ENDING_SIGNALS)
+
+
+def interrupts_kept() -> AbstractContextManager[None]:
+    """Restore the handlers of SIGINT and SIGTERM after a block in which other code may replace them."""
+    return _handlers(None, _ENDING_SIGNALS)
+
+
+@contextmanager
+def interrupts_blocked() -> Iterator[None]:
+    """Let processes that start in the block begin with SIGINT and SIGTERM blocked, until they `unblock_interrupts`."""
+    # Otherwise the resource tracker would start with the first process, and lift the mask.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING_SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def unblock_interrupts() -> None:
+    """Let SIGINT and SIGTERM reach this process."""
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING_SIGNALS)
+
+
+def _raise_once(_: int, __: FrameType | None) -> NoReturn:
+    # A second KeyboardInterrupt during the handling of the first could only become a traceback.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    raise KeyboardInterrupt
+
+
+@contextmanager
+def _handlers(
+    handler: Callable[[int, FrameType | None], Any] | signal.Handlers | None, numbers: tuple[signal.Signals, ...]
+) -> Iterator[None]:
+    """Install a handler for the block, None for none, and restore the previous handlers after it."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    previous = {number: signal.getsignal(number) for number in numbers}
+    for number in numbers if handler is not None else ():
+        signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        for number, handler_before in previous.items():
+            signal.signal(number, handler_before)

@@ -1,0 +1,166 @@
+"""Making shards: one process draws, encodes and writes the pairs of one shard after the other."""
+
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from functools import partial
+from math import ceil
+from typing import Self, TypeVar
+
+from semisynth_gl.dataset.documents import Plan, Shard
+from semisynth_gl.dataset.plan import differences, used_plugins
+from semisynth_gl.dataset.root import open_root
+from semisynth_gl.dataset.sample import LatestFiles, encode_pair
+from semisynth_gl.dataset.shard import PairFiles, write_shard
+from semisynth_gl.inputs.errors import InputError, abbreviate
+from semisynth_gl.listener import FinishedPair, Listener
+from semisynth_gl.pairs.pipeline import Pair, PairRenderer
+from semisynth_gl.render.backends import Backend, is_software
+from semisynth_gl.render.devices import egl_index_of_worker
+from semisynth_gl.seeds.splits import SplitName
+
+# Threads of a process that encode pairs while a GPU draws the next one.
+_ENCODERS = 1
+
+Drawn = TypeVar("Drawn")
+Encoded = TypeVar("Encoded")
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What every process that makes shards of a dataset is told.
+
+    Attributes:
+        plan: the dataset's plan.
+        address: the dataset's root, as `open_root` takes it.
+        backend: of the renderer.
+        gpus: CUDA's numbers of the GPUs that processes take in turn; empty for the default of `egl_index_of_worker`.
+    """
+
+    plan: Plan
+    address: str
+    backend: Backend
+    gpus: tuple[int, ...] = ()
+
+
+class ShardMaker:
+    """Makes shards in this process; it keeps the renderer of the latest shard's split open. Use it in a ``with`` block.
+
+    ``worker`` is the number of the process, from 0, by which it takes its GPU.
+    """
+
+    def __init__(self, job: Job, worker: int = 0) -> None:
+        self._job = job
+        self._worker = worker
+        self._resources = ExitStack()
+        self._renderer: PairRenderer | None = None
+        changed = differences(job.plan.plugin_records, used_plugins(job.plan.config, job.plan.layout_name))
+        if changed:
+            raise InputError(
+                f"this process finds other plug-ins than the one that began the dataset: {abbreviate(changed)}. "
+                "Install the same versions on all machines"
+            )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the renderer."""
+        self._resources.close()
+
+    def make_shard(self, number: int, listener: Listener) -> bool:
+        """Draw, encode and write the pairs of a shard, then write its record.
+
+        Args:
+            number: the shard's number in the plan.
+            listener: hears each pair once its files are written, and may ask to stop between two pairs.
+
+        Returns:
+            Whether the shard is complete; else its pairs are to be made again.
+
+        Raises:
+            InputError: where this process has other photographs or models than the plan says, or pairs keep failing
+                the config's checks.
+            ContextLostError: where the driver was reset; this process can draw no more.
+            OSError: where the disk is full or cannot be written to.
+        """
+        shard = self._job.plan.shards[number]
+        return write_pairs(self._job, shard, self._renderer_of(shard.split, listener), listener)
+
+    def _renderer_of(self, split: SplitName, listener: Listener) -> PairRenderer:
+        if self._renderer is None or self._renderer.split.name != split:
+            self._resources.close()
+            renderer = open_renderer(self._job, split, self._worker)
+            self._renderer = self._resources.enter_context(renderer)
+            changes = differences(self._job.plan.sources[split], renderer.sources.digests())
+            if changes:
+                raise InputError(
+                    "this process finds other photographs or models than the one that began the dataset: "
+                    f"{abbreviate(changes)}. Give all machines the same files and the same versions of packages"
+                )
+            renderer.forget_pixels()
+            listener.on_renderer(renderer.renderer_name)
+        return self._renderer
+
+
+def open_renderer(job: Job, split: SplitName, worker: int = 0) -> PairRenderer:
+    """Open the renderer of a split, on the device of a worker; workers are numbered from 0."""
+    device_index = egl_index_of_worker(job.gpus, worker)
+    return PairRenderer(job.plan.config, job.plan.split(split), job.backend, device_index)
+
+
+def write_pairs(job: Job, shard: Shard, renderer: PairRenderer, listener: Listener) -> bool:
+    """Draw, encode and write a shard with an open renderer; see `ShardMaker.make_shard`."""
+    plan = job.plan
+    threads = 0 if is_software(renderer.renderer_name) else _ENCODERS
+    latest: LatestFiles | None = {} if plan.config.views > 1 else None
+
+    def drawn() -> Iterator[Pair]:
+        for index in range(shard.first, shard.end):
+            if listener.stopping:
+                return
+            listener.on_render(shard.split, index)
+            yield renderer.render(index)
+
+    def tell(index: int, pair: PairFiles) -> None:
+        listener.on_pair(FinishedPair(shard.split, index, tuple(pair.redrawn), pair.share_beyond))
+
+    with closing(in_order(drawn(), partial(encode, plan, shard, latest=latest), threads)) as pairs:
+        return write_shard(open_root(job.address), plan, shard, pairs, tell)
+
+
+def encode(plan: Plan, shard: Shard, pair: Pair, latest: LatestFiles | None = None) -> PairFiles:
+    """Return a pair as files; see `encode_pair` on ``latest``."""
+    config, key = plan.config, plan.key(shard.split, pair.index)
+    ndisp = max(1, ceil(config.disparity.max_px))
+    encoded = encode_pair(plan.layout, key, pair.frame, pair.provenance, ndisp, plan.encodings, latest)
+    # All pairs of a sequence carry the same redraws.
+    redrawn = pair.provenance.get("redrawn", []) if pair.index % config.sequence_pairs == 0 else []
+    return PairFiles(encoded.files, redrawn, encoded.share_beyond, pair.provenance["renderer"])
+
+
+def in_order(
+    drawn: Iterable[Drawn], encode: Callable[[Drawn], Encoded], threads: int
+) -> Generator[Encoded, None, None]:
+    """Encode pairs in ``threads`` threads, and yield the results in order.
+
+    This thread draws the pairs, since it owns the context, while each other thread encodes one pair: compression,
+    checksums and NumPy let other threads run. With 0 threads, this thread also encodes, which is best where the
+    processor draws.
+    """
+    if threads == 0:
+        yield from map(encode, drawn)
+        return
+    waiting: deque[Future[Encoded]] = deque()
+    with ThreadPoolExecutor(threads) as pool:
+        for pair in drawn:
+            waiting.append(pool.submit(encode, pair))
+            if len(waiting) > threads:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()

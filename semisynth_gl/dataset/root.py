@@ -1,0 +1,160 @@
+"""A dataset's root: a folder of this machine, or an address that fsspec knows, as a path of universal-pathlib."""
+
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeGuard
+
+from upath import UPath
+
+from semisynth_gl.inputs.errors import InputError, ReadError, how_to_install
+from semisynth_gl.inputs.user_files import expanded
+
+MISSING = "is missing"
+# Most bytes that are read of a file at once.
+_MOST_BYTES = 1 << 31
+_WITH_BUCKETS = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oci", "oss"})
+_ONE_SLASH = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/(?!/)")
+
+
+def open_root(address: str | os.PathLike[str]) -> UPath:
+    """Return the path of a folder, in which ``~`` is the home folder, or of an address ``protocol://...``.
+
+    Raises:
+        InputError: where the address is empty, has only one slash after its colon or lacks its bucket, or where the
+            protocol is unknown or its package not installed.
+    """
+    text = os.fspath(address)
+    path = text.removeprefix("file://").removeprefix("local://")
+    protocol, separator, below = path.partition("://")
+    if not separator:
+        if not path.strip():
+            raise InputError(f"expected a folder or an address such as s3://bucket/name, got {text!r}")
+        scheme = path.partition("/")[0]
+        if _ONE_SLASH.match(path) and not Path(scheme).exists():
+            raise InputError(
+                f"{text}: expected a folder or an address such as {scheme}//bucket/name, got one slash after the "
+                f"colon; for a folder of this name give ./{text}"
+            )
+        return UPath(expanded(path))
+    if protocol.rpartition("::")[2] in _WITH_BUCKETS and not below.partition("/")[0]:
+        raise InputError(f"{text}: expected an address with a bucket, such as {protocol}://bucket/name")
+    try:
+        # Without a cache of listings, this process sees other processes' files at once.
+        root = UPath(text.rstrip("/"), use_listings_cache=False)
+        root.fs  # noqa: B018 - imports the protocol's package
+    except ImportError as error:
+        raise InputError(
+            f"{text}: needs packages that cannot be imported ({error}): {how_to_install('remote')}; and what fsspec "
+            f"names for {protocol}://"
+        ) from None
+    except ValueError as error:
+        raise InputError(f"{text}: {error}") from None
+    return root
+
+
+def is_local(root: UPath) -> TypeGuard[Path]:
+    """Return whether a root is a folder of this machine."""
+    return isinstance(root, Path)
+
+
+def path_of(root: UPath, name: str) -> Path:
+    """Return the path of a file for messages, without the protocol of an address."""
+    return Path(root.path, name)
+
+
+def read_whole(root: UPath, name: str) -> bytes:
+    """Read a file of a dataset; raises ReadError where it is missing or cannot be read."""
+    data = read_part(root, name, 0, _MOST_BYTES + 1)
+    if len(data) > _MOST_BYTES:
+        raise ReadError(path_of(root, name), f"has more than {_MOST_BYTES} bytes")
+    return data
+
+
+def read_part(root: UPath, name: str, offset: int, length: int) -> bytes:
+    """Read bytes of a file from an offset on, fewer where the file ends earlier; raises like `read_whole`."""
+    path = root / name
+    with _read_errors(root, name):
+        if not is_local(root):
+            return bytes(root.fs.cat_file(path.path, start=offset, end=offset + length))  # one request
+        with path.open("rb") as file:
+            # At most the rest of the file, so that a wrong length takes no memory.
+            length = max(0, min(length, os.fstat(file.fileno()).st_size - offset))
+            file.seek(offset)
+            return bytes(file.read(length))
+
+
+def size_of(root: UPath, name: str) -> int | None:
+    """Return a file's size in bytes; None where it is missing."""
+    try:
+        return int((root / name).stat().st_size)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+
+
+def names_below(root: UPath) -> list[str]:
+    """Return the names of all files below a root, sorted; links are files, and are not followed."""
+    if is_local(root):
+        found = [
+            os.path.relpath(os.path.join(folder, name), root)  # noqa: PTH118 - a million names
+            for folder, folders, files in os.walk(root)
+            for name in (*files, *(each for each in folders if os.path.islink(os.path.join(folder, each))))  # noqa: PTH114, PTH118
+        ]
+        return sorted(found)
+    prefix = f"{root.path.rstrip('/')}/"
+    return sorted(path.removeprefix(prefix) for path in root.fs.find(root.path))
+
+
+def write(root: UPath, name: str, data: bytes) -> None:
+    """Write or replace a file, and make its folders; raises OSError where that fails."""
+    path = root / name
+    if is_local(root):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+    else:
+        if _WITH_BUCKETS.isdisjoint({root.protocol}):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        root.fs.pipe_file(path.path, data)  # stores show a file only once it is complete
+
+
+def replace(root: UPath, name: str, data: bytes) -> None:
+    """Write or replace a file, which is never seen in part."""
+    partial = f"{name}.new" if is_local(root) else name
+    write(root, partial, data)
+    if partial != name:
+        (root / partial).replace(root / name)
+
+
+@contextmanager
+def clear_errors(root: UPath) -> Iterator[None]:
+    """Raise InputError, with advice, for the errors that the first access of a store may raise.
+
+    Such errors of botocore and others are no OSErrors, and cannot be imported where their packages are missing.
+    """
+    try:
+        yield
+    except NotImplementedError:
+        # fsspec can only read some protocols, such as http://.
+        raise InputError(f"{root}: fsspec cannot write to such an address; choose another") from None
+    except Exception as error:
+        module = type(error).__module__.split(".")[0]
+        if is_local(root) or isinstance(error, InputError | ReadError):
+            raise
+        if isinstance(error, OSError) or module in ("botocore", "aiobotocore", "google"):
+            raise InputError(
+                f"{root}: {type(error).__name__}: {error}; check address, rights, connection and credentials, "
+                "such as AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
+            ) from None
+        raise
+
+
+@contextmanager
+def _read_errors(root: UPath, name: str) -> Iterator[None]:
+    try:
+        yield
+    except (FileNotFoundError, NotADirectoryError):
+        raise ReadError(path_of(root, name), MISSING) from None
+    except OSError as error:
+        raise ReadError(path_of(root, name), f"cannot be read: {error.strerror or error}") from None

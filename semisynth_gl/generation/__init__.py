@@ -1,1 +1,0 @@
-"""Generation of datasets: an engine makes their shards as tasks."""

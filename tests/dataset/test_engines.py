@@ -1,0 +1,324 @@
+"""Engines: the same bytes from each, and the same after a kill at any moment."""
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import closing
+from itertools import product
+from pathlib import Path
+
+import pytest
+from backends import backend_fault
+from processes import PATIENCE_S, alive, wait_for
+from recorder import Recorder
+from tiny_datasets import PAIRS, SEED, command, digests, tiny
+
+from semisynth_gl.dataset import make
+from semisynth_gl.dataset.cluster import RayEngine
+from semisynth_gl.dataset.engines import LocalEngine, portable
+from semisynth_gl.dataset.generate import generate
+from semisynth_gl.dataset.make import ShardMaker, in_order
+from semisynth_gl.inputs.errors import ContextLostError, InputError, ReadError, WorkerError
+from semisynth_gl.pairs.pipeline import PairRenderer
+
+LAYOUTS = ("middlebury", "webdataset")
+SHARD = "shards/semisynth-middlebury-train-00000{}.json"
+
+
+@pytest.fixture(scope="module")
+def config():
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    return tiny(models={"complex": 0.0}, particles={"size_px": [40.0, 120.0]})
+
+
+@pytest.fixture(scope="module")
+def wanted(config, tmp_path_factory):
+    """Digests of a dataset of three shards by its layout."""
+    folder = tmp_path_factory.mktemp("wanted")
+    for layout in LAYOUTS:
+        generate(config, folder / layout, PAIRS, SEED, layout=layout, shard_pairs=3)
+    return {layout: digests(folder / layout) for layout in LAYOUTS}
+
+
+def run(config, out, engine=None, layout="middlebury", **options):
+    recorder = options.pop("listener", None) or Recorder()
+    made = generate(
+        config, out, PAIRS, SEED, layout=layout, shard_pairs=3, engine=engine, listener=recorder, **options
+    )  # fmt: skip
+    return made, [pair.index for pair in recorder.pairs], recorder.messages
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_workers_change_no_byte(config, wanted, tmp_path, layout):
+    _, pairs, messages = run(config, tmp_path / "o", LocalEngine(2), layout)
+    assert digests(tmp_path / "o") == wanted[layout]
+    assert sorted(pairs) == list(range(PAIRS))
+    assert not [message for message in messages if "died" in message]
+
+
+@pytest.mark.parametrize(
+    ("layout", "workers", "sent"), [*product(LAYOUTS, (1, 2), (signal.SIGKILL, signal.SIGTERM, signal.SIGINT))]
+)
+def test_killed_at_any_moment_the_same_command_gives_the_same_bytes(config, wanted, tmp_path, layout, workers, sent):
+    """Twelve kills: one in each dataset, at a moment of its own."""
+    out, arguments = tmp_path / "o", ("--workers", workers)
+    moment = 0.8 + (LAYOUTS.index(layout) * 6 + workers * 3 + list(signal.Signals).index(sent)) * 0.37 % 2.4
+    process = subprocess.Popen(
+        command(config, out, layout, *arguments), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    time.sleep(moment)
+    process.send_signal(sent)
+    _, said = process.communicate(timeout=PATIENCE_S)
+    assert "Traceback" not in said
+    done = subprocess.run(command(config, out, layout, *arguments), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert digests(out) == wanted[layout]
+
+
+@pytest.mark.parametrize("engine", [None, LocalEngine(2)], ids=["serial", "local"])
+def test_a_stop_ends_soon_and_keeps_complete_shards(config, wanted, tmp_path, engine):
+    made, pairs, _ = run(config, tmp_path / "o", engine, listener=Recorder(lambda pair: pair.index == 4))
+    assert made.stopped == (made.missing > 0)
+    assert engine is not None or (made.missing, pairs) == (2, [0, 1, 2, 3, 4])
+    assert not (tmp_path / "o/index.json").exists() or not made.missing
+    run(config, tmp_path / "o", engine)
+    assert digests(tmp_path / "o") == wanted["middlebury"]
+
+
+def test_a_stop_before_the_first_pair_makes_none(config, tmp_path):
+    listener = Recorder()
+    listener.stop()
+    for engine in (None, LocalEngine(2)):
+        made, pairs, _ = run(config, tmp_path / "o", engine, listener=listener)
+        assert (made.missing, pairs) == (3, [])
+
+
+SCRIPT = """
+import os, signal, sys
+from pathlib import Path
+from semisynth_gl.dataset.make import PairRenderer
+{fault}
+if __name__ == "__main__":
+    import json
+    from semisynth_gl.config import Config
+    from semisynth_gl.dataset.engines import LocalEngine
+    from semisynth_gl.dataset.generate import generate
+    from semisynth_gl.listener import Listener
+    class Told(Listener):
+        def on_message(self, text): print(text, flush=True)
+    config = Config.model_validate(json.loads(Path(sys.argv[1]).read_text()))
+    try:
+        generate(config, sys.argv[2], 7, 5, shard_pairs=3, engine=LocalEngine(2), layout="middlebury", listener=Told())
+    except Exception as error:
+        print(type(error).__name__, error)
+"""
+
+FAULT = """
+render = PairRenderer.render
+def faulty(self, index):
+    if index == 4:
+        {}
+    return render(self, index)
+PairRenderer.render = faulty
+"""
+
+
+def in_workers(config, tmp_path, fault):
+    """Run a program whose workers have a fault at pair 4; return what it prints."""
+    (tmp_path / "config.json").write_text(config.model_dump_json())
+    (tmp_path / "program.py").write_text(SCRIPT.format(fault=FAULT.format(fault)))
+    arguments = [sys.executable, tmp_path / "program.py", tmp_path / "config.json", tmp_path / "o"]
+    return subprocess.run(arguments, capture_output=True, text=True, check=True, timeout=PATIENCE_S).stdout
+
+
+KILL = """
+        struck = Path(sys.argv[2] + "-struck")
+        if not struck.exists() or len(struck.read_text()) < {}:
+            struck.open("a").write("x")
+            os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_lost_workers_are_replaced(config, wanted, tmp_path, times):
+    said = in_workers(config, tmp_path, KILL.format(times))
+    assert said.count("a worker process died at pair 4 of train: the workers are started anew") == times
+    assert digests(tmp_path / "o") == wanted["middlebury"]
+
+
+def test_the_message_names_the_pair_that_kills_its_worker(config, tmp_path):
+    said = in_workers(config, tmp_path, KILL.format(1000))
+    assert "WorkerError a worker process died at pair 4 of train, the 3rd time" in said
+    # The shards without this pair are complete.
+    assert [(tmp_path / "o" / SHARD.format(shard)).exists() for shard in range(3)] == [True, False, True]
+
+
+def test_errors_of_workers_keep_their_type(config, tmp_path):
+    said = in_workers(config, tmp_path, "from semisynth_gl import InputError; raise InputError('four is wrong')")
+    assert said.endswith("InputError four is wrong\n")
+    assert "died" not in said
+
+
+def test_errors_survive_the_way_between_processes():
+    class LocalError(Exception):
+        """Cannot be found by its name."""
+
+    for error in (InputError("text", argument="out", keys=("a.b",)), ReadError(Path("x"), "is missing"), OSError(28)):
+        kept = portable(error)
+        assert kept is error
+        assert str(pickle.loads(pickle.dumps(kept))) == str(error)  # noqa: S301 - pickled here
+    assert isinstance(portable(LocalError("oh")), WorkerError)
+
+
+def test_a_lost_context_is_an_error_that_a_rerun_mends(config, wanted, tmp_path, monkeypatch):
+    whole = PairRenderer.render
+
+    def render(self, index):
+        if index == 4:
+            raise ContextLostError("the driver was reset")
+        return whole(self, index)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(PairRenderer, "render", render)
+        with pytest.raises(ContextLostError):
+            run(config, tmp_path / "o")
+    run(config, tmp_path / "o")
+    assert digests(tmp_path / "o") == wanted["middlebury"]
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_full_disk_costs_no_complete_shard(config, wanted, tmp_path, layout):
+    """The limit stands for the end of the disk: it holds for every file, and the largest are the tars."""
+    out = tmp_path / "o"
+    run(config, out, layout=layout, shards=range(1))
+    largest = max(path.stat().st_size for path in out.rglob("*") if path.is_file())
+    limit = f"""
+import resource, runpy, signal
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, ({largest // 2}, {largest // 2}))
+runpy.run_module("semisynth_gl", run_name="__main__", alter_sys=True)
+"""
+    arguments = command(config, out, layout)
+    done = subprocess.run(
+        [sys.executable, "-c", limit, *arguments[3:]], capture_output=True, text=True, check=False, timeout=PATIENCE_S
+    )
+    assert done.returncode == 2
+    assert "File too large" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert (out / SHARD.format(0)).exists()
+    _, pairs, _ = run(config, out, layout=layout)
+    assert min(pairs) >= 3
+    assert digests(out) == wanted[layout]
+
+
+def test_a_second_run_on_the_folder_is_told_so(config, tmp_path):
+    arguments = [*command(config, tmp_path / "o", "middlebury"), "--pairs", "3000"]
+    with subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as first:
+        wait_for((tmp_path / "o/shards/plan.json").exists)
+        second = subprocess.run(arguments, capture_output=True, text=True, check=False)
+        assert first.poll() is None
+        first.kill()
+    assert second.returncode == 2
+    assert "another run is making this dataset" in second.stderr
+
+
+@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGINT])
+def test_workers_end_with_the_first_process(config, tmp_path, sent):
+    arguments = [*command(config, tmp_path / "o", "middlebury"), "--workers", "2", "--pairs", "3000"]
+    # A session of its own: the interrupt goes to all of it, as from a terminal.
+    with subprocess.Popen(
+        arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as first:
+        wait_for((tmp_path / "o" / SHARD.format(0)).exists)
+        children = [int(path.name) for path in Path("/proc").glob("[0-9]*") if parent(path) == first.pid]
+        assert len(children) >= 2
+        for _ in range(2 if sent == signal.SIGINT else 1):
+            os.killpg(first.pid, sent) if sent == signal.SIGINT else first.kill()
+            time.sleep(0.2)
+        first.wait(PATIENCE_S)
+        wait_for(lambda: not any(map(alive, children)))
+        assert "Traceback" not in first.stderr.read()
+
+
+def parent(path):
+    try:
+        return int((path / "stat").read_text().rpartition(")")[2].split()[1])
+    except (OSError, IndexError):
+        return None
+
+
+def test_other_photographs_or_models_in_a_worker_are_refused(config, tmp_path):
+    made, _, _ = run(config, tmp_path / "o", shards=range(1))
+    changed = made.plan.model_copy(update={"sources": {"train": made.plan.sources["train"] | {"patches": "0" * 64}}})
+    with (
+        ShardMaker(make.Job(changed, str(tmp_path / "p"), "auto")) as maker,
+        pytest.raises(InputError, match="patches"),
+    ):
+        maker.make_shard(0, Recorder())
+
+
+def test_without_ray_the_message_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray.cloudpickle", None)
+    with pytest.raises(InputError, match=r"pip install 'semisynth-gl\[ray\]'"):
+        RayEngine().run(None, [], Recorder())
+
+
+# Threads that encode while a GPU draws
+
+
+@pytest.fixture
+def _with_encoders(monkeypatch):
+    """Takes the driver for a GPU's, and gives each process two threads that encode."""
+    monkeypatch.setattr(make, "is_software", lambda _: False)
+    monkeypatch.setattr(make, "_ENCODERS", 2)
+
+
+@pytest.mark.usefixtures("_with_encoders")
+def test_pairs_in_flight_have_the_same_bytes(config, wanted, tmp_path):
+    run(config, tmp_path / "o", listener=Recorder(lambda pair: pair.index == 1))
+    run(config, tmp_path / "o")
+    assert digests(tmp_path / "o") == wanted["middlebury"]
+
+
+def test_pairs_are_encoded_while_others_are_drawn_and_come_in_order():
+    drawn = [threading.Event() for _ in range(8)]
+
+    def draw():
+        for number, event in enumerate(drawn):
+            event.set()
+            yield number
+
+    def encode(number):
+        # The last ones have nothing to wait for.
+        assert drawn[min(number + 2, len(drawn) - 1)].wait(PATIENCE_S)
+        return number, threading.current_thread() is threading.main_thread()
+
+    assert list(in_order(draw(), encode, 2)) == [(number, False) for number in range(8)]
+    here = threading.current_thread()
+    assert list(in_order(range(3), lambda _: threading.current_thread() is here, 0)) == [True] * 3
+
+
+@pytest.mark.parametrize("threads", [0, 1, 3])
+def test_few_pairs_are_in_flight_and_no_thread_outlives_an_error(threads):
+    drawn, before = [], threading.active_count()
+
+    def draw():
+        for number in range(16):
+            drawn.append(number)
+            yield number
+
+    def take():
+        with closing(in_order(draw(), lambda number: 1 // (12 - number), threads)) as pairs:
+            for number, _ in enumerate(pairs):
+                # Those that wait, and the one that has just been drawn.
+                assert len(drawn) <= number + threads + 1
+
+    with pytest.raises(ZeroDivisionError):
+        take()
+    assert len(drawn) <= 13 + threads
+    assert threading.active_count() == before

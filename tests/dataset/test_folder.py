@@ -1,0 +1,327 @@
+"""The folder of a dataset: what is missing is made again, other people's files stay, one run works at a time."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from contextlib import suppress
+from itertools import count
+from pathlib import Path
+
+import pytest
+from hand_made_datasets import config_of, pairs_of, plan_of, write_dataset
+from processes import wait_for
+
+from semisynth_gl.dataset.folder import begin, finish, locked, missing
+from semisynth_gl.dataset.names import CARD, INDEX, PLAN
+from semisynth_gl.dataset.plan import make_plan
+from semisynth_gl.dataset.reader import open_dataset, read_index
+from semisynth_gl.dataset.root import names_below, open_root
+from semisynth_gl.dataset.shard import write_shard
+from semisynth_gl.inputs.errors import InputError, SemisynthError
+
+PAIRS = {"train": 4, "validation": 1}
+LAYOUTS = ("middlebury", "webdataset", "middlebury-2014", "sceneflow", "kitti")
+RECORD = "shards/semisynth-lab-train-000000.json"
+
+
+def config_for(layout):
+    return config_of(outputs=["visibility", "instances"] if layout == "kitti" else ["visibility"])
+
+
+def write(out, layout, pairs=None, **options):
+    return write_dataset(out, layout, pairs or PAIRS, 2, config_for(layout), **options)
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory):
+    root = tmp_path_factory.mktemp("clean")
+    for layout in LAYOUTS:
+        write(root / layout, layout)
+    return root
+
+
+def copied(clean, layout, to):
+    return shutil.copytree(clean / layout, to, symlinks=True)
+
+
+def tree(folder):
+    """Every file, link and folder below a folder, with what it holds or leads to; logs say how long it took."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        if not name.endswith(".log"):
+            found[name] = str(path.readlink()) if path.is_symlink() else path.read_bytes() if path.is_file() else None
+    return found
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_shards_that_lack_a_record_or_a_file_are_made_again(clean, tmp_path, layout):
+    wanted = tree(clean / layout)
+    folder = copied(clean, layout, tmp_path / "set")
+    plan = read_index(folder).plan
+    pair = RECORD.replace(".json", ".tar") if plan.layout.packed else plan.files("train", 1)["left"]
+    for name in (RECORD, pair):
+        for spoil in (Path.unlink, lambda path: path.write_bytes(path.read_bytes()[:20])):
+            spoil(folder / name)
+            assert write(folder, layout) == [0]
+            assert tree(folder) == wanted
+    assert write(folder, layout) == []
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_without_its_index_a_dataset_is_finished_again(clean, tmp_path, layout):
+    wanted = tree(clean / layout)
+    folder = copied(clean, layout, tmp_path / "set")
+    about = [name for name, content in wanted.items() if content is not None and name not in (PLAN, RECORD)]
+    plan = read_index(folder).plan
+    of_pairs = {
+        path for split in plan.splits for n in range(plan.pairs[split]) for path in plan.files(split, n).values()
+    }
+    for name in about:
+        if name not in of_pairs and not name.startswith("shards/"):
+            (folder / name).unlink()
+    assert write(folder, layout) == []
+    assert tree(folder) == wanted
+
+
+@pytest.mark.parametrize("layout", ["middlebury", "webdataset", "middlebury-2014"])
+def test_a_dataset_grows_to_what_a_larger_one_is(clean, tmp_path, layout):
+    write(tmp_path / "set", layout, {"train": 2, "validation": 1})
+    assert write(tmp_path / "set", layout) == [1]
+    assert tree(tmp_path / "set") == tree(clean / layout)
+    with pytest.raises(InputError, match=r"train \(4 there, 2 now\)"):
+        write(tmp_path / "set", layout, {"train": 2, "validation": 1})
+    assert tree(tmp_path / "set") == tree(clean / layout)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"seed": 4}, "seed"),
+        ({"config": config_of(outputs=[])}, "config_values.outputs"),
+        ({"layout": "webdataset"}, "layout"),
+        ({"shard_pairs": 1}, "shard_pairs"),
+        ({"pairs": {"train": 4}}, "pairs.validation"),
+        ({"level": 9}, "photographs or models"),
+    ],
+)
+def test_another_plan_is_refused_with_the_keys_that_differ(clean, change, said):
+    folder = clean / "middlebury"
+    same = {"layout": "middlebury", "pairs": PAIRS, "shard_pairs": 2, "config": config_for("middlebury")}
+    before = tree(folder)
+    with pytest.raises(InputError, match=said):
+        begin(open_root(folder), plan_of(**(same | change))[0])
+    assert tree(folder) == before
+
+
+def test_another_version_does_not_go_on_with_a_dataset(clean):
+    plan, _ = plan_of("middlebury", PAIRS, 2, config_for("middlebury"))
+    newer = plan.model_copy(update={"version": "9.0"})
+    with pytest.raises(InputError, match=r"version \(.* there, 9\.0 now\)"):
+        begin(open_root(clean / "middlebury"), newer)
+
+
+def test_a_plan_without_a_complete_shard_stands_in_nobodys_way(tmp_path):
+    """A run that failed before its first shard, and a run with a mended config."""
+    first, _ = plan_of("middlebury", PAIRS, 2, config_of(name="first"))
+    begin(open_root(tmp_path), first)
+    assert not write_shard(open_root(tmp_path), first, first.shards[0], list(pairs_of(first, first.shards[0]))[:1])
+    write(tmp_path, "middlebury")
+    assert not list(tmp_path.rglob("first-*"))
+    assert len(open_dataset(tmp_path)) == 5
+
+
+def test_a_folder_of_others_is_left_alone(tmp_path):
+    plan, _ = plan_of("middlebury", PAIRS, 2)
+    for name in ("notes.txt", INDEX, "shards/notes.txt"):
+        folder = tmp_path / name.replace("/", "-")
+        (folder / name).parent.mkdir(parents=True)
+        (folder / name).write_text("mine")
+        for overwrite in (False, True):
+            with pytest.raises(InputError, match=f"not empty.*{name}"):
+                begin(open_root(folder), plan, overwrite=overwrite)
+        assert tree(folder).keys() - {"shards"} == {name}
+    with pytest.raises(InputError, match="it is a file"):
+        begin(open_root(tmp_path / "notes.txt" / "notes.txt"), plan)
+
+
+@pytest.mark.parametrize("before", LAYOUTS)
+def test_overwrite_removes_the_files_of_the_old_dataset_and_no_others(clean, tmp_path, before):
+    folder = copied(clean, before, tmp_path / "set")
+    others = ["notes.txt", "shards/plan.json.bak", "MiddEval3/trainingF/mine.png"]
+    for name in others:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text("mine")
+    write(folder, "eth3d", overwrite=True)
+    assert all((folder / name).read_text() == "mine" for name in others)
+    for name in others:
+        (folder / name).unlink()
+    if before != "middlebury":
+        shutil.rmtree(folder / "MiddEval3")
+    write(tmp_path / "wanted", "eth3d")
+    left = {name: content for name, content in tree(folder).items() if "MiddEval3" not in name}
+    assert left == tree(tmp_path / "wanted")
+
+
+def test_overwrite_makes_a_finished_dataset_anew_and_goes_on_with_an_unfinished_one(clean, tmp_path):
+    folder = copied(clean, "middlebury", tmp_path / "set")
+    image = folder / read_index(folder).plan.files("train", 0)["left"]
+    image.write_bytes(bytes(image.stat().st_size))
+    assert write(folder, "middlebury", overwrite=True) == [0, 1, 2]
+    assert tree(folder) == tree(clean / "middlebury")
+    (folder / INDEX).unlink()
+    (folder / RECORD).unlink()
+    assert write(folder, "middlebury", overwrite=True) == [0]
+    assert tree(folder) == tree(clean / "middlebury")
+
+
+class Killed(BaseException):
+    """The end of a process, as far as the disk can tell."""
+
+
+@pytest.mark.parametrize("before", ["sceneflow", "middlebury"])
+def test_overwrite_ended_at_any_removal_goes_on(clean, tmp_path, before):
+    unlink, wanted = Path.unlink, tree(clean / "webdataset")
+    for moment in count(1, 7):
+        folder, left = copied(clean, before, tmp_path / f"{moment}"), [moment]
+
+        def deadly(path, *rest, left=left, **options):
+            left[0] -= 1
+            if not left[0]:
+                raise Killed
+            unlink(path, *rest, **options)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(Path, "unlink", deadly)
+            with suppress(Killed):
+                write(folder, "webdataset", overwrite=True)
+        write(folder, "webdataset", overwrite=True)
+        assert tree(folder) == wanted
+        if left[0] > 0:
+            break
+    assert moment > 14
+
+
+def test_what_users_add_to_the_card_stays(clean, tmp_path):
+    folder = copied(clean, "middlebury", tmp_path / "set")
+    with (folder / CARD).open("a") as card:
+        card.write("\nSeen from the roof.\n")
+    begin(open_root(folder), read_index(folder).plan)
+    assert (folder / CARD).read_text().endswith("Seen from the roof.\n")
+
+
+LOCKED = """
+import sys, time
+from semisynth_gl.dataset.folder import locked
+from semisynth_gl.dataset.root import open_root
+first, end = map(int, sys.argv[2:])
+with locked(open_root(sys.argv[1]), range(first, end) if end else None):
+    print("locked", flush=True)
+    time.sleep(1000)
+"""
+
+
+@pytest.mark.parametrize(
+    ("theirs", "ours", "refused"),
+    [
+        ((0, 0), None, True),
+        ((0, 0), range(3, 4), True),
+        ((0, 3), None, True),
+        ((0, 3), range(2, 5), True),
+        ((0, 3), range(3, 5), False),
+    ],
+)
+def test_a_second_run_on_the_same_shards_is_told_so(tmp_path, theirs, ours, refused):
+    arguments = [sys.executable, "-c", LOCKED, str(tmp_path), *map(str, theirs)]
+    with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout.readline() == "locked\n"
+        try:
+            if refused:
+                with pytest.raises(InputError, match="another run"), locked(open_root(tmp_path), ours):
+                    pass
+            else:
+                with locked(open_root(tmp_path), ours):
+                    pass
+        finally:
+            other.kill()
+    wait_for(lambda: other.poll() is not None)
+    with locked(open_root(tmp_path), ours):
+        pass
+
+
+def test_files_have_the_rights_of_new_files(tmp_path):
+    before = os.umask(0o027)
+    try:
+        write(tmp_path / "set", "middlebury")
+    finally:
+        os.umask(before)
+    modes = {path.stat().st_mode & 0o777 for path in (tmp_path / "set").rglob("*") if path.is_file()}
+    assert modes == {0o640}
+
+
+def test_a_folder_may_be_named_in_several_ways(tmp_path, monkeypatch):
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "set").symlink_to(tmp_path / "disk")
+    write(tmp_path / "set", "middlebury")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    for name in ("disk", "~/disk", f"file://{tmp_path}/disk", f"local://{tmp_path}/disk", tmp_path / "disk"):
+        assert len(open_dataset(name)) == 5
+
+
+@pytest.mark.parametrize(
+    ("address", "said"),
+    [
+        ("", "expected a folder"),
+        ("s3:/bucket/x", "one slash after the colon"),
+        ("s3://", "with a bucket"),
+        ("nowhere://x", "nowhere"),
+    ],
+)
+def test_an_address_that_leads_nowhere_is_refused(tmp_path, monkeypatch, address, said):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SemisynthError, match=said):
+        open_root(address)
+
+
+def test_a_store_is_filled_grown_and_overwritten_by_the_same_rules(clean, tmp_path):
+    """fsspec's store in memory stands in for those that need a server."""
+    address = f"memory://{tmp_path.name}/set"
+    write(address, "sceneflow", {"train": 2, "validation": 1})
+    assert write(address, "sceneflow") == [1]
+    root = open_root(address)
+    images = {name: (root / name).read_bytes() for name in names_below(root) if "/frames_cleanpass/" in name}
+    assert len(images) == 10
+    for name, data in images.items():
+        # Loaders of this layout find nothing without a link, and a store has none.
+        assert (root / name.replace("frames_cleanpass", "frames_finalpass")).read_bytes() == data
+    (root / "notes.txt").write_bytes(b"mine")
+    write(address, "webdataset", overwrite=True)
+    wanted = {name for name, content in tree(clean / "webdataset").items() if content is not None}
+    assert {name for name in names_below(root) if not name.endswith(".log")} == wanted | {"notes.txt"}
+    assert len(open_dataset(address)) == 5
+
+
+def test_many_pairs_have_small_shards():
+    def shard_pairs(pairs, **more):
+        return make_plan(config_of(**more), 0, "webdataset", {"train": pairs}).shard_pairs
+
+    assert [shard_pairs(pairs) for pairs in (1, 8, 24, 512, 100_000)] == [1, 1, 3, 64, 64]
+    # A shard holds whole sequences.
+    assert shard_pairs(100, sequence={"length": 5}) == 15
+
+
+def test_a_shard_that_ends_early_has_no_record(tmp_path):
+    plan, sources = plan_of("middlebury", {"train": 2}, 2)
+    root = open_root(tmp_path)
+    begin(root, plan)
+    assert not write_shard(root, plan, plan.shards[0], list(pairs_of(plan, plan.shards[0]))[:1])
+    assert missing(root, plan) == list(plan.shards)
+    assert write_shard(root, plan, plan.shards[0], pairs_of(plan, plan.shards[0]))
+    assert missing(root, plan) == []
+    finish(root, plan, sources)
+    assert json.loads((tmp_path / INDEX).read_text())["bytes"] == sum(
+        path.stat().st_size for path in tmp_path.rglob("lab-*/*") if path.is_file() and "carla" not in str(path)
+    )

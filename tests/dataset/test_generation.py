@@ -1,0 +1,159 @@
+"""Datasets as `generate` makes them: layouts, seeds, splits, shards."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from backends import backend_fault
+from PIL import Image
+from recorder import Recorder
+from tiny_datasets import PAIRS, SEED, digests, findings, tiny
+
+from semisynth_gl.config import load_config
+from semisynth_gl.dataset.generate import generate
+from semisynth_gl.dataset.plan import make_plan
+from semisynth_gl.dataset.reader import open_dataset
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.layouts import layout_names
+from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.scene.sources import prepare_sources
+
+
+@pytest.fixture(scope="module")
+def config():
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    return tiny(models={"complex": 0.0}, particles={"size_px": [40.0, 120.0]})
+
+
+@pytest.fixture(scope="module", params=["middlebury", "webdataset"])
+def undisturbed(request, config, tmp_path_factory):
+    out = tmp_path_factory.mktemp("undisturbed") / request.param
+    generate(config, out, PAIRS, SEED, layout=request.param, shard_pairs=3)
+    return request.param, out, digests(out)
+
+
+@pytest.mark.parametrize("name", ["kitti", "eth3d", "sceneflow"])
+def test_a_benchmarks_config_has_the_benchmarks_layout(config, tmp_path, name):
+    own = config.model_copy(update={"layout": load_config(name).layout})
+    assert (own.layout, own.digest()) == (name, config.digest())  # a layout changes no pair
+    assert generate(own, tmp_path / "own", 1, SEED).plan.layout_name == name
+    assert generate(own, tmp_path / "chosen", 1, SEED, layout="middlebury").plan.layout_name == "middlebury"
+    # A dataset grows in the layout that it was begun with.
+    assert generate(own, tmp_path / "chosen", 2, SEED).plan.layout_name == "middlebury"
+    assert findings(tmp_path / "own") == []
+
+
+def test_without_a_layout_the_number_of_pairs_decides(config, tmp_path):
+    kitti = config.model_copy(update={"layout": "kitti"})
+    first = {"shard_pairs": 1, "shards": range(1)}
+    for name, chosen, pairs in (("few", config, 9_999), ("many", config, 10_000), ("own", kitti, 10_000)):
+        result = generate(chosen, tmp_path / name, pairs, SEED, **first)
+        assert result.plan.layout_name == {"few": "middlebury", "many": "webdataset", "own": "kitti"}[name]
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        (["files.disparity=png16"], ".*layout.*: middlebury, webdataset"),
+        (["outputs=[correspondence]"], ".*layout.*: middlebury, middlebury-2014, webdataset"),
+        (["disparity.signed=true"], ".*layout.*: eth3d, middlebury, middlebury-2014, sceneflow, "),
+    ],
+)
+def test_what_a_configs_layout_cannot_hold_is_refused_with_those_that_can(tmp_path, settings, said):
+    with pytest.raises(InputError, match=f"the layout kitti {said}"):
+        generate(load_config("kitti", settings), tmp_path / "out", 1)
+
+
+@pytest.mark.parametrize("layout", layout_names())
+def test_every_layout_reads_back_and_verifies_clean(config, tmp_path, layout):
+    out = tmp_path / "o"
+    generate(config, out, 2, SEED, layout=layout, shard_pairs=1)
+    assert findings(out, 40) == []
+    with PairRenderer(config, SEED) as pairs:
+        frame = pairs.render(1).frame
+    dataset = open_dataset(out)
+    assert len(dataset) == 2
+    read = dataset[1]
+    if read.encodings.image.lossless:
+        np.testing.assert_array_equal(read.left.image, frame.left.image)
+        np.testing.assert_array_equal(read.right.image, frame.right.image)
+    for side in ("left", "right"):
+        came, made = read.view(side).disparity, frame.view(side).disparity
+        np.testing.assert_allclose(came, made, rtol=0, atol=read.encodings.disparity.error_px)
+        # Whether a hidden point is outside follows from its disparity, which codecs may round.
+        share = 0 if read.encodings.disparity.lossless else 1e-3
+        assert (read.view(side).visibility != frame.view(side).visibility).mean() <= share
+    assert read.camera == frame.camera or layout.startswith(("middlebury", "eth3d"))
+    assert read.camera.focal_px == frame.camera.focal_px
+    with pytest.raises(IndexError):
+        dataset[2]
+
+
+def test_another_seed_gives_other_bytes(undisturbed, config, tmp_path):
+    layout, _, wanted = undisturbed
+    generate(config, tmp_path / "o", PAIRS, SEED + 1, layout=layout, shard_pairs=3)
+    other = digests(tmp_path / "o")
+    assert other.keys() == wanted.keys()
+    pixels = [name for name in wanted if name.endswith((".tar", "im0.png", "disp0GT.pfm"))]
+    assert pixels
+    assert all(other[name] != wanted[name] for name in pixels)
+
+
+def test_a_complete_dataset_is_left_alone(undisturbed, config, tmp_path):
+    layout, out, wanted = undisturbed
+    shutil.copytree(out, tmp_path / "o", symlinks=True)
+    recorder = Recorder()
+    generate(config, tmp_path / "o", PAIRS, SEED, layout=layout, shard_pairs=3, listener=recorder)
+    assert (recorder.pairs, recorder.messages) == ([], [])
+    assert digests(tmp_path / "o") == wanted
+
+
+def test_shards_by_machine_make_the_whole(undisturbed, config, tmp_path):
+    layout, _, wanted = undisturbed
+    for shards, missing in ((range(2, 3), 2), (range(2), 0)):
+        made = generate(config, tmp_path / "o", PAIRS, SEED, layout=layout, shard_pairs=3, shards=shards)
+        assert made.missing == missing
+        assert (tmp_path / "o/index.json").exists() == (missing == 0)
+    assert digests(tmp_path / "o") == wanted
+
+
+def test_splits_share_neither_photographs_nor_scenes(config, tmp_path):
+    made = generate(config, tmp_path / "o", {"train": 3, "validation": 2, "test": 1}, SEED, layout="webdataset")
+    assert findings(tmp_path / "o", 20) == []
+    index = json.loads((tmp_path / "o/index.json").read_text())
+    digests_of = [{photograph["sha256"] for photograph in split["photographs"]} for split in index["splits"].values()]
+    assert all(digests_of)
+    assert len(set.union(*digests_of)) == sum(map(len, digests_of))
+    assert all(photograph["licence"] for split in index["splits"].values() for photograph in split["photographs"])
+    assert [len(open_dataset(tmp_path / "o", split)) for split in made.plan.splits] == [3, 2, 1]
+    one, other = open_dataset(tmp_path / "o", "train")[0], open_dataset(tmp_path / "o", "test")[0]
+    assert one.camera != other.camera
+    with pytest.raises(InputError, match="pairs"):
+        generate(config, tmp_path / "o", 3, SEED, layout="webdataset")
+    few = tiny(textures={"source": "images", "images": [str(tmp_path / "one.png")]})
+    noise = np.random.default_rng(0).integers(0, 256, (99, 99, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(tmp_path / "one.png")
+    with pytest.raises(InputError, match="too few photographs to hold some out, 1 in all"):
+        generate(few, tmp_path / "p", {"train": 1, "test": 1}, SEED)
+
+
+def test_models_are_held_out_where_asked():
+    config = tiny()
+    config = config.model_copy(update={"splits": config.splits.model_copy(update={"models": True})})
+    plan = make_plan(config, 0, "middlebury", {"train": 1, "test": 1})
+    names = [{mesh.name for mesh in prepare_sources(config, plan.split(split)).models} for split in plan.splits]
+    assert all(names)
+    assert not names[0] & names[1]
+
+
+def test_other_photographs_are_not_mixed_in(tmp_path):
+    rng = np.random.default_rng(0)
+    picture = tmp_path / "one.png"
+    config = tiny(textures={"source": "images", "images": [str(picture)]})
+    Image.fromarray(rng.integers(0, 256, (99, 99, 3), dtype=np.uint8)).save(picture)
+    generate(config, tmp_path / "o", 1, SEED, shard_pairs=1)
+    Image.fromarray(rng.integers(0, 256, (99, 99, 3), dtype=np.uint8)).save(picture)
+    with pytest.raises(InputError, match="photographs or models are not those"):
+        generate(config, tmp_path / "o", 2, SEED, shard_pairs=1)
