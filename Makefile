@@ -73,12 +73,8 @@ EXAMPLES ?= $(shell printf %d 0x$$(git rev-parse --short=7 HEAD 2>/dev/null || e
 test-heavy: $(VENV)/.heavy  ## tests with PyTorch and Ray (GBs to download), of the site, and property tests on random examples
 	@sh tools/browser-packages.sh
 	$(VENV)/bin/mypy
-	$(VENV)/bin/python -m pytest --numprocesses auto --dist worksteal -m "(heavy or hypothesis) and not faults" \
+	$(VENV)/bin/python -m pytest --numprocesses auto --dist worksteal -m "heavy or hypothesis" \
 	    --hypothesis-profile random --hypothesis-seed $(EXAMPLES)
-
-.PHONY: test-faults
-test-faults: $(VENV)/.dev  ## kill runs at 50 random moments, and take them up again
-	$(VENV)/bin/python -m pytest -m faults -rP tests/generation/test_faults.py
 
 # Material announces its successor in each build.
 .PHONY: docs
