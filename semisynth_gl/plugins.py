@@ -1,35 +1,40 @@
-"""Plug-ins: layouts, texture sources, families of models and scene recipes from other installed packages.
+"""Plug-ins: layouts, texture sources, families of models and scene recipes of other installed packages.
 
-A package declares its plug-ins as entry points, with one group for each sort. Names are found without importing any
-package; a plug-in is imported when its value is first used. Each process finds the plug-ins by itself.
+A package has an entry point in the group ``semisynth_gl.plugins``, which refers to a mapping of plug-ins by `Group` and
+name. Each process imports all these packages when it first asks for a plug-in; their own exceptions pass through.
 """
 
 import hashlib
-import traceback
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+import sys
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cache, cached_property
-from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
-from importlib.util import find_spec
+from functools import cache
+from importlib.metadata import Distribution, entry_points
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final, Literal, cast, get_args
 
-from semisynth_gl.inputs.errors import InputError, SemisynthError, described, did_you_mean, near, shown
+from semisynth_gl.inputs.errors import InputError, did_you_mean, near, shown
 
 Group = Literal["layouts", "textures", "models", "recipes"]
-"""The sorts of plug-ins; layouts are the entry points of the group ``semisynth_gl.layouts``, and so on."""
+"""The sorts of plug-ins."""
 
 GROUPS: tuple[Group, ...] = get_args(Group)
 
-NOUNS: Final[Mapping[str, str]] = MappingProxyType(
-    {"layouts": "layout", "textures": "texture source", "models": "family of models", "recipes": "scene recipe"}
-)
+NOUNS: Final[Mapping[str, str]] = {
+    "layouts": "layout",
+    "textures": "texture source",
+    "models": "family of models",
+    "recipes": "scene recipe",
+}
 """The noun for a plug-in of each group, for messages."""
 
-Used = Iterable[tuple[Group, str]]
-"""Group and name of each plug-in that a dataset uses."""
+BUILT_IN: Final[Mapping[Group, tuple[str, ...]]] = {
+    "layouts": ("crestereo", "eth3d", "kitti", "middlebury", "middlebury-2014", "sceneflow", "webdataset"),
+    "textures": ("images", "builtin", "photographs", "procedural"),
+    "models": (),  # a config has their weights beside those of plug-ins, not among them
+    "recipes": (),
+}
+"""The names of the program's own, which no plug-in may have."""
 
 Records = Mapping[str, Mapping[str, Mapping[str, str]]]
 """The package of each plug-in, ``{"package": NAME, "version": VERSION}``, by group and name, in JSON's types."""
@@ -41,25 +46,17 @@ class MissingPluginError(InputError):
 
 @dataclass(frozen=True)
 class Plugin:
-    """One entry point of an installed package; users ask for it by ``name``."""
+    """What an installed package gives under a name; ``module`` is the package's top module."""
 
     group: Group
     name: str
     package: str
     version: str
-    entry: EntryPoint = field(repr=False)
+    module: str
+    value: Any = field(repr=False)
 
     def __str__(self) -> str:
-        return (
-            f"{NOUNS[self.group]} {self.name!r} of the package {self.package} {self.version} "
-            f"(entry point {self.name} = {self.entry.value})"
-        )
-
-    @cached_property
-    def value(self) -> Any:  # noqa: ANN401 - what it should be depends on the group
-        """The object that the entry point refers to, imported at the first use; raises InputError where that fails."""
-        with self.blamed("cannot be imported"):
-            return self.entry.load()
+        return f"{NOUNS[self.group]} {self.name!r} of the package {self.package} {self.version}"
 
     @property
     def record(self) -> dict[str, str]:
@@ -68,103 +65,49 @@ class Plugin:
 
     @property
     def code_sha256(self) -> str:
-        """SHA-256 of all modules of the entry point's top package, or of its single module.
-
-        Raises OSError where the code is not in files.
-        """
-        spec = find_spec(self.entry.module.partition(".")[0])
-        if spec is None or (spec.origin is None and not spec.submodule_search_locations):
-            raise FileNotFoundError(self.entry.module)
-        path = Path(next(iter(spec.submodule_search_locations or (spec.origin or "",))))
+        """SHA-256 of all modules of the package; raises OSError where they are not in files."""
+        top = sys.modules[self.module]
+        path = Path(next(iter(getattr(top, "__path__", None) or [str(top.__file__)])))
         digest = hashlib.sha256()
         for module in sorted(path.rglob("*.py")) or [path]:
             content = module.read_bytes()
             digest.update(f"{module.relative_to(path.parent).as_posix()} {len(content)}\n".encode() + content)
         return digest.hexdigest()
 
-    def fault(self, fault: str) -> InputError:
-        """Return an error about the plug-in; ``fault`` says what its group expects, and what the plug-in gave."""
-        return InputError(f"{self}: {fault}")
-
-    @contextmanager
-    def blamed(self, what: str) -> Iterator[None]:
-        """Turn any error in the ``with`` block into an `InputError` that names the plug-in and the line of its code.
-
-        ``what`` says what the plug-in did, such as ``"cannot be imported"``. MemoryError and KeyboardInterrupt pass.
-        """
-        try:
-            yield
-        except (MemoryError, KeyboardInterrupt):
-            raise
-        except BaseException as error:  # sys.exit() too
-            if isinstance(error, SemisynthError):
-                raise self.fault(f"{what}: {error}") from error
-            frames = traceback.extract_tb(error.__traceback__)[1:]
-            own = [frame for frame in frames if frame.filename != __file__ and "importlib" not in frame.filename]
-            where = f", in {own[-1].filename}, line {own[-1].lineno}" if own else ""
-            raise self.fault(f"{what}: {described(error)}{where}") from error
-
 
 @cache
-def installed_plugins() -> tuple[Plugin, ...]:
-    """Return the plug-ins of all installed packages, sorted by group, name and package, without importing them."""
-    everything = entry_points()
-    found = [
-        Plugin(group, entry.name, entry.dist.name, entry.dist.version, entry)
-        for group in GROUPS
-        for entry in everything.select(group=f"semisynth_gl.{group}")
-        if entry.dist is not None
-    ]
-    return tuple(sorted(found, key=lambda each: (GROUPS.index(each.group), each.name, each.package)))
+def installed_plugins() -> Mapping[tuple[Group, str], Plugin]:
+    """Import the plug-ins of all installed packages; raises InputError where a name is already taken."""
+    found: dict[tuple[Group, str], Plugin] = {}
+    for entry in entry_points(group="semisynth_gl.plugins"):
+        package = cast("Distribution", entry.dist)
+        for group, values in entry.load().items():
+            for name, value in values.items():
+                plugin = Plugin(group, name, package.name, package.version, entry.module.partition(".")[0], value)
+                if name in BUILT_IN[group] or (group, name) in found:
+                    other = found.get((group, name), f"a built-in {NOUNS[group]}")
+                    raise InputError(f"{plugin} has the name of {other}: rename it, or pip uninstall {package.name}")
+                found[group, name] = plugin
+    return found
 
 
-def plugin_names(group: Group) -> tuple[str, ...]:
-    """Return the names of the installed plug-ins of a group, sorted, without importing the plug-ins."""
-    return tuple(dict.fromkeys(each.name for each in installed_plugins() if each.group == group))
+def plugin_names(group: Group) -> list[str]:
+    """Return the names of the installed plug-ins of a group, sorted."""
+    return sorted(name for each, name in installed_plugins() if each == group)
 
 
-def _called(group: Group, name: str) -> list[Plugin]:
-    return [each for each in installed_plugins() if each.group == group and each.name == name]
+def find_plugin(group: Group, name: str) -> Plugin:
+    """Return the plug-in of a name; raises MissingPluginError where no installed package has it."""
+    if plugin := installed_plugins().get((group, name)):
+        return plugin
+    known = sorted([*BUILT_IN[group], *plugin_names(group)])
+    expected = f"expected one of {', '.join(known)}" if known else "no installed package has any"
+    hint = did_you_mean(near(str(name), known))
+    raise MissingPluginError(f"{NOUNS[group]}: {expected}, got {shown(name)}{'; ' if hint else ''}{hint}")
 
 
-def find_plugin(group: Group, name: str, built_in: Collection[str] = ()) -> Plugin:
-    """Return the plug-in of a name, without importing it.
-
-    Args:
-        group: the sort of plug-in.
-        name: the entry point's name.
-        built_in: names of the program's own, which the message lists beside those of plug-ins.
-
-    Raises:
-        MissingPluginError: where no installed package has the plug-in.
-        InputError: where two packages have a plug-in of this name.
-    """
-    found = _called(group, name)
-    if not found:
-        known = sorted({*built_in, *plugin_names(group)})
-        expected = f"expected one of {', '.join(known)}" if known else "no installed package has any"
-        hint = did_you_mean(near(str(name), known))
-        raise MissingPluginError(f"{NOUNS[group]}: {expected}, got {shown(name)}{'; ' if hint else ''}{hint}")
-    if len(found) > 1:
-        listed = " and ".join(f"{each.package} {each.version} ({each.entry.value})" for each in found)
-        raise InputError(
-            f"{NOUNS[group]} {name!r}: expected one package with an entry point of this name, got {listed}: "
-            "pip uninstall one of them"
-        )
-    return found[0]
-
-
-def refuse_clash(group: Group, name: str) -> None:
-    """Raise InputError where a plug-in has the name of the built-in layout, source, ... that is asked for."""
-    for each in _called(group, name):
-        raise each.fault(
-            f"expected a name of its own, got that of a built-in {NOUNS[group]}: rename the entry point, or "
-            f"pip uninstall {each.package}"
-        )
-
-
-def plugin_records(used: Used) -> dict[str, dict[str, dict[str, str]]]:
-    """Return the records of the plug-ins that a dataset uses, see `Records`; raises as `find_plugin` does."""
+def plugin_records(used: Iterable[tuple[Group, str]]) -> dict[str, dict[str, dict[str, str]]]:
+    """Return the records of the plug-ins that a dataset uses, by group and name; raises as `find_plugin` does."""
     records: dict[str, dict[str, dict[str, str]]] = {}
     for group, name in sorted(used, key=lambda each: (GROUPS.index(each[0]), each[1])):
         records.setdefault(group, {})[name] = find_plugin(group, name).record
@@ -179,17 +122,10 @@ def require_plugins(records: Records, groups: Collection[Group] = GROUPS, *, sam
     """
     for group in groups:
         for name, record in records.get(group, {}).items():
-            here = [each.record for each in _called(group, name)]
-            if (record not in here) if same else not here:
-                package, needed = record["package"], record["version"]
+            plugin = installed_plugins().get((group, name))
+            if plugin is None or (same and plugin.record != record):
+                package, version = record["package"], record["version"]
                 raise MissingPluginError(
-                    f"{NOUNS[group]} {name!r} comes from the plug-in package {package} {needed}, {_state(package)}: "
-                    f"pip install {package}=={needed}"
+                    f"{NOUNS[group]} {name!r} comes from the plug-in package {package} {version}, which is not "
+                    f"installed: pip install {package}=={version}"
                 )
-
-
-def _state(package: str) -> str:
-    try:
-        return f"and {version(package)} is installed"
-    except PackageNotFoundError:
-        return "which is not installed"

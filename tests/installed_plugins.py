@@ -9,7 +9,7 @@ from pathlib import Path
 from hatchling import build
 
 from semisynth_gl import plugins
-from semisynth_gl.layouts import foreign
+from semisynth_gl.layouts import find_layout
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "acme-stereo"
 """The package that docs/extending.md tells of."""
@@ -27,20 +27,20 @@ def unpack(wheel, folder):
         archive.extractall(folder)
 
 
-def write_package(folder, entries, code="", name="other-plugins", version="0.3"):
-    """Write an installed package with the module `other`: its entry points, by group, and its code."""
-    info = folder / f"{name.replace('-', '_')}-{version}.dist-info"
+def write_package(folder, code, name="other-plugins", version="0.3"):
+    """Write an installed package with one module, whose `PLUGINS` has its plug-ins."""
+    module = name.replace("-", "_")
+    info = folder / f"{module}-{version}.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
-    lines = [f"[semisynth_gl.{group}]\n" + "".join(f"{line}\n" for line in found) for group, found in entries.items()]
-    (info / "entry_points.txt").write_text("\n".join(lines))
-    (folder / "other.py").write_text(code)
+    (info / "entry_points.txt").write_text(f"[semisynth_gl.plugins]\n{module} = {module}:PLUGINS\n")
+    (folder / f"{module}.py").write_text(code)
 
 
 def find_anew():
     """Forget which plug-ins there are, and their modules, as a new process would."""
     importlib.invalidate_caches()
     plugins.installed_plugins.cache_clear()
-    foreign.checked_layout.cache_clear()
-    for name in [name for name in sys.modules if name.partition(".")[0] in ("acme_stereo", "other")]:
+    find_layout.cache_clear()
+    for name in [name for name in sys.modules if name.partition(".")[0] in ("acme_stereo", "other_plugins", "second")]:
         del sys.modules[name]

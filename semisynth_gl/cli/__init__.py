@@ -4,12 +4,12 @@ import errno
 import logging
 import sys
 from importlib import import_module
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import click
 
 from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_raise
-from semisynth_gl.inputs.errors import SemisynthError, described, did_you_mean, near
+from semisynth_gl.inputs.errors import SemisynthError, did_you_mean, near
 
 # Also the code of a run that was stopped or ran out of disk space; it leaves nothing half-written, and can start again.
 _REFUSED = 2
@@ -32,16 +32,6 @@ class _LazyGroup(click.Group):
         with interrupts_end():
             command: click.Command = getattr(import_module(f"semisynth_gl.cli.{cmd_name}"), cmd_name)
         return command
-
-    def invoke(self, ctx: click.Context) -> Any:  # noqa: ANN401 - click's signature
-        """Run the command. Our commands exit through click's context, so SystemExit comes from another package."""
-        try:
-            return super().invoke(ctx)
-        except SystemExit as error:
-            raise SemisynthError(
-                f"a package ended the command before it was done ({described(error)}): see whether it runs without the "
-                "plug-ins that `semisynth-gl doctor` lists"
-            ) from error
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

@@ -1,41 +1,19 @@
 """``semisynth-gl doctor``."""
 
 import platform
-from collections.abc import Callable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 
 import click
-import numpy as np
 
 from semisynth_gl.cache import cache_summary
 from semisynth_gl.cli.wording import Command
-from semisynth_gl.config.plugin_recipes import plugin_recipe
-from semisynth_gl.geometry.families import build_family
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.inputs.opencv import open_opencv
-from semisynth_gl.layouts import find_layout
-from semisynth_gl.plugins import Group, Plugin, installed_plugins
+from semisynth_gl.plugins import installed_plugins
 from semisynth_gl.render.backends import Backend
-from semisynth_gl.seeds.splits import Split
-from semisynth_gl.textures.sources import open_source
 
 _PACKAGES = ("semisynth-gl", "moderngl", "glcontext", "numpy", "trimesh", "Pillow", "isal", "scikit-image")
 _LARGEST_ERROR_PX = 1e-3
-
-
-def _draw_picture(name: str) -> None:
-    pictures = open_source(name).pictures
-    if pictures is not None:
-        next(iter(pictures(np.random.default_rng(0))), None)
-
-
-# The trial of each sort of plug-in: loads it, and draws its first picture or builds one of its models.
-_TRIALS: Mapping[Group, Callable[[str], object]] = {
-    "layouts": find_layout,
-    "textures": _draw_picture,
-    "models": lambda name: build_family(name, 1, Split(0)),
-    "recipes": plugin_recipe,
-}
 
 
 @click.command(cls=Command)
@@ -49,8 +27,8 @@ def doctor() -> None:
     for package in _PACKAGES:
         click.echo(f"  {package} {_version(package)}")
     click.echo(f"  OpenCV {_opencv_version()}")
-    for plugin in installed_plugins():
-        click.echo(f"Plug-in: {plugin}{_fault(plugin)}")
+    for plugin in installed_plugins().values():
+        click.echo(f"Plug-in: {plugin}")
     click.echo(f"Cache: {cache_summary()}")
     click.echo("EGL devices (in EGL's order, which is not CUDA's)")
     for device in egl_devices():
@@ -97,15 +75,6 @@ def _try(backend: Backend) -> bool:
     verdict = "good" if good else f"WRONG, at most {_LARGEST_ERROR_PX:g} was expected"
     click.echo(f"  test pair: largest error of the disparity {error_px:.1e} px: {verdict}")
     return good
-
-
-def _fault(plugin: Plugin) -> str:
-    """Return what is wrong with a plug-in, "" where nothing is."""
-    try:
-        _TRIALS[plugin.group](plugin.name)
-    except InputError as error:
-        return f"\n  BROKEN: {error}"
-    return ""
 
 
 def _opencv_version() -> str:

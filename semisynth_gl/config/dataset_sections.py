@@ -23,6 +23,7 @@ from semisynth_gl.config.fields import (
     one_of,
 )
 from semisynth_gl.frame.camera import MOST_FOCAL_RATIO, MOST_TURN_RAD
+from semisynth_gl.plugins import BUILT_IN
 from semisynth_gl.seeds.splits import Split, SplitName
 
 _MOST_TURN_DEG = round(degrees(MOST_TURN_RAD))
@@ -31,7 +32,7 @@ _SUB_FRAMES = 7
 # Largest number of characters in a licence.
 _LONGEST_LICENCE = 1000
 
-LAYOUTS = ("crestereo", "eth3d", "kitti", "middlebury", "middlebury-2014", "sceneflow", "webdataset")
+LAYOUTS = BUILT_IN["layouts"]
 """The names of the program's own layouts: the modules of `semisynth_gl.layouts`."""
 
 _Licence = Annotated[str, Field(max_length=_LONGEST_LICENCE)]

@@ -1,5 +1,6 @@
 """Reading a config: YAML with ``extends``, overrides, and errors that name file, line and key."""
 
+import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -30,19 +31,15 @@ from semisynth_gl.config.fields import is_number
 from semisynth_gl.config.image_size import recentred, scaled
 from semisynth_gl.config.merge import Document, keys_of, merged
 from semisynth_gl.config.model import Config
-from semisynth_gl.config.plugin_recipes import plugin_recipe
-from semisynth_gl.config.scene_sections import TEXTURE_SOURCES
 from semisynth_gl.config.yaml_values import DEEPEST, MOST_BYTES, Key, YamlError, read_yaml
 from semisynth_gl.inputs.arguments import check_type
 from semisynth_gl.inputs.errors import InputError, counted, cut, did_you_mean, near, shown
 from semisynth_gl.inputs.resources import data_root
 from semisynth_gl.inputs.user_files import expanded, read_file
-from semisynth_gl.plugins import Group, find_plugin
+from semisynth_gl.plugins import find_plugin, installed_plugins
 
 _EXTENDS = "extends"
 _SCALE = "scale"
-
-_BUILT_IN: Mapping[Group, Sequence[str]] = {"layouts": LAYOUTS, "textures": TEXTURE_SOURCES}
 
 # Largest factor of ``scale``, and of its inverse.
 _MOST_TIMES = 64
@@ -128,12 +125,13 @@ def _validated(document: Document, overrides: Overrides = ()) -> Config:
         lines = [explain_fault(fault, document) for fault in faults[:_FAULTS_SHOWN]]
         more = [f"and {counted(len(faults) - _FAULTS_SHOWN, 'more fault')}"] if len(faults) > _FAULTS_SHOWN else []
         raise InputError("\n".join([*dict.fromkeys(lines), *more])) from None
+    installed_plugins()  # refuses one that has a built-in name, which the config may mean
     used = config.used_plugins()
     if config.layout is not None and config.layout not in LAYOUTS:
         used[("layout",)] = ("layouts", config.layout)
     for key, (group, name) in used.items():
         with _blamed_on(key, document):
-            find_plugin(group, name, _BUILT_IN.get(group, ()))
+            find_plugin(group, name)
     return config
 
 
@@ -157,8 +155,10 @@ def _read_other_sources(document: Document) -> None:
         name = recipe.get(_EXTENDS) if isinstance(recipe, dict) else None
         if isinstance(name, str):
             with _blamed_on((SCENES, number, _EXTENDS), document):
-                keys = plugin_recipe(name)
-            recipes[number] = merged(Document({"recipe": name} | keys), Document(recipe)).values
+                keys = find_plugin("recipes", name).value
+            # A copy in JSON's types, which a config has.
+            keys = json.loads(json.dumps({"recipe": name} | keys))
+            recipes[number] = merged(Document(keys), Document(recipe)).values
     _read_target_file(document, document.values, ())
     for number, recipe in enumerate(recipes):
         if isinstance(recipe, dict):

@@ -21,6 +21,7 @@ from semisynth_gl.config.fields import (
     at_most,
     count,
 )
+from semisynth_gl.plugins import BUILT_IN
 
 _EDGE_ON_DEG = 90
 
@@ -32,7 +33,7 @@ _BYTES_PER_TEXEL = 4
 # Largest number of items in a list or mapping.
 _MOST_ITEMS = 1000
 
-TEXTURE_SOURCES = ("images", "builtin", "photographs", "procedural")
+TEXTURE_SOURCES = BUILT_IN["textures"]
 """The program's own sources of patches; any other name is a plug-in's."""
 
 MODEL_FAMILIES = ("simple", "complex", "user")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.cache import Entry, cached, file_states, installed_packages, package_versions
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
-from semisynth_gl.geometry.families import build_family, find_family
+from semisynth_gl.geometry.families import build_family
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS, kind_weights
 from semisynth_gl.geometry.mesh import Floats, Mesh
 from semisynth_gl.geometry.model_files import OUT_OF_MEMORY, load_models
@@ -21,6 +21,7 @@ from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette, views_
 from semisynth_gl.geometry.topology import marked_solid
 from semisynth_gl.inputs.errors import InputError, Skipped
 from semisynth_gl.inputs.user_files import expanded, files_below
+from semisynth_gl.plugins import find_plugin
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
 
@@ -80,7 +81,7 @@ def build_library(section: ModelsSection, particles: ParticlesSection, split: Sp
     if not all(folder.is_dir() for folder in folders):  # not cached: a single file may refer to any file beside it
         return _build(section, particles, split)
     files = [sorted(files_below(folder)) for folder in folders]
-    families = [find_family(name) for name, weight in section.families.items() if weight > 0]
+    families = [find_plugin("models", name) for name, weight in section.families.items() if weight > 0]
 
     def key() -> dict[str, Any]:
         return {

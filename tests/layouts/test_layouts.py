@@ -276,7 +276,7 @@ def test_an_encoding_of_a_layout_is_no_choice_of_a_config():
 
 def test_configs_know_the_names_of_all_layouts():
     modules = {path.stem.replace("_", "-") for path in Path(layouts.__file__).parent.glob("*.py")}
-    assert {*LAYOUTS} == modules - {"--init--", "foreign", "key", "layout", "roles"}
+    assert {*LAYOUTS} == modules - {"--init--", "key", "layout", "roles"}
     assert {config.layout for config in map(load_config, packaged_configs())} <= {None, *LAYOUTS}
     with pytest.raises(InputError, match=r"lab.yaml:2: layout: layout: expected one of .*did you mean kitti\?"):
         parse_config("extends: kitti\nlayout: kiti\n", "lab.yaml")

@@ -366,12 +366,14 @@ def test_a_state_of_another_plug_in_is_refused(tmp_path):
 
 def thing(rng):
     yield numpy.random.default_rng({}).integers(0, 256, (99, 99, 3), "uint8")
+
+PLUGINS = {{"textures": {{"thing": thing}}}}
 """
 
     def stream_with(version, seed):
         """A stream of a plug-in's picture, as a process finds it."""
         folder = tmp_path / f"{version}-{seed}"
-        write_package(folder, {"textures": ["thing = other:thing"]}, code.format(seed), version=version)
+        write_package(folder, code.format(seed), version=version)
         patch.syspath_prepend(str(folder))
         find_anew()
         made = StereoStream(cheap(textures={"source": "thing"}), SEED)

@@ -1,0 +1,38 @@
+"""Models from the positions and triangles of other programs."""
+
+import numpy as np
+import pytest
+
+from semisynth_gl import make_model
+from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.inputs.errors import InputError
+
+
+def surface(mesh):
+    """Lengths of edges on the surface and in UV, model units."""
+    corners, uv = mesh.positions[mesh.triangles], mesh.uv[mesh.triangles]
+    return (np.linalg.norm(np.diff(each, axis=1), axis=2) for each in (corners, uv))
+
+
+def test_a_model_is_scaled_and_gets_uv_in_its_units():
+    corners = np.array([[0, 0, 5], [30, 0, 5], [30, 40, 5], [0, 40, 5], [900, 900, 900]]) * 1.0
+    triangles = [[0, 1, 2], [0, 2, 3]]
+    for uv in (None, corners[:, :2] / 7, np.zeros((5, 2))):
+        mesh = make_model("sheet", corners, triangles, uv)
+        assert isinstance(mesh, Mesh)
+        assert mesh.radius == pytest.approx(1)
+        assert len(mesh.positions) == 4  # no triangle has the fifth
+        lengths, in_uv = surface(mesh)
+        np.testing.assert_allclose(lengths, in_uv, rtol=1e-5)
+    for arguments, message in (
+        ((corners, [[0, 1, 5]]), "triangle index 5 is out of range"),
+        ((corners, [[0, 1, -1]]), "index -1 is negative"),
+        ((corners[:, :2], triangles), r"positions must be \(V, 3\)"),
+        ((corners * np.nan, triangles), "not finite"),
+        ((corners, triangles, corners[:2, :2]), "5 positions but 2 uv"),
+        ((corners, [[0, 0, 1]]), "has no triangle with an area"),
+        ((corners, []), "has no triangles"),
+        (("cube", triangles), "positions"),
+    ):
+        with pytest.raises(InputError, match=message):
+            make_model("sheet", *arguments)
