@@ -25,7 +25,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.config.load import Overrides, parse_config
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.histogram import total_variation
-from semisynth_gl.inputs.arguments import check_one_of, check_type, to_real, to_whole
+from semisynth_gl.inputs.arguments import LEAST, check_one_of, to_real, to_whole
 from semisynth_gl.inputs.errors import BackendError, InputError, counted, shown
 from semisynth_gl.inputs.user_files import Files, expanded, names_of
 from semisynth_gl.lens.chain import LensChain
@@ -118,24 +118,24 @@ def calibrate(
         ReadError: where a file cannot be read.
         BackendError: where OpenGL is missing, and ``trials`` is above 0.
     """
-    image_sources, calib_sources = names_of("images", images), names_of("calib", calib)
+    image_sources, calib_sources = names_of(images), names_of(calib)
     kind = "depth" if depth else "disparity"
-    map_sources = names_of(kind, depth or disparity)
-    trials = to_whole("`trials`", trials, least=0)
-    scale = None if scale is None else _positive("`scale`", scale)
-    png_scale = _positive("`png_scale`", png_scale)
-    range_px = None if range_px is None else _two_numbers("`range_px`", range_px)
-    range_m = None if range_m is None else _two_numbers("`range_m`", range_m)
-    check_type("`name`", name, str)
-    check_type("`listener`", listener, Listener | None)
+    map_sources = names_of(depth or disparity)
+    trials = to_whole("trials", trials, least=0)
+    scale = None if scale is None else to_real("scale", scale, least=LEAST)
+    png_scale = to_real("png_scale", png_scale, least=LEAST)
+    range_px = None if range_px is None else _two_numbers("range_px", range_px)
+    range_m = None if range_m is None else _two_numbers("range_m", range_m)
     if unit is not None:
-        check_one_of("`unit`", unit, UNITS)
+        check_one_of("unit", unit, UNITS)
     _check_one_of({"range_px": range_px, "range_m": range_m, "disparity": disparity, "depth": depth})
     _check_pairs(pairs)
-    check_type("`rectify_to`", rectify_to, str | PathLike | None)
     notes: list[str] = []
     unit_m = None if unit is None else UNITS[unit]
-    view = {"alpha": _within("`alpha`", alpha, 0, 1), "fov_deg": _within("`fov_deg`", fov_deg, 10, 170)}
+    view = {
+        "alpha": None if alpha is None else to_real("alpha", alpha, 0, 1),
+        "fov_deg": None if fov_deg is None else to_real("fov_deg", fov_deg, 10, 170),
+    }
     rigs = _rigs(calib_sources, focal_px, baseline_m, _size(size), unit_m, view)
     if not other_camera:
         rigs = _cropped(rigs, photograph_sizes(find_images(image_sources)), scale, notes)
@@ -143,9 +143,7 @@ def calibrate(
     scaled = rigs if scale is None else [rig.scaled(scale) for rig in rigs]
     if rectify_to is not None:
         if other_camera:
-            raise InputError(
-                "`rectify_to` needs photographs of the rig, but `other_camera` says that another took them"
-            )
+            raise InputError("needs photographs of the rig, but other_camera is set", argument="rectify_to")
         image_sources, pairs = _rectified(image_sources, pairs, scaled, expanded(fspath(rectify_to)), notes)
     facts = config_facts(
         rigs,
@@ -162,8 +160,9 @@ def calibrate(
     config = _parsed(config_text(name, facts, style), name)
     if trials and [recipe.recipe for recipe in config.scenes] != [recipe.name for recipe in facts.recipes]:
         raise InputError(
-            "`overrides`: scenes cannot be set where trial pairs weigh the recipes: set `trials` to 0, or change scenes"
-            " in the file that is written"
+            "scenes cannot be set where trial pairs weigh the recipes: make no trials, or change scenes in the file "
+            "that is written",
+            argument="overrides",
         )
     facts = replace(facts, layout=suited_layout(config, rigs))
     # Prepares the dataset's patches: unusable photographs are reported now, and the patches are cached.
@@ -185,9 +184,9 @@ def calibrate(
 
 
 def _check_one_of(sources: Mapping[str, object]) -> None:
-    given = [f"`{argument}`" for argument, value in sources.items() if value]
+    given = [argument for argument, value in sources.items() if value]
     if len(given) > 1:
-        raise InputError(f"{' and '.join(given[:2])} both state the disparities: give only one of them")
+        raise InputError(f"{given[0]} also states the disparities: give only one of them", argument=given[1])
 
 
 def _parsed(text: str, name: str) -> Config:
@@ -197,36 +196,18 @@ def _parsed(text: str, name: str) -> Config:
         raise InputError(f"the numbers make no valid config:\n{error}") from None
 
 
-def _positive(name: str, value: object) -> float:
-    number = to_real(name, value)
-    if number <= 0:
-        raise InputError(f"{name} must be above 0, got {number:g}")
-    return number
-
-
 def _two_numbers(name: str, values: Sequence[float]) -> tuple[float, float]:
-    check_type(name, values, Sequence)
-    if isinstance(values, str) or len(values) != 2:
-        raise InputError(f"{name}: expected two numbers, got {shown(values)}")
+    if len(values) != 2:
+        raise InputError(f"expected two numbers, got {shown(values)}", argument=name)
     return to_real(name, values[0]), to_real(name, values[1])
 
 
 def _size(size: tuple[int, int] | None) -> Size | None:
     if size is None:
         return None
-    check_type("`size`", size, Sequence)
     if len(size) != len(Size._fields):
-        raise InputError(f"`size`: expected width and height, got {shown(size)}")
-    return Size(*(to_whole("`size`", side, least=1) for side in size))
-
-
-def _within(name: str, value: float | None, least: float, most: float) -> float | None:
-    if value is None:
-        return None
-    number = to_real(name, value)
-    if not least <= number <= most:
-        raise InputError(f"{name}: expected a number from {least:g} to {most:g}, got {number:g}")
-    return number
+        raise InputError(f"expected width and height, got {shown(size)}", argument="size")
+    return Size(*(to_whole("size", side, least=1) for side in size))
 
 
 def _rigs(
@@ -238,21 +219,21 @@ def _rigs(
     view: Mapping[str, float | None],
 ) -> list[Rig]:
     """Read or make the rigs; ``view`` has ``alpha`` and ``fov_deg``, which choose how lenses are rectified."""
-    chosen = [f"`{name}`" for name, value in view.items() if value is not None]
+    chosen = [name for name, value in view.items() if value is not None]
     if len(chosen) > 1:
-        raise InputError(f"{' and '.join(chosen)} both choose the view: give only one of them")
-    plain = {"`focal_px`": focal_px, "`baseline_m`": baseline_m}
+        raise InputError("alpha also chooses the view: give only one of them", argument="fov_deg")
+    plain = {"focal_px": focal_px, "baseline_m": baseline_m}
     given = [name for name, value in plain.items() if value is not None]
     if calib:
         if given:
-            raise InputError(f"{' and '.join(given)}: `calib` states the same: give one or the other")
+            raise InputError("the calibration states the same: give one or the other", argument=given[0])
         return read_rigs(calib, size=size, unit_m=unit_m, **view)
     if chosen:
-        raise InputError(f"{chosen[0]} is for the lenses of a calibration: give `calib`, or leave {chosen[0]} out")
+        raise InputError("is for the lenses of a calibration: give one, or leave this out", argument=chosen[0])
     if focal_px is None or baseline_m is None or size is None:
-        missing = [name for name, value in (plain | {"`size`": size}).items() if value is None]
-        raise InputError(f"{', '.join(missing)} missing: give `calib`, or `focal_px`, `baseline_m` and `size`")
-    return [plain_rig(to_real("`focal_px`", focal_px), to_real("`baseline_m`", baseline_m), size)]
+        missing = [name for name, value in (plain | {"size": size}).items() if value is None]
+        raise InputError("missing: give a calibration, or focal length, baseline and size", argument=missing[0])
+    return [plain_rig(to_real("focal_px", focal_px), to_real("baseline_m", baseline_m), size)]
 
 
 def _cropped(rigs: list[Rig], photographs: Sequence[Size], scale: float | None, notes: list[str]) -> list[Rig]:
@@ -268,10 +249,9 @@ def _cropped(rigs: list[Rig], photographs: Sequence[Size], scale: float | None, 
 
 
 def _check_pairs(pairs: Sequence[tuple[str | PathLike[str], str | PathLike[str]]]) -> None:
-    check_type("`pairs`", pairs, Sequence)
     for pair in pairs:
-        if isinstance(pair, str) or not isinstance(pair, Sequence) or len(names_of("pairs", pair)) != 2:
-            raise InputError(f"`pairs`: expected pairs of a left and a right photograph, got {shown(pair)}")
+        if isinstance(pair, str) or not isinstance(pair, Sequence) or len(pair) != 2:
+            raise InputError(f"expected pairs of a left and a right photograph, got {shown(pair)}", argument="pairs")
 
 
 def _pairs(
@@ -287,7 +267,7 @@ def _pairs(
     """
     if pairs:
         if other_camera:
-            raise InputError("`pairs` need photographs of the rig, but `other_camera` says that another took them")
+            raise InputError("needs photographs of the rig, but other_camera is set", argument="pairs")
         open_matcher()
         return [pair for left, right in pairs for pair in given_pairs(fspath(left), fspath(right))]
     found = [] if other_camera else fitting_pairs(pairs_among(find_images(images)), rigs)
@@ -326,9 +306,10 @@ def _rectified(
     if len(rigs) > 1 or rigs[0].raw is None:
         fault = next((f"; {rig.source}: {rig.lens_fault}" for rig in rigs if rig.lens_fault), "")
         raise InputError(
-            f"`rectify_to` {folder}: expected the calibration of one rig with its cameras before rectification (K and "
-            "D of both, with R1 and R2 or R and T, as OpenCV, ROS, Kalibr, Basalt or DepthAI write them): give it as "
-            f"`calib`, or rectified photographs without `rectify_to`{fault}"
+            "expected the calibration of one rig with its cameras before rectification (K and D of both, with R1 and "
+            "R2 or R and T, as OpenCV, ROS, Kalibr, Basalt or DepthAI write them): give it, or rectified photographs"
+            f"{fault}",
+            argument="rectify_to",
         )
     given = [pair for left, right in pairs for pair in given_pairs(fspath(left), fspath(right))]
     photographs = find_images(images)
@@ -346,7 +327,7 @@ def _tried(facts: ConfigFacts, place: MeasuredPlace, trials: int, listener: List
     try:
         return tried_style(facts, place.side, trials, listener)
     except BackendError as error:
-        message = f"{error}\nWithout OpenGL, set `trials` to 0: the config is then made without trial pairs"
+        message = f"{error}\nWithout OpenGL, make no trials: the config is then made without trial pairs"
         raise BackendError(message) from None
 
 

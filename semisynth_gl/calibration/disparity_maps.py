@@ -69,8 +69,8 @@ def measure_maps(
         if largest > size.width_px:
             raise InputError(
                 f"{path}: holds disparities up to {largest:g} px in an image {size.width_px} px wide: expected "
-                f"disparities up to the width. If a PNG has not {png_scale:g} levels per pixel, set `png_scale`; "
-                "if the map holds depths, give it as `depth`"
+                f"disparities up to the width. If a PNG has not {png_scale:g} levels per pixel, give its "
+                "scale; if the map holds depths, give it as a depth map"
             )
         if size not in sizes:
             disparity = disparity * np.float32(_scale_to(median, size, path))

@@ -78,7 +78,9 @@ def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRa
     least_doffs_px = min(rig.camera.doffs_px for rig in rigs)
     if source.maps:
         if source.depths and len(rigs) > 1:
-            raise InputError(f"`depth`: expected the maps and the calibration of one rig, got {len(rigs)} calibrations")
+            raise InputError(
+                f"expected the maps and the calibration of one rig, got {len(rigs)} calibrations", argument="depth"
+            )
         measured = measure_maps(source.maps, rigs, source.png_scale, depths=source.depths)
         maps = counted(len(source.maps), f"{'depth' if source.depths else 'disparity'} map")
         names = abbreviate([str(path) for path in source.maps], _NAMED)
@@ -96,7 +98,9 @@ def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRa
     elif source.range_m is not None:
         near_m, far_m = source.range_m
         if not 0 < near_m < far_m:
-            raise InputError(f"`range_m` {near_m:g} {far_m:g}: expected two distances above 0, the nearer one first")
+            raise InputError(
+                f"expected two distances above 0, the nearer one first, got {near_m:g} {far_m:g}", argument="range_m"
+            )
         cameras = [rig.camera for rig in rigs]
         ends_px = (
             min(camera.focal_baseline / far_m - camera.doffs_px for camera in cameras),
@@ -131,9 +135,9 @@ def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[tupl
     if not largest:
         camera = rigs[0].camera
         raise InputError(
-            f"the range of disparity is not known: {rigs[0].source} states none, as ndisp or vmax; give disparity maps "
-            "as `disparity`, or the range as `range_px` or, in metres, as `range_m`: at a distance of Z m, this rig "
-            f"has {camera.focal_baseline:.4g} / Z - {camera.doffs_px:.4g} px"
+            f"the range of disparity is not known: {rigs[0].source} states none, as ndisp or vmax; give disparity "
+            "maps, or the range in pixels or metres: at a distance of Z m, this rig has "
+            f"{camera.focal_baseline:.4g} / Z - {camera.doffs_px:.4g} px"
         )
     high_px, name, source = max(largest)
     # A vmin of 0 stands for an unknown one, and a vmin beyond infinity is not valid.
@@ -164,9 +168,7 @@ def measured_range(histogram: Histogram, least_doffs_px: float = 0.0) -> Dispari
     lie beyond infinity.
     """
     low, high = histogram.quantile(_LOWEST), histogram.quantile(_HIGHEST)
-    advice = (
-        "give disparity maps of these rigs, depth maps as `depth`, or calibrate rigs with different doffs separately"
-    )
+    advice = "give disparity maps of these rigs, depth maps, or calibrate rigs with different doffs separately"
     _check_before_infinity(low, least_doffs_px, "a thousandth of the measured disparities lies below", advice)
     first = _rounded_down(low, farthest_px(least_doffs_px, signed=low <= 0))
     edges, bin_px = _bins(first, max(high * _HEADROOM, high + (_HEADROOM - 1) * (high - first)))
@@ -181,13 +183,13 @@ def chosen_range(low_px: float | None, high_px: float, least_doffs_px: float = 0
     """
     farthest = farthest_px(least_doffs_px)
     if farthest > 0:
-        advice = "give the range of this rig, low and high, as `range_px`"
+        advice = "give the range of this rig, low and high, in pixels"
         _check_before_infinity(high_px, least_doffs_px, "the range of disparity ends at", advice)
     low = farthest + _LOW_OF_HIGH * (high_px - farthest) if low_px is None else low_px
     if not (low < high_px < math.inf and (low > 0 or least_doffs_px > 0)):
         above = "" if least_doffs_px > 0 else ", both above 0"
         raise InputError(f"the range of disparity is {low:g} to {high_px:g} px: expected low < high{above}")
-    advice = "give a range that begins above it as `range_px`"
+    advice = "give a range that begins above it"
     _check_before_infinity(low, least_doffs_px, "the range of disparity begins at", advice)
     edges, bin_px = _bins(low, high_px)
     inside = np.clip((np.clip(edges, low, high_px) - low) / (high_px - low), 0, 1)

@@ -40,12 +40,15 @@ def given_pairs(left: str, right: str) -> list[tuple[Path, Path]]:
     lefts, rights = find_images([left]), find_images([right])
     if len(lefts) != len(rights):
         raise InputError(
-            f"`pairs` {left} {right}: {counted(len(lefts), 'left image')} and {counted(len(rights), 'right image')}: "
-            "expected equal numbers, in the same order by name"
+            f"{left} {right}: {counted(len(lefts), 'left image')} and {counted(len(rights), 'right image')}: "
+            "expected equal numbers, in the same order by name",
+            argument="pairs",
         )
     same = [path for path in lefts if path in set(rights)]
     if same:
-        raise InputError(f"`pairs` {left} {right}: {same[0]} is on both sides: expected left views, then right views")
+        raise InputError(
+            f"{left} {right}: {same[0]} is on both sides: expected left views, then right views", argument="pairs"
+        )
     return list(zip(lefts, rights, strict=True))
 
 

@@ -65,7 +65,7 @@ def opencv_rig(file: OpenCvValues, size: Size | None, unit_m: float | None) -> P
     if file.raw_only:
         raise FormatError(
             "is not rectified: it has the cameras before rectification, but not how they stand to each other: expected "
-            "P1 and P2 (OpenCV: stereoRectify), or R and T, here or in another `calib`"
+            "P1 and P2 (OpenCV: stereoRectify), or R and T, here or in another file"
         )
     values, source = file.values, file.source
     own_size = stated_size(values)
@@ -85,7 +85,7 @@ def opencv_rig(file: OpenCvValues, size: Size | None, unit_m: float | None) -> P
         raise FormatError("has R and T, but lacks the cameras: expected K1, D1, K2 and D2 as well")
     else:
         if size is None:
-            raise FormatError("does not say how large the images are: give `size`, width and height")
+            raise FormatError("does not say how large the images are: give the size, width and height")
         turn, shift = rotation("R", values["R"]), numbers("T", values["T"], None)
         if len(shift) != _AXES:
             raise FormatError(f"T: expected {_AXES} numbers, got {len(shift)}")
@@ -102,8 +102,8 @@ def opencv_rig(file: OpenCvValues, size: Size | None, unit_m: float | None) -> P
 def _check_unit(baseline: float, unit_m: float | None) -> None:
     if unit_m is None and baseline > LONGEST_M:
         raise FormatError(
-            f"the baseline would be {baseline:g} m: the file is probably not in metres. Set `unit` to mm, cm or m, the "
-            "unit of the calibration board's squares"
+            f"the baseline would be {baseline:g} m: the file is probably not in metres. Give the unit (mm, cm or m) "
+            "of the calibration board's squares"
         )
 
 

@@ -56,19 +56,16 @@ def check_sizes(photographs: Sequence[Size], calibrated: Sequence[Size], scale: 
         return fitting
     better = _scale_that_fits(sizes, calibrated)
     if better is None:
-        advice = "no `scale` gives even half of them a calibrated size: give the calibration of these images; or, if"
+        advice = "no scale gives even half of them a calibrated size: give the calibration of these images; or, if"
     elif better == 1:
-        advice = "without `scale` they fit; or, if"
+        advice = "without a scale they fit; or, if"
     else:
-        advice = (
-            "if the photographs are the rig's images reduced or enlarged, scale the calibration: "
-            f"`scale` {better:.6g}; if"
-        )
-    of_scale = "" if scale is None else f" with `scale` {scale:g}"
+        advice = f"if the photographs are the rig's images reduced or enlarged, give the scale {better:.6g}; if"
+    of_scale = "" if scale is None else f" times {scale:g}"
     raise InputError(
         f"the calibration is for images of {_listed(Counter(wanted))}{of_scale}, but of "
         f"{counted(sizes.total(), 'photograph')} none has that size: they have {_listed(sizes)}; {advice} "
-        "they were taken with another camera, say so with `other_camera`"
+        "they were taken with another camera, say so (other_camera)"
     )
 
 

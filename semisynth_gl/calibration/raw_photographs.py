@@ -62,7 +62,7 @@ def rectify_photographs(
     given = {path: _whole(path) for path in (*photographs, *(path for pair in pairs for path in pair))}
     source = reaching_source(folder / "x.png", sources, image_extensions())
     if source is not None:
-        raise InputError(f"`rectify_to` {folder}: lies among the photographs ({source}): name another folder")
+        raise InputError(f"{folder} lies among the photographs ({source}): name another", argument="rectify_to")
     chains = lens_chains(rig)
     left, right = ({given[pair[side]] for pair in pairs} for side in (0, 1))
     taken = list(dict.fromkeys(given.values()))
@@ -78,7 +78,7 @@ def rectify_photographs(
         raise InputError(
             f"{rig.source}: the raw images have {expected}, but of {counted(len(taken), 'photograph')} none has that "
             f"size: they have {', '.join(map(str, sizes[:_NAMED]))}: give photographs as the cameras take them, or "
-            "`scale` if they are reduced"
+            "the scale if they are reduced"
         )
     written = _names(fitting, top, folder)
     _check_folder(written.values(), folder)
@@ -90,7 +90,9 @@ def rectify_photographs(
         if file.exists():
             # Configs cut their patches from these files, and others' photographs may have the same names.
             if not np.array_equal(read_image(file), rectified):
-                raise InputError(f"`rectify_to` {folder}: {file.name} is there with other pixels: name a new folder")
+                raise InputError(
+                    f"{folder} has a {file.name} with other pixels: name a new folder", argument="rectify_to"
+                )
             continue
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(RGB8.encode(rectified))
@@ -128,7 +130,7 @@ def _names(photographs: Sequence[Path], top: Path, folder: Path) -> dict[Path, P
     raw_by_file: dict[Path, Path] = {}
     for path, file in files.items():
         if os.path.realpath(file) in raw_files:
-            raise InputError(f"`rectify_to` {folder}: would replace the photograph {path}: name another folder")
+            raise InputError(f"{folder}: would replace the photograph {path}: name another", argument="rectify_to")
         if file in raw_by_file:
             raise InputError(
                 f"{path} and {raw_by_file[file]}: both would be rectified to {file}: expected names that differ in "
@@ -141,11 +143,11 @@ def _names(photographs: Sequence[Path], top: Path, folder: Path) -> dict[Path, P
 def _check_folder(files: Collection[Path], folder: Path) -> None:
     """Refuse a folder with images that would not be written: they would become textures, too."""
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"`rectify_to` {folder}: is a file: name a new folder")
+        raise InputError(f"{folder} is a file: name a new folder", argument="rectify_to")
     found = find_files([folder], image_extensions()) if folder.exists() else []
     others = [path for path in found if path not in files]
     if others:
         raise InputError(
-            f"`rectify_to` {folder}: holds {counted(len(others), 'other image')}, such as {others[0].name}: name a new "
-            "folder"
+            f"{folder} holds {counted(len(others), 'other image')}, such as {others[0].name}: name a new folder",
+            argument="rectify_to",
         )

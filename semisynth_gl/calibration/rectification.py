@@ -111,8 +111,9 @@ def _check_sides(matches: Matches, camera: StereoCamera, left: Path, right: Path
     beyond_px = float(np.median(matches.left[:, 0] - matches.right[:, 0])) + camera.doffs_px
     if beyond_px < -_BEYOND_PX:
         raise InputError(
-            f"`pairs` {left} {right}: half of the points have disparities {-beyond_px:.1f} px or more below "
-            "infinity's: expected the left view, then the right one, both rectified"
+            f"{left} {right}: half of the points have disparities {-beyond_px:.1f} px or more below infinity's: "
+            "expected the left view, then the right one, both rectified",
+            argument="pairs",
         )
 
 

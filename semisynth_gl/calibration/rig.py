@@ -147,7 +147,9 @@ class Rig:
 def plain_rig(focal_px: float, baseline_m: float, size: Size) -> Rig:
     """Return a rig with central principal points; raises InputError where a number is out of range."""
     if not baseline_m > 0:
-        raise InputError(f"`baseline_m` {baseline_m:g}: expected a distance above 0, from the left camera to the right")
+        raise InputError(
+            f"expected a distance above 0, from the left camera to the right, got {baseline_m:g}", argument="baseline_m"
+        )
     return Rig(StereoCamera.centred(*size, focal_px, baseline_m), "the focal length, baseline and size given")
 
 
@@ -199,12 +201,13 @@ def _size_of(projections: Projections, size: Size | None) -> Size:
     source = projections.source
     if projections.size is not None and size is not None and projections.size != size:
         raise InputError(
-            f"{source}: is for images of {projections.size}, but `size` says {size}: leave `size` out, or give "
-            "`scale` if your images are reduced"
+            f"{source} is for images of {projections.size}, not {size}: leave the size out, or give the scale if your "
+            "images are reduced",
+            argument="size",
         )
     size = projections.size or size
     if size is None:
-        raise InputError(f"{source}: does not say how large the images are: give `size`, width and height")
+        raise InputError(f"{source}: does not say how large the images are: give the size, width and height")
     # The principal points of cameras that were turned a lot lie anywhere once they are rectified.
     raw = [camera.matrix for camera in (projections.raw or {}).values()]
     if (fault := turned_size_fault(size, *(raw or (projections.left, projections.right)))) is not None:

@@ -70,10 +70,14 @@ def read_rigs(
     paths: dict[Path, None] = {}
     for source in sources:
         if expanded(source).is_dir():
-            raise InputError(f"`calib` {source}: is a folder; give files, or a glob such as '{source}/*/calib.txt'")
+            raise InputError(
+                f"{source} is a folder; give files, or a glob such as '{source}/*/calib.txt'", argument="calib"
+            )
         matches = find_files([source], _EXTENSIONS)
         if not matches:
-            raise InputError(f"`calib` {source}: no such file, and as a glob it matches no .txt, .yaml, .yml or .json")
+            raise InputError(
+                f"{source}: no such file, and as a glob it matches no .txt, .yaml, .yml or .json", argument="calib"
+            )
         paths |= dict.fromkeys(matches)
     calibrations = _opencv_rigs([each for path in paths for each in _read(path, unit_m)], size, unit_m)
     pairs = [_projections(pair, alpha, fov_deg) for pair in calibrations if not isinstance(pair, Camera)]
@@ -95,11 +99,12 @@ def _projections(rig: Projections | Unrectified, alpha: float | None, fov_deg: f
             return rig.rectified(alpha, fov_deg)
         except FormatError as error:
             raise ReadError(Path(rig.source), str(error)) from None
-    for name, value in {"`alpha`": alpha, "`fov_deg`": fov_deg}.items():
+    for name, value in {"alpha": alpha, "fov_deg": fov_deg}.items():
         if value is not None:
             raise InputError(
-                f"{name} {value:g}: {rig.source} states how its images are rectified: leave {name} out, or give an "
-                "OpenCV file with only K, D, R and T"
+                f"{rig.source} states how its images are rectified: leave this out, or give an OpenCV file with only "
+                "K, D, R and T",
+                argument=name,
             )
     return rig
 
@@ -136,7 +141,7 @@ def _parsed(text: str, source: str, unit_m: float | None) -> Sequence[OpenCvValu
     else:
         calibrations = parse_yaml(text, source, _EXPECTED)
     if unit_m is not None and not isinstance(calibrations[0], OpenCvValues):
-        raise FormatError("its format states the unit: leave `unit` out, which is only for OpenCV's files")
+        raise FormatError("its format states the unit: leave the unit out, which is only for OpenCV's files")
     return calibrations
 
 

@@ -64,7 +64,7 @@ def paired(cameras: Sequence[Camera]) -> Projections:
     if right.matrix[0, 3] == 0:
         raise InputError(
             f"{right.source}: is the left camera's, which has no baseline (0 at the end of the first row): give the "
-            "right camera's file too, as another `calib`"
+            "right camera's file too"
         )
     left_matrix = right.matrix.copy()
     left_matrix[:, 3] = 0
@@ -136,7 +136,7 @@ def _check_whole_image(values: Mapping[str, Any], prefix: str, size: Size | None
             fault = f"{prefix}{key}: expected 0 or 1, got {values[key]!r}"[:200]
             raise FormatError(
                 f"{fault}: binned images are smaller than the calibrated ones. Take images without binning; "
-                "or, if both directions are binned alike, write 1 here and give `scale`, 0.5 for a binning of 2",
+                "or, if both directions are binned alike, write 1 here and give the scale, 0.5 for a binning of 2",
             )
     roi = values.get("roi")
     if not isinstance(roi, Mapping):

@@ -96,7 +96,7 @@ def view_note(facts: ConfigFacts) -> str | None:
     lost = 1 - min(float(chain.shown.mean()) for chain in facts.lenses.values())
     return (
         f"the rectified images show {rig.view_deg:.0f} degrees across, so that their middle stays sharp: {lost:.0%} of "
-        "the fisheye's image is lost. `fov_deg` sets another angle"
+        "the fisheye's image is lost. Give another field of view to change that"
     )
 
 
@@ -114,7 +114,7 @@ def raw_note(facts: ConfigFacts, place: MeasuredPlace | None) -> str | None:
         return None
     return (
         f"the photographs are probably not rectified as the calibration says: {'; '.join(reasons)}. Photographs "
-        "straight from the cameras need `rectify_to`"
+        "straight from the cameras have to be rectified (rectify_to)"
     )
 
 

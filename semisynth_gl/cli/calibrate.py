@@ -24,7 +24,7 @@ from semisynth_gl.cli.options import (
 from semisynth_gl.cli.outputs import OutputFile
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
-from semisynth_gl.cli.wording import Command, in_options
+from semisynth_gl.cli.wording import Command
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.inputs.errors import InputError
@@ -161,7 +161,7 @@ def calibrate(
     for line in made.summary:
         say(line)
     for note in made.notes:
-        click.echo(f"note: {in_options(note, click.get_current_context().command)}", err=True)
+        click.echo(f"note: {note}", err=True)
     config, data = shlex.quote(str(out)), shlex.quote(f"data/{made.config.name}")
     sources = [f"--images {shlex.quote(source)}" for source in (images if rectify_to is None else [str(rectify_to)])]
     sources += [f"--disparity {shlex.quote(source)}" for source in disparity]

@@ -80,7 +80,7 @@ def _try(backend: Backend) -> bool:
 def _opencv_version() -> str:
     # Several packages bring it, by other names.
     try:
-        return str(open_opencv("`lens`").__version__)
+        return str(open_opencv("the section lens").__version__)
     except InputError:
         return "not installed: the section lens needs it, and calibrate for --pairs, --rectify-to and lenses"
 

@@ -8,7 +8,6 @@ from typing import Self
 import click
 from tqdm import tqdm
 
-from semisynth_gl.cli.wording import in_options
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.listener import FinishedPair, Listener
 
@@ -32,8 +31,8 @@ class Progress(Listener):
         self._open.close()
 
     def on_message(self, text: str) -> None:
-        """Show a sentence, with the running command's options in place of the library's arguments."""
-        click.echo(in_options(text, click.get_current_context().command), err=True)
+        """Show a sentence."""
+        click.echo(text, err=True)
 
     def on_renderer(self, name: str) -> None:
         """Show the name of a renderer the first time that it comes."""

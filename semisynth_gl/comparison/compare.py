@@ -24,7 +24,7 @@ from semisynth_gl.comparison.sides import (
     sampled_pairs,
 )
 from semisynth_gl.dataset.reader import open_dataset
-from semisynth_gl.inputs.arguments import to_real, to_whole
+from semisynth_gl.inputs.arguments import LEAST, to_real, to_whole
 from semisynth_gl.inputs.user_files import Files, names_of
 from semisynth_gl.listener import Listener
 from semisynth_gl.seeds.splits import SplitName
@@ -154,9 +154,9 @@ def compare(
         ReadError: where a file cannot be read.
     """
     if width_px is not None:
-        width_px = to_whole("`width_px`", width_px, least=32, most=4096)
-    sample, png_scale = to_whole("`sample`", sample, least=1), to_real("`png_scale`", png_scale)
-    found, photographs = map_files(names_of("disparity", disparity)), find_images(names_of("images", images))
+        width_px = to_whole("width_px", width_px, least=32, most=4096)
+    sample, png_scale = to_whole("sample", sample, least=1), to_real("png_scale", png_scale, least=LEAST)
+    found, photographs = map_files(names_of(disparity)), find_images(names_of(images))
     place, opened = find_place(photographs, found, png_scale), open_dataset(dataset, split)
     if width_px is None:
         configured = opened.about.plan.config.camera.width_px

@@ -37,8 +37,8 @@ def map_files(sources: Sequence[str | Path], kind: str = "disparity") -> list[Pa
             maps = [path for path in maps if is_disparity_map(path)]
         if not maps:
             raise InputError(
-                f"`{kind}` {source}: no {kind} map there: expected .pfm, .npy or 16-bit grey .png, or a folder "
-                "or glob of them"
+                f"{source}: no {kind} map there: expected .pfm, .npy or 16-bit grey .png, or a folder or glob of them",
+                argument=kind,
             )
         paths |= dict.fromkeys(maps)
     return list(paths)

@@ -14,7 +14,7 @@ from semisynth_gl.config.model import Config
 from semisynth_gl.config.yaml_values import Key
 from semisynth_gl.inputs.errors import cut, did_you_mean, near, shown
 
-OVERRIDE, OVERRIDES = "`overrides`", "overrides"
+OVERRIDE, OVERRIDES = "override", "overrides"
 """Places of overrides in messages: `OVERRIDE`, before the key, for texts ``"KEY=VALUE"``; `OVERRIDES` for the rest."""
 
 SCENES = "scenes"

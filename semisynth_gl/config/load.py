@@ -32,7 +32,6 @@ from semisynth_gl.config.image_size import recentred, scaled
 from semisynth_gl.config.merge import Document, keys_of, merged
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.yaml_values import DEEPEST, MOST_BYTES, Key, YamlError, read_yaml
-from semisynth_gl.inputs.arguments import check_type
 from semisynth_gl.inputs.errors import InputError, counted, cut, did_you_mean, near, shown
 from semisynth_gl.inputs.resources import data_root
 from semisynth_gl.inputs.user_files import expanded, read_file
@@ -71,10 +70,8 @@ def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
     Raises:
         InputError: with a line per fault: its place (file, line), the dotted key, what was expected and what came.
     """
-    check_type("config", name_or_path, str | Path)
     if isinstance(overrides, str):  # a sequence of texts too
         raise InputError(f"overrides must be a Mapping or a list, got the text {shown(overrides)}: put it into a list")
-    check_type("overrides", overrides, Mapping | Sequence)
     return _validated(_read_document(_find_config(str(name_or_path)), ()), overrides)
 
 

@@ -11,7 +11,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.inputs.arguments import LEAST, MOST_PX, check_type, to_magnitude, to_real, to_whole
+from semisynth_gl.inputs.arguments import LEAST, MOST_PX, to_magnitude, to_real, to_whole
 from semisynth_gl.inputs.errors import InputError
 
 Eye = Literal["left", "right"]
@@ -40,7 +40,7 @@ class Crop:
 
     def __post_init__(self) -> None:
         for name in ("x_px", "y_px", "width_px", "height_px"):
-            object.__setattr__(self, name, to_whole(f"a crop's {name}", getattr(self, name)))
+            object.__setattr__(self, name, to_whole(name, getattr(self, name)))
         if min(self.x_px, self.y_px) < 0 or min(self.width_px, self.height_px) < 1:
             raise InputError(f"a crop begins at 0 or more and holds at least 1 x 1 pixel, got {self}")
 
@@ -142,7 +142,6 @@ class StereoCamera:
     aspect_ratio: float = 1.0
 
     def __post_init__(self) -> None:
-        check_type("deviation", self.deviation, Deviation)
         for name in ("width_px", "height_px"):
             object.__setattr__(self, name, to_whole(name, getattr(self, name), most=_MOST_PX))
         object.__setattr__(self, "focal_px", to_magnitude("focal_px", self.focal_px, least=LEAST, most=MOST_PX))
@@ -198,7 +197,6 @@ class StereoCamera:
         Raises:
             InputError: where the crop reaches beyond the image.
         """
-        check_type("crop", crop, Crop)
         if crop.right_px > self.width_px or crop.bottom_px > self.height_px:
             raise InputError(
                 f"a crop must lie within the image of {self.width_px} x {self.height_px} px, got "

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import EYES, Eye
-from semisynth_gl.inputs.arguments import check_type
 from semisynth_gl.inputs.errors import InputError
 
 VISIBLE = 255
@@ -259,7 +258,6 @@ class View(Mapping[str, NDArray[Any]]):
     )
 
     def __init__(self, channels: Mapping[str, NDArray[Any]]) -> None:
-        check_type("channels", channels, Mapping)
         self._arrays = dict(channels)
         for name, array in self._arrays.items():
             channel = CHANNELS.get(name)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import EYES, Crop, Eye, StereoCamera
 from semisynth_gl.frame.channels import CHANNELS, OUTSIDE, ROLES, SKY, View
-from semisynth_gl.inputs.arguments import check_one_of, check_type
+from semisynth_gl.inputs.arguments import check_one_of
 from semisynth_gl.inputs.errors import InputError
 
 
@@ -61,7 +61,6 @@ class Frame:
     @classmethod
     def from_arrays(cls, camera: StereoCamera, arrays: Mapping[str, NDArray[Any]]) -> "Frame":
         """Build a frame from arrays by role, as `arrays` returns them; see `View` for errors."""
-        check_type("arrays", arrays, Mapping)
         left, right = (
             View({name: arrays[row.role(eye)] for name, row in CHANNELS.items() if row.role(eye) in arrays})
             for eye in EYES
@@ -120,7 +119,7 @@ class Frame:
         Raises:
             InputError: where there is no such view, or the view has no disparity.
         """
-        check_one_of("a view", eye, EYES)
+        check_one_of("eye", eye, EYES)
         disparity = self.view(eye).get("disparity")
         if disparity is None:
             raise InputError(f"points of the {eye} view: expected its disparity, got none: it was not made")

@@ -7,7 +7,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.inputs.arguments import check_magnitudes, check_type, to_array
+from semisynth_gl.inputs.arguments import check_magnitudes, to_array
 from semisynth_gl.inputs.errors import InputError
 
 # float32 rounds a number by up to 2^-24 of it, so the error of vertices grows with their distance from the origin. At
@@ -96,7 +96,6 @@ def make_part(name: str, positions: object, uv: object, triangles: object) -> Me
 
 def _arrays(name: str, positions: object, uv: object, triangles: object) -> tuple[Floats, Floats, NDArray[np.uint32]]:
     """Return positions and UV in float64, and triangles, (T, 3); refuses numbers too large to be rounded to float32."""
-    check_type("the name of a mesh", name, str)
     index = to_array(f"mesh {name}: triangles", triangles, np.int64)
     if index.size % 3:
         raise InputError(f"mesh {name}: triangles must be (T, 3), got {index.shape}")

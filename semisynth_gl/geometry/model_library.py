@@ -201,7 +201,7 @@ def _build(section: ModelsSection, particles: ParticlesSection, split: Split) ->
     if not any(weight > 0 and models for weight, models, _ in families):
         raise InputError(
             "there are no models to draw: no family of models with a weight above 0 has any; name a folder with models "
-            "in `models.folders`, or raise a weight of the section models"
+            "in models.folders, or raise a weight of the section models"
         )
     library = [mesh for _, models, _ in families for mesh in models]
     chances = np.concatenate([weight * np.array(shares) / max(sum(shares), 1e-300) for weight, _, shares in families])

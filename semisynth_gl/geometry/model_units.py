@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.geometry.mesh import Floats, Mesh, make_part, merged, normalised, without_degenerate
 from semisynth_gl.geometry.unwrap import project_uv
-from semisynth_gl.inputs.arguments import MOST, check_type, to_array
+from semisynth_gl.inputs.arguments import MOST, to_array
 from semisynth_gl.inputs.errors import InputError
 
 UV_LOSS = 0.5
@@ -45,7 +45,6 @@ def make_model(name: str, positions: object, triangles: object, uv: object = Non
     Raises:
         InputError: where shapes, indices or values are wrong, or no triangle has an area.
     """
-    check_type("the name of a model", name, str)
     points = to_array(f"model {name}: positions", positions, np.float64)
     coordinates = None if uv is None else to_array(f"model {name}: uv", uv, np.float64)
     unmapped = np.zeros((len(points) if points.ndim else 0, 2))

@@ -1,13 +1,10 @@
-"""Checks of arguments from callers in Python, so that a wrong type is an error at the call, not somewhere later.
-
-Where an argument is unfit, each function raises `InputError`, whose message calls the argument by ``name``.
-"""
+"""Checks of numbers and arrays from callers in Python, which raise `InputError` about the argument ``name``."""
 
 from collections.abc import Iterable
-from math import isfinite
+from math import inf, isfinite
 from numbers import Integral, Real
-from types import NoneType, UnionType
-from typing import Any, cast, get_args
+from types import UnionType
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -30,30 +27,29 @@ OTHER_UNITS = "float32 does not hold what is worked out of it: choose other unit
 def check_type(name: str, value: object, expected: type | UnionType, hint: str = "") -> None:
     """Check that an argument is an instance of a class, or of one of several; a message ends with ``hint``."""
     if not isinstance(value, expected):
-        raise _wrong(name, f"a {_named(expected)}", value, hint)
+        raise _unfit(name, f"a {getattr(expected, '__name__', expected)}", value, hint)
 
 
 def check_one_of(name: str, value: object, expected: Iterable[str]) -> None:
     """Check that an argument is one of the expected strings."""
-    names = tuple(expected)
+    names = list(expected)
     if not (isinstance(value, str) and value in names):
-        raise InputError(f"{name}: expected one of {', '.join(names)}, got {shown(value)}")
+        raise _unfit(name, f"one of {', '.join(names)}", value)
 
 
 def to_whole(name: str, value: object, least: int | None = None, most: int | None = None) -> int:
     """Convert a whole number, Python's or NumPy's, to int; check that it is from ``least`` to ``most``, where given."""
     if not isinstance(value, Integral) or isinstance(value, bool):
-        raise _wrong(name, "a whole number", value)
+        raise _unfit(name, "a whole number", value)
     number = int(value)
-    if least is not None and number < least:
-        raise InputError(f"{name} must be {least} or more, got {shown(number)}")
-    if most is not None and number > most:
-        raise InputError(f"{name} must be {most} or less, got {shown(number)}")
+    if not (-inf if least is None else least) <= number <= (inf if most is None else most):
+        end = f"{most} or less" if least is None else f"from {least} to {most}"
+        raise _unfit(name, f"{least} or more" if most is None else end, number)
     return number
 
 
-def to_real(name: str, value: object) -> float:
-    """Convert a finite real number of any type to Python's int or float.
+def to_real(name: str, value: object, least: float = -inf, most: float = inf) -> float:
+    """Convert a finite real number from ``least`` to ``most``, of any type, to Python's int or float.
 
     A NumPy float32 would lower the precision of everything that is computed with it.
     """
@@ -62,17 +58,19 @@ def to_real(name: str, value: object) -> float:
     except OverflowError:  # a whole number that no float holds
         finite = False
     if not finite:
-        raise _wrong(name, "a finite number", value)
-    return value if isinstance(value, int) else float(cast("Real", value))
+        raise _unfit(name, "a finite number", value)
+    number = value if isinstance(value, int) else float(cast("Real", value))
+    if not least <= number <= most:
+        raise _unfit(name, f"from {least:g} to {most:g}", number)
+    return number
 
 
 def to_magnitude(name: str, value: object, *, least: float = 0.0, most: float = MOST) -> float:
     """Convert a number to int or float; check that it is 0, or from ``least`` to ``most`` in magnitude."""
     number = to_real(name, value)
-    magnitude = abs(number)
-    if magnitude > most or 0 < magnitude < least:
+    if abs(number) > most or 0 < abs(number) < least:
         expected = f"0 or {least:g} to {most:g}" if least else f"at most {most:g}"
-        raise InputError(f"{name} must be {expected} in magnitude, got {shown(value)}: {OTHER_UNITS}")
+        raise _unfit(name, f"{expected} in magnitude", value, OTHER_UNITS)
     return number
 
 
@@ -82,9 +80,8 @@ def check_magnitudes(name: str, array: NDArray[Any]) -> None:
     if low >= -MOST and high <= MOST:
         return
     if not np.isfinite(array).all():
-        raise InputError(f"{name} has values that are not finite")
-    worst = low if -low > high else high
-    raise InputError(f"{name} must be at most {MOST:g} in magnitude, got {worst:g}: {OTHER_UNITS}")
+        raise InputError("has values that are not finite", argument=name)
+    raise _unfit(name, f"at most {MOST:g} in magnitude", low if -low > high else high, OTHER_UNITS)
 
 
 def to_array(name: str, value: object, dtype: DTypeLike) -> NDArray[Any]:
@@ -95,18 +92,12 @@ def to_array(name: str, value: object, dtype: DTypeLike) -> NDArray[Any]:
     try:
         array = np.asarray(value)
         result = array.astype(dtype, copy=False)
-    except Exception as error:  # noqa: BLE001 - a value's own method may make the array
-        raise _wrong(name, f"an array of {np.dtype(dtype)}", value, described(error)) from None
+    except (TypeError, ValueError, OverflowError) as error:
+        raise _unfit(name, f"an array of {np.dtype(dtype)}", value, described(error)) from None
     if array.dtype.kind in "USO" or (result.dtype.kind in "iu" and not np.array_equal(array, result)):
-        raise _wrong(name, f"an array of {np.dtype(dtype)}", value)
+        raise _unfit(name, f"an array of {np.dtype(dtype)}", value)
     return result
 
 
-def _named(expected: type | UnionType) -> str:
-    kinds = get_args(expected) or (expected,)
-    return " or ".join("None" if kind is NoneType else kind.__name__ for kind in kinds)
-
-
-def _wrong(name: str, expected: str, value: object, hint: str = "") -> InputError:
-    end = f": {hint}" if hint else ""
-    return InputError(f"{name} must be {expected}, got {shown(value)} ({type(value).__name__}){end}")
+def _unfit(name: str, expected: str, value: object, hint: str = "") -> InputError:
+    return InputError(f"must be {expected}, got {shown(value)}{f': {hint}' if hint else ''}", argument=name)

@@ -12,7 +12,6 @@ from io import BufferedReader
 from os import PathLike
 from pathlib import Path
 
-from semisynth_gl.inputs.arguments import check_type
 from semisynth_gl.inputs.errors import InputError
 
 Files = str | PathLike[str] | Sequence[str | PathLike[str]]
@@ -99,13 +98,6 @@ def _check(path: Path, status: os.stat_result) -> None:
         raise NotOnDiskError(errno.EINVAL, f"it is {kind}, not a file on a disk", str(path))
 
 
-def names_of(argument: str, files: Files) -> list[str]:
-    """Return files, folders and globs as a list of strings.
-
-    Raises InputError, whose message has the name ``argument``, where something else was given.
-    """
-    check_type(f"`{argument}`", files, str | PathLike | Sequence)
-    several = [files] if isinstance(files, str | PathLike) else files
-    for each in several:
-        check_type(f"`{argument}`", each, str | PathLike)
-    return [os.fspath(each) for each in several]
+def names_of(files: Files) -> list[str]:
+    """Return files, folders and globs as a list of strings."""
+    return [os.fspath(each) for each in ([files] if isinstance(files, str | PathLike) else files)]

@@ -6,7 +6,7 @@ from importlib import import_module
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config.dataset_sections import LAYOUTS
-from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.layout import Layout, scene_stems, view_stems
 from semisynth_gl.plugins import find_plugin, plugin_names
@@ -56,4 +56,4 @@ def check_layout(name: str, layout: Layout) -> None:
             paths.update(f"{folder}{path}" for path in layout.lists(keys, encodings))
         path, count = paths.most_common(1)[0]
         if count > 1:
-            raise InputError(f"layout {name}: expected a path of its own for each file, got {count} files {path}")
+            raise InputError(f"layout {name}: expected a path for each file, got {counted(count, 'file')} {path}")

@@ -77,7 +77,7 @@ class LensChain:
 
     @cached_property
     def _cv2(self) -> Any:  # noqa: ANN401 - a module without types
-        return open_opencv("`lens`, which rectifies raw images,")
+        return open_opencv("the config's section lens, which rectifies raw images,")
 
     @cached_property
     def pinhole(self) -> Floats:

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map, read_disparity_map
-from semisynth_gl.inputs.arguments import check_type
-from semisynth_gl.inputs.errors import InputError, counted
+from semisynth_gl.inputs.errors import InputError, counted, no_folder
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.metrics.protocol import shown_size
 
@@ -69,7 +68,7 @@ def evaluate_views(predictions: str | PathLike[str], predictions_right: str | Pa
         side = "right" if missing[0] in lefts else "left"
         raise InputError(
             f"{counted(len(missing), 'pair')} with a prediction for only one view: {missing[0]} has none for the "
-            f"{side} view, for example; expected the same names in `predictions` and `predictions_right`"
+            f"{side} view, for example; expected the same names in both folders"
         )
     images = []
     for name in sorted(lefts):
@@ -85,18 +84,19 @@ def evaluate_views(predictions: str | PathLike[str], predictions_right: str | Pa
 
 def _maps(name: str, folder: str | PathLike[str]) -> dict[str, Path]:
     """Return the disparity maps of a folder and its subfolders, by their relative paths without extension."""
-    check_type(name, folder, str | PathLike)
     root = expanded(fspath(folder))
     if not root.is_dir():
-        raise InputError(f"`{name}` {folder}: {'is a file' if root.exists() else 'there is no such folder'}")
+        raise no_folder(root, name)
     maps: dict[str, Path] = {}
     for path in sorted(path for path in root.rglob("*") if path.suffix.lower() in MAP_EXTENSIONS and path.is_file()):
         stem = path.relative_to(root).with_suffix("").as_posix()
         if not is_disparity_map(path):
             continue
         if stem in maps:
-            raise InputError(f"`{name}` {folder}: {maps[stem].name} and {path.name} are for one pair: keep one file")
+            raise InputError(
+                f"{folder}: {maps[stem].name} and {path.name} are for one pair: keep one file", argument=name
+            )
         maps[stem] = path
     if not maps:
-        raise InputError(f"`{name}` {folder}: has no disparity map: expected {', '.join(MAP_EXTENSIONS)}")
+        raise InputError(f"{folder} has no disparity map: expected {', '.join(MAP_EXTENSIONS)}", argument=name)
     return maps

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.codecs.disparity_map import read_disparity_map
-from semisynth_gl.inputs.arguments import check_type
 from semisynth_gl.inputs.errors import InputError, ReadError, counted
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.metrics.error_map import draw_error_map
@@ -85,9 +84,6 @@ def evaluate(
         InputError: where a folder or a protocol does not exist, names or sizes do not fit, or predictions are missing.
         ReadError: where a file cannot be read.
     """
-    for name, value in (("predictions", predictions), ("truth", truth)):
-        check_type(name, value, str | PathLike)
-    check_type("masks", masks, str | PathLike | None)
     address = fspath(truth)
     folder = address if "://" in address else str(expanded(address))
     true_set = find_truth(folder, split, None if masks is None else expanded(fspath(masks)))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map
-from semisynth_gl.inputs.errors import InputError, counted
+from semisynth_gl.inputs.errors import InputError, counted, no_folder
 from semisynth_gl.metrics.truth import SCENE_STEMS, TruePair
 
 _SHOWN = 8
@@ -44,7 +44,7 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
         InputError: where the folder does not exist, a pair has several predictions, or predictions are missing.
     """
     if not folder.is_dir():
-        raise InputError(f"`predictions` {folder}: {'is a file' if folder.exists() else 'there is no such folder'}")
+        raise no_folder(folder, "predictions")
     found: list[tuple[TruePair, Prediction]] = []
     missing: list[TruePair] = []
     for pair in pairs:
@@ -55,7 +55,8 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
         if len(candidates) > 1:
             names = ", ".join(str(prediction.path.relative_to(folder)) for prediction in candidates[:_SHOWN])
             raise InputError(
-                f"`predictions` {folder}: {len(candidates)} predictions for {pair.name}: {names}: keep one file"
+                f"{folder}: {len(candidates)} predictions for {pair.name}: {names}: keep one file",
+                argument="predictions",
             )
         if candidates:
             found.append((pair, candidates[0]))
@@ -64,10 +65,11 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
     if missing and (not partial or not found):
         names = ", ".join(pair.name for pair in missing[:_SHOWN]) + (", ..." if len(missing) > _SHOWN else "")
         expected = " or ".join(str(folder / f"{stem}.pfm") for stem in list(missing[0].stems)[:2])
-        advice = "; `partial` evaluates the pairs that have one" if found else ""
+        advice = "; with partial, the pairs that have one are evaluated" if found else ""
         raise InputError(
-            f"`predictions` {folder}: no prediction for {len(missing)} of {counted(len(pairs), 'pair')}: {names}: "
-            f"expected {expected} (or .npy, .png), for example{advice}"
+            f"{folder}: no prediction for {len(missing)} of {counted(len(pairs), 'pair')}: {names}: "
+            f"expected {expected} (or .npy, .png), for example{advice}",
+            argument="predictions",
         )
     return Predictions(found, [pair.name for pair in missing])
 

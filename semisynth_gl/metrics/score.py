@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.inputs.arguments import check_type, to_array
+from semisynth_gl.inputs.arguments import to_array
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.metrics.protocol import (
     UNLIMITED,
@@ -122,8 +122,6 @@ def score(
         InputError: where sizes differ, an array is not (H, W), or there is no such protocol.
     """
     protocol = find_protocol(protocol)
-    check_type("mask", mask, np.ndarray | None)
-    check_type("limits", limits, Limits)
     maps = (to_array("prediction", prediction, np.float32), to_array("truth", truth, np.float32))
     for name, array in zip(("prediction", "truth"), maps, strict=True):
         if array.ndim != 2:

@@ -21,7 +21,7 @@ from semisynth_gl.dataset.names import INDEX, PLAN
 from semisynth_gl.dataset.reader import Dataset, open_dataset
 from semisynth_gl.dataset.root import is_local, path_of, read_whole
 from semisynth_gl.frame.channels import VISIBLE
-from semisynth_gl.inputs.errors import InputError, ReadError, cut, shown
+from semisynth_gl.inputs.errors import InputError, ReadError, cut, no_folder, shown
 from semisynth_gl.metrics.protocol import UNLIMITED, Limits, ProtocolName, shown_size
 from semisynth_gl.seeds.splits import SplitName
 
@@ -113,9 +113,9 @@ def find_truth(address: str, split: SplitName | None = None, masks: Path | None 
         truths = _dataset_truths(open_dataset(address, split), split)
     else:
         if not folder.is_dir():
-            raise InputError(f"`truth` {address}: {'is a file' if folder.exists() else 'there is no such folder'}")
+            raise no_folder(folder, "truth")
         if split is not None:
-            raise InputError(f"`split` {split}: `truth` {address} has no splits, since this program did not write it")
+            raise InputError(f"{address} has no splits, since this program did not write it", argument="split")
         truths = _folder_truths(folder)
     # A name that several pairs have, such as disp0GT, identifies none of them.
     counts = Counter(stem for pair in truths.pairs for stem in pair.stems)
@@ -174,14 +174,18 @@ def _folder_truths(folder: Path) -> TrueSet:
         pairs = [_map_pair(path) for path in sorted(folder.iterdir()) if path.suffix.lower() in MAP_EXTENSIONS]
     if not pairs:
         raise InputError(
-            f"`truth` {folder}: no true disparities there: expected a dataset of this program, KITTI's {_OCC}, a "
-            f"{_SCENE_TRUTHS[0]} in each scene's folder, or .pfm, .npy or 16-bit .png files"
+            f"{folder}: no true disparities there: expected a dataset of this program, KITTI's {_OCC}, a "
+            f"{_SCENE_TRUTHS[0]} in each scene's folder, or .pfm, .npy or 16-bit .png files",
+            argument="truth",
         )
     for name, count in Counter(pair.name for pair in pairs).items():
         if count > 1:
             sources = [pair.source for pair in pairs if pair.name == name]
-            where = f"`truth` {folder}: {count} truths for {name}: {', '.join(sources[:3])}"
-            raise InputError(f"{where}: give the folder of one size, or keep one file")
+            raise InputError(
+                f"{folder}: {count} truths for {name}: {', '.join(sources[:3])}: give the folder of one size, or keep "
+                "one file",
+                argument="truth",
+            )
     return TrueSet(pairs, protocol)
 
 
@@ -275,7 +279,7 @@ def _with_mask(pair: TruePair, masks: Path) -> TruePair:
     paths = [masks / f"{stem.with_name(_MASK) if stem.name in SCENE_STEMS else stem}.png" for stem in stems]
     mask = next((path for path in paths if path.is_file()), None)
     if mask is None:
-        raise InputError(f"`masks` {masks}: no mask for {pair.name}: expected {paths[0]}")
+        raise InputError(f"{masks}: no mask for {pair.name}: expected {paths[0]}", argument="masks")
 
     def read() -> Truth:
         truth = pair.read()

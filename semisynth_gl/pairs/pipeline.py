@@ -139,7 +139,7 @@ class PairRenderer:
         sources: Sources | None = None,
     ) -> None:
         check_type("config", config, Config, "load_config(NAME_OR_PATH) reads one")
-        split = seed if isinstance(seed, Split) else Split(to_whole("a seed", seed, least=0))
+        split = seed if isinstance(seed, Split) else Split(to_whole("seed", seed, least=0))
         self.config = config
         self.split = split
         check_libraries(backend)
@@ -235,9 +235,7 @@ class PairRenderer:
             InputError: where the index is negative, the config's ranges leave no scene for it, or all attempts fail the
                 checks.
         """
-        index = to_whole("a pair's index", index, 0, LARGEST_NUMBER)
-        check_type("crop", crop, Crop | None)
-        check_type("checked", checked, bool)
+        index = to_whole("index", index, 0, LARGEST_NUMBER)
         if crop == Crop(0, 0, self.config.camera.width_px, self.config.camera.height_px):
             crop = None
         number, view = divmod(index, self.config.views)
@@ -363,6 +361,6 @@ def render_pair(config: Config, index: int, seed: int = 0, backend: Backend = "a
         A `Frame`: ``left.image`` and ``right.image``, (H, W, 3) uint8, or (H, W) for grey cameras; ``left.disparity``
         and ``right.disparity``, (H, W) float32, px; and the other outputs of the config.
     """
-    index = to_whole("a pair's index", index, 0, LARGEST_NUMBER)
+    index = to_whole("index", index, 0, LARGEST_NUMBER)
     with PairRenderer(config, seed, backend) as pairs:
         return pairs.render(index).frame

@@ -163,28 +163,31 @@ def egl_index_of_gpu(gpu: int, devices: Sequence[Device], visible: str | None) -
     by_cuda = {device.cuda: device for device in devices if device.cuda is not None}
     if not by_cuda:
         raise InputError(
-            f"`gpus` {gpu}: none of EGL's devices says which GPU of CUDA's it is. `semisynth-gl doctor` lists them; "
-            "NVIDIA's driver tells where its libEGL is installed"
+            f"{gpu}: none of EGL's devices says which GPU of CUDA's it is. `semisynth-gl doctor` lists them; "
+            "NVIDIA's driver tells where its libEGL is installed",
+            argument="gpus",
         )
     there = _gpus(sorted(by_cuda))
     if visible is None:
         if gpu not in by_cuda:
-            raise InputError(f"`gpus` {gpu}: CUDA sees {there}")
+            raise InputError(f"{gpu}: CUDA sees {there}", argument="gpus")
         return by_cuda[gpu].index
     entries = _visible_entries(visible)
     if not 0 <= gpu < len(entries):
-        raise InputError(f"`gpus` {gpu}: with {_VISIBLE}={visible} CUDA sees {_gpus(range(len(entries)))}")
+        seen = _gpus(range(len(entries)))
+        raise InputError(f"{gpu}: with {_VISIBLE}={visible} CUDA sees {seen}", argument="gpus")
     entry = entries[gpu]
     if entry.isdigit():
         if int(entry) not in by_cuda:
-            raise InputError(f"`gpus` {gpu}: {_VISIBLE}={visible} names {entry}, but there is {there}")
+            raise InputError(f"{gpu}: {_VISIBLE}={visible} names {entry}, but there is {there}", argument="gpus")
         return by_cuda[int(entry)].index
     matching = [device for device in by_cuda.values() if (device.uuid or "").lower().startswith(entry.lower())]
     if len(matching) != 1:
         known = ", ".join(f"{device.cuda} is {device.uuid or 'unknown'}" for device in by_cuda.values())
         raise InputError(
-            f"`gpus` {gpu}: {_VISIBLE}={visible} names {entry}, which is not exactly one of EGL's devices ({known}). "
-            f"Give numbers in {_VISIBLE}"
+            f"{gpu}: {_VISIBLE}={visible} names {entry}, which is not exactly one of EGL's devices ({known}). "
+            f"Give numbers in {_VISIBLE}",
+            argument="gpus",
         )
     return matching[0].index
 

@@ -20,7 +20,7 @@ from semisynth_gl.frame.camera import EYES, Crop, Eye, StereoCamera
 from semisynth_gl.frame.channels import DEFAULT_OUTPUTS, TruthViews, View
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.geometry.mesh import Mesh, centred
-from semisynth_gl.inputs.arguments import check_type, to_whole
+from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import BackendError, ContextLostError, InputError
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
@@ -99,9 +99,6 @@ class Renderer:
         device_index: int = 0,
         read: Reader = read_array,
     ) -> None:
-        check_type("models", models, Sequence)
-        for model in models:
-            check_type("a model", model, Mesh, "make_mesh makes one")
         to_whole("device_index", device_index, least=0)
         if not models:
             raise InputError("a renderer needs at least one model, got none")
@@ -199,7 +196,7 @@ class Renderer:
         """
         self._check_open()
         motions = {"future": future, "past": past}
-        self._check_request(scene, crop, motions)
+        self._check_request(scene, motions)
         return self._draw_pair(scene, crop, motions)
 
     def share_left(
@@ -229,8 +226,7 @@ class Renderer:
             BackendError: where the renderer was released.
         """
         self._check_open()
-        self._check_request(scene, crop, {"future": future, "past": past})
-        check_type("cameras", cameras, Sequence)
+        self._check_request(scene, {"future": future, "past": past})
         shared = SharedLeft(self._draw_of_shared, scene, cameras, crop, future, past)
         for shown in shared.scenes:
             self._check(shown)
@@ -246,12 +242,8 @@ class Renderer:
         }
         return self._draw_pair(scene, shared.crop, seen, shared)
 
-    def _check_request(self, scene: Scene, crop: Crop | None, motions: Mapping[str, Motion | None]) -> None:
-        """Raise InputError where the scene or the crop cannot be drawn, or a motion is missing that an output needs."""
-        check_type("scene", scene, Scene)
-        check_type("crop", crop, Crop | None)
-        for name, motion in motions.items():
-            check_type(name, motion, Motion | None, "move makes one")
+    def _check_request(self, scene: Scene, motions: Mapping[str, Motion | None]) -> None:
+        """Raise InputError where the scene cannot be drawn, or a motion is missing that an output needs."""
         for shown in (scene, *(motion.scene for motion in motions.values() if motion is not None)):
             self._check(shown)
         for name, motion in motions.items():
@@ -275,7 +267,6 @@ class Renderer:
             ContextLostError: where the driver took the context away; another renderer may still be opened.
         """
         self._check_open()
-        check_type("scene", scene, Scene)
         self._check(scene)
         if isinstance(eyes, str) or not set(eyes) <= set(EYES):
             raise InputError(f"eyes: expected some of {', '.join(EYES)}, got {eyes!r}")
@@ -370,7 +361,6 @@ class Renderer:
 
 def _check_atlases(atlases: Mapping[str, NDArray[np.uint8]]) -> None:
     for name, layers in atlases.items():
-        check_type(name, layers, np.ndarray)
         side = layers.shape[1] if layers.ndim > 1 else 0
         if layers.shape[1:] not in ((side, side, 4), (side, side)) or layers.dtype != np.uint8:
             raise InputError(f"{name} must be (L, P, P, 4) or (L, P, P) uint8, got {layers.shape} {layers.dtype}")

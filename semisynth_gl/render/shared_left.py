@@ -9,7 +9,7 @@ import numpy as np
 from semisynth_gl.frame.camera import Crop, StereoCamera
 from semisynth_gl.frame.channels import CHANNELS
 from semisynth_gl.frame.frame import Frame
-from semisynth_gl.inputs.arguments import check_type, to_whole
+from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.scene import Motion, Scene
 
@@ -42,7 +42,6 @@ class SharedLeft:
         if not cameras:
             raise InputError("cameras: expected at least one, got none")
         for camera in cameras:
-            check_type("a camera", camera, StereoCamera)
             if camera.left_alone != scene.camera.left_alone:
                 raise InputError(
                     f"cameras: expected cameras that differ from the scene's in the right eye alone, {scene.camera}, "
@@ -67,7 +66,7 @@ class SharedLeft:
             InputError: where there is no camera of that number.
             BackendError: see `Renderer.render`.
         """
-        number = to_whole("the number of a camera", number, least=0)
+        number = to_whole("number", number, least=0)
         if number >= len(self):
             raise InputError(f"the number of a camera: expected 0 to {len(self) - 1}, got {number}")
         return self._draw(self, number)

@@ -19,7 +19,7 @@ from semisynth_gl.frame.channels import (
     Pass,
     TruthViews,
 )
-from semisynth_gl.inputs.arguments import check_one_of, check_type
+from semisynth_gl.inputs.arguments import check_one_of
 from semisynth_gl.inputs.errors import InputError, shown
 
 _OF_MOTIONS = {"future": FUTURE_OUTPUTS, "past": PAST_OUTPUTS}
@@ -73,12 +73,10 @@ class Wanted:
         Raises:
             InputError: where an option is unknown, or two options exclude each other.
         """
-        check_type("antialias", antialias, str)
-        check_type("signed", signed, bool)
         if isinstance(outputs, str) or not isinstance(outputs, Collection):
             raise InputError(f"outputs: expected some of {', '.join(DRAWN_OUTPUTS)}, got {shown(outputs)}")
         for output in outputs:
-            check_one_of("an output", output, DRAWN_OUTPUTS)
+            check_one_of("outputs", output, DRAWN_OUTPUTS)
         if not rectified and "disparity_change" in outputs:
             raise InputError(
                 "the output disparity_change needs rectified pairs: leave it out, or let no right camera deviate"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from os import PathLike
 
 from semisynth_gl.dataset.reader import Dataset, read_index
-from semisynth_gl.inputs.arguments import check_type, to_whole
+from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.listener import Listener
 from semisynth_gl.reporting.measure import QUANTITIES, Measurement, Outlier, PairMeasures, find_outliers, measure
 from semisynth_gl.reporting.page import ShownPair, render_page
@@ -57,8 +57,7 @@ def report(
         InputError: where there is no dataset, it is not finished or has no such split, or none of the sampled pairs can
             be read.
     """
-    check_type("`dataset`", dataset, str | PathLike)
-    pairs, sample = to_whole("`pairs`", pairs, least=0), to_whole("`sample`", sample, least=1)
+    pairs, sample = to_whole("pairs", pairs, least=0), to_whole("sample", sample, least=1)
     index = read_index(dataset)
     opened = Dataset(index, split)
     redraws = read_redraws(index, split)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Eye, StereoCamera
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.inputs.arguments import LEAST, check_magnitudes, check_type, to_array, to_magnitude
+from semisynth_gl.inputs.arguments import LEAST, check_magnitudes, to_array, to_magnitude
 from semisynth_gl.inputs.errors import InputError
 
 # Smallest depth of a point for a deviating right camera, in units of its depth for the left one, in a view that is no
@@ -92,11 +92,9 @@ class Scene:
     projector: Projector | None = None
 
     def __post_init__(self) -> None:
-        check_type("camera", self.camera, StereoCamera)
         if self.camera.aspect_ratio != 1:
             raise InputError(f"scene: expected a camera with aspect_ratio 1, got {self.camera.aspect_ratio:g}")
         object.__setattr__(self, "near_m", to_magnitude("near_m", self.near_m, least=LEAST))
-        check_type("projector", self.projector, Projector | None)
         if self.near_m <= 0:
             raise InputError(f"near_m must be positive, got {self.near_m}")
         n = len(self.model)
@@ -190,7 +188,6 @@ def move(scene: Scene, *, world_from_model: object = None, camera_from_world: ob
     Raises:
         InputError: where shapes or values are wrong.
     """
-    check_type("scene", scene, Scene)
     poses, camera = scene.world_from_model, scene.camera_from_world
     if world_from_model is not None:
         poses = to_array("world_from_model", world_from_model, np.float64)

@@ -115,7 +115,7 @@ def builtin_photographs() -> list[Path]:
     if spec is None or not spec.submodule_search_locations:
         raise InputError(
             "no photographs: scikit-image, whose photographs are used where none are given, is not installed; "
-            "name your photographs in `textures.images`, or install it: pip install scikit-image"
+            "name your photographs in textures.images, or install it: pip install scikit-image"
         )
     folder = Path(spec.submodule_search_locations[0]) / "data"
     paths = [folder / name for name in builtin_licences()]
@@ -123,7 +123,7 @@ def builtin_photographs() -> list[Path]:
     if missing:
         raise InputError(
             f"the installed scikit-image lacks {', '.join(missing)}: expected them in {folder}; "
-            "name your photographs in `textures.images`, or reinstall: pip install --force-reinstall scikit-image"
+            "name your photographs in textures.images, or reinstall: pip install --force-reinstall scikit-image"
         )
     return paths
 

@@ -45,7 +45,7 @@ class TextureSource:
 
 def _of_the_user(section: TexturesSection) -> Sequence[Path]:
     if not section.images:
-        raise InputError("textures.source is images, but `textures.images` is empty: name your photographs there")
+        raise InputError("textures.source is images, but textures.images is empty: name your photographs there")
     return find_images(section.images)
 
 

@@ -11,7 +11,6 @@ from semisynth_gl.augmentation import Augmentation, Drawn
 from semisynth_gl.frame.camera import EYES, Crop
 from semisynth_gl.frame.channels import CHANNELS, View
 from semisynth_gl.frame.frame import Frame
-from semisynth_gl.inputs.arguments import check_type
 from semisynth_gl.inputs.errors import InputError, shown
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.torch.samples import Sample, to_sample
@@ -33,7 +32,6 @@ class Cutting:
     def __init__(
         self, crop: tuple[int, int] | None, augmentation: Augmentation | None, sides: tuple[int, int], whose: str
     ) -> None:
-        check_type("augmentation", augmentation, Augmentation | None)
         if crop is not None:
             check_crop(crop, sides, whose)
         if augmentation is not None:

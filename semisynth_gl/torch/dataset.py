@@ -57,7 +57,7 @@ class StereoDataset(Dataset[Any]):
         check_transform(transform)
         self.pairs = open_dataset(address, split)
         about = self.pairs.about
-        self._seed = about.plan.seed if seed is None else to_whole("a seed", seed, least=0)
+        self._seed = about.plan.seed if seed is None else to_whole("seed", seed, least=0)
         self._together = about.plan.config.sequence.length * about.plan.views
         self._transform, self._epoch = transform, 0
         sides = (0, 0)
@@ -85,7 +85,7 @@ class StereoDataset(Dataset[Any]):
             IndexError: where the dataset has fewer pairs.
             ReadError: where a file is missing, cut off or cannot be read.
         """
-        number = to_whole("the number of a pair", number)
+        number = to_whole("number", number)
         split, index = self.pairs.pair(number)
         frame: Frame = self.pairs[number]
         sequence, seed = index // self._together, Split(self._seed, split).seed
@@ -102,5 +102,5 @@ class StereoDataset(Dataset[Any]):
             InputError: where the epoch is not a whole number of 0 or more.
         """
         other = copy(self)
-        other._epoch = to_whole("an epoch", epoch, least=0)  # noqa: SLF001 - its own
+        other._epoch = to_whole("epoch", epoch, least=0)  # noqa: SLF001 - its own
         return other

@@ -11,7 +11,7 @@ from typing import NamedTuple, Self
 
 import torch.distributed
 
-from semisynth_gl.inputs.arguments import check_type, to_whole
+from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, shown
 from semisynth_gl.seeds.seeds import LARGEST_NUMBER
 from semisynth_gl.seeds.splits import SPLITS, SplitName
@@ -40,7 +40,6 @@ class Selection:
     frames: Sequence[int] | None = None
 
     def __post_init__(self) -> None:
-        check_type("splits", self.splits, Sequence)
         named = all(isinstance(split, str) and split in SPLITS for split in (self.split, *self.splits))
         if not named or self.split not in self.splits:
             raise InputError(
@@ -48,14 +47,13 @@ class Selection:
                 f"split={shown(self.split)} and splits={shown(self.splits)}"
             )
         # States are written as JSON, which needs Python's own numbers.
-        first = to_whole("first, the number of a sample,", self.first, 0, LARGEST_NUMBER)
+        first = to_whole("first", self.first, 0, LARGEST_NUMBER)
         object.__setattr__(self, "first", first)
         if self.pairs is not None:
-            pairs = to_whole("pairs (None for a stream without end)", self.pairs, 1, LARGEST_NUMBER)
+            pairs = to_whole("pairs", self.pairs, 1, LARGEST_NUMBER)
             object.__setattr__(self, "pairs", pairs)
         if self.frames is not None:
-            check_type("frames", self.frames, Sequence)
-            frames = tuple(to_whole("a number in frames", frame, least=0) for frame in self.frames)
+            frames = tuple(to_whole("frames", frame, least=0) for frame in self.frames)
             object.__setattr__(self, "frames", frames)
 
     def frames_in(self, length: int) -> tuple[int, ...]:

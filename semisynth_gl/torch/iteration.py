@@ -10,7 +10,7 @@ from torch.utils.data import IterableDataset, get_worker_info
 
 from semisynth_gl.dataset.names import PROGRAM
 from semisynth_gl.dataset.plan import differences
-from semisynth_gl.inputs.arguments import check_type, to_whole
+from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, abbreviate, shown
 from semisynth_gl.seeds.seeds import LARGEST_NUMBER
 from semisynth_gl.torch.dealing import Dealing, TrainingProcess, Worker
@@ -137,21 +137,20 @@ class DealtDataset(IterableDataset[Any]):
 
 def _position(state: object) -> tuple[int, Worker, Mapping[str, Any]]:
     """Return a state's number of yielded samples, its worker, and its stream's identity; check all three."""
-    if not isinstance(state, Mapping) or not set(state) >= _STATE:
+    if not isinstance(state, Mapping) or not set(state) >= _STATE or not isinstance(state["stream"], Mapping):
         raise InputError(
             f"expected the result of a stream's state_dict(), with the keys {', '.join(sorted(_STATE))}, got "
             f"{shown(state)}"
         )
     numbers = [
-        to_whole(f"{name} of a state", state[name], least, LARGEST_NUMBER)
+        to_whole(f"state: {name}", state[name], least, LARGEST_NUMBER)
         for name, least in (("yielded", 0), ("worker", 0), ("workers", 1))
     ]
     identity = state["stream"]
-    check_type("stream of a state", identity, Mapping)
     try:
         json.dumps(identity)
     except (TypeError, ValueError, RecursionError) as error:
-        raise InputError(f"stream of a state must have only JSON's types, got {shown(identity)}: {error}") from None
+        raise InputError(f"state: stream must have only JSON's types, got {shown(identity)}: {error}") from None
     return numbers[0], Worker(*numbers[1:]), identity
 
 

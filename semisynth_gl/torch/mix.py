@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from torch.utils.data import Dataset, IterableDataset
 
-from semisynth_gl.inputs.arguments import check_type, to_real, to_whole
+from semisynth_gl.inputs.arguments import to_real, to_whole
 from semisynth_gl.inputs.errors import InputError, shown
 from semisynth_gl.seeds.seeds import LARGEST_NUMBER, Purpose, generator
 from semisynth_gl.torch.dataset import StereoDataset
@@ -62,12 +62,11 @@ class StereoMix(DealtDataset):
         batch_size: int = 1,
         process: TrainingProcess | None = None,
     ) -> None:
-        seed = to_whole("a seed", seed, least=0)
-        first = to_whole("first, the number of a sample,", first, 0, LARGEST_NUMBER)
+        seed = to_whole("seed", seed, least=0)
+        first = to_whole("first", first, 0, LARGEST_NUMBER)
         if pairs is not None:
-            pairs = to_whole("pairs (None for a mix without end)", pairs, 1, LARGEST_NUMBER)
-        batch_size = to_whole("batch_size, the loader's,", batch_size, least=1)
-        check_type("process", process, TrainingProcess | None)
+            pairs = to_whole("pairs", pairs, 1, LARGEST_NUMBER)
+        batch_size = to_whole("batch_size", batch_size, least=1)
         source = MixedSamples(sources, seed)
         super().__init__(source, Dealing(first, pairs, batch_size, source.together), process)
 
@@ -80,7 +79,6 @@ class MixedSamples:
     """
 
     def __init__(self, sources: Sequence[tuple[Dataset[Any], float]], seed: int) -> None:
-        check_type("sources", sources, Sequence, "a list of (source, share)")
         if not sources:
             raise InputError("sources: expected at least one (source, share), got none")
         for pair in sources:
@@ -191,9 +189,9 @@ class _Passes:
 
 
 def _exact(share: object) -> Fraction:
-    number = to_real("a share", share)
+    number = to_real("share", share)
     if number <= 0:
-        raise InputError(f"a share must be above 0, got {shown(share)}: leave the source out")
+        raise InputError(f"must be above 0, got {shown(share)}: leave the source out", argument="share")
     return share if isinstance(share, Fraction) else Fraction(number)
 
 

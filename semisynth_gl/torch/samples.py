@@ -10,7 +10,6 @@ from torch.utils.data import default_collate
 
 from semisynth_gl.frame.channels import ROLES
 from semisynth_gl.frame.frame import Frame
-from semisynth_gl.inputs.arguments import check_type
 from semisynth_gl.inputs.errors import InputError, shown
 
 Sample = dict[str, Any]
@@ -62,14 +61,10 @@ def collate(samples: Sequence[Sample]) -> Sample:
         ``left`` (B, 3, H, W), ``disparity_left`` (B, H, W) and so on, with the largest H and W of the batch.
 
     Raises:
-        InputError: where there is no sample, or a sample is not a dictionary, as with a transform that returns other
-            objects.
+        InputError: where there is no sample.
     """
-    check_type("samples", samples, Sequence)
     if not samples:
         raise InputError("samples: expected one or more, got none")
-    for sample in samples:
-        check_type("a sample", sample, dict, "torch's default_collate batches other types")
     return {
         name: default_collate(_of_one_size(name, [sample[name] for sample in samples]))
         for name in samples[0]

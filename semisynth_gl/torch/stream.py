@@ -52,9 +52,8 @@ class Hardware:
     device: TensorDevice = "cpu"
 
     def __post_init__(self) -> None:
-        check_type("gpus", self.gpus, Sequence)
         for number in self.gpus:
-            to_whole("a number in gpus", number, least=0)
+            to_whole("gpus", number, least=0)
         check_one_of("backend", self.backend, BACKENDS)
         check_one_of("device", self.device, get_args(TensorDevice))
 
@@ -99,11 +98,8 @@ class StereoStream(DealtDataset):
         hardware: Hardware | None = None,
     ) -> None:
         check_type("config", config, Config, "load_config(NAME_OR_PATH) reads one")
-        seed = to_whole("a seed", seed, least=0)
-        batch_size = to_whole("batch_size, the loader's,", batch_size, least=1)
-        check_type("selection", selection, Selection | None)
-        check_type("process", process, TrainingProcess | None)
-        check_type("hardware", hardware, Hardware | None)
+        seed = to_whole("seed", seed, least=0)
+        batch_size = to_whole("batch_size", batch_size, least=1)
         selection = selection or Selection()
         source = RenderedPairs(config, seed, selection, hardware or Hardware(), crop, augmentation, checked, transform)
         super().__init__(source, Dealing(selection.first, selection.pairs, batch_size, source.together), process)

@@ -60,7 +60,7 @@ class OracleCheck:
             self._scenes = RebuiltScenes(index, split)
         except InputError as error:
             raise InputError(
-                f"{error}. `oracle` needs the scenes; verify without it to see what else is wrong with the dataset"
+                f"{error}. Rays need the scenes; verify without them to see what else is wrong with the dataset"
             ) from None
 
     def check(self, frame: StoredFrame, pixels: int, verdict: Verdict) -> None:

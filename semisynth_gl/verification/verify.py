@@ -6,7 +6,7 @@ from os import PathLike
 from typing import Any
 
 from semisynth_gl.dataset.reader import DamagedIndexError, read_index
-from semisynth_gl.inputs.arguments import check_type, to_whole
+from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.verification.dataset import verify_dataset
 from semisynth_gl.verification.verdict import DATASET, Finding, Verdict
@@ -67,8 +67,7 @@ def verify(
     Raises:
         InputError: where there is no dataset, or ``oracle`` is set and its scenes cannot be sampled again.
     """
-    check_type("`dataset`", dataset, str | PathLike)
-    pixels, listener = to_whole("`pixels`", pixels, least=1), listener or Listener()
+    pixels, listener = to_whole("pixels", pixels, least=1), listener or Listener()
     keys: list[FinishedPair] = []
     try:
         index = read_index(dataset)

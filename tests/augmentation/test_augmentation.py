@@ -210,10 +210,10 @@ def test_grey_images_have_brightness_and_contrast():
         ({"scale": (1.2, 0.9)}, "scale: expected .low, high. in rising order from 0.1 to 10"),
         ({"scale": 1.2}, r"scale: expected \(low, high\), got 1.2"),
         ({"scale": (0, 1)}, "scale: expected"),
-        ({"noise": (0, float("nan"))}, "noise must be a finite number"),
+        ({"noise": (0, float("nan"))}, "noise: must be a finite number"),
         ({"mirrored": 1.5}, "mirrored: expected a share from 0 to 1, got 1.5"),
-        ({"mirrored": True}, "mirrored must be a finite number"),
-        ({"recorded": 1}, "recorded must be a bool"),
+        ({"mirrored": True}, "mirrored: must be a finite number"),
+        ({"recorded": 1}, "recorded: must be a bool"),
         ({"hue_turns": "red"}, "hue_turns: expected"),
     ],
 )

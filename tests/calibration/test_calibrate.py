@@ -284,7 +284,7 @@ def test_ros_left_and_right_are_two_files_or_the_right_one_alone(tmp_path, ros):
     assert alone.camera.doffs_px == 0
     with pytest.raises(InputError) as error:
         read_rigs([left])
-    refused(error, "left.yaml", "the left camera's, which has no baseline", "another `calib`")
+    refused(error, "left.yaml", "the left camera's, which has no baseline", "the right camera's file too")
     with pytest.raises(InputError) as error:
         read_rigs([right, left])
     refused(error, "the baseline is -0.193", "swap")
@@ -297,20 +297,20 @@ def test_an_opencv_unit_is_asked_for_where_it_cannot_be_metres(tmp_path):
     path = write(tmp_path, "stereo.yml", opencv(unit_m=0.001))
     with pytest.raises(ReadError) as error:
         read_rigs([path])
-    refused(error, "193.001 m", "Set `unit` to mm")
+    refused(error, "193.001 m", "Give the unit (mm")
     (rig,) = read_rigs([path], unit_m=0.001)
     assert rig.camera.baseline_m == pytest.approx(CAMERA.baseline_m)
     for text in (MIDDLEBURY, KITTI, ros()):
-        with pytest.raises(ReadError, match="states the unit: leave `unit` out"):
+        with pytest.raises(ReadError, match="states the unit: leave the unit out"):
             read_rigs([write(tmp_path, "other.txt", text)], unit_m=0.001)
 
 
 def test_the_size_comes_from_the_file_or_the_user(tmp_path):
     path = write(tmp_path, "stereo.yml", opencv(size=False))
-    with pytest.raises(InputError, match=r"does not say how large the images are: give `size`"):
+    with pytest.raises(InputError, match=r"does not say how large the images are: give the size"):
         read_rigs([path])
     assert read_rigs([path], size=Size(640, 480))[0].size == (640, 480)
-    with pytest.raises(InputError, match="is for images of 741 x 500, but `size` says 640 x 480"):
+    with pytest.raises(InputError, match="is for images of 741 x 500, not 640 x 480"):
         read_rigs([write(tmp_path, "calib.txt", MIDDLEBURY)], size=Size(640, 480))
 
 
@@ -340,7 +340,7 @@ def test_the_size_comes_from_the_file_or_the_user(tmp_path):
          ["not rectified", "M1, R", "stereoRectify"]),
         (ros().replace("994.978", "0"), ["focal length is 0"]),
         ("left:\n  a: 1\nright:\n  b: 2\n", ["left.projection_matrix: missing"]),
-        (echoed(side=0), ["is the left camera's, which has no baseline", "another `calib`"]),
+        (echoed(side=0), ["is the left camera's, which has no baseline", "the right camera's file too"]),
         (echoed(side=0) + echoed(side=0, frame="other"), ["both matrices have 0 at the end of", "as a rig"]),
         (echoed(side=1) + echoed(side=1, frame="other"), ["both matrices have -192.032", "baseline is 0 m", "a rig"]),
         (echoed(side=1) + echoed(side=0), ["the baseline is -0.193", "swap"]),
@@ -356,7 +356,7 @@ def test_the_size_comes_from_the_file_or_the_user(tmp_path):
         (echoed().replace("p:\n- 994.978", "p:\n- .nan"), ["finite numbers"]),
         (echoed().replace("\np:", "\np: '<array type: double[12]>'\nq:"), ["p: expected a 3 x 4", "array type"]),
         (echoed().replace("width: 741", "width: 0"), ["at least 1 pixel"]),
-        (echoed().replace("binning_x: 0", "binning_x: 2"), ["binning_x: expected 0 or 1, got 2", "`scale`"]),
+        (echoed().replace("binning_x: 0", "binning_x: 2"), ["binning_x: expected 0 or 1, got 2", "the scale"]),
         (echoed().replace("binning_y: 0", "binning_y: [2]"), ["binning_y: expected 0 or 1, got [2]"]),
         (echoed().replace("x_offset: 0", "x_offset: 8"), ["roi: expected 0", "[8, 0, 0, 0]", "window"]),
         (echoed().replace("  height: 0\n  width: 0", "  height: 400\n  width: 741"), ["roi: ", "[0, 0, 741, 400]"]),
@@ -506,10 +506,10 @@ def test_photographs_of_another_size_are_refused_with_the_scale_that_fits(tmp_pa
     assert check_sizes(exact + other, [rig.size]) == 2
     with pytest.raises(InputError) as error:
         check_sizes(half, [rig.size])
-    refused(error, "741 x 500", "371 x 250", "`scale` 0.5", "`other_camera`")
+    refused(error, "741 x 500", "371 x 250", "the scale 0.5", "other_camera")
     with pytest.raises(InputError) as error:
         check_sizes(other, [rig.size])
-    refused(error, "400 x 400", "no `scale` gives even half of them a calibrated size", "`other_camera`")
+    refused(error, "400 x 400", "no scale gives even half of them a calibrated size", "other_camera")
     assert check_sizes(half, [rig.size], 0.5) == 2
 
 
@@ -746,7 +746,10 @@ def test_broken_maps_are_refused(tmp_path, name, data, words):
         (np.ones((40, 30)), ["has 30 x 40 pixels", "40 x 30", "shape differs by a factor of 1.78", "maps of this rig"]),
         (np.ones((19, 40)), ["has 40 x 19 pixels", "shape differs by a factor of 1.58, and at most 1.5"]),
         (np.ones((2, 2)), ["has 2 x 2 pixels", "its width by a factor of 20, and at most 16"]),
-        (np.full((30, 40), 512.0), ["up to 512 px", "40 px wide", "`png_scale`", "depths, give it as `depth`"]),
+        (
+            np.full((30, 40), 512.0),
+            ["up to 512 px", "40 px wide", "256 levels per pixel"],
+        ),
         (np.ones((3, 30, 40)), ["one value per pixel", "(3, 30, 40)"]),
         (np.ones((30, 40), complex), ["expected numbers, got complex128"]),
     ],
@@ -805,7 +808,7 @@ def test_depths_that_are_hardly_metres_are_refused(tmp_path):
     ):
         measure_maps([tmp_path / "a.npy"], [SMALL], depths=True)
     np.save(tmp_path / "b.npy", np.full((30, 40), 1500))
-    with pytest.raises(InputError, match="`depth`: expected the maps and the calibration of one rig, got 2"):
+    with pytest.raises(InputError, match="depth: expected the maps and the calibration of one rig, got 2"):
         disparity_range(DisparitySource([tmp_path / "b.npy"], depths=True), [SMALL, SMALL])
 
 
@@ -908,7 +911,7 @@ def test_what_lies_beyond_infinity_is_refused_with_its_numbers(call, tmp_path):
     with pytest.raises(InputError) as error:
         measured_range(Histogram.from_counts([4.0, 46.0], [1.0]), -5.0)
     refused(error, "a thousandth of the measured disparities lies below 4.042 px", "doffs = -5 px", "infinity is 5 px")
-    with pytest.raises(InputError, match=r"range of disparity begins at 5 px, but with doffs = -5 px .*`range_px`"):
+    with pytest.raises(InputError, match=r"range of disparity begins at 5 px, but with doffs = -5 px .*above it"):
         chosen_range(5.0, 46.0, -5.0)
     with pytest.raises(InputError, match=r"range of disparity ends at 4 px, but with doffs = -5 px"):
         chosen_range(None, 4.0, -5.0)
@@ -1247,13 +1250,13 @@ def test_an_invalid_config_is_reported_under_its_own_name(call, tmp_path, monkey
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--calib", "calib.txt", "--focal-px", "7"], ["--focal-px: --calib states the same"]),
-        (["--focal-px", "700"], ["--baseline-m, --size missing"]),
-        (["--focal-px", "700", "--baseline-m", "-0.1", "--size", "741x500"], ["--baseline-m -0.1", "above 0"]),
+        (["--calib", "calib.txt", "--focal-px", "7"], ["--focal-px: "]),
+        (["--focal-px", "700"], ["--baseline-m: missing"]),
+        (["--focal-px", "700", "--baseline-m", "-0.1", "--size", "741x500"], ["--baseline-m: ", "above 0"]),
         (["--focal-px", "700", "--baseline-m", "0.1", "--size", "741"], ["--size 741", "1280x720"]),
         (
             ["--focal-px", "700", "--baseline-m", "0.1", "--size", "741x500"],
-            ["as ndisp or vmax", "--disparity", "--range-px"],
+            ["as ndisp or vmax", "disparity maps"],
         ),
         (["--calib", "calib.txt", "--out", "a.txt"], ["ends in .yaml"]),
         (["--calib", "calib.txt", "--out", "no/a.yaml"], ["does not exist"]),
@@ -1265,13 +1268,13 @@ def test_an_invalid_config_is_reported_under_its_own_name(call, tmp_path, monkey
         (["--calib", "calib.txt", "--range-px", "1", "4", "--disparity", "x.pfm"], ["give only one of them"]),
         (
             ["--calib", "calib.txt", "--scale", "0.5"],
-            ["371 x 250 with --scale 0.5", "741 x 500", "without --scale they fit"],
+            ["371 x 250 times 0.5", "741 x 500", "without a scale they fit"],
         ),
-        (["--calib", "calib.txt", "--range-m", "1", "4", "--range-px", "2", "9"], ["--range-px and --range-m both"]),
-        (["--calib", "calib.txt", "--range-m", "4", "1"], ["--range-m 4 1", "the nearer one first"]),
-        (["--calib", "calib.txt", "--range-px", "1", "4", "--fov", "90"], ["--fov 90: calib.txt states how"]),
+        (["--calib", "calib.txt", "--range-m", "1", "4", "--range-px", "2", "9"], ["--range-m: range_px also"]),
+        (["--calib", "calib.txt", "--range-m", "4", "1"], ["--range-m: ", "the nearer one first"]),
+        (["--calib", "calib.txt", "--range-px", "1", "4", "--fov", "90"], ["--fov: calib.txt states how"]),
         (["--calib", "calib.txt", "--fov", "200"], ["--fov", "10<=x<=170"]),
-        (["--calib", "calib.txt", "--depth", "none.png"], ["--depth none.png: no depth map there"]),
+        (["--calib", "calib.txt", "--depth", "none.png"], ["none.png: no depth map there"]),
         (["--calib", "calib.txt", "--disparity", "none.pfm"], ["none.pfm: no disparity map there"]),
         (["--calib", "calib.txt", "--images", "flat"], ["no patch can be cut"]),
     ],

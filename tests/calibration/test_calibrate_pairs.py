@@ -267,7 +267,7 @@ def test_views_that_have_changed_places_are_refused(monkeypatch):
         swapped = Matches(matches.right, matches.left)
         monkeypatch.setattr(rectification, "match_pair", lambda *_, found=swapped: (found, (741, 500)))
         with pytest.raises(
-            InputError, match=r"`pairs` a b: half of the points have disparities \d+\.\d px or more below"
+            InputError, match=r"pairs: a b: half of the points have disparities \d+\.\d px or more below"
         ):
             measure_rectification([(Path("a"), Path("b"))], [Rig(camera, "calib.txt")])
     # What is infinitely far away, but for the errors of matching, is no such pair.
@@ -306,7 +306,7 @@ def test_the_command_matches_pairs_that_lie_beside_each_other(tmp_path, monkeypa
         *given, "--overwrite", "--other-camera", "--pairs", tmp_path / "photos/im0.png", tmp_path / "photos/im1.png"
     )
     assert isinstance(done.exception, InputError)
-    assert "--other-camera says" in str(done.exception)
+    assert "--pairs: needs photographs of the rig" in str(done.exception)
     monkeypatch.setitem(sys.modules, "cv2", None)
     done = run(*given, "--overwrite")
     assert done.exit_code == 0

@@ -433,17 +433,17 @@ def test_cameras_above_each_other_and_turned_sizes_are_named(tmp_path, lens):
 
 
 def test_alpha_is_refused_where_it_decides_nothing(tmp_path):
-    with pytest.raises(InputError, match=r"`alpha` 0\.5: .*rig\.yml states how its images are rectified"):
+    with pytest.raises(InputError, match=r"alpha: .*rig\.yml states how its images are rectified"):
         read_rigs([stored(tmp_path / "rig.yml", RAW | rectified())], alpha=0.5)
     left, right = ros(RAW | rectified())
     (tmp_path / "left.yaml").write_text(left)
     (tmp_path / "right.yaml").write_text(right)
-    with pytest.raises(InputError, match=r"`alpha` 1: .*states how"):
+    with pytest.raises(InputError, match=r"alpha: .*states how"):
         read_rigs([tmp_path / "left.yaml", tmp_path / "right.yaml"], alpha=1.0)
     others = {"range_px": (2, 40), "trials": 0}
-    with pytest.raises(InputError, match="`alpha` is for the lenses of a calibration"):
+    with pytest.raises(InputError, match="alpha: is for the lenses of a calibration"):
         calibrate("photos", focal_px=500, baseline_m=0.1, size=SIZE, alpha=1, **others)
-    with pytest.raises(InputError, match=r"`alpha`: expected a number from 0 to 1, got 1\.5"):
+    with pytest.raises(InputError, match=r"alpha: must be from 0 to 1, got 1\.5"):
         calibrate("photos", calib="rig.yml", alpha=1.5, **others)
 
 
@@ -627,7 +627,7 @@ def test_photographs_that_are_not_rectified_are_noted(place, monkeypatch):
     raw = calibrate(place / "photos", **settings)
     (note,) = (note for note in raw.notes if "probably not rectified" in note)
     assert re.search(r"the lens leaves \d+\.\d% border, and they have 0\.0%", note)
-    assert "`rectify_to`" in note
+    assert "rectify_to" in note
     rectified = calibrate(place / "photos", rectify_to=place / "rectified", **settings)
     assert not any("probably" in note for note in rectified.notes)
     assert "12 photographs rectified: 6 of the left camera, 6 of the right one (right/00.png, right/01.png, " in str(
@@ -639,7 +639,7 @@ def test_photographs_that_are_not_rectified_are_noted(place, monkeypatch):
 
 def test_a_file_is_no_folder_for_rectified_photographs(place):
     (place / "rectified").write_text("")
-    with pytest.raises(InputError, match="rectified: is a file: name a new folder"):
+    with pytest.raises(InputError, match="rectified is a file: name a new folder"):
         made(place)
 
 
@@ -689,7 +689,7 @@ def test_pairs_show_how_well_the_calibration_fits(place):
 def test_wrong_photographs_are_refused_before_anything_is_written(place):
     with pytest.raises(InputError, match="lies among the photographs"):
         calibrate(place / "photos", calib=place / "stereo.yml", rectify_to=place / "photos" / "out", range_px=(2, 40))
-    with pytest.raises(InputError, match="`other_camera` says"):
+    with pytest.raises(InputError, match="other_camera is set"):
         made(place, other_camera=True)
     stored(place / "only-p.yml", rectified())
     with pytest.raises(InputError, match="its cameras before rectification"):
@@ -700,11 +700,9 @@ def test_wrong_photographs_are_refused_before_anything_is_written(place):
         top = place / "photos" if isinstance(sources, str) else place / "photos" / "left"
         with pytest.raises(InputError, match=r"would replace the photograph|lies among the photographs"):
             calibrate(sources, calib=place / "stereo.yml", rectify_to=top, range_px=(2, 40), trials=0)
-    for pairs in ([("a",)], [(1, 2)]):
+    for pairs in ([("a",)], [("a", "b", "c")]):
         with pytest.raises(InputError, match="pairs"):
             made(place, pairs=pairs)
-    with pytest.raises(InputError, match="rectify_to"):
-        calibrate(place / "photos", calib=place / "stereo.yml", rectify_to=5, range_px=(2, 40))
     Image.new("RGB", SIZE).save(place / "photos" / "left" / "00.jpg")
     with pytest.raises(InputError, match="differ in more than their endings"):
         made(place)
@@ -750,7 +748,7 @@ def test_rectified_photographs_of_another_calibration_are_not_replaced(place):
     files = {path: path.read_bytes() for path in (place / "rectified").rglob("*.png")}
     made(place)  # the same ones
     stored(place / "other.yml", RAW | {"K1": np.add(K1, [[0, 0, 3], [0, 0, 0], [0, 0, 0]])} | rectified())
-    with pytest.raises(InputError, match="is there with other pixels: name a new folder"):
+    with pytest.raises(InputError, match="with other pixels: name a new folder"):
         made(place, calib=place / "other.yml")
     assert files == {path: path.read_bytes() for path in (place / "rectified").rglob("*.png")}
 

@@ -262,7 +262,7 @@ def test_wrong_ways_to_generate_are_refused_and_nothing_written(call, tmp_path, 
         (["--config", "nope"], ["no such config: nope", "middlebury"]),
         (
             ["--config", "middlebury", "--set", "camera.widht_px=3"],
-            ["--set camera.widht_px: unknown key; did you mean camera.width_px?"],
+            ["override camera.widht_px: unknown key; did you mean camera.width_px?"],
         ),
         (["--config", "middlebury", "--models", "nowhere"], ["nowhere"]),
         (["--config", "middlebury", "--seed", "-1"], ["--seed"]),

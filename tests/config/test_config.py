@@ -176,8 +176,8 @@ def test_overrides_are_yaml_and_name_themselves(tmp_path):
     assert load_config(path, {"camera.focal_px": [40, 100.0], "textures.sequence": True}) == config
     assert load_config(path, {"camera": {"focal_px": [40, 100.0]}, "textures": {"sequence": True}}) == config
     for setting, word in (
-        ("camera.width=3", r"`overrides` camera\.width: unknown key; did you mean camera\.width_px\?"),
-        ("camera.width_px=x", r"`overrides` camera\.width_px: input should be a valid integer, got 'x'"),
+        ("camera.width=3", r"override camera\.width: unknown key; did you mean camera\.width_px\?"),
+        ("camera.width_px=x", r"override camera\.width_px: input should be a valid integer, got 'x'"),
         ("camera.width_px.more=3", r"camera\.width_px: input should be a valid integer"),
         ("camera.width_px", "expected dotted.key=value"),
         ("camera.width_px=[", "not valid YAML"),
@@ -253,14 +253,14 @@ def test_keys_that_a_message_names_are_found_where_they_were_set(tmp_path):
     path = written(tmp_path, "extends: middlebury\nname: lab\ndisparity:\n  max_px: 40\n")
     with pytest.raises(InputError, match=rf"^{path}:4: disparity.max_px: .* raise the second \(with .*{PACKAGED}\)$"):
         load_config(path)
-    with pytest.raises(InputError, match=rf"^`overrides` disparity.max_px: .* raise the second \(with .*{PACKAGED}\)$"):
+    with pytest.raises(InputError, match=rf"^override disparity.max_px: .* raise the second \(with .*{PACKAGED}\)$"):
         load_config("middlebury", ["disparity.max_px=40"])
-    with pytest.raises(InputError, match=r"^`overrides` disparity.max_px: disparity.target wants .* \(with .*\)$"):
+    with pytest.raises(InputError, match=r"^override disparity.max_px: disparity.target wants .* \(with .*\)$"):
         load_config("kitti", ["disparity.max_px=40", "scenes=[]"])
-    with pytest.raises(InputError, match=rf"^`overrides` models.complex: .* \(with models.simple of {PACKAGED}"):
+    with pytest.raises(InputError, match=rf"^override models.complex: .* \(with models.simple of {PACKAGED}"):
         load_config("ablation-geometry-complex", ["models.complex=0"])
     # A recipe that an option makes impossible is named, after the option.
-    with pytest.raises(InputError, match=rf"^`overrides` disparity.max_px: scenes.1: structures.* of {PACKAGED}"):
+    with pytest.raises(InputError, match=rf"^override disparity.max_px: scenes.1: structures.* of {PACKAGED}"):
         load_config("middlebury", ["disparity.max_px=100"])
     # What is of the config as a whole is the user's.
     path = written(tmp_path, "extends: middlebury\nname: lab\noutputs: [disparity_change]\nrig: {right_y_px: 1}\n")
@@ -285,7 +285,7 @@ def test_a_wrong_key_names_those_that_may_be_meant(tmp_path, as_text):
         with pytest.raises(InputError) as caught:
             load_config("middlebury", [f"{key}=3"] if as_text else {key: 3})
         said[key] = str(caught.value)
-        assert said[key].startswith(f"`overrides` {key}: " if as_text else "overrides: ")
+        assert said[key].startswith(f"override {key}: " if as_text else "overrides: ")
     assert {key: re.search(r"unknown key; did you mean (.*)\?$", text)[1] for key, text in said.items()} == MEANT
     path = written(
         tmp_path, "name: m\n" + CAMERA + "disparity: {min_px: 1, max_px: 9}\nwidth_px: 3\ncamra: {cy_px: 3}\n"
@@ -333,13 +333,13 @@ def test_what_is_replaced_lends_its_place_to_nothing(tmp_path):
     text = with_target("\n    form: gamma\n    mean_px: 3\n    spread_px: 2")
     path = tmp_path / "mine.yaml"
     message = complaint(tmp_path, text, ["disparity.target.form=uniform", "disparity.target.mean_px=-3"])
-    assert message.startswith("`overrides` disparity.target.mean_px: unknown key")
+    assert message.startswith("override disparity.target.mean_px: unknown key")
     message = complaint(tmp_path, text, ["disparity.target={form: gamma, mean_px: -3, spread_px: 1}"])
-    assert message.startswith("`overrides` disparity.target: disparity.target.mean_px: input should be greater than 0")
+    assert message.startswith("override disparity.target: disparity.target.mean_px: input should be greater than 0")
     assert complaint(tmp_path, text, ["camera.width_px.more=3"]).startswith(
-        "`overrides` camera.width_px.more: camera.width_px: input should be a valid integer"
+        "override camera.width_px.more: camera.width_px: input should be a valid integer"
     )
-    place = "`overrides` disparity.target.mean_px: "
+    place = "override disparity.target.mean_px: "
     assert complaint(tmp_path, text, ["disparity.target.mean_px=-3"]).startswith(place)
     assert complaint(tmp_path, text.replace("spread_px: 2", "spread_px: 0")).startswith(f"{path}:9: disparity.target.s")
 
@@ -393,7 +393,7 @@ def test_faults_of_targets_name_keys_that_users_wrote(tmp_path, target, said):
     assert any(line.startswith(f"{tmp_path / 'mine.yaml'}:6{said}") for line in lines), lines
     minimal = "name: m\n" + CAMERA + DISPARITY
     lines = complaint(tmp_path, minimal, [f"disparity.target={target}"]).splitlines()
-    assert any(line.startswith(f"`overrides` disparity.target{said}") for line in lines), lines
+    assert any(line.startswith(f"override disparity.target{said}") for line in lines), lines
 
 
 def test_a_text_is_read_as_a_file_would_be(tmp_path):

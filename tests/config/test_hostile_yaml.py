@@ -107,7 +107,7 @@ def test_traps_in_an_override_name_the_override(name):
     with pytest.raises(InputError) as caught:
         load_config("kitti", [f"licences={text}"] if ": " in text.partition("\n")[0] else [f"outputs={text}"])
     message = str(caught.value)
-    assert message.startswith("`overrides` ")
+    assert message.startswith("override ")
     assert len(message) < 3000
 
 

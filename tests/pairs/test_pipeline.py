@@ -142,14 +142,14 @@ def test_user_models_alone(tmp_path, backend):
 
 def test_a_negative_index_or_seed_is_refused():
     config = tiny()
-    with pytest.raises(InputError, match="seed must be 0 or more"):
+    with pytest.raises(InputError, match="seed: must be 0 or more"):
         PairRenderer(config, -1)
-    with pytest.raises(InputError, match="index must be 0 or more"):
+    with pytest.raises(InputError, match="index: must be from 0"):
         render_pair(config, -1)
 
 
 def test_images_without_any_are_told(tmp_path):
-    with pytest.raises(InputError, match=r"`textures.images` is empty: name your photographs there"):
+    with pytest.raises(InputError, match=r"textures.images is empty: name your photographs there"):
         PairRenderer(load_config("ablation-textures-target"), 0)
     del tmp_path
 

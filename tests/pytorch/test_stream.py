@@ -317,7 +317,7 @@ def test_a_state_of_another_stream_is_refused_with_what_differs():
     with pytest.raises(InputError, match=r"expected the result of a stream's state_dict\(\)"):
         there.load_state_dict({"_snapshot": {}})
     for wrong in WRONG_STATES:
-        with pytest.raises(InputError, match=r"of a state must |expected the result of a stream's state_dict\(\)"):
+        with pytest.raises(InputError, match=r"state: |expected the result of a stream's state_dict\(\)"):
             there.load_state_dict(wrong if not isinstance(wrong, tuple) else state | dict([wrong]))
     there.load_state_dict(state | {"worker": 1, "workers": 2})
     with pytest.raises(InputError, match=r"from worker 1 of 2, and this is worker 0 of 1.*first="):
@@ -425,7 +425,7 @@ def test_a_process_that_has_yielded_nothing_has_no_state():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"seed": -1}, "seed must be 0 or more, got -1"),
+        ({"seed": -1}, "seed: must be 0 or more, got -1"),
         ({"batch_size": 0}, "1 or more, got 0"),
         (
             {"selection": Selection(frames=range(4))},
@@ -450,8 +450,8 @@ def test_arguments_that_cannot_be_used_are_refused(options, message):
         (Selection, {"split": "training"}, "expected one of splits.*got split='training'"),
         (Selection, {"split": "validation"}, "expected one of splits.*splits=\\('train',\\)"),
         (Selection, {"splits": ("train", "dev")}, "train, validation, test"),
-        (Selection, {"first": -2}, "0 or more, got -2"),
-        (Selection, {"pairs": 0}, "1 or more.*got 0"),
+        (Selection, {"first": -2}, "first: must be from 0 .* got -2"),
+        (Selection, {"pairs": 0}, "pairs: must be from 1 .* got 0"),
         (TrainingProcess, {"rank": 2, "world_size": 2}, "got rank=2 and world_size=2"),
         (TrainingProcess, {"rank": -1, "world_size": 2}, "got rank=-1 and world_size=2"),
         (TrainingProcess, {"rank": 1}, "got rank=1 and world_size=1.*torch.distributed for both"),

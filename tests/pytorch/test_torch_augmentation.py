@@ -114,8 +114,6 @@ def test_a_stretched_sample_says_its_vertical_focal_length(folder):
 
 
 def test_augmentations_that_cannot_be_used_are_refused(folder):
-    with pytest.raises(InputError, match="augmentation must be"):
-        StereoDataset(folder, augmentation="raft-stereo")
     with pytest.raises(InputError, match="need crop="):
         StereoDataset(folder, augmentation=SMALL)
     with pytest.raises(InputError, match="scale: expected at least"):

@@ -262,8 +262,8 @@ def test_what_lacks_pixels_is_filled_with_nothing(hand_made):
         ({"crop": (0, 10)}, r"got \(0, 10\)"),
         ({"crop": 10}, "got 10"),
         ({"crop": (10.0, 10)}, r"got \(10.0, 10\)"),
-        ({"seed": -1}, "seed must be 0 or more, got -1"),
-        ({"seed": "3"}, "seed must be a whole number"),
+        ({"seed": -1}, "seed: must be 0 or more, got -1"),
+        ({"seed": "3"}, "seed: must be a whole number"),
         ({"transform": "crop"}, "transform must be a function of a sample, got 'crop'"),
         ({"split": "val"}, "expected a split of train, test, got 'val'"),
     ],
@@ -276,21 +276,16 @@ def test_arguments_that_cannot_be_used_are_refused(hand_made, options, message):
 def test_what_is_no_dataset_pair_or_sample_is_refused(hand_made, tmp_path):
     with pytest.raises(InputError, match="no such folder"):
         StereoDataset(tmp_path / "none")
-    with pytest.raises(InputError, match="address must be a str or PathLike, got 3"):
-        StereoDataset(3)
     dataset = StereoDataset(hand_made)
     with pytest.raises(IndexError):
         dataset[7]
     for number in ("0", 1.0, slice(2)):
-        with pytest.raises(InputError, match="number of a pair must be a whole number"):
+        with pytest.raises(InputError, match="number: must be a whole number"):
             dataset[number]
-    with pytest.raises(InputError, match="epoch must be 0 or more"):
+    with pytest.raises(InputError, match="epoch: must be 0 or more"):
         dataset.at_epoch(-1)
-    for none, message in (([], "expected one or more"), (None, "samples must be a Sequence")):
-        with pytest.raises(InputError, match=message):
-            collate(none)
-    with pytest.raises(InputError, match=r"a sample must be a dict, got \(.*default_collate"):
-        collate([(1, 2)])
+    with pytest.raises(InputError, match="expected one or more"):
+        collate([])
 
 
 def test_an_image_of_another_size_is_refused(tmp_path):

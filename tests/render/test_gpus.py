@@ -33,15 +33,15 @@ DEVICES = [
 )
 def test_the_device_is_found_within_those_that_cuda_sees(visible, indices):
     assert [egl_index_of_gpu(gpu, DEVICES, visible) for gpu in range(len(indices))] == indices
-    with pytest.raises(InputError, match=f"`gpus` {len(indices)}: .*CUDA sees GPU"):
+    with pytest.raises(InputError, match=f"gpus: {len(indices)}: .*CUDA sees GPU"):
         egl_index_of_gpu(len(indices), DEVICES, visible)
 
 
 @pytest.mark.parametrize(
     ("gpu", "visible", "message"),
     [
-        (4, None, r"`gpus` 4: CUDA sees GPUs 0, 1, 2, 3"),
-        (2, "2,3", r"`gpus` 2: with CUDA_VISIBLE_DEVICES=2,3 CUDA sees GPUs 0, 1"),
+        (4, None, r"gpus: 4: CUDA sees GPUs 0, 1, 2, 3"),
+        (2, "2,3", r"gpus: 2: with CUDA_VISIBLE_DEVICES=2,3 CUDA sees GPUs 0, 1"),
         (0, "", "CUDA sees no GPU"),
         (0, "-1", "CUDA sees no GPU"),
         (-1, "0", "CUDA sees GPU 0"),
@@ -57,7 +57,7 @@ def test_what_there_is_is_said_where_a_gpu_is_not_found(gpu, visible, message):
 
 
 def test_devices_that_do_not_know_cuda_are_no_gpus():
-    with pytest.raises(InputError, match="`gpus` 0: none of EGL's devices says"):
+    with pytest.raises(InputError, match="gpus: 0: none of EGL's devices says"):
         egl_index_of_gpu(0, DEVICES[-1:], None)
 
 

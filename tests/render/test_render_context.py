@@ -233,7 +233,7 @@ def test_outputs_are_made_only_when_asked_for(open_renderer, square):
 
 
 def test_what_a_renderer_cannot_make_is_refused(square):
-    with pytest.raises(InputError, match=r"an output.*got 'valid'"):
+    with pytest.raises(InputError, match=r"outputs: .*got 'valid'"):
         Renderer([square], noise_layers(1, 16), outputs=("valid",))
 
 
@@ -244,7 +244,7 @@ def test_more_instances_than_ids_are_refused(open_renderer, square):
     )
     with pytest.raises(InputError, match="16-bit ids"):
         open_renderer([square], noise_layers(1, 16), outputs=["instances"]).render(many)
-    with pytest.raises(InputError, match="an output: expected one of"):
+    with pytest.raises(InputError, match="outputs: must be one of"):
         open_renderer([square], noise_layers(1, 16), outputs=["albedo"])
 
 

@@ -53,7 +53,7 @@ def test_builtin_photographs_are_there_and_none_is_an_evaluation_image() -> None
 
 def test_absent_scikit_image_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(image_files, "find_spec", lambda _: None)
-    with pytest.raises(InputError, match=r"`textures.images`") as caught:
+    with pytest.raises(InputError, match=r"textures\.images") as caught:
         builtin_photographs()
     assert "pip install scikit-image" in str(caught.value)
 

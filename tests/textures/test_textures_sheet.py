@@ -193,7 +193,7 @@ def test_any_file_name_can_be_shown(call, tmp_path):
         (["--images", "nothing"], "no image matches"),
         (["--config", "nothing"], "no such config"),
         (["--set", "textures.min_difference=2"], "textures.min_difference"),
-        (["--set", "textures.source=images"], "--images is empty: name your photographs there"),
+        (["--set", "textures.source=images"], "textures.images is empty: name your photographs there"),
     ],
 )
 def test_wrong_input_writes_nothing(call, tmp_path, arguments, words):
