@@ -78,7 +78,7 @@ def folder(path: Path) -> Judges:
     try:
         found = find_truth(str(path))
     except InputError as error:
-        raise InputError(str(error).replace("`truth`", "--evaluate")) from None
+        raise InputError(error.text, argument="--evaluate") from None
     if (path / INDEX).is_file():
         frames = open_dataset(path)
         views = {pair.name: partial(_read_own, frames, number, pair) for number, pair in enumerate(found.pairs)}

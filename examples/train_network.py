@@ -315,7 +315,7 @@ def main(**options: Any) -> None:  # noqa: ANN401 - as many types as options
     try:
         run(**options)
     except SemisynthError as error:
-        click.echo(f"Error: {with_augmentation(in_options(str(error), main), options['augment'])}", err=True)
+        click.echo(f"Error: {with_augmentation(in_options(error, main), options['augment'])}", err=True)
         sys.exit(_REFUSED)
     finally:
         if distributed.is_available() and distributed.is_initialized():
