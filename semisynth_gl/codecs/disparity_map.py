@@ -12,7 +12,7 @@ from semisynth_gl.codecs.pfm import ANY_PFM
 from semisynth_gl.codecs.png import GREY16, HEAD_BYTES
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, SIGNED_DISPARITY, DisparityPng16
 from semisynth_gl.inputs.errors import ReadError
-from semisynth_gl.inputs.user_files import NotOnDiskError, open_file
+from semisynth_gl.inputs.user_files import open_file
 
 _MM_PER_M = 1000
 # The median depth of real scenes is smaller.
@@ -62,15 +62,13 @@ def read_depth_map(path: Path) -> NDArray[np.float32]:
 def is_disparity_map(path: Path) -> bool:
     """Return whether a file with an ending of `MAP_EXTENSIONS` may be a disparity map.
 
-    Only a PNG is opened, and has to be a regular file of 16-bit grey. Raises ReadError where it cannot be read.
+    Only a PNG is opened, and has to be 16-bit grey. Raises ReadError where it cannot be read.
     """
     if path.suffix.lower() != ".png":
         return True
     try:
         with open_file(path) as file:
             return GREY16.is_kind_of(file.read(HEAD_BYTES))
-    except NotOnDiskError:
-        return False
     except OSError as error:
         raise ReadError(path, f"cannot be read: {error.strerror}") from None
 

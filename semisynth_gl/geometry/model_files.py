@@ -14,7 +14,7 @@ import numpy as np
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_units import BrokenModelError, join_surfaces
 from semisynth_gl.inputs.errors import InputError, Skipped
-from semisynth_gl.inputs.user_files import files_below, of_kernel
+from semisynth_gl.inputs.user_files import files_below
 
 OUT_OF_MEMORY = "does not fit into memory: decimate the model, for example in MeshLab or Blender"
 """The only reason for leaving a model out that may be gone the next time; results with it are not cached."""
@@ -37,11 +37,9 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
     downloaded.
 
     Returns the models, named by their paths relative to the folder, and the unusable files, each with a reason. Raises
-    InputError where a folder does not exist or is not on a disk, or no file has a usable model.
+    InputError where a folder does not exist, or no file has a usable model.
     """
     for folder in folders:
-        if of_kernel(folder):
-            raise InputError(f"models: expected a folder or a file on a disk, but {folder} is the kernel's")
         if not folder.exists():
             raise InputError(f"models: expected a folder or a file, but {folder} does not exist")
     from semisynth_gl.geometry.model_reader import FORMATS, read_surfaces  # noqa: PLC0415  # trimesh is slow to load

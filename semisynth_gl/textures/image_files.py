@@ -13,7 +13,7 @@ from ruamel.yaml import YAML
 
 from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.inputs.resources import data_root
-from semisynth_gl.inputs.user_files import expanded, of_kernel
+from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.textures.images import image_extensions
 
 # Images that phones and cameras write, and Pillow does not read without further packages.
@@ -175,13 +175,13 @@ def folders_below(top: str, *, hidden: bool) -> Iterator[tuple[str, str, list[os
     """Yield a folder and all folders below it, breadth first: path, real path, and entries sorted by name.
 
     Each folder is entered once, whatever links lead to it. Folders whose names begin with a dot are entered only where
-    ``hidden`` is set, those of /proc and /sys never. An empty ``top`` is the current folder.
+    ``hidden`` is set. An empty ``top`` is the current folder.
     """
     entered: set[str] = set()
     folders = [top]
     for folder in folders:  # the list grows in the loop
         real = os.path.realpath(folder)
-        if real in entered or of_kernel(real):
+        if real in entered:
             continue
         entered.add(real)
         entries = _entries(folder or ".")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageFile, ImageOps, UnidentifiedImageError
 
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER, NotOnDiskError, open_file
+from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER, open_file
 from semisynth_gl.seeds.spread import spread
 
 MAX_PIXELS = 178_956_970
@@ -222,8 +222,6 @@ def _bytes_per_pixel(image: Image.Image) -> int:
 def _reason(error: Exception) -> str:
     if isinstance(error, Image.DecompressionBombError):
         return f"has more pixels than are decoded: {error}".split(", could")[0]
-    if isinstance(error, NotOnDiskError):
-        return f"cannot be read: {error.strerror}"
     detail = " ".join(str(error).split()) or type(error).__name__
     reasons = (reason for kind, reason in _REASONS.items() if isinstance(error, kind))
     return next(reasons, f"is truncated or damaged ({detail})")

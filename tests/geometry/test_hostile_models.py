@@ -315,7 +315,7 @@ def test_triangles_vertices_and_parts_are_counted_as_often_as_they_are_placed(tm
 
 def test_a_pipe_that_is_given_as_a_model_is_not_opened(tmp_path):
     os.mkfifo(tmp_path / "a.obj")
-    assert "named pipe" in reason(tmp_path / "a.obj")
+    assert "no regular file" in reason(tmp_path / "a.obj")
     assert "No such file" in reason(tmp_path / "absent.obj")
 
 
