@@ -262,13 +262,15 @@ class View(Mapping[str, NDArray[Any]]):
         for name, array in self._arrays.items():
             channel = CHANNELS.get(name)
             if channel is None:
-                raise InputError(f"view: expected channels of {', '.join(CHANNELS)}, got {name}")
+                raise InputError(f"expected channels of {', '.join(CHANNELS)}, got {name}", argument="view")
             if not isinstance(array, np.ndarray):
                 continue  # the renderer's reader may return tensors
             if array.ndim < 2 or not channel.fits(array.shape) or array.dtype != channel.dtype:
                 expected = "(H, W)" if channel.components == 1 else f"(H, W, {channel.components})"
                 expected += " or (H, W)" if channel.or_grey else ""
-                raise InputError(f"view: {name} must be {expected} {channel.dtype}, got {array.shape} {array.dtype}")
+                raise InputError(
+                    f"{name} must be {expected} {channel.dtype}, got {array.shape} {array.dtype}", argument="view"
+                )
 
     __eq__ = object.__eq__
     __hash__ = object.__hash__

@@ -44,7 +44,7 @@ def place_moved(placed: Placed, motion: Motion, placing: Placing) -> Moved:
             f"motion: expected {counted(len(now), 'instance')}, those of the scene, got {len(motion.instance)}"
         )
     if then.camera != now.camera:
-        raise InputError(f"motion: expected the scene's camera, {now.camera}, got {then.camera}")
+        raise InputError(f"expected the scene's camera, {now.camera}, got {then.camera}", argument="motion")
     view_from_model = placing.view_from_model(
         replace(now, camera_from_world=then.camera_from_world, world_from_model=motion.world_from_model)
     )

@@ -269,7 +269,7 @@ class Renderer:
         self._check_open()
         self._check(scene)
         if isinstance(eyes, str) or not set(eyes) <= set(EYES):
-            raise InputError(f"eyes: expected some of {', '.join(EYES)}, got {eyes!r}")
+            raise InputError(f"expected some of {', '.join(EYES)}, got {eyes!r}", argument="eyes")
         with self._current():
             sized = self._targets.for_images(scene.camera)
             placed = self._placing.place(scene)
@@ -345,7 +345,7 @@ class Renderer:
                 f"scene: its right camera deviates ({scene.camera.deviation}), which takes Renderer(rectified=False)"
             )
         if scene.projector is not None and self._loaded.pattern is None:
-            raise InputError("scene: its projector throws a pattern, which takes Renderer(pattern=...)")
+            raise InputError("its projector throws a pattern, which takes Renderer(pattern=...)", argument="scene")
         ranges = (("model", scene.model, len(self._loaded.models)), ("layer", scene.layer, len(self._loaded.patches)))
         for name, index, count in ranges:
             if len(index) and (int(index.min()) < 0 or int(index.max()) >= count):

@@ -40,7 +40,7 @@ class SharedLeft:
         past: Motion | None,
     ) -> None:
         if not cameras:
-            raise InputError("cameras: expected at least one, got none")
+            raise InputError("expected at least one, got none", argument="cameras")
         for camera in cameras:
             if camera.left_alone != scene.camera.left_alone:
                 raise InputError(

@@ -45,7 +45,7 @@ class Antialias:
             InputError: where the text names no antialiasing.
         """
         if not re.fullmatch(ANTIALIAS_PATTERN, text):
-            raise InputError(f"antialias: expected none, edges, or ssaa2 to ssaa8, got {text}")
+            raise InputError(f"expected none, edges, or ssaa2 to ssaa8, got {text}", argument="antialias")
         if text in ("none", "edges"):
             return cls("none" if text == "none" else "edges")
         return cls("ssaa", int(text[4:]))
@@ -74,7 +74,7 @@ class Wanted:
             InputError: where an option is unknown, or two options exclude each other.
         """
         if isinstance(outputs, str) or not isinstance(outputs, Collection):
-            raise InputError(f"outputs: expected some of {', '.join(DRAWN_OUTPUTS)}, got {shown(outputs)}")
+            raise InputError(f"expected some of {', '.join(DRAWN_OUTPUTS)}, got {shown(outputs)}", argument="outputs")
         for output in outputs:
             check_one_of("outputs", output, DRAWN_OUTPUTS)
         if not rectified and "disparity_change" in outputs:

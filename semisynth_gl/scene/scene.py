@@ -44,7 +44,7 @@ class Projector:
         turn = pose[:3, :3] if pose.shape == (4, 4) else np.zeros((3, 3))
         rigid = np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) and np.linalg.det(turn) > 0
         if not rigid or pose[3].tolist() != [0, 0, 0, 1]:
-            raise InputError(f"projector: projector_from_camera must be rigid, (4, 4), got {pose.tolist()}")
+            raise InputError(f"projector_from_camera must be rigid, (4, 4), got {pose.tolist()}", argument="projector")
         check_magnitudes("projector: projector_from_camera", pose)
         for name in ("focal_px", "power", "ambient"):
             value = to_magnitude(f"projector: {name}", getattr(self, name), least=LEAST)
@@ -93,7 +93,9 @@ class Scene:
 
     def __post_init__(self) -> None:
         if self.camera.aspect_ratio != 1:
-            raise InputError(f"scene: expected a camera with aspect_ratio 1, got {self.camera.aspect_ratio:g}")
+            raise InputError(
+                f"expected a camera with aspect_ratio 1, got {self.camera.aspect_ratio:g}", argument="scene"
+            )
         object.__setattr__(self, "near_m", to_magnitude("near_m", self.near_m, least=LEAST))
         if self.near_m <= 0:
             raise InputError(f"near_m must be positive, got {self.near_m}")
@@ -101,12 +103,16 @@ class Scene:
         if not self.sky.any():
             object.__setattr__(self, "sky", np.zeros(n, bool))
         if self.sky.shape != (n,) or self.sky.dtype != np.bool_:
-            raise InputError(f"scene: sky must be ({n},) bool for {n} instances, got {self.sky.shape} {self.sky.dtype}")
+            raise InputError(
+                f"sky must be ({n},) bool for {n} instances, got {self.sky.shape} {self.sky.dtype}", argument="scene"
+            )
         shapes = {"camera_from_world": (4, 4), "model": (n,), "world_from_model": (n, 4, 4), "layer": (n,)}
         for name, shape in (shapes | {"uv_scale": (n, 2), "uv_offset": (n, 2)}).items():
             array = getattr(self, name)
             if array.shape != shape:
-                raise InputError(f"scene: {name} must have shape {shape} for {n} instances, got {array.shape}")
+                raise InputError(
+                    f"{name} must have shape {shape} for {n} instances, got {array.shape}", argument="scene"
+                )
             check_magnitudes(f"scene: {name}", array)
 
     def __len__(self) -> int:
@@ -162,10 +168,10 @@ class Motion:
         n, then = len(self.instance), len(self.scene)
         if self.instance.shape != (n,) or self.world_from_model.shape != (n, 4, 4):
             shapes = f"{self.instance.shape} and {self.world_from_model.shape}"
-            raise InputError(f"motion: expected instance (N,) and world_from_model (N, 4, 4), got {shapes}")
+            raise InputError(f"expected instance (N,) and world_from_model (N, 4, 4), got {shapes}", argument="motion")
         low, high = (int(self.instance.min()), int(self.instance.max())) if n else (-1, -1)
         if low < -1 or high >= then:
-            raise InputError(f"motion: instance must be -1 to {then - 1}, got {low} to {high}")
+            raise InputError(f"instance must be -1 to {then - 1}, got {low} to {high}", argument="motion")
         check_magnitudes("motion: world_from_model", self.world_from_model)
 
 
@@ -231,7 +237,9 @@ def make_scene(
     n = len(index)
     matrices = to_array("world_from_model", world_from_model, np.float64)
     if matrices.size != n * 16:
-        raise InputError(f"scene: world_from_model must have shape ({n}, 4, 4) for {n} instances, got {matrices.shape}")
+        raise InputError(
+            f"world_from_model must have shape ({n}, 4, 4) for {n} instances, got {matrices.shape}", argument="scene"
+        )
     pose = np.eye(4) if camera_from_world is None else camera_from_world
     is_sky = to_array("sky", sky, np.bool_)
     return Scene(

@@ -150,7 +150,9 @@ def _position(state: object) -> tuple[int, Worker, Mapping[str, Any]]:
     try:
         json.dumps(identity)
     except (TypeError, ValueError, RecursionError) as error:
-        raise InputError(f"state: stream must have only JSON's types, got {shown(identity)}: {error}") from None
+        raise InputError(
+            f"stream must have only JSON's types, got {shown(identity)}: {error}", argument="state"
+        ) from None
     return numbers[0], Worker(*numbers[1:]), identity
 
 

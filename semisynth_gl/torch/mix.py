@@ -80,10 +80,10 @@ class MixedSamples:
 
     def __init__(self, sources: Sequence[tuple[Dataset[Any], float]], seed: int) -> None:
         if not sources:
-            raise InputError("sources: expected at least one (source, share), got none")
+            raise InputError("expected at least one (source, share), got none", argument="sources")
         for pair in sources:
             if not isinstance(pair, tuple) or len(pair) != 2:
-                raise InputError(f"sources: expected pairs of (source, share), got {shown(pair, 80)}")
+                raise InputError(f"expected pairs of (source, share), got {shown(pair, 80)}", argument="sources")
         shares = [_exact(share) for _, share in sources]
         self._shares = [share / sum(shares) for share in shares]
         self._parts = [_dealt(source, seed, place) for place, (source, _) in enumerate(sources)]
@@ -206,6 +206,8 @@ def _dealt(source: object, seed: int, place: int) -> DealtDataset:
         )
     length = len(source)
     if length < 1:
-        raise InputError(f"sources: expected a dataset with samples, got {shown(source, 80)}, which has none")
+        raise InputError(
+            f"expected a dataset with samples, got {shown(source, 80)}, which has none", argument="sources"
+        )
     passes: Source = _Passes(source, length, seed, place)
     return DealtDataset(passes, Dealing(0, None, 1, 1), TrainingProcess())

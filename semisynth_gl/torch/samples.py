@@ -64,7 +64,7 @@ def collate(samples: Sequence[Sample]) -> Sample:
         InputError: where there is no sample.
     """
     if not samples:
-        raise InputError("samples: expected one or more, got none")
+        raise InputError("expected one or more, got none", argument="samples")
     return {
         name: default_collate(_of_one_size(name, [sample[name] for sample in samples]))
         for name in samples[0]
