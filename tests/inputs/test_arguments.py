@@ -70,7 +70,7 @@ WRONG = {
     "baseline_m": [lambda value: StereoCamera(64, 48, 40.0, value, 0, 0, 0), (None, 10**400, np.nan, 1e-12)],
     "model": [lambda value: scene(model=[value]), (0.5, "square")],
     "layer": [lambda value: scene(layer=[value]), (0.5, None)],
-    "world_from_model": [lambda value: scene(world_from_model=value), ("eye", [[1, 0], [1]])],
+    "world_from_model": [lambda value: scene(world_from_model=value), ("eye", [[1, 0], [1]], np.full((1, 4, 4), "1"))],
     "scene: world_from_model": [
         lambda value: scene(world_from_model=np.full((1, 4, 4), value)),
         (np.nan, np.inf, 1e12),
@@ -86,7 +86,7 @@ WRONG = {
     "eye": [FRAME.points, ("middle", 0, np.arange(2))],
     "prediction": [lambda value: score(value, TRUTH, "kitti"), ("a.pfm", [[1], [1, 2]])],
     "trials": [lambda value: calibrate("photos", **RIG, trials=value), (-1, 0.5, True)],
-    "scale": [lambda value: calibrate("photos", **RIG, scale=value), ("half", 0, np.nan)],
+    "scale": [lambda value: calibrate("photos", **RIG, scale=value), ("half", 0, np.nan, np.inf)],
     "alpha": [lambda value: calibrate("photos", **RIG, alpha=value), (-0.1, 1.5)],
     "range_px": [lambda value: calibrate("photos", **RIG | {"range_px": value}), (("2", "9"), (1, 2, 3))],
     "size": [lambda value: calibrate("photos", **RIG | {"size": value}), ((3, 4, 5), (3.5, 4))],
