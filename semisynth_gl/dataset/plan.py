@@ -44,30 +44,30 @@ def make_plan(
             outputs, encodings or sequences.
     """
     layout = find_layout(layout_name)
-    seed = to_whole("a seed", seed, least=0)
+    seed = to_whole("seed", seed, least=0)
     counts = {name: pairs[name] for name in SPLITS if pairs.get(name)}
     if not counts or min(counts.values()) < 1:
         raise InputError(f"expected at least one pair, got {dict(pairs)}")
     if shard_pairs is not None:
-        shard_pairs = to_whole("`shard_pairs`", shard_pairs, least=1)
+        shard_pairs = to_whole("shard_pairs", shard_pairs, least=1)
     if layout.encodings is not None and config.files != type(config.files)():
         free = [name for name in LAYOUTS if find_layout(name).encodings is None]
         raise InputError(
             f"the layout {layout_name} has encodings of its own ({layout.encodings.image.name}, "
             f"{layout.encodings.disparity.name}, {layout.encodings.flow.name}): leave files.image, files.disparity and "
-            f"files.flow out of the config, or choose another `layout`: {', '.join(free)}"
+            f"files.flow out of the config, or choose another layout: {', '.join(free)}"
         )
     length = sequence_length(config.outputs, config.sequence.length)
     if length is not None and layout.most_frames is not None and length > layout.most_frames:
         raise InputError(
             f"the layout {layout_name} has names for {layout.most_frames} frames of a sequence with flow, got "
-            f"sequence.length {length}: set it to {layout.most_frames} or less, or choose another `layout`"
+            f"sequence.length {length}: set it to {layout.most_frames} or less, or choose another layout"
         )
     if unsaid := sorted(layout.lacks.intersection(config.outputs)):
         able = ", ".join(name for name in LAYOUTS if unsaid[0] not in find_layout(name).lacks)
         raise InputError(
             f"the layout {layout_name} has no files for the output {unsaid[0]}, which its loaders do not know: leave "
-            f"it out of outputs, or choose another `layout`: {able}"
+            f"it out of outputs, or choose another layout: {able}"
         )
     encodings = layout.encodings_for(config)
     _check_encodings(config, layout_name, encodings)
@@ -78,8 +78,8 @@ def make_plan(
     shards = sum(ceil(count / shard_pairs) for count in counts.values())
     if shards > _MOST_SHARDS:
         raise InputError(
-            f"{counted(shards, 'shard')} of {counted(shard_pairs, 'pair')}: expected at most {_MOST_SHARDS}; give a "
-            "larger `shard_pairs`, or make several datasets"
+            f"{counted(shards, 'shard')} of {counted(shard_pairs, 'pair')}: expected at most {_MOST_SHARDS}; give more "
+            "pairs to a shard, or make several datasets"
         )
     plan = Plan.model_validate(
         {
@@ -107,13 +107,13 @@ def _check_encodings(config: Config, layout_name: str, encodings: Encodings) -> 
     if not encodings.image.lossless and (raw := [output for output in config.outputs if output in of_sensor]):
         raise InputError(
             f"the layout {layout_name} stores images as {encodings.image.description}, too lossy for raw images: leave "
-            f"{raw[0]} out of outputs, or choose another `layout`"
+            f"{raw[0]} out of outputs, or choose another layout"
         )
     if encodings.signed and not encodings.disparity.signed:
         others = [each for each in LAYOUTS if (find_layout(each).encodings or Encodings()).disparity.signed]
         raise InputError(
             f"the layout {layout_name} stores disparities as {encodings.disparity.description}, which has no values of "
-            f"0 and below, but disparity.signed makes these valid: choose another `layout`: {', '.join(others)}"
+            f"0 and below, but disparity.signed makes these valid: choose another layout: {', '.join(others)}"
         )
 
 

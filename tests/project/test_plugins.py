@@ -21,9 +21,9 @@ from semisynth_gl.config import Config, load_config
 from semisynth_gl.config.explain import explain
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.dataset.documents import Plan, parse_values
+from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import read_index
-from semisynth_gl.dataset.generate import generate
 from semisynth_gl.geometry.families import build_family
 from semisynth_gl.geometry.kinds import SIMPLE_KINDS
 from semisynth_gl.geometry.model_library import build_library
@@ -125,10 +125,6 @@ def test_the_examples_make_a_dataset_that_all_commands_know(made):
     records = [json.loads(path.read_text()) for path in out.glob("shards/semisynth-*.json")]
     assert [record["plugins"] for record in records] == [PLUGINS] * 2
     assert pair.provenance["plugins"] == {group: PLUGINS[group] for group in ("textures", "models")}
-    card = (out / "README.md").read_text()
-    assert "`pip install acme-stereo==1.2.0`" in card
-    assert "| family of models knots | plug-in package acme-stereo 1.2.0 |" in card
-    assert "for loaders of that: Acme's loader." in card
     shown = said("doctor")
     for noun in ("layout 'flat'", "texture source 'posters'", "family of models 'knots'", "scene recipe 'attic'"):
         assert f"Plug-in: {noun} of the package acme-stereo 1.2.0" in shown
@@ -207,11 +203,11 @@ def test_what_a_file_says_of_plugins_is_checked():
         ({"package": "a"}, "plugins.layouts.x.version: field required"),
     ):
         with pytest.raises(ReadError, match=message):
-            parse_document(values | {"plugins": {"layouts": {"x": package}}}, PlanDocument, Path("plan.json"))
+            parse_values(Plan, values | {"plugins": {"layouts": {"x": package}}}, Path("plan.json"))
     # A later version may have further groups.
-    parse_document(values | {"plugins": {"engines": {"x": ACME}}}, PlanDocument, Path("plan.json"))
+    parse_values(Plan, values | {"plugins": {"engines": {"x": ACME}}}, Path("plan.json"))
     with pytest.raises(ReadError, match=r"layout: expected one of crestereo, .*, got 'flat'"):
-        parse_document(values | {"layout": "flat"}, PlanDocument, Path("plan.json"))
+        parse_values(Plan, values | {"layout": "flat"}, Path("plan.json"))
 
 
 LAYOUT = """

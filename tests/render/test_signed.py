@@ -461,9 +461,7 @@ def test_layouts_whose_files_have_no_negative_disparities_are_refused():
     config, able = open_scenes(4.0), []
     for name in LAYOUTS:
         if name in ("kitti", "crestereo"):
-            with pytest.raises(
-                InputError, match=rf"{name} stores .* choose another `layout`: .*middlebury.*webdataset"
-            ):
+            with pytest.raises(InputError, match=rf"{name} stores .* choose another layout: .*middlebury.*webdataset"):
                 make_plan(config, 0, name, {"train": 1})
         else:
             able.append(name)
