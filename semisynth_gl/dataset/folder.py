@@ -7,10 +7,10 @@ that the record says.
 import errno
 import fcntl
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from upath import UPath
 
@@ -18,9 +18,9 @@ from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.dataset.card import encode_card
 from semisynth_gl.dataset.documents import Index, Plan, Record, Shard, parse_record, parse_values
 from semisynth_gl.dataset.index import describe_dataset
-from semisynth_gl.dataset.names import CARD, INDEX, LOCK, PLAN, PROGRAM, log_path, record_path, tar_path
+from semisynth_gl.dataset.names import CARD, INDEX, LOCK, PLAN, PROGRAM, RECORDS, log_path, record_path, tar_path
 from semisynth_gl.dataset.plan import differences
-from semisynth_gl.dataset.root import clear_errors, is_local, names_below, path_of, replace, size_of, write
+from semisynth_gl.dataset.root import UNFINISHED, clear_errors, is_local, names_below, path_of, replace, size_of, write
 from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate
 from semisynth_gl.plugins import MissingPluginError, require_plugins
 from semisynth_gl.scene.sources import Sources
@@ -58,7 +58,7 @@ def check_begin(root: UPath, plan: Plan, *, overwrite: bool) -> None:
     there = read_plan(root)
     if there is None:
         with clear_errors(root):
-            names = [name for name in names_below(root) if name != LOCK]
+            names = [name for name in names_below(root) if name not in (LOCK, f"{PLAN}{UNFINISHED}")]
         if names:
             raise InputError(
                 f"{root}: the folder is not empty (it holds {abbreviate(names, 3)}), and is no dataset of {PROGRAM}: "
@@ -110,19 +110,13 @@ def replaces(root: UPath, plan: Plan, *, overwrite: bool) -> bool:
 def discard(root: UPath, plan: Plan) -> None:
     """Remove what a run has written that failed before its first shard was complete."""
     if not _has_records(root, plan):
-        _remove(root, plan)
-        for name in (PLAN, LOCK):
-            (root / name).unlink(missing_ok=True)
-        if is_local(root):
-            _remove_empty_folders(root)
+        _remove(root, plan, PLAN, LOCK)
 
 
 def missing(root: UPath, plan: Plan, shards: Iterable[Shard] | None = None) -> list[Shard]:
     """Return the shards, by default of all, that have no complete record; see `complete_record`."""
     shards = plan.shards if shards is None else list(shards)
-    with ThreadPoolExecutor(_REQUESTS) as pool:
-        records = pool.map(lambda shard: complete_record(root, plan, shard), shards)
-        return [shard for shard, record in zip(shards, records, strict=True) if record is None]
+    return [shard for shard, record in zip(shards, _records(root, plan, shards), strict=True) if record is None]
 
 
 def complete_record(root: UPath, plan: Plan, shard: Shard) -> Record | None:
@@ -150,8 +144,8 @@ def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> Non
         plan: its plan.
         sources: the photographs, patches and models of each split.
     """
-    records = [record for shard in plan.shards if (record := complete_record(root, plan, shard)) is not None]
-    values = describe_dataset(plan, sources, records)
+    records = _records(root, plan, plan.shards)
+    values = describe_dataset(plan, sources, (record for record in records if record is not None))
     for name, data in plan.all_lists.items():
         write(root, name, data)
     write(root, CARD, encode_card(parse_values(Index, values, Path(INDEX))))
@@ -205,8 +199,16 @@ def locked(root: UPath, shards: range | None = None) -> Iterator[None]:
                 path.unlink(missing_ok=True)
 
 
+def _records(root: UPath, plan: Plan, shards: Sequence[Shard]) -> Iterator[Record | None]:
+    """Yield the `complete_record` of each shard. The records of a million pairs would fill memory: keep few."""
+    with ThreadPoolExecutor(_REQUESTS) as pool:
+        yield from pool.map(lambda shard: complete_record(root, plan, shard), shards)
+
+
 def _has_records(root: UPath, plan: Plan) -> bool:
-    return any(size_of(root, record_path(shard.name)) is not None for shard in plan.shards)
+    # One listing: a store takes its time for each question.
+    records = {record_path(shard.name) for shard in plan.shards}
+    return any(f"{RECORDS}/{name}" in records for name in names_below(root / RECORDS))
 
 
 def _check_same(root: UPath, there: Plan, plan: Plan) -> None:
@@ -244,28 +246,27 @@ def _check_same(root: UPath, there: Plan, plan: Plan) -> None:
 def _own_names(plan: Plan) -> Iterator[str]:
     """Yield the names of all files that a dataset may have, records first: without them, no shard is complete."""
     yield from (INDEX, *(record_path(shard.name) for shard in plan.shards))
+    yield from (f"{INDEX}{UNFINISHED}", f"{PLAN}{UNFINISHED}")
     for shard in plan.shards:
-        yield from (log_path(shard.name), tar_path(shard.name))
+        yield from (f"{record_path(shard.name)}{UNFINISHED}", log_path(shard.name), tar_path(shard.name))
     for split in plan.splits if not plan.layout.packed else ():
         for index in range(plan.pairs[split]):
             yield from plan.files(split, index).values()
     yield from (CARD, *plan.all_lists, *plan.all_links, *plan.copies)
 
 
-def _remove(root: UPath, plan: Plan) -> None:
-    """Remove the files of a dataset but its plan, then empty folders."""
-    there = set(names_below(root))
-    names = [name for name in dict.fromkeys(_own_names(plan)) if name in there]
+def _remove(root: UPath, plan: Plan, *last: str) -> None:
+    """Remove the files of a dataset but its plan, those of ``last`` last, then the dataset's folders that are empty."""
+    own, there = dict.fromkeys((*_own_names(plan), *last)), set(names_below(root))
+    names = [name for name in own if name in there]
     if not is_local(root):
         if names:
             root.fs.rm([(root / name).path for name in names])
         return
     for name in names:
         (root / name).unlink()
-    _remove_empty_folders(root)
-
-
-def _remove_empty_folders(root: Path) -> None:
-    for folder, _, _ in os.walk(root, topdown=False):
+    deepest = {os.path.dirname(name) for name in own}.union(plan.folders)  # noqa: PTH120 - millions of names
+    folders = deepest.union(str(parent) for folder in deepest for parent in PurePath(folder).parents)
+    for folder in sorted(folders, key=len, reverse=True):
         with suppress(OSError):
-            Path(folder).rmdir()
+            (root / folder).rmdir()

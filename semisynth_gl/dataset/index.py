@@ -1,7 +1,7 @@
 """The index of a dataset: its plan, its sources and its shards."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,17 +19,22 @@ from semisynth_gl.textures.sources import describe_source
 _OWN_LICENCE = "MIT"
 
 
-def describe_dataset(plan: Plan, sources: Mapping[SplitName, Sources], records: Sequence[Record]) -> dict[str, Any]:
+def describe_dataset(plan: Plan, sources: Mapping[SplitName, Sources], records: Iterable[Record]) -> dict[str, Any]:
     """Return the content of a dataset's index, from the sources of each split and the records of all shards in order.
 
     It is in JSON's types; `semisynth_gl.dataset.documents.Index` reads it.
     """
+    renderers: set[str] = set()
+    shards = []
+    for record in records:  # one at a time: together they may fill memory
+        renderers.update(record.renderers)
+        shards.append(record.entry)
     return plan.values() | {
-        "renderers": sorted({renderer for record in records for renderer in record.renderers}),
-        "redraws": sum(record.redraws for record in records),
-        "bytes": sum(record.bytes for record in records),
+        "renderers": sorted(renderers),
+        "redraws": sum(shard["redraws"] for shard in shards),
+        "bytes": sum(shard["bytes"] for shard in shards),
         "splits": {split: _describe_split(plan, split, split_sources) for split, split_sources in sources.items()},
-        "shards": [record.entry for record in records],
+        "shards": shards,
     }
 
 

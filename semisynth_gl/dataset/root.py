@@ -13,6 +13,9 @@ from semisynth_gl.inputs.errors import InputError, ReadError, how_to_install
 from semisynth_gl.inputs.user_files import expanded
 
 MISSING = "is missing"
+UNFINISHED = ".new"
+"""Ending of a file that `replace` has not written to its end; a kill leaves it."""
+
 # Most bytes that are read of a file at once.
 _MOST_BYTES = 1 << 31
 _WITH_BUCKETS = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oci", "oss"})
@@ -121,7 +124,7 @@ def write(root: UPath, name: str, data: bytes) -> None:
 
 def replace(root: UPath, name: str, data: bytes) -> None:
     """Write or replace a file, which is never seen in part."""
-    partial = f"{name}.new" if is_local(root) else name
+    partial = f"{name}{UNFINISHED}" if is_local(root) else name
     write(root, partial, data)
     if partial != name:
         (root / partial).replace(root / name)

@@ -13,7 +13,7 @@ import pytest
 from hand_made_datasets import config_of, pairs_of, plan_of, write_dataset
 from processes import wait_for
 
-from semisynth_gl.dataset.folder import begin, finish, locked, missing
+from semisynth_gl.dataset.folder import begin, discard, finish, locked, missing
 from semisynth_gl.dataset.names import CARD, INDEX, PLAN
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import open_dataset, read_index
@@ -202,6 +202,36 @@ def test_overwrite_ended_at_any_removal_goes_on(clean, tmp_path, before):
         if left[0] > 0:
             break
     assert moment > 14
+
+
+@pytest.mark.parametrize("name", [PLAN, RECORD, INDEX])
+def test_killed_before_it_renames_a_file_a_run_goes_on(clean, tmp_path, name):
+    def deadly(path, to):
+        if Path(to) == folder / name:
+            raise Killed
+        return replace(path, to)
+
+    replace, folder, nothing = Path.replace, tmp_path / "set", tmp_path / "none"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Path, "replace", deadly)
+        with suppress(Killed):
+            write(folder, "middlebury")
+    shutil.copytree(folder, nothing, symlinks=True)
+    write(folder, "middlebury")
+    assert tree(folder) == tree(clean / "middlebury")
+    write(nothing, "webdataset", overwrite=True)
+    assert tree(nothing) == tree(clean / "webdataset")
+
+
+@pytest.mark.parametrize("layout", ["middlebury", "kitti"])
+def test_discard_leaves_the_folders_of_others(tmp_path, layout):
+    plan, _ = plan_of(layout, PAIRS, 2, config_for(layout))
+    (tmp_path / "set/empty/deep").mkdir(parents=True)
+    before = tree(tmp_path)
+    begin(open_root(tmp_path / "set"), plan)
+    assert not write_shard(open_root(tmp_path / "set"), plan, plan.shards[0], list(pairs_of(plan, plan.shards[0]))[:1])
+    discard(open_root(tmp_path / "set"), plan)
+    assert tree(tmp_path) == before
 
 
 def test_what_users_add_to_the_card_stays(clean, tmp_path):
