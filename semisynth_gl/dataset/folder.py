@@ -10,7 +10,9 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path, PurePath
+from typing import IO
 
 from upath import UPath
 
@@ -28,6 +30,8 @@ from semisynth_gl.seeds.splits import SplitName
 
 # Requests to a store at a time.
 _REQUESTS = 16
+# The byte of the lock for `RunLock.alone`, behind those of all shards.
+_ALONE = 1 << 30
 
 
 def read_plan(root: UPath) -> Plan | None:
@@ -162,8 +166,49 @@ def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> Non
     replace(root, INDEX, JSON_OBJECT.encode(values))
 
 
+@dataclass(frozen=True, slots=True)
+class RunLock:
+    """The lock of a run on a dataset or, with ``shards``, on some of its shards; see `locked`."""
+
+    root: UPath
+    shards: range | None
+    file: IO[bytes] | None
+
+    def take(self, shards: range | None) -> None:
+        """Lock shards, or the dataset with None; raises InputError where another run has any of them."""
+        if self.file is None:
+            return
+        length, start = (0, 0) if shards is None else (len(shards), shards.start)
+        try:
+            fcntl.lockf(self.file, fcntl.LOCK_EX | fcntl.LOCK_NB, length, start)
+        except OSError as error:
+            if error.errno in (errno.EACCES, errno.EAGAIN):
+                raise InputError(
+                    f"{self.root}: another run is making this dataset: wait for its end or stop it, or share the work "
+                    "by different shards",
+                    argument="out",
+                ) from None
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Wait until no other run is in such a block: runs with different shards begin and finish one at a time."""
+        if self.file is None or self.shards is None:
+            yield
+            return
+        with suppress(OSError):
+            fcntl.lockf(self.file, fcntl.LOCK_EX, 1, _ALONE)
+        try:
+            yield
+        finally:
+            # Keep the run's own shards only: the block may have taken the whole dataset.
+            with suppress(OSError):
+                fcntl.lockf(self.file, fcntl.LOCK_UN, 0, self.shards.stop)
+                if self.shards.start:
+                    fcntl.lockf(self.file, fcntl.LOCK_UN, self.shards.start, 0)
+
+
 @contextmanager
-def locked(root: UPath, shards: range | None = None) -> Iterator[None]:
+def locked(root: UPath, shards: range | None = None) -> Iterator[RunLock]:
     """Keep other runs away from a dataset or from some of its shards, also those of other machines on a shared disk.
 
     Each shard is a byte of one locked file, so that runs may share a dataset; None stands for all bytes. The lock ends
@@ -173,7 +218,7 @@ def locked(root: UPath, shards: range | None = None) -> Iterator[None]:
         InputError: where another run works on one of the shards.
     """
     if not is_local(root):
-        yield
+        yield RunLock(root, shards, None)
         return
     path = root / LOCK
     try:
@@ -182,18 +227,10 @@ def locked(root: UPath, shards: range | None = None) -> Iterator[None]:
     except OSError as error:
         raise InputError(f"{root}: cannot be written to: {error.strerror}", argument="out") from None
     with file:
+        lock = RunLock(UPath(root), shards, file)
+        lock.take(shards)
         try:
-            length, start = (0, 0) if shards is None else (len(shards), shards.start)
-            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, length, start)
-        except OSError as error:
-            if error.errno in (errno.EACCES, errno.EAGAIN):
-                raise InputError(
-                    f"{root}: another run is making this dataset: wait for its end or stop it, or share the work by "
-                    "different shards",
-                    argument="out",
-                ) from None
-        try:
-            yield
+            yield lock
         finally:
             if (root / INDEX).exists():
                 path.unlink(missing_ok=True)

@@ -121,13 +121,16 @@ def generate(
     digests = {split: dict(split_sources.digests()) for split, split_sources in sources.items()}
     plan = plan.model_copy(update={"sources": digests})
     job = Job(plan, str(root.absolute()), backend, gpus)
-    with locked(root, shards):
+    _describe(plan, sources, listener)
+    with locked(root, shards) as lock:
         if replaces(root, plan, overwrite=overwrite):
             # If the driver or the config's checks fail, the earlier dataset stays.
             with open_renderer(job, chosen[0].split) as renderer:
                 renderer.render(chosen[0].first)
-        begin(root, plan, overwrite=overwrite)
-        _describe(plan, sources, listener)
+        with lock.alone():
+            if replaces(root, plan, overwrite=overwrite):
+                lock.take(None)  # nobody else may be making the dataset that goes
+            begin(root, plan, overwrite=overwrite)
         try:
             _make(job, missing(root, plan, chosen), engine, listener)
         except BaseException:
@@ -136,7 +139,8 @@ def generate(
             raise
         left = missing(root, plan)
         if not left:
-            finish(root, plan, sources)
+            with lock.alone():
+                finish(root, plan, sources)
     stopped = listener.stopping and not {*left}.isdisjoint(chosen)
     return GenerationResult(root, plan, len(left), stopped)
 

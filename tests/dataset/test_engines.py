@@ -74,7 +74,8 @@ def test_killed_at_any_moment_the_same_command_gives_the_same_bytes(config, want
     time.sleep(moment)
     process.send_signal(sent)
     _, said = process.communicate(timeout=PATIENCE_S)
-    assert "Traceback" not in said
+    # A worker whose parent is killed while it starts may say so.
+    assert sent == signal.SIGKILL or "Traceback" not in said
     done = subprocess.run(command(config, out, layout, *arguments), capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert digests(out) == wanted[layout]
@@ -225,6 +226,20 @@ def test_a_second_run_on_the_folder_is_told_so(config, tmp_path):
         first.kill()
     assert second.returncode == 2
     assert "another run is making this dataset" in second.stderr
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_dataset_is_not_replaced_while_another_run_makes_its_shards(config, tmp_path, overwrite):
+    out = tmp_path / "o"
+    arguments = [*command(config, out, "middlebury"), "--pairs", "3000", "--shards", "1-900"]
+    with subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as first:
+        wait_for((out / "shards/plan.json").exists)
+        before = (out / "shards/plan.json").read_bytes()
+        with pytest.raises(InputError, match="another run"):
+            generate(config, out, 3000, SEED + 1, shards=range(1), overwrite=overwrite, shard_pairs=3)
+        assert first.poll() is None
+        first.kill()
+    assert (out / "shards/plan.json").read_bytes() == before
 
 
 @pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGINT])

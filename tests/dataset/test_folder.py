@@ -281,6 +281,43 @@ def test_a_second_run_on_the_same_shards_is_told_so(tmp_path, theirs, ours, refu
         pass
 
 
+ALONE = """
+import sys
+from semisynth_gl.dataset.folder import locked
+from semisynth_gl.dataset.root import open_root
+root = open_root(sys.argv[1])
+with locked(root, range(3)) as lock:
+    with lock.alone():
+        print("alone", flush=True)
+        sys.stdin.readline()
+        (root / "left").touch()
+    sys.stdin.read()
+"""
+
+
+def test_runs_of_different_shards_begin_and_finish_one_at_a_time(tmp_path):
+    def other(code, *arguments):
+        command = [sys.executable, "-c", code, str(tmp_path), *arguments]
+        return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    with other(ALONE) as first:
+        assert first.stdout.readline() == "alone\n"
+        with locked(open_root(tmp_path), range(3, 5)) as lock:
+            first.stdin.write("\n")
+            first.stdin.flush()
+            with lock.alone():
+                assert (tmp_path / "left").exists()
+                with pytest.raises(InputError, match="another run"):
+                    lock.take(None)
+            first.stdin.close()
+            first.wait()
+            with lock.alone():
+                lock.take(None)
+            with other(LOCKED, "0", "3") as second:
+                assert second.stdout.readline() == "locked\n"
+                second.kill()
+
+
 def test_files_have_the_rights_of_new_files(tmp_path):
     before = os.umask(0o027)
     try:
