@@ -7,6 +7,7 @@ that the record says.
 import errno
 import fcntl
 import os
+import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -158,9 +159,12 @@ def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> Non
             (root / name).mkdir(parents=True, exist_ok=True)
         for name, target in plan.all_links.items():
             link = root / name
-            link.unlink(missing_ok=True)
             link.parent.mkdir(parents=True, exist_ok=True)
-            link.symlink_to(target)
+            if link.is_dir() and not link.is_symlink():  # a copy by `cp -rL`, which has folders in the place of links
+                shutil.copytree(link.parent / target, link, dirs_exist_ok=True)
+            else:
+                link.unlink(missing_ok=True)
+                link.symlink_to(target)
     elif copies := plan.copies:
         root.fs.copy([(root / name).path for name in copies.values()], [(root / name).path for name in copies])
     replace(root, INDEX, JSON_OBJECT.encode(values))

@@ -96,6 +96,15 @@ def test_a_dataset_grows_to_what_a_larger_one_is(clean, tmp_path, layout):
     assert tree(tmp_path / "set") == tree(clean / layout)
 
 
+@pytest.mark.parametrize("layout", ["middlebury", "kitti"])
+def test_a_copy_with_folders_in_the_place_of_links_grows(clean, tmp_path, layout):
+    write(tmp_path / "set", layout, {"train": 2, "validation": 1})
+    shutil.copytree(tmp_path / "set", tmp_path / "copy")
+    write(tmp_path / "copy", layout)
+    shutil.copytree(clean / layout, tmp_path / "wanted")
+    assert tree(tmp_path / "copy") == tree(tmp_path / "wanted")
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
