@@ -11,7 +11,7 @@ import click
 from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_raise
 from semisynth_gl.inputs.errors import SemisynthError, did_you_mean, near
 
-# Also the code of a run that was stopped or ran out of disk space; it leaves nothing half-written, and can start again.
+# Also the code of a run that was stopped or ran out of disk space; the same command goes on.
 _REFUSED = 2
 
 _COMMANDS = (
@@ -74,7 +74,7 @@ def main() -> NoReturn:
         with interrupts_raise():
             code = _run()
     except KeyboardInterrupt:
-        code = _refuse("Stopped. Finished files stay on disk; nothing half-written is left.")
+        code = _refuse("Stopped. Complete files and shards stay on disk.")
     sys.exit(code)
 
 

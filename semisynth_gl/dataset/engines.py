@@ -35,6 +35,7 @@ _TICK_S = 0.1
 # not part of the heap; 32 MiB is the most that all versions of glibc accept.
 _MALLOC_OPTIONS = {-1: 256 << 20, -3: 32 << 20}
 _NO_SHARD = -1
+_AT_ITS_START = "its start (a script needs the line `if __name__ == '__main__':`)"
 _SHARD_BITS = 32
 
 _Made = tuple[bool, list[tuple[str, Any]]]
@@ -165,7 +166,9 @@ class _Pool:
                             pending[self._executor.submit(_make, number)] = number
                 if not pending:
                     return
-                for future in wait(pending, _TICK_S, FIRST_COMPLETED).done:
+                done = wait(pending, _TICK_S, FIRST_COMPLETED).done
+                # A lost process leaves an error in all other shards: those that are complete come first.
+                for future in sorted(done, key=lambda each: each.exception() is not None):
                     number = pending.pop(future)
                     complete, calls = future.result()
                     repeat(calls, listener)
@@ -184,7 +187,7 @@ class _Pool:
         """Return the pairs that lost processes were at, in words."""
         shards = self._job.plan.shards
         at = [divmod(value, 1 << _SHARD_BITS) for value in self._shared.in_hand if value != _NO_SHARD]
-        return " or ".join(f"pair {index} of {shards[number].split}" for number, index in at) or "its start"
+        return " or ".join(f"pair {index} of {shards[number].split}" for number, index in at) or _AT_ITS_START
 
 
 class _WorkerListener(Recorder):

@@ -8,10 +8,11 @@ import errno
 import fcntl
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path, PurePath
 from typing import IO
 
@@ -23,7 +24,17 @@ from semisynth_gl.dataset.documents import Index, Plan, Record, Shard, parse_rec
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.names import CARD, INDEX, LOCK, PLAN, PROGRAM, RECORDS, log_path, record_path, tar_path
 from semisynth_gl.dataset.plan import differences
-from semisynth_gl.dataset.root import UNFINISHED, clear_errors, is_local, names_below, path_of, replace, size_of, write
+from semisynth_gl.dataset.root import (
+    UNFINISHED,
+    clear_errors,
+    is_local,
+    names_below,
+    path_of,
+    replace,
+    size_of,
+    sizes_below,
+    write,
+)
 from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate
 from semisynth_gl.plugins import MissingPluginError, require_plugins
 from semisynth_gl.scene.sources import Sources
@@ -48,7 +59,10 @@ def read_plan(root: UPath) -> Plan | None:
             data = (root / PLAN).read_bytes()
         except (FileNotFoundError, NotADirectoryError):
             return None
-    plan = Plan.parse(data, path_of(root, PLAN))
+    try:
+        plan = Plan.parse(data, path_of(root, PLAN))
+    except ReadError as error:
+        raise ReadError(error.path, f"{error.reason}: choose another folder, or bring the file back") from None
     try:
         require_plugins(plan.plugin_records)
     except MissingPluginError as error:
@@ -124,14 +138,20 @@ def missing(root: UPath, plan: Plan, shards: Iterable[Shard] | None = None) -> l
     return [shard for shard, record in zip(shards, _records(root, plan, shards), strict=True) if record is None]
 
 
-def complete_record(root: UPath, plan: Plan, shard: Shard) -> Record | None:
-    """Return a shard's record; None where it is missing or damaged, or a file lacks the size that it says."""
+def complete_record(
+    root: UPath, plan: Plan, shard: Shard, size: Callable[[str], int | None] | None = None
+) -> Record | None:
+    """Return a shard's record; None where it is missing or damaged, or a file lacks the size that it says.
+
+    ``size`` returns the size of a file by its name; by default it is asked for.
+    """
     path = record_path(shard.name)
     try:
         record = parse_record((root / path).read_bytes(), shard, path_of(root, path), packed=plan.layout.packed)
     except (FileNotFoundError, NotADirectoryError, ReadError):
         return None
-    return record if all(size_of(root, name) == size for name, size in record.sizes.items()) else None
+    size = size or partial(size_of, root)
+    return record if all(size(name) == stated for name, stated in record.sizes.items()) else None
 
 
 def is_complete(root: UPath, plan: Plan) -> bool:
@@ -242,8 +262,9 @@ def locked(root: UPath, shards: range | None = None) -> Iterator[RunLock]:
 
 def _records(root: UPath, plan: Plan, shards: Sequence[Shard]) -> Iterator[Record | None]:
     """Yield the `complete_record` of each shard. The records of a million pairs would fill memory: keep few."""
+    size = sizes_below(root)
     with ThreadPoolExecutor(_REQUESTS) as pool:
-        yield from pool.map(lambda shard: complete_record(root, plan, shard), shards)
+        yield from pool.map(lambda shard: complete_record(root, plan, shard, size), shards)
 
 
 def _has_records(root: UPath, plan: Plan) -> bool:

@@ -34,7 +34,7 @@ def interrupts_stop(listener: "Listener") -> AbstractContextManager[None]:
         if listener.stopping:
             _raise_once(number, frame)
         listener.stop()
-        listener.on_message("Finishing the pairs in hand; Ctrl-C again stops at once.")
+        listener.on_message("Stopping after the pairs in hand; complete shards stay. Ctrl-C again stops at once.")
 
     return _handlers(ask, _ENDING_SIGNALS)
 

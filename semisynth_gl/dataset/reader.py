@@ -26,6 +26,9 @@ from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, ReadError, shown
 from semisynth_gl.seeds.splits import SplitName
 
+# Records of tars that a reader keeps: those of a million pairs would fill memory.
+_RECORDS_KEPT = 1000
+
 
 @dataclass(frozen=True, slots=True)
 class StoredIndex:
@@ -198,6 +201,8 @@ class Dataset(Sequence[StoredFrame]):
             if size != record.bytes:
                 fault = MISSING if size is None else f"has {size} bytes, but its record says {record.bytes}"
                 raise ReadError(path, fault)
+            if len(self._records) >= _RECORDS_KEPT:
+                self._records.clear()
             self._records[shard] = record
         return read_members(root, shard, record, pair, names)
 

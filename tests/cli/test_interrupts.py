@@ -9,7 +9,7 @@ import pytest
 from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_raise, interrupts_stop
 from semisynth_gl.listener import Listener
 
-STOPPED = "Stopped. Finished files stay on disk; nothing half-written is left."
+STOPPED = "Stopped. Complete files and shards stay on disk."
 
 # The program as `python -m semisynth_gl` runs it, with an interrupt at the n-th import that it causes. Python itself
 # looks for the package and for its __main__, whose first statement is the program's.

@@ -120,7 +120,7 @@ def test_the_examples_make_a_dataset_that_all_commands_know(made):
     assert pair.left.image.shape == (48, 64, 3)
     assert (out / "pairs" / "000002_seen_left.png").is_file()
     assert (out / "pairs.txt").read_text() == "".join(f"pairs/00000{i}_left.png\n" for i in range(3))
-    for shown in (read_index(out).document.values, json.loads((out / "shards/plan.json").read_text())):
+    for shown in (read_index(out).plan.values(), json.loads((out / "shards/plan.json").read_text())):
         assert shown["plugins"] == PLUGINS
     records = [json.loads(path.read_text()) for path in out.glob("shards/semisynth-*.json")]
     assert [record["plugins"] for record in records] == [PLUGINS] * 2
@@ -263,7 +263,7 @@ def test_a_recipe_of_the_page_makes_a_dataset_that_needs_no_package_later(tmp_pa
     options = ("--config", config, "--out", tmp_path / "set", "--pairs", 6)
     assert "6 pairs in" in said("generate", *options)
     attic = {"recipes": {"attic": ACME}}
-    assert read_index(tmp_path / "set").document.values["plugins"] == attic
+    assert read_index(tmp_path / "set").plan.plugin_records == attic
     sys.path.remove(str(site))
     find_anew()
     pairs = open_dataset(tmp_path / "set")
