@@ -1,4 +1,4 @@
-"""Check that a dataset lies apart from its sources: else a next run would use its files as photographs or models."""
+"""Check that a dataset is apart from its sources: else a next run would use its files as photographs or models."""
 
 import os
 from pathlib import Path
@@ -15,7 +15,7 @@ from semisynth_gl.textures.reach import photograph_sources, reaching_source
 
 
 def check_apart(root: UPath, plan: Plan) -> None:
-    """Raise InputError if the dataset's folder lies where photographs or models are sought, or holds any of them."""
+    """Raise InputError if the dataset's folder is inside a folder of photographs or models, or holds any of them."""
     if not is_local(root):
         return
     config, folder, real = plan.config, Path(root), Path(os.path.realpath(root))
@@ -29,16 +29,16 @@ def check_apart(root: UPath, plan: Plan) -> None:
         source = source or next(filter(None, files), None)
         if source is not None:
             raise InputError(
-                f"{root}: lies where photographs are sought ({source}): images of the dataset would become "
+                f"{root}: is inside the photographs ({source}): images of the dataset would become "
                 f"photographs. {advice}",
                 argument="out",
             )
         if folder.is_dir():
             for path in find_files(sources, extensions):
                 if Path(os.path.realpath(path)).is_relative_to(real):
-                    raise InputError(f"{root}: the photograph {path} lies in this folder. {advice}", argument="out")
+                    raise InputError(f"{root}: the photograph {path} is inside this folder. {advice}", argument="out")
     for models in config.models.folders:
         real_models = Path(os.path.realpath(expanded(models)))
         if real.is_relative_to(real_models) or real_models.is_relative_to(real):
-            inside = "lies in" if real.is_relative_to(real_models) else "holds"
-            raise InputError(f"{root}: {inside} {models}, where models are sought. {advice}", argument="out")
+            inside = "is inside" if real.is_relative_to(real_models) else "holds"
+            raise InputError(f"{root}: {inside} the models {models}. {advice}", argument="out")

@@ -5,7 +5,7 @@ not know are ignored: another version may have written them. Documents of a newe
 """
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path, PurePosixPath
@@ -43,7 +43,6 @@ _MOST_PAIRS = 10**8
 _MOST_BYTES = 2**62
 _FAULTS_SHOWN = 3
 
-_Value = TypeVar("_Value")
 _Document = TypeVar("_Document", bound="Document")
 
 
@@ -216,10 +215,6 @@ class Plan(Document):
         length = sequence_length(self.config.outputs, self.config.sequence.length)
         return Key(self.name, split, index, length, self.views)
 
-    def keys(self, split: SplitName) -> list[Key]:
-        """Return the keys of all pairs of a split."""
-        return [self.key(split, index) for index in range(self.pairs.get(split, 0))]
-
     def files(self, split: SplitName, index: int) -> dict[str, str]:
         """Return the path of each file of a pair by role: below the dataset's folder, or inside a tar."""
         config, layout = self.config, self.layout
@@ -227,23 +222,19 @@ class Plan(Document):
         folder = "" if layout.packed else self.folder(split)
         return {role: f"{folder}{path}" for role, path in files.items()}
 
-    def lists(self, keys: Sequence[Key]) -> dict[str, bytes]:
-        """Return the layout's lists about these pairs of one split: bytes by path below the dataset's folder."""
-        return self._below_folder(keys[0].split, self.layout.lists(keys, self.encodings))
-
-    def links(self, keys: Sequence[Key]) -> dict[str, str]:
-        """Return the layout's links for these pairs of one split: target by path below the dataset's folder."""
-        return self._below_folder(keys[0].split, self.layout.links(keys))
+    @property
+    def lists(self) -> dict[str, bytes]:
+        """The layout's lists about the pairs of each split: bytes by path below the dataset's folder."""
+        of_splits = {split: self.layout.lists(self._keys(split), self.encodings) for split in self.splits}
+        return {
+            f"{self.folder(split)}{path}": data for split, lists in of_splits.items() for path, data in lists.items()
+        }
 
     @property
-    def all_lists(self) -> dict[str, bytes]:
-        """The layout's lists about all pairs of each split; see `lists`."""
-        return {path: data for split in self.splits for path, data in self.lists(self.keys(split)).items()}
-
-    @property
-    def all_links(self) -> dict[str, str]:
-        """The layout's links for all pairs of each split; see `links`."""
-        return {path: target for split in self.splits for path, target in self.links(self.keys(split)).items()}
+    def links(self) -> dict[str, str]:
+        """The layout's links: target, from the link's folder, by path below the dataset's folder."""
+        of_splits = {split: self.layout.links(self._keys(split)) for split in self.splits}
+        return {f"{self.folder(split)}{path}": to for split, by in of_splits.items() for path, to in by.items()}
 
     @property
     def copies(self) -> dict[str, str]:
@@ -274,9 +265,8 @@ class Plan(Document):
         )
         return os.path.commonpath([os.path.dirname(path) for path in images])  # noqa: PTH120 - of addresses too
 
-    def _below_folder(self, split: SplitName, by_path: Mapping[str, _Value]) -> dict[str, _Value]:
-        folder = self.folder(split)
-        return {f"{folder}{path}": value for path, value in by_path.items()}
+    def _keys(self, split: SplitName) -> list[Key]:
+        return [self.key(split, index) for index in range(self.pairs[split])]
 
 
 class _Source(Document):

@@ -16,7 +16,7 @@ from multiprocessing.sharedctypes import Synchronized
 from threading import Thread
 from typing import Any, Protocol, runtime_checkable
 
-from semisynth_gl.dataset.interrupts import interrupts_blocked, unblock_interrupts
+from semisynth_gl.dataset.interrupts import ENDING_SIGNALS, interrupts_blocked
 from semisynth_gl.dataset.make import Job, ShardMaker
 from semisynth_gl.inputs.errors import ContextLostError, WorkerError, counted, described
 from semisynth_gl.listener import FinishedPair, Listener
@@ -233,7 +233,7 @@ def _start(job: Job, shared: _Shared, threads: int) -> None:
     # other workers with SIGTERM when one has died.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, end)
-    unblock_interrupts()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING_SIGNALS)
     Thread(target=end_with_parent, daemon=True).start()
     os.environ.setdefault(THREADS, str(threads))
     keep_freed_memory()

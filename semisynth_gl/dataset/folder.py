@@ -171,13 +171,13 @@ def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> Non
     """
     records = _records(root, plan, plan.shards)
     values = describe_dataset(plan, sources, (record for record in records if record is not None))
-    for name, data in plan.all_lists.items():
+    for name, data in plan.lists.items():
         write(root, name, data)
     write(root, CARD, encode_card(parse_values(Index, values, Path(INDEX))))
     if is_local(root):
         for name in plan.folders:
             (root / name).mkdir(parents=True, exist_ok=True)
-        for name, target in plan.all_links.items():
+        for name, target in plan.links.items():
             link = root / name
             link.parent.mkdir(parents=True, exist_ok=True)
             if link.is_dir() and not link.is_symlink():  # a copy by `cp -rL`, which has folders in the place of links
@@ -314,7 +314,7 @@ def _own_names(plan: Plan) -> Iterator[str]:
     for split in plan.splits if not plan.layout.packed else ():
         for index in range(plan.pairs[split]):
             yield from plan.files(split, index).values()
-    yield from (CARD, *plan.all_lists, *plan.all_links, *plan.copies)
+    yield from (CARD, *plan.lists, *plan.links, *plan.copies)
 
 
 def _remove(root: UPath, plan: Plan, *last: str) -> None:

@@ -11,20 +11,17 @@ from typing import TYPE_CHECKING, Any, NoReturn
 if TYPE_CHECKING:
     from semisynth_gl.listener import Listener
 
-_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def interrupts_raise() -> AbstractContextManager[None]:
     """Let the first Ctrl-C in the block raise KeyboardInterrupt, and the second one end the process at once."""
-    return _handlers(_raise_once, (signal.SIGINT,))
+    return _handlers(_raise_once, signal.SIGINT)
 
 
 def interrupts_end() -> AbstractContextManager[None]:
-    """Let Ctrl-C in the block end the process at once, without an exception.
-
-    This is for imports: some packages catch every exception while they are imported, KeyboardInterrupt too.
-    """
-    return _handlers(signal.SIG_DFL, (signal.SIGINT,))
+    """Let Ctrl-C in the block end the process at once: packages may catch KeyboardInterrupt while they are imported."""
+    return _handlers(signal.SIG_DFL, signal.SIGINT)
 
 
 def interrupts_stop(listener: "Listener") -> AbstractContextManager[None]:
@@ -36,29 +33,24 @@ def interrupts_stop(listener: "Listener") -> AbstractContextManager[None]:
         listener.stop()
         listener.on_message("Stopping after the pairs in hand; complete shards stay. Ctrl-C again stops at once.")
 
-    return _handlers(ask, _ENDING_SIGNALS)
+    return _handlers(ask, *ENDING_SIGNALS)
 
 
 def interrupts_kept() -> AbstractContextManager[None]:
     """Restore the handlers of SIGINT and SIGTERM after a block in which other code may replace them."""
-    return _handlers(None, _ENDING_SIGNALS)
+    return _handlers(None, *ENDING_SIGNALS)
 
 
 @contextmanager
 def interrupts_blocked() -> Iterator[None]:
-    """Let processes that start in the block begin with SIGINT and SIGTERM blocked, until they `unblock_interrupts`."""
+    """Let processes that start in the block begin with SIGINT and SIGTERM blocked, until they set their handlers."""
     # Otherwise the resource tracker would start with the first process, and lift the mask.
     resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING_SIGNALS)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS)
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def unblock_interrupts() -> None:
-    """Let SIGINT and SIGTERM reach this process."""
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING_SIGNALS)
 
 
 def _raise_once(_: int, __: FrameType | None) -> NoReturn:
@@ -69,7 +61,7 @@ def _raise_once(_: int, __: FrameType | None) -> NoReturn:
 
 @contextmanager
 def _handlers(
-    handler: Callable[[int, FrameType | None], Any] | signal.Handlers | None, numbers: tuple[signal.Signals, ...]
+    handler: Callable[[int, FrameType | None], Any] | signal.Handlers | None, *numbers: signal.Signals
 ) -> Iterator[None]:
     """Install a handler for the block, None for none, and restore the previous handlers after it."""
     if threading.current_thread() is not threading.main_thread():

@@ -1,4 +1,4 @@
-"""Making shards: one process draws, encodes and writes the pairs of one shard after the other."""
+"""Making shards: one process renders, encodes and writes the pairs of one shard after the other."""
 
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
@@ -21,10 +21,10 @@ from semisynth_gl.render.backends import Backend, is_software
 from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.seeds.splits import SplitName
 
-# Threads of a process that encode pairs while a GPU draws the next one.
+# Threads of a process that encode pairs while a GPU renders the next one.
 _ENCODERS = 1
 
-Drawn = TypeVar("Drawn")
+Rendered = TypeVar("Rendered")
 Encoded = TypeVar("Encoded")
 
 
@@ -74,7 +74,7 @@ class ShardMaker:
         self._resources.close()
 
     def make_shard(self, number: int, listener: Listener) -> bool:
-        """Draw, encode and write the pairs of a shard, then write its record.
+        """Render, encode and write the pairs of a shard, then write its record.
 
         Args:
             number: the shard's number in the plan.
@@ -86,7 +86,7 @@ class ShardMaker:
         Raises:
             InputError: where this process has other photographs or models than the plan says, or pairs keep failing
                 the config's checks.
-            ContextLostError: where the driver was reset; this process can draw no more.
+            ContextLostError: where the driver was reset; this process can render no more.
             OSError: where the disk is full or cannot be written to.
         """
         shard = self._job.plan.shards[number]
@@ -115,12 +115,12 @@ def open_renderer(job: Job, split: SplitName, worker: int = 0) -> PairRenderer:
 
 
 def write_pairs(job: Job, shard: Shard, renderer: PairRenderer, listener: Listener) -> bool:
-    """Draw, encode and write a shard with an open renderer; see `ShardMaker.make_shard`."""
+    """Render, encode and write a shard with an open renderer; see `ShardMaker.make_shard`."""
     plan = job.plan
     threads = 0 if is_software(renderer.renderer_name) else _ENCODERS
     latest: LatestFiles | None = {} if plan.config.views > 1 else None
 
-    def drawn() -> Iterator[Pair]:
+    def rendered() -> Iterator[Pair]:
         for index in range(shard.first, shard.end):
             if listener.stopping:
                 return
@@ -130,7 +130,7 @@ def write_pairs(job: Job, shard: Shard, renderer: PairRenderer, listener: Listen
     def tell(index: int, pair: PairFiles) -> None:
         listener.on_pair(FinishedPair(shard.split, index, tuple(pair.redrawn), pair.share_beyond))
 
-    with closing(in_order(drawn(), partial(encode, plan, shard, latest=latest), threads)) as pairs:
+    with closing(in_order(rendered(), partial(encode, plan, shard, latest=latest), threads)) as pairs:
         return write_shard(open_root(job.address), plan, shard, pairs, tell)
 
 
@@ -145,20 +145,20 @@ def encode(plan: Plan, shard: Shard, pair: Pair, latest: LatestFiles | None = No
 
 
 def in_order(
-    drawn: Iterable[Drawn], encode: Callable[[Drawn], Encoded], threads: int
+    rendered: Iterable[Rendered], encode: Callable[[Rendered], Encoded], threads: int
 ) -> Generator[Encoded, None, None]:
     """Encode pairs in ``threads`` threads, and yield the results in order.
 
-    This thread draws the pairs, since it owns the context, while each other thread encodes one pair: compression,
+    This thread renders the pairs, since it owns the context, while each other thread encodes one pair: compression,
     checksums and NumPy let other threads run. With 0 threads, this thread also encodes, which is best where the
-    processor draws.
+    processor renders.
     """
     if threads == 0:
-        yield from map(encode, drawn)
+        yield from map(encode, rendered)
         return
     waiting: deque[Future[Encoded]] = deque()
     with ThreadPoolExecutor(threads) as pool:
-        for pair in drawn:
+        for pair in rendered:
             waiting.append(pool.submit(encode, pair))
             if len(waiting) > threads:
                 yield waiting.popleft().result()

@@ -127,11 +127,9 @@ def used_plugins(config: Config, layout_name: str) -> Records:
 
 def _check_names(plan: Plan) -> None:
     """Raise InputError where the layout gives a file a name that every dataset uses for its own files."""
-    first = [[plan.key(split, 0)] for split in plan.splits]
-    names = [name for keys in first for name in (*plan.lists(keys), *plan.links(keys))] + plan.folders
-    if not plan.layout.packed:
-        names += [name for split in plan.splits for name in plan.files(split, 0).values()]
-    for name in names:
+    one_pair = plan.model_copy(update={"pairs": dict.fromkeys(plan.pairs, 1)})
+    files = [] if plan.layout.packed else [name for split in plan.splits for name in plan.files(split, 0).values()]
+    for name in (*files, *one_pair.lists, *one_pair.links, *plan.folders):
         if name.partition("/")[0] in _OF_EVERY_DATASET:
             raise InputError(
                 f"the layout {plan.layout_name} gives a file the name {name}: expected none in "

@@ -157,7 +157,7 @@ def check_index(index: StoredIndex, present: AbstractSet[str], unmade: int, verd
     digest, recorded = digest_of(values["config_values"]), index.plan.config_sha256
     if digest != recorded:
         verdict.add("index", f"config_values have the digest {digest[:12]}, config_sha256 is {recorded:.12}")
-    lists, links = _lists_and_links(index)
+    lists, links = index.plan.lists, index.plan.links
     root = index.root
     # Loaders take any file that they find for a part of a pair.
     foreign = sorted(
@@ -189,17 +189,6 @@ def _check_list(index: StoredIndex, name: str, expected: bytes, verdict: Verdict
         example = f"; it lacks {missing[0]}" if missing else ""
         counts = f"{counted(len(lines), 'line')}, not the {len(expected_lines)} of its layout"
         verdict.add("files", f"{name} has {counts}{example}")
-
-
-def _lists_and_links(index: StoredIndex) -> tuple[dict[str, bytes], set[str]]:
-    """Return the layout's lists of pairs, contents by name, and the names of its symbolic links."""
-    lists: dict[str, bytes] = {}
-    links: set[str] = set()
-    for split, pairs in index.plan.pairs.items():
-        folder, keys = index.plan.folder(split), [index.plan.key(split, number) for number in range(pairs)]
-        lists |= {f"{folder}{path}": data for path, data in index.plan.layout.lists(keys, index.plan.encodings).items()}
-        links |= {f"{folder}{path}" for path in index.plan.layout.links(keys)}
-    return lists, links
 
 
 def _shard_files(index: StoredIndex) -> set[str]:
