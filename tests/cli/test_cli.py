@@ -8,7 +8,6 @@ import sys
 import time
 from dataclasses import dataclass
 
-import click
 import cv2
 import numpy as np
 import pytest
@@ -17,8 +16,8 @@ from backends import backend_fault
 from PIL import Image
 from tiny_datasets import CLUTTER_ALONE
 
-from semisynth_gl import InputError, render_pair
-from semisynth_gl.cli import main, semisynth_gl
+from semisynth_gl import render_pair
+from semisynth_gl.cli import main
 from semisynth_gl.config import load_config, packaged_configs
 from semisynth_gl.scene import sources
 
@@ -155,6 +154,7 @@ def test_doctor_names_the_command_where_nothing_works():
         ("generate --config middlebury --outputs visibility,normal", ["--outputs", "normals"]),
         ("generate --config middlebury --engine ray --workers 1", ["--workers"]),
         ("generate --config middlebury --shards 7-9", ["shards 0-7"]),
+        ("generate --config middlebury --shard-pairs 0", ["--shard-pairs"]),
         ("generate --config middlebury --layout kitti --set files.disparity=png16", ["files.disparity"]),
         ("generate --config middlebury --out nothing://x", ["nothing://x"]),
     ],
@@ -267,22 +267,3 @@ def test_configs_are_listed_and_printed_in_full(call, tmp_path):
     (tmp_path / "lab.yaml").write_text(call("configs", "kitti").stdout)
     assert load_config(tmp_path / "lab.yaml").digest() == load_config("kitti").digest()
     refused(call("configs", "kiti"), "did you mean kitti?")
-
-
-@pytest.mark.parametrize(
-    ("command", "argument", "option"),
-    [
-        ("generate", "shard_pairs", "--shard-pairs"),
-        ("generate", "overrides", "--set"),
-        ("evaluate", "predictions", "--pred"),
-        ("evaluate", "gpus", "gpus"),  # no option of the command
-    ],
-)
-def test_a_command_names_its_option_for_an_argument(command, argument, option, monkeypatch):
-    def refuse(*_):
-        raise InputError("is wrong", argument=argument)
-
-    monkeypatch.setattr(click.Command, "invoke", refuse)
-    context = click.Context(semisynth_gl)
-    with pytest.raises(InputError, match=f"^{option}: is wrong"):
-        semisynth_gl.get_command(context, command).invoke(context)

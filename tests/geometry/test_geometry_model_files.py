@@ -1,5 +1,3 @@
-import json
-import struct
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -7,6 +5,7 @@ import numpy as np
 import pytest
 import trimesh
 from geometry_measures import STRETCH_BOUND, areas, jacobians, stretch, volume
+from gltf_files import DATA, glb, gltf
 from shared_material import SHARED, needs_shared
 
 from semisynth_gl.geometry.mesh import Mesh
@@ -39,15 +38,6 @@ PLY = (
 )
 
 
-COMPRESSED = '{{"asset": {{"version": "2.0"}}, "extensionsRequired": ["{}"]}}'
-
-
-def glb(text: str) -> bytes:
-    content = text.encode()
-    content += b" " * (-len(content) % 4)
-    return b"glTF" + struct.pack("<III", 2, 20 + len(content), len(content)) + b"JSON" + content
-
-
 @pytest.mark.parametrize(
     ("name", "content", "clause"),
     [
@@ -68,8 +58,8 @@ def glb(text: str) -> bytes:
         ("x.dae", "<x/>", "pip install pycollada"),
         ("x.USDZ", "PK", "save it as .glb"),
         ("x.ply", LFS_POINTER + b"v1", "Git LFS pointer"),
-        ("x.gltf", COMPRESSED.format("KHR_draco_mesh_compression"), "Draco"),
-        ("x.glb", glb(COMPRESSED.format("EXT_meshopt_compression")), "meshopt"),
+        ("x.gltf", gltf(extensionsRequired=["KHR_draco_mesh_compression"]), "Draco"),
+        ("x.glb", glb(extensionsRequired=["EXT_meshopt_compression"]), "meshopt"),
     ],
 )
 def test_broken_models_are_skipped_with_a_reason(
@@ -87,14 +77,6 @@ def test_broken_models_are_skipped_with_a_reason(
     assert capfd.readouterr() == ("", "")
 
 
-def test_files_of_other_kinds_are_ignored(folder: Path) -> None:
-    for name in ("a.png", "a.mtl", "a.bin", "a.txt", "obj", ".hidden"):
-        (folder / name).write_text("not a model")
-    meshes, skipped = load_models([folder])
-    assert [mesh.name for mesh in meshes] == ["good.obj"]
-    assert skipped == []
-
-
 def test_a_folder_without_a_usable_model_is_an_input_error_with_reasons(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="nowhere does not exist"):
         load_models([tmp_path / "nowhere"])
@@ -103,8 +85,8 @@ def test_a_folder_without_a_usable_model_is_an_input_error_with_reasons(tmp_path
         load_models([tmp_path])
 
 
-def test_order_and_names_follow_paths(tmp_path: Path) -> None:
-    for name in ("b.obj", "a/z.obj", "a/b.OBJ", "c.obj"):
+def test_models_of_a_folder_are_found_in_the_order_of_their_paths(tmp_path: Path) -> None:
+    for name in ("b.obj", "a/z.obj", "a/b.OBJ", "c.obj", "a.png", "a.txt", "obj", ".hidden"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(SQUARE + "f 1 2 3\n")
     assert [mesh.name for mesh in load_models([tmp_path])[0]] == ["a/b.OBJ", "a/z.obj", "b.obj", "c.obj"]
@@ -176,21 +158,9 @@ def test_place_and_size_do_not_matter(folder: Path, offset: float, scale: float)
     assert areas(mesh).min() > 0.1
 
 
-def gltf(path: Path, nodes: list[dict[str, object]], roots: list[int]) -> None:
-    """One triangle, (0, 0, 0) (1, 0, 0) (0, 1, 0), placed by nodes."""
-    data = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)
-    (path.parent / "triangle.bin").write_bytes(data)
-    document = {
-        "asset": {"version": "2.0"},
-        "scene": 0,
-        "scenes": [{"nodes": roots}],
-        "nodes": nodes,
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
-        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
-        "bufferViews": [{"buffer": 0, "byteLength": 36}],
-        "buffers": [{"uri": "triangle.bin", "byteLength": 36}],
-    }
-    path.write_text(json.dumps(document))
+def placed(path: Path, nodes: list[dict[str, object]], roots: list[int]) -> None:
+    """One triangle, placed by nodes."""
+    path.write_bytes(gltf(DATA, nodes=nodes, scene=0, scenes=[{"nodes": roots}]))
 
 
 def test_nested_nodes_place_their_parts(tmp_path: Path) -> None:
@@ -200,7 +170,7 @@ def test_nested_nodes_place_their_parts(tmp_path: Path) -> None:
         {"mesh": 0, "translation": [0, 3, 0]},
         {"mesh": 0},
     ]
-    gltf(tmp_path / "nested.gltf", nodes, [0, 3])
+    placed(tmp_path / "nested.gltf", nodes, [0, 3])
     mesh = one(tmp_path)
     found = np.unique(np.round(mesh.positions * 5 + (3, 4, 0), 4), axis=0)
     # one triangle where it is, one doubled about (0, 3, 0) and moved by 4: the box is 6 x 8, its radius 5
@@ -208,7 +178,7 @@ def test_nested_nodes_place_their_parts(tmp_path: Path) -> None:
 
 
 def test_mirrored_nodes_keep_their_outside(tmp_path: Path) -> None:
-    gltf(tmp_path / "mirrored.gltf", [{"mesh": 0, "scale": [-1, 1, 1]}], [0])
+    placed(tmp_path / "mirrored.gltf", [{"mesh": 0, "scale": [-1, 1, 1]}], [0])
     mesh = one(tmp_path)
     corners = mesh.positions[mesh.triangles[0]]
     assert np.cross(corners[1] - corners[0], corners[2] - corners[0])[2] > 0
@@ -216,7 +186,7 @@ def test_mirrored_nodes_keep_their_outside(tmp_path: Path) -> None:
 
 
 def test_cyclic_nodes_are_no_endless_loop(folder: Path) -> None:
-    gltf(folder / "cycle.gltf", [{"children": [1]}, {"children": [0], "mesh": 0}], [0])
+    placed(folder / "cycle.gltf", [{"children": [1]}, {"children": [0], "mesh": 0}], [0])
     meshes, skipped = load_models([folder])
     assert len(meshes) + len(skipped) == 2
 

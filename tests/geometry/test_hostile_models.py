@@ -1,6 +1,5 @@
 """Models made to take files, memory or time that are not theirs are refused with a reason, and the others read."""
 
-import base64
 import bz2
 import io
 import json
@@ -12,6 +11,7 @@ import zipfile
 import numpy as np
 import pytest
 import trimesh
+from gltf_files import DATA, TRIANGLE, document, glb, gltf
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from trimesh.exchange import load as trimesh_load
@@ -21,34 +21,7 @@ from semisynth_gl.geometry.model_files import OUT_OF_MEMORY, load_models
 from semisynth_gl.geometry.model_reader import read_surfaces
 from semisynth_gl.geometry.model_units import BrokenModelError
 
-TRIANGLE = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
-
-
-def document(uri=None, **parts):
-    """A glTF of one triangle."""
-    return {
-        "asset": {"version": "2.0"},
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
-        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
-        "bufferViews": [{"buffer": 0, "byteLength": 36}],
-        "buffers": [{"byteLength": 36} | ({"uri": uri} if uri is not None else {})],
-    } | parts
-
-
-def gltf(*arguments, **parts):
-    return json.dumps(document(*arguments, **parts)).encode()
-
-
-def glb(*arguments, **parts):
-    header = gltf(*arguments, **parts)
-    header += b" " * (-len(header) % 4)
-    chunk = struct.pack("<I4s", len(header), b"JSON") + header
-    if not arguments:
-        chunk += struct.pack("<I4s", len(TRIANGLE), b"BIN\0") + TRIANGLE
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunk)) + chunk
 
 
 def write(folder, name, content):
@@ -97,8 +70,7 @@ def test_nothing_outside_a_models_folder_is_opened(home, monkeypatch):
     ):
         for name, content in (("a.gltf", gltf(uri)), ("a.glb", glb(uri))):
             reason(write(home, name, content))
-    data = "data:application/octet-stream;base64," + base64.b64encode(TRIANGLE).decode()
-    for uri in ("own.bin", "./below/own.bin", "below/../own.bin", "/x/own.bin", data):
+    for uri in ("own.bin", "./below/own.bin", "below/../own.bin", "/x/own.bin", DATA):
         assert len(read_surfaces(write(home, "a.gltf", gltf(uri)))) == 1
 
 
@@ -129,10 +101,6 @@ PLY_BINARY = (
     + TRIANGLE
     + struct.pack("<B3i", 3, 0, 1, 2)
 )
-STL = (
-    "solid Größe\nfacet normal 0 0 1\nouter loop\n"
-    "vertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid\n"
-)
 STL_BINARY = "solid Größe".encode("latin-1").ljust(80) + struct.pack(
     "<I12fH", 1, *[0] * 3, *struct.unpack("<9f", TRIANGLE), 0
 )
@@ -142,13 +110,10 @@ STL_BINARY = "solid Größe".encode("latin-1").ljust(80) + struct.pack(
 def test_text_needs_no_further_package_in_another_encoding(tmp_path, monkeypatch, encoding):
     for package in ("charset_normalizer", "chardet", "cchardet"):
         monkeypatch.setitem(sys.modules, package, None)
-    data = "data:application/octet-stream;base64," + base64.b64encode(TRIANGLE).decode()
     texts = {
         "a.obj": "# Größe ÿ\no Tür\nusemtl größe\n" + OBJ,
-        "a.off": "OFF\n# Größe\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
         "a.ply": "ply\nformat ascii 1.0\ncomment Größe\n" + PLY_BODY,
-        "a.stl": STL,
-        "a.gltf": json.dumps(document(data) | {"nodes": [{"mesh": 0, "name": "Tür"}]}, ensure_ascii=False),
+        "a.gltf": json.dumps(document(DATA) | {"nodes": [{"mesh": 0, "name": "Tür"}]}, ensure_ascii=False),
     }
     for name, text in texts.items():
         surfaces = read_surfaces(write(tmp_path, name, text.encode(encoding)))
@@ -247,20 +212,17 @@ def test_triangles_vertices_and_parts_are_counted_as_often_as_they_are_placed(tm
 
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
-    name=st.sampled_from(["a.obj", "a.off", "a.ply", "b.ply", "a.stl", "b.stl", "a.gltf", "a.glb", "a.zip"]),
+    name=st.sampled_from(["a.obj", "a.ply", "b.ply", "b.stl", "a.gltf", "a.glb", "a.zip"]),
     edits=st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=5),
     end=st.floats(0.3, 1),
 )
 def test_damaged_bytes_give_surfaces_or_a_reason(tmp_path, name, edits, end):
-    data = "data:application/octet-stream;base64," + base64.b64encode(TRIANGLE).decode()
     whole = {
         "a.obj": OBJ.encode(),
-        "a.off": b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
         "a.ply": ("ply\nformat ascii 1.0\n" + PLY_BODY).encode(),
         "b.ply": PLY_BINARY,
-        "a.stl": STL.encode(),
         "b.stl": STL_BINARY,
-        "a.gltf": gltf(data),
+        "a.gltf": gltf(DATA),
         "a.glb": glb(),
         "a.zip": zipped(a_obj=OBJ),
     }[name]
@@ -303,16 +265,13 @@ def test_what_a_gltf_declares_is_counted_before_it_is_allocated(tmp_path, monkey
             assert f"{count} vertices" in reason(write(tmp_path, name, content))
 
 
-@pytest.mark.parametrize("kind", ["gltf", "obj"])
-def test_a_model_in_an_archive_is_the_model_of_its_file(tmp_path, kind):
+def test_a_model_in_an_archive_is_the_model_of_its_file(tmp_path):
     mesh = trimesh.creation.box()
     mesh.visual = trimesh.visual.TextureVisuals(uv=np.random.default_rng(0).random((8, 2)))
-    exported = mesh.scene().export(file_type=kind)
-    files = exported if kind == "gltf" else {f"model.{kind}": exported}
     with zipfile.ZipFile(tmp_path / "model.zip", "w") as archive:
-        for name, content in files.items():
+        for name, content in mesh.scene().export(file_type="gltf").items():
             write(tmp_path, name, content)
             archive.writestr(name, content)
-    ((*_, uv),) = alone = read_surfaces(tmp_path / f"model.{kind}")
+    ((*_, uv),) = alone = read_surfaces(tmp_path / "model.gltf")
     assert uv.shape == (8, 2)
     np.testing.assert_equal(read_surfaces(tmp_path / "model.zip"), alone)

@@ -88,19 +88,10 @@ def test_an_unfit_argument_is_named(argument):
         assert error.value.argument == argument.strip(), value
 
 
-@pytest.mark.parametrize(
-    "overrides",
-    [
-        "camera.width_px=64",
-        [("camera", "width_px", 64)],
-        {3: 4},
-        {"camera": 4},
-        {"camera.width_px": object()},
-    ],
-)
-def test_overrides_that_are_none_are_refused(overrides):
-    with pytest.raises(InputError):
-        load_config("kitti", overrides)
+def test_overrides_that_are_none_are_refused():
+    for overrides in ("camera.width_px=64", [("camera", "width_px", 64)], {3: 4}, {"camera": 4}):
+        with pytest.raises(InputError):
+            load_config("kitti", overrides)
 
 
 def test_numbers_of_numpy_are_numbers(backend):
@@ -116,16 +107,6 @@ def test_numbers_of_numpy_are_numbers(backend):
         image = renderer.render(scene(camera=camera, model=np.uint8([0]), layer=np.float64([0])), crop).left.image
     assert image.shape == (10, 12, 3)
     assert render_pair(CONFIG, np.int64(1), np.uint32(7), backend).left.image.shape == (48, 64, 3)
-
-
-def test_a_crop_of_the_whole_image_is_the_image(backend):
-    whole = Crop(0, 0, CONFIG.camera.width_px, CONFIG.camera.height_px)
-    with PairRenderer(CONFIG, 0, backend) as pairs:
-        expected = pairs.render(0).frame
-        for checked in (True, False):
-            frame = pairs.render(0, crop=whole, checked=checked).frame
-            for role, array in frame.arrays().items():
-                np.testing.assert_array_equal(array, expected.arrays()[role])
 
 
 def test_a_released_renderer_says_so(backend):

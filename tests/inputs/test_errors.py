@@ -4,7 +4,7 @@ import re
 import tomllib
 from pathlib import Path
 
-from semisynth_gl.inputs.errors import counted, did_you_mean, how_to_install, near, shown
+from semisynth_gl.inputs.errors import counted, how_to_install, shown
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -19,13 +19,6 @@ def test_a_long_value_is_cut():
     assert shown("a" * 98) == "'" + "a" * 98 + "'"
     assert shown("a" * 99) == "'" + "a" * 99 + "..."
     assert len(shown(-(10**5000))) < 50
-
-
-def test_a_name_is_near_that_differs_by_a_few_letters():
-    known = ("camera", "disparity", "sequence")
-    assert near("camra", known) == ["camera"]
-    assert near("seed", known) == near("zzz", known) == []
-    assert did_you_mean([], "expected c") == "expected c"
 
 
 def test_every_extra_that_a_message_names_exists_and_is_told_with_its_packages():
