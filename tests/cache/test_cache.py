@@ -34,7 +34,6 @@ from semisynth_gl.textures.prepare import prepare_atlas
 
 TRIANGLE = "v 0 0 0\nv 2 0 0\nv 2 2 0\nf 1 2 3\n"
 LARGER = "v 0 0 0\nv 3 0 0\nv 2 2 0\nf 1 2 3\n"
-PARTICLES = ParticlesSection()
 
 
 @pytest.fixture(autouse=True)
@@ -78,8 +77,19 @@ def textures(home, **values):
     return TexturesSection(**given | values)
 
 
-def models(*homes, **values):
-    return ModelsSection(simple=0.0, complex=0.0, folders=tuple(map(str, homes)), **values)
+@pytest.fixture
+def own(tmp_path):
+    """A folder of two models."""
+    home = tmp_path / "m"
+    home.mkdir()
+    (home / "one.obj").write_text(TRIANGLE)
+    (home / "two.obj").write_text(LARGER)
+    return home
+
+
+def library(home, **values):
+    section = {"simple": 0.0, "complex": 0.0, "variants": 1, "folders": (str(home),)}
+    return build_library(ModelsSection(**section | values), ParticlesSection(), Split(0))
 
 
 def plain(value):
@@ -112,16 +122,11 @@ def test_an_atlas_that_is_found_equals_the_one_that_was_built(photographs, built
     assert len(built) == 2
 
 
-def test_models_that_are_found_equal_those_that_were_built(tmp_path, built):
-    (tmp_path / "m/below").mkdir(parents=True)
-    (tmp_path / "m/one.obj").write_text(TRIANGLE)
-    (tmp_path / "m/below/two.obj").write_text(LARGER)
-    (tmp_path / "m/empty.obj").write_text("")
-    for section in (models(tmp_path / "m"), ModelsSection(variants=1, complex=0.0)):
-        built.clear()
-        first, again = build_library(section, PARTICLES, Split(1)), build_library(section, PARTICLES, Split(1))
-        assert plain(first) == plain(again)
-        assert built == ["_build"]
+def test_models_that_are_found_equal_those_that_were_built(own, built):
+    (own / "empty.obj").write_text("")
+    for values in ({}, {"simple": 1.0}):
+        assert plain(library(own, **values)) == plain(library(own, **values))
+    assert built == ["_build"] * 2
 
 
 def test_pilot_scenes_that_are_found_equal_those_that_were_drawn(monkeypatch):
@@ -175,26 +180,21 @@ def test_photographs_that_change_come_or_go_count(photographs, built):
     assert built == []
 
 
-def test_models_are_read_again_when_their_folder_changes(tmp_path, built):
-    home = tmp_path / "m"
-    home.mkdir()
-    (home / "one.obj").write_text(TRIANGLE)
-    (home / "one.bin").write_text("beside it")
+def test_models_are_read_again_when_their_folder_changes(own, built):
     for change, expected in (
-        (lambda: None, True),
+        (lambda: (own / "one.bin").write_text("beside it"), True),
         (lambda: None, False),
-        (lambda: (home / "one.obj").write_text(LARGER), True),
-        (lambda: (home / "one.bin").write_text("another"), True),
-        (lambda: (home / "two.obj").write_text(TRIANGLE), True),
-        (lambda: (home / "two.obj").rename(home / "three.obj"), True),
+        (lambda: (own / "one.obj").write_text(LARGER), True),
+        (lambda: (own / "one.bin").write_text("another"), True),
+        (lambda: (own / "two.obj").rename(own / "three.obj"), True),
     ):
         built.clear()
         change()
-        build_library(models(home), PARTICLES, Split(0))
+        library(own)
         assert bool(built) == expected
 
 
-def test_what_may_go_otherwise_the_next_time_is_not_kept(photographs, tmp_path, monkeypatch):
+def test_what_did_not_fit_into_memory_is_read_again_the_next_time(photographs, own, monkeypatch):
     def read_but_one(read, name, error):
         def reading(path):
             if path.name == name:
@@ -203,35 +203,30 @@ def test_what_may_go_otherwise_the_next_time_is_not_kept(photographs, tmp_path, 
 
         return reading
 
-    (tmp_path / "m").mkdir()
-    for name in ("one.obj", "two.obj"):
-        (tmp_path / "m" / name).write_text(TRIANGLE)
     section = textures(photographs, max_patches=24)
     full = ImageError(photographs / "1.png", OUT_OF_MEMORY)
     with monkeypatch.context() as patch:
         patch.setattr(clips, "read_image", read_but_one(read_image, "1.png", full))
         patch.setattr(model_reader, "read_surfaces", read_but_one(read_surfaces, "two.obj", MemoryError()))
         assert len(prepare_atlas(section, Split(0)).report.images_skipped) == 1
-        assert len(build_library(models(tmp_path / "m"), PARTICLES, Split(0)).skipped) == 1
+        assert len(library(own).skipped) == 1
     assert prepare_atlas(section, Split(0)).report.images_skipped == ()
-    assert build_library(models(tmp_path / "m"), PARTICLES, Split(0)).skipped == ()
+    assert library(own).skipped == ()
 
 
-def test_another_version_of_a_builder_or_a_package_finds_nothing(photographs, built, tmp_path, monkeypatch):
-    (tmp_path / "m").mkdir()
-    (tmp_path / "m/one.obj").write_text(TRIANGLE)
+def test_another_version_of_a_builder_or_a_package_finds_nothing(photographs, own, built, monkeypatch):
     for module, name, value, expected in (
-        (prepare, "VERSION", prepare.VERSION, ["build_atlas", "_build"]),
-        (prepare, "VERSION", 999, ["build_atlas"]),
+        (prepare, "VERSION", 999, ["build_atlas", "_build"]),  # nothing is there at first
         (model_library, "VERSION", 999, ["_build"]),
         (prepare, "package_versions", lambda *names: dict.fromkeys(names, "1"), ["build_atlas"]),
         (model_library, "installed_packages", lambda: ["a_reader-1.dist-info"], ["_build"]),
+        (prepare, "VERSION", 1000, ["build_atlas"]),
     ):
         built.clear()
         monkeypatch.setattr(module, name, value)
         for _ in range(2):
             prepare_atlas(textures(photographs), Split(0))
-            build_library(models(tmp_path / "m"), PARTICLES, Split(0))
+            library(own)
         assert built == expected
 
 
