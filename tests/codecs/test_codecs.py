@@ -60,37 +60,9 @@ def by_opencv(data):
 def test_a_config_chooses_codecs_by_their_names():
     for section, codecs in (("image", IMAGE_CODECS), ("disparity", DISPARITY_CODECS), ("flow", FLOW_CODECS)):
         for name, entry in codecs.items():
-            assert entry.name == name
             assert getattr(cheap(files={section: name}).encodings, section) is entry
-            assert getattr(Encodings.from_names(**{section: name}), section) is entry
         with pytest.raises(ValidationError, match=f"expected one of {', '.join(codecs)} "):
             FilesSection(**{section: "webp"})
-        with pytest.raises(KeyError, match="webp"):
-            Encodings.from_names(**{section: "webp"})
-    assert Encodings() == Encodings.from_names() == Encodings.from_names("png", "pfm", "flo") == cheap().encodings
-
-
-def test_a_channel_names_a_chosen_codec_or_a_fixed_one():
-    chosen = Encodings.from_names("png", "png16", "png16")
-    assert chosen.codec("image") is IMAGE_CODECS["png"]
-    assert chosen.codec("disparity") is DISPARITY_CODECS["png16"]
-    assert chosen.codec("flow") is FLOW_CODECS["png16"]
-    assert [chosen.codec(name) for name in ("grey8", "grey16", "float", "vector")] == [GREY8, GREY16, PFM, PFM3]
-    with pytest.raises(KeyError, match="normals"):
-        chosen.codec("normals")
-
-
-def test_limits_and_errors_are_those_of_the_formats():
-    assert (KITTI_DISPARITY.name, KITTI_DISPARITY.error_px, KITTI_DISPARITY.limit_px) == ("png16", 1 / 512, 65535 / 256)
-    assert CRESTEREO_DISPARITY.name == "png16-32"
-    assert (CRESTEREO_DISPARITY.error_px, CRESTEREO_DISPARITY.limit_px) == (1 / 64, 65535 / 32)
-    assert (FLOW_CODECS["png16"].error_px, FLOW_CODECS["png16"].limit_px) == (1 / 128, 32767 / 64)
-    every = [*IMAGE_CODECS.values(), *DISPARITY_CODECS.values(), *FLOW_CODECS.values(), Jpeg(), CRESTEREO_DISPARITY]
-    assert {entry.name for entry in every if not entry.lossless} == {"png16", "png16-32", "jpg"}
-    for entry in every:
-        rounding = entry.name.startswith("png16")
-        assert (entry.error_px > 0) == np.isfinite(entry.limit_px) == rounding
-    assert not PFM.exceeds_limit(np.array([[1e30, np.inf]], np.float32)).any()
 
 
 # PNG
@@ -106,11 +78,11 @@ def test_png_is_read_back_by_pillow_and_opencv(image):
     np.testing.assert_array_equal(by_opencv(data), image)
 
 
-@pytest.mark.parametrize("values", [1, 3, 256])
-@pytest.mark.parametrize("shape", [(0,), (1,), (288,), (289,), (290,), (304,), (40_000,), (250, 401)])
-def test_what_is_deflated_is_read_back(shape, values):
-    content = np.random.default_rng(0).integers(0, values, shape, np.uint8)
-    assert zlib.decompress(deflate(content)) == content.tobytes()
+def test_what_is_deflated_is_read_back():
+    for shape in ((0,), (1,), (288,), (289,), (290,), (304,), (40_000,), (250, 401)):
+        for values in (1, 3, 256):
+            content = np.random.default_rng(0).integers(0, values, shape, np.uint8)
+            assert zlib.decompress(deflate(content)) == content.tobytes()
 
 
 @pytest.mark.parametrize("length", [100, 288, 289, 310, 4000])
@@ -129,21 +101,6 @@ def test_where_a_stream_is_in_memory_does_not_matter(monkeypatch, length):
             deflated.add(deflate(content))
             monkeypatch.undo()
         assert len(deflated) == 1
-
-
-def test_png_is_deflated_so():
-    rng = np.random.default_rng(0)
-    noise = rng.integers(0, 256, (200, 200), np.uint8)
-    for codec, image in (
-        (GREY8, noise),
-        (GREY16, noise.view(np.uint16)),
-        (IMAGE_CODECS["png"], noise[:, :198].reshape(200, 66, 3)),
-    ):
-        data, stream = codec.encode(image), zlib.decompressobj()
-        begin = data.index(b"IDAT") + 4
-        content = stream.decompress(data[begin:])
-        deflated = data[begin : len(data) - len(stream.unused_data)]
-        assert deflated == deflate(np.frombuffer(content, np.uint8)), codec
 
 
 @pytest.mark.parametrize(("png", "shape"), [(GREY16, (9, 31)), (RGB16, (9, 31, 3))])
@@ -173,27 +130,18 @@ def test_png_of_each_kind(tmp_path):
                 other.read(path)
 
 
-def test_wrong_png_is_named(tmp_path):
+def test_wrong_png_is_refused_by_name(tmp_path):
     path = tmp_path / "i.png"
     good = RGB8.encode(np.random.default_rng(0).integers(0, 256, (40, 40, 3), dtype=np.uint8))
     lying = good[:16] + struct.pack(">II", 1 << 20, 1 << 20) + good[24:]
     flipped = good[:200] + bytes([good[200] ^ 1]) + good[201:]
-    for data, words in (
-        (good[:-1], "does not end"),
-        (good[:-12], "does not end"),
-        (good + b"x", "does not end"),
-        (good[:300] + good[-12:], "cannot be decoded"),
-        (flipped, "cannot be decoded"),
-        (lying, "claims 1048576 x 1048576"),
-        (b"\xff\xd8\xff\xe0" + bytes(60), "expected a PNG"),
-        (b"", "expected a PNG"),
-    ):
+    palette = io.BytesIO()
+    Image.fromarray(np.arange(256, dtype=np.uint8)[None]).convert("P").save(palette, "PNG")
+    short = good[:300] + good[-12:]
+    for data in (good[:-1], good[:-12], good + b"x", short, flipped, lying, b"\xff\xd8", b"", palette.getvalue()):
         path.write_bytes(data)
-        with pytest.raises(ReadError, match=words):
+        with pytest.raises(ReadError, match=r"i\.png"):
             RGB8.read(path)
-    Image.fromarray(np.arange(256, dtype=np.uint8)[None]).convert("P").save(path)
-    with pytest.raises(ReadError, match="got 8-bit palette"):
-        RGB8.read(path)
     with pytest.raises(ReadError, match="is missing"):
         RGB8.read(tmp_path / "none.png")
 
@@ -221,16 +169,9 @@ def test_pfm_of_three_channels_comes_back_bit_for_bit_here_and_by_opencv(tmp_pat
 
 
 def test_pfm_has_the_header_that_loaders_expect():
-    assert PFM.encode(np.zeros((3, 5), np.float32)) == b"Pf\n5 3\n-1.0\n" + bytes(60)
-    assert PFM3.encode(np.zeros((3, 5, 3), np.float32)) == b"PF\n5 3\n-1.0\n" + bytes(180)
     upper = np.array([[1.0], [2.0]], np.float32)
-    assert np.frombuffer(PFM.encode(upper)[-8:], "<f4").tolist() == [2.0, 1.0]
-
-
-def test_pfm_of_opencv_is_read(tmp_path):
-    image = np.random.default_rng(0).random((5, 7), np.float32)
-    cv2.imwrite(str(tmp_path / "x.pfm"), image)
-    np.testing.assert_array_equal(ANY_PFM.read(tmp_path / "x.pfm"), image)
+    assert PFM.encode(upper) == b"Pf\n1 2\n-1.0\n" + struct.pack("<2f", 2.0, 1.0)
+    assert PFM3.encode(np.zeros((3, 5, 3), np.float32)) == b"PF\n5 3\n-1.0\n" + bytes(180)
 
 
 def test_only_the_tolerant_codec_reads_other_peoples_pfm(tmp_path):
@@ -242,21 +183,20 @@ def test_only_the_tolerant_codec_reads_other_peoples_pfm(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("data", "words"),
+    "data",
     [
-        (b"", "header"),
-        (b"PF\n1 1\n-1.0\n" + bytes(12), "header"),
-        (b"Pf\n1 1\n1.0\n" + bytes(4), "header"),
-        (b"Pf\r\n1 1\r\n-1.0\r\n" + bytes(4), "header"),
-        (b"Pf\n2 2\n-1.0\n" + bytes(15), "ends after 15 of 16 bytes"),
-        (b"Pf\n2 2\n-1.0\n" + bytes(17), "1 bytes after"),
-        (b"Pf\n0 2\n-1.0\n", "width and height of 1 or more, got 0 x 2"),
-        (b"Pf\n999999999 999999999\n-1.0\n", "ends after 0"),
+        b"",
+        b"PF\n1 1\n-1.0\n" + bytes(12),
+        b"Pf\n1 1\n1.0\n" + bytes(4),
+        b"Pf\n2 2\n-1.0\n" + bytes(15),
+        b"Pf\n2 2\n-1.0\n" + bytes(17),
+        b"Pf\n0 2\n-1.0\n",
+        b"Pf\n999999999 999999999\n-1.0\n",
     ],
 )
-def test_wrong_pfm_is_named(tmp_path, data, words):
+def test_wrong_pfm_is_refused_by_name(tmp_path, data):
     (tmp_path / "d.pfm").write_bytes(data)
-    with pytest.raises(ReadError, match=f"d.pfm: .*{words}"):
+    with pytest.raises(ReadError, match=r"d\.pfm"):
         PFM.read(tmp_path / "d.pfm")
 
 
@@ -287,26 +227,18 @@ def test_a_png16_ends_at_256_px_and_keeps_0_for_no_truth():
     assert KITTI_DISPARITY.exceeds_limit(disparity)[0].tolist() == [False] * 8 + [True] * 3
 
 
-@pytest.mark.parametrize("name", ["png16", "jpg"])
-def test_wrong_files_are_named(tmp_path, name):
-    image, disparity = make_image((30, 41)), make_disparity((30, 41))
-    entry = {**IMAGE_CODECS, **DISPARITY_CODECS, "jpg": Jpeg()}[name]
-    colour = name in IMAGE_CODECS or name == "jpg"
-    good = entry.encode(image if colour else disparity)
-    file = tmp_path / "file"
-    foreign = io.BytesIO()
-    Image.fromarray(image[..., 0] if colour else image).save(foreign, "PNG")
+@pytest.mark.parametrize(
+    ("entry", "values"),
+    [(KITTI_DISPARITY, make_disparity((30, 41))), (Jpeg(), make_image((30, 41)))],
+    ids=["png16", "jpg"],
+)
+def test_wrong_files_are_refused(tmp_path, entry, values):
+    good, file, foreign = entry.encode(values), tmp_path / "file", io.BytesIO()
+    Image.fromarray(make_image((30, 41))[..., : 4 - values.ndim].squeeze()).save(foreign, "PNG")
     for data in (b"", good[: len(good) // 2], good[:-1], b"abc" * 50, foreign.getvalue()):
         file.write_bytes(data)
         with pytest.raises(ReadError):
             entry.read(file)
-    with pytest.raises(ReadError, match="is missing"):
-        entry.read(tmp_path / "none")
-
-
-def test_a_folder_is_no_file(tmp_path):
-    with pytest.raises(ReadError, match="cannot be read"):
-        PFM.read(tmp_path)
 
 
 # Calibrations and JSON
@@ -322,38 +254,26 @@ def test_a_calibration_comes_back():
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("doffs=", "dofs=", "in this order"),
-        ("isint=0\n", "", "in this order"),
-        ("dymax=0\n", "dymax=0", "no end"),
-        ("ndisp=100", "ndisp=1e2", "invalid literal"),
-        ("width=37", "width=0", "at least 1 x 1"),
-        ("; 0 0 1]", "]", "expected a matrix"),
-        ("cam1=[1164.25", "cam1=[1164.5", "cam1 is not"),
-        ("baseline=", "baseline=x", "could not convert"),
-    ],
+    ("old", "new"),
+    [("doffs=", "dofs="), ("ndisp=100", "ndisp=1e2"), ("; 0 0 1]", "]"), ("cam1=[1164.25", "cam1=[1164.5")],
 )
-def test_wrong_calibration_is_named(tmp_path, old, new, words):
+def test_wrong_calibration_is_refused_by_name(tmp_path, old, new):
     text = MIDDLEBURY_CALIB.encode(Calibration(CAMERA, CAMERA.doffs_px, 100, 1.0, 90.0)).decode()
     assert old in text
     path = tmp_path / "calib.txt"
     path.write_text(text.replace(old, new))
-    with pytest.raises(ReadError, match=f"calib.txt: .*{words}"):
+    with pytest.raises(ReadError, match=r"calib\.txt"):
         MIDDLEBURY_CALIB.read(path)
 
 
-def test_json_must_hold_an_object(tmp_path):
-    (tmp_path / "a.json").write_text("{")
-    (tmp_path / "b.json").write_text("3")
-    with pytest.raises(ReadError, match="not JSON"):
-        JSON_OBJECT.read(tmp_path / "a.json")
-    with pytest.raises(ReadError, match="got int"):
-        JSON_OBJECT.read(tmp_path / "b.json")
+def test_json_must_hold_an_object():
+    for data in (b"{", b"3"):
+        with pytest.raises(ReadError, match="the-file"):
+            JSON_OBJECT.decode(data, PATH)
     assert JSON_OBJECT.decode(JSON_OBJECT.encode({"a": [1, 0.5]}), PATH) == {"a": [1, 0.5]}
 
 
-@pytest.mark.parametrize("steps", [256, 128, 100, 7.3])
+@pytest.mark.parametrize("steps", [256, 7.3])
 def test_a_map_counts_in_any_steps(tmp_path, steps):
     counts = np.arange(2**16, dtype=np.uint16).reshape(256, 256)
     (tmp_path / "a.png").write_bytes(GREY16.encode(counts))
@@ -361,20 +281,6 @@ def test_a_map_counts_in_any_steps(tmp_path, steps):
     assert disparity.dtype == np.float32
     assert np.isposinf(disparity[0, 0])
     np.testing.assert_array_equal(disparity.ravel()[1:], counts.ravel()[1:].astype(np.float32) / np.float32(steps))
-
-
-def test_a_map_is_read_once(tmp_path, monkeypatch):
-    """What the first bytes say holds for the rest, whatever replaces the file meanwhile."""
-    np.save(tmp_path / "a.npy", np.full((3, 4), 7.0))
-    read = Path.read_bytes
-
-    def read_and_replace(path):
-        data = read(path)
-        np.save(path, np.zeros((2, 2)))
-        return data
-
-    monkeypatch.setattr(Path, "read_bytes", read_and_replace)
-    np.testing.assert_array_equal(read_disparity_map(tmp_path / "a.npy"), np.full((3, 4), 7, np.float32))
 
 
 def test_codecs_of_channels_estimate_the_size_of_their_files():

@@ -18,15 +18,12 @@ from heavy import heavy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
-from pydantic import ValidationError
 
-from semisynth_gl import layouts
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.calib import KITTI_CALIB
-from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8, GREY16, RGB8
 from semisynth_gl.config import load_config, packaged_configs
-from semisynth_gl.config.dataset_sections import LAYOUTS, FilesSection
+from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.sample import decode_file
@@ -38,11 +35,6 @@ from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.layouts.roles import expose, mask_from_not_occluded, number_objects, restore_outside
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.seeds.splits import SPLITS
-
-OTHER_ENCODINGS = [
-    ("middlebury", Encodings.from_names("png", "png16", "png16")),
-    ("webdataset", Encodings.from_names("png", "png16", "pfm")),
-]
 
 
 def write_tar(path, indices):
@@ -77,11 +69,14 @@ def disparity_by_opencv(path):
 # There and back
 
 
-@pytest.mark.parametrize("truth", ["both", "left"])
-@pytest.mark.parametrize("outputs", [OUTPUTS, ()], ids=["all", "none"])
+@pytest.mark.parametrize(("outputs", "truth"), [(OUTPUTS, "both"), (OUTPUTS, "left"), ((), "both")])
 @pytest.mark.parametrize(
     ("name", "encodings"),
-    [*((name, None) for name in layout_names()), *OTHER_ENCODINGS],
+    [
+        *((name, None) for name in layout_names()),
+        ("middlebury", Encodings.from_names("png", "png16", "png16")),
+        ("webdataset", Encodings.from_names("png", "png16", "pfm")),
+    ],
 )
 def test_what_is_written_comes_back(name, encodings, outputs, truth):
     layout = find_layout(name)
@@ -149,38 +144,6 @@ def test_a_disparity_is_rounded_or_counted_and_never_wrapped(lengths):
         np.testing.assert_array_equal(stored.right.disparity, is_)
 
 
-def test_what_a_codec_cannot_store_is_invalid_everywhere():
-    frame = make_frame(3, ("visibility", "disparity_change"))
-    limit = 255.998046875
-    grown = {
-        eye: frame.view(eye).with_channels({"disparity": frame.view(eye).disparity * np.float32(12)}) for eye in EYES
-    }
-    frame = Frame(frame.camera, **grown)
-    beyond = {eye: np.isfinite(view.disparity) & (view.disparity >= limit) for eye, view in grown.items()}
-    assert 0.01 < beyond["left"].mean() < 0.9
-    assert (frame.left.visibility[beyond["left"]] == VISIBLE).any()
-    chosen, layout = Encodings.from_names(disparity="png16"), find_layout("middlebury")
-    pair = encoded(layout, 3, frame=frame, encodings=chosen)
-    assert pair.share_beyond == max(where.mean() for where in beyond.values())
-    stored = decode(layout, 3, pair.files, encodings=chosen)
-    counts = {eye: int(where.sum()) for eye, where in beyond.items()}
-    assert stored.provenance == make_provenance(3) | {"disparity_beyond": counts}
-    for eye, where in beyond.items():
-        was, came = frame.view(eye), stored.view(eye)
-        np.testing.assert_array_equal(np.isinf(came.disparity), np.isinf(was.disparity) | where)
-        assert (came.visibility[where] == OUTSIDE).all()
-        assert np.isinf(came.disparity_change[where]).all()
-        # By a disparity that has grown, some points are outside now.
-        expected = restore_outside(was.visibility, came.disparity, View.disparity, eye)
-        np.testing.assert_array_equal(came.visibility[~where], expected[~where])
-        np.testing.assert_array_equal(came.disparity_change[~where], was.disparity_change[~where])
-    assert stored.calibration.vmax_px < 256
-    assert encoded(layout, 3, frame=frame).share_beyond == 0
-    plain = decode(layout, 3, encode(layout, 3, frame=frame))
-    assert plain.provenance == make_provenance(3)
-    np.testing.assert_array_equal(plain.left.disparity, frame.left.disparity)
-
-
 @pytest.mark.parametrize("name", layout_names())
 def test_broken_files_are_named(name):
     layout = find_layout(name)
@@ -193,20 +156,6 @@ def test_broken_files_are_named(name):
 
 
 # Names
-
-
-def test_a_scene_has_middleburys_files():
-    frame = make_frame(3, ("visibility",))
-    files = encode(find_layout("middlebury"), 3, frame=frame)
-    assert {path.rpartition("/")[0] for path in files} == {"MiddEval3/trainingF/lab-000003"}
-    files = {path.rpartition("/")[2]: data for path, data in files.items()}
-    names = "im0.png im1.png disp0GT.pfm disp1GT.pfm mask0nocc.png mask1nocc.png calib.txt pair.json"
-    assert set(files) == set(names.split())
-    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(files["im1.png"]))), frame.right.image)
-    mask = Image.open(io.BytesIO(files["mask0nocc.png"]))
-    assert mask.mode == "L"
-    assert set(np.unique(mask)) == {0, 128, 255}
-    assert json.loads(files["pair.json"]) == make_provenance(3)
 
 
 def test_names_sort_as_numbers():
@@ -264,21 +213,9 @@ def test_what_loaders_replace_in_paths_stands_there_once():
         assert PurePosixPath(path).name.split(".")[0].isdecimal()
 
 
-def test_an_encoding_of_a_layout_is_no_choice_of_a_config():
-    encodings = find_layout("crestereo").encodings
-    assert (encodings.image.name, encodings.disparity.name) == ("jpg", "png16-32")
-    for values in ({"image": "jpg"}, {"disparity": "png16-32"}):
-        with pytest.raises(ValidationError):
-            FilesSection(**values)
-    with pytest.raises(InputError, match="expected one of crestereo, eth3d"):
-        find_layout("layout")
-
-
-def test_configs_know_the_names_of_all_layouts():
-    modules = {path.stem.replace("_", "-") for path in Path(layouts.__file__).parent.glob("*.py")}
-    assert {*LAYOUTS} == modules - {"--init--", "key", "layout", "roles"}
+def test_a_layout_that_is_none_is_refused_with_its_key_and_line():
     assert {config.layout for config in map(load_config, packaged_configs())} <= {None, *LAYOUTS}
-    with pytest.raises(InputError, match=r"lab.yaml:2: layout: layout: expected one of .*did you mean kitti\?"):
+    with pytest.raises(InputError, match=r"lab.yaml:2: layout: .*did you mean kitti\?"):
         parse_config("extends: kitti\nlayout: kiti\n", "lab.yaml")
 
 
@@ -354,11 +291,8 @@ def test_kittis_masks_follow_from_its_disparities():
     assert mask.tolist() == [[128, 0, 128, 255, 0]]
     mask = mask_from_not_occluded(disparity[:, ::-1], seen[:, ::-1], View.disparity, "right", path)
     assert mask.tolist() == [[0, 255, 128, 0, 128]]
-    for wrong, message in (
-        (seen + 1, "1 pixels in not_occluded_left are not those in disparity_left"),
-        (seen[:, 1:], "has shape"),
-    ):
-        with pytest.raises(ReadError, match=message):
+    for wrong in (seen + 1, seen[:, 1:]):
+        with pytest.raises(ReadError, match="not_occluded_left"):
             mask_from_not_occluded(disparity, wrong, View.disparity, "left", path)
 
 
@@ -368,8 +302,6 @@ def test_middleburys_calibration_gives_the_same_depth():
     frame = Frame(camera, frame.left, frame.right)
     files = encode(find_layout("middlebury"), 3, frame=frame)
     written = files["MiddEval3/trainingF/lab-000003/calib.txt"].decode().splitlines()
-    keys = [line.split("=")[0] for line in written]
-    assert " ".join(keys) == "cam0 cam1 doffs baseline width height ndisp isint vmin vmax dyavg dymax"
     values = dict(line.split("=") for line in written)
     rows = [[float(x) for x in row.split()] for row in values["cam0"].strip("[]").split(";")]
     assert rows == [[1164.25, 0, 17.5], [0, 1164.25, 10.25], [0, 0, 1]]
@@ -769,20 +701,11 @@ def test_torch_loads_tars_and_trees_in_worker_processes(tmp_path):
         assert sorted(seen) == list(range(pairs))
 
 
-def test_pfm_is_read_strictly(tmp_path):
-    root = write_tree("eth3d", tmp_path, 1)
-    path = root / "two_view_training_gt" / "lab-000000" / "disp0GT.pfm"
-    assert path.read_bytes().startswith(b"Pf\n48 32\n-1.0\n")
-    np.testing.assert_array_equal(PFM.read(path), make_frame(0).left.disparity)
-
-
 @pytest.mark.parametrize(
     ("layout", "folder"),
     [
         ("middlebury", "MiddEval3/trainingF"),
-        ("middlebury-2014", "2014"),
         ("kitti", "training"),
-        ("eth3d", "two_view_training"),
         ("webdataset", "shards"),
     ],
 )
