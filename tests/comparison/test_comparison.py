@@ -5,6 +5,7 @@ import json
 import re
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
+from itertools import product
 from math import erf, sqrt
 
 import numpy as np
@@ -23,31 +24,29 @@ from tiny_datasets import cheap, tiny
 from semisynth_gl.cli import main
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.pfm import PFM
-from semisynth_gl.codecs.png import GREY8, GREY16, RGB8
+from semisynth_gl.codecs.png import GREY16, RGB8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.comparison.changes import CHANGES, advice, moved_by
-from semisynth_gl.comparison.compare import Comparison, compare, comparison_table
-from semisynth_gl.comparison.maps import image_beside, map_files, one_of_each_scene
+from semisynth_gl.comparison.changes import CHANGES, advice
+from semisynth_gl.comparison.compare import Comparison, compare
+from semisynth_gl.comparison.maps import map_files
 from semisynth_gl.comparison.measured_view import fill_holes, make_view, mean_luminance
 from semisynth_gl.comparison.measures import MEASURES, PROFILES
-from semisynth_gl.comparison.place import find_place, left_out, map_views
+from semisynth_gl.comparison.place import find_place, map_views
 from semisynth_gl.comparison.quantities import (
     border_hardness,
-    border_steps,
     gradients,
     hidden,
     local_contrasts,
-    near_jumps,
     octave_contrasts,
     region_sizes,
     run_lengths,
     slants,
 )
-from semisynth_gl.comparison.sides import FEWEST, MeasuredPlace, Side, distance, frame_view, sampled_pairs
+from semisynth_gl.comparison.sides import FEWEST, MeasuredPlace, Side, distance, frame_view
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.dataset.generate import generate
-from semisynth_gl.dataset.reader import open_dataset, read_index
-from semisynth_gl.inputs.errors import InputError, ReadError
+from semisynth_gl.dataset.reader import open_dataset
+from semisynth_gl.inputs.errors import SemisynthError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.textures.image_files import find_files, find_images
 
@@ -70,7 +69,7 @@ def picture_of(disparity=None, grey=None, width_px=None):
 # --- measures with known answers ---
 
 
-@pytest.mark.parametrize(("tread", "rise"), [(10, 3.0), (25, 1.5), (50, -4.0)])
+@pytest.mark.parametrize(("tread", "rise"), [(10, 3.0), (50, -4.0)])
 def test_a_staircase(tread, rise):
     width, height = 200, 40
     disparity = np.tile(120 + rise * (np.arange(width) // tread), (height, 1))
@@ -85,7 +84,7 @@ def test_a_staircase(tread, rise):
     assert value("slant", picture) == (0 if tread > 16 else None)
 
 
-@pytest.mark.parametrize(("along", "down"), [(0.0, 0.0), (0.25, 0.0), (0.0, -0.125), (0.75, 0.5)])
+@pytest.mark.parametrize(("along", "down"), [(0.0, 0.0), (0.75, -0.5)])
 def test_a_plane_has_the_slant_of_its_gradient(along, down):
     row, column = np.mgrid[:60, :80]
     surfaces = (100 + along * column + down * row).astype(np.float32)
@@ -99,7 +98,7 @@ def test_a_plane_has_the_slant_of_its_gradient(along, down):
     assert slants(rounded).mean() == pytest.approx(np.hypot(along, down), abs=0.02)
 
 
-@pytest.mark.parametrize(("front", "back"), [(12, 4), (30, 7), (9, 8)])
+@pytest.mark.parametrize(("front", "back"), [(30, 7), (9, 8)])
 def test_a_card_hides_as_many_columns_as_its_disparity_exceeds_the_wall(front, back):
     disparity = np.full((20, 120), back, np.float32)
     disparity[5:15, 60:90] = front
@@ -116,35 +115,14 @@ def test_a_card_hides_as_many_columns_as_its_disparity_exceeds_the_wall(front, b
 
 
 def test_a_picture_of_another_exposure_measures_as_one_that_is_made_so():
-    rng = np.random.default_rng(5)
-    image, other = rng.integers(0, 256, (2, 40, 60, 3)).astype(np.uint8)
-    disparity = rng.uniform(1, 9, (40, 60)).astype(np.float32)
-    picture = make_view("made", 50, image=image, disparity=disparity).with_image(other)
-    expected = make_view("made", 50, image=other, disparity=disparity)
-    exposed = picture.exposed(-0.6)
+    image, other = np.random.default_rng(5).integers(0, 256, (2, 40, 60, 3)).astype(np.uint8)
+    picture = make_view("made", 50, image=image).with_image(other)
+    expected = make_view("made", 50, image=other)
     darker = replace(expected, luminance=expected.luminance * np.float32(2**-0.6))
-    as_drawn, as_darkened, as_made_dark = (
-        np.array([measure.measure(each) for measure in MEASURES], np.float64) for each in (picture, exposed, darker)
-    )
-    np.testing.assert_array_equal(as_drawn, np.array([measure.measure(expected) for measure in MEASURES], np.float64))
-    np.testing.assert_allclose(as_darkened, as_made_dark, rtol=1e-6)
-    of_images = np.array([measure.of_images for measure in MEASURES])
-    assert (as_darkened < as_drawn)[of_images].sum() >= 3
-    bare = make_view("map", 50, disparity=disparity)
-    assert bare.exposed(-1).luminance is None
-    with pytest.raises(InputError, match="map: expected a view with an image"):
-        bare.with_image(other)
-
-
-def test_pixels_near_a_jump_are_those_of_a_square_around_it():
-    surfaces = np.full((30, 40), 5, np.float32)
-    surfaces[10:20, 15:30] = 9
-    row, column = np.mgrid[:30, :40]
-    outside = np.maximum.reduce([10 - row, row - 19, 15 - column, column - 29])  # distance to the card, if above 0
-    expected = (outside <= 5) & (outside > -5)
-    # No pixel outside a corner is beside the jump.
-    expected[[5, 5, 24, 24], [10, 34, 10, 34]] = False
-    np.testing.assert_array_equal(near_jumps(surfaces), expected)
+    for one, as_made in ((picture, expected), (picture.exposed(-0.6), darker)):
+        for measure in MEASURES:
+            found = measure.measure(as_made)
+            assert measure.measure(one) == (None if found is None else pytest.approx(found, rel=1e-6)), measure.key
 
 
 def test_regions_are_what_a_flood_finds():
@@ -170,7 +148,7 @@ def edge(profile, columns=100):
     return luminance, surfaces
 
 
-@pytest.mark.parametrize("width", [1.0, 2.0, 3.0])
+@pytest.mark.parametrize("width", [1.0, 3.0])
 def test_an_edge_averaged_over_a_width_has_the_step_of_one_over_it(width):
     luminance, surfaces = edge(lambda x: np.clip(x / width + 0.5, 0, 1))
     expected = (np.clip(0.5 / width + 0.5, 0, 1) - np.clip(-0.5 / width + 0.5, 0, 1)).item()
@@ -179,24 +157,12 @@ def test_an_edge_averaged_over_a_width_has_the_step_of_one_over_it(width):
     assert border_hardness(np.roll(luminance, 1, axis=1), surfaces) == pytest.approx(expected, abs=1e-6)
 
 
-@pytest.mark.parametrize("sigma", [0.4, 0.8, 1.2])
+@pytest.mark.parametrize("sigma", [0.4, 1.2])
 def test_an_edge_blurred_by_a_gaussian_has_the_step_of_its_error_function(sigma):
     luminance, surfaces = edge(lambda x: np.array([(1 + erf(each / (sigma * sqrt(2)))) / 2 for each in x]))
     step = erf(0.5 / (sigma * sqrt(2)))
     contrast = np.mean([erf(far / (sigma * sqrt(2))) for far in (2.5, 3.5, 4.5)])
     assert border_hardness(luminance, surfaces) == pytest.approx(step / contrast, abs=1e-5)
-
-
-def test_borders_that_say_nothing_are_left_out():
-    luminance, surfaces = edge(lambda x: (x > 0).astype(float))
-    assert len(border_steps(luminance, surfaces)[0]) == 30
-    assert len(border_steps(luminance / 20, surfaces)[0]) == 0  # too little contrast
-    assert np.isnan(border_hardness(luminance[:19], surfaces[:19]))  # too few
-    crowded = surfaces.copy()
-    crowded[:, 53:] = 40  # another jump within five pixels
-    assert len(border_steps(luminance, crowded)[0]) == 0
-    assert value("border_hardness", picture_of(surfaces, luminance)) == pytest.approx(1)
-    assert value("border_hardness", picture_of(surfaces)) is None
 
 
 def test_octaves_of_noise_whose_detail_is_known():
@@ -227,31 +193,11 @@ def test_contrast_and_gradient_of_checks_and_ramps():
     assert value("contrast", ramp) == pytest.approx(3 * np.arange(30).std(), abs=1e-4)
 
 
-def test_every_profile_is_a_whole_distribution():
-    rng = np.random.default_rng(2)
-    picture = picture_of(10 + 8 * (np.indices((60, 90))[1] // 30), rng.integers(0, 256, (60, 90)))
-    for profile in PROFILES:
-        values = profile.measure(picture)
-        assert values.shape == (len(profile.edges) - 1,)
-        if profile.key != "octaves":
-            assert values.sum() == pytest.approx(100), profile.key
-        assert profile.of_images or profile.measure(picture_of(grey=np.zeros((20, 30)))) is None
-
-
-@pytest.mark.parametrize("extreme", [0, 255])
-def test_one_colour_and_one_depth_break_no_measure(extreme):
-    picture = picture_of(np.full((12, 33), 7.0), np.full((12, 33), extreme))
-    found = {measure.key: measure.measure(picture) for measure in MEASURES}
-    assert found["jumps"] == found["near_jumps"] == found["contrast"] == 0
-    assert found["flat"] == found["smooth"] == found["regions"] == 100
-    assert found["border_hardness"] is found["octaves"] is found["background"] is None
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (1, 90), (90, 1), (2, 9), (17, 17), (9, 40)])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 90), (90, 1), (17, 17)])
 def test_images_of_any_size_are_measured(shape):
     rng = np.random.default_rng(4)
-    for width_px in (shape[1], 33, 64):
-        disparity, grey = rng.uniform(1, 40, shape), rng.integers(0, 256, shape)
+    several = rng.uniform(1, 40, shape), rng.integers(0, 256, shape)
+    for width_px, (disparity, grey) in product((shape[1], 33, 64), (several, (np.full(shape, 7), np.full(shape, 255)))):
         picture = picture_of(disparity, grey, width_px)
         for each in (*MEASURES, *PROFILES):
             found = each.measure(picture)
@@ -286,7 +232,7 @@ def scene(width):
     return np.where(card, 0.1, disparity) * width, np.where(card, 250 - 120 * y, grey)
 
 
-@pytest.mark.parametrize("width", [384, 512, 1024])
+@pytest.mark.parametrize("width", [384, 1024])
 def test_a_scene_has_the_same_measures_at_every_resolution(width):
     small, large = (picture_of(*scene(each), width_px=256) for each in (256, width))
     assert large.luminance.shape == small.luminance.shape == (160, 256)
@@ -333,12 +279,6 @@ def test_corners_are_as_sharp_as_they_are_drawn():
         assert value("corners", picture_of(grey=mixed)) == pytest.approx(expected, rel=0.1)
 
 
-def test_narrow_images_have_no_finest_detail():
-    picture = picture_of(*scene(256), width_px=300)
-    for measure in MEASURES:
-        assert measure.key == "background" or (measure.measure(picture) is None) == measure.fine, measure.key
-
-
 def test_a_map_takes_no_value_between_two_surfaces():
     disparity = np.tile(np.where(np.arange(101) < 37, 10.0, 40.0), (50, 1))
     picture = picture_of(disparity, width_px=64)
@@ -378,27 +318,6 @@ def steps(shape=(48, 64)):
     return np.tile(np.where(np.arange(shape[1]) < 30, 5, 12).astype(np.float32), (shape[0], 1))
 
 
-def middlebury_scene(folder, seed=0):
-    for eye in (0, 1):
-        write(folder / f"im{eye}.png", RGB8.encode(pixels(seed + eye)))
-        write(folder / f"mask{eye}nocc.png", GREY8.encode(np.full((48, 64), 255, np.uint8)))
-    write(folder / "disp0GT.pfm", PFM.encode(steps()))
-    write(folder / "disp1GT.pfm", PFM.encode(np.roll(steps(), -8, axis=1)))
-    return folder
-
-
-def test_a_scene_counts_once_and_its_masks_are_no_photographs(tmp_path):
-    folder = middlebury_scene(tmp_path / "Piano")
-    images = sorted(folder.glob("*.png"))
-    place = find_place(images, sorted(folder.glob("*.pfm")))
-    assert [path.name for path in place.photographs] == ["im0.png", "im1.png"]
-    assert [path.name for path in place.maps] == ["disp0GT.pfm"]
-    (picture,) = map_views(place, 64)
-    np.testing.assert_allclose(picture.luminance, pixels(0) @ [0.299, 0.587, 0.114], rtol=1e-5)
-    with pytest.raises(InputError, match="no photographs"):
-        find_place([path for path in images if "mask" in path.name], [])
-
-
 def test_a_right_view_alone_is_mirrored(tmp_path):
     disparity = steps()
     write(tmp_path / "disp1.pfm", PFM.encode(disparity[:, ::-1].copy()))
@@ -408,72 +327,51 @@ def test_a_right_view_alone_is_mirrored(tmp_path):
     np.testing.assert_allclose(picture.luminance, pixels() @ [0.299, 0.587, 0.114], rtol=1e-5)
 
 
-def test_kittis_folders(tmp_path):
-    for name in ("disp_occ_0", "disp_noc_0"):
-        write(tmp_path / name / "000000_10.png", KITTI_DISPARITY.encode(steps()))
-    image = write(tmp_path / "image_2/000000_10.png", RGB8.encode(pixels()))
-    maps = sorted(tmp_path.glob("disp*/*.png"))
-    place = find_place([image], maps)
-    assert [path.parent.name for path in place.maps] == ["disp_occ_0"]
-    assert image_beside(place.maps[0]) == image
-    assert image_beside(tmp_path / "disp_occ_0/000001_10.png") is None
-    assert image_beside(tmp_path / "other/000000_10.png") is None
-    (picture,) = map_views(place, 64)
-    np.testing.assert_array_equal(picture.disparity, steps())
-
-
 @pytest.mark.parametrize(
-    ("files", "photographs", "maps"),
+    ("files", "photographs", "found"),
     [
         (["im0.png", "im1.png", "mask0nocc.png", "disp0GT.pfm", "disp1GT.pfm"], ["im0.png", "im1.png"], "disp0GT.pfm"),
-        (["im0.png", "mask0nocc.png", "mask1nocc.png", "disp0.pfm", "disp1.pfm"], ["im0.png"], "disp0.pfm"),
-        (["im0.png", "disp1.pfm"], ["im0.png"], "disp1.pfm"),
         (
-            [
-                f"{name}/7.png"
-                for name in ("image_2", "disp_noc_0", "disp_noc_1", "disp_occ_1", "disp_occ_0", "obj_map")
-            ],
+            [f"{name}/7.png" for name in ("image_2", "disp_noc_0", "disp_occ_1", "disp_occ_0", "obj_map")],
             ["image_2/7.png"],
             "disp_occ_0/7.png",
         ),
-        ([f"{name}/7.png" for name in ("image_3", "disp_occ_1", "disp_noc_1")], ["image_3/7.png"], "disp_occ_1/7.png"),
         ([f"{name}/7.png" for name in ("colored_0", "disp_noc", "disp_occ")], ["colored_0/7.png"], "disp_occ/7.png"),
     ],
 )
-def test_a_folder_of_a_benchmark_has_photographs_and_one_map(tmp_path, files, photographs, maps):
-    grey = {True: GREY16.encode(np.full((48, 64), 2560, np.uint16)), False: GREY8.encode(pixels()[..., 0])}
+def test_a_folder_of_a_benchmark_has_photographs_and_one_map(tmp_path, files, photographs, found):
     for name in files:
-        write(tmp_path / name, PFM.encode(steps()) if name.endswith(".pfm") else grey["disp" in name])
+        disparity = PFM.encode(steps()) if name.endswith(".pfm") else KITTI_DISPARITY.encode(steps())
+        write(tmp_path / name, disparity if "disp" in name else RGB8.encode(pixels()))
 
     def names(paths):
         return [path.relative_to(tmp_path).as_posix() for path in paths]
 
     assert names(find_images([tmp_path])) == photographs
-    assert names(one_of_each_scene(map_files([tmp_path]))) == [maps]
     place = find_place(find_files([tmp_path], [".png"]), map_files([tmp_path]))
-    assert (names(place.photographs), names(place.maps)) == (photographs, [maps])
-    # KITTI's maps are no photographs and, but for one, no maps.
-    beside = [name for name in files if name.endswith(".png") and name not in photographs]
-    others = [name for name in files if "disp" in name and name != maps]
-    said = left_out(find_files([tmp_path], [".png"]), map_files([tmp_path]))
-    count = len({*beside, *others})
-    assert said.startswith(f"left out {count} files, such as {tmp_path}/") if count else said == ""
+    assert (names(place.photographs), names(place.maps)) == (photographs, [found])
+    (picture,) = map_views(place, 64)
+    np.testing.assert_array_equal(picture.disparity, steps())
+    if "colored_0/7.png" not in files:  # beside KITTI 2012's maps no image is looked for
+        np.testing.assert_allclose(picture.luminance, pixels() @ [0.299, 0.587, 0.114], rtol=1e-5)
 
 
 @pytest.mark.parametrize(
-    ("name", "data", "error", "words"),
+    ("name", "data"),
     [
-        ("disp0GT.pfm", PFM.encode(steps((24, 32))), InputError, "64 x 48"),
-        ("disp0GT.pfm", PFM.encode(np.full((48, 64), INF)), InputError, "no disparity"),
-        ("disp0GT.pfm", b"Pf\n64 48\n-1\n", ReadError, "disp0GT.pfm"),
-        ("im0.png", b"no picture", InputError, "im0.png"),
+        ("disp0GT.pfm", PFM.encode(steps((24, 32)))),
+        ("disp0GT.pfm", PFM.encode(np.full((48, 64), INF))),
+        ("disp0GT.pfm", b"Pf\n64 48\n-1\n"),
+        ("im0.png", b"no picture"),
     ],
 )
-def test_maps_that_cannot_be_compared(tmp_path, name, data, error, words):
-    folder = middlebury_scene(tmp_path)
-    write(folder / name, data)
-    with pytest.raises(error, match=words):
-        list(map_views(find_place([folder / "im1.png"], [folder / "disp0GT.pfm"])))
+def test_maps_that_cannot_be_compared_are_named(tmp_path, name, data):
+    write(tmp_path / "disp0GT.pfm", PFM.encode(steps()))
+    for image in ("im0.png", "im1.png"):
+        write(tmp_path / image, RGB8.encode(pixels()))
+    write(tmp_path / name, data)
+    with pytest.raises(SemisynthError, match=name):
+        list(map_views(find_place([tmp_path / "im1.png"], [tmp_path / "disp0GT.pfm"])))
 
 
 # --- the command ---
@@ -529,60 +427,34 @@ def test_both_views_of_a_pair_are_one_picture_of_a_place(dataset, tmp_path):
     for number in range(3):
         for eye in (0, 1):
             write(tmp_path / f"scene{number}/im{eye}.png", RGB8.encode(pixels(10 * number + eye)))
-    code, out, err = run(dataset, "--images", tmp_path, "--width", 48, "--json", tmp_path / "figures.json")
-    assert (code, err.splitlines()[1:]) == (0, []), err
-    assert "6 photographs of 3 subjects, 0 disparity maps" in out
-    said = json.loads((tmp_path / "figures.json").read_text())
-    assert (said["photographs"], said["subjects"]) == (6, 3)
+    said = compare(dataset, tmp_path, width_px=48)
+    assert (said.place.photographs, said.place.subjects) == (6, 3)
     views = [make_view("", 48, image=pixels(10 * number + eye)) for number in range(3) for eye in (0, 1)]
-    for each in said["measures"]:
-        measure = BY_KEY[each["name"]]
-        if measure.of_images:
-            means = (
-                np.mean([measure.measure(view) for view in views], dtype=float),
-                [np.mean([measure.measure(view) for view in views[at : at + 2]]) for at in (0, 2, 4)],
-            )
-            assert each["place"]["values"] == pytest.approx(means[1])
-            assert each["place"]["mean"] == pytest.approx(means[0])
-            assert each["place"]["deviation"] == pytest.approx(np.std(means[1], ddof=1))
+    measure = BY_KEY["luminance"]
+    means = [np.mean([measure.measure(view) for view in views[at : at + 2]]) for at in (0, 2, 4)]
+    assert said.place.side.values["luminance"] == pytest.approx(means)
 
 
-def test_figures_are_means_and_deviations_and_advice_follows_them(dataset, photographs, tmp_path):
+def test_figures_are_means_and_deviations(dataset, photographs, tmp_path):
     code, out, _ = run(dataset, "--images", photographs, "--width", 48, "--json", tmp_path / "figures.json")
-    assert code == 0
-    said = json.loads((tmp_path / "figures.json").read_text())
+    assert (code, "0 disparity maps" in out) == (0, True)
     frames = [frame_view(frame, 48) for frame in open_dataset(dataset)]
-    off = 0
-    for each in said["measures"]:
+    advised = 0
+    for each in json.loads((tmp_path / "figures.json").read_text())["measures"]:
         measure = BY_KEY[each["name"]]
         values = [found for frame in frames if (found := measure.measure(frame)) is not None]
         assert each["dataset"]["values"] == pytest.approx(values)
-        if not measure.of_images:
-            assert each["place"] == {"mean": None, "deviation": None, "values": []}
-            assert each["difference"] is each["distance"] is each["advice"] is None
-            continue
         theirs = np.array(each["place"]["values"])
-        assert each["place"]["deviation"] == pytest.approx(np.std(theirs, ddof=1))
-        if theirs.std() == 0:
+        if not measure.of_images or theirs.std() == 0:
             assert each["difference"] is each["distance"] is each["advice"] is None
             continue
-        difference = (np.mean(values) - theirs.mean()) / np.std(theirs, ddof=1)
-        assert each["difference"] == pytest.approx(difference)
-        apart = wasserstein_distance(values, theirs) / np.std(theirs, ddof=1)
-        assert each["distance"] == pytest.approx(apart)
-        if apart <= 1:
-            assert each["advice"] is None
-            continue
-        if abs(difference) > 1:
-            place = [read_index(dataset).config.values]
-            assert each["advice"] == advice(measure, place, more=difference < 0)
-        else:
-            assert each["advice"].startswith("the mean fits, the spread is ")
-        assert f"  {measure.name}, {apart:.1f} sd apart: {each['advice'] or 'no key'}" in out
-        off += 1
-    assert off > 0
-    assert "0 disparity maps" in out
-    assert re.search(r"^depth jumps above 1 px +per 100 px +[0-9.]+ ± [0-9.]+ +-$", out, re.MULTILINE)
+        deviation, apart = np.std(theirs, ddof=1), wasserstein_distance(values, theirs)
+        assert each["place"]["deviation"] == pytest.approx(deviation)
+        assert each["difference"] == pytest.approx((np.mean(values) - theirs.mean()) / deviation)
+        assert each["distance"] == pytest.approx(apart / deviation)
+        assert each["advice"] is None or apart > deviation
+        advised += bool(each["advice"])
+    assert advised > 0
 
 
 @given(*[st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=9)] * 2)
@@ -591,28 +463,19 @@ def test_the_distance_of_two_samples_is_that_of_scipy(first, second):
     assert ours == pytest.approx(wasserstein_distance(first, second), rel=1e-9, abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("factor", "recipes", "said"),
-    [
-        (1.0, 2, None),
-        (3.0, 2, "the mean fits, the spread is 3.0 times the place's: let the recipes in scenes differ less"),
-        (3.0, 1, "the mean fits, the spread is 3.0 times the place's: narrow the ranges of its keys"),
-        (-0.1, 2, None),
-    ],
-)
-def test_a_mix_of_extremes_with_the_mean_of_its_place_does_not_pass(factor, recipes, said):
+@pytest.mark.parametrize(("factor", "alike"), [(1.0, True), (3.0, False), (-0.1, True)])
+def test_a_mix_of_extremes_with_the_mean_of_its_place_does_not_pass(factor, alike):
     theirs = np.linspace(-1, 1, 20)
     none = {measure.key: np.zeros(0) for measure in MEASURES}
     sides = [Side(none | {"gradient": 10 + values}, {}) for values in (factor * theirs, theirs)]
-    place = MeasuredPlace(sides[1], 20, 20, 0, 0, 0, 0, ())
-    comparison = Comparison(512, sides[0], 20, 20, place, [{}] * recipes)
+    comparison = Comparison(512, sides[0], 20, 20, MeasuredPlace(sides[1], 20, 20, 0, 0, 0, 0, ()), [{}] * 2)
     measure = BY_KEY["gradient"]
-    unit = theirs.std(ddof=1)
     # Each quantile of one sample, and the same of the other.
-    assert comparison.distance(measure) == pytest.approx(abs(abs(factor) - 1) * np.abs(theirs).mean() / unit)
+    apart = abs(abs(factor) - 1) * np.abs(theirs).mean() / theirs.std(ddof=1)
+    assert comparison.distance(measure) == pytest.approx(apart)
     assert comparison.difference(measure) == pytest.approx(0, abs=1e-12)
-    assert [text for _, _, text in comparison.advice()] == ([] if said is None else [said])
-    assert comparison.near() == ([measure] if said is None else [])
+    assert ("spread" in "".join(text for _, _, text in comparison.advice())) != alike
+    assert comparison.near() == [measure] * alike
 
 
 @pytest.mark.parametrize("border", [0.0, 2.5])
@@ -620,21 +483,7 @@ def test_a_border_that_no_picture_of_the_place_has_is_named(border):
     none = {measure.key: np.zeros(0) for measure in MEASURES}
     sides = [Side(none | {"border": np.full(5, value)}, {}) for value in (border, 0.0)]
     comparison = Comparison(512, sides[0], 5, 5, MeasuredPlace(sides[1], 5, 5, 0, 0, 0, 0, ()), [{"lens": {}}])
-    (row,) = [line for line in comparison_table(comparison) if line.startswith("black border")]
-    assert comparison.compared() == []
-    assert row.endswith("unlike") == bool(border)
-    assert [(measure.key, "alpha" in change) for measure, change in comparison.unlike()] == [("border", True)] * bool(
-        border
-    )
-
-
-def test_of_each_scene_one_pair_is_measured():
-    assert sampled_pairs(8, 1, 100) == list(range(8))
-    assert sampled_pairs(12, 3, 100) == [0, 4, 8, 9]  # the first view, the second, the third, the first again
-    assert sampled_pairs(7, 3, 100) == [0, 4, 6]  # the last scene is not whole
-    few, scenes = sampled_pairs(1000, 2, 3), sampled_pairs(1000, 2, 500)
-    assert len(few) == 3
-    assert {*few} <= {*scenes}
+    assert [measure.key for measure, _ in comparison.unlike()] == ["border"] * bool(border)
 
 
 def test_pairs_of_a_scene_count_once(tmp_path, photographs):
@@ -649,41 +498,19 @@ def test_a_sample_is_spread_over_the_dataset(dataset, photographs):
     whole = compare(dataset, photographs, width_px=48)
     part = compare(dataset, photographs, width_px=48, sample=3)
     assert (whole.pairs, part.pairs, part.dataset_pairs) == (5, 3, 5)
-    # Narrow pairs are not enlarged, unless that is asked for.
-    narrow = compare(dataset, photographs, sample=1)
-    assert narrow.width_px == open_dataset(dataset)[0].left.image.shape[1] < 512
-    assert len(narrow.dataset.values["gradient"]) == 1
     assert part.dataset.values["luminance"] == pytest.approx(whole.dataset.values["luminance"][[0, 2, 4]])
 
 
 def test_few_pictures_of_a_place_are_said_to_tell_nothing(dataset, photographs, tmp_path):
-    few = sorted(photographs.iterdir())[:2]
-    figures = tmp_path / "figures.json"
-    given = [word for image in few for word in ("--images", image)]
-    code, out, _ = run(dataset, *given, "--width", 48, "--json", figures)
-    said = json.loads(figures.read_text())
-    assert (code, said["compared"], said["near"]) == (0, 0, 0)
-    assert " of 0 measures" not in out
-    assert re.search(r"^gradient, mean .* too few$", out, re.MULTILINE)
-    assert out.splitlines()[-1] == (
-        f"Too few pictures of the place to tell how far {out.count('too few')} measures may be off: at least "
-        f"{FEWEST} pictures are needed, better a few dozen; there are 2 photographs, 0 maps"
-    )
+    figures, few = tmp_path / "figures.json", min(photographs.iterdir())
     # Copies are one subject, and count as one picture.
-    alike = [write(tmp_path / f"{number}.png", few[0].read_bytes()) for number in range(FEWEST)]
-    _, out, _ = run(dataset, *(word for image in alike for word in ("--images", image)), "--width", 48)
-    assert out.splitlines()[-1].endswith(f"; there are {FEWEST} photographs of 1 subject, 0 maps")
-
-
-def test_enough_pictures_seldom_take_what_is_alike_for_different():
-    rng = np.random.default_rng(0)
-
-    def off(pictures):
-        drawn = rng.normal(size=(20_000, pictures))
-        return (np.abs(drawn.mean(axis=1)) > drawn.std(axis=1, ddof=1)).mean()
-
-    assert off(2) > 0.35
-    assert off(FEWEST - 1) > 0.2 > 1 / 6 > off(FEWEST) > 1 / 8
+    for number in range(FEWEST):
+        write(tmp_path / f"alike/{number}.png", few.read_bytes())
+    for images in (few, tmp_path / "alike"):
+        code, out, _ = run(dataset, "--images", images, "--width", 48, "--json", figures)
+        said = json.loads(figures.read_text())
+        assert (code, said["compared"], said["near"], said["subjects"]) == (0, 0, 0, 1)
+        assert f"at least {FEWEST} pictures are needed" in out
 
 
 def test_background_is_what_stands_still(dataset):
@@ -710,31 +537,23 @@ def test_what_is_left_out_is_said(dataset, photographs, tmp_path):
     sparse = steps()
     sparse[:, 3:] = INF
     write(tmp_path / "lidar.pfm", PFM.encode(sparse))
-    code, out, err = run(dataset, "--images", photographs, "--images", broken, "--disparity", tmp_path, "--width", 100)
+    code, _, err = run(dataset, "--images", photographs, "--images", broken, "--disparity", tmp_path, "--width", 100)
     assert code == 0
-    assert f"{FEWEST} photographs, 1 disparity map (0 with their image)" in out
-    assert f"note: left out: {broken}: " in err
-    assert f"note: {FEWEST} photographs narrower than 100 px, " in err
-    assert "note: 1 map with disparities in fewer than half of the pixels, " in err
+    for words in (str(broken), f"{FEWEST} photographs narrower than 100 px", "1 map with disparities in fewer than"):
+        assert words in err
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("{set}",), "--images"),
-        (("{set}", "--images", "{empty}"), "no image matches"),
-        (("{set}", "--images", "{empty}/none.png"), "no image matches"),
-        (("{set}", "--images", "{broken}"), "none of 1 photograph can be read"),
-        (("{set}", "--images", "{photos}", "--disparity", "{photos}"), "no disparity map there"),
+        (("{set}", "--images", "{empty}/none.png"), "none.png"),
+        (("{set}", "--images", "{broken}"), "photograph"),
+        (("{set}", "--images", "{photos}", "--disparity", "{photos}"), "no disparity map"),
         (("{photos}", "--images", "{photos}"), "not a dataset"),
-        (("{set}", "--images", "{photos}", "--split", "test"), "expected a split"),
-        (("{set}", "--images", "{photos}", "--width", "5"), "--width"),
-        (("{set}", "--images", "{photos}", "--sample", "0"), "--sample"),
         (("{set}", "--images", "{photos}", "--png-scale", "nan"), "--png-scale"),
     ],
 )
 def test_what_cannot_be_compared_is_refused(dataset, photographs, tmp_path, arguments, words):
-    (tmp_path / "empty").mkdir()
     broken = write(tmp_path / "broken.png", b"no picture")
     places = {"set": dataset, "empty": tmp_path / "empty", "photos": photographs, "broken": broken}
     code, out, err = run(*(argument.format(**places) for argument in arguments))
@@ -764,20 +583,6 @@ def test_advice_names_keys_that_a_config_has():
         assert key in fields, change.key
         assert {*change.up, *change.down} <= BY_KEY.keys(), change.key
         assert not {*change.up} & {*change.down}, change.key
-    eye = {"fx_px": 1700, "distortion": [-0.1, 0, 0, 0]}
-    lens = {"raw_width_px": 1500, "raw_height_px": 1000, "left": eye, "right": eye}
-    plain, bent = recipe_with("cuboid"), recipe_with("cuboid", lens=lens, outputs=["visibility", "valid"])
-    for measure in MEASURES:
-        texts, with_lens = ([advice(measure, [of] * 2, more=more) for more in (True, False)] for of in (plain, bent))
-        if measure.key in {"border", "corners"}:
-            # A config can get a lens that it has not, and lose one that it has.
-            assert [bool(text) for text in texts] == [not text for text in with_lens]
-            assert sum(map(bool, texts)) == 1
-        else:
-            # The background is for information.
-            assert all(texts) == any(texts) == (measure.key != "background")
-    assert "scenes" in advice(BY_KEY["jumps"], [recipe_with("cuboid")] * 2, more=False)
-    assert moved_by("imperfections.blur_px") == tuple(BY_KEY[key] for key in ("border_hardness", "octaves", "gradient"))
 
 
 def recipe_with(*kinds, **sections):
@@ -796,10 +601,7 @@ def named_keys(*recipes):
     ("kinds", "sections"),
     [
         ({"cuboid"}, {"structures"}),
-        ({"plane"}, {"structures"}),
-        ({"room"}, {"room"}),
         ({"street"}, {"street"}),
-        ({"room", "street"}, {"room", "street", "background"}),
         ({"cuboid", "room"}, {"structures", "room", "background"}),
     ],
 )
@@ -809,18 +611,12 @@ def test_advice_names_no_key_that_moves_nothing_in_the_scenes(kinds, sections):
     # Scenes have the sections of any of their recipes.
     both = {key.partition(".")[0] for key in named_keys(recipe_with(*kinds), recipe_with("street"))}
     assert both & {"room", "street", "structures", "background", "scenes"} == sections | {"street", "scenes"}
-    if "background" in sections:
-        assert {f"background.{kind}" for kind in kinds - {"cuboid"}} == {
-            key for key in named_keys(recipe_with(*kinds)) if key.startswith("background.")
-        }
 
 
 def test_advice_names_no_key_that_another_takes_the_place_of():
     free = {"particles.density", "particles.size_px"}
     assert free <= named_keys(recipe_with("cuboid"))
     assert not named_keys(recipe_with("cuboid", particles={"layers": [{"count": 3}], "size_m": [0.1, 0.3]})) & free
-    assert "structures.panel_slant_deg" not in named_keys(recipe_with("cuboid"))
-    assert "structures.panel_slant_deg" in named_keys(recipe_with("cuboid", structures={"panels": [0, 2]}))
 
 
 @pytest.fixture(scope="module")
@@ -850,14 +646,6 @@ def means():
 
 
 CALM = ("jumps", "near_jumps", "occluded")
-
-
-def test_what_a_config_says_already_is_not_advised():
-    measure = BY_KEY["border_hardness"]
-    assert "antialias: edges" in advice(measure, [{"antialias": "none"}], more=False)
-    assert "antialias" not in advice(measure, [{"antialias": "edges"}], more=False)
-    assert "antialias: none" in advice(measure, [{"antialias": "edges"}], more=True)
-    assert "antialias" not in advice(measure, [{"antialias": "none"}], more=True)
 
 
 def told(measure, change, *, more):

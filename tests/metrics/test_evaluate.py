@@ -13,7 +13,6 @@ from PIL import Image
 from tiny_datasets import config_of
 
 from semisynth_gl import evaluate
-from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.cli import main
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.pfm import PFM
@@ -23,7 +22,6 @@ from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.metrics.predictions import find_predictions
-from semisynth_gl.metrics.protocol import Limits
 from semisynth_gl.metrics.truth import find_truth, read_limits
 
 INF = np.float32(np.inf)
@@ -201,17 +199,12 @@ def test_middlebury_scenes_with_results_beside_the_truth(tmp_path):
         guess = read_disparity_map(gt / name / "disp0GT.pfm") + np.float32(off)
         guess[1, :3] = INF
         write(gt / name / "disp0MINE.pfm", PFM.encode(guess))
-    code, out, err = run("--pred", gt, "--gt", gt)
+    code, out, _ = run("--pred", gt, "--gt", gt)
     assert code == 0
-    assert "2 of 2 pairs" in err
-    lines = out.splitlines()
-    assert lines[0] == "2 of 2 pairs by the definitions of MiddEval3 SDK, evaldisp 1.6"
-    assert lines[2] == "all pixels; shares in %, errors in px"
-    assert lines[8].startswith("non-occluded pixels")
-    rows = {line.split()[0]: line.split()[1:] for line in lines[4:7]}
-    heading = lines[3].split()
-    assert heading[:5] == ["bad-0.5", "bad-1", "bad-2", "bad-4", "D1-all"]
-    assert heading[-2:] == ["coverage", "invalid"]
+    table = [line.split() for line in out.splitlines()]
+    heading = next(words for words in table if "avgerr" in words)
+    # The first of the two tables is that of all pixels.
+    rows = {words[0]: words[1:] for words in reversed(table) if words and words[0] in ("Piano", "Playtable", "mean")}
     invalid = f"{100 * 3 / 570:.2f}"
     assert rows["Piano"][heading.index("invalid")] == invalid
     assert rows["Piano"][heading.index("bad-1")] == invalid
@@ -227,77 +220,38 @@ def test_sizes_isint_and_ndisp_of_middlebury(tmp_path):
     said = figures_of(tmp_path, "--pred", tmp_path / "pred", "--gt", gt)
     truth = read_disparity_map(gt / "a" / "disp0GT.pfm")
     assert said["mean"]["all"]["avgerr"] == pytest.approx(np.abs(10 - truth[1:]).mean(), rel=1e-5)
-    write(tmp_path / "calib.txt", b"cam0=[1 0 0; 0 1 0; 0 0 1]\nbaseline=3\n")
-    assert read_limits(tmp_path / "calib.txt").ndisp is None
-    for wrong in ("many", "64.5", "inf", "nan", "", "64 65", "0x40"):
+    for wrong in ("many", "64.5", "nan", "", "-64"):
         write(tmp_path / "calib.txt", f"ndisp={wrong}\n".encode())
-        with pytest.raises(ReadError, match="whole numbers as ndisp"):
-            read_limits(tmp_path / "calib.txt")
-    for wrong in ("0", "-64", "-1.0"):
-        write(tmp_path / "calib.txt", f"ndisp={wrong}\n".encode())
-        with pytest.raises(ReadError, match="ndisp: expected a number above 0"):
+        with pytest.raises(ReadError, match="ndisp"):
             read_limits(tmp_path / "calib.txt")
 
 
-def test_limits_and_rigs_read_a_calib_alike(tmp_path):
-    cameras = "cam0=[9, 0, 4; 0, 9, 2; 0, 0, 1]\n cam1 = [9 0 4 0 9 2 0 0 1]\t\nbaseline=3\nwidth=9\nheight=5\n"
-    for line in ("ndisp=64", "ndisp=64.0", " ndisp\t=  64 \r", "ndisp=6.4e1", "ndisp=7\nndisp=64"):
-        write(tmp_path / "calib.txt", f"{cameras}{line}\nisint=1\n".encode())
-        (rig,) = read_rigs([tmp_path / "calib.txt"])
-        assert read_limits(tmp_path / "calib.txt") == Limits(64, isint=True)
-        assert rig.bounds.ndisp == 64
-        assert (rig.camera.focal_px, rig.camera.cx_left_px, rig.camera.cy_px) == (9, 4, 2)
-
-
-@pytest.mark.parametrize("mode", ["RGBA", "RGB", "L", "P"])
-def test_a_picture_beside_a_prediction_is_no_prediction(tmp_path, mode):
+def test_a_picture_beside_a_prediction_is_no_prediction(tmp_path):
     # So does RAFT-Stereo's demo leave its results.
-    gt = scenes(tmp_path / "gt", ["Teddy", "Vintage"])
-    pred = tmp_path / "pred"
-    for name, number in (("Teddy", 5), ("Vintage", 6)):
-        save_npy(pred / name, ramp(number))
-        Image.new(mode, SHAPE[::-1]).save(pred / f"{name}.png")
-    assert figures_of(tmp_path, "--pred", pred, "--gt", gt)["mean"]["all"]["avgerr"] == 0
-    # A disparity map in 16-bit PNG beside another one leaves a doubt; pictures alone are no predictions.
-    write(pred / "Teddy.png", KITTI_DISPARITY.encode(ramp()))
-    assert "2 predictions for Teddy: Teddy.npy, Teddy.png: keep one file" in refused(pred, gt)
-    (pred / "Teddy.npy").unlink()
-    (pred / "Vintage.npy").unlink()
-    said = refused(pred, gt)
-    assert str(pred / "Vintage.png") in said
-    assert "expected 16-bit grey" in said
+    gt = scenes(tmp_path / "gt", ["Teddy"])
+    save_npy(tmp_path / "pred" / "Teddy", ramp())
+    Image.new("RGBA", SHAPE[::-1]).save(tmp_path / "pred" / "Teddy.png")
+    assert figures_of(tmp_path, "--pred", tmp_path / "pred", "--gt", gt)["mean"]["all"]["avgerr"] == 0
+    # A disparity map in 16-bit PNG beside another one leaves a doubt, and so do two truths.
+    write(tmp_path / "pred" / "Teddy.png", KITTI_DISPARITY.encode(ramp()))
+    assert "2 predictions for Teddy: Teddy.npy, Teddy.png" in refused(tmp_path / "pred", gt)
+    scenes(gt / "again", ["Teddy"])
+    assert "2 truths for Teddy" in refused(tmp_path / "pred", gt)
 
 
-def test_scenes_may_be_links_even_in_circles(tmp_path):
-    own = scenes(tmp_path / "elsewhere", ["a", "b"])
-    gt = tmp_path / "gt"
-    scenes(gt, ["c"])
+def test_scenes_may_be_links(tmp_path):
+    own, gt = scenes(tmp_path / "elsewhere", ["a", "b"]), scenes(tmp_path / "gt", ["c"])
     (gt / "a").symlink_to(own / "a")
     (gt / "more").symlink_to(own)
-    (own / "b" / "up").symlink_to(own)
-    (gt / "c" / "itself").symlink_to(gt / "c")
-    (gt / "gone").symlink_to(tmp_path / "nowhere")
-    # A second way to a folder of scenes is no second set of them.
-    (gt / "elsewhere").symlink_to(own)
-    named = {"a", "b", "c"}
-    pairs = find_truth(str(gt)).pairs
-    assert sorted(pair.name for pair in pairs) == sorted(named)
-    (tmp_path / "linked").symlink_to(gt)
-    assert {pair.name for pair in find_truth(str(tmp_path / "linked")).pairs} == named
+    assert sorted(pair.name for pair in find_truth(str(gt)).pairs) == ["a", "b", "c"]
 
 
-@pytest.mark.parametrize("protocol", ["middlebury", "kitti", "eth3d", "paper"])
-def test_negative_predictions_are_asked_for_their_sign(tmp_path, protocol):
+def test_negative_predictions_are_asked_for_their_sign(tmp_path):
     gt = scenes(tmp_path / "gt", ["Teddy", "Vintage"])
-    pred = tmp_path / "pred"
-    for name in ("Teddy", "Vintage"):
-        save_npy(pred / name, -ramp())
-    _, _, err = run("--pred", pred, "--gt", gt, "--protocol", protocol)
-    assert "most values are negative" in err
-    assert str(pred / "Teddy.npy") in err
-    for name in ("Teddy", "Vintage"):
-        save_npy(pred / name, ramp())
-    assert "negative" not in run("--pred", pred, "--gt", gt, "--protocol", protocol)[2]
+    for sign in (1, -1):
+        for name in ("Teddy", "Vintage"):
+            save_npy(tmp_path / "pred" / name, sign * ramp())
+        assert ("negative" in run("--pred", tmp_path / "pred", "--gt", gt)[2]) == (sign < 0)
 
 
 def test_eth3d_is_known_by_its_folder_and_masks_may_be_given(tmp_path):
@@ -336,9 +290,7 @@ def test_an_empty_mask_leaves_a_pair_out_of_the_mean(tmp_path):
     write(gt / "a" / "mask0nocc.png", GREY8.encode(np.zeros(SHAPE, np.uint8)))
     for name in "ab":
         write(tmp_path / "pred" / f"{name}.pfm", PFM.encode(ramp()))
-    code, out, _ = run("--pred", tmp_path / "pred", "--gt", gt, "--json", tmp_path / "j.json")
-    assert code == 0
-    assert re.search(r"^a +nan", out.split("non-occluded")[1], re.MULTILINE)
+    assert run("--pred", tmp_path / "pred", "--gt", gt, "--json", tmp_path / "j.json")[0] == 0
     said = json.loads((tmp_path / "j.json").read_text())
     assert said["images"][0]["figures"]["non-occluded"]["avgerr"] is None
     assert said["mean"]["non-occluded"]["avgerr"] == said["images"][1]["figures"]["non-occluded"]["avgerr"]
@@ -365,12 +317,11 @@ def test_error_maps_are_pictures_of_the_truths_size(tmp_path):
 
 def test_error_maps_do_not_go_where_they_would_be_read(tmp_path):
     gt = scenes(tmp_path / "gt", ["a"])
-    (tmp_path / "pred").mkdir()
-    for maps, option in ((tmp_path / "pred", "--pred"), (gt, "--gt")):
-        assert f"is the folder of {option}" in refused(tmp_path / "pred", gt, "--maps", maps)
-    write(tmp_path / "masks" / "a" / "mask0nocc.png", GREY8.encode(np.full(ramp().shape, 255, np.uint8)))
-    masked = refused(tmp_path / "pred", gt, "--mask", tmp_path / "masks", "--maps", tmp_path / "masks")
-    assert "is the folder of --mask" in masked
+    for folder, option in (("pred", "--pred"), ("gt", "--gt"), ("masks", "--mask")):
+        write(tmp_path / "masks" / "a" / "mask0nocc.png", GREY8.encode(np.full(SHAPE, 255, np.uint8)))
+        (tmp_path / "pred").mkdir(exist_ok=True)
+        said = refused(tmp_path / "pred", gt, "--mask", tmp_path / "masks", "--maps", tmp_path / folder)
+        assert f"folder of {option}" in said
 
 
 # --- refusals ---
@@ -394,28 +345,23 @@ def test_missing_predictions_are_named_and_may_be_passed_over(three):
     pred, gt = three
     (pred / "b.pfm").unlink()
     said = refused(pred, gt)
-    assert "no prediction for 1 of 3 pairs: b: expected" in said
+    assert "no prediction for 1 of 3 pairs: b" in said
     assert "partial" in said
     code, out, err = run("--pred", pred, "--gt", gt, "--partial", "--json", pred / "j.json")
     assert code == 0
     assert out.startswith("2 of 3 pairs")
     assert "No prediction for 1 pair: b" in err
     assert json.loads((pred / "j.json").read_text())["missing"] == ["b"]
-    for name in "ac":
-        (pred / f"{name}.pfm").unlink()
-    said = refused(pred, gt, "--partial")
-    assert "no prediction for 3 of 3 pairs: a, b, c" in said
 
 
 def test_other_sizes_are_refused_with_the_files(three):
     pred, gt = three
     write(pred / "b.pfm", PFM.encode(np.ones((7, 9), np.float32)))
     said = refused(pred, gt)
-    for words in (str(pred / "b.pfm"), "9 x 7", "30 x 20", "half or a quarter", "disp0GT.pfm"):
-        assert words in said
+    assert str(pred / "b.pfm") in said
+    assert "9 x 7" in said
     write(gt / "a" / "mask0nocc.png", GREY8.encode(np.ones((7, 9), np.uint8)))
-    said = refused(pred, gt)
-    assert "mask0nocc.png: has 9 x 7 pixels" in said
+    assert "mask0nocc.png" in refused(pred, gt)
 
 
 @pytest.mark.parametrize("value", [np.inf, np.nan])
@@ -431,28 +377,14 @@ def test_predictions_and_truths_without_any_disparity_are_refused(three, value):
     assert "the truth of a has no disparity" in said
 
 
-def test_several_predictions_or_truths_of_a_name_are_refused(three):
-    pred, gt = three
-    np.save(pred / "a.npy", ramp())
-    said = refused(pred, gt)
-    assert "2 predictions for a: a.pfm, a.npy" in said
-    scenes(gt / "again", ["a"])
-    said = refused(pred, gt)
-    assert "2 truths for a" in said
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--pred", "pred", "--gt", "nowhere"), "--gt: nowhere: there is no such folder"),
-        (("--pred", "nowhere", "--gt", "gt"), "--pred: nowhere: there is no such folder"),
+        (("--pred", "pred", "--gt", "nowhere"), "--gt: nowhere"),
         (("--pred", "gt/a/calib.txt", "--gt", "gt"), "is a file"),
-        (("--pred", "pred", "--gt", "gt/a/calib.txt"), "is a file"),
         (("--pred", "pred", "--gt", "empty"), "no true disparities there"),
-        (("--pred", "pred", "--gt", "gt", "--split", "test"), "has no splits, since this program did not write it"),
-        (("--pred", "pred", "--gt", "gt", "--json", "nowhere/a.json"), "does not exist"),
+        (("--pred", "pred", "--gt", "gt", "--split", "test"), "has no splits"),
         (("--pred", "pred", "--gt", "gt", "--mask", "empty"), "no mask for a"),
-        (("--pred", "pred", "--gt", "gt", "--protocol", "sintel"), "Invalid value for '--protocol'"),
     ],
 )
 @pytest.mark.usefixtures("three")
@@ -467,49 +399,25 @@ def test_wrong_options_are_refused(tmp_path, monkeypatch, arguments, words):
 # --- many pairs ---
 
 
-@pytest.fixture
-def many(tmp_path):
-    """Twelve pairs whose predictions are off at 10, 20 ... 120 pixels; and the names, the worst first."""
-    truth = np.full(SHAPE, 9, np.float32)
-    for number in range(12):
-        prediction = truth.copy()
-        prediction.ravel()[: 10 * (number + 1)] += 15
-        for folder, values in (("gt", truth), ("pred", prediction)):
-            (tmp_path / folder).mkdir(exist_ok=True)
-            # Not in the order of their errors.
-            (tmp_path / folder / f"pair-{number * 5 % 12:02d}.pfm").write_bytes(PFM.encode(values))
-    return tmp_path, [f"pair-{number * 5 % 12:02d}" for number in reversed(range(12))]
-
-
 def rows_of(out):
     """The names of the rows of a table, but for its head."""
     return [line.split()[0] for line in out.splitlines() if re.match(r"(pair-|mean|pooled)", line)]
 
 
-@pytest.mark.parametrize(
-    ("protocol", "figure", "last"),
-    [("middlebury", "bad-2", "mean"), ("eth3d", "bad-1", "mean"), ("kitti", "D1-all", "pooled")],
-)
-def test_of_many_pairs_the_ten_worst_have_a_row(many, protocol, figure, last):
-    folder, worst = many
-    given = ("--pred", folder / "pred", "--gt", folder / "gt", "--protocol", protocol)
+@pytest.mark.parametrize(("protocol", "last"), [("middlebury", "mean"), ("kitti", "pooled")])
+def test_of_many_pairs_the_ten_worst_have_a_row(tmp_path, protocol, last):
+    truth, names = np.full(SHAPE, 9, np.float32), [f"pair-{number * 5 % 12:02d}" for number in range(12)]
+    for number, name in enumerate(names):
+        prediction = truth.copy()
+        prediction.ravel()[: 10 * (number + 1)] += 15
+        write(tmp_path / "gt" / f"{name}.pfm", PFM.encode(truth))
+        write(tmp_path / "pred" / f"{name}.pfm", PFM.encode(prediction))
+    given = ("--pred", tmp_path / "pred", "--gt", tmp_path / "gt", "--protocol", protocol)
     code, out, _ = run(*given)
-    assert (code, rows_of(out)) == (0, [*worst[:10], last])
-    assert f"; the 10 worst of 12 pairs by {figure}\n" in out
-    assert out.endswith("\n--all prints a row for every pair, and --json writes all figures\n")
+    assert (code, rows_of(out)) == (0, [*names[:1:-1], last])
     code, every, _ = run(*given, "--all")
-    assert (code, rows_of(every)) == (0, [*sorted(worst), last])
-    assert "worst" not in every
+    assert (code, rows_of(every)) == (0, [*sorted(names), last])
     # The means are of all pairs in both.
     assert [line for line in out.splitlines() if line.startswith(last)] == [
         line for line in every.splitlines() if line.startswith(last)
     ]
-
-
-def test_ten_pairs_have_a_row_each_in_their_order(many):
-    folder, worst = many
-    for name in worst[10:]:
-        (folder / "gt" / f"{name}.pfm").unlink()
-    code, out, _ = run("--pred", folder / "pred", "--gt", folder / "gt")
-    assert (code, rows_of(out)) == (0, [*sorted(worst[:10]), "mean"])
-    assert "worst" not in out

@@ -4,10 +4,8 @@ import json
 import re
 import shutil
 import sys
-import time
 import zlib
 from base64 import b64decode
-from dataclasses import replace
 from html.parser import HTMLParser
 from xml.etree import ElementTree as ET
 
@@ -15,12 +13,10 @@ import numpy as np
 import pytest
 from backends import backend_fault
 from browser import open_browser, wait
-from scenes import facing
 from tiny_datasets import cheap, config_of
 
 from semisynth_gl import oracle
 from semisynth_gl.cli import main
-from semisynth_gl.config import Config
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.frame.camera import StereoCamera
@@ -30,7 +26,6 @@ from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.reporting import build, pictures
 from semisynth_gl.reporting.measure import QUANTITIES, PairMeasures, find_outliers, measure
-from semisynth_gl.reporting.page import render_page
 from semisynth_gl.reporting.pictures import make_picture, make_pictures, pack_floats
 from semisynth_gl.reporting.plots import Bars, count_bars, draw_histogram
 from semisynth_gl.reporting.rays import diameters_px, surfaces_at
@@ -85,14 +80,6 @@ def edit_json(path, change):
 # What is measured.
 
 
-def test_samples_are_spread_over_all_pairs():
-    assert spread(10, 5) == [1, 3, 5, 7, 9]
-    assert spread(3, 5) == [0, 1, 2]
-    assert spread(0, 5) == []
-    many = np.diff(spread(35_000, 200))
-    assert set(many) == {175}
-
-
 def one_face(matrix, scale, uv=((0, 0), (1, 0), (1, 1), (0, 1))):
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     mesh = make_mesh("square", corners, uv, [[0, 1, 2], [0, 2, 3]])
@@ -104,18 +91,7 @@ def grid():
     return x.ravel(), y.ravel()
 
 
-def test_a_face_that_looks_at_the_camera_has_the_density_of_its_scale():
-    x, y = grid()
-    # The face spans 400 x 200 pixels and shows 5 and 2 patches of 64 texels along its edges.
-    scene, models = one_face(facing(CAMERA, -100, -50, 400, 200, 2.0), (5.0, 2.0))
-    hits = cast_rays(scene, models, "left", x, y)
-    slants_deg, texels = surfaces_at(scene, models, np.full(len(scene), 64), x, y, hits)
-    np.testing.assert_allclose(texels, 64 * np.sqrt(5 / 400 * 2 / 200), rtol=1e-6)
-    rays = CAMERA.rays("left", x, y)
-    np.testing.assert_allclose(np.cos(np.deg2rad(slants_deg)), 1 / np.linalg.norm(rays, axis=1), rtol=1e-9)
-
-
-@pytest.mark.parametrize("turn_deg", [20, -55, 75])
+@pytest.mark.parametrize("turn_deg", [0, -55, 75])
 def test_a_turned_face_has_the_density_and_slant_of_its_plane(turn_deg):
     x, y = grid()
     turn = np.deg2rad(turn_deg)
@@ -240,8 +216,7 @@ def test_scenes_that_are_others_are_left_out_with_the_reason(changed):
     path = changed / "train" / "MiddEval3" / "trainingF" / "middlebury-000001" / "pair.json"
     edit_json(path, lambda pair: pair["camera"].update(focal_px=99.0))
     measurement = measure(open_dataset(changed), [0, 1], {})
-    reason = "config and seed of the index give a scene that differs from the pair's provenance"
-    assert measurement.ray_faults == {reason: 1}
+    assert [*measurement.ray_faults.values()] == [1]
     assert (measurement.rays.pairs, len(measurement.pairs)) == (1, 2)
 
 
@@ -250,9 +225,7 @@ def test_scenes_of_other_sizes_do_not_pass_for_these(changed):
         index["config_values"]["particles"]["size_px"] = [60.0, 70.0]
 
     edit_json(changed / "index.json", larger)
-    [(reason, count)] = measure(open_dataset(changed), [0, 1], {}).ray_faults.items()
-    assert reason.startswith("the rebuilt scene differs from the stored pair")
-    assert count == 2
+    assert [*measure(open_dataset(changed), [0, 1], {}).ray_faults.values()] == [2]
 
 
 def test_keys_of_another_version_are_passed_over(changed):
@@ -267,7 +240,6 @@ def test_an_unreadable_pair_is_reported(changed):
     broken.write_bytes(broken.read_bytes()[:100])
     report = build.report(changed, pairs=1, sample=6)
     assert len(report.measurement.pairs) == 5
-    assert "1 sampled pairs could not be read" in report.page
     assert "disp0GT.pfm" in report.page
     shutil.rmtree(changed / "train" / "MiddEval3" / "trainingF")
     with pytest.raises(InputError, match="no pair could be read"):
@@ -285,18 +257,14 @@ def test_other_layouts_can_be_reported(layout, tmp_path):
     assert report.shown == 1
 
 
-def test_a_dataset_at_an_address_can_be_reported(dataset, page, tmp_path, monkeypatch, capsys):
+def test_a_dataset_at_an_address_can_be_reported(dataset, page):
     fsspec = pytest.importorskip("fsspec")
     memory = fsspec.filesystem("memory")
     memory.put(str(dataset), "/bucket/far-away", recursive=True)
     try:
         assert build.report("memory://bucket/far-away", pairs=3, sample=200).page == page
-        monkeypatch.chdir(tmp_path)
-        assert run_report(monkeypatch, capsys, "memory://bucket/far-away/", "--pairs", 0, "--sample", 1)[0] == 0
     finally:
         memory.rm("/bucket", recursive=True)
-    assert [path.name for path in tmp_path.iterdir()] == ["far-away-report.html"]
-    assert "This page shows no pairs" in (tmp_path / "far-away-report.html").read_text("utf-8")
 
 
 # What was drawn again.
@@ -306,26 +274,20 @@ def test_redraws_are_those_of_all_records(changed):
     records = sorted((changed / "shards").glob("semisynth-middlebury-train-*.json"))
 
     def redraw(record):
-        record["samples"][0]["redrawn"] = [
-            "too dark: mean 3.0 levels, at least 8 wanted; too little texture: 0.50 levels, at least 1 wanted",
-            "too dark: mean 4.0 levels, at least 8 wanted",
-        ]
+        record["samples"][0]["redrawn"] = ["too dark: 3; too little texture: 1", "too dark: 4"]
 
     edit_json(records[0], redraw)
     redraws = read_redraws(read_index(changed))
     assert (redraws.pairs, redraws.attempts) == (6, 2)
     assert {key: len(reasons) for key, reasons in redraws.messages.items()} == {("train", 0): 2}
     assert [(fault.name, fault.attempts) for fault in redraws.faults] == [("too dark", 2), ("too little texture", 1)]
-    assert redraws.faults[0].example == "too dark: mean 3.0 levels, at least 8 wanted"
     assert read_redraws(read_index(changed), "validation").attempts == 0
     # Pair 0 is not in the sample of one.
     report = build.report(changed, pairs=0, sample=1)
-    assert "1 of 6 pairs" in report.page
-    assert "too little texture: 0.50 levels" in report.page
+    assert "too little texture" in report.page
     records[0].unlink()
     incomplete = read_redraws(read_index(changed))
     assert incomplete.pairs < 6
-    assert len(incomplete.unread) == 1
     assert records[0].name in incomplete.unread[0]
 
 
@@ -362,54 +324,12 @@ def test_bars_count_all_values_once():
     np.testing.assert_allclose(logarithmic.shares, np.array([1, 0, 0, 1, 0, 0, 0, 1]) / 3)
 
 
-def drawing(low, high, *, log=False, **options):
-    return ET.fromstring(draw_histogram("name", Bars(np.array([low, high]), np.ones(1), log), "x", **options))  # noqa: S314
-
-
-def all_of(svg, tag):
-    return list(svg.iter(f"{{http://www.w3.org/2000/svg}}{tag}"))
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "log", "expected"),
-    [
-        (0, 90, False, "0 20 40 60 80"),
-        (0.012, 0.049, False, "0.02 0.03 0.04"),
-        (0.9, 60, True, "1 2 5 10 20 50"),
-        (1e-3, 1e5, True, "0.001 0.01 0.1 1 10 100 1000 10000 100000"),
-        (2.1, 3.9, True, "2.5 3 3.5"),
-    ],
-)
-def test_ticks_are_round_and_inside(low, high, log, expected):
-    ticks = [text.text for text in all_of(drawing(low, high, log=log), "text") if text.text.replace(".", "").isdigit()]
-    assert ticks == expected.split()
-
-
 def test_the_heights_of_bars_are_the_shares():
-    bars = Bars(np.arange(5.0), np.array([0.5, 0.25, 0.0, 0.25]))
-    marks = [(1, "<m>"), (9, "outside")]
-    text = draw_histogram("name", bars, "px & more", outline=np.full(4, 0.25), marks=marks)
-    svg = ET.fromstring(text)  # noqa: S314 - its own
-    groups = {name: [group for group in all_of(svg, "g") if group.get("class") == name] for name in ("bar", "mark")}
-    tooltips = {name: [all_of(group, "title")[0].text for group in members] for name, members in groups.items()}
-    assert tooltips == {"bar": ["0 to 1: 50 %", "1 to 2: 25 %", "3 to 4: 25 %"], "mark": ["<m>"]}
-    levels = [
-        [float(number) for number in re.findall(r"[\d.]+ ([\d.]+)", all_of(group, "path")[0].get("d"))]
-        for group in groups["bar"]
-    ]
+    svg = draw_histogram("name", Bars(np.arange(5.0), np.array([0.5, 0.25, 0.0, 0.25])), "px")
+    bars = [group for group in ET.fromstring(svg).iter() if group.get("class") == "bar"]  # noqa: S314 - its own
+    levels = [[float(y) for y in re.findall(r"[\d.]+ ([\d.]+)", bar.find("{*}path").get("d"))] for bar in bars]
     heights = [max(level) - min(level) for level in levels]
     np.testing.assert_allclose(heights, np.array([1, 0.5, 0.5]) * heights[0], atol=0.01)
-    [line] = [path.get("d") for path in all_of(svg, "path") if "var(--outline); stroke-width: 1.6" in path.get("style")]
-    assert {float(number) for number in re.findall(r"[\d.]+ ([\d.]+)", line)} == {min(levels[1])}
-    assert "px & more" in [label.text for label in all_of(svg, "text")]
-
-
-def test_drawings_of_a_page_share_no_ids():
-    first, second = (draw_histogram(name, count_bars([1.0, 2.0]), "px") for name in ("first", "second"))
-    ids = [set(re.findall(r'id="([^"]*)"', text)) for text in (first, second)]
-    assert ids[0]
-    assert not ids[0] & ids[1]
-    assert draw_histogram("first", count_bars([1.0, 2.0]), "px") == first
 
 
 def unpacked(data, height, width):
@@ -451,8 +371,6 @@ def test_pictures_are_reduced_until_they_fit(dataset, monkeypatch):
     assert sum(picture.size for picture in reduced) <= most
     report = build.report(dataset, pairs=2, sample=2)
     assert report.step == 2
-    assert "reduced to 1/2 of their size" in report.page
-    assert "every 2nd pixel" in report.page
 
 
 # The page as a file.
@@ -489,13 +407,8 @@ def test_the_page_says_the_numbers(dataset, measured, page):
     target = read_index(dataset).plan.config.wanted_histogram()
     assert f"{total_variation(target, measured.disparity):.3f}" in page
     assert f"{wasserstein_px(target, measured.disparity):.3g} px" in page
-    low, middle, high = np.percentile(measured.rays.texels_per_pixel, [5, 50, 95])
-    assert f"{middle:.2f} ({low:.2f}, {high:.2f})" in page
-    index = read_index(dataset)
-    for value in (index.plan.config_sha256, index.made.renderers[0], "4 train, 2 validation"):
+    for value in (f"{np.median(measured.rays.texels_per_pixel):.2f}", read_index(dataset).plan.config_sha256):
         assert value in page
-    assert "3 of 6 pairs, evenly spread" in page
-    assert "All 6 pairs were measured" in page
 
 
 def test_equal_datasets_have_equal_pages(dataset, page):
@@ -516,73 +429,22 @@ def test_words_of_others_stay_words(changed):
 
 def test_the_command_writes_a_page_beside_the_dataset(dataset, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    code, out, _ = run_report(monkeypatch, capsys, dataset, "--pairs", 1, "--sample", 2, "--split", "train")
-    assert code == 0
-    assert out.startswith("set-report.html: 2 of 4 pairs measured, ")
+    assert run_report(monkeypatch, capsys, dataset, "--pairs", 1, "--sample", 2, "--split", "train")[0] == 0
     assert [path.name for path in tmp_path.iterdir()] == ["set-report.html"]
-    text = (tmp_path / "set-report.html").read_text("utf-8")
-    assert "Of 4 pairs, 2 were measured, evenly spread." in text
 
 
 def test_the_command_refuses_what_it_cannot_do(dataset, changed, tmp_path, monkeypatch, capsys):
-    for arguments, message in (
-        ((dataset, "--out", tmp_path / "report.txt"), "expected a name that ends in .html"),
-        ((dataset, "--out", tmp_path / "none" / "report.html"), "does not exist"),
-        ((dataset, "--out", tmp_path / "report.html", "--split", "test"), "expected a split of train, validation"),
-        ((tmp_path / "nowhere",), "there is no such folder"),
+    (changed / "index.json").unlink()
+    page = tmp_path / "report.html"
+    for arguments, words in (
+        ((dataset, "--out", tmp_path / "report.txt"), "--out"),
+        ((dataset, "--out", page, "--split", "test"), "split"),
+        ((tmp_path / "nowhere",), "nowhere"),
+        ((changed, "--out", page), "not finished"),
     ):
         code, _, err = run_report(monkeypatch, capsys, *arguments)
-        assert (code, message in err) == (2, True), err
-    (changed / "index.json").unlink()
-    code, _, err = run_report(monkeypatch, capsys, changed, "--out", tmp_path / "report.html")
-    assert code == 2
-    assert "the dataset is not finished" in err
-    assert not (tmp_path / "report.html").exists()
-
-
-SIZES = "The config's particles.size_px is"
-
-
-def figure_of(index, measurement, title):
-    page = render_page(index, measurement, read_redraws(index), [], [])
-    [figure] = [
-        figure for figure in re.findall("<figure>.*?</figure>", page, re.DOTALL) if f"<h3>{title}</h3>" in figure
-    ]
-    return figure
-
-
-def with_keys(index, section, keys):
-    """An index whose config has other values in a section."""
-    values = index.plan.config.model_dump(mode="json")
-    config = Config.model_validate({**values, section: {**values[section], **keys}})
-    return replace(index, plan=index.plan.model_copy(update={"config": config}))
-
-
-@pytest.mark.parametrize(
-    ("particles", "marked"),
-    [
-        ({}, True),
-        ({"layers": [{"disparity_px": 3, "count": 2, "size_px": None}]}, True),
-        ({"size_m": [0.1, 0.3]}, False),
-        ({"density": "dense"}, False),
-        ({"density": 30.0}, False),
-        ({"layers": [{"disparity_px": 3, "count": 2, "size_px": [9, 10]}]}, False),
-        ({"clutter": [{"disparity_px": 3, "count": 2, "size_px": 9}]}, False),
-    ],
-)
-def test_sizes_are_marked_where_size_px_alone_decides(dataset, measured, particles, marked):
-    index = read_index(dataset)
-    assert index.plan.config.particles.size_m is None
-    index = with_keys(index, "particles", {"size_px": [50.0, 90.0], **particles})
-    size = figure_of(index, measured, "Object size")
-    assert (SIZES in size, "particles.size_px: " in size) == (marked, marked)
-
-
-def test_texture_is_said_to_be_of_what_is_stored(dataset, measured):
-    index = read_index(dataset)
-    assert "as checks.min_texture (dashed) takes it." in figure_of(index, measured, "Texture")
-    changed = with_keys(index, "imperfections", {"noise": 3.0})
-    assert "of the images as stored, with their imperfections" in figure_of(changed, measured, "Texture")
+        assert (code, words in err) == (2, True), err
+    assert not page.exists()
 
 
 # The page in a browser.
@@ -645,14 +507,9 @@ def shown_frame(dataset, number=0):
 
 
 def test_the_page_opens_from_disk_without_the_network(opened):
-    requests = [
-        json.loads(entry["message"])["message"]["params"]["request"]["url"]
-        for entry in opened.get_log("performance")
-        if '"Network.requestWillBeSent"' in entry["message"]
-    ]
-    assert any(url.startswith("file://") for url in requests)
-    assert [url for url in requests if not url.startswith(("file://", "data:"))] == []
-    assert sum(url.startswith("file://") for url in requests) == 1
+    messages = [json.loads(entry["message"])["message"] for entry in opened.get_log("performance")]
+    sent = [each["params"]["request"]["url"] for each in messages if each["method"] == "Network.requestWillBeSent"]
+    assert [url.partition(":")[0] for url in sent if not url.startswith("data:")] == ["file"]
 
 
 def test_the_cursor_reads_the_stored_disparity(opened, dataset):
@@ -691,14 +548,11 @@ def test_flicker_and_hold_change_the_image(opened, dataset):
     frame = shown_frame(dataset)
     # JPEG, but nothing else: it is the left image, and not the right one.
     assert np.abs(left[..., :3].astype(int) - frame.left.image).mean() < 8
-    opened.execute_script("const r = document.getElementById('rate'); r.value = 8; r.dispatchEvent(new Event('input'))")
     element(opened, "flicker").click()
-    wait(opened, lambda: attribute(opened, "image") == "right")
-    wait(opened, lambda: attribute(opened, "image") == "left")
-    wait(opened, lambda: attribute(opened, "image") == "right")
+    for shown in ("right", "left", "right"):
+        wait(opened, lambda shown=shown: attribute(opened, "image") == shown)
     element(opened, "flicker").click()
     assert attribute(opened, "image") == "left"
-    time.sleep(0.3)
     np.testing.assert_array_equal(pixels(opened), left)
     button = element(opened, "hold")
     ActionChains(opened).click_and_hold(button).perform()
@@ -738,58 +592,15 @@ def test_overlays_show_disparity_and_masks(opened, dataset):
     assert not pixels(opened, "overlay").any()
 
 
-def test_keys_do_nothing_where_no_pair_is_shown(browser, dataset, tmp_path):
+def test_an_undecodable_pair_is_reported(browser, page, tmp_path):
     path = tmp_path / "report.html"
-    path.write_text(build.report(dataset, pairs=0, sample=1).page, "utf-8")
-    browser.get(path.as_uri())
-    assert not element(browser, "viewer").is_displayed()
-    for key in "npfoc":
-        browser.find_element("css selector", "body").send_keys(key)
-    time.sleep(0.2)
-    assert [entry for entry in browser.get_log("browser") if entry["level"] != "DEBUG"] == []
-
-
-@pytest.mark.parametrize("blob", ["disparity", "left"])
-def test_an_undecodable_pair_is_reported(browser, page, tmp_path, blob):
-    path = tmp_path / "report.html"
-    path.write_text(re.sub(rf'(id="pair-1-{blob}">)[^<]{{40}}', r"\1", page), "utf-8")
+    path.write_text(re.sub(r'(id="pair-1-disparity">)[^<]{40}', r"\1", page), "utf-8")
     browser.get(path.as_uri())
     wait(browser, lambda: attribute(browser, "pair") == "0")
-    point_at(browser, 20, 20)
-    strip = browser.find_elements("css selector", "#strip button")
-    strip[1].click()
+    browser.find_elements("css selector", "#strip button")[1].click()
     wait(browser, lambda: "cannot be shown: " in element(browser, "caption").text)
-    assert attribute(browser, "pair") is None
     assert not pixels(browser).any()
-    assert not pixels(browser, "overlay").any()
-    assert element(browser, "readout").text == element(browser, "showing").text == ""
-    assert not element(browser, "cursor").is_displayed()
     browser.find_element("css selector", "body").send_keys("n")
     wait(browser, lambda: attribute(browser, "pair") == "2")
-    assert "cannot be shown" not in element(browser, "caption").text
     assert pixels(browser).any()
-    browser.find_element("css selector", "body").send_keys("p")
-    wait(browser, lambda: "cannot be shown: " in element(browser, "caption").text)
     assert [entry for entry in browser.get_log("browser") if entry["level"] != "DEBUG"] == []
-
-
-def test_an_outlier_leads_to_its_pair(opened):
-    link = opened.find_elements("css selector", "#outliers a[data-pair]")[-1]
-    number = link.get_attribute("data-pair")
-    opened.execute_script("arguments[0].click()", link)
-    wait(opened, lambda: attribute(opened, "pair") == number)
-    assert link.text in element(opened, "caption").text
-
-
-@pytest.mark.parametrize("width", [400, 1600])
-def test_nothing_sticks_out_of_the_window(opened, width):
-    opened.set_window_size(max(width, 500), 900)
-    opened.execute_cdp_cmd(
-        "Emulation.setDeviceMetricsOverride", {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
-    )
-    wide, window = opened.execute_script("return [document.documentElement.scrollWidth, innerWidth]")
-    assert window == width
-    assert wide <= width
-    stage = element(opened, "stage").rect
-    assert 0.5 * min(width, 1000) < stage["width"] <= width
-    opened.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
