@@ -12,8 +12,7 @@ from hand_made_pairs import make_frame
 from semisynth_gl.dataset.reader import open_dataset
 
 PAIRS = 8
-READS = 1672
-"""Of each of three ways to share: more than 5,000."""
+READS = 400
 
 _shared = []
 

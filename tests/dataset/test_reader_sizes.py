@@ -8,12 +8,12 @@ import hand_made_datasets
 import numpy as np
 import pytest
 from hand_made_datasets import config_of, write_dataset
-from hand_made_pairs import CAMERA, RAW
+from hand_made_pairs import CAMERA
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.pfm import PFM, PFM3
-from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, RGB16
+from semisynth_gl.codecs.png import GREY8, GREY16
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.dataset.sample import EncodedPair, encode_pair
 from semisynth_gl.frame.camera import StereoCamera
@@ -95,46 +95,30 @@ def test_a_file_of_another_size_is_refused(tmp_path, monkeypatch, name):
         with pytest.raises(ReadError) as refused:
             dataset[number]
         assert str(refused.value).startswith(f"{tmp_path}/set/{path}: expected "), role
-        if isinstance(made[number], tuple):
-            expected = f"expected shape {(*SIZE, *made[number][2:])}, as the dataset's images have it"
-            if role in ("raw_left", "raw_right"):
-                expected = f"expected shape {RAW}, that of the camera in the pair's provenance"
-            assert refused.value.reason == f"{expected}, got {made[number]}"
-        else:
-            expected = "expected a camera of the dataset's images, 48 x 32 px, got 50 x 32"
-            assert refused.value.reason == expected
+        assert str(made[number]) in refused.value.reason, role
     assert dataset[len(roles)].left.image.shape == (*SIZE, 3)
     verdicts = list(verify_dataset(read_index(tmp_path / "set")))[1:]
     for number, role in enumerate(roles):
         path = dataset.about.plan.files("train", number)[role]
         sizes = [finding.message for finding in verdicts[number].findings if finding.check == "size"]
         assert len(sizes) == 1, role
-        assert sizes[0].startswith(f"{path} expected ")
+        assert path in sizes[0]
     assert not [finding for finding in verdicts[-1].findings if finding.check == "size"]
 
 
 def other_kind(data, path, codec):
     """A file of the right size and another number of channels or bits; files without pixels as they were, and None."""
-    ending = path.rpartition(".")[2]
-    if ending in ("txt", "json"):
-        return data, None
-    height, width = SIZE
-    if ending == "png":
-        others = {
-            RGB8: np.zeros((height, width, 3), np.uint8),
-            GREY8: np.zeros((height, width), np.uint8),
-            RGB16: np.zeros((height, width, 3), np.uint16),
-            GREY16: np.zeros((height, width), np.uint16),
-        }
-        other, value = next((png, value) for png, value in others.items() if not png.is_kind_of(data))
-    elif ending == "jpg":
-        other, value = Jpeg(grey=True), np.zeros((height, width), np.uint8)
-    elif data.startswith(b"PF"):
-        other, value = PFM, np.zeros((height, width), np.float32)
-    else:
-        other, value = PFM3, np.zeros((height, width, 3), np.float32)
     del codec
-    return other.encode(value), True
+    if path.endswith((".txt", ".json")):
+        return data, None
+    if path.endswith(".jpg"):
+        other = Jpeg(grey=True)
+    elif path.endswith(".png"):
+        other = GREY8 if GREY16.is_kind_of(data) else GREY16
+    else:
+        other = PFM if data.startswith(b"PF") else PFM3
+    dtype = {GREY16: np.uint16, PFM: np.float32, PFM3: np.float32}.get(other, np.uint8)
+    return other.encode(np.zeros((*SIZE, 3) if other is PFM3 else SIZE, dtype)), True
 
 
 @pytest.mark.parametrize("name", layout_names())
