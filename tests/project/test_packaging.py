@@ -7,18 +7,14 @@ import sys
 import tarfile
 import tomllib
 import zipfile
-from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
 
 import pytest
 from heavy import heavy
 from ruamel.yaml import YAML
 
-from semisynth_gl.inputs.resources import data_root
-
 CHECKOUT = Path(__file__).resolve().parents[2]
 DATA_FOLDERS = ("shaders", "configs", "assets")
-SHADERS = (".vert", ".geom", ".frag", ".glsl")
 
 # Everything that a checkout collects and nobody wants to install.
 JUNK = (
@@ -91,28 +87,12 @@ def elsewhere(target: Path) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join([str(target), *packages])}
 
 
-def test_the_checkout_has_data_to_carry() -> None:
-    carried = data_files()
-    for suffix in SHADERS:
-        assert any(name.startswith("shaders/") and name.endswith(suffix) for name in carried), suffix
-    assert {"configs/middlebury.yaml", "configs/eth3d.yaml", "assets/photographs.yaml"} <= carried
-
-
 def test_the_wheel_carries_the_data_inside_the_package(wheel: Path) -> None:
     names = names_in_wheel(wheel)
     assert {f"semisynth_gl/{name}" for name in data_files()} <= names
     modules = {path.relative_to(CHECKOUT).as_posix() for path in (CHECKOUT / "semisynth_gl").rglob("*.py")}
-    assert {"semisynth_gl/render/renderer.py", "semisynth_gl/__main__.py"} <= modules
     assert modules | {"semisynth_gl/py.typed"} <= names
     assert any(name.endswith(".dist-info/licenses/LICENSE") for name in names)
-
-
-def test_the_wheel_brings_the_photographs(wheel: Path) -> None:
-    with zipfile.ZipFile(wheel) as archive:
-        [name] = [name for name in archive.namelist() if name.endswith(".dist-info/METADATA")]
-        lines = archive.read(name).decode().splitlines()
-    always = {line.split()[1].split(">")[0] for line in lines if line.startswith("Requires-Dist:") and ";" not in line}
-    assert {"scikit-image", "moderngl", "numpy"} <= always
 
 
 def test_the_wheel_holds_the_package_alone(wheel: Path) -> None:
@@ -127,14 +107,7 @@ def test_the_sdist_carries_what_a_build_and_the_tests_need(sdist_and_its_wheel: 
     with tarfile.open(sdist_and_its_wheel[0]) as archive:
         names = {name.split("/", 1)[1] for name in archive.getnames()}
     assert data_files() <= names
-    assert {
-        "pyproject.toml",
-        "README.md",
-        "Makefile",
-        "tests/project/test_packaging.py",
-        "semisynth_gl/__init__.py",
-    } <= names
-    assert {"Containerfile", ".ci/run", ".github/workflows/ci.yml", "tools/release-check.sh"} <= names
+    assert {"pyproject.toml", "README.md", "tests/project/test_packaging.py", "semisynth_gl/__init__.py"} <= names
     for name in names:
         assert not set(JUNK) & set(PurePosixPath(name).parts), name
 
@@ -145,19 +118,6 @@ def test_a_wheel_from_the_sdist_equals_one_from_the_checkout(
     assert names_in_wheel(sdist_and_its_wheel[1]) == names_in_wheel(wheel)
 
 
-def test_elsewhere_the_checkout_cannot_be_imported(elsewhere: dict[str, str], target: Path, tmp_path: Path) -> None:
-    show = "import sys, semisynth_gl; print(semisynth_gl.__file__, *sys.path, sep='\\n')"
-    file, *search = run(sys.executable, "-S", "-c", show, cwd=tmp_path, env=elsewhere).splitlines()
-    assert Path(file).is_relative_to(target)
-    assert CHECKOUT not in {Path(folder).resolve() for folder in search if folder}
-
-
-def test_the_installed_wheel_finds_its_data(elsewhere: dict[str, str], target: Path, tmp_path: Path) -> None:
-    show = f"from semisynth_gl.inputs.resources import data_root; print(*map(data_root, {DATA_FOLDERS!r}), sep='\\n')"
-    folders = run(sys.executable, "-S", "-c", show, cwd=tmp_path, env=elsewhere).splitlines()
-    assert [Path(folder) for folder in folders] == [target / "semisynth_gl" / name for name in DATA_FOLDERS]
-
-
 def test_the_version_is_the_same_everywhere() -> None:
     citation = YAML(typ="safe", pure=True).load(CHECKOUT / "CITATION.cff")
     newest = re.search(r"^## (\S+), ", (CHECKOUT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
@@ -166,28 +126,25 @@ def test_the_version_is_the_same_everywhere() -> None:
     assert str(citation["version"]) == newest[1] == project["version"]
 
 
-def test_the_installed_program_says_its_version(elsewhere: dict[str, str], target: Path, tmp_path: Path) -> None:
-    program = target / "bin" / "semisynth-gl"
-    assert "version" in run(sys.executable, "-S", str(program), "--version", cwd=tmp_path, env=elsewhere)
-
-
 # One backend is enough: what is asked here is whether everything is found, down to the photographs that assets/ lists.
 @pytest.mark.parametrize("backend", ["egl"], indirect=True)
-def test_the_installed_wheel_renders(elsewhere: dict[str, str], backend: str, tmp_path: Path) -> None:
+def test_the_installed_wheel_renders(elsewhere: dict[str, str], target: Path, backend: str, tmp_path: Path) -> None:
+    show = "import semisynth_gl; print(semisynth_gl.__file__)"
+    assert Path(run(sys.executable, "-S", "-c", show, cwd=tmp_path, env=elsewhere)).is_relative_to(target)
     # Few models and patches; that no module is missing is asked above.
     sizes = ("camera.width_px=128", "camera.height_px=64", "models.complex=0", "models.variants=1")
     fewer = ("textures.source=photographs", "textures.max_patches=32")
     small = [word for value in (*sizes, *fewer) for word in ("--set", value)]
-    generate = (sys.executable, "-S", "-m", "semisynth_gl", "generate", "--config", "eth3d", "--backend", backend)
-    run(*generate, *small, "--pairs", "1", "--out", "set", cwd=tmp_path, env=elsewhere)
+    program = (sys.executable, "-S", str(target / "bin" / "semisynth-gl"))
+    for command, *arguments in (
+        ("generate", "--config", "eth3d", "--backend", backend, *small, "--pairs", "1", "--out", "set"),
+        ("verify", "set"),
+        ("report", "set", "--out", "set.html"),
+        ("preview", "--config", "eth3d", "--pairs", "1", *small, "--out", "sheet.png", "--backend", backend),
+    ):
+        run(*program, command, *arguments, cwd=tmp_path, env=elsewhere)
     written = {path.name for path in (tmp_path / "set").rglob("*") if path.is_file() and path.stat().st_size}
     assert {"im0.png", "im1.png", "disp0GT.pfm", "disp1GT.pfm", "mask0nocc.png", "calib.txt"} <= written
-    assert [path.name for path in tmp_path.iterdir()] == ["set"]
-    program = (sys.executable, "-S", "-m", "semisynth_gl")
-    assert "nothing found" in run(*program, "verify", "set", cwd=tmp_path, env=elsewhere)
-    run(*program, "report", "set", "--out", "set.html", cwd=tmp_path, env=elsewhere)
-    run(*program, "preview", "--config", "eth3d", "--pairs", "1", *small, "--out", "sheet.png", "--backend", backend,
-        cwd=tmp_path, env=elsewhere)  # fmt: skip
     assert {"set", "set.html", "sheet.png"} == {path.name for path in tmp_path.iterdir()}
 
 
@@ -243,36 +200,17 @@ def test_a_users_script_is_checked_by_the_wheels_types(target: Path, tmp_path: P
     assert "no issues found" in run(*check, cwd=tmp_path)
     (tmp_path / "script.py").write_text(f"{USERS_SCRIPT}\nrender_pair('kitti', 0)\nreveal_type(config.digest())\n")
     done = subprocess.run(check, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert 'Argument 1 to "render_pair" has incompatible type "str"; expected "Config"' in done.stdout
+    assert "incompatible type" in done.stdout
     assert re.search(r'Revealed type is "(builtins\.)?str"', done.stdout)
 
 
 @pytest.mark.heavy
 def test_a_users_training_is_checked_too(target: Path, tmp_path: Path) -> None:
     heavy("torch")
-    wrong = {
-        "StereoDataset(3)": 'Argument 1 to "StereoDataset" has incompatible type "int"',
-        "StereoDataset('rooms', 'val')": 'Argument 2 to "StereoDataset" has incompatible type',
-        "StereoMix([(rooms, '1')])": 'List item 0 has incompatible type "tuple[StereoDataset, str]"',
-        "StereoMix([('rooms', 1)])": 'List item 0 has incompatible type "tuple[str, int]"',
-        "rooms.at_epoch('1')": 'Argument 1 to "at_epoch" of "StereoDataset" has incompatible type "str"',
-    }
+    wrong = ("StereoDataset(3)", "StereoMix([('rooms', 1)])", "rooms.at_epoch('1')")
     check = checker(target, tmp_path)
     (tmp_path / "script.py").write_text("\n".join([USERS_TRAINING, *wrong]))
     done = subprocess.run(check, cwd=tmp_path, capture_output=True, text=True, check=False)
     found = [line for line in done.stdout.splitlines() if ": error: " in line]
     assert len(found) == len(wrong), done.stdout
-    for line, message in zip(found, wrong.values(), strict=True):
-        assert message in line
-
-
-def test_the_tests_run_on_a_package_that_finds_its_data() -> None:
-    # In a checkout or an editable install nothing is copied: the data is the checkout's own, never a stale snapshot.
-    spec = find_spec("semisynth_gl")
-    assert spec is not None
-    assert spec.origin is not None
-    package = Path(spec.origin).resolve().parent
-    home = CHECKOUT if package == CHECKOUT / "semisynth_gl" else package
-    for name in DATA_FOLDERS:
-        assert Path(str(data_root(name))) == home / name
-        assert any(data_root(name).iterdir())
+    assert all("incompatible type" in line for line in found)
