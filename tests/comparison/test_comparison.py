@@ -606,12 +606,6 @@ def test_advice_names_no_key_that_moves_nothing_in_the_scenes(kinds, sections):
     assert both & {"room", "street", "structures", "background", "scenes"} == sections | {"street", "scenes"}
 
 
-def test_advice_names_no_key_that_another_takes_the_place_of():
-    free = {"particles.density", "particles.size_px"}
-    assert free <= named_keys(recipe_with("cuboid"))
-    assert not named_keys(recipe_with("cuboid", particles={"layers": [{"count": 3}], "size_m": [0.1, 0.3]})) & free
-
-
 @pytest.fixture(scope="module")
 def means():
     """A function from keys of a config to the means of measures over two pairs."""

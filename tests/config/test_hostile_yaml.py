@@ -29,7 +29,6 @@ from semisynth_gl.config.yaml_values import (
 )
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.inputs.errors import InputError, SemisynthError
-from semisynth_gl.metrics.truth import read_limits
 
 START = "name: m\ncamera: {width_px: 64, height_px: 48, focal_px: 50, baseline_m: 0.1}\n"
 START += "disparity: {min_px: 1, max_px: 20}\n"
@@ -404,17 +403,6 @@ def test_hostile_calibrations_are_given_up_at_once(tmp_path):
         path.write_text(text)
         with pytest.raises(SemisynthError):
             read_rigs([path], size=Size(64, 48))
-
-
-def test_limits_of_scenes_are_limited(tmp_path):
-    path = tmp_path / "calib.txt"
-    for text in (f"ndisp={DIGITS}", "ndisp=10000000000", "ndisp=1e9", "ndisp=" + " " * 60_000 + "x", "x" * 70_000):
-        path.write_text(text)
-        with pytest.raises(SemisynthError) as caught:
-            read_limits(path)
-        assert len(str(caught.value)) < 700
-    path.write_text("ndisp = 290 \r\nisint= 1\n")
-    assert read_limits(path).ndisp == 290
 
 
 def test_files_of_histograms_are_limited(tmp_path):

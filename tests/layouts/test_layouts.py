@@ -24,7 +24,6 @@ from semisynth_gl.codecs.png import GREY8, RGB8
 from semisynth_gl.config import load_config, packaged_configs
 from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.config.load import parse_config
-from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.sample import decode_file
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTPUTS, OUTSIDE, ROLES, VISIBLE, View
@@ -640,19 +639,3 @@ def test_webdataset_and_hugging_face_iterate_the_tars(tmp_path, monkeypatch):
         np.testing.assert_array_equal(np.asarray(row["right.png"]), make_frame(index).right.image)
         disparity = cv2.imdecode(np.frombuffer(row["disp0.pfm"], np.uint8), cv2.IMREAD_UNCHANGED)
         np.testing.assert_array_equal(disparity, make_frame(index).left.disparity)
-
-
-@pytest.mark.parametrize(
-    ("layout", "folder"),
-    [
-        ("middlebury", "MiddEval3/trainingF"),
-        ("kitti", "training"),
-        ("webdataset", "shards"),
-    ],
-)
-def test_a_plan_knows_the_folder_of_its_images(layout, folder):
-    plan = make_plan(load_config("middlebury"), 0, layout, {"train": 3})
-    assert plan.images_folder() == folder
-    # Of several splits, the folder that holds all.
-    splits = make_plan(load_config("middlebury"), 0, layout, {"train": 3, "test": 2})
-    assert splits.images_folder() == ("shards" if layout == "webdataset" else "")

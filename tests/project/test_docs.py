@@ -1,6 +1,5 @@
 """Documentation that can be checked against the program."""
 
-import functools
 import re
 import sys
 from pathlib import Path
@@ -9,9 +8,8 @@ from snippets import referenced_names
 
 import semisynth_gl
 from semisynth_gl import comparison, metrics
-from semisynth_gl.config import Config, load_config
 from semisynth_gl.config.explain import explained_keys
-from semisynth_gl.config.keys import config_keys, sections_of
+from semisynth_gl.config.keys import config_keys
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "docs"))
@@ -31,29 +29,6 @@ def test_every_key_is_documented_from_its_docstring():
         key.dotted: key.is_section for key in config_keys() if not key.of_form
     }
     assert [key.dotted for key in keys if not key.meaning] == []
-    # What stands as a default is one: a config that states it is the config without it.
-    plain = load_config("kitti")
-    stated = [
-        f"{key.dotted}={key.default}"
-        for key in keys
-        if key.default not in ("", "required") and getattr_path(plain, key.dotted) == default_of(key.dotted)
-    ]
-    assert len(stated) > 60
-    assert load_config("kitti", stated).digest() == plain.digest()
-
-
-def getattr_path(config, dotted):
-    """The value of a key; None below a section that the config does not have."""
-    return functools.reduce(lambda at, name: getattr(at, name, None), dotted.split("."), config)
-
-
-def default_of(dotted):
-    """The default of a key, as its section states it."""
-    model = Config
-    *sections, key = dotted.split(".")
-    for section in sections:
-        [model] = sections_of(model.model_fields[section].annotation)
-    return model.model_fields[key].get_default(call_default_factory=True)
 
 
 def test_the_reference_shows_each_public_name_once():

@@ -10,7 +10,6 @@ import zipfile
 from pathlib import Path, PurePosixPath
 
 import pytest
-from heavy import heavy
 from ruamel.yaml import YAML
 
 CHECKOUT = Path(__file__).resolve().parents[2]
@@ -164,53 +163,15 @@ text: str = __version__
 """
 
 
-USERS_TRAINING = """
-from torch.utils.data import ConcatDataset, DataLoader
-from semisynth_gl import load_config
-from semisynth_gl.torch import Hardware, Sample, Selection, StereoDataset, StereoMix, StereoStream, TrainingProcess
-from semisynth_gl.torch import collate
-
-def images(sample: Sample) -> Sample:
-    return {name: sample[name] for name in ("left", "right")}
-
-rooms = StereoDataset("rooms", "validation", crop=(160, 320), seed=3, transform=images).at_epoch(2)
-both: ConcatDataset[Sample] = ConcatDataset([rooms, StereoDataset("street", None)])
-stream = StereoStream(load_config("kitti"), 1, Selection(pairs=9), crop=(160, 320), hardware=Hardware("egl"))
-mix = StereoMix([(both, 2), (stream, 0.5)], seed=0, first=8, pairs=64, batch_size=4, process=TrainingProcess(0, 2))
-mix.load_state_dict(mix.state_dict())
-for batch in DataLoader(mix, batch_size=4, collate_fn=collate):
-    batch["left"].float()
-size: int = len(rooms) + len(both) + len(mix) + len(rooms.pairs)
-"""
-
-
-def checker(target: Path, folder: Path) -> list[str]:
-    """The command that checks a user's script.py strictly, where the wheel and its packages are installed."""
-    run(sys.executable, "-m", "venv", "--without-pip", "user", cwd=folder)
-    [packages] = (folder / "user").glob("lib/python*/site-packages")
+def test_a_users_script_is_checked_by_the_wheels_types(target: Path, tmp_path: Path) -> None:
+    run(sys.executable, "-m", "venv", "--without-pip", "user", cwd=tmp_path)
+    [packages] = (tmp_path / "user").glob("lib/python*/site-packages")
     others = [path for path in sys.path if Path(path).name in ("site-packages", "dist-packages")]
     (packages / "installed.pth").write_text("\n".join([str(target), *others]))
-    return [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--cache-dir=cache", "--python-executable",
-            "user/bin/python", "script.py"]  # fmt: skip
-
-
-def test_a_users_script_is_checked_by_the_wheels_types(target: Path, tmp_path: Path) -> None:
-    check = checker(target, tmp_path)
-    (tmp_path / "script.py").write_text(USERS_SCRIPT)
-    assert "no issues found" in run(*check, cwd=tmp_path)
-    (tmp_path / "script.py").write_text(f"{USERS_SCRIPT}\nrender_pair('kitti', 0)\nreveal_type(config.digest())\n")
+    (tmp_path / "script.py").write_text(f"{USERS_SCRIPT}\nrender_pair('kitti', 0)\n")
+    strictly = ["--strict", "--config-file=", "--cache-dir=cache", "--python-executable", "user/bin/python"]
+    check = [sys.executable, "-m", "mypy", *strictly, "script.py"]
     done = subprocess.run(check, cwd=tmp_path, capture_output=True, text=True, check=False)
+    # The last line alone is wrong.
+    assert re.findall(r"error: .*", done.stdout) == [done.stdout.splitlines()[0].partition(": ")[2]], done.stdout
     assert "incompatible type" in done.stdout
-    assert re.search(r'Revealed type is "(builtins\.)?str"', done.stdout)
-
-
-@pytest.mark.heavy
-def test_a_users_training_is_checked_too(target: Path, tmp_path: Path) -> None:
-    heavy("torch")
-    wrong = ("StereoDataset(3)", "StereoMix([('rooms', 1)])", "rooms.at_epoch('1')")
-    check = checker(target, tmp_path)
-    (tmp_path / "script.py").write_text("\n".join([USERS_TRAINING, *wrong]))
-    done = subprocess.run(check, cwd=tmp_path, capture_output=True, text=True, check=False)
-    found = [line for line in done.stdout.splitlines() if ": error: " in line]
-    assert len(found) == len(wrong), done.stdout
-    assert all("incompatible type" in line for line in found)
