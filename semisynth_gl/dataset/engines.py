@@ -64,7 +64,7 @@ class SerialEngine:
 
     def run(self, job: Job, numbers: Sequence[int], listener: Listener) -> None:
         """Make shards; see `Engine.run`."""
-        with ShardMaker(job) as maker:
+        with closing(ShardMaker(job)) as maker:
             for number in numbers:
                 if listener.stopping or not maker.make_shard(number, listener):
                     return

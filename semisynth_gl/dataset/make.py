@@ -7,7 +7,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
 from math import ceil
-from typing import Self, TypeVar
+from typing import TypeVar
 
 from semisynth_gl.dataset.documents import Plan, Shard
 from semisynth_gl.dataset.plan import differences, used_plugins
@@ -46,7 +46,7 @@ class Job:
 
 
 class ShardMaker:
-    """Makes shards in this process; it keeps the renderer of the latest shard's split open. Use it in a ``with`` block.
+    """Makes shards in this process; it keeps the renderer of the latest shard's split open until it is closed.
 
     ``worker`` is the number of the process, from 0, by which it takes its GPU.
     """
@@ -62,12 +62,6 @@ class ShardMaker:
                 f"this process finds other plug-ins than the one that began the dataset: {abbreviate(changed)}. "
                 "Install the same versions on all machines"
             )
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the renderer."""
