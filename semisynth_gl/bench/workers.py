@@ -34,7 +34,7 @@ _SINGLE = "1, one thread"
 
 
 class _Share(NamedTuple):
-    """The share of a worker in a round; it writes to a folder of its own."""
+    """The shards that one worker makes in a round, in its own folder."""
 
     job: Job
     worker: int

@@ -42,12 +42,12 @@ from semisynth_gl.seeds.splits import SplitName
 
 # Requests to a store at a time.
 _REQUESTS = 16
-# The byte of the lock for `RunLock.alone`, behind those of all shards.
+# `RunLock.alone` locks this byte; no dataset has so many shards.
 _ALONE = 1 << 30
 
 
 def read_plan(root: UPath) -> Plan | None:
-    """Return the plan of the dataset that was begun in a folder; None where there is none.
+    """Read the plan of a dataset; return None where the root has no plan.
 
     Raises:
         ReadError: where the plan is damaged.
@@ -141,9 +141,10 @@ def missing(root: UPath, plan: Plan, shards: Iterable[Shard] | None = None) -> l
 def complete_record(
     root: UPath, plan: Plan, shard: Shard, size: Callable[[str], int | None] | None = None
 ) -> Record | None:
-    """Return a shard's record; None where it is missing or damaged, or a file lacks the size that it says.
+    """Return the record of a complete shard, else None.
 
-    ``size`` returns the size of a file by its name; by default it is asked for.
+    A shard is complete if its record can be read and each of its files has the size that the record states. ``size``
+    returns the size of a file by its name; by default, it asks the disk or the store.
     """
     path = record_path(shard.name)
     try:
@@ -233,7 +234,7 @@ class RunLock:
 
 @contextmanager
 def locked(root: UPath, shards: range | None = None) -> Iterator[RunLock]:
-    """Keep other runs away from a dataset or from some of its shards, also those of other machines on a shared disk.
+    """Lock a dataset or some of its shards against other runs, which may be on other machines with the same disk.
 
     Each shard is a byte of one locked file, so that runs may share a dataset; None stands for all bytes. The lock ends
     with the process. Object stores and some network file systems have no locks.
@@ -318,7 +319,7 @@ def _own_names(plan: Plan) -> Iterator[str]:
 
 
 def _remove(root: UPath, plan: Plan, *last: str) -> None:
-    """Remove the files of a dataset but its plan, those of ``last`` last, then the dataset's folders that are empty."""
+    """Remove the files of a dataset except its plan, then the files ``last``, then the empty folders of all these."""
     own, there = dict.fromkeys((*_own_names(plan), *last)), set(names_below(root))
     names = [name for name in own if name in there]
     if not is_local(root):

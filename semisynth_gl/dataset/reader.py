@@ -26,7 +26,7 @@ from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, ReadError, shown
 from semisynth_gl.seeds.splits import SplitName
 
-# Records of tars that a reader keeps: those of a million pairs would fill memory.
+# A reader keeps this many records of tars; the records of a million pairs would fill memory.
 _RECORDS_KEPT = 1000
 
 
@@ -46,7 +46,7 @@ class StoredIndex:
 
     @property
     def root(self) -> UPath:
-        """The dataset's root; made anew at each use, since a forked process needs connections of its own."""
+        """The dataset's root. Each use makes it anew: a forked process must not use the connections of its parent."""
         return open_root(self.address)
 
     @property

@@ -91,7 +91,7 @@ def read_part(root: UPath, name: str, offset: int, length: int) -> bytes:
 
 
 def size_of(root: UPath, name: str) -> int | None:
-    """Return a file's size in bytes; None where it is missing."""
+    """Return the size of a file in bytes, or None if there is no such file."""
     try:
         return int((root / name).stat().st_size)
     except (FileNotFoundError, NotADirectoryError):

@@ -22,13 +22,11 @@ class InputError(SemisynthError):
     Attributes:
         argument: the argument of the public function that the text is about, which the message then begins with; the
             command line puts its option there. "" for none.
-        keys: the dotted keys of the config that the text is about.
     """
 
-    def __init__(self, text: str, *, argument: str = "", keys: Sequence[str] = ()) -> None:
+    def __init__(self, text: str, *, argument: str = "") -> None:
         super().__init__(text)
         self.argument = argument
-        self.keys = tuple(keys)
 
     @property
     def text(self) -> str:
