@@ -112,6 +112,7 @@ if __name__ == "__main__":
     from semisynth_gl.listener import Listener
     class Told(Listener):
         def on_message(self, text): print(text, flush=True)
+        def on_pair(self, pair): "stop" in sys.argv and self.stop()
     config = Config.model_validate(json.loads(Path(sys.argv[1]).read_text()))
     try:
         generate(config, sys.argv[2], 7, 5, shard_pairs=3, engine=LocalEngine(2), layout="middlebury", listener=Told())
@@ -129,22 +130,35 @@ PairRenderer.render = faulty
 """
 
 
-def in_workers(config, tmp_path, fault):
+def in_workers(config, tmp_path, fault, *options):
     """Run a program whose workers have a fault at pair 4; return what it prints."""
     (tmp_path / "config.json").write_text(config.model_dump_json())
     (tmp_path / "program.py").write_text(SCRIPT.format(fault=FAULT.format(fault)))
-    arguments = [sys.executable, tmp_path / "program.py", tmp_path / "config.json", tmp_path / "o"]
+    arguments = [sys.executable, tmp_path / "program.py", tmp_path / "config.json", tmp_path / "o", *options]
     return subprocess.run(arguments, capture_output=True, text=True, check=True, timeout=PATIENCE_S).stdout
 
 
 KILL = """
         struck = Path(sys.argv[2] + "-struck")
-        while not (Path(sys.argv[2]) / "shards/semisynth-middlebury-train-000000.json").exists():
-            time.sleep(0.05)  # the other worker makes this shard
+        while not Path(sys.argv[2] + "-busy").exists():
+            time.sleep(0.05)
         if not struck.exists() or len(struck.read_text()) < {}:
             struck.open("a").write("x")
             os.kill(os.getpid(), signal.SIGKILL)
+    if index == 6:  # the other worker, which has made the first shard, is in the middle of a pair then
+        Path(sys.argv[2] + "-busy").touch()
+        time.sleep(1)
 """
+SLOW = """
+        while not (Path(sys.argv[2]) / "shards/semisynth-middlebury-train-000000.json").exists():
+            time.sleep(0.05)
+        time.sleep(2)
+"""
+
+
+def test_a_stop_reaches_workers_between_two_pairs(config, tmp_path):
+    in_workers(config, tmp_path, SLOW, "stop")
+    assert [(tmp_path / "o" / SHARD.format(shard)).exists() for shard in range(2)] == [True, False]
 
 
 @pytest.mark.parametrize("times", [1, 2])
