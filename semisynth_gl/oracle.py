@@ -173,13 +173,13 @@ def flow(
         weights = _place_among(corners @ now_from_model[:3, :3].T + now_from_model[:3, 3], point)
         moved = corners @ later_from_model[:3, :3].T + later_from_model[:3, 3]
         later[rays] = (weights[:, :, None] * moved).sum(axis=1) - eye_offset
-    cx, cy, focal = camera.lens_px(eye)
+    cx, cy, *focal = camera.lens_px(eye)
     with np.errstate(invalid="ignore"):
         if turn is not None:
             later = np.where(np.isfinite(later), later @ turn.T, np.inf)
         least_m = np.where(is_sky, np.finfo(np.float64).tiny, scene.near_of(eye))
         seen = np.isfinite(later[:, 2]) & (later[:, 2] >= least_m)
-        position = focal * later[:, :2] / later[:, 2:] + (cx, cy)
+        position = np.array(focal) * later[:, :2] / later[:, 2:] + (cx, cy)
         later_m = np.where(is_sky, np.inf, later[:, 2])
         disparity, later_disparity = camera.disparity_px(hits.depth_m), camera.disparity_px(later_m)
     visibility = np.full(len(x), OUTSIDE, np.uint8)
@@ -225,9 +225,10 @@ def normals_beside(
     Yields:
         Numbers of positions (N,), and (N, 3) float64 unit vectors in the eye's frame, towards either side.
     """
-    cx, cy, focal = scene.camera.lens_px(eye)
+    cx, cy, *focal = scene.camera.lens_px(eye)
     for place, corners in triangles_near(scene, models, eye, x_px, y_px, reach_px):
-        start = focal * corners[..., :2] / corners[..., 2:] + (cx, cy) - np.stack([x_px, y_px], axis=1)[place, None]
+        on_image = np.array(focal) * corners[..., :2] / corners[..., 2:] + (cx, cy)
+        start = on_image - np.stack([x_px, y_px], axis=1)[place, None]
         edge = np.roll(start, -1, axis=1) - start
         squared = np.maximum((edge**2).sum(axis=2), np.finfo(np.float64).tiny)
         along = np.clip(-(start * edge).sum(axis=2) / squared, 0, 1)

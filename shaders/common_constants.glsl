@@ -3,8 +3,8 @@
 layout(std140, binding = 0) uniform Constants {
     mat4 clip_from_view;
     vec2 centre_px;          // principal point of the eye that is drawn, or whose surfaces are followed
-    float focal_px;
-    float focal_baseline;    // px m
+    vec2 focal_px;           // of that eye, in x and y
+    float focal_baseline;    // focal length in x times baseline, px m
     float doffs_px;
     float near_m;
     float other_from_own;    // -1 in the left view (x_right = x_left - d), +1 in the right one

@@ -88,7 +88,8 @@ void main() {
         vec3 corner = end == 0 ? from : to;
         vec2 uv_here = end == 0 ? mix(uv[0], uv[1], cut_from) : mix(uv[1], uv[0], cut_to);
         // How the weights of the triangle's corners change from pixel to pixel, and with them UV and 1 / Z.
-        mat3 change = sides * (corner.z / (focal_px * order));
+        vec3 per_pixel = vec3(corner.z / (focal_px * order), 0.0);
+        mat3 change = mat3(sides[0] * per_pixel, sides[1] * per_pixel, sides[2] * per_pixel);
         vec3 along_x = vec3(change[0].x, change[1].x, change[2].x), along_y = vec3(change[0].y, change[1].y, change[2].y);
         mat3x2 around = mat3x2(uv[0] - uv_here, uv[1] - uv_here, uv[2] - uv_here) * wearer.worn.z;
         float x_texels = length(around * along_x), y_texels = length(around * along_y);

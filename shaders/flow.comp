@@ -38,8 +38,8 @@ struct Move {
 layout(binding = 6) uniform sampler2D own_disparity;
 
 uniform vec4 turn_and_shift[3];  // as in Move, of all instances, about this eye
-uniform vec3 own_lens;           // principal point and focal length of this eye; the constants have the other one's
-uniform vec3 lens_change;        // the other eye's less this eye's, worked out in float64
+uniform vec4 own_lens;           // principal point and focal lengths of this eye; the constants have the other one's
+uniform vec4 lens_change;        // the other eye's less this eye's, worked out in float64
 uniform bool rectified;          // disparities are drawn already
 
 Move move_of(uint instance) {
@@ -85,7 +85,7 @@ Way way_of(ivec2 pixel, float depth_m, Move move) {
     // so its rounding errors are of its own size.
     float inverse_depth = depth_m > LARGEST ? 0.0 : 1.0 / depth_m;
 #ifdef OTHER_EYE
-    vec3 ray = vec3((vec2(pixel) - own_lens.xy) / own_lens.z, 1.0);
+    vec3 ray = vec3((vec2(pixel) - own_lens.xy) / own_lens.zw, 1.0);
 #else
     vec3 ray = vec3((vec2(pixel) - centre_px) / focal_px, 1.0);
 #endif
@@ -95,7 +95,7 @@ Way way_of(ivec2 pixel, float depth_m, Move move) {
     float growth = 1.0 + way.z;
     vec2 flow_px = focal_px * (way.xy - ray.xy * way.z) / growth;
 #ifdef OTHER_EYE
-    flow_px += lens_change.z * ray.xy + lens_change.xy;
+    flow_px += lens_change.zw * ray.xy + lens_change.xy;
 #endif
     return Way(inverse_depth, way.z, growth, flow_px);
 }

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from semisynth_gl.augmentation.resampling import Points, sheared
-from semisynth_gl.frame.camera import EYES, OTHER_EYE, RECTIFIED, Deviation, Eye
+from semisynth_gl.frame.camera import EYES, OTHER_EYE, RECTIFIED, Deviation, Eye, StereoCamera
 from semisynth_gl.frame.channels import View
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
@@ -108,7 +108,7 @@ class Warp:
         if not self.rectified and "disparity_change" in frame.left:
             raise InputError("right_y_px, right_roll_deg: a moved right image has no disparity_change: leave one out")
         (height, width), (scale_x, scale_y) = sides, (self.scale_x, self.scale_y)
-        turn = _Turn(self, camera.cx_right_px, camera.cy_px)
+        turn = _Turn(self, camera)
         x = margin + (np.arange(width)[None] + 0.5) / scale_x - 0.5
         y = margin + (np.arange(height)[:, None] + 0.5) / scale_y - 0.5
         box = (float(margin), float(margin), margin + width / scale_x, margin + height / scale_y)
@@ -136,7 +136,7 @@ class Warp:
             camera, width_px=width, height_px=height, focal_px=camera.focal_px * scale_x,
             cx_left_px=moved(camera.cx_left_px, scale_x), cx_right_px=moved(camera.cx_right_px, scale_x),
             cy_px=moved(camera.cy_px, scale_y), deviation=deviation,
-            aspect_ratio=camera.aspect_ratio * scale_y / scale_x,
+            fy_over_fx=camera.fy_over_fx * scale_y / scale_x,
         )  # fmt: skip
         return Frame(changed, views["left"], views["right"])
 
@@ -144,32 +144,35 @@ class Warp:
 class _Turn:
     """The movement of the right image, in px of the unscaled pair."""
 
-    def __init__(self, warp: Warp, cx: float, cy: float) -> None:
+    def __init__(self, warp: Warp, camera: StereoCamera) -> None:
         self._cos, self._sin = np.cos(warp.right_roll_rad), np.sin(warp.right_roll_rad)
-        self._cx, self._cy, self._down = cx, cy, warp.right_y_px / warp.scale_y
+        # How far a step to the right leads down, and a step down to the left: a circle is an ellipse in px.
+        self._fall = self._sin * camera.fy_over_fx
+        self._lean = self._sin / camera.fy_over_fx
+        self._cx, self._cy, self._down = camera.cx_right_px, camera.cy_px, warp.right_y_px / warp.scale_y
 
     def done(self, x: NDArray[Any], y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return where points of the right image go."""
         across, along = x - self._cx, y - self._cy
         return (
-            self._cx + self._cos * across - self._sin * along,
-            self._cy + self._down + self._sin * across + self._cos * along,
+            self._cx + self._cos * across - self._lean * along,
+            self._cy + self._down + self._fall * across + self._cos * along,
         )
 
     def undone(self, x: NDArray[Any], y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return where points of the moved image come from."""
         across, along = x - self._cx, y - self._cy - self._down
-        return self._cx + self._cos * across + self._sin * along, self._cy - self._sin * across + self._cos * along
+        return self._cx + self._cos * across + self._lean * along, self._cy - self._fall * across + self._cos * along
 
     def image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return the moved image."""
         height, width = image.shape[:2]
         across, along = np.arange(width) - self._cx, np.arange(height) - self._cy
-        lean = self._sin / (1 + self._cos)
+        lean = self._lean / (1 + self._cos)
         # Three shears make a turn.
         values = image.reshape(height, width, -1).astype(np.float32)
         values = sheared(values, lean * along, axis=1)
-        values = sheared(values, -self._sin * across - self._down, axis=0)
+        values = sheared(values, -self._fall * across - self._down, axis=0)
         values = sheared(values, lean * (along - self._down), axis=1)
         return np.rint(values).clip(0, 255).astype(np.uint8).reshape(image.shape)
 
@@ -201,10 +204,11 @@ class _Turn:
             way = np.stack([other_x - x, other_y - y], axis=-1)
             changed["correspondence"] = np.where(known[..., None], way, np.inf).astype(np.float32)
         if eye == "right":
-            turn = np.array([[self._cos, -self._sin], [self._sin, self._cos]], np.float32)
+            in_px = np.array([[self._cos, -self._lean], [self._fall, self._cos]], np.float32)
+            in_metres = np.array([[self._cos, -self._sin], [self._sin, self._cos]], np.float32)
             for name in ("normals", "flow", "flow_backward"):
                 if name in arrays:
-                    vectors = arrays[name].copy()
+                    vectors, turn = arrays[name].copy(), in_metres if name == "normals" else in_px
                     finite = np.isfinite(vectors).all(-1)
                     vectors[finite, :2] = vectors[finite, :2] @ turn.T
                     changed[name] = vectors

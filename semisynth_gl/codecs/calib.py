@@ -38,8 +38,8 @@ class MiddleburyCalib(Codec[Calibration]):
     def encode(self, value: Calibration) -> bytes:
         """Encode a calibration, with the lines in Middlebury's order."""
         camera = value.camera
-        f, cy = float(camera.focal_px), float(camera.cy_px)
-        eyes = [f"[{f!r} 0 {float(cx)!r}; 0 {f!r} {cy!r}; 0 0 1]" for cx in (camera.cx_left_px, camera.cx_right_px)]
+        fx, fy, cy = float(camera.focal_px), float(camera.focal_y_px), float(camera.cy_px)
+        eyes = [f"[{fx!r} 0 {float(cx)!r}; 0 {fy!r} {cy!r}; 0 0 1]" for cx in (camera.cx_left_px, camera.cx_right_px)]
         lengths = float(value.doffs_px), float(camera.baseline_m) * 1000
         sizes = camera.width_px, camera.height_px, value.ndisp
         values = (*eyes, *map(repr, lengths), *sizes, 0, f"{value.vmin_px:g}", f"{value.vmax_px:g}", 0, 0)
@@ -61,17 +61,16 @@ class MiddleburyCalib(Codec[Calibration]):
             count = {key: int(values[key]) for key in ("width", "height", "ndisp")}
         except ValueError as error:
             raise ReadError(path, str(error)) from None
-        focal, cy = left[0], left[5]
+        fx, fy, cy = left[0], left[4], left[5]
         for name, matrix in (("cam0", left), ("cam1", right)):
-            if matrix != [focal, 0.0, matrix[2], 0.0, focal, cy, 0.0, 0.0, 1.0]:
+            if matrix != [fx, 0.0, matrix[2], 0.0, fy, cy, 0.0, 0.0, 1.0]:
                 raise ReadError(
-                    path, f"{name} is not [f 0 cx; 0 f cy; 0 0 1] with the f and cy of cam0: {values[name]}"
+                    path, f"{name} is not [fx 0 cx; 0 fy cy; 0 0 1] with fx, fy and cy of cam0: {values[name]}"
                 )
         try:
-            camera = StereoCamera(
-                count["width"], count["height"], focal, number["baseline"] / 1000, left[2], right[2], cy
-            )
-        except InputError as error:
+            sides, points = (count["width"], count["height"]), (left[2], right[2], cy)
+            camera = StereoCamera(*sides, fx, number["baseline"] / 1000, *points, fy_over_fx=fy / fx)
+        except (InputError, ZeroDivisionError) as error:
             raise ReadError(path, str(error)) from None
         return Calibration(camera, number["doffs"], count["ndisp"], number["vmin"], number["vmax"])
 
@@ -84,7 +83,7 @@ class KittiCalib(Codec[StereoCamera]):
 
     def encode(self, value: StereoCamera) -> bytes:
         """Encode a rectified pair of cameras."""
-        f, cy = float(value.focal_px), float(value.cy_px)
+        fx, fy, cy = float(value.focal_px), float(value.focal_y_px), float(value.cy_px)
         lines = []
         for number, cx, shift in (
             ("02", float(value.cx_left_px), 0.0),
@@ -93,7 +92,7 @@ class KittiCalib(Codec[StereoCamera]):
             lines += [
                 f"S_rect_{number}: {value.width_px} {value.height_px}",
                 f"R_rect_{number}: 1 0 0 0 1 0 0 0 1",
-                f"P_rect_{number}: {f!r} 0 {cx!r} {shift!r} 0 {f!r} {cy!r} 0 0 0 1 0",
+                f"P_rect_{number}: {fx!r} 0 {cx!r} {shift!r} 0 {fy!r} {cy!r} 0 0 0 1 0",
             ]
         return ("\n".join(lines) + "\n").encode()
 
@@ -104,19 +103,19 @@ class KittiCalib(Codec[StereoCamera]):
             lines = {name: rest.split() for name, _, rest in (line.partition(":") for line in text.splitlines())}
             size = [int(value) for value in lines["S_rect_02"]]
             left, right = ([float(value) for value in lines[f"P_rect_{number}"]] for number in ("02", "03"))
-            f, cx_left, cy, cx_right, shift = left[0], left[2], left[6], right[2], right[3]
+            (fx, _, cx_left, _, _, fy, cy), (cx_right, shift) = left[:7], right[2:4]
             if not text.endswith("\n") or size != [int(value) for value in lines["S_rect_03"]]:
                 raise ReadError(path, "the last line has no end, or the two cameras are not of one size")
             for number, came, expected in (
-                ("02", left, [f, 0, cx_left, 0, 0, f, cy, 0, 0, 0, 1, 0]),
-                ("03", right, [f, 0, cx_right, shift, 0, f, cy, 0, 0, 0, 1, 0]),
+                ("02", left, [fx, 0, cx_left, 0, 0, fy, cy, 0, 0, 0, 1, 0]),
+                ("03", right, [fx, 0, cx_right, shift, 0, fy, cy, 0, 0, 0, 1, 0]),
             ):
                 if came != expected:
                     raise ReadError(
-                        path, f"P_rect_{number} is {came}, expected {expected}: f and cy of P_rect_02, no skew"
+                        path, f"P_rect_{number} is {came}, expected {expected}: fx, fy and cy of P_rect_02, no skew"
                     )
             width, height = size
-            return StereoCamera(width, height, f, -shift / f, cx_left, cx_right, cy)
+            return StereoCamera(width, height, fx, -shift / fx, cx_left, cx_right, cy, fy_over_fx=fy / fx)
         except (KeyError, IndexError, ValueError, ZeroDivisionError, InputError) as error:
             raise ReadError(path, f"expected S_rect and P_rect of the cameras 02 and 03: {error!r}") from None
 
@@ -136,7 +135,7 @@ def calib_matrix(text: str) -> list[float]:
     """
     rows = [row.replace(",", " ").split() for row in text.strip().removeprefix("[").removesuffix("]").split(";")]
     if [len(row) for row in rows] not in ([3, 3, 3], [9]):
-        raise ValueError(f"expected a matrix [f 0 cx; 0 f cy; 0 0 1], got {text!r}")
+        raise ValueError(f"expected a matrix [fx 0 cx; 0 fy cy; 0 0 1], got {text!r}")
     return [float(value) for row in rows for value in row]
 
 

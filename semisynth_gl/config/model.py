@@ -65,10 +65,10 @@ _MOST_RECIPES = 100
 
 
 # The sections that a recipe may change, each with the keys that it may not change, since they hold for all pairs of a
-# dataset: the kind of images, the number of pairs per scene, the sets of models and patches, the sampling of patches by
-# the graphics card, and the limits by which truth is stored and checked.
+# dataset: the kind of images, the shape of pixels, the number of pairs per scene, the sets of models and patches, the
+# sampling of patches by the graphics card, and the limits by which truth is stored and checked.
 _OF_RECIPES: Mapping[str, tuple[type[Section], tuple[str, ...]]] = {
-    "camera": (CameraSection, ("width_px", "height_px", "baselines", "colour")),
+    "camera": (CameraSection, ("width_px", "height_px", "fy_over_fx", "baselines", "colour")),
     "disparity": (DisparitySection, ("signed", "min_px", "max_px")),
     "background": (BackgroundSection, ()),
     "room": (RoomSection, ()),

@@ -33,6 +33,8 @@ from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel, RawCamera, ro
 
 # Any current OpenGL 4.5 driver draws images of this width, and the memory of a large machine holds this many pixels.
 WIDEST_PX, MOST_PIXELS = 16_384, 1 << 27
+# Largest ratio of the two focal lengths, either way.
+MOST_FY_OVER_FX = 2.0
 # Largest side of a projector's pattern, widest view in degrees, and largest number of dots.
 _LARGEST_PATTERN_PX, _WIDEST_DEG = 8192, 170.0
 _MOST_DOTS = 1_000_000
@@ -45,6 +47,8 @@ _LENSES, _COLUMNS, _ROWS = 16, 13, 9
 _COARSEST = 16
 
 _Side = Annotated[int, count(WIDEST_PX)]
+# A ratio of 1 is left out, so that configs with square pixels keep the digest that they had before there was this key.
+_FocalRatio = Annotated[float, Field(ge=1 / MOST_FY_OVER_FX, le=MOST_FY_OVER_FX, exclude_if=lambda ratio: ratio == 1)]
 
 LensBorder = Literal["black", "replicate"]
 _DRAWN_PATTERNS = ("dots", "stripes")
@@ -59,6 +63,8 @@ class CameraSection(Section):
         focal_px: focal length; or give ``focal_mm`` and ``sensor_width_mm``.
         focal_mm: focal length, instead of ``focal_px``.
         sensor_width_mm: width of the part of the sensor that the image covers.
+        fy_over_fx: focal length in y divided by that in x, which is ``focal_px``; 1 for square pixels, 1.00123 for
+            Cityscapes.
         baseline_m: distance between the cameras.
         baselines: number of right cameras per scene, each at a distance drawn from ``baseline_m``; or a list of the
             distances, metres.
@@ -77,6 +83,7 @@ class CameraSection(Section):
     focal_px: PositiveRange | None = None
     focal_mm: PositiveRange | None = None
     sensor_width_mm: Positive | None = None
+    fy_over_fx: _FocalRatio = 1.0
     baseline_m: PositiveRange | None = None
     baselines: Baselines = 1
     cx_left_px: RangeField | None = None
@@ -161,7 +168,7 @@ class CameraSection(Section):
         cx_px = (self.width_px - 1 - doffs_px) / 2 if self.cx_left_px is None else self.cx_left_px.middle
         cx_px += doffs_px if eye == "right" else 0
         cy_px = (self.height_px - 1) / 2 if self.cy_px is None else self.cy_px.middle
-        return np.array([[focal_px, 0, cx_px], [0, focal_px, cy_px], [0, 0, 1]])
+        return np.array([[focal_px, 0, cx_px], [0, focal_px * self.fy_over_fx, cy_px], [0, 0, 1]])
 
     @property
     def all_doffs_px(self) -> Range:

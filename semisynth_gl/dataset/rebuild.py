@@ -51,7 +51,9 @@ class RebuiltScenes:
         recorded, camera = frame.provenance.get("camera"), rebuilt.scene.camera
         if rebuilt.recipe != frame.recipe or not isinstance(recorded, dict):
             return None
-        same = all(recorded.get(name) == value for name, value in camera.values().items() if name != "doffs_px")
+        same = recorded.get("fy_over_fx", 1.0) == camera.fy_over_fx and all(
+            recorded.get(name) == value for name, value in camera.values().items() if name != "doffs_px"
+        )
         return rebuilt if same else None
 
     def motion(self, rebuilt: SampledScene, frames: int) -> Motion:

@@ -124,8 +124,7 @@ class StereoCamera:
         cx_right_px: x of the right principal point.
         cy_px: y of both principal points.
         deviation: deviation of the right camera from the rectified one, which all other attributes describe.
-        aspect_ratio: focal length in y divided by that in x; other than 1 only where an augmentation has stretched the
-            pair.
+        fy_over_fx: focal length in y divided by that in x; 1 for square pixels.
 
     Raises:
         InputError: where a value has the wrong type or is out of range.
@@ -139,21 +138,22 @@ class StereoCamera:
     cx_right_px: float
     cy_px: float
     deviation: Deviation = RECTIFIED
-    aspect_ratio: float = 1.0
+    fy_over_fx: float = 1.0
 
     def __post_init__(self) -> None:
         for name in ("width_px", "height_px"):
             object.__setattr__(self, name, to_whole(name, getattr(self, name), most=_MOST_PX))
         object.__setattr__(self, "focal_px", to_magnitude("focal_px", self.focal_px, least=LEAST, most=MOST_PX))
-        object.__setattr__(self, "aspect_ratio", to_real("aspect_ratio", self.aspect_ratio))
+        object.__setattr__(self, "fy_over_fx", to_real("fy_over_fx", self.fy_over_fx))
         object.__setattr__(self, "baseline_m", to_magnitude("baseline_m", self.baseline_m, least=LEAST))
         for name in ("cx_left_px", "cx_right_px", "cy_px"):
             object.__setattr__(self, name, to_magnitude(name, getattr(self, name), most=MOST_PX))
         if self.width_px < 1 or self.height_px < 1:
             raise InputError(f"an image needs at least 1 x 1 pixel, got {self.width_px} x {self.height_px}")
-        for name in ("focal_px", "aspect_ratio"):
+        for name in ("focal_px", "fy_over_fx"):
             if getattr(self, name) <= 0:
                 raise InputError(f"{name} must be positive, got {getattr(self, name)}")
+        to_magnitude("focal_y_px", self.focal_y_px, least=LEAST, most=MOST_PX)
         if self.baseline_m < 0:
             raise InputError(f"baseline_m must be zero or positive, got {self.baseline_m}")
 
@@ -179,15 +179,15 @@ class StereoCamera:
         return cls(**known | {"deviation": Deviation(**values["deviation"]) if "deviation" in values else RECTIFIED})
 
     def values(self, *, deviation: bool = False) -> dict[str, Any]:
-        """Return the camera in JSON's types: the attributes by name but an aspect ratio of 1, and "doffs_px".
+        """Return the camera in JSON's types: the attributes by name but a fy_over_fx of 1, and "doffs_px".
 
         Args:
             deviation: whether a rectified pair has the key "deviation", too.
         """
         values = asdict(self)
         stated = values.pop("deviation")
-        if self.aspect_ratio == 1:
-            del values["aspect_ratio"]
+        if self.fy_over_fx == 1:
+            del values["fy_over_fx"]
         values["doffs_px"] = self.doffs_px
         return values | {"deviation": stated} if deviation or not self.rectified else values
 
@@ -229,7 +229,7 @@ class StereoCamera:
     @property
     def focal_y_px(self) -> float:
         """Focal length in y."""
-        return self.focal_px * self.aspect_ratio
+        return self.focal_px * self.fy_over_fx
 
     @property
     def focal_baseline(self) -> float:
@@ -240,12 +240,13 @@ class StereoCamera:
         """Return x of one eye's principal point."""
         return self.cx_left_px if eye == "left" else self.cx_right_px
 
-    def lens_px(self, eye: Eye) -> tuple[float, float, float]:
-        """Return x and y of one eye's principal point, and the eye's focal length in x, px."""
+    def lens_px(self, eye: Eye) -> tuple[float, float, float, float]:
+        """Return x and y of one eye's principal point, and the eye's focal lengths in x and y, px."""
         if eye == "left":
-            return self.cx_left_px, self.cy_px, self.focal_px
+            return self.cx_left_px, self.cy_px, self.focal_px, self.focal_y_px
         deviation = self.deviation
-        return self.cx_right_px, self.cy_px + deviation.y_px, self.focal_px * deviation.focal_ratio
+        focal_px = self.focal_px * deviation.focal_ratio
+        return self.cx_right_px, self.cy_px + deviation.y_px, focal_px, focal_px * self.fy_over_fx
 
     def offset_m(self, eye: Eye) -> float:
         """Return x of one eye's centre in the left camera's frame."""
@@ -296,14 +297,14 @@ class StereoCamera:
         if self.rectified:
             along = self.disparity_px(depth_m) * (-1 if eye == "left" else 1)
             return np.stack([along, np.zeros_like(along)], axis=-1)
-        direction, shift, (cx, cy, focal) = self._seen_from_other(eye, x_px, y_px)
+        direction, shift, (cx, cy, fx, fy) = self._seen_from_other(eye, x_px, y_px)
         with np.errstate(divide="ignore", invalid="ignore"):
             place = direction + shift / np.asarray(depth_m, np.float64)[..., None]
             z = np.where(place[..., 2] > 0, place[..., 2], np.nan)
             return np.stack(
                 [
-                    focal * place[..., 0] / z + (cx - np.asarray(x_px)),
-                    focal * self.aspect_ratio * place[..., 1] / z + (cy - np.asarray(y_px)),
+                    fx * place[..., 0] / z + (cx - np.asarray(x_px)),
+                    fy * place[..., 1] / z + (cy - np.asarray(y_px)),
                 ],
                 axis=-1,
             )
@@ -324,26 +325,26 @@ class StereoCamera:
         """
         if self.rectified:
             return self.depth_m(disparity_px)
-        direction, shift, (cx, _, focal) = self._seen_from_other(eye, x_px, y_px)
+        direction, shift, (cx, _, fx, _) = self._seen_from_other(eye, x_px, y_px)
         sign = -1 if eye == "left" else 1
         # The column in the other view, from its principal point: an equation in which only the depth is unknown.
         column = np.asarray(x_px, np.float64) + sign * np.asarray(disparity_px, np.float64) - cx
         with np.errstate(divide="ignore", invalid="ignore"):
-            result: NDArray[np.float64] = (focal * shift[0] - column * shift[2]) / (
-                column * direction[..., 2] - focal * direction[..., 0]
+            result: NDArray[np.float64] = (fx * shift[0] - column * shift[2]) / (
+                column * direction[..., 2] - fx * direction[..., 0]
             )
         return result
 
     def rays_of_eye(self, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return directions (..., 3) with z = 1 through pixel positions (...), in the eye's own frame."""
-        cx, cy, focal = self.lens_px(eye)
-        x = (np.asarray(x_px, np.float64) - cx) / focal
-        y = (np.asarray(y_px, np.float64) - cy) / (focal * self.aspect_ratio)
+        cx, cy, fx, fy = self.lens_px(eye)
+        x = (np.asarray(x_px, np.float64) - cx) / fx
+        y = (np.asarray(y_px, np.float64) - cy) / fy
         return np.stack([x, y, np.ones_like(x)], axis=-1)
 
     def _seen_from_other(
         self, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[float, float, float]]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[float, float, float, float]]:
         """Return pixels' directions (..., 3) and the eye's place (3,) in the other eye's frame, and that eye's lens."""
         other = OTHER_EYE[eye]
         direction = self.rays(eye, x_px, y_px)

@@ -196,5 +196,5 @@ def vector_of(rotation: tuple[tuple[float, ...], ...]) -> tuple[float, float, fl
 
 def pinhole_of(camera: StereoCamera, eye: Eye) -> Floats:
     """Return the camera matrix of one eye of a rectified pair, (3, 3) float64."""
-    cx, cy, focal = camera.lens_px(eye)
-    return np.array([[focal, 0, cx], [0, focal, cy], [0, 0, 1]], np.float64)
+    cx, cy, fx, fy = camera.lens_px(eye)
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)

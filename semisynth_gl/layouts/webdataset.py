@@ -42,8 +42,9 @@ def _facts(sample: Sample) -> dict[str, Any]:
     provenance, camera = sample.provenance, sample.frame.camera
     numbers: dict[str, Any] = {name: int(getattr(camera, name)) for name in _SIZES}
     numbers |= {name: float(getattr(camera, name)) for name in _LENGTHS}
-    # Either all pairs of a dataset have it or none: a rectified twin states a deviation of zero.
-    numbers |= {key: value for key, value in provenance.get("camera", {}).items() if key == "deviation"}
+    # Either all pairs of a dataset have these or none: a rectified twin states a deviation of zero.
+    recorded = provenance.get("camera", {})
+    numbers |= {key: recorded[key] for key in ("fy_over_fx", "deviation") if key in recorded}
     beyond = provenance.get(View.disparity.beyond_key, {})
     return {
         "pair": int(provenance["pair"]),

@@ -34,9 +34,9 @@ class ConstantsBuffer:
         values = np.zeros((), CONSTANTS)
         matrix = clip_from_view(camera, eye, near_m) if projection is None else projection
         values["clip_from_view"] = matrix.T
-        cx, cy, focal = camera.lens_px(eye)
+        cx, cy, fx, fy = camera.lens_px(eye)
         values["centre_px"] = cx, cy
-        values["focal_px"] = focal
+        values["focal_px"] = fx, fy
         values["focal_baseline"] = camera.focal_baseline
         values["doffs_px"] = camera.doffs_px
         values["near_m"] = near_m

@@ -153,10 +153,10 @@ def _boxes(
     camera = scene.camera if part is None else scene.camera.cropped(part)
     x, y, z = (np.matmul(corners, rows[:, :, :3].transpose(0, 2, 1)) + rows[:, None, :, 3]).transpose(2, 0, 1)
     nearest = z.min(axis=1)
-    (cx, cy, focal), near_m = camera.lens_px(eye), scene.near_of(eye)
+    (cx, cy, fx, fy), near_m = camera.lens_px(eye), scene.near_of(eye)
     before_eye = np.maximum(z, near_m)
-    column = focal * x / before_eye + cx
-    row = focal * y / before_eye + cy
+    column = fx * x / before_eye + cx
+    row = fy * y / before_eye + cy
     depth = np.where(nearest > near_m, near_m / np.maximum(nearest, near_m), np.inf)
     return np.stack([column.min(axis=1), row.min(axis=1), column.max(axis=1), row.max(axis=1), depth])
 

@@ -14,11 +14,11 @@ def clip_from_view(camera: StereoCamera, eye: Eye, near_m: float) -> NDArray[np.
     and without a far plane: near / Z, 1 at the near plane and 0 at infinity.
     """
     w, h = camera.width_px, camera.height_px
-    cx, cy, focal = camera.lens_px(eye)
+    cx, cy, fx, fy = camera.lens_px(eye)
     matrix = np.zeros((4, 4))
-    matrix[0, 0] = 2 * focal / w
+    matrix[0, 0] = 2 * fx / w
     matrix[0, 2] = (2 * cx + 1) / w - 1
-    matrix[1, 1] = 2 * focal / h
+    matrix[1, 1] = 2 * fy / h
     matrix[1, 2] = (2 * cy + 1) / h - 1
     matrix[2, 3] = near_m
     matrix[3, 2] = 1
@@ -33,11 +33,11 @@ def in_view(
     Centres (N, 3) are in the eye's own frame, radii are (N,). The result is false only where a sphere certainly lies
     outside the frustum.
     """
-    cx, cy, f = camera.lens_px(eye)
+    cx, cy, fx, fy = camera.lens_px(eye)
     x0, x1 = -0.5 - cx, camera.width_px - 0.5 - cx
     y0, y1 = -0.5 - cy, camera.height_px - 0.5 - cy
-    # Inward normals of the five planes through the eye; a plane through x = x1 is f X - x1 Z <= 0.
-    planes = np.array([[f, 0, -x0], [-f, 0, x1], [0, f, -y0], [0, -f, y1], [0, 0, 1.0]])
+    # Inward normals of the five planes through the eye; a plane through x = x1 is fx X - x1 Z <= 0.
+    planes = np.array([[fx, 0, -x0], [-fx, 0, x1], [0, fy, -y0], [0, -fy, y1], [0, 0, 1.0]])
     planes /= np.linalg.norm(planes, axis=1, keepdims=True)
     distance = centre_m @ planes.T
     distance[:, 4] -= near_m

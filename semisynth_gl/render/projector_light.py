@@ -63,7 +63,8 @@ class ProjectorLight:
         values = np.zeros((), PROJECTOR)
         values["projector_from_window"] = _projector_from_window(projector, camera, eye, width_px).T
         values["middle_px"] = (self._size[0] - 1) / 2, (self._size[1] - 1) / 2
-        values["focal_px"], values["power"], values["ambient"] = projector.focal_px, projector.power, projector.ambient
+        values["projector_focal_px"] = projector.focal_px
+        values["power"], values["ambient"] = projector.power, projector.ambient
         self._buffer.orphan()
         self._buffer.write(values.tobytes())
         self._pattern.use(_PATTERN)
@@ -89,11 +90,11 @@ def _projector_from_window(projector: Projector, camera: StereoCamera, eye: Eye,
 
     It leads to the fragment's point in the projector's frame, divided by Z; the fourth row is the identity's.
     """
-    cx, cy, focal = camera.lens_px(eye)
+    cx, cy, fx, fy = camera.lens_px(eye)
     scale = width_px / camera.width_px
     # A window's position x is (x / scale - 1 / 2) px in the image.
     view_from_window = np.array(
-        [[1 / scale / focal, 0, (-0.5 - cx) / focal], [0, 1 / scale / focal, (-0.5 - cy) / focal], [0, 0, 1.0]]
+        [[1 / scale / fx, 0, (-0.5 - cx) / fx], [0, 1 / scale / fy, (-0.5 - cy) / fy], [0, 0, 1.0]]
     )
     turn = camera.turn(eye)
     left_from_eye = np.eye(3) if turn is None else turn.T

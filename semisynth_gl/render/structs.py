@@ -14,12 +14,13 @@ CONSTANTS = np.dtype(
     [
         ("clip_from_view", "<f4", (4, 4)),  # column by column
         ("centre_px", "<f4", 2),
-        ("focal_px", "<f4"),
+        ("focal_px", "<f4", 2),
         ("focal_baseline", "<f4"),
         ("doffs_px", "<f4"),
         ("near_m", "<f4"),
         ("other_from_own", "<f4"),
         ("least_px", "<f4"),
+        ("", "<f4", 3),
     ]
 )
 """The uniform block of common_constants.glsl, std140."""
@@ -28,7 +29,7 @@ PROJECTOR = np.dtype(
     [
         ("projector_from_window", "<f4", (4, 4)),  # column by column
         ("middle_px", "<f4", 2),
-        ("focal_px", "<f4"),
+        ("projector_focal_px", "<f4"),
         ("power", "<f4"),
         ("ambient", "<f4"),
         ("", "<f4", 3),

@@ -163,9 +163,9 @@ def surfaces_at(
         ray = rays[on_instance]
         towards = (normal * ray).sum(axis=1)
         slant[on_instance] = np.rad2deg(np.arccos(np.clip(np.abs(towards) / np.linalg.norm(ray, axis=1), 0, 1)))
-        # The rays' derivatives are (1, 0, 0) / f and (0, 1, 0) / f: n . r' is a component of n.
+        # The rays' derivatives are (1, 0, 0) / fx and (0, 1, 0) / fy: n . r' is a component of n.
         moved = np.eye(3)[:, :2] - ray[:, :, None] * (normal[:, :2] / towards[:, None])[:, None, :]
-        moved *= (hits.depth_m[on_instance] / scene.camera.focal_px)[:, None, None]
+        moved *= hits.depth_m[on_instance][:, None, None] / (scene.camera.focal_px, scene.camera.focal_y_px)
         jacobian = patch_px[number] * patches @ np.linalg.pinv(edges) @ moved
         texels[on_instance] = np.sqrt(np.abs(np.linalg.det(jacobian)))
     return slant, texels

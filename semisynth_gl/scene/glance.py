@@ -82,10 +82,11 @@ def _rasterised(scene: Scene, points: Floats, triangles: Ints, owner: Ints) -> G
         owner: (T,) the instance that each triangle belongs to.
     """
     camera, inverse = scene.camera, 1 / points[:, 2]
-    sides = zip((0, 1), (camera.width_px, camera.height_px), (camera.cx_left_px, camera.cy_px), strict=True)
+    cx, cy, fx, fy = camera.lens_px("left")
+    sides = (0, camera.width_px, fx, cx), (1, camera.height_px, fy, cy)
     x, y = (
-        (points[:, axis] * inverse * camera.focal_px + (middle_px + 0.5)) * (GRID[axis] / size_px) - 0.5
-        for axis, size_px, middle_px in sides
+        (points[:, axis] * inverse * focal_px + (middle_px + 0.5)) * (GRID[axis] / size_px) - 0.5
+        for axis, size_px, focal_px, middle_px in sides
     )
     triangle, cell, u, v = covered_cells(x, y, triangles, *GRID)
     # 1 / Z is linear over the image.

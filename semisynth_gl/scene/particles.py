@@ -162,7 +162,7 @@ def _mean_secant(camera: StereoCamera) -> float:
     and a solid angle takes f^2 / cos(t)^3 of the picture: together 1 / cos(t) of the area in the middle.
     """
     x = ((np.arange(16) + 0.5) / 16 * camera.width_px - 0.5 - camera.cx_left_px) / camera.focal_px
-    y = ((np.arange(16) + 0.5) / 16 * camera.height_px - 0.5 - camera.cy_px) / camera.focal_px
+    y = ((np.arange(16) + 0.5) / 16 * camera.height_px - 0.5 - camera.cy_px) / camera.focal_y_px
     return float(np.sqrt(1 + x**2 + y[:, None] ** 2).mean())
 
 

@@ -45,7 +45,9 @@ def draw_camera(section: CameraSection, rng: np.random.Generator) -> StereoCamer
     cx_left_px = draw(section.cx_left_px, (section.width_px - 1) / 2 - doffs_px / 2)
     cx_right_px = draw(section.cx_right_px, cx_left_px + doffs_px)
     cy_px = draw(section.cy_px, (section.height_px - 1) / 2)
-    return StereoCamera(section.width_px, section.height_px, focal_px, baseline_m, cx_left_px, cx_right_px, cy_px)
+    sides = section.width_px, section.height_px
+    points = cx_left_px, cx_right_px, cy_px
+    return StereoCamera(*sides, focal_px, baseline_m, *points, fy_over_fx=section.fy_over_fx)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

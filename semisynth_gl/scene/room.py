@@ -84,7 +84,7 @@ def draw_room(
     metre = wall_m / float(np.clip(wall_m, _TRUE.low, _TRUE.high))
     height = section.camera_height_m.draw(rng) * metre
     row = section.floor_row.draw(rng) * camera.height_px - 0.5
-    pitch = float(np.clip(np.arctan2(height, wall_m) - np.arctan2(row - camera.cy_px, camera.focal_px), -0.35, 0.9))
+    pitch = float(np.clip(np.arctan2(height, wall_m) - np.arctan2(row - camera.cy_px, camera.focal_y_px), -0.35, 0.9))
     turn = np.deg2rad(background.wall_turn_deg)
     yaw, roll = rng.uniform(-2, 2) * turn, rng.normal() * np.deg2rad(section.roll_deg)
     aside = rng.uniform(0.25, 1.15, 2)

@@ -263,7 +263,7 @@ class SceneSampler:
         for number, pose in rested.items():
             slot = int(chosen[number])
             x, y, z = pose[:3, 3]
-            row = camera.cy_px + camera.focal_px * y / z
+            row = camera.cy_px + camera.focal_y_px * y / z
             radius_m = particles.radius_m[slot] * slots.flatness[slot]
             clear_m = clear_depth_m(near_m, radius_m, np.hypot(x, y), stage.sway)
             if z > clear_m and -0.5 < row < camera.height_px - 0.5:

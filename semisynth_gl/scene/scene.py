@@ -92,10 +92,6 @@ class Scene:
     projector: Projector | None = None
 
     def __post_init__(self) -> None:
-        if self.camera.aspect_ratio != 1:
-            raise InputError(
-                f"expected a camera with aspect_ratio 1, got {self.camera.aspect_ratio:g}", argument="scene"
-            )
         object.__setattr__(self, "near_m", to_magnitude("near_m", self.near_m, least=LEAST))
         if self.near_m <= 0:
             raise InputError(f"near_m must be positive, got {self.near_m}")

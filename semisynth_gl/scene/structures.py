@@ -230,7 +230,7 @@ def _ground_height_m(section: StructuresSection, camera: StereoCamera, rng: np.r
         return section.ground_height_m.draw(rng)
     drawn_px = section.ground_disparity_px.draw(rng)
     check_reachable(camera, drawn_px, "structures.ground_disparity_px")
-    below = (camera.height_px - 0.5 - camera.cy_px) / camera.focal_px
+    below = (camera.height_px - 0.5 - camera.cy_px) / camera.focal_y_px
     return float(camera.depth_m(drawn_px)) * below
 
 

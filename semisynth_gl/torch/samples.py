@@ -27,10 +27,10 @@ def to_sample(index: int, frame: Frame) -> Sample:
 
     Returns:
         ``index``, an int; ``camera``, a dictionary of floats; and each array of `Frame.arrays` as a tensor under its
-        role. The camera has ``focal_px``, ``focal_y_px`` (which differs only in a stretched pair), ``baseline_m``,
-        ``doffs_px``, the principal points ``cx_left_px``, ``cx_right_px`` and ``cy_px`` (in a crop, in the crop's
-        pixels), and the right camera's deviation: ``right_roll_rad``, ``right_pitch_rad``, ``right_y_px`` and
-        ``focal_ratio``.
+        role. The camera has ``focal_px``, ``focal_y_px`` (which differs in a stretched pair, and where
+        ``camera.fy_over_fx`` is not 1), ``baseline_m``, ``doffs_px``, the principal points ``cx_left_px``,
+        ``cx_right_px`` and ``cy_px`` (in a crop, in the crop's pixels), and the right camera's deviation:
+        ``right_roll_rad``, ``right_pitch_rad``, ``right_y_px`` and ``focal_ratio``.
 
         Images are (3, H, W) uint8, or (1, H, W) from a monochrome camera, and raw images have H and W of the sensor;
         normals are (3, H, W) float32; flow, correspondences and maps into raw images are (2, H, W) float32; ids are

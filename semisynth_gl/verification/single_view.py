@@ -172,9 +172,11 @@ def _check_camera(frame: StoredFrame, verdict: Verdict) -> None:
         return
     del values["doffs_px"]
     values.pop("deviation", None)  # the provenance's own
+    # Both leave out a ratio of 1.
+    recorded, values = ({"fy_over_fx": 1.0} | each for each in (recorded, values))
     for name, value in values.items():
         expected = recorded.get(name)
-        # The baseline is stored in millimetres, which may cost its last digit.
+        # The baseline is stored in millimetres, and fy in px, which may cost a last digit.
         if not (isinstance(expected, int | float) and isclose(value, expected, rel_tol=1e-12, abs_tol=1e-12)):
             verdict.add("calib", f"{name} is {value!r}, in the pair's provenance {expected!r}")
 
@@ -260,7 +262,8 @@ def check_normals(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     height, width = disparity.shape
     column, row = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
     length = np.sqrt(dot(normals, normals))
-    away = dot(normals, camera.rays_of_eye(eye, column, row)) > _UNIT_LENGTH + _EDGE_PX / camera.focal_px
+    edge = _EDGE_PX / min(camera.focal_px, camera.focal_y_px)
+    away = dot(normals, camera.rays_of_eye(eye, column, row)) > _UNIT_LENGTH + edge
     wrong = ~zero & ~(np.abs(length - 1) <= _UNIT_LENGTH)
     detail = f"; the lengths of these go up to {length[wrong].max():.6g}" if wrong.any() else ""
     verdict.add_pixels("normals", name, "is no unit vector", wrong, detail)

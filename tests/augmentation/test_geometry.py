@@ -49,30 +49,35 @@ def draw(backend):
 
 
 def scaled_camera(camera, warp, sides, place, margin):
-    """Make the camera of a crop at another scale, without a stretch, which no `StereoCamera` has."""
+    """Make the camera of a crop at another scale."""
 
-    def moved(position, start):
-        return (position - start - margin + 0.5) * warp.scale_x - 0.5
+    def moved(position, start, scale):
+        return (position - start - margin + 0.5) * scale - 0.5
 
     return replace(
         camera,
         width_px=sides[1],
         height_px=sides[0],
         focal_px=camera.focal_px * warp.scale_x,
-        cx_left_px=moved(camera.cx_left_px, place.x_px),
-        cx_right_px=moved(camera.cx_right_px, place.x_px),
-        cy_px=moved(camera.cy_px, place.y_px),
+        cx_left_px=moved(camera.cx_left_px, place.x_px, warp.scale_x),
+        cx_right_px=moved(camera.cx_right_px, place.x_px, warp.scale_x),
+        cy_px=moved(camera.cy_px, place.y_px, warp.scale_y),
         deviation=Deviation(warp.right_roll_rad, 0.0, warp.right_y_px),
+        fy_over_fx=camera.fy_over_fx * warp.scale_y / warp.scale_x,
     )
 
 
-def both(draw, warp, sides=(60, 80), margin=0, corner=(37, 21)):
+def both(draw, warp, sides=(60, 80), margin=0, corner=(37, 21), fy_over_fx=1.0):
     """Change a pair, and draw it so in the first place."""
-    whole = draw(0)
+
+    def seen(camera):
+        return replace(camera, fy_over_fx=fy_over_fx)
+
+    whole = draw(0, seen)
     height, width = warp.source(sides, margin)
     place = Crop(*corner, width, height)
     changed = warp.applied(whole.cropped(place), sides, margin)
-    expected = draw(0, lambda camera: scaled_camera(camera, warp, sides, place, margin))
+    expected = draw(0, lambda camera: scaled_camera(seen(camera), warp, sides, place, margin))
     for name in ("focal_px", "focal_y_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px"):
         assert getattr(changed.camera, name) == pytest.approx(getattr(expected.camera, name), abs=1e-9)
     return changed, expected
@@ -87,18 +92,20 @@ def smooth(view):
 
 @pytest.mark.one_backend
 @pytest.mark.parametrize(
-    ("warp", "margin"),
+    ("warp", "margin", "fy_over_fx"),
     [
-        (Warp(1.31, 1.31), 0),
-        (Warp(1.1, 1.1, 1.3), 4),
-        (Warp(1.0, 1.0, 1.5), 4),
-        (Warp(0.77, 0.77), 0),
-        (Warp(0.9, 0.9, 1.5, 0.01), 6),
-        (Warp(1.2, 1.2, -2, -0.02), 8),
+        (Warp(1.31, 1.31), 0, 1.0),
+        (Warp(1.1, 1.1, 1.3), 4, 1.0),
+        (Warp(1.0, 1.0, 1.5), 4, 1.0),
+        (Warp(0.77, 0.77), 0, 1.0),
+        (Warp(0.9, 0.9, 1.5, 0.01), 6, 1.0),
+        (Warp(1.2, 1.2, -2, -0.02), 8, 1.0),
+        (Warp(1.3, 1.1, -2, -0.02), 8, 1.0),
+        (Warp(1.1, 1.1, 1.5, 0.03), 10, 1.3),
     ],
 )
-def test_a_scaled_and_moved_pair_is_the_one_that_its_camera_sees(draw, warp, margin):
-    changed, expected = both(draw, warp, margin=margin)
+def test_a_scaled_and_moved_pair_is_the_one_that_its_camera_sees(draw, warp, margin, fy_over_fx):
+    changed, expected = both(draw, warp, margin=margin, fy_over_fx=fy_over_fx)
     for eye in EYES:
         found, drawn = changed.view(eye), expected.view(eye)
         assert set(found) == set(drawn)

@@ -116,10 +116,24 @@ def test_a_lens_that_does_nothing_leaves_each_bit(grey):
         np.testing.assert_array_equal(chain.rectify(image), image)
 
 
+def test_focal_lengths_of_both_axes_are_changed_each_by_its_own():
+    camera = replace(CAMERA, fy_over_fx=1.1)
+    raw = RawCamera(200, 150, 140, 160, 99, 74, "radial-tangential", (0.0,) * 4)
+    chain = LensChain(raw, camera, "right", "black")
+    y, x = np.mgrid[:120, :160].astype(float)
+    expected = 140 * (x - 84) / 150 + 99, 160 * (y - 58.5) / 165 + 74
+    np.testing.assert_allclose(chain.maps, expected, atol=1e-4)
+    np.testing.assert_allclose(raw.rectified(chain.pinhole, *expected), (x, y), atol=1e-9)
+    own = replace(raw, width_px=160, height_px=120, fx_px=150, fy_px=165, cx_px=84, cy_px=58.5)
+    assert own.is_pinhole(camera, "right")
+    assert not own.is_pinhole(CAMERA, "right")
+
+
+@pytest.mark.parametrize("fy_over_fx", [1.0, 1.1])
 @pytest.mark.parametrize("name", LENSES)
-def test_the_raw_image_is_what_its_rays_meet(name):
+def test_the_raw_image_is_what_its_rays_meet(name, fy_over_fx):
     raw = raw_camera(name)
-    chain = LensChain(raw, CAMERA, "left", "black")
+    chain = LensChain(raw, replace(CAMERA, fy_over_fx=fy_over_fx), "left", "black")
 
     def colours(x, y):
         return 120 + 60 * np.sin(x / 9) + 50 * np.cos(y / 7 + x / 30)

@@ -124,8 +124,9 @@ def test_a_plane_has_the_light_of_rays(tilt_rad, antialias):
         assert off[even].max() < 1.5
 
 
-def test_a_camera_that_deviates_sees_the_same_light():
-    camera = replace(CAMERA, deviation=Deviation(0.04, -0.03, 2.0, 1.02))
+@pytest.mark.parametrize("fy_over_fx", [1.0, 1.2])
+def test_a_camera_that_deviates_sees_the_same_light(fy_over_fx):
+    camera = replace(CAMERA, deviation=Deviation(0.04, -0.03, 2.0, 1.02), fy_over_fx=fy_over_fx)
     scene = plane(tilt_rad=0.4, camera=camera, projector=projector())
     frame = drawn(scene, rectified=False)
     light, decided, _ = expected_light(scene, [SQUARE], "right")

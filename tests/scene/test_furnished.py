@@ -1,6 +1,7 @@
 """Rooms and streets: closed to all sides, nothing too near, things upright on what they stand on."""
 
 from collections import Counter
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -285,9 +286,10 @@ def test_a_glance_sees_what_the_ray_caster_sees(rig: str, kind: str) -> None:
         np.testing.assert_allclose(seen.uv[ray], uv[0] + along @ (uv[1:] - uv[0]), atol=1e-6)
 
 
-def test_a_glance_cuts_triangles_at_the_near_plane() -> None:
+@pytest.mark.parametrize("fy_over_fx", [1.0, 1.3])
+def test_a_glance_cuts_triangles_at_the_near_plane(fy_over_fx: float) -> None:
     """Of random triangles around the camera, most reach behind it with one corner or with two."""
-    camera, generator_ = CAMERAS["kitti"], rng(2)
+    camera, generator_ = replace(CAMERAS["kitti"], fy_over_fx=fy_over_fx), rng(2)
     corners = generator_.uniform((-4, -2, -2), (4, 2, 4), (60, 3, 3))
     triangles = [make_mesh(str(k), points, points[:, :2], [[0, 1, 2]]) for k, points in enumerate(corners)]
     # Meshes are kept as they are given: their vertices are metres in the camera's frame.

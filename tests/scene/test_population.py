@@ -312,9 +312,11 @@ def test_expected_cover_is_what_thrown_discs_cover():
     assert expected_cover(camera, sizes, disparity, 1.0)[0] == pytest.approx(covered.mean(), rel=0.02)
 
 
-def test_expected_cover_grows_towards_the_sides_of_a_wide_view():
+@pytest.mark.parametrize("fy_over_fx", [1.0, 0.6])
+def test_expected_cover_grows_towards_the_sides_of_a_wide_view(fy_over_fx):
     """Small balls all over the view, outlined by rays that pass within their radius."""
     camera, rng = StereoCamera.centred(600, 400, 350.0, 0.2), np.random.default_rng(2)
+    camera = replace(camera, fy_over_fx=fy_over_fx)
     depth, radius_px = 5.0, 4.0
     radius_m = radius_px * depth / camera.focal_px
     x, y = rng.random(400) * 600 - 0.5, rng.random(400) * 400 - 0.5
@@ -326,8 +328,9 @@ def test_expected_cover_grows_towards_the_sides_of_a_wide_view():
     inside = np.linalg.norm(along[..., None] * rays - centre, axis=-1) < radius_m
     area = inside.sum(axis=1).mean() * 0.25**2
     sizes, disparity = Sizes(2 * radius_px, 2 * radius_px), np.array([0.0])
-    near_one = expected_cover(camera, sizes, disparity, 1.0)[0] * (600 + 2 * radius_px) * (400 + 2 * radius_px)
-    assert area > 1.1 * np.pi * radius_px**2
+    height_px = 400 + 2 * radius_px * fy_over_fx
+    near_one = expected_cover(camera, sizes, disparity, 1.0)[0] * (600 + 2 * radius_px) * height_px
+    assert area > 1.1 * np.pi * radius_px**2 * fy_over_fx
     assert near_one == pytest.approx(area, rel=0.02)
 
 

@@ -96,9 +96,9 @@ def test_what_would_stand_nearer_than_allowed_is_refused(setting):
 
 
 @pytest.mark.parametrize("baseline_m", [0.005, 0.06, 0.54, 30.0])
-@pytest.mark.parametrize("drawn_px", [7.0, 60.0])
-def test_a_ground_has_the_disparity_that_is_asked_for_whatever_the_rig(baseline_m, drawn_px):
-    camera = replace(CAMERA, baseline_m=baseline_m)
+@pytest.mark.parametrize(("drawn_px", "fy_over_fx"), [(7.0, 1.0), (60.0, 1.0), (60.0, 1.2)])
+def test_a_ground_has_the_disparity_that_is_asked_for_whatever_the_rig(baseline_m, drawn_px, fy_over_fx):
+    camera = replace(CAMERA, baseline_m=baseline_m, fy_over_fx=fy_over_fx)
     background = draw_plane(BackgroundSection(), DISPARITY, camera, np.random.default_rng(0))
     section = StructuresSection(ground=1, ground_tilt_deg=0, ground_disparity_px=Range(drawn_px, drawn_px))
     still = draw_surroundings(section, DISPARITY, camera, background, np.random.default_rng(0))
