@@ -102,6 +102,11 @@ class ConfigFacts:
         return rig_ranges(self.rigs)
 
     @property
+    def fy_over_fx(self) -> float:
+        """Ratio of the focal lengths in y and x, in the middle of the rigs' range: a config has one."""
+        return sum(self.ranges["fy_over_fx"]) / 2
+
+    @property
     def far_share(self) -> float:
         """Share of the wanted pixels that are farther than 20 m, for the middle of the rigs' ranges."""
         ranges = self.ranges

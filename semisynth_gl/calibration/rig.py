@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.config.fields import LARGEST, SMALLEST
-from semisynth_gl.config.rig_sections import MOST_PIXELS, WIDEST_PX
+from semisynth_gl.config.rig_sections import MOST_FY_OVER_FX, MOST_PIXELS, WIDEST_PX
 from semisynth_gl.frame.camera import Eye, StereoCamera
 from semisynth_gl.frame.raw_camera import RawCamera
 from semisynth_gl.inputs.errors import InputError
@@ -106,6 +106,11 @@ class Rig:
         for name, value in values.items():
             if not -LARGEST <= value <= LARGEST:
                 raise InputError(f"{self.source}: {name} is {value:g}: expected {-LARGEST:g} to {LARGEST:g}")
+        if not 1 / MOST_FY_OVER_FX <= camera.fy_over_fx <= MOST_FY_OVER_FX:
+            raise InputError(
+                f"{self.source}: fx is {camera.focal_px:g} and fy is {camera.focal_y_px:g}: expected a ratio of "
+                f"{1 / MOST_FY_OVER_FX:g} to {MOST_FY_OVER_FX:g}"
+            )
 
     @property
     def size(self) -> Size:
@@ -138,7 +143,8 @@ class Rig:
         """
         camera = self.camera
         left, right, cy = ((c + 0.5) * scale - 0.5 for c in (camera.cx_left_px, camera.cx_right_px, camera.cy_px))
-        camera = StereoCamera(*self.size.scaled(scale), camera.focal_px * scale, camera.baseline_m, left, right, cy)
+        size, focal_px = self.size.scaled(scale), camera.focal_px * scale
+        camera = StereoCamera(*size, focal_px, camera.baseline_m, left, right, cy, fy_over_fx=camera.fy_over_fx)
         bounds = DisparityBounds(*(None if bound is None else bound * scale for bound in self.bounds))
         raw = self.raw and {eye: each.scaled(scale) for eye, each in self.raw.items()}
         return replace(self, camera=camera, bounds=bounds, raw=raw)
@@ -156,22 +162,18 @@ def plain_rig(focal_px: float, baseline_m: float, size: Size) -> Rig:
 def rectified(projections: Projections, size: Size | None) -> Rig:
     """Check projection matrices, and return their rig.
 
-    Both matrices of a rectified pair are K [I | t] with the same focal length and cy, and with t along x only. ``size``
-    is the user's size of the images; where the calibration states a size too, they must be equal. Raises InputError
+    Both matrices of a rectified pair are K [I | t] with the same fx, fy and cy, and with t along x only. ``size`` is
+    the user's size of the images; where the calibration states a size too, they must be equal. Raises InputError
     where the pair is not rectified, the baseline is not above 0, or the size is missing or differs.
     """
     left, right, source = projections.left, projections.right, projections.source
     for name, matrix in (("left", left), ("right", right)):
         _check_pinhole(source, name, matrix)
-    focal_px, right_focal_px = float(left[0, 0]), float(right[0, 0])
-    if abs(focal_px - right_focal_px) > _SAME_FOCAL * focal_px:
-        raise _not_rectified(source, f"focal lengths differ: {focal_px:g} px left, {right_focal_px:g} right")
-    for name, matrix in (("left", left), ("right", right)):
-        if abs(matrix[1, 1] - focal_px) > _SAME_FOCAL * focal_px:
-            raise InputError(
-                f"{source}: the {name} camera has fx = {focal_px:g} and fy = {matrix[1, 1]:g} px: expected square "
-                "pixels, as rectification makes them"
-            )
+    for axis, name in enumerate(("fx", "fy")):
+        own, other = float(left[axis, axis]), float(right[axis, axis])
+        if abs(own - other) > _SAME_FOCAL * own:
+            raise _not_rectified(source, f"focal lengths differ: {name} is {own:g} px left, {other:g} right")
+    focal_px, fy_over_fx = float(left[0, 0]), float(left[1, 1] / left[0, 0])
     cy_px, right_cy_px = float(left[1, 2]), float(right[1, 2])
     if abs(cy_px - right_cy_px) > _SAME_CY_PX:
         raise _not_rectified(source, f"cy differs: {cy_px:g} px left, {right_cy_px:g} px right")
@@ -192,7 +194,8 @@ def rectified(projections: Projections, size: Size | None) -> Rig:
             "swap left and right, in the calibration and in your images"
         )
     size = _size_of(projections, size)
-    camera = StereoCamera(*size, focal_px, baseline_m, float(left[0, 2]), float(right[0, 2]), cy_px)
+    points = float(left[0, 2]), float(right[0, 2]), cy_px
+    camera = StereoCamera(*size, focal_px, baseline_m, *points, fy_over_fx=fy_over_fx)
     raw = _bending(projections.raw, camera)
     return Rig(camera, source, projections.bounds, projections.layout, raw, projections.lens_fault)
 
@@ -263,13 +266,14 @@ def median_size(rigs: Sequence[Rig]) -> Size:
 def rig_ranges(rigs: Sequence[Rig]) -> dict[str, tuple[float, float]]:
     """Return the least and the largest value over one or more rigs, by key of the config's section ``camera``.
 
-    The keys are ``focal_px``, ``baseline_m``, ``cx_left_px``, ``doffs_px`` and ``cy_px``. Principal points are moved
-    into images of `median_size`, so that they keep their distance from the centre.
+    The keys are ``focal_px``, ``fy_over_fx``, ``baseline_m``, ``cx_left_px``, ``doffs_px`` and ``cy_px``. Principal
+    points are moved into images of `median_size`, so that they keep their distance from the centre.
     """
     size = median_size(rigs)
     values = [
         {
             "focal_px": camera.focal_px,
+            "fy_over_fx": camera.fy_over_fx,
             "baseline_m": camera.baseline_m,
             "cx_left_px": camera.cx_left_px + (size.width_px - camera.width_px) / 2,
             "doffs_px": camera.doffs_px,
@@ -281,18 +285,18 @@ def rig_ranges(rigs: Sequence[Rig]) -> dict[str, tuple[float, float]]:
 
 
 def _check_pinhole(source: str, name: str, matrix: NDArray[np.float64]) -> None:
-    """Check that the first three columns of a (3, 4) matrix are [fx 0 cx; 0 fy cy; 0 0 1] with fx above 0."""
+    """Check that the first three columns of a (3, 4) matrix are [fx 0 cx; 0 fy cy; 0 0 1], fx and fy above 0."""
     if not (np.abs(matrix) <= _LARGEST_ENTRY).all():  # written so that nan fails too
         fault = f"holds {matrix.tolist()}: expected finite numbers of at most {_LARGEST_ENTRY:g}"
         raise InputError(f"{source}: the {name} projection matrix {fault}")
-    focal_px = float(matrix[0, 0])
+    focal_px = float(min(matrix[0, 0], matrix[1, 1]))
     if not focal_px > 0:
         raise InputError(f"{source}: the {name} focal length is {focal_px:g} px: expected a number above 0")
     zeros = (matrix[0, 1], matrix[1, 0], matrix[2, 0], matrix[2, 1])
     if max(map(abs, zeros)) > _SAME_FOCAL * focal_px or abs(matrix[2, 2] - 1) > _SAME_FOCAL:
         raise _not_rectified(
             source,
-            f"the {name} projection matrix has rotation or skew: expected [f 0 cx; 0 f cy; 0 0 1], got "
+            f"the {name} projection matrix has rotation or skew: expected [fx 0 cx; 0 fy cy; 0 0 1], got "
             f"{matrix[:, :3].tolist()}",
         )
 

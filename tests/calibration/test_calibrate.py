@@ -86,7 +86,7 @@ def matrices(camera=CAMERA, unit_m=1.0):
     """(3, 4) projection matrices of a camera, in a unit of length."""
     left, right = (np.zeros((3, 4)) for _ in range(2))
     for matrix, cx in ((left, camera.cx_left_px), (right, camera.cx_right_px)):
-        matrix[:, :3] = [[camera.focal_px, 0, cx], [0, camera.focal_px, camera.cy_px], [0, 0, 1]]
+        matrix[:, :3] = [[camera.focal_px, 0, cx], [0, camera.focal_y_px, camera.cy_px], [0, 0, 1]]
     right[0, 3] = -camera.focal_baseline / unit_m
     return left, right
 
@@ -320,7 +320,9 @@ def test_the_size_comes_from_the_file_or_the_user(tmp_path):
         (MIDDLEBURY.replace("cam1=[994.978 0", "cam1=[990 0"), ["not rectified", "994.978 px left, 990 right"]),
         (MIDDLEBURY.replace("279; 0 994.978 254.877", "279; 0 994.978 255.9"), ["cy differs", "254.877", "255.9"]),
         (MIDDLEBURY.replace("0 994.978 254.877", "3 994.978 254.877"), ["not rectified", "has rotation or skew"]),
-        (MIDDLEBURY.replace("0 994.978 254.877", "0 990.1 254.877"), ["fx = 994.978 and fy = 990.1"]),
+        (MIDDLEBURY.replace("279; 0 994.978", "279; 0 990.1"), ["not rectified", "fy is 994.978 px left, 990.1 right"]),
+        (MIDDLEBURY.replace("0 994.978 254.877", "0 2500 254.877"), ["fy is 2500: expected a ratio of 0.5 to 2"]),
+        (MIDDLEBURY.replace("0 994.978 254.877", "0 -994.978 254.877"), ["left focal length is -994.978 px"]),
         (MIDDLEBURY.replace("baseline=193", "baseline=-193"), ["baseline is -0.193001 m", "swap"]),
         (MIDDLEBURY.replace("baseline=193.001", "baseline=0"), ["baseline is 0 m"]),
         (MIDDLEBURY.replace("baseline=193.001", "baseline=wide"), ["baseline: expected a number, got 'wide'"]),
@@ -495,6 +497,28 @@ def test_scaling_keeps_rays_and_relative_disparities():
     # The corner of the image stays where it was.
     for full, small in ((camera, rig.camera),):
         np.testing.assert_allclose(full.rays("left", -0.5, -0.5), small.rays("left", -0.5, -0.5), rtol=1e-12)
+
+
+# Of Cityscapes, where fx is 2262.52 and fy 2265.30.
+CITYSCAPES = StereoCamera(2048, 1024, 2262.52, 0.209313, 1096.98, 1096.98, 513.137, fy_over_fx=2265.30 / 2262.52)
+
+
+@pytest.mark.parametrize("text", [middlebury(CITYSCAPES), kitti(CITYSCAPES), opencv(CITYSCAPES)])
+def test_a_config_gets_both_focal_lengths(tmp_path, text):
+    (rig,) = read_rigs([write(tmp_path, "calib.yml" if "%YAML" in text else "calib.txt", text)])
+    assert rig.camera.fy_over_fx == pytest.approx(CITYSCAPES.fy_over_fx, rel=1e-12)
+    assert rig.scaled(0.5).camera.focal_y_px == pytest.approx(2265.30 / 2)
+    assert rig.cropped(Size(1024, 512)).camera.focal_y_px == pytest.approx(2265.30)
+    known = facts([rig.scaled(0.5)], chosen_range(2, 60))
+    camera = parse_config(config_text("x", known, untried_style(known.recipes)), "x.yaml").camera
+    assert camera.fy_over_fx == pytest.approx(CITYSCAPES.fy_over_fx, rel=1e-9)
+    assert camera.focal_px == Range(1131.26, 1131.26)
+
+
+@pytest.mark.parametrize(("ratio", "written"), [(1.0, False), (1 + 9e-7, False), (1 - 2e-6, True)])
+def test_a_ratio_that_is_rounding_is_not_written(ratio, written):
+    known = facts([Rig(replace(CAMERA, fy_over_fx=ratio), "x")], chosen_range(2, 60))
+    assert ("fy_over_fx" in config_text("x", known, untried_style(known.recipes))) == written
 
 
 def test_photographs_of_another_size_are_refused_with_the_scale_that_fits(tmp_path):
