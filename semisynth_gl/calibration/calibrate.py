@@ -1,18 +1,20 @@
 """Making a config for `generate` from a rig's calibration and photographs."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
+from semisynth_gl.calibration.arrays import Size
 from semisynth_gl.calibration.config_text import ConfigFacts, config_facts, config_name, config_text, suited_layout
 from semisynth_gl.calibration.disparity_range import DisparitySource
 from semisynth_gl.calibration.matching import given_pairs, open_matcher, pairs_among
 from semisynth_gl.calibration.photographs import centre_crop, photograph_sizes
 from semisynth_gl.calibration.raw_photographs import lens_chains, rectify_photographs
 from semisynth_gl.calibration.rectification import fitting_pairs
-from semisynth_gl.calibration.rig import Rig, Size, plain_rig
+from semisynth_gl.calibration.rig import Rig, plain_rig
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.calibration.style import Style, untried_style
 from semisynth_gl.calibration.summary import baseline_note, raw_note, rig_summary, style_summary, view_note
@@ -25,7 +27,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.config.load import Overrides, parse_config
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.histogram import total_variation
-from semisynth_gl.inputs.arguments import LEAST, check_one_of, to_real, to_whole
+from semisynth_gl.inputs.arguments import LEAST, to_real, to_whole
 from semisynth_gl.inputs.errors import BackendError, InputError, counted, shown
 from semisynth_gl.inputs.user_files import Files, expanded, names_of
 from semisynth_gl.lens.chain import LensChain
@@ -34,10 +36,6 @@ from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.image_files import find_files, find_images
 from semisynth_gl.textures.images import image_extensions
 from semisynth_gl.textures.prepare import prepare_atlas
-
-Unit = Literal["m", "cm", "mm"]
-UNITS: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-"""Metres in each unit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +63,9 @@ def calibrate(
     baseline_m: float | None = None,
     size: tuple[int, int] | None = None,
     scale: float | None = None,
-    unit: Unit | None = None,
+    unit: str | None = None,
+    calib_keys: Mapping[str, str] | None = None,
+    cameras: tuple[str, str] | None = None,
     alpha: float | None = None,
     fov_deg: float | None = None,
     disparity: Files = (),
@@ -85,14 +85,16 @@ def calibrate(
 
     Args:
         images: the photographs: files, folders and globs.
-        calib: calibration files: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, YAML of OpenCV, ROS
-            or Kalibr, or JSON of Basalt or DepthAI. Where one states the cameras before rectification, the config gets
-            the section lens, for which OpenCV is needed.
+        calib: calibration files of any tool that writes YAML, JSON, XML, .npz, .npy or text. Where they state the
+            cameras before rectification, the config gets the section lens, for which OpenCV is needed.
         focal_px: focal length; with ``baseline_m`` and ``size``, instead of ``calib``.
         baseline_m: distance between the cameras.
-        size: width and height of the images, px; needed also with a calibration that does not state them.
+        size: width and height of the images, px; by default what the calibration states, else the photographs' size.
         scale: size of the images relative to the calibrated size, such as 0.5 for half the width.
-        unit: unit of the baseline in OpenCV's files; by default metres.
+        unit: unit of the translation, ``"mm"``, ``"cm"`` or ``"m"``; by default the likeliest.
+        calib_keys: names of values in the files by K1, D1, R1, P1, K2, D2, R2, P2, R, T, Q and size, where their names
+            do not tell.
+        cameras: names or numbers of the left and the right camera, of a calibration with more than two.
         alpha: how to rectify a calibration that does not say it, as OpenCV's stereoRectify takes it: from 0, for images
             without borders, to 1, for as much of the raw images as they can show; by default OpenCV's default.
         fov_deg: angle, 10 to 170 degrees, that the width of the rectified images takes, instead of ``alpha``; by
@@ -126,19 +128,19 @@ def calibrate(
     png_scale = to_real("png_scale", png_scale, least=LEAST)
     range_px = None if range_px is None else _two_numbers("range_px", range_px)
     range_m = None if range_m is None else _two_numbers("range_m", range_m)
-    if unit is not None:
-        check_one_of("unit", unit, UNITS)
     _check_one_of({"range_px": range_px, "range_m": range_m, "disparity": disparity, "depth": depth})
     _check_pairs(pairs)
     notes: list[str] = []
-    unit_m = None if unit is None else UNITS[unit]
     view = {
         "alpha": None if alpha is None else to_real("alpha", alpha, 0, 1),
         "fov_deg": None if fov_deg is None else to_real("fov_deg", fov_deg, 10, 170),
     }
-    rigs = _rigs(calib_sources, focal_px, baseline_m, _size(size), unit_m, view)
+    photographed = [] if other_camera else photograph_sizes(find_images(image_sources))
+    reading = {"unit": unit, "cameras": cameras, "keys": calib_keys, "photographed": _calibrated(photographed, scale)}
+    rigs = _rigs(calib_sources, focal_px, baseline_m, _size(size), reading, view)
+    notes += dict.fromkeys(note for rig in rigs for note in rig.notes)
     if not other_camera:
-        rigs = _cropped(rigs, photograph_sizes(find_images(image_sources)), scale, notes)
+        rigs = _cropped(rigs, photographed, scale, notes)
     found = map_files(map_sources, kind)
     scaled = rigs if scale is None else [rig.scaled(scale) for rig in rigs]
     if rectify_to is not None:
@@ -215,10 +217,14 @@ def _rigs(
     focal_px: float | None,
     baseline_m: float | None,
     size: Size | None,
-    unit_m: float | None,
-    view: Mapping[str, float | None],
+    reading: Mapping[str, Any],
+    view: Mapping[str, Any],
 ) -> list[Rig]:
-    """Read or make the rigs; ``view`` has ``alpha`` and ``fov_deg``, which choose how lenses are rectified."""
+    """Read or make the rigs.
+
+    ``reading`` has what tells a calibration file's meaning, ``view`` has ``alpha`` and ``fov_deg``, which choose how
+    lenses are rectified.
+    """
     chosen = [name for name, value in view.items() if value is not None]
     if len(chosen) > 1:
         raise InputError("alpha also chooses the view: give only one of them", argument="fov_deg")
@@ -227,13 +233,21 @@ def _rigs(
     if calib:
         if given:
             raise InputError("the calibration states the same: give one or the other", argument=given[0])
-        return read_rigs(calib, size=size, unit_m=unit_m, **view)
+        return read_rigs(calib, size=size, **reading, **view)
     if chosen:
         raise InputError("is for the lenses of a calibration: give one, or leave this out", argument=chosen[0])
     if focal_px is None or baseline_m is None or size is None:
         missing = [name for name, value in (plain | {"size": size}).items() if value is None]
         raise InputError("missing: give a calibration, or focal length, baseline and size", argument=missing[0])
     return [plain_rig(to_real("focal_px", focal_px), to_real("baseline_m", baseline_m), size)]
+
+
+def _calibrated(photographs: Sequence[Size], scale: float | None) -> Size | None:
+    """Return the size that calibrated images have by most of the photographs of the rig; None without any."""
+    if not photographs:
+        return None
+    ((size, count),) = Counter(photographs).most_common(1)
+    return size.scaled(1 / (scale or 1)) if 2 * count > len(photographs) else None
 
 
 def _cropped(rigs: list[Rig], photographs: Sequence[Size], scale: float | None, notes: list[str]) -> list[Rig]:
@@ -307,7 +321,7 @@ def _rectified(
         fault = next((f"; {rig.source}: {rig.lens_fault}" for rig in rigs if rig.lens_fault), "")
         raise InputError(
             "expected the calibration of one rig with its cameras before rectification (K and D of both, with R1 and "
-            "R2 or R and T, as OpenCV, ROS, Kalibr, Basalt or DepthAI write them): give it, or rectified photographs"
+            "R2 or R and T): give it, or rectified photographs"
             f"{fault}",
             argument="rectify_to",
         )

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from semisynth_gl.calibration.arrays import Size
 from semisynth_gl.calibration.disparity_range import DisparityRange, DisparitySource, disparity_range, farthest_px
 from semisynth_gl.calibration.photographs import are_grey, check_sizes, patch_sides, photograph_sizes
 from semisynth_gl.calibration.recipes import SceneRecipe, suitable_recipes
 from semisynth_gl.calibration.rectification import Rectification, measure_rectification
-from semisynth_gl.calibration.rig import Rig, Size, median_size, rig_ranges
+from semisynth_gl.calibration.rig import Rig, median_size, rig_ranges
 from semisynth_gl.calibration.style import Style
 from semisynth_gl.config import Config
 from semisynth_gl.config.load import Overrides, with_overrides

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.calibration.rig import Rig, Size, median_size
+from semisynth_gl.calibration.arrays import Size
+from semisynth_gl.calibration.rig import Rig, median_size
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.maps import disparity_of_depths

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.calibration.arrays import Size
 from semisynth_gl.calibration.disparity_maps import measure_maps
-from semisynth_gl.calibration.rig import Rig, Size, median_size
+from semisynth_gl.calibration.rig import Rig, median_size
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.inputs.errors import InputError, abbreviate, counted

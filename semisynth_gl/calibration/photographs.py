@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from semisynth_gl.calibration.rig import Size
+from semisynth_gl.calibration.arrays import Size
 from semisynth_gl.config.dataset_sections import SplitsSection
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import InputError, counted

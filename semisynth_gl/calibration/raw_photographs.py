@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from semisynth_gl.calibration.rig import Rig, Size
+from semisynth_gl.calibration.arrays import Size
+from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.inputs.errors import InputError, abbreviate, counted

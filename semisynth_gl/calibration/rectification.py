@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from semisynth_gl.calibration.arrays import Size
 from semisynth_gl.calibration.matching import MOST_PAIRS, match_pair
-from semisynth_gl.calibration.rig import Rig, Size, median_size
+from semisynth_gl.calibration.rig import Rig, median_size
 from semisynth_gl.calibration.vertical import FEWEST, MATCHING_PX, FittedDeviation, Matches, agree, deviation_ranges
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.errors import InputError, counted

@@ -3,11 +3,12 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from semisynth_gl.calibration.arrays import NO_BOUNDS, DisparityBounds, Size, StereoArrays
+from semisynth_gl.calibration.tree import Array
 from semisynth_gl.config.fields import LARGEST, SMALLEST
 from semisynth_gl.config.rig_sections import MOST_FY_OVER_FX, MOST_PIXELS, WIDEST_PX
 from semisynth_gl.frame.camera import Eye, StereoCamera
@@ -26,62 +27,18 @@ _NEAR_CENTRE = 0.1
 _LARGEST_ENTRY = LARGEST**2
 
 
-class Size(NamedTuple):
-    """Size of an image, pixels."""
-
-    width_px: int
-    height_px: int
-
-    def __str__(self) -> str:
-        return f"{self.width_px} x {self.height_px}"
-
-    def scaled(self, scale: float) -> "Size":
-        """Return the size times a factor, rounded to whole pixels."""
-        return Size(*(max(1, int(side * scale + 0.5)) for side in self))
-
-
-class DisparityBounds(NamedTuple):
-    """Bounds of disparity that a calibration states, px, else None; ``ndisp`` and ``vmax_px`` are upper bounds."""
-
-    ndisp: float | None = None
-    vmin_px: float | None = None
-    vmax_px: float | None = None
-
-
-NO_BOUNDS = DisparityBounds()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Projections:
-    """Two projection matrices of a calibration, before `rectified` checks them.
-
-    Attributes:
-        left: (3, 4) float64, maps points in metres to pixels of the left image.
-        right: the matrix of the right image, from points in the same frame.
-        size: size of the images, if the calibration states it, else None.
-        source: name of the file, or of both files, for messages.
-        bounds: the stated bounds of disparity.
-        layout: layout of the benchmark whose calibration this is; None for any other.
-        raw: the cameras before rectification, if the calibration states them.
-        lens_fault: why cameras that it states cannot be used.
-    """
-
-    left: NDArray[np.float64]
-    right: NDArray[np.float64]
-    size: Size | None
-    source: str
-    bounds: DisparityBounds = NO_BOUNDS
-    layout: str | None = None
-    raw: Mapping[Eye, RawCamera] | None = None
-    lens_fault: str | None = None
-
-
 @dataclass(frozen=True, slots=True)
 class Rig:
     """A rectified rig.
 
-    ``source``, ``bounds``, ``layout``, ``raw`` and ``lens_fault`` are as in `Projections`, but ``raw`` is None too
-    where the cameras give rectified images by themselves.
+    Attributes:
+        camera: the rectified cameras.
+        source: name of the file or files, for messages.
+        bounds: bounds of disparity that the calibration states.
+        layout: layout of the benchmark whose calibration this is; None for any other.
+        raw: the cameras before rectification; None where they are not known, or give rectified images by themselves.
+        lens_fault: why cameras that the calibration states cannot be used.
+        notes: sentences on what was concluded from the calibration.
     """
 
     camera: StereoCamera
@@ -90,6 +47,7 @@ class Rig:
     layout: str | None = None
     raw: Mapping[Eye, RawCamera] | None = None
     lens_fault: str | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         camera = self.camera
@@ -159,14 +117,16 @@ def plain_rig(focal_px: float, baseline_m: float, size: Size) -> Rig:
     return Rig(StereoCamera.centred(*size, focal_px, baseline_m), "the focal length, baseline and size given")
 
 
-def rectified(projections: Projections, size: Size | None) -> Rig:
-    """Check projection matrices, and return their rig.
+def rectified(arrays: StereoArrays, size: Size | None) -> Rig:
+    """Check the projection matrices of a calibration, and return their rig.
 
     Both matrices of a rectified pair are K [I | t] with the same fx, fy and cy, and with t along x only. ``size`` is
     the user's size of the images; where the calibration states a size too, they must be equal. Raises InputError
     where the pair is not rectified, the baseline is not above 0, or the size is missing or differs.
     """
-    left, right, source = projections.left, projections.right, projections.source
+    left, right, source = arrays.left.p, arrays.right.p, arrays.source
+    if left is None or right is None:
+        raise _not_rectified(source, "it has no projection matrices")
     for name, matrix in (("left", left), ("right", right)):
         _check_pinhole(source, name, matrix)
     for axis, name in enumerate(("fx", "fy")):
@@ -193,27 +153,27 @@ def rectified(projections: Projections, size: Size | None) -> Rig:
             f"{source}: the baseline is {baseline_m:g} m: expected the right camera to the right of the left one; "
             "swap left and right, in the calibration and in your images"
         )
-    size = _size_of(projections, size)
+    size = _size_of(arrays, left, right, size)
     points = float(left[0, 2]), float(right[0, 2]), cy_px
     camera = StereoCamera(*size, focal_px, baseline_m, *points, fy_over_fx=fy_over_fx)
-    raw = _bending(projections.raw, camera)
-    return Rig(camera, source, projections.bounds, projections.layout, raw, projections.lens_fault)
+    raw = _bending(arrays.raw_cameras(size), camera)
+    return Rig(camera, source, arrays.bounds, arrays.layout, raw, arrays.lens_fault, arrays.notes)
 
 
-def _size_of(projections: Projections, size: Size | None) -> Size:
-    source = projections.source
-    if projections.size is not None and size is not None and projections.size != size:
+def _size_of(arrays: StereoArrays, left: Array, right: Array, size: Size | None) -> Size:
+    source = arrays.source
+    if arrays.size is not None and size is not None and arrays.size != size:
         raise InputError(
-            f"{source} is for images of {projections.size}, not {size}: leave the size out, or give the scale if your "
+            f"{source} is for images of {arrays.size}, not {size}: leave the size out, or give the scale if your "
             "images are reduced",
             argument="size",
         )
-    size = projections.size or size
+    size = arrays.size or size
     if size is None:
         raise InputError(f"{source}: does not say how large the images are: give the size, width and height")
     # The principal points of cameras that were turned a lot lie anywhere once they are rectified.
-    raw = [camera.matrix for camera in (projections.raw or {}).values()]
-    if (fault := turned_size_fault(size, *(raw or (projections.left, projections.right)))) is not None:
+    raw = [each.k for each in (arrays.left, arrays.right) if each.k is not None]
+    if (fault := turned_size_fault(size, *(raw or (left, right)))) is not None:
         raise InputError(f"{source}: {fault}")
     return size
 
@@ -232,7 +192,7 @@ def vertical_fault(right_m: float, down_m: float) -> str | None:
     )
 
 
-def turned_size_fault(size: Size, *matrices: NDArray[np.float64]) -> str | None:
+def turned_size_fault(size: Size, *matrices: Array) -> str | None:
     """Return what is wrong with a size whose width and height have changed places, by camera matrices; None for others.
 
     The principal points are far from the centre of such a size, and near the centre of the turned one.
@@ -284,7 +244,7 @@ def rig_ranges(rigs: Sequence[Rig]) -> dict[str, tuple[float, float]]:
     return {key: (min(value[key] for value in values), max(value[key] for value in values)) for key in values[0]}
 
 
-def _check_pinhole(source: str, name: str, matrix: NDArray[np.float64]) -> None:
+def _check_pinhole(source: str, name: str, matrix: Array) -> None:
     """Check that the first three columns of a (3, 4) matrix are [fx 0 cx; 0 fy cy; 0 0 1], fx and fy above 0."""
     if not (np.abs(matrix) <= _LARGEST_ENTRY).all():  # written so that nan fails too
         fault = f"holds {matrix.tolist()}: expected finite numbers of at most {_LARGEST_ENTRY:g}"

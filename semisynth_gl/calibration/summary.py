@@ -6,9 +6,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from semisynth_gl.calibration.config_text import ConfigFacts
-from semisynth_gl.calibration.opencv_rigs import LONGEST_M
 from semisynth_gl.calibration.photographs import impossible_splits
-from semisynth_gl.calibration.raw_rig import WIDEST_FISHEYE_DEG
+from semisynth_gl.calibration.stereo_rectify import WIDEST_FISHEYE_DEG
 from semisynth_gl.calibration.style import Style
 from semisynth_gl.comparison.sides import MeasuredPlace
 from semisynth_gl.frame.camera import Eye
@@ -16,8 +15,8 @@ from semisynth_gl.inputs.errors import counted
 from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.textures.crop_report import TextureReport
 
-# A baseline shorter than this, or longer than `LONGEST_M`, may be in another unit than assumed.
-_SHORTEST_M = 0.002
+# Baselines of rigs that are not in another unit than assumed.
+_SHORTEST_M, _LONGEST_M = 0.002, 5.0
 # What lenses and rectification leave in photographs, by the key of its measure.
 _OF_LENSES = {"corners": "corners {:.2f} times as sharp as the middle", "border": "{:.1f}% black border"}
 # Rectified photographs have at least this share of the border that the rectification leaves, if that share of the image
@@ -80,12 +79,9 @@ def style_summary(style: Style, place: MeasuredPlace | None) -> list[str]:
 
 def baseline_note(ends_m: tuple[float, float]) -> str | None:
     """Return a warning about an unlikely baseline, since most files do not state its unit; None for a likely one."""
-    if ends_m[0] >= _SHORTEST_M and ends_m[1] <= LONGEST_M:
+    if ends_m[0] >= _SHORTEST_M and ends_m[1] <= _LONGEST_M:
         return None
-    return (
-        f"the baseline is {_shown_range(ends_m, 'm')}: ROS and KITTI state it in metres, and so do Kalibr "
-        "and Basalt; DepthAI in centimetres, Middlebury and ETH3D in millimetres. Check the unit in your files"
-    )
+    return f"the baseline is {_shown_range(ends_m, 'm')}: check the unit in your files, and give it if it is not metres"
 
 
 def view_note(facts: ConfigFacts) -> str | None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from semisynth_gl.calibration.calibrate import UNITS
+from semisynth_gl.calibration.arrays import UNITS
 from semisynth_gl.calibration.calibrate import calibrate as calibrate_rig
 from semisynth_gl.calibration.config_text import PROPOSED_PAIRS
 from semisynth_gl.cli.options import (
@@ -41,6 +41,22 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
     return int(sides[1]), int(sides[2])
 
 
+def _calib_keys(_: click.Context, __: click.Parameter, text: str | None) -> dict[str, str]:
+    pairs = [part.partition("=") for part in (text or "").split(",") if part.strip()]
+    if not all(equals and name.strip() for _, equals, name in pairs):
+        raise InputError(f"--calib-keys {text}: expected names such as K1=left.K,K2=right.K")
+    return {key.strip(): name.strip() for key, _, name in pairs}
+
+
+def _cameras(_: click.Context, __: click.Parameter, text: str | None) -> tuple[str, str] | None:
+    if text is None:
+        return None
+    left, comma, right = text.partition(",")
+    if not (comma and left.strip() and right.strip()):
+        raise InputError(f"--pair {text}: expected the left and the right camera, such as cam1,cam2")
+    return left.strip(), right.strip()
+
+
 @click.command(cls=Command)
 @images_option(required=True)
 @option(
@@ -48,8 +64,22 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
     type=FilesType(),
     multiple=True,
     metavar="FILE_OR_GLOB",
-    help="Calibration file: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, YAML of OpenCV, ROS or "
-    "Kalibr, or JSON of Basalt or DepthAI. May be repeated, for left and right files or several rigs.",
+    help="Calibration file of any tool: YAML, JSON, XML, .npz, .npy, .conf or text. May be repeated, for the files of "
+    "both cameras or several rigs.",
+)
+@option(
+    "--calib-keys",
+    callback=_calib_keys,
+    metavar="K1=NAME,...",
+    help="Which value in --calib is which, where the names there do not tell: K1=left.camera_matrix,D1=left.dist,... "
+    "for K1, D1, R1, P1, K2, D2, R2, P2, R, T, Q and size.",
+)
+@option(
+    "--pair",
+    "cameras",
+    callback=_cameras,
+    metavar="LEFT,RIGHT",
+    help="The left and the right camera in a calibration of more than two, such as cam1,cam2.",
 )
 @option(
     "--focal-px",
@@ -61,14 +91,14 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
     "--size",
     callback=_size,
     metavar="WIDTHxHEIGHT",
-    help="Size of the images, such as 1280x720, where the calibration does not say it.",
+    help="Size of the images, such as 1280x720, where the calibration does not; by default the photographs' size.",
 )
 @option(
     "--scale",
     type=above_0(16),
     help="Size of the images relative to the calibrated size; 0.25 for quarter size.",
 )
-@option("--unit", type=click.Choice(tuple(UNITS)), help="Unit of the translation in an OpenCV file; metres by default.")
+@option("--unit", type=click.Choice(tuple(UNITS)), help="Unit of the translation in --calib; by default the likeliest.")
 @option(
     "--alpha",
     type=Number(min=0, max=1),

@@ -12,13 +12,14 @@ from shared_material import SHARED, needs_shared
 from skimage.data import stereo_motorcycle
 
 from semisynth_gl.calibration import rectification
+from semisynth_gl.calibration.arrays import DisparityBounds, Size
 from semisynth_gl.calibration.config_text import config_facts, config_text
 from semisynth_gl.calibration.disparity_maps import read_values
 from semisynth_gl.calibration.disparity_range import DisparitySource, chosen_range, disparity_range
 from semisynth_gl.calibration.matching import given_pairs, match_images, match_pair, open_matcher, pairs_among
 from semisynth_gl.calibration.photographs import are_grey
 from semisynth_gl.calibration.rectification import measure_rectification
-from semisynth_gl.calibration.rig import DisparityBounds, Rig, Size, plain_rig
+from semisynth_gl.calibration.rig import Rig, plain_rig
 from semisynth_gl.calibration.style import untried_style
 from semisynth_gl.calibration.vertical import MATCHING_PX, Matches, deviation_ranges, fit_deviation
 from semisynth_gl.cli.calibrate import calibrate

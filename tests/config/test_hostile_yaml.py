@@ -14,7 +14,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 
-from semisynth_gl.calibration.rig import Size
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.config import Config, Range, load_config
@@ -333,14 +332,14 @@ def projections(focal, cx, shift):
 def test_every_number_of_a_yaml_calibration_has_limits(tmp_path):
     path = tmp_path / "rig.yaml"
     path.write_text("%YAML:1.0\n---\n" + projections("700", "320", "-70"))
-    assert read_rigs([path], unit_m=1.0)[0].camera.baseline_m == pytest.approx(0.1)
+    assert read_rigs([path], unit="m")[0].camera.baseline_m == pytest.approx(0.1)
     usual = ("700", "320", "-70")
     for place in range(3):
-        for value in ("1e300", ".inf", ".nan", DIGITS, "2024-13-45", "!!int 3", "[1, 2]"):
+        for value in ("1e300", ".inf", ".nan", DIGITS, "2024-13-45", "[1, 2]"):
             numbers = [value if number == place else text for number, text in enumerate(usual)]
             path.write_text(projections(*numbers))
             with pytest.raises(SemisynthError) as caught:
-                read_rigs([path], unit_m=1.0)
+                read_rigs([path], unit="m")
             assert str(path) in str(caught.value), numbers
             assert len(str(caught.value)) < 1500
     for name in ("growing aliases", "merge key", "nested lists", "nested blocks", "many keys", "an end in a text"):
@@ -361,15 +360,13 @@ SLOW = {
 
 def test_hostile_calibrations_are_given_up_at_once(tmp_path):
     # In a process that can be ended: a regular expression does not hear of a time limit.
-    program = "import sys; from semisynth_gl.calibration.rig_files import _KITTI, calib_values\n"
-    program += "for text in sys.stdin.read().split('|'): print(len(_KITTI.findall(text)), len(calib_values(text)))"
-    texts = "|".join(SLOW.values())
-    subprocess.run([sys.executable, "-c", program], input=texts, text=True, timeout=60, check=True)
+    program = "import sys; from semisynth_gl.calibration.rig_files import read_rigs\n"
+    program += "try: read_rigs(sys.argv[1:])\nexcept Exception as error: print(type(error).__name__)"
     path = tmp_path / "calib.txt"
     for text in SLOW.values():
         path.write_text(text)
-        with pytest.raises(SemisynthError):
-            read_rigs([path], size=Size(64, 48))
+        command = [sys.executable, "-c", program, str(path)]
+        assert subprocess.run(command, text=True, timeout=60, check=True, stdout=-1).stdout == "ReadError\n"
 
 
 def test_files_of_histograms_are_limited(tmp_path):

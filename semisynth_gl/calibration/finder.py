@@ -1,0 +1,410 @@
+"""Finds the arrays of a rig in a tree of values.
+
+Most arrays are told by their numbers: a camera matrix ends in 0 0 1, a rotation is orthonormal, a pose is a rotation
+with a translation. Names tell the eye, and which of several arrays of a kind is meant.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import numpy as np
+
+from semisynth_gl.calibration.arrays import UNITS, EyeArrays, Size, StereoArrays, lens_of, unit_of
+from semisynth_gl.calibration.kinds import (
+    are_numbers,
+    checked_size,
+    is_camera_matrix,
+    is_coefficients,
+    is_pose,
+    is_projection,
+    is_reprojection,
+    is_rotation,
+)
+from semisynth_gl.calibration.names import ROTATION_WORDS, Entry, eye_of, last_word, starts, words_of
+from semisynth_gl.calibration.parts import by_columns, with_parts
+from semisynth_gl.calibration.poses import along_chain, between_eyes, from_body
+from semisynth_gl.calibration.tree import Array, FormatError, Name, Tree, text_of
+from semisynth_gl.frame.raw_camera import rotation_of
+
+KEYS = ("K1", "D1", "R1", "P1", "K2", "D2", "R2", "P2", "R", "T", "Q", "size")
+"""Names that a user can give to values of a file: OpenCV's, and the size of the images."""
+
+# Words of arrays that stand beside the ones meant: a matrix of the rectified images, an optimal one.
+_REDERIVED = {"new", "optimal", "opt", "rect", "rectified", "rectification", "undistorted", "roi", "virtual"}
+_SHIFT_WORDS = ("t", "tr", "trans", "trns", "tvec", "shift", "position")
+_LENS_WORDS = ("d", "dist", "coef", "kc", "radtan", "equidistant")
+# Names of a size, letters only.
+_WIDTHS = ("width", "imagewidth", "imgwidth", "imagew", "w", "cols")
+_HEIGHTS = ("height", "imageheight", "imgheight", "imageh", "h", "rows")
+_SIZES = (
+    *("size", "imagesize", "imgsize", "imsize", "imagersize", "framesize", "resolution", "imageresolution"),
+    *("srect", "s", "wh", "dimensions", "shape", "imageshape", "imgshape", "hw"),
+)
+_HEIGHT_FIRST = ("shape", "hw")
+_BASELINES = ("baseline", "stereobaseline", "b", "bl")
+_LISTED = 40
+
+
+class Finder:
+    """The arrays of a rig in one tree.
+
+    Args:
+        tree: the values.
+        given: names in the tree by `KEYS`, which the user gives.
+        cameras: the left and the right camera by name or number, where there are more than two; None for any.
+        unit: unit of the translation; None for the likeliest.
+        size: size of the images, where the tree does not say it.
+    """
+
+    def __init__(
+        self,
+        tree: Tree,
+        given: Mapping[str, str],
+        cameras: tuple[str, str] | None,
+        unit: str | None,
+        size: Size | None,
+    ) -> None:
+        self.tree, self.unit, self.user_size = tree, unit, size
+        self.cameras: tuple[str, str] | None = None
+        if cameras is not None:
+            left, right = (eye_of((each,)) or each for each in cameras)
+            self.cameras = left, right
+        arrays = [Entry(name, value) for name, value in tree.items() if isinstance(value, np.ndarray)]
+        self.entries = [*with_parts(by_columns(arrays))]
+        self.given = {key: self._named(key, name) for key, name in given.items()}
+        self.notes: list[str] = []
+
+    def arrays(self, source: str) -> StereoArrays | None:
+        """Return what the tree says of a rig; None where it describes none.
+
+        Raises:
+            FormatError: where there are more than two cameras, or what is there contradicts itself.
+        """
+        self._check_windows()
+        size = self._size()
+        k, p = self._eyes("K", is_camera_matrix, 3), self._eyes("P", is_projection, 3)
+        p = p or self._right_alone()
+        rotation, shift = self._stereo_pose()
+        if rotation is None and p is None and (plain := self._plain(k)) is not None:
+            p, k = plain, None
+            lenses = self._of("D", is_coefficients, _LENS_WORDS).values()
+            self.notes += [
+                f"{text_of(e.name)} was left out: with a baseline and without R, images are taken to be rectified"
+                for e in lenses
+                if e.value.any()
+            ]
+        if p is None and (q := self._one("Q", is_reprojection)) is not None and rotation is None:
+            p = _from_q(q.value.reshape(4, 4))
+        if p is None and k is None and rotation is not None:
+            k = self._shared("K", is_camera_matrix)
+        if p is None and (k is None or rotation is None or shift is None):
+            return None
+        turns = self._eyes("R", is_rotation, 3, rotation=True) if p is not None else None
+        coefficients = self._eyes("D", is_coefficients, 1, words=_LENS_WORDS)
+        if coefficients is None and k is not None:
+            coefficients = self._other_coefficients(shared=k[0] is k[1])
+        factor = self._factor(shift, p)
+        eyes = []
+        for number, eye in enumerate(("left", "right")):
+            camera = None if k is None else k[number]
+            projection = None if p is None else p[number].copy()
+            if projection is not None:
+                projection[:, 3] *= factor
+            lens = EyeArrays()
+            if camera is not None:
+                d = None if coefficients is None else coefficients[number]
+                lens = self._lens(eye, number, camera, d, size, required=p is None)
+            turn = None if turns is None else turns[number]
+            eyes.append(EyeArrays(camera, lens.d, lens.model, turn, projection, lens.fault))
+        moved = None if shift is None else shift.ravel() * factor
+        return StereoArrays(source, eyes[0], eyes[1], size, rotation, moved, notes=tuple(self.notes))
+
+    def check_lenses(self) -> None:
+        """Raise FormatError where the tree names a lens that is not read."""
+        lens_of(None, (value for value in self.tree.values() if isinstance(value, str)))
+
+    def listing(self) -> str:
+        """Return the arrays of the tree with their shapes, as text for a message."""
+        arrays = [(name, value) for name, value in self.tree.items() if isinstance(value, np.ndarray)]
+        shown = [
+            f"{text_of(name)} ({' x '.join(map(str, value.shape)) or 'a number'})" for name, value in arrays[:_LISTED]
+        ]
+        more = f" and {len(arrays) - _LISTED} more" if len(arrays) > _LISTED else ""
+        return (", ".join(shown) + more) or "no numbers"
+
+    def _named(self, key: str, name: str) -> Array:
+        for entry in self.entries:
+            if text_of(entry.name) == name:
+                return entry.value
+        raise FormatError(f"has no {name}, which {key} was to be: it has {self.listing()}")
+
+    def _lens(
+        self, eye: str, number: int, k: Array, d: Array | None, size: Size | None, *, required: bool
+    ) -> EyeArrays:
+        try:
+            coefficients, model, note = lens_of(d, self._lens_names(eye, number), k, size or self.user_size)
+        except FormatError as error:
+            if required:
+                raise
+            return EyeArrays(fault=str(error))
+        if note is not None and note not in self.notes:
+            self.notes.append(note)
+        return EyeArrays(d=coefficients, model=model)
+
+    def _lens_names(self, eye: str, number: int) -> Iterator[str]:
+        """Yield what the tree calls the lens of an eye, and the model that the names of its values tell."""
+        kind = {"model", "type", "lens", "lensmodel", "distortion", "projection"}
+        labels = self._labels(("left", "right")) if self.cameras is None else self.cameras
+        for name, value in self.tree.items():
+            if isinstance(value, str) and kind & set(words_of(name[-1:])) and eye_of(name) in {"", eye, labels[number]}:
+                yield value
+            if "fisheye" in words_of(name) or "equidistant" in words_of(name):
+                yield "fisheye"
+        for entry in self.entries:
+            if entry.key in {"radtan", "equidistant"} and eye_of(entry.name) in {"", eye, labels[number]}:
+                yield entry.key
+
+    def _labels(self, default: tuple[str, str]) -> tuple[str, str]:
+        """Return what the tree calls its two cameras."""
+        numbers = sorted({int(eye) for e in self.entries if e.value.size > 1 and (eye := eye_of(e.name)).isdigit()})
+        return (str(numbers[0]), str(numbers[1])) if len(numbers) >= 2 else default
+
+    def _of(
+        self, key: str, fits: Callable[[Array], bool], words: Sequence[str] = (), *, rotation: bool = False
+    ) -> dict[str, Entry]:
+        """Return the entries of a kind by eye or number of the camera, the likeliest of each."""
+        found: dict[str, Entry] = {}
+        fitting = [e for e in self.entries if fits(e.value) and (not words or starts(e.words, words))]
+        for entry in sorted(fitting, key=lambda e: (bool(_REDERIVED & set(e.words)) == (key in "KD"), len(e.name))):
+            found.setdefault(eye_of(entry.name, rotation=rotation), entry)
+        return found
+
+    def _eyes(
+        self,
+        key: str,
+        fits: Callable[[Array], bool],
+        rows: int,
+        words: Sequence[str] = (),
+        *,
+        rotation: bool = False,
+    ) -> tuple[Array, Array] | None:
+        """Return the arrays of a kind of the left and of the right eye, of so many rows; None where one is missing."""
+        given = [self.given.get(f"{key}{number}") for number in "12"]
+        found = self._of(key, fits, words, rotation=rotation)
+        pair = self._pair(found, key)
+        arrays = []
+        for own, entry in zip(given, pair or (None, None), strict=True):
+            value = own if own is not None else None if entry is None else entry.value
+            if value is None:
+                return None
+            arrays.append(value.ravel() if rows == 1 else value.reshape(rows, -1))
+        return arrays[0], arrays[1]
+
+    def _pair(self, found: Mapping[str, Entry], key: str) -> tuple[Entry, Entry] | None:
+        if self.cameras is not None:
+            left, right = (found.get(each) or self._by_word(each, found) for each in self.cameras)
+            return None if left is None or right is None else (left, right)
+        if {"left", "right"} <= found.keys():
+            return found["left"], found["right"]
+        numbered = sorted((int(label), entry) for label, entry in found.items() if label.isdigit())
+        if len(numbered) > 2 and key in {"K", "P"}:
+            names = ", ".join(text_of(entry.name) for _, entry in numbered)
+            raise FormatError(f"has {len(numbered)} cameras ({names}): choose the left and the right one by pair")
+        return (numbered[0][1], numbered[1][1]) if len(numbered) >= 2 else None
+
+    def _by_word(self, name: str, found: Mapping[str, Entry]) -> Entry | None:
+        return next((entry for entry in found.values() if name.lower() in map(str.lower, entry.name)), None)
+
+    def _one(self, key: str, fits: Callable[[Array], bool], words: Sequence[str] = ()) -> Entry | None:
+        """Return the entry of a kind that is of both eyes."""
+        if key in self.given:
+            return Entry((key,), self.given[key])
+        fitting = [e for e in self.entries if fits(e.value) and (not words or starts(e.words, words))]
+        unlabelled = [e for e in fitting if eye_of(e.name, rotation=key == "R") == ""]
+        return min(unlabelled or fitting, key=lambda e: len(e.name), default=None)
+
+    def _stereo_pose(self) -> tuple[Array | None, Array | None]:
+        """Return R (3, 3) and T (3,), right_from_left, in the file's unit; None for what is not there."""
+        turned, moved = self._rotations(), self._shifts()
+        if {"R", "T"} & self.given.keys():
+            r, t = self.given.get("R"), self.given.get("T")
+            return (turned.get("") if r is None else _rotation(r)), (moved.get("") if t is None else t.ravel())
+        if "" in turned and "" in moved:
+            return turned[""], moved[""]
+        poses = {e.name: e.value.reshape(-1, 4)[:3] for e in self.entries if is_pose(e.value)}
+        if (found := along_chain(poses, self.cameras) or between_eyes(poses)) is not None:
+            return found
+        groups: dict[str, dict[str, Entry]] = {}
+        for name, pose in poses.items():
+            groups.setdefault(_stem(name), {}).setdefault(eye_of(name), Entry(name, pose))
+        labels = [label for label in moved if label in turned]
+        groups["R and T"] = {label: Entry((label,), _stacked(turned[label], moved[label])) for label in labels}
+        for group in groups.values():
+            if (pair := self._pair(group, "pose")) is not None:
+                return from_body(*pair)
+        # Calibrations of one camera against the other keep R and T beside the second camera.
+        return (turned[labels[0]], moved[labels[0]]) if len(labels) == 1 else (None, None)
+
+    def _rotations(self) -> dict[str, Array]:
+        """Return rotations that do not rectify, by eye."""
+        found: dict[str, Array] = {}
+        for entry in self.entries:
+            vector = are_numbers(entry.value, 3) and starts(entry.words, ("r", *ROTATION_WORDS))
+            if (is_rotation(entry.value) or vector) and not starts(entry.words, ("rect", "rectif")):
+                found.setdefault(eye_of(entry.name, rotation=True), _rotation(entry.value))
+        return found
+
+    def _shifts(self) -> dict[str, Array]:
+        found: dict[str, Array] = {}
+        vectors = [e for e in self.entries if are_numbers(e.value, 3)]
+        for entry in vectors:
+            if starts(entry.words, _SHIFT_WORDS) and not starts(entry.words, ROTATION_WORDS):
+                found.setdefault(eye_of(entry.name), entry.value.ravel())
+        return found
+
+    def _shared(self, key: str, fits: Callable[[Array], bool], words: Sequence[str] = ()) -> tuple[Array, Array] | None:
+        """Return the only array of a kind for both eyes."""
+        found = self._of(key, fits, words)
+        if len(found) != 1:
+            return None
+        ((_, entry),) = found.items()
+        self.notes.append(f"{text_of(entry.name)} was taken for both cameras, since no other {key} was found")
+        value = entry.value.reshape(3, 3) if key == "K" else entry.value.ravel()
+        return value, value
+
+    def _other_coefficients(self, *, shared: bool) -> tuple[Array, Array] | None:
+        """Return the coefficients that both eyes share; raises FormatError where they are of one eye, or too few."""
+        named = [e for e in self.entries if starts(e.words, _LENS_WORDS) and e.value.size > 1]
+        if not named:
+            self.notes.append("no coefficients of lenses were found: the cameras are taken for pinholes")
+            return None
+        if shared or {eye_of(entry.name) for entry in named} == {""}:
+            return self._shared("D", is_coefficients, _LENS_WORDS)
+        raise FormatError(
+            f"{text_of(named[-1].name)}: expected 4, 5, 8, 12 or 14 coefficients of both lenses, got "
+            f"{', '.join(f'{entry.value.size} in {text_of(entry.name)}' for entry in named[:2])}"
+        )
+
+    def _right_alone(self) -> tuple[Array, Array] | None:
+        """Return the projections where only the right eye's is stated, which holds the baseline."""
+        entries = [entry for entry in self.entries if is_projection(entry.value)]
+        found = [entry.value.reshape(3, 4) for entry in entries]
+        lefts = {"left"} if self.cameras is None else {self.cameras[0]}
+        if len(found) != 1 or found[0][0, 3] == 0 or eye_of(entries[0].name) in lefts:
+            return None
+        left = found[0].copy()
+        left[:, 3] = 0
+        return left, found[0]
+
+    def _plain(self, k: tuple[Array, Array] | None) -> tuple[Array, Array] | None:
+        """Return the projections of rectified cameras of which camera matrix and baseline are stated."""
+        if k is None:
+            alone = self._one("K", is_camera_matrix)
+            if alone is None:
+                return None
+            k = alone.value.reshape(3, 3), alone.value.reshape(3, 3)
+        baseline = self._baseline(float(k[0][0, 0]))
+        if baseline is None:
+            return None
+        left, right = (np.hstack([each, np.zeros((3, 1))]) for each in k)
+        right[0, 3] = -right[0, 0] * baseline
+        return left, right
+
+    def _baseline(self, fx: float) -> float | None:
+        """Return the baseline in the file's unit, by its name, or as the only number beside a matrix of bare rows."""
+        for entry in self.entries:
+            if not are_numbers(entry.value, 1):
+                continue
+            value, key = abs(float(entry.value.ravel()[0])), re.sub(r"[^a-z]", "", entry.key.lower())
+            stem = next((unit for unit in ("meters", "metres", "mm", "cm", "m") if key == f"baseline{unit}"), None)
+            if key in _BASELINES or stem is not None or key.startswith("rows"):
+                self.unit = self.unit or (None if stem is None else stem if stem in UNITS else "m")
+                return value
+            if key in {"bf", "fb"}:
+                return value / fx
+        return None
+
+    def _factor(self, shift: Array | None, p: tuple[Array, Array] | None) -> float:
+        """Return metres per unit of the translation."""
+        if self.unit is not None:
+            return UNITS[self.unit]
+        length = float(np.linalg.norm(shift)) if shift is not None else 0.0
+        if not length and p is not None:
+            moved = [each[0, 3] / each[0, 0] for each in p]
+            length = abs(moved[0] - moved[1])
+        unit = unit_of(length)
+        if unit != "m":
+            self.notes.append(
+                f"the cameras are {length:g} apart, which was taken for {unit}: if that is wrong, give the unit"
+            )
+        return UNITS[unit]
+
+    def _check_windows(self) -> None:
+        """Refuse messages of ROS whose images are binned, or a window of the calibrated images."""
+        for entry in self.entries:
+            if entry.key in {"binning_x", "binning_y"} and entry.value.size == 1 and entry.value > 1:
+                raise FormatError(
+                    f"{text_of(entry.name)} is {entry.value:g}: binned images are smaller than the calibrated ones. "
+                    "Take images without binning; or, if both sides are binned alike, write 1 here and give the scale"
+                )
+            if entry.key in {"x_offset", "y_offset"} and "roi" in entry.name and entry.value.any():
+                raise FormatError(
+                    f"{text_of(entry.name)} is {entry.value:g}: the images are a window of the calibrated images. "
+                    "Take whole images; or write 0 here, and subtract the offsets from cx and cy of P"
+                )
+
+    def _size(self) -> Size | None:
+        if "size" in self.given:
+            return checked_size(*self.given["size"].ravel()[:2])
+        sizes: dict[bool, list[Size]] = {True: [], False: []}
+        sides: dict[tuple[Name, str], dict[str, float]] = {}
+        for entry in self.entries:
+            key = re.sub(r"[^a-z]", "", entry.key.lower())
+            of_rig = (self.cameras is None or eye_of(entry.name) in {"", *self.cameras}) and "roi" not in entry.name
+            if not (of_rig and are_numbers(entry.value, 1, 2, 3, 4)):
+                continue
+            if entry.value.size > 1 and key in _SIZES:
+                # Basalt lists the sizes of both cameras, NumPy's shape ends with the number of channels.
+                rows = entry.value.reshape(2, 2) if entry.value.shape == (2, 2) else entry.value.reshape(1, -1)
+                turned = any(key.endswith(each) for each in _HEIGHT_FIRST)
+                for first, second in rows[:, :2].tolist():
+                    size = checked_size(second, first) if turned else checked_size(first, second)
+                    sizes["rect" in entry.words].extend([size] if size else [])
+            elif entry.value.size == 1 and key in (*_WIDTHS, *_HEIGHTS):
+                side = "width" if key in _WIDTHS else "height"
+                sides.setdefault((entry.name[:-1], eye_of(entry.name)), {})[side] = float(entry.value.ravel()[0])
+        for found in sides.values():
+            if len(found) == 2 and (size := checked_size(found["width"], found["height"])):
+                sizes[False].append(size)
+        known = sizes[True] or sizes[False]
+        if len(set(known)) > 1:
+            raise FormatError(f"has images of {known[0]} and of {known[1]}: expected one size of both cameras")
+        return known[0] if known else None
+
+
+def _rotation(value: Array) -> Array:
+    """Return a rotation (3, 3) from nine numbers, or from a vector of three."""
+    if value.size == 9:
+        return value.reshape(3, 3)
+    x, y, z = value.ravel().tolist()
+    return np.array(rotation_of((x, y, z)))
+
+
+def _stacked(turn: Array, shift: Array) -> Array:
+    return np.hstack([turn, shift.reshape(3, 1)])
+
+
+def _stem(name: Name) -> str:
+    """Return the last word of a name without its eye, so that the names of both eyes' arrays give the same."""
+    return re.sub(r"\d+|left|right", "", last_word(name).lower())
+
+
+def _from_q(q: Array) -> tuple[Array, Array]:
+    """Return the projections that OpenCV's Q (4, 4) inverts."""
+    focal, baseline = q[2, 3], abs(1 / q[3, 2])
+    left = np.array([[focal, 0, -q[0, 3], 0], [0, focal, -q[1, 3], 0], [0, 0, 1, 0]])
+    right = left.copy()
+    # Q's last row ends in -1 / Tx and (cx - cx') / Tx.
+    right[0, 2] += q[3, 3] / q[3, 2]
+    right[0, 3] = -focal * baseline
+    return left, right

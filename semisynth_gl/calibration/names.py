@@ -1,0 +1,69 @@
+"""Names of a calibration's values, in words: they tell the eye, and which of several arrays of a kind is meant."""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from semisynth_gl.calibration.tree import Array, Name
+
+LEFT, RIGHT = {"left", "l", "first"}, {"right", "r", "second"}
+ROTATION_WORDS = ("rot", "rvec", "om", "rodrigues", "rmat")
+# Words that an eye's letter may end, as in mtxL and KR.
+_BEFORE_A_LETTER = {"k", "d", "m", "p", "r", "mtx", "dist", "cam", "matrix", "coeffs", "kc", "rot", "cm"}
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One array of a tree under its name."""
+
+    name: Name
+    value: Array
+
+    @cached_property
+    def words(self) -> tuple[str, ...]:
+        """The name in lower-case words; numbers are words, and an eye's letter at the end of a word is one."""
+        return words_of(self.name)
+
+    @property
+    def key(self) -> str:
+        """The last part of the name."""
+        return self.name[-1] if self.name else ""
+
+
+def words_of(name: Name) -> tuple[str, ...]:
+    """Return a name's words: ``("cameraMatrixL",)`` gives camera, matrix, l."""
+    words: list[str] = []
+    for part in name:
+        for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", part):
+            lower = word.lower()
+            words += [lower[:-1], lower[-1]] if lower[-1] in "lr" and lower[:-1] in _BEFORE_A_LETTER else [lower]
+    return tuple(words)
+
+
+def eye_of(name: Name, *, rotation: bool = False) -> str:
+    """Return ``"left"``, ``"right"``, the number of the camera that a name says, or "" for none or both."""
+    words = words_of(name)
+    left, right = bool(LEFT & set(words)), bool(RIGHT - {"r"} & set(words))
+    # The r of a rotation is its own name, unless another word says so, or there are two.
+    letters = words.count("r") - (rotation and not any(starts(words, (each,)) for each in ROTATION_WORDS))
+    right = right or letters > 0
+    if left != right:
+        return "left" if left else "right"
+    if left:
+        return ""
+    for part in reversed(name):
+        numbers = re.findall(r"\d+", part)
+        if numbers:
+            return str(int(numbers[-1]))
+    return ""
+
+
+def starts(words: Iterable[str], beginnings: Sequence[str]) -> bool:
+    """Return whether a word is one of those of one letter or two, or begins with a longer one."""
+    return any(word == each or (len(each) > 2 and word.startswith(each)) for word in words for each in beginnings)
+
+
+def last_word(name: Name) -> str:
+    """Return the last part of a name that is no number."""
+    return next((part for part in reversed(name) if not part.isdigit()), "")

@@ -1,0 +1,82 @@
+"""Camera matrices and lenses of single numbers: fx and cx, k1 and p1, and vectors of them."""
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+import numpy as np
+
+from semisynth_gl.calibration.kinds import are_numbers, is_camera_matrix
+from semisynth_gl.calibration.names import LEFT, RIGHT, Entry, words_of
+from semisynth_gl.calibration.tree import Name
+
+# Names of single numbers, without separators: the entries of K, and of D in OpenCV's order.
+_SCALARS = {
+    "fx": ("fx", "focallengthx", "focalx", "flx", "mu", "fu", "focallengthpx", "focalpx", "f", "focal", "focallength"),
+    "fy": ("fy", "focallengthy", "focaly", "fly", "mv", "fv"),
+    "cx": ("cx", "ppx", "u0", "cu", "principalpointx", "opticalcenterx", "px0"),
+    "cy": ("cy", "ppy", "v0", "cv", "principalpointy", "opticalcentery", "py0"),
+    **{name: (name,) for name in ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")},
+}
+# Vectors of such numbers: Kalibr's intrinsics, Bouguet's and MATLAB's.
+_VECTORS = {
+    ("fx", "fy", "cx", "cy"): ("intrinsics", "intrinsic", "intrinsicsvector", "projectionparameters"),
+    ("fx", "fy"): ("fc", "focallength", "focal", "focallengths"),
+    ("cx", "cy"): ("cc", "principalpoint", "opticalcenter"),
+    ("k1", "k2"): ("radialdistortion",),
+    ("k1", "k2", "k3"): ("radialdistortion",),
+    ("p1", "p2"): ("tangentialdistortion",),
+}
+_SCALAR_OF = {alias: name for name, aliases in _SCALARS.items() for alias in aliases}
+_COEFFICIENTS = tuple(name for name in _SCALARS if name[0] in "kps")
+
+
+def by_columns(entries: Sequence[Entry]) -> list[Entry]:
+    """Return entries with matrices that multiply from the right, as MATLAB's do, turned to ones from the left."""
+
+    def turned(entry: Entry) -> Entry:
+        square = entry.value.shape == (3, 3)
+        return Entry(entry.name, entry.value.T) if square else entry
+
+    by_rows = any(
+        e.value.shape == (3, 3) and is_camera_matrix(e.value.T) and not is_camera_matrix(e.value) for e in entries
+    )
+    return [turned(entry) for entry in entries] if by_rows else list(entries)
+
+
+def with_parts(entries: Iterable[Entry]) -> Iterator[Entry]:
+    """Yield entries, and what parts of a camera matrix or of a lens make together: fx and cx, or k1 and k2."""
+    groups: dict[Name, dict[str, dict[str, float]]] = {}
+    for entry in entries:
+        yield entry
+        if not are_numbers(entry.value, 1, 2, 3, 4):
+            continue
+        words = words_of(entry.name[-1:])
+        eye = next((word for word in words if word in LEFT | RIGHT), "")
+        key, values = "".join(word for word in words if word not in LEFT | RIGHT), entry.value.ravel().tolist()
+        parts = next((names for names, aliases in _VECTORS.items() if key in aliases and len(values) == len(names)), ())
+        if entry.value.size == 1 and key not in _SCALAR_OF and (numbered := re.fullmatch(r"([a-z]+)(\d)", key)):
+            key, eye = numbered[1], numbered[2]
+        if entry.value.size == 1 and key in _SCALAR_OF:
+            parts = (_SCALAR_OF[key],)
+        for part, value in zip(parts, values, strict=False):
+            groups.setdefault(entry.name[:-1], {}).setdefault(eye, {}).setdefault(part, value)
+    for name, eyes in groups.items():
+        for eye in [each for each in eyes if each] or [""]:
+            named = eyes.get("", {}) | eyes[eye]
+            own = (*name, eye) if eye else name
+            if {"fx", "cx", "cy"} <= named.keys():
+                fx, fy = named["fx"], named.get("fy", named["fx"])
+                k = np.array([[fx, 0, named["cx"]], [0, fy, named["cy"]], [0, 0, 1]])
+                yield Entry((*own, "K"), k)
+            yield from _coefficients(own, named)
+
+
+def _coefficients(name: Name, values: Mapping[str, float]) -> Iterator[Entry]:
+    named = {key: value for key, value in values.items() if key in _COEFFICIENTS}
+    if {"k1", "k2"} <= named.keys() and "p1" in named:
+        last = max(_COEFFICIENTS.index(key) for key in named)
+        count = next(count for count in (4, 5, 8, 12) if count > last)
+        yield Entry((*name, "radtan"), np.array([named.get(key, 0.0) for key in _COEFFICIENTS[:count]]))
+    for keys in (("k1", "k2", "k3", "k4"), ("k2", "k3", "k4", "k5")):
+        if named.keys() == set(keys):
+            yield Entry((*name, "equidistant"), np.array([named[key] for key in keys]))

@@ -1,0 +1,70 @@
+"""Rigs of the tests, rectified and raw, and the calibration files that describe them."""
+
+import numpy as np
+
+from semisynth_gl.frame.camera import StereoCamera
+
+CAMERA = StereoCamera(741, 500, 994.978, 0.193001, 311.193, 342.279, 254.877)
+
+MIDDLEBURY = """cam0=[994.978 0 311.193; 0 994.978 254.877; 0 0 1]
+cam1=[994.978 0 342.279; 0 994.978 254.877; 0 0 1]
+doffs=31.086
+baseline=193.001
+width=741
+height=500
+ndisp=70
+isint=0
+vmin=7
+vmax=61
+"""
+# Of KITTI's raw recordings, 26 September 2011, as far as it counts.
+KITTI = """calib_time: 09-Jan-2012 13:57:47
+corner_dist: 9.950000e-02
+S_02: 1.392000e+03 5.120000e+02
+K_02: 9.597910e+02 0.000000e+00 6.960217e+02 0.000000e+00 9.569251e+02 2.241806e+02 0 0 1.000000e+00
+S_rect_02: 1.242000e+03 3.750000e+02
+P_rect_02: 7.215377e+02 0.000000e+00 6.095593e+02 4.485728e+01 0.000000e+00 7.215377e+02 1.728540e+02 2.163791e-01 \
+0.000000e+00 0.000000e+00 1.000000e+00 2.745884e-03
+S_rect_03: 1.242000e+03 3.750000e+02
+P_rect_03: 7.215377e+02 0.000000e+00 6.095593e+02 -3.395242e+02 0.000000e+00 7.215377e+02 1.728540e+02 2.199936e+00 \
+0.000000e+00 0.000000e+00 1.000000e+00 2.729905e-03
+"""
+
+
+def matrices(camera=CAMERA, unit_m=1.0):
+    """(3, 4) projection matrices of a camera, in a unit of length."""
+    left, right = (np.zeros((3, 4)) for _ in range(2))
+    for p, cx in ((left, camera.cx_left_px), (right, camera.cx_right_px)):
+        p[:, :3] = [[camera.focal_px, 0, cx], [0, camera.focal_y_px, camera.cy_px], [0, 0, 1]]
+    right[0, 3] = -camera.focal_baseline / unit_m
+    return left, right
+
+
+def middlebury(camera=CAMERA):
+    rows = ["; ".join(" ".join(map(repr, row)) for row in p[:, :3].tolist()) for p in matrices(camera)]
+    return (
+        f"cam0=[{rows[0]}]\ncam1=[{rows[1]}]\ndoffs={camera.doffs_px!r}\nbaseline={camera.baseline_m * 1000!r}\n"
+        f"width={camera.width_px}\nheight={camera.height_px}\n"
+    )
+
+
+def kitti(camera=CAMERA, pair=("_rect_02", "_rect_03")):
+    lines = []
+    for number, p in zip(pair, matrices(camera), strict=True):
+        lines.append(f"S{number}: {camera.width_px} {camera.height_px}")
+        lines.append(f"P{number}: {' '.join(repr(float(value)) for value in p.ravel())}")
+    return "\n".join(lines) + "\n"
+
+
+def opencv(camera=CAMERA, *, unit_m=1.0, size=True):
+    text = f"image_size: [{camera.width_px}, {camera.height_px}]\n" if size else ""
+    return f"%YAML:1.0\n---\n{text}" + "".join(map(matrix, ("P1", "P2"), matrices(camera, unit_m)))
+
+
+def matrix(name, value, *, space=" "):
+    value = np.atleast_2d(value)
+    data = ", ".join(map(repr, map(float, value.ravel())))
+    rows, columns = value.shape
+    return (
+        f"{name}: !!opencv-matrix\n   rows:{space}{rows}\n   cols:{space}{columns}\n   dt: d\n   data:{space}[{data}]\n"
+    )
