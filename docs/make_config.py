@@ -1,4 +1,4 @@
-"""Write the list of all keys into docs/config.md, from the docstrings that ``semisynth-gl configs NAME`` prints.
+"""Write the list of all keys into docs/config.md, from the docstrings that ``semisynth-gl configs NAME`` prints too.
 
 python docs/make_config.py
 """
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from marked import replaced
 
-from semisynth_gl.config.explain import ExplainedKey, explained_keys
+from semisynth_gl.config.keys import ConfigKey, config_keys
 
 DOCS = Path(__file__).resolve().parent
 BEGIN = "<!-- The keys come from the docstrings of the config's sections: python docs/make_config.py -->\n"
@@ -18,16 +18,16 @@ _COLUMNS = 120
 def keys_list() -> str:
     """Return all keys as Markdown's lists, one per section, with the section's name and meaning in front."""
     lines = list[str]()
-    for key in explained_keys():
+    for key in config_keys():
         lines += ["", *_wrapped(_section(key), ""), ""] if key.is_section else _wrapped(_item(key), "  ")
     return "\n".join(lines) + "\n\n"
 
 
-def _section(key: ExplainedKey) -> str:
+def _section(key: ConfigKey) -> str:
     return f"**`{key.dotted}`**: {key.meaning.replace('``', '`')}"
 
 
-def _item(key: ExplainedKey) -> str:
+def _item(key: ConfigKey) -> str:
     notes = ", ".join(filter(None, ("range" if key.is_range else "", key.default)))
     name = f"- `{key.dotted.rpartition('.')[2]}`" + (f" ({notes})" if notes else "")
     return f"{name}: {key.meaning.replace('``', '`')}"

@@ -93,7 +93,7 @@ class Setting(click.types.StringParamType):
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG002 - click's
         """Offer the keys that can have a value; sections and the keys of single forms of a value are left out."""
-        keys = [f"{key.dotted}=" for key in config_keys() if not (key.is_section or key.of_form)]
+        keys = [f"{key.dotted}=" for key in config_keys() if not key.is_section]
         return beginning([*keys, "scale="], incomplete)
 
 

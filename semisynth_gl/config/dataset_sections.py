@@ -2,13 +2,14 @@
 
 from collections.abc import Collection, Iterator
 from math import degrees
-from typing import Annotated, Any
+from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS
 from semisynth_gl.config.fields import (
     ZERO,
+    ConfigError,
     NotNegative,
     NotNegativeRange,
     Positive,
@@ -43,24 +44,23 @@ class RigSection(Section):
 
     Truth stays exact: the output ``correspondence`` holds the offset from each pixel to the same point in the other
     view, and disparity is x_left - x_right. The sections ``disparity`` and ``background`` refer to the rectified pair.
-
-    Attributes:
-        right_roll_deg: rotation about the viewing direction; positive values turn the image clockwise.
-        right_pitch_deg: rotation about the x axis; positive values move the image upwards.
-        right_y_px: distance by which the right principal point lies below the left one.
-        focal_ratio: ratio of the right focal length to the left one.
-        twin: render each scene with the rectified camera too: pair 2 i deviates, pair 2 i + 1 does not.
     """
 
     right_roll_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = ZERO
+    """rotation about the viewing direction; positive values turn the image clockwise"""
     right_pitch_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = ZERO
+    """rotation about the x axis; positive values move the image upwards"""
     right_y_px: RangeField = ZERO
+    """distance by which the right principal point lies below the left one"""
     focal_ratio: Annotated[RangeField, at_most(MOST_FOCAL_RATIO), at_least(1 / MOST_FOCAL_RATIO)] = Range(1.0, 1.0)
+    """ratio of the right focal length to the left one"""
     twin: bool = False
+    """render each scene with the rectified camera too: pair 2 i deviates, pair 2 i + 1 does not"""
 
-    def _faults(self) -> Iterator[str]:
+    def _faults(self) -> Iterator[ConfigError]:
         if self.twin and self.model_copy(update={"twin": False}).none():
-            yield "twin adds a rectified pair to each deviating pair, but no pair deviates: set another key too"
+            text = "twin adds a rectified pair to each deviating pair, but no pair deviates: set another key too"
+            yield ConfigError(text, type(self).model_fields)
 
     def none(self) -> bool:
         """Return whether the pairs are rectified."""
@@ -68,41 +68,28 @@ class RigSection(Section):
 
 
 class ImperfectionsSection(Section):
-    """Imperfections of a real rig's images, drawn for each image; both eyes share ``motion_blur``.
-
-    Attributes:
-        exposure_stops: power of 2 by which the image is multiplied.
-        gamma: exponent of the tone curve.
-        noise: standard deviation of the sensor's noise, 8-bit levels.
-        blur_px: standard deviation of the lens blur.
-        motion_blur: exposure time as a fraction of the time between frames.
-        sub_frames: number of moments of the exposure whose images are averaged.
-        vignetting: share of the light that is lost at half an image diagonal from the principal point.
-        white_balance: powers of 2 by which red and blue are multiplied, drawn separately.
-        sharpening: amount of the unsharp mask.
-        jpeg_quality: quality, 1 to 100, of the JPEG compression that the image goes through; by default none.
-    """
+    """Imperfections of a real rig's images, drawn for each image; both eyes share ``motion_blur``."""
 
     exposure_stops: Annotated[RangeField, at_most(20), at_least(-20)] = ZERO
+    """power of 2 by which the image is multiplied"""
     gamma: Annotated[PositiveRange, at_most(100)] = Range(1.0, 1.0)
+    """exponent of the tone curve"""
     noise: Annotated[NotNegativeRange, at_most(255)] = ZERO
+    """standard deviation of the sensor's noise, 8-bit levels"""
     blur_px: Annotated[NotNegativeRange, at_most(1000)] = ZERO
+    """standard deviation of the lens blur"""
     motion_blur: Annotated[NotNegativeRange, at_most(1)] = ZERO
+    """exposure time as a fraction of the time between frames"""
     sub_frames: Annotated[int, Field(ge=2, le=64)] = _SUB_FRAMES
+    """number of moments of the exposure whose images are averaged"""
     vignetting: Annotated[NotNegativeRange, at_most(0.95)] = ZERO
+    """share of the light that is lost at half an image diagonal from the principal point"""
     white_balance: Annotated[RangeField, at_most(4), at_least(-4)] = ZERO
+    """powers of 2 by which red and blue are multiplied, drawn separately"""
     sharpening: Annotated[NotNegativeRange, at_most(10)] = ZERO
+    """amount of the unsharp mask"""
     jpeg_quality: Annotated[RangeField, at_least(1), at_most(100)] | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _no_vertical_disparity(cls, values: Any) -> Any:  # noqa: ANN401 - whatever the YAML holds
-        for key, instead in (("vertical_offset_px", "right_y_px"), ("roll_deg", "right_roll_deg")):
-            if isinstance(values, dict) and key in values:
-                raise ValueError(
-                    f"{key} is no imperfection of the images, since truth must follow it: set rig.{instead}"
-                )
-        return values
+    """quality, 1 to 100, of the JPEG compression that the image goes through; by default none"""
 
     def none(self) -> bool:
         """Return whether the section leaves the images as they are rendered."""
@@ -110,64 +97,53 @@ class ImperfectionsSection(Section):
 
 
 class ChecksSection(Section):
-    """Conditions on each pair (of sequences, the first frame), as drawn and as written; else it is redrawn.
-
-    Attributes:
-        min_brightness: smallest mean of the darker image that passes, 8-bit levels.
-        min_texture: smallest texture of the flatter image that passes: the median over 8 x 8 cells of the standard
-            deviation of luminance, 8-bit levels.
-        min_valid: smallest share of pixels with a valid disparity that passes, in each view.
-        attempts: number of attempts at a scene; if all fail, the pair is an error.
-    """
+    """Conditions on each pair (of sequences, the first frame), as drawn and as written; else it is redrawn."""
 
     min_brightness: Annotated[float, Field(ge=0, le=255)] = 8.0
+    """smallest mean of the darker image that passes, 8-bit levels"""
     min_texture: NotNegative = 1.0
+    """smallest texture of the flatter image that passes: the median over 8 x 8 cells of the standard deviation of
+    luminance, 8-bit levels"""
     min_valid: Share = 0.5
+    """smallest share of pixels with a valid disparity that passes, in each view"""
     attempts: Annotated[int, count(10_000)] = 10
+    """number of attempts at a scene; if all fail, the pair is an error"""
 
 
 class SequenceSection(Section):
-    """Sequences: successive frames of one moving scene.
-
-    Attributes:
-        length: number of frames per sequence.
-        frame_s: time between two frames.
-    """
+    """Sequences: successive frames of one moving scene."""
 
     length: Annotated[int, count(100_000)] = 1
+    """number of frames per sequence"""
     frame_s: Positive = 0.04
+    """time between two frames"""
 
 
 class FilesSection(Section):
-    """Encodings of the dataset's files.
-
-    Attributes:
-        image: ``png``.
-        disparity: ``pfm``, or KITTI's ``png16`` (up to 256 px; -128 to 128 px where signed).
-        flow: Middlebury's ``flo``, SceneFlow's ``pfm``, or KITTI's ``png16`` (up to 512 px).
-    """
+    """Encodings of the dataset's files."""
 
     image: Annotated[str, one_of(IMAGE_CODECS)] = "png"
+    """``png``"""
     disparity: Annotated[str, one_of(DISPARITY_CODECS)] = "pfm"
+    """``pfm``, or KITTI's ``png16`` (up to 256 px; -128 to 128 px where signed)"""
     flow: Annotated[str, one_of(FLOW_CODECS)] = "flo"
+    """Middlebury's ``flo``, SceneFlow's ``pfm``, or KITTI's ``png16`` (up to 512 px)"""
 
 
 class SplitsSection(Section):
-    """Photographs and models that only validation or test pairs show.
-
-    Attributes:
-        validation: share of the photographs' subjects that only validation pairs show (at least one subject).
-        test: share of the photographs' subjects that only test pairs show (at least one subject).
-        models: hold out the same shares of each family of models too.
-    """
+    """Photographs and models that only validation or test pairs show."""
 
     validation: Annotated[float, Field(gt=0, lt=1)] = 0.1
+    """share of the photographs' subjects that only validation pairs show (at least one subject)"""
     test: Annotated[float, Field(gt=0, lt=1)] = 0.1
+    """share of the photographs' subjects that only test pairs show (at least one subject)"""
     models: bool = False
+    """hold out the same shares of each family of models too"""
 
-    def _faults(self) -> Iterator[str]:
+    def _faults(self) -> Iterator[ConfigError]:
         if self.validation + self.test >= 1:
-            yield f"validation and test add up to {self.validation + self.test:g}: expected less than 1"
+            text = f"validation and test add up to {self.validation + self.test:g}: expected less than 1"
+            yield ConfigError(text, ("validation", "test"))
 
     def split(self, name: SplitName, splits: Collection[SplitName], seed: int) -> Split:
         """Return the split ``name`` of a dataset; ``splits`` are all splits that the dataset has.
@@ -180,14 +156,11 @@ class SplitsSection(Section):
 
 
 class LicencesSection(Section):
-    """Licences that the index and the card state.
-
-    Attributes:
-        dataset: licence of the dataset, by the name that hubs use.
-        images: licence of your photographs and of a plug-in's pictures.
-        models: licence of your models and of a plug-in's models.
-    """
+    """Licences that the index and the card state."""
 
     dataset: _Licence = "unknown"
+    """licence of the dataset, by the name that hubs use"""
     images: _Licence = "unknown"
+    """licence of your photographs and of a plug-in's pictures"""
     models: _Licence = "unknown"
+    """licence of your models and of a plug-in's models"""

@@ -11,12 +11,21 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError, ValidationInfo, field_validator
-from pydantic_core import InitErrorDetails, PydanticKnownError
+from pydantic import BeforeValidator, Field
 
-from semisynth_gl.config.fields import FROM_LIST, LARGEST, Finite, Positive, Section, Weight, check_not_tiny
+from semisynth_gl.config.fields import (
+    FROM_LIST,
+    LARGEST,
+    SMALLEST,
+    ConfigError,
+    Finite,
+    Positive,
+    Section,
+    Weight,
+    not_signed,
+)
 from semisynth_gl.histogram import Histogram, mix_histograms
-from semisynth_gl.inputs.errors import InputError, shown
+from semisynth_gl.inputs.errors import InputError, did_you_mean, near, shown
 from semisynth_gl.inputs.user_files import read_file
 
 # Largest share of a target that may be out of reach: measured histograms have a few stray pixels anywhere.
@@ -41,9 +50,10 @@ class UniformTarget(Section):
     low_px: Finite | None = None
     high_px: Finite | None = None
 
-    def _faults(self) -> Iterator[str]:
+    def _faults(self) -> Iterator[ConfigError]:
         if self.low_px is not None and self.high_px is not None and self.low_px >= self.high_px:
-            yield f"expected low_px < high_px, got {self.low_px:g} and {self.high_px:g}"
+            text = f"expected low_px < high_px, got {self.low_px:g} and {self.high_px:g}"
+            yield ConfigError(text, ("low_px", "high_px"))
 
 
 class UniformDepthTarget(Section):
@@ -64,14 +74,10 @@ class GammaTarget(Section):
     mean_px: Finite
     spread_px: Positive
 
-    @field_validator("mean_px")
-    @classmethod
-    def _beyond_origin(cls, mean_px: float, info: ValidationInfo) -> float:
-        origin_px = info.data.get("origin_px", 0.0)
-        if mean_px <= origin_px:
-            raise PydanticKnownError("greater_than", {"gt": origin_px})
-        check_not_tiny(mean_px - origin_px)
-        return mean_px
+    def _faults(self) -> Iterator[ConfigError]:
+        if self.mean_px - self.origin_px < SMALLEST:
+            text = f"expected mean_px above origin_px, got {self.mean_px:g} and {self.origin_px:g}"
+            yield ConfigError(text, ("mean_px", "origin_px"))
 
     def histogram(self, edges_px: NDArray[np.float64]) -> Histogram:
         """Integrate the distribution over bins of equal width with edges (K + 1,).
@@ -99,19 +105,35 @@ class HistogramTarget(Section):
     first_px: Finite = 0.0
     shares: Annotated[tuple[Weight, ...], FROM_LIST, Field(min_length=1, max_length=_MOST_BINS)]
 
-    def _faults(self) -> Iterator[str]:
+    def _faults(self) -> Iterator[ConfigError]:
         if not sum(self.shares) > 0:
-            yield "expected at least one share above 0"
+            yield ConfigError("expected at least one share above 0", ("shares",))
 
 
 Distribution = UniformTarget | UniformDepthTarget | GammaTarget | HistogramTarget
+
+_FORMS = ("uniform", "uniform-depth", "gamma", "histogram")
+
+
+def _known_form(*names: str) -> BeforeValidator:
+    """Return a validator of targets that accepts only forms with these names."""
+
+    def check(target: Any) -> Any:  # noqa: ANN401 - any YAML value
+        if isinstance(target, dict) and target.get("form") not in names:
+            hint = did_you_mean(near(str(target.get("form")), names))
+            came = f"got {shown(target['form'])}" if "form" in target else "which is missing"
+            text = f"expected one of {', '.join(names)}, {came}{'; ' if hint else ''}{hint}"
+            raise ConfigError(text, ("form",))
+        return target
+
+    return BeforeValidator(check)
 
 
 class MixturePart(Section):
     """One part of a mixture, with its weight."""
 
     weight: Weight = 1.0
-    target: Annotated[Distribution, Field(discriminator="form")]
+    target: Annotated[Distribution, Field(discriminator="form"), _known_form(*_FORMS)]
 
 
 class MixtureTarget(Section):
@@ -120,56 +142,61 @@ class MixtureTarget(Section):
     form: Literal["mixture"]
     parts: Annotated[tuple[MixturePart, ...], FROM_LIST, Field(min_length=1, max_length=_MOST_PARTS)]
 
-    def _faults(self) -> Iterator[str]:
+    def _faults(self) -> Iterator[ConfigError]:
         if not sum(part.weight for part in self.parts) > 0:
-            yield "expected at least one weight above 0"
+            yield ConfigError("expected at least one weight above 0", ("parts",))
 
 
-TargetSection = Annotated[Distribution | MixtureTarget, Field(discriminator="form")]
+TargetSection = Annotated[
+    Distribution | MixtureTarget,
+    Field(discriminator="form"),
+    _known_form(*_FORMS, "mixture", "file"),
+]
 
 
-def check_positive(target: TargetSection) -> None:
-    """Check that a target asks for no disparities below 0; raises ValidationError with the keys at fault.
-
-    ``high_px`` must be above 0.
-    """
-    faults: list[InitErrorDetails] = []
-    mixed = isinstance(target, MixtureTarget)
+def positive_faults(target: TargetSection) -> Iterator[ConfigError]:
+    """Yield a fault for each key of a target that asks for disparities below 0, by its key in the section."""
     for number, part in enumerate(_parts(target)):
-        own = part.target
-        place = ("mixture", "parts", number, "target", own.form) if mixed else (own.form,)
-        for key in ("low_px", "high_px", "origin_px"):
-            value = getattr(own, key, None)
-            kind, limit = ("greater_than", "gt") if key == "high_px" else ("greater_than_equal", "ge")
-            if value is not None and (value < 0 or (value == 0 and limit == "gt")):
-                faults.append(InitErrorDetails(type=kind, loc=(*place, key), input=value, ctx={limit: 0}))
-    if faults:
-        raise ValidationError.from_exception_data("target", faults)
+        at = f"target.parts.{number}.target" if isinstance(target, MixtureTarget) else "target"
+        for key, least in (("low_px", 0.0), ("high_px", SMALLEST), ("origin_px", 0.0)):
+            value = getattr(part.target, key, None)
+            if value is not None and value < least:
+                yield ConfigError(not_signed(least, value), (f"{at}.{key}",))
 
 
 def _parts(target: TargetSection) -> tuple[MixturePart, ...]:
     return target.parts if isinstance(target, MixtureTarget) else (MixturePart(target=target),)
 
 
-def check_target(target: TargetSection, min_px: float, max_px: float, low_px: float, note: str = "") -> None:
-    """Check that scenes can show all but 2 % of the pixels of a target; raises ValueError otherwise.
+def target_faults(
+    target: TargetSection, min_px: float, max_px: float, low_px: float, note: str = ""
+) -> Iterator[ConfigError]:
+    """Yield a fault where scenes cannot show all but 2 % of the pixels of a target, by keys of the config.
 
     ``min_px`` and ``max_px`` are those of the section ``disparity``; scenes show ``low_px`` to ``max_px``. ``note`` is
     appended to the message where the pixels that cannot be shown lie below ``low_px``.
     """
+    keys = "disparity.target", "disparity.min_px", "disparity.max_px"
     parts = _parts(target)
+    for part in parts:
+        if isinstance(part.target, UniformTarget):
+            low, high = _ends(part.target, min_px, max_px)
+            if low >= high:
+                yield ConfigError(f"disparity.target: expected low_px < high_px, got {low:g} and {high:g}", keys)
+                return
     histograms = [_uncut_histogram(part.target, min_px, max_px) for part in parts]
-    low, high = (np.concatenate([bins.edges_px[ends] for bins in histograms]) for ends in (slice(-1), slice(1, None)))
+    lows, highs = (np.concatenate([bins.edges_px[ends] for bins in histograms]) for ends in (slice(-1), slice(1, None)))
     shares = np.concatenate([part.weight * bins.shares for part, bins in zip(parts, histograms, strict=True)])
     shares /= shares.sum()
     for begin, end, side in ((-math.inf, low_px, "below"), (max_px, math.inf, "above")):
-        outside = shares * np.maximum(np.minimum(high, end) - np.maximum(low, begin), 0) / (high - low)
+        outside = shares * np.maximum(np.minimum(highs, end) - np.maximum(lows, begin), 0) / (highs - lows)
         if outside.sum() > _OUT_OF_REACH:
-            first, last = max(low[outside > 0].min(), begin), min(high[outside > 0].max(), end)
-            raise ValueError(
+            first, last = max(lows[outside > 0].min(), begin), min(highs[outside > 0].max(), end)
+            yield ConfigError(
                 f"disparity.target wants {outside.sum():.1%} of the pixels at {first:g} to {last:g} px, {side} the "
                 f"range that this config can show, {low_px:g} to {max_px:g} px: change the target, or disparity.min_px "
-                f"and disparity.max_px{note if side == 'below' else ''}"
+                f"and disparity.max_px{note if side == 'below' else ''}",
+                keys,
             )
 
 
@@ -207,17 +234,18 @@ def _cut_histogram(target: Distribution, edges_px: NDArray[np.float64], doffs_px
             return _uncut_histogram(target, low, high).rebinned(edges_px)
 
 
+def _ends(target: UniformTarget, min_px: float, max_px: float) -> tuple[float, float]:
+    low_px, high_px = target.low_px, target.high_px
+    return min_px if low_px is None else low_px, max_px if high_px is None else high_px
+
+
 def _uncut_histogram(target: Distribution, min_px: float, max_px: float) -> Histogram:
     """Return a distribution before it is cut at the limits of the section ``disparity``."""
     match target:
         case UniformTarget():
-            low = min_px if target.low_px is None else target.low_px
-            high = max_px if target.high_px is None else target.high_px
-            if low >= high:
-                raise ValueError(f"disparity.target: expected low_px < high_px, got {low:g} and {high:g}")
-            return Histogram.from_counts([low, high], [1.0])
+            return Histogram.from_counts(_ends(target, min_px, max_px), [1.0])
         case UniformDepthTarget():
-            # Only the ends of this histogram are right; callers use only its ends.
+            # A placeholder: callers need only the range.
             return Histogram.from_counts([min_px, max_px], [1.0])
         case GammaTarget():
             reach_px = _SPREADS * target.spread_px

@@ -24,6 +24,23 @@ SMALLEST = 1e-6
 """Smallest number accepted where a number above 0 is expected; its inverse is `LARGEST`."""
 
 
+class ConfigError(ValueError):
+    """A rule over several keys is broken.
+
+    Attributes:
+        keys: the dotted keys that the rule is about, below the section that states the rule.
+    """
+
+    def __init__(self, text: str, keys: Iterable[str] = ()) -> None:
+        super().__init__(text)
+        self.keys = tuple(keys)
+
+
+def not_signed(least: float, came: float) -> str:
+    """Return the text of a fault: a disparity is too small for a config whose disparities are positive."""
+    return f"expected {least:g} or more where disparity.signed is false, got {came:g}"
+
+
 def check_not_tiny(value: float) -> float:
     """Return a number; raises ValueError where it is below `SMALLEST`."""
     if value < SMALLEST:
@@ -44,18 +61,21 @@ PluginName = Annotated[str, Field(min_length=1, max_length=_LONGEST_NAME)]
 
 
 class Section(BaseModel):
-    """Base of all sections: unknown keys are errors, values are not coerced, nothing changes after loading."""
+    """Base of all sections: unknown keys are errors, values are not coerced, nothing changes after loading.
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    The docstring below a key is its text in ``semisynth-gl configs NAME`` and in the manual.
+    """
 
-    def _faults(self) -> Iterator[str]:
-        """Yield faults of keys that are valid one by one but not together; only the first fault is reported."""
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
+
+    def _faults(self) -> Iterator[ConfigError]:
+        """Yield the broken rules about keys that are valid one by one; only the first one is reported."""
         yield from ()
 
     @model_validator(mode="after")
     def _keys_go_together(self) -> Self:
         for fault in self._faults():
-            raise ValueError(fault)
+            raise fault
         return self
 
 
@@ -160,6 +180,11 @@ def at_most(largest: float) -> AfterValidator:
     return _rule(lambda value: value.high <= largest, f"at most {largest:g}")
 
 
+def below(end: float) -> AfterValidator:
+    """Return a validator of ranges whose high end is below ``end``."""
+    return _rule(lambda value: value.high < end, f"less than {end:g}")
+
+
 def count(most: int) -> Any:  # noqa: ANN401 - pydantic's
     """Return a pydantic field that limits a whole number to 1 to ``most``."""
     return Field(ge=1, le=most)
@@ -207,3 +232,4 @@ Baselines = Annotated[
 RangeField = Annotated[Range, BeforeValidator(_parse), PlainSerializer(written_range)]
 PositiveRange = Annotated[RangeField, AfterValidator(check_above_zero)]
 NotNegativeRange = Annotated[RangeField, _rule(lambda value: value.low >= 0, "numbers of 0 or more")]
+Vector = Annotated[tuple[RangeField, ...], FROM_LIST, Field(min_length=3, max_length=3)]

@@ -8,9 +8,8 @@ from functools import partial
 from typing import Any, TypeGuard
 
 from semisynth_gl.config.fields import LARGEST, Range, is_number
+from semisynth_gl.config.layers import Values
 from semisynth_gl.config.model import Config
-
-Values = dict[str, Any]
 
 # The sections whose keys ending in _px are in pixels of an image; other sections state pixels of patches.
 _OF_IMAGES = ("camera", "disparity", "background", "structures", "particles", "rig", "lens", "imperfections")

@@ -1,66 +1,103 @@
-"""All keys of a config, found by walking through its sections and the forms of its targets."""
+"""All keys of a config with their documentation."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from inspect import cleandoc
 from types import NoneType, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
+from semisynth_gl.config.fields import Range, written_range
 from semisynth_gl.config.model import Config
+from semisynth_gl.config.yaml_values import write_yaml
+
+_BOUNDS = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
+# Bounds from this size on are not shown: they only keep numbers within float32's range. Nor is a share's bound of 1.
+_NO_BOUND = 1e5
 
 
 @dataclass(frozen=True, slots=True)
 class ConfigKey:
-    """A key of a config, outside of lists.
+    """A key of a config, outside of lists and of the forms of a target.
 
-    ``parts`` are its names from the top down. A key ``of_form`` exists only in some forms of the section above it.
+    ``dotted`` is the key as ``--set`` takes it, and ``meaning`` its docstring. ``default`` is YAML, "required", or ""
+    where the default is None or empty.
     """
 
-    parts: tuple[str, ...]
-    is_section: bool
-    of_form: bool
-
-    @property
-    def dotted(self) -> str:
-        """The key as ``--set`` takes it."""
-        return ".".join(self.parts)
+    dotted: str
+    meaning: str
+    default: str = ""
+    is_section: bool = False
+    is_range: bool = False
 
 
 @cache
 def config_keys() -> tuple[ConfigKey, ...]:
-    """Return all keys of a config, in the order of its sections; a key that several forms share is listed once."""
-    return tuple(dict.fromkeys(_keys_of(Config, (), of_form=False)))
+    """Return the keys outside of sections, and then each section followed by its keys, in the config's order."""
+    return tuple(_keys_of(Config, ""))
 
 
-def _keys_of(section: type[BaseModel], above: tuple[str, ...], *, of_form: bool) -> Iterator[ConfigKey]:
+def _keys_of(section: type[BaseModel], above: str) -> Iterator[ConfigKey]:
+    inner = list[tuple[str, type[BaseModel]]]()
     for name, field in section.model_fields.items():
-        parts = (*above, name)
-        forms = by_form(field.annotation)
-        sections = [] if forms else sections_of(field.annotation)
-        yield ConfigKey(parts, bool(sections), of_form)
-        for below in (*forms.values(), *sections):
-            yield from _keys_of(below, parts, of_form=of_form or bool(forms))
+        if (below := section_of(field.annotation)) is not None:
+            inner.append((f"{above}{name}", below))
+        else:
+            is_range = Range in _members(field.annotation)
+            yield ConfigKey(f"{above}{name}", _meaning(field), _default(field), is_range=is_range)
+    for name, below in inner:
+        yield ConfigKey(name, cleandoc(below.__doc__ or ""), is_section=True)
+        yield from _keys_of(below, f"{name}.")
 
 
-def members_of(annotation: Any) -> list[Any]:  # noqa: ANN401 - any annotation
-    """Return the types that an annotation allows, with unions and ``Annotated`` unpacked and None left out."""
-    if get_origin(annotation) is Annotated:
-        return members_of(get_args(annotation)[0])
+def section_of(annotation: Any) -> type[BaseModel] | None:  # noqa: ANN401 - any annotation
+    """Return the section that a key holds; None where the key holds a value, or may have several forms."""
+    members = _members(annotation)
+    return members[0] if len(members) == 1 and _is_section(members[0]) else None
+
+
+def _members(annotation: Any) -> list[Any]:  # noqa: ANN401 - any annotation
+    """Return the types that an annotation allows, besides None."""
     if get_origin(annotation) in (Union, UnionType):
-        return [member for part in get_args(annotation) for member in members_of(part)]
-    return [] if annotation in (None, NoneType) else [annotation]
+        return [each for part in get_args(annotation) for each in _members(part)]
+    if get_origin(annotation) is Annotated:
+        return _members(get_args(annotation)[0])
+    return [] if annotation is NoneType else [annotation]
 
 
-def sections_of(annotation: Any) -> list[type[BaseModel]]:  # noqa: ANN401 - any annotation
-    """Return the classes of sections that an annotation allows."""
-    return [each for each in members_of(annotation) if isinstance(each, type) and issubclass(each, BaseModel)]
+def sections_in(annotation: Any) -> list[type[BaseModel]]:  # noqa: ANN401 - any annotation
+    """Return all sections that an annotation names, also in lists and among several forms."""
+    if _is_section(annotation):
+        return [annotation]
+    return [section for part in get_args(annotation) for section in sections_in(part)]
 
 
-def by_form(annotation: Any) -> dict[str, type[BaseModel]]:  # noqa: ANN401 - any annotation
-    """Return the classes of sections in a union, by the values of their key ``form``; {} for any other annotation."""
-    sections = sections_of(annotation)
-    if len(sections) < 2 or len(sections) < len(members_of(annotation)):
-        return {}
-    return {get_args(section.model_fields["form"].annotation)[0]: section for section in sections}
+def _is_section(annotation: object) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
+
+
+def _meaning(field: FieldInfo) -> str:
+    bounds = {word: getattr(each, word) for each in field.metadata for word in _BOUNDS if hasattr(each, word)}
+    telling = {word: end for word, end in bounds.items() if 1 < abs(end) < _NO_BOUND or (word, end) == ("lt", 1)}
+    said = " and ".join(f"{_BOUNDS[word]} {end:g}" for word, end in telling.items())
+    meaning = (field.description or "").replace("\n", " ")
+    return f"{meaning}; {said}" if said else meaning
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "required"
+    value = field.get_default(call_default_factory=True)
+    # A target's default is told by its text.
+    return "" if value in (None, (), {}) or isinstance(value, BaseModel) else write_yaml(_short(value)).strip()
+
+
+def _short(value: Any) -> Any:  # noqa: ANN401 - any value of a config
+    if isinstance(value, Range):
+        value = written_range(value)
+    if isinstance(value, list | tuple):
+        return [_short(each) for each in value]
+    return int(value) if isinstance(value, float) and value.is_integer() else value

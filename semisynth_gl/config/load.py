@@ -1,11 +1,10 @@
-"""Reading a config: YAML with ``extends``, overrides, and errors that name file, line and key."""
+"""Reading a config: layers of YAML and overrides, merged and then checked once."""
 
-import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from copy import deepcopy
 from dataclasses import replace
+from functools import reduce
 from importlib.resources.abc import Traversable
 from io import StringIO
 from pathlib import Path
@@ -17,42 +16,28 @@ from ruamel.yaml.comments import CommentedMap
 
 from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.config.distributions import read_histogram
-from semisynth_gl.config.faults import (
-    OVERRIDE,
-    OVERRIDES,
-    SCENES,
-    TARGET,
-    TARGET_FILE,
-    explain_fault,
-    is_override,
-    named_place,
-)
+from semisynth_gl.config.errors import explained
 from semisynth_gl.config.fields import is_number
 from semisynth_gl.config.image_size import recentred, scaled
-from semisynth_gl.config.merge import Document, keys_of, merged
+from semisynth_gl.config.layers import OVERRIDE, Layer, merged
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.yaml_values import DEEPEST, MOST_BYTES, Key, YamlError, read_yaml
-from semisynth_gl.inputs.errors import InputError, counted, cut, did_you_mean, near, shown
+from semisynth_gl.inputs.errors import InputError, cut, did_you_mean, near, shown
 from semisynth_gl.inputs.resources import data_root
 from semisynth_gl.inputs.user_files import expanded, read_file
 from semisynth_gl.plugins import find_plugin, installed_plugins
-
-_EXTENDS = "extends"
-_SCALE = "scale"
 
 # Largest factor of ``scale``, and of its inverse.
 _MOST_TIMES = 64
 # Largest number of configs in a chain, each of which extends the next.
 _MOST_PARENTS = 16
-_FAULTS_SHOWN = 20
+
+Overrides = Mapping[str, Any] | Sequence[str | tuple[str, Any]]
 
 
 def packaged_configs() -> list[str]:
     """Return the names of the packaged configs, sorted."""
     return sorted(Path(entry.name).stem for entry in data_root("configs").iterdir() if entry.name.endswith(".yaml"))
-
-
-Overrides = Mapping[str, Any] | Sequence[str | tuple[str, Any]]
 
 
 def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
@@ -72,7 +57,7 @@ def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
     """
     if isinstance(overrides, str):  # a sequence of texts too
         raise InputError(f"overrides must be a Mapping or a list, got the text {shown(overrides)}: put it into a list")
-    return _validated(_read_document(_find_config(str(name_or_path)), ()), overrides)
+    return _validated(_over(_read(_find_config(str(name_or_path)), ()), _override_layer(overrides)))
 
 
 def parse_config(text: str, file: str) -> Config:
@@ -81,7 +66,7 @@ def parse_config(text: str, file: str) -> Config:
     Messages name ``file`` as the source, and relative paths in the text count from its folder; ``file`` need not exist.
     Raises InputError as `load_config` does.
     """
-    return _validated(_parse_document(text, Path(file), file, ()))
+    return _validated(_parse(text, Path(file), file, ()))
 
 
 def with_overrides(text: str, overrides: Overrides) -> str:
@@ -89,12 +74,12 @@ def with_overrides(text: str, overrides: Overrides) -> str:
 
     Raises InputError as `load_config` does.
     """
-    _validated(_parse_document(text, Path(), "the config", ()), overrides)
+    _validated(_over(_parse(text, Path(), "the config", ()), _override_layer(overrides)))
     yaml = YAML()
     yaml.width = 100
     yaml.indent(mapping=2, sequence=4, offset=2)
     tree = yaml.load(text)
-    for key, value, _ in map(_key_and_value, overrides.items() if isinstance(overrides, Mapping) else overrides):
+    for key, value in map(_key_and_value, overrides.items() if isinstance(overrides, Mapping) else overrides):
         *sections, last = key.split(".")
         node = tree
         for section in sections:
@@ -109,86 +94,35 @@ def with_overrides(text: str, overrides: Overrides) -> str:
     return stream.getvalue()
 
 
-def _validated(document: Document, overrides: Overrides = ()) -> Config:
-    own = Document()
-    for override in overrides.items() if isinstance(overrides, Mapping) else overrides:
-        _set(own, *_key_and_value(override))
-    document = _over(document, own)
-    _read_other_sources(document)
+def _validated(layer: Layer) -> Config:
+    layer = _with_histograms(_with_plugin_recipes(layer))
     try:
-        config = Config.model_validate(document.values)
+        config = Config.model_validate(layer.values)
     except ValidationError as error:
-        faults = error.errors(include_url=False)
-        lines = [explain_fault(fault, document) for fault in faults[:_FAULTS_SHOWN]]
-        more = [f"and {counted(len(faults) - _FAULTS_SHOWN, 'more fault')}"] if len(faults) > _FAULTS_SHOWN else []
-        raise InputError("\n".join([*dict.fromkeys(lines), *more])) from None
+        raise InputError(explained(error, layer)) from None
+    for recipe, fault in config.target_faults():
+        keys = [tuple(key.split(".")) for key in fault.keys]
+        raise InputError(layer.said(str(fault), keys, () if recipe is None else ("scenes", recipe)))
     installed_plugins()  # refuses one that has a built-in name, which the config may mean
     used = config.used_plugins()
     if config.layout is not None and config.layout not in LAYOUTS:
         used[("layout",)] = ("layouts", config.layout)
     for key, (group, name) in used.items():
-        with _blamed_on(key, document):
+        with _about(layer, key):
             find_plugin(group, name)
     return config
 
 
-def _over(base: Document, own: Document) -> Document:
-    """Merge the values of ``own`` over those of ``base``, scaled or recentred where ``own`` changes the images."""
-    factor = own.values.pop(_SCALE, None)
-    if factor is not None:
-        if not (is_number(factor) and 1 / _MOST_TIMES <= factor <= _MOST_TIMES):
-            expected = f"expected a number from 1/{_MOST_TIMES} to {_MOST_TIMES}"
-            raise InputError(f"{named_place((_SCALE,), own)}: {expected}, got {shown(factor)}")
-        _read_other_sources(base)
-        base = replace(base, values=scaled(base.values, factor))
-    return merged(replace(base, values=recentred(base.values, own.values)), own)
-
-
-def _read_other_sources(document: Document) -> None:
-    """Merge recipes over the plug-ins' recipes that they extend, and replace targets of form ``file`` by histograms."""
-    recipes = document.values.get(SCENES)
-    recipes = recipes if isinstance(recipes, list) else []
-    for number, recipe in enumerate(recipes):
-        name = recipe.get(_EXTENDS) if isinstance(recipe, dict) else None
-        if isinstance(name, str):
-            with _blamed_on((SCENES, number, _EXTENDS), document):
-                keys = find_plugin("recipes", name).value
-            # A copy in JSON's types, which a config has.
-            keys = json.loads(json.dumps({"recipe": name} | keys))
-            recipes[number] = merged(Document(keys), Document(recipe)).values
-    _read_target_file(document, document.values, ())
-    for number, recipe in enumerate(recipes):
-        if isinstance(recipe, dict):
-            _read_target_file(document, recipe, (SCENES, number))
-
-
 @contextmanager
-def _blamed_on(key: Key, document: Document) -> Iterator[None]:
-    """Put the place of a key before the message of an InputError."""
+def _about(layer: Layer, *keys: Key) -> Iterator[None]:
+    """Put the place of keys in front of the message of an InputError."""
     try:
         yield
     except InputError as error:
-        raise type(error)(f"{named_place(key, document)}: {error}") from None
+        raise type(error)(layer.said(str(error), keys)) from None
 
 
-def _read_target_file(document: Document, sections: dict[str, Any], at: Key) -> None:
-    disparity = sections.get(TARGET[0])
-    target = disparity.get(TARGET[1]) if isinstance(disparity, dict) else None
-    if not (isinstance(disparity, dict) and isinstance(target, dict) and target.get("form") == TARGET_FILE):
-        return
-    path, at = target.get("path"), (*at, *TARGET)
-    faults = [((*at, key), "expected no key beside form and path") for key in target if key not in ("form", "path")]
-    if "path" not in target:
-        faults.append(((*at, "form"), "a target of form file needs a path beside it: disparity.target.path"))
-    elif not isinstance(path, str):
-        faults.append(((*at, "path"), f"expected the name of a file, got {shown(path)}"))
-    if faults:
-        raise InputError("\n".join(f"{named_place(key, document)}: {fault}" for key, fault in faults))
-    # A path in a config is relative to the config's folder, a path in an override to the working folder.
-    place = document.places.get((*at, "path"), OVERRIDES)
-    folder = Path() if is_override(place) else Path(place.rpartition(":")[0]).parent
-    with _blamed_on((*at, "path"), document):
-        disparity[TARGET[1]] = read_histogram(folder / expanded(str(path)))
+# Reading layers
 
 
 def _find_config(name: str) -> Path | Traversable:
@@ -205,7 +139,8 @@ def _find_config(name: str) -> Path | Traversable:
     )
 
 
-def _read_document(path: Path | Traversable, parents: tuple[str, ...]) -> Document:
+def _read(path: Path | Traversable, parents: tuple[str, ...]) -> Layer:
+    """Read a file, with the configs below it that it extends; ``parents`` are the files that extend it."""
     file = str(path) if isinstance(path, Path) else path.name
     if file in parents:
         raise InputError(f"{file}: configs extend each other in a circle: {' -> '.join((*parents, file))}")
@@ -214,69 +149,131 @@ def _read_document(path: Path | Traversable, parents: tuple[str, ...]) -> Docume
     try:
         data = read_file(path, MOST_BYTES) if isinstance(path, Path) else path.read_bytes()
         text = data.decode("utf-8")
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read as YAML: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{file}: cannot be read as YAML: {error}") from None
-    return _parse_document(text, path, file, parents)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"{file}: cannot be read as YAML: {reason}") from None
+    return _parse(text, path, file, parents)
 
 
-def _parse_document(text: str, path: Path | Traversable, file: str, parents: tuple[str, ...]) -> Document:
+def _parse(text: str, path: Path | Traversable, file: str, parents: tuple[str, ...]) -> Layer:
     try:
-        tree, lines = read_yaml(text)
+        values, lines = read_yaml(text)
     except YamlError as error:
         place = file if error.line is None else f"{file}:{error.line}"
         raise InputError(f"{place}: {error}") from None
-    if not isinstance(tree, dict):
-        raise InputError(f"{file}:1: expected sections such as camera: and disparity:, got {shown(tree)}")
-    own = Document(tree, {key: f"{file}:{line}" for key, line in lines.items()}, (file,))
-    base_name = own.values.pop(_EXTENDS, None)
+    if not isinstance(values, dict):
+        raise InputError(f"{file}:1: expected sections such as camera: and disparity:, got {shown(values)}")
+    layer = Layer(values, {(): file} | {key: f"{file}:{line}" for key, line in lines.items()})
+    base_name = values.get("extends")
     if base_name is None:
-        if _SCALE in own.values:
-            raise InputError(f"{named_place((_SCALE,), own)}: expected {_EXTENDS} beside it, which names what to scale")
-        return own
-    with _blamed_on((_EXTENDS,), own):
+        if "scale" in values:
+            raise InputError(layer.said("expected extends beside it, which names what to scale", [("scale",)]))
+        return layer
+    with _about(layer, ("extends",)):
         if not isinstance(base_name, str):
             raise InputError(f"expected the name of a config, got {shown(base_name)}")
         beside = path.parent / expanded(base_name) if isinstance(path, Path) else None
         is_beside = beside is not None and os.path.isfile(beside)  # noqa: PTH113 - see _find_config
         base_path = beside if beside is not None and is_beside else _find_config(base_name)
-    return _over(_read_document(base_path, (*parents, file)), own)
+    return _over(_read(base_path, (*parents, file)), layer)
 
 
-def _key_and_value(override: object) -> tuple[str, Any, str]:
-    """Return the dotted key of an override, its value, and its name in messages."""
+def _override_layer(overrides: Overrides) -> Layer:
+    layers = map(_parse_override, overrides.items() if isinstance(overrides, Mapping) else overrides)
+    return reduce(lambda below, own: own.over(below), layers, Layer())
+
+
+def _parse_override(override: object) -> Layer:
+    name, value = _key_and_value(override)
+    key = tuple(name.split("."))
+    if len(key) > DEEPEST:
+        raise InputError(f"{OVERRIDE} {cut(name)}: expected a key of at most {DEEPEST} parts")
+    try:
+        places = {key[:n]: OVERRIDE for n in range(1, len(key))} | dict.fromkeys(_keys_of(value, key), OVERRIDE)
+    except RecursionError:
+        raise InputError(f"{OVERRIDE} {name}: its value is nested too deeply") from None
+    return Layer(reduce(lambda below, part: {part: below}, reversed(key), value), places)
+
+
+def _key_and_value(override: object) -> tuple[str, Any]:
+    """Return the dotted key of an override, and its value."""
     if isinstance(override, str):
         key, equals, text = override.partition("=")
         if not equals or not key:
             raise InputError(f"{OVERRIDE} {cut(override)}: expected dotted.key=value, such as camera.width_px=640")
         try:
-            return key, read_yaml(text)[0], f"{OVERRIDE} {cut(key)}"
+            return key, read_yaml(text)[0]
         except YamlError as error:
             raise InputError(f"{OVERRIDE} {cut(key)}: the value {shown(text)}: {error}") from None
     if isinstance(override, tuple) and len(override) == 2 and isinstance(override[0], str):
-        return *override, OVERRIDES
+        return override
     raise InputError(
         f"overrides: expected 'camera.width_px=640' or ('camera.width_px', 640) for each, got {shown(override)}"
     )
 
 
-def _set(document: Document, dotted: str, value: Any, place: str) -> None:  # noqa: ANN401 - any YAML value
-    *sections, last = key = tuple(dotted.split("."))
-    named = place if place != OVERRIDES else f"{place}: {cut(dotted)}"
-    if len(sections) > DEEPEST:
-        raise InputError(f"{named}: expected a key of at most {DEEPEST} parts")
-    node = document.values
-    for section in sections:
-        node = node.setdefault(section, {})
-        if not isinstance(node, dict):
-            raise InputError(f"{named}: {section} is not a section with keys of its own")
-    for below in keys_of(node.get(last), key):
-        document.places.pop(below, None)
-    try:
-        # A copy, so that later overrides change the document and not the caller's value.
-        node[last] = deepcopy(value)
-        # An override with a mapping sets all keys of the mapping.
-        document.places |= dict.fromkeys(keys_of(value, key), place)
-    except RecursionError:
-        raise InputError(f"{named}: its value is nested too deeply") from None
+def _keys_of(value: Any, key: Key) -> list[Key]:  # noqa: ANN401 - any YAML value
+    """Return ``key``, whose value is ``value``, and the keys of all values inside that value."""
+    parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    return [key, *(below for part, child in parts for below in _keys_of(child, (*key, part)))]
+
+
+def _over(below: Layer, layer: Layer) -> Layer:
+    """Merge a layer over another, which is scaled or recentred where the layer changes the images."""
+    factor = layer.values.get("scale")
+    if factor is not None:
+        if not (is_number(factor) and 1 / _MOST_TIMES <= factor <= _MOST_TIMES):
+            expected = f"expected a number from 1/{_MOST_TIMES} to {_MOST_TIMES}"
+            raise InputError(layer.said(f"{expected}, got {shown(factor)}", [("scale",)]))
+        below = _with_histograms(below)
+        below = replace(below, values=scaled(below.values, factor))
+    own = {key: value for key, value in layer.values.items() if key not in ("extends", "scale")}
+    return replace(layer, values=own).over(replace(below, values=recentred(below.values, own)))
+
+
+# What is read from elsewhere
+
+
+def _with_plugin_recipes(layer: Layer) -> Layer:
+    """Merge each recipe over the plug-in's recipe that it extends."""
+    recipes = layer.values.get("scenes")
+    if not isinstance(recipes, list):
+        return layer
+    whole = []
+    for number, recipe in enumerate(recipes):
+        name = recipe.get("extends") if isinstance(recipe, dict) else None
+        if isinstance(name, str):
+            with _about(layer, ("scenes", number, "extends")):
+                plugin = find_plugin("recipes", name)
+            whole.append(merged({"recipe": name} | plugin.value, recipe))
+        else:
+            whole.append(recipe)
+    return replace(layer, values=layer.values | {"scenes": whole})
+
+
+def _with_histograms(layer: Layer) -> Layer:
+    """Replace targets of form ``file`` by histograms."""
+    recipes = layer.values.get("scenes")
+    values = _with_histogram(layer, layer.values, ())
+    if isinstance(recipes, list):
+        values |= {"scenes": [_with_histogram(layer, each, ("scenes", k)) for k, each in enumerate(recipes)]}
+    return replace(layer, values=values)
+
+
+def _with_histogram(layer: Layer, sections: Any, at: Key) -> Any:  # noqa: ANN401 - any YAML value
+    match sections:
+        case {"disparity": {"target": {"form": "file"} as target}}:
+            pass
+        case _:
+            return sections
+    key, path = (*at, "disparity", "target"), target.get("path")
+    if foreign := [name for name in target if name not in ("form", "path")]:
+        raise InputError(layer.said("expected no key beside form and path", [(*key, foreign[0])]))
+    if not isinstance(path, str):
+        raise InputError(layer.said(f"expected the name of a file, got {shown(path)}", [(*key, "path")]))
+    # A path in a config is relative to the config's folder, a path in an override to the working folder.
+    _, place = layer.place((*key, "path"))
+    folder = Path() if place in ("", OVERRIDE) else Path(place.rpartition(":")[0]).parent
+    with _about(layer, (*key, "path")):
+        histogram = read_histogram(folder / expanded(path))
+    return sections | {"disparity": sections["disparity"] | {"target": histogram}}

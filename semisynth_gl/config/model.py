@@ -3,22 +3,12 @@
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import (
-    Field,
-    SerializerFunctionWrapHandler,
-    ValidationError,
-    ValidationInfo,
-    create_model,
-    field_validator,
-    model_serializer,
-    model_validator,
-)
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config.dataset_sections import (
@@ -30,25 +20,24 @@ from semisynth_gl.config.dataset_sections import (
     SequenceSection,
     SplitsSection,
 )
-from semisynth_gl.config.distributions import check_target, wanted_histogram
+from semisynth_gl.config.distributions import target_faults, wanted_histogram
 from semisynth_gl.config.fields import (
     FROM_LIST,
+    SMALLEST,
+    ConfigError,
     Name,
     PluginName,
     Range,
     Section,
     Weight,
-    check_above_zero,
+    not_signed,
     one_of,
-    written_range,
 )
-from semisynth_gl.config.merge import Document, merged
-from semisynth_gl.config.partial import partial_section
+from semisynth_gl.config.layers import Values, merged
 from semisynth_gl.config.rig_sections import CameraSection, DisparitySection, LensSection, ProjectorSection
 from semisynth_gl.config.scene_sections import (
     TEXTURE_SOURCES,
     BackgroundSection,
-    DepthLayerSection,
     ModelsSection,
     ParticlesSection,
     RoomSection,
@@ -63,55 +52,85 @@ from semisynth_gl.plugins import Group
 
 _MOST_RECIPES = 100
 
-
-# The sections that a recipe may change, each with the keys that it may not change, since they hold for all pairs of a
-# dataset: the kind of images, the shape of pixels, the number of pairs per scene, the sets of models and patches, the
-# sampling of patches by the graphics card, and the limits by which truth is stored and checked.
-_OF_RECIPES: Mapping[str, tuple[type[Section], tuple[str, ...]]] = {
-    "camera": (CameraSection, ("width_px", "height_px", "fy_over_fx", "baselines", "colour")),
-    "disparity": (DisparitySection, ("signed", "min_px", "max_px")),
-    "background": (BackgroundSection, ()),
-    "room": (RoomSection, ()),
-    "street": (StreetSection, ()),
-    "structures": (StructuresSection, ()),
-    "particles": (ParticlesSection, ()),
-    "models": (ModelsSection, ("folders", "variants")),
-    "textures": (TexturesSection, tuple(key for key in TexturesSection.model_fields if key != "texels_per_pixel")),
+# The keys that a recipe may change, by section, where it may not change all: the others hold for all pairs of a
+# dataset. They are the kind of images, the shape of pixels, the number of pairs per scene, the sets of models and patches, the sampling of
+# patches by the graphics card, and the limits by which truth is stored and checked.
+_OF_RECIPES: Mapping[str, Collection[str]] = {
+    "camera": CameraSection.model_fields.keys() - {"width_px", "height_px", "fy_over_fx", "baselines", "colour"},
+    "disparity": {"target"},
+    "background": BackgroundSection.model_fields,
+    "room": RoomSection.model_fields,
+    "street": StreetSection.model_fields,
+    "structures": StructuresSection.model_fields,
+    "particles": ParticlesSection.model_fields,
+    "models": ModelsSection.model_fields.keys() - {"folders", "variants"},
+    "textures": {"texels_per_pixel"},
 }
-_partial_sections: dict[str, Any] = {
-    name: (partial_section(section, without) | None, None) for name, (section, without) in _OF_RECIPES.items()
-}
-_Changes = create_model("_Changes", __base__=Section, **_partial_sections)
 
 
-class RecipeSection(_Changes):
+class RecipeSection(Section):
     """A recipe of scenes: keys of sections that replace the config's keys.
 
-    Attributes:
-        recipe: name of the recipe: letters, digits and hyphens; by default the name in ``extends``.
-        extends: name of a plug-in's recipe, over which the keys are merged when the config is read.
-        weight: weight of the recipe; its share of the sequences is in proportion to this.
+    In YAML, the sections stand beside ``recipe`` and ``weight``, see `_whole`.
     """
 
     recipe: Name
+    """name of the recipe: letters, digits and hyphens; by default the name in ``extends``"""
     extends: PluginName | None = None
+    """name of a plug-in's recipe, over which the keys are merged when the config is read"""
     weight: Weight = 1.0
+    """weight of the recipe; its share of the sequences is in proportion to this"""
+    given: Annotated[dict[str, Any], Field(max_length=_MOST_RECIPES)]
+    """the keys that the recipe states: a mapping for each section, None for each value"""
+    config: "Config"
+    """the whole config with the recipe's keys merged in, and without recipes"""
+
+    @field_validator("given")
+    @classmethod
+    def _holds_not_for_all_pairs(cls, given: dict[str, Any]) -> dict[str, Any]:
+        for section, keys in given.items():
+            known = getattr(getattr(Config.model_fields.get(section), "annotation", None), "model_fields", {})
+            for key in [section] if section not in _OF_RECIPES else [f"{section}.{key}" for key in keys or ()]:
+                top, _, name = key.partition(".")
+                if (name in known and name not in _OF_RECIPES[top]) if name else top in Config.model_fields:
+                    text = f"a recipe cannot change this key, which holds for all pairs: set {key} beside scenes"
+                    raise ConfigError(text, (key,))
+        return given
 
     @model_serializer(mode="wrap")
-    def _given(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {key: value for key, value in serialise(self).items() if value is not None}
+    def _as_written(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        head = {key: value for key, value in serialise(self).items() if value is not None}
+        values: dict[str, Any] = _picked(head.pop("config"), head.pop("given"))
+        return values | head
 
-    def changes(self) -> dict[str, Any]:
-        """Return the keys that the recipe changes, by their section, in JSON's types."""
-        return self.model_dump(mode="json", exclude={"recipe", "extends", "weight"})
+
+def _whole(base: Values, recipe: Any) -> Any:  # noqa: ANN401 - any YAML value
+    """Return the values of a `RecipeSection`, from those of a recipe in YAML and of its config."""
+    if not isinstance(recipe, dict):
+        return recipe
+    head = {key: recipe[key] for key in ("recipe", "extends", "weight") if key in recipe}
+    changes = {key: value for key, value in recipe.items() if key not in head}
+    return head | {"given": _given(changes), "config": merged(base, changes)}
+
+
+def _given(value: Any) -> Any:  # noqa: ANN401 - any YAML value
+    """Return a mapping with None for each value."""
+    is_section = isinstance(value, dict) and "form" not in value
+    return {key: _given(child) for key, child in value.items()} if is_section else None
+
+
+def _picked(values: Any, given: Any) -> Any:  # noqa: ANN401 - any JSON value
+    """Return the values of the keys that are given."""
+    if given is None:
+        return values
+    return {key: _picked(value, given[key]) for key, value in values.items() if key in given}
 
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """A recipe, which a ``share`` of the sequences follows.
+    """A recipe, which a ``share`` of the sequences follows; ``config`` is the whole config of its scenes.
 
-    ``config`` is the whole config with the recipe's keys merged in, and without ``scenes``. A config without recipes is
-    its own only recipe, whose name is None.
+    A config without recipes is its own only recipe, whose name is None.
     """
 
     name: str | None
@@ -119,27 +138,14 @@ class Recipe:
     config: "Config"
 
 
-# Context of validation for a recipe without a target of its own: the mix as a whole meets the target, not each recipe.
-_WITHIN_MIX = {"within_mix": True}
-
-
 class Config(Section):
-    """A config: with a seed and an index, it determines a pair. The class of each section documents its keys.
-
-    Attributes:
-        name: first part of every sample's name: letters, digits and hyphens.
-        layout: layout where ``--layout`` is not set; by default ``middlebury``, or ``webdataset`` from 10,000 pairs on.
-        scenes: recipes, of which each sequence takes one, by weight.
-        outputs: outputs besides images and disparities: ``visibility``, ``correspondence``, ``instances``, ``depth``,
-            ``sky``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``; with ``lens``, ``valid``,
-            ``raw``, ``raw_map``.
-        truth: views that get truth: ``both`` or ``left``; both get images, ``raw`` and ``raw_map``.
-        antialias: antialiasing of colour: ``none``, ``edges``, or ``ssaa2`` to ``ssaa8``.
-    """
+    """A config: with a seed and an index, it determines a pair. The class of each section documents its keys."""
 
     name: Name
+    """first part of every sample's name: letters, digits and hyphens"""
     # Excluded from the values and the digest, since it changes no pair.
     layout: Annotated[PluginName | None, Field(exclude=True)] = None
+    """layout where ``--layout`` is not set; by default ``middlebury``, or ``webdataset`` from 10,000 pairs on"""
     camera: CameraSection
     disparity: DisparitySection
     background: BackgroundSection = BackgroundSection()
@@ -150,6 +156,7 @@ class Config(Section):
     models: ModelsSection = ModelsSection()
     textures: TexturesSection = TexturesSection()
     scenes: Annotated[tuple[RecipeSection, ...], FROM_LIST, Field(max_length=_MOST_RECIPES)] = ()
+    """recipes, of which each sequence takes one, by weight"""
     rig: RigSection = RigSection()
     lens: LensSection | None = None
     projector: ProjectorSection | None = None
@@ -160,8 +167,20 @@ class Config(Section):
     splits: SplitsSection = SplitsSection()
     licences: LicencesSection = LicencesSection()
     outputs: Annotated[tuple[Annotated[str, one_of(OUTPUTS)], ...], FROM_LIST, Field(max_length=100)] = DEFAULT_OUTPUTS
+    """outputs besides images and disparities: ``visibility``, ``correspondence``, ``instances``, ``depth``, ``sky``,
+    ``normals``, ``flow``, ``flow_backward``, ``disparity_change``; with ``lens``, ``valid``, ``raw``, ``raw_map``"""
     truth: TruthViews = "both"
+    """views that get truth: ``both`` or ``left``; both get images, ``raw`` and ``raw_map``"""
     antialias: Annotated[str, Field(pattern=ANTIALIAS_PATTERN)] = "none"
+    """antialiasing of colour: ``none``, ``edges``, or ``ssaa2`` to ``ssaa8``"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _merge_recipes(cls, values: Any) -> Any:  # noqa: ANN401 - any YAML value
+        if not (isinstance(values, dict) and isinstance(values.get("scenes"), list)):
+            return values
+        base = {key: value for key, value in values.items() if key not in ("scenes", "layout")}
+        return values | {"scenes": [_whole(base, recipe) for recipe in values["scenes"]]}
 
     @model_serializer(mode="wrap")
     def _without_none(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -169,124 +188,107 @@ class Config(Section):
         none = {key for key in ("lens", "projector") if getattr(self, key) is None}
         return {key: value for key, value in serialise(self).items() if key not in none}
 
-    def _faults(self) -> Iterator[str]:
-        stated = self._stated_px()
+    def _faults(self) -> Iterator[ConfigError]:
+        stated, limit = self._stated_px(), self.disparity.max_px
         if self.disparity.signed:
-            doffs_px = self.camera.all_doffs_px.low
-            lowest = {"disparity.min_px": self.disparity.min_px} | {key: each.low for key, each in stated.items()}
-            for key, low_px in lowest.items():
-                if low_px + doffs_px <= 0:
-                    yield (
-                        f"{key} goes down to {low_px:g} px, but where the principal points differ by doffs = "
-                        f"{doffs_px:g} px, disparities end at {-doffs_px:g} px, which is infinitely far away: raise "
-                        f"{key} above that, or raise camera.doffs_px"
-                    )
+            yield from self._infinity_faults(stated)
         else:
-            self._check_positive()
-        limit = self.disparity.max_px
+            for key, values in self._all_px().items():
+                if values.low < SMALLEST:
+                    yield ConfigError(not_signed(SMALLEST, values.low), (key,))
         for key, values in stated.items():
             if values.high > limit:
-                yield (
+                yield ConfigError(
                     f"{key} goes up to {values.high:g} px, but disparity.max_px, the limit, is {limit:g}: lower the "
-                    "first or raise the second"
+                    "first or raise the second",
+                    (key, "disparity.max_px"),
                 )
         if limit < 0 and len(self.camera.baseline_ranges_m) > 1 and self.camera.cx_right_px is None:
-            yield (
+            yield ConfigError(
                 f"disparity.max_px is {limit:g} px, but shorter baselines have disparities nearer to "
-                "0: state camera.cx_left_px and cx_right_px, which hold for all baselines, or one baseline"
+                "0: state camera.cx_left_px and cx_right_px, which hold for all baselines, or one baseline",
+                ("disparity.max_px", "camera.baselines"),
             )
         if "disparity_change" in self.outputs and not self.rig.none():
-            yield "the output disparity_change needs rectified pairs: leave out this output, or the section rig"
-        yield from self._camera_faults()
+            text = "the output disparity_change needs rectified pairs: leave out this output, or the section rig"
+            yield ConfigError(text, ("outputs", "rig"))
+        yield from self._lens_faults()
+        names = [section.recipe for section in self.scenes]
+        if double := [name for name in names if names.count(name) > 1]:
+            text = f"expected a name of its own for each recipe, but several are named {double[0]}"
+            yield ConfigError(text, ("scenes",))
+        if self.scenes and not sum(section.weight for section in self.scenes) > 0:
+            yield ConfigError("expected a weight above 0 for at least one recipe", ("scenes",))
 
-    def _camera_faults(self) -> Iterator[str]:
-        masked = [output for output in ("visibility", "flow", "flow_backward") if output in self.outputs]
-        if self.lens is not None and masked and "valid" not in self.outputs:
-            yield (
-                f"the masks of {masked[0]} leave out what the sensors of lens did not see, and the output valid says "
-                "where that is: add valid to outputs"
-            )
-        if self.lens is not None and not self.lens.border_disparity:
-            if "valid" not in self.outputs:
-                yield "lens.border_disparity false leaves out what the output valid marks: add valid to outputs"
-            if "disparity_change" in self.outputs and "flow" not in self.outputs:
-                yield (
-                    "with lens.border_disparity false, disparity_change is missing where flow leads into a border: add "
-                    "flow to outputs"
+    def _infinity_faults(self, stated: Mapping[str, Range]) -> Iterator[ConfigError]:
+        doffs_px = self.camera.all_doffs_px.low
+        lowest = {"disparity.min_px": self.disparity.min_px} | {key: each.low for key, each in stated.items()}
+        for key, low_px in lowest.items():
+            if low_px + doffs_px <= 0:
+                yield ConfigError(
+                    f"{key} goes down to {low_px:g} px, but where the principal points differ by doffs = "
+                    f"{doffs_px:g} px, disparities end at {-doffs_px:g} px, which is infinitely far away: raise "
+                    f"{key} above that, or raise camera.doffs_px",
+                    (key, "camera.doffs_px", "camera.cx_left_px", "camera.cx_right_px"),
                 )
-        if self.lens is not None:
-            yield from self.lens.view_faults(self.camera)
-        of_lens = [output for output in self.outputs if output not in DRAWN_OUTPUTS]
-        if self.lens is None and of_lens:
-            yield f"the output {of_lens[0]} needs the section lens: add lens, or leave the output out"
 
-    def _check_positive(self) -> None:
-        background, structures = self.background, self.structures
-        stated: dict[Key, Range | None] = {
-            ("background", "wall_disparity_px"): background.wall_disparity_px,
-            ("background", "plane_disparity_px"): background.plane_disparity_px,
-            ("structures", "ground_disparity_px"): structures.ground_disparity_px,
-            ("structures", "panel_disparity_px"): structures.panel_disparity_px,
-        }
-        stated |= {(*key, "disparity_px"): layer.disparity_px for key, layer in self._layers().items()}
-        faults = []
-        for key, values in stated.items():
-            if values is not None:
-                try:
-                    check_above_zero(values)
-                except ValueError as error:
-                    faults.append(_fault("disparity", str(error), key, written_range(values)))
-        if faults:
-            raise ValidationError.from_exception_data("Config", faults)
+    def _lens_faults(self) -> Iterator[ConfigError]:
+        if self.lens is None:
+            if of_lens := [output for output in self.outputs if output not in DRAWN_OUTPUTS]:
+                text = f"the output {of_lens[0]} needs the section lens: add lens, or leave the output out"
+                yield ConfigError(text, ("outputs",))
+            return
+        masked = [output for output in ("visibility", "flow", "flow_backward") if output in self.outputs]
+        if masked and "valid" not in self.outputs:
+            yield ConfigError(
+                f"the masks of {masked[0]} leave out what the sensors of lens did not see, and the output valid says "
+                "where that is: add valid to outputs",
+                ("lens", "outputs"),
+            )
+        if not self.lens.border_disparity:
+            keys = "lens.border_disparity", "outputs"
+            if "valid" not in self.outputs:
+                text = "lens.border_disparity false leaves out what the output valid marks: add valid to outputs"
+                yield ConfigError(text, keys)
+            if "disparity_change" in self.outputs and "flow" not in self.outputs:
+                yield ConfigError(
+                    "with lens.border_disparity false, disparity_change is missing where flow leads into a border: add "
+                    "flow to outputs",
+                    keys,
+                )
+        yield from self.lens.view_faults(self.camera)
 
     def _stated_px(self) -> dict[str, Range]:
         """Return the disparities that the sections state for objects that scenes can show, by dotted key."""
-        stated = {
-            "structures.ground_disparity_px": self.structures.ground_disparity_px,
-            "structures.panel_disparity_px": self.structures.panel_disparity_px,
+        shown = {f"background.{key}": disparity_px for key, disparity_px in self.background.shown_px().items()}
+        return shown | {key: each for key, each in self._all_px().items() if not key.startswith("background")}
+
+    def _all_px(self) -> dict[str, Range]:
+        """Return all disparities that the sections state, by dotted key."""
+        stated: dict[str, Range | None] = {
+            f"{section}.{key}": getattr(getattr(self, section), key)
+            for section in ("background", "structures")
+            for key in type(getattr(self, section)).model_fields
+            if key.endswith("disparity_px")
         }
-        stated |= {f"background.{key}": disparity_px for key, disparity_px in self.background.shown_px().items()}
-        stated |= {".".join(map(str, key)): layer.disparity_px for key, layer in self._layers().items()}
+        for name, layers in (("layers", self.particles.layers or ()), ("clutter", self.particles.clutter)):
+            stated |= {f"particles.{name}.{k}.disparity_px": each.disparity_px for k, each in enumerate(layers)}
         return {key: disparity_px for key, disparity_px in stated.items() if disparity_px is not None}
 
-    def _layers(self) -> dict[Key, DepthLayerSection]:
-        """Return all depth layers by their keys."""
-        lists = {"layers": self.particles.layers or (), "clutter": self.particles.clutter}
-        return {("particles", name, k): layer for name, layers in lists.items() for k, layer in enumerate(layers)}
+    def target_faults(self) -> Iterator[tuple[int | None, ConfigError]]:
+        """Yield the targets that scenes cannot show, each with the number of its recipe, None for the config's own.
 
-    @field_validator("scenes")
-    @classmethod
-    def _recipes_differ_in_name(cls, scenes: tuple[RecipeSection, ...]) -> tuple[RecipeSection, ...]:
-        names = [section.recipe for section in scenes]
-        for name in names:
-            if names.count(name) > 1:
-                raise ValueError(f"expected a name of its own for each recipe, but several are named {name}")
-        if scenes and not sum(section.weight for section in scenes) > 0:
-            raise ValueError("expected a weight above 0 for at least one recipe")
-        return scenes
-
-    @model_validator(mode="after")
-    def _recipes_hold(self, info: ValidationInfo) -> Self:
-        faults = []
-        lowest_px = [] if self.scenes else [self.lowest_px()]
-        for number, section in enumerate(self.scenes):
-            try:
-                config = self._with(section)
-            except ValidationError as error:
-                faults += [
-                    _fault("recipe", fault["msg"], ("scenes", number, *fault["loc"]), fault["input"])
-                    for fault in error.errors(include_url=False)
-                ]
-            else:
-                if section.weight > 0:
-                    lowest_px.append(config.lowest_px())
-        if faults:
-            raise ValidationError.from_exception_data("Config", faults)
-        if info.context != _WITHIN_MIX:
-            wanted, infinity_px = self.disparity, -self.camera.all_doffs_px.low
-            note = f"; {infinity_px:g} px is infinitely far away, by camera.doffs_px" if wanted.signed else ""
-            check_target(wanted.target, wanted.min_px, wanted.max_px, min(lowest_px), note)
-        return self
+        The mix as a whole meets the config's target, not each recipe.
+        """
+        mix = [section.config for section in self.scenes if section.weight > 0] or [self]
+        of_own = [(number, each.config) for number, each in enumerate(self.scenes) if "disparity" in each.given]
+        infinity_px = -self.camera.all_doffs_px.low
+        note = f"; {infinity_px:g} px is infinitely far away, by camera.doffs_px" if self.disparity.signed else ""
+        for number, config in [(None, self), *of_own]:
+            lowest_px = min(each.lowest_px() for each in (mix if number is None else [config]))
+            wanted = config.disparity
+            for fault in target_faults(wanted.target, wanted.min_px, wanted.max_px, lowest_px, note):
+                yield number, fault
 
     @property
     def images_as_drawn(self) -> bool:
@@ -319,17 +321,19 @@ class Config(Section):
         """Return the recipes of the sequences, at least one; those of weight 0 are left out."""
         total = sum(section.weight for section in self.scenes)
         return tuple(
-            Recipe(section.recipe, section.weight / total, self._with(section))
+            Recipe(section.recipe, section.weight / total, section.config)
             for section in self.scenes
             if section.weight > 0
         ) or (Recipe(None, 1.0, self),)
 
-    def _with(self, section: RecipeSection) -> Self:
-        """Return the config with a recipe's keys over its own."""
-        base, changes = self.model_dump(mode="json", exclude={"scenes"}), section.changes()
-        has_target = "disparity" in changes
-        values = merged(Document(base), Document(changes)).values
-        return type(self).model_validate(values, context=None if has_target else _WITHIN_MIX)
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Return a copy with other values, also in the configs of recipes where they hold for all pairs."""
+        copy = super().model_copy(update=update, deep=deep)
+        of_all = {key: value for key, value in (update or {}).items() if key not in (*_OF_RECIPES, "scenes", "layout")}
+        if not (of_all and copy.scenes):
+            return copy
+        recipes = [each.model_copy(update={"config": each.config.model_copy(update=of_all)}) for each in copy.scenes]
+        return super(Config, copy).model_copy(update={"scenes": tuple(recipes)})
 
     def wanted_histogram(self) -> Histogram:
         """Return the distribution of disparity, px, that ``disparity.target`` asks for.
@@ -387,17 +391,14 @@ class Config(Section):
         for number, section in enumerate(self.scenes):
             if section.extends is not None:
                 used["scenes", number, "extends"] = ("recipes", section.extends)
-            weights = section.changes().get("models", {}).get("families", {})
-            families |= {("scenes", number, "models", "families", name): weight for name, weight in weights.items()}
+            weights = section.config.models.families
+            stated = (section.given.get("models") or {}).get("families") or ()
+            families |= {("scenes", number, "models", "families", name): weights[name] for name in stated}
         return used | {key: ("models", str(key[-1])) for key, weight in families.items() if weight > 0}
 
     def digest(self) -> str:
         """Return the SHA-256 of the config's values, 64 hex digits; notation does not change it."""
         return digest_of(self.model_dump(mode="json"))
-
-
-def _fault(kind: str, reason: str, key: Key, value: object) -> InitErrorDetails:
-    return InitErrorDetails(type=PydanticCustomError(kind, "{reason}", {"reason": reason}), loc=key, input=value)
 
 
 def digest_of(values: Mapping[str, Any]) -> str:

@@ -7,14 +7,15 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationInfo, field_validator
-from pydantic_core import PydanticKnownError
+from pydantic import Field
 
-from semisynth_gl.config.distributions import TargetSection, UniformTarget, check_positive
+from semisynth_gl.config.distributions import TargetSection, UniformTarget, positive_faults
 from semisynth_gl.config.fields import (
     FROM_LIST,
+    SMALLEST,
     ZERO,
     Baselines,
+    ConfigError,
     Finite,
     NotNegativeRange,
     PathText,
@@ -24,8 +25,10 @@ from semisynth_gl.config.fields import (
     RangeField,
     Section,
     Share,
-    check_not_tiny,
+    Vector,
+    at_most,
     count,
+    not_signed,
 )
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.channels import Colour
@@ -55,72 +58,68 @@ _DRAWN_PATTERNS = ("dots", "stripes")
 
 
 class CameraSection(Section):
-    """The rectified pair of cameras.
-
-    Attributes:
-        width_px: image width.
-        height_px: image height.
-        focal_px: focal length; or give ``focal_mm`` and ``sensor_width_mm``.
-        focal_mm: focal length, instead of ``focal_px``.
-        sensor_width_mm: width of the part of the sensor that the image covers.
-        fy_over_fx: focal length in y divided by that in x, which is ``focal_px``; 1 for square pixels, 1.00123 for
-            Cityscapes.
-        baseline_m: distance between the cameras.
-        baselines: number of right cameras per scene, each at a distance drawn from ``baseline_m``; or a list of the
-            distances, metres.
-        cx_left_px: x of the left principal point; by default the two points lie symmetrically about the centre.
-        cx_right_px: x of the right principal point, instead of ``doffs_px``.
-        cy_px: y of both principal points; by default the centre, (height - 1) / 2.
-        doffs_px: cx_right - cx_left, by default 0; with several baselines, the value of the longest one.
-        sway_m: amplitude of the rig's sway along each axis.
-        sway_deg: amplitude of the rig's rotation about each axis.
-        sway_s: periods of ``sway_m`` and ``sway_deg``.
-        colour: ``rgb``, or ``grey`` for monochrome cameras.
-    """
+    """The rectified pair of cameras."""
 
     width_px: _Side
+    """image width"""
     height_px: _Side
+    """image height"""
     focal_px: PositiveRange | None = None
+    """focal length; or give ``focal_mm`` and ``sensor_width_mm``"""
     focal_mm: PositiveRange | None = None
+    """focal length, instead of ``focal_px``"""
     sensor_width_mm: Positive | None = None
+    """width of the part of the sensor that the image covers"""
     fy_over_fx: _FocalRatio = 1.0
+    """focal length in y divided by that in x, which is ``focal_px``; 1 for square pixels, 1.00123 for Cityscapes"""
     baseline_m: PositiveRange | None = None
+    """distance between the cameras"""
     baselines: Baselines = 1
+    """number of right cameras per scene, each at a distance drawn from ``baseline_m``; or a list of the distances,
+    metres"""
     cx_left_px: RangeField | None = None
+    """x of the left principal point; by default the two points lie symmetrically about the centre"""
     cx_right_px: RangeField | None = None
+    """x of the right principal point, instead of ``doffs_px``"""
     cy_px: RangeField | None = None
+    """y of both principal points; by default the centre, (height - 1) / 2"""
     doffs_px: RangeField | None = None
+    """cx_right - cx_left, by default 0; with several baselines, the value of the longest one"""
     sway_m: NotNegativeRange = ZERO
+    """amplitude of the rig's sway along each axis"""
     sway_deg: NotNegativeRange = ZERO
+    """amplitude of the rig's rotation about each axis"""
     sway_s: PositiveRange = Range(1.0, 3.0)
+    """periods of ``sway_m`` and ``sway_deg``"""
     colour: Colour = "rgb"
+    """``rgb``, or ``grey`` for monochrome cameras"""
 
-    def _faults(self) -> Iterator[str]:
+    def _faults(self) -> Iterator[ConfigError]:
         if self.width_px * self.height_px > MOST_PIXELS:
             size = f"{self.width_px} x {self.height_px}"
-            yield f"expected width_px x height_px of at most {MOST_PIXELS}, got {size}"
-
+            text = f"expected width_px x height_px of at most {MOST_PIXELS}, got {size}"
+            yield ConfigError(text, ("width_px", "height_px"))
+        focal = "focal_px", "focal_mm", "sensor_width_mm"
         if (self.focal_px is None) == (self.focal_mm is None):
-            yield "give either focal_px, or focal_mm with sensor_width_mm"
+            yield ConfigError("give either focal_px, or focal_mm with sensor_width_mm", focal)
         if (self.focal_mm is None) != (self.sensor_width_mm is None):
-            yield "focal_mm and sensor_width_mm go together"
+            yield ConfigError("focal_mm and sensor_width_mm go together", focal)
         if self.cx_right_px is not None and self.doffs_px is not None:
-            yield "give either cx_right_px or doffs_px, not both"
+            yield ConfigError("give either cx_right_px or doffs_px, not both", ("cx_right_px", "doffs_px"))
         if self.cx_right_px is not None and self.cx_left_px is None:
-            yield "cx_right_px needs cx_left_px beside it"
-
+            yield ConfigError("cx_right_px needs cx_left_px beside it", ("cx_left_px", "cx_right_px"))
+        baselines = "baseline_m", "baselines"
         if isinstance(self.baselines, tuple):
             if self.baseline_m is not None:
-                yield (
-                    "give either baseline_m, or baselines as a list of metres, not both; over a config that has a "
-                    "baseline_m, set it to null"
-                )
+                text = "give either baseline_m, or baselines as a list of metres, not both: null takes the first back"
+                yield ConfigError(text, baselines)
         elif self.baseline_m is None:
-            yield "baseline_m is missing: give it, or baselines as a list of metres"
+            yield ConfigError("baseline_m is missing: give it, or baselines as a list of metres", baselines)
         elif self.baselines > 1 and self.baseline_m.low == self.baseline_m.high:
-            yield (
+            yield ConfigError(
                 f"baselines asks for {self.baselines} different baselines, but baseline_m is only "
-                f"{self.baseline_m.low:g}: make it a range, or list the baselines"
+                f"{self.baseline_m.low:g}: make it a range, or list the baselines",
+                baselines,
             )
 
     @property
@@ -180,89 +179,71 @@ class CameraSection(Section):
 
 
 class DisparitySection(Section):
-    """The disparities of a dataset.
-
-    Attributes:
-        signed: allow disparities of 0 and below.
-        min_px: smallest disparity of walls and particles; far planes may have smaller ones.
-        max_px: largest disparity of any pixel; it sets the near plane.
-        target: wanted distribution; ``uniform`` (the default), ``uniform-depth``, ``gamma``, ``histogram``, ``mixture``
-            or ``file``.
-    """
+    """The disparities of a dataset."""
 
     signed: bool = False
+    """allow disparities of 0 and below"""
     min_px: Finite
+    """smallest disparity of walls and particles; far planes may have smaller ones"""
     max_px: Finite
+    """largest disparity of any pixel; it sets the near plane"""
     target: TargetSection = UniformTarget()
+    """wanted distribution; ``uniform`` (the default), ``uniform-depth``, ``gamma``, ``histogram``, ``mixture`` or
+    ``file``"""
 
-    @field_validator("min_px", "max_px")
-    @classmethod
-    def _limit_is_positive(cls, limit_px: float, info: ValidationInfo) -> float:
-        if info.data.get("signed", True):
-            return limit_px
-        if limit_px <= 0:
-            raise PydanticKnownError("greater_than", {"gt": 0})
-        return check_not_tiny(limit_px)
-
-    @field_validator("target")
-    @classmethod
-    def _target_is_positive(cls, target: TargetSection, info: ValidationInfo) -> TargetSection:
-        if not info.data.get("signed", True):
-            check_positive(target)
-        return target
-
-    def _faults(self) -> Iterator[str]:
+    def _faults(self) -> Iterator[ConfigError]:
+        for key in () if self.signed else ("min_px", "max_px"):
+            if getattr(self, key) < SMALLEST:
+                yield ConfigError(not_signed(SMALLEST, getattr(self, key)), (key,))
+        if not self.signed:
+            yield from positive_faults(self.target)
         if self.min_px >= self.max_px:
-            yield f"expected min_px < max_px, got {self.min_px:g} and {self.max_px:g}: the range is empty"
+            text = f"expected min_px < max_px, got {self.min_px:g} and {self.max_px:g}: the range is empty"
+            yield ConfigError(text, ("min_px", "max_px"))
 
 
 class RawEyeSection(Section):
-    """One eye's camera before rectification, as OpenCV's stereoCalibrate and stereoRectify describe it.
-
-    Attributes:
-        fx_px: focal length along x.
-        fy_px: focal length along y; by default ``fx_px``.
-        cx_px: x of the principal point; by default the centre, (width - 1) / 2.
-        cy_px: y of the principal point; by default the centre.
-        distortion: coefficients in OpenCV's order, k1 k2 p1 p2 ... or for a fisheye k1 to k4.
-        rotation_deg: rotation vector of the rectifying rotation (R1 or R2), degrees.
-    """
+    """One eye's camera before rectification, as OpenCV's stereoCalibrate and stereoRectify describe it."""
 
     fx_px: PositiveRange
+    """focal length along x"""
     fy_px: PositiveRange | None = None
+    """focal length along y; by default ``fx_px``"""
     cx_px: RangeField | None = None
+    """x of the principal point; by default the centre, (width - 1) / 2"""
     cy_px: RangeField | None = None
+    """y of the principal point; by default the centre"""
     distortion: Annotated[tuple[RangeField, ...], FROM_LIST, Field(max_length=12)]
-    rotation_deg: Annotated[tuple[RangeField, ...], FROM_LIST, Field(min_length=3, max_length=3)] = (ZERO, ZERO, ZERO)
+    """coefficients in OpenCV's order, k1 k2 p1 p2 ... or for a fisheye k1 to k4"""
+    rotation_deg: Vector = (ZERO, ZERO, ZERO)
+    """rotation vector of the rectifying rotation (R1 or R2), degrees"""
 
 
 class LensSection(Section):
-    """The cameras before rectification, drawn per sequence: colour goes through them, truth does not.
-
-    Attributes:
-        model: OpenCV's ``radial-tangential`` with 4, 5, 8 or 12 coefficients, or ``fisheye`` with 4.
-        raw_width_px: width of the raw images.
-        raw_height_px: their height.
-        left: the left camera.
-        right: the right camera.
-        border: ``black`` or ``replicate`` (the nearest pixels' colours), where the sensor saw nothing.
-        border_disparity: whether disparities in the borders are kept; else they are inf there.
-    """
+    """The cameras before rectification, drawn per sequence: colour goes through them, truth does not."""
 
     model: LensModel = "radial-tangential"
+    """OpenCV's ``radial-tangential`` with 4, 5, 8 or 12 coefficients, or ``fisheye`` with 4"""
     raw_width_px: _Side
+    """width of the raw images"""
     raw_height_px: _Side
+    """their height"""
     left: RawEyeSection
+    """the left camera"""
     right: RawEyeSection
+    """the right camera"""
     border: LensBorder = "black"
+    """``black`` or ``replicate`` (the nearest pixels' colours), where the sensor saw nothing"""
     border_disparity: bool = True
+    """whether disparities in the borders are kept; else they are inf there"""
 
-    def _faults(self) -> Iterator[str]:
+    def _faults(self) -> Iterator[ConfigError]:
         known = COEFFICIENTS[self.model]
         for name, eye in (("left", self.left), ("right", self.right)):
             if len(eye.distortion) not in known:
                 expected = " or ".join(map(str, known))
-                yield f"{name}.distortion: {self.model} has {expected} coefficients, got {len(eye.distortion)}"
+                text = f"{self.model} has {expected} coefficients, got {len(eye.distortion)}"
+                yield ConfigError(text, (f"{name}.distortion", "model"))
 
     def draw(self, eye: Eye, rng: np.random.Generator) -> RawCamera:
         """Draw one eye's camera: every range once, always in the same order."""
@@ -279,10 +260,10 @@ class LensSection(Section):
         x, y, z = (radians(each.draw(rng)) for each in values.rotation_deg)
         return RawCamera(*size, fx_px, fy_px, cx_px, cy_px, self.model, distortion, rotation_of((x, y, z)))
 
-    def view_faults(self, camera: CameraSection) -> Iterator[str]:
+    def view_faults(self, camera: CameraSection) -> Iterator[ConfigError]:
         """Yield a fault for each eye whose raw images show nothing of the rectified view, or hardly a pixel of it.
 
-        Lenses drawn from the ranges are tried until one sees something.
+        Lenses sampled from the ranges are tried until one sees something. Keys of the faults count from the config.
         """
         for eye in EYES:
             rng, pinhole = np.random.default_rng(0), camera.middle_pinhole(eye)
@@ -294,15 +275,17 @@ class LensSection(Section):
                     break
             else:
                 if not most:
-                    yield (
+                    yield ConfigError(
                         f"lens.{eye}.rotation_deg, fx_px, cx_px, cy_px and distortion lead the whole rectified view "
                         f"past the raw image of {self.raw_width_px} x {self.raw_height_px} px: expected a camera that "
-                        "sees a part of it; rotation_deg is the rotation vector of R1 or R2, degrees"
+                        "sees a part of it; rotation_deg is the rotation vector of R1 or R2, degrees",
+                        [f"lens.{eye}.{key}" for key in RawEyeSection.model_fields],
                     )
                 else:
-                    yield (
+                    yield ConfigError(
                         f"lens.{eye}.fx_px spreads a raw pixel over {1 / most:.0f} rectified ones along a "
-                        f"side: expected at most {_COARSEST}, with a focal length in pixels of the raw image"
+                        f"side: expected at most {_COARSEST}, with a focal length in pixels of the raw image",
+                        [f"lens.{eye}.fx_px"],
                     )
 
 
@@ -329,49 +312,44 @@ class ProjectorSection(Section):
     """A projector of a pattern, which moves with the rig; truth does not know of it.
 
     The ranges are drawn per sequence.
-
-    Attributes:
-        pattern: ``dots`` at random places, upright ``stripes``, or the file of a picture, whose luminance is thrown.
-        pattern_width_px: width of the pattern, and of the picture.
-        pattern_height_px: its height.
-        size_px: diameter of a dot, or width of a stripe, pixels of the pattern.
-        density: share of the pattern that is lit; density and size_px do nothing with a picture.
-        field_of_view_deg: angle that the pattern's width takes.
-        position_m: x, y, z in the left camera's frame.
-        turn_deg: rotation vector of the projector against the left camera, degrees.
-        power: light of a dot on a surface at 1 m that faces the projector, in multiples of the light in which
-            photographs were taken; it falls with the square of the distance and the cosine of incidence.
-        ambient: all other light, in the same unit.
-        share: share of the sequences with the projector on; the others have plain images.
     """
 
     pattern: PathText = "dots"
+    """``dots`` at random places, upright ``stripes``, or the file of a picture, whose luminance is thrown"""
     pattern_width_px: Annotated[int, count(_LARGEST_PATTERN_PX)] = 1280
+    """width of the pattern, and of the picture"""
     pattern_height_px: Annotated[int, count(_LARGEST_PATTERN_PX)] = 800
+    """its height"""
     size_px: Annotated[float, Field(ge=1, le=100)] = 2.5
+    """diameter of a dot, or width of a stripe, pixels of the pattern"""
     density: Annotated[float, Field(gt=0, le=0.5)] = 0.05
-    field_of_view_deg: PositiveRange = Range(90.0, 90.0)
-    position_m: Annotated[tuple[RangeField, ...], FROM_LIST, Field(min_length=3, max_length=3)] = (ZERO, ZERO, ZERO)
-    turn_deg: Annotated[tuple[RangeField, ...], FROM_LIST, Field(min_length=3, max_length=3)] = (ZERO, ZERO, ZERO)
+    """share of the pattern that is lit; density and size_px do nothing with a picture"""
+    field_of_view_deg: Annotated[PositiveRange, at_most(_WIDEST_DEG)] = Range(90.0, 90.0)
+    """angle that the pattern's width takes"""
+    position_m: Vector = (ZERO, ZERO, ZERO)
+    """x, y, z in the left camera's frame"""
+    turn_deg: Vector = (ZERO, ZERO, ZERO)
+    """rotation vector of the projector against the left camera, degrees"""
     power: NotNegativeRange
+    """light of a dot on a surface at 1 m that faces the projector, in multiples of the light in which photographs were
+    taken; it falls with the square of the distance and the cosine of incidence"""
     ambient: NotNegativeRange = Range(1.0, 1.0)
+    """all other light, in the same unit"""
     share: Share = 1.0
+    """share of the sequences with the projector on; the others have plain images"""
 
     @property
     def drawn(self) -> bool:
         """Whether the program draws the pattern, and reads no picture."""
         return self.pattern in _DRAWN_PATTERNS
 
-    def _faults(self) -> Iterator[str]:
-        if self.field_of_view_deg.high > _WIDEST_DEG:
-            yield f"field_of_view_deg: expected at most {_WIDEST_DEG:g}, got {self.field_of_view_deg.high:g}"
-        if not self.drawn:
-            if not Path(self.pattern).suffix:
-                yield (
-                    f"pattern: expected {', '.join(_DRAWN_PATTERNS)}, or a picture's file with its extension, such as "
-                    f"dots.png, got {self.pattern}"
-                )
-            return
-        dots = self.density * self.pattern_width_px * self.pattern_height_px / self.size_px**2
-        if dots > _MOST_DOTS:
-            yield f"expected at most {_MOST_DOTS:,} dots, got {dots:,.0f}: lower density, or raise size_px"
+    def _faults(self) -> Iterator[ConfigError]:
+        if self.drawn:
+            dots = self.density * self.pattern_width_px * self.pattern_height_px / self.size_px**2
+            if dots > _MOST_DOTS:
+                text = f"expected at most {_MOST_DOTS:,} dots, got {dots:,.0f}: lower density, or raise size_px"
+                yield ConfigError(text, ("density", "size_px", "pattern_width_px", "pattern_height_px"))
+        elif not Path(self.pattern).suffix:
+            drawn = ", ".join(_DRAWN_PATTERNS)
+            text = f"expected {drawn}, or a picture's file with its extension, such as dots.png, got {self.pattern}"
+            yield ConfigError(text, ("pattern",))

@@ -8,6 +8,7 @@ from pydantic import AfterValidator, Field
 from semisynth_gl.config.fields import (
     FROM_LIST,
     ZERO,
+    ConfigError,
     NotNegative,
     NotNegativeRange,
     PathText,
@@ -19,11 +20,10 @@ from semisynth_gl.config.fields import (
     Share,
     Weight,
     at_most,
+    below,
     count,
 )
 from semisynth_gl.plugins import BUILT_IN
-
-_EDGE_ON_DEG = 90
 
 _AtLeastOne = Annotated[float, Field(ge=1, le=1024)]
 
@@ -51,33 +51,31 @@ _FamilyName = Annotated[PluginName, AfterValidator(_check_foreign)]
 
 
 class BackgroundSection(Section):
-    """The background, which closes the view.
-
-    Attributes:
-        cuboid: weight of bare rooms.
-        plane: weight of bare outdoor scenes.
-        room: weight of furnished rooms.
-        street: weight of streets.
-        wall_disparity_px: disparity of the back wall at the image centre; by default ``disparity.min_px``.
-        wall_turn_deg: largest rotation of a bare room about each axis (furnished rooms turn only sideways, by up to
-            twice this angle).
-        plane_disparity_px: disparity of the far plane or backdrop; under a sky, disparity at which the ground ends.
-        sky: share of outdoor scenes whose plane or backdrop is infinitely far away.
-    """
+    """The background, which closes the view."""
 
     cuboid: Weight = 1.0
+    """weight of bare rooms"""
     plane: Weight = 0.0
+    """weight of bare outdoor scenes"""
     room: Weight = 0.0
+    """weight of furnished rooms"""
     street: Weight = 0.0
+    """weight of streets"""
     # Above 0 where the config's disparities are not signed, as all disparities below: `Config` checks that.
     wall_disparity_px: RangeField | None = None
+    """disparity of the back wall at the image centre; by default ``disparity.min_px``"""
     wall_turn_deg: Annotated[float, Field(ge=0, le=40)] = 15.0
+    """largest rotation of a bare room about each axis (furnished rooms turn only sideways, by up to twice this
+    angle)"""
     plane_disparity_px: RangeField = Range(0.2, 1.0)
+    """disparity of the far plane or backdrop; under a sky, disparity at which the ground ends"""
     sky: Share = 0.0
+    """share of outdoor scenes whose plane or backdrop is infinitely far away"""
 
-    def _faults(self) -> Iterator[str]:
+    def _faults(self) -> Iterator[ConfigError]:
         if self.cuboid + self.plane + self.room + self.street == 0:
-            yield "expected a weight above 0 for cuboid, plane, room or street"
+            text = "expected a weight above 0 for cuboid, plane, room or street"
+            yield ConfigError(text, ("cuboid", "plane", "room", "street"))
 
     @property
     def shows_sky(self) -> bool:
@@ -96,223 +94,204 @@ class RoomSection(Section):
     """Furnished rooms, and the camera in them.
 
     Lengths are true where the far wall is 2.5 to 9 m away; nearer and farther rooms are scaled with all their contents.
-
-    Attributes:
-        camera_height_m: height of the camera above the floor.
-        floor_row: row where the floor meets the far wall, as a fraction of the image's height; above 1, the floor may
-            be out of view.
-        roll_deg: standard deviation of the camera's roll.
-        furniture: number of objects on the floor.
-        small: number of small objects on furniture and floor.
-        pictures: number of pictures and other objects on walls.
-        doorway: share of walls with a doorway into a second room.
-        niche: share of walls with a niche for small objects.
-        pillars: number of pillars.
-        rug: share of rooms with a rug.
-        curtain: share of rooms with a curtain.
     """
 
     camera_height_m: PositiveRange = Range(0.9, 1.7)
+    """height of the camera above the floor"""
     floor_row: PositiveRange = Range(0.4, 1.05)
+    """row where the floor meets the far wall, as a fraction of the image's height; above 1, the floor may be out of
+    view"""
     roll_deg: Annotated[float, Field(ge=0, le=20)] = 1.5
+    """standard deviation of the camera's roll"""
     furniture: Annotated[NotNegativeRange, at_most(200)] = Range(4.0, 10.0)
+    """number of objects on the floor"""
     small: Annotated[NotNegativeRange, at_most(1000)] = Range(6.0, 24.0)
+    """number of small objects on furniture and floor"""
     pictures: Annotated[NotNegativeRange, at_most(200)] = Range(1.0, 6.0)
+    """number of pictures and other objects on walls"""
     doorway: Share = 0.2
+    """share of walls with a doorway into a second room"""
     niche: Share = 0.2
+    """share of walls with a niche for small objects"""
     pillars: Annotated[NotNegativeRange, at_most(50)] = Range(0.0, 1.0)
+    """number of pillars"""
     rug: Share = 0.4
+    """share of rooms with a rug"""
     curtain: Share = 0.4
+    """share of rooms with a curtain"""
 
 
 class StreetSection(Section):
     """Streets: a road, objects along the road, and a far backdrop.
 
     Lengths are true where the backdrop is 25 m away or more; nearer scenes are scaled with all their contents.
-
-    Attributes:
-        camera_height_m: height of the camera above the ground.
-        yaw_deg: standard deviation of the angle between the viewing direction and the road.
-        tilt_deg: standard deviation of the camera's pitch and roll.
-        road_width_m: width of the road.
-        pavement: share of roadsides with a raised pavement.
-        houses: share of plots along the road with a house.
-        fences: share of plots with a fence; plots with neither a house nor a fence are open.
-        vehicles: number of cars and bicycles.
-        tall: number of trees, lamps, signs and scaffolds.
-        low: number of people, animals, benches and bins.
     """
 
     camera_height_m: PositiveRange = Range(1.2, 2.0)
+    """height of the camera above the ground"""
     yaw_deg: Annotated[float, Field(ge=0, le=60)] = 6.0
+    """standard deviation of the angle between the viewing direction and the road"""
     tilt_deg: Annotated[float, Field(ge=0, le=20)] = 1.5
+    """standard deviation of the camera's pitch and roll"""
     road_width_m: PositiveRange = Range(5.0, 12.0)
+    """width of the road"""
     pavement: Share = 0.7
+    """share of roadsides with a raised pavement"""
     houses: Share = 0.5
+    """share of plots along the road with a house"""
     fences: Share = 0.25
+    """share of plots with a fence; plots with neither a house nor a fence are open"""
     vehicles: Annotated[NotNegativeRange, at_most(200)] = Range(1.0, 9.0)
+    """number of cars and bicycles"""
     tall: Annotated[NotNegativeRange, at_most(200)] = Range(2.0, 12.0)
+    """number of trees, lamps, signs and scaffolds"""
     low: Annotated[NotNegativeRange, at_most(500)] = Range(2.0, 14.0)
+    """number of people, animals, benches and bins"""
 
 
 class StructuresSection(Section):
-    """Large still objects between the background and the particles.
-
-    Attributes:
-        ground: share of scenes with a ground plane.
-        ground_height_m: height of the camera above the ground.
-        ground_disparity_px: disparity of a level ground at the image's lower border, instead of ``ground_height_m``.
-        ground_tilt_deg: largest roll and pitch of the ground.
-        panels: number of free-standing slanted rectangles.
-        panel_disparity_px: disparity of a panel's middle; by default the farther half of the range.
-        panel_size_px: width and height of a panel that faces the camera.
-        panel_slant_deg: angle between a panel's normal and the viewing direction.
-        panel_curved: share of panels bent into a third of a cylinder.
-    """
+    """Large still objects between the background and the particles."""
 
     ground: Share = 0.0
+    """share of scenes with a ground plane"""
     ground_height_m: PositiveRange = Range(1.2, 2.0)
+    """height of the camera above the ground"""
     ground_disparity_px: RangeField | None = None
+    """disparity of a level ground at the image's lower border, instead of ``ground_height_m``"""
     ground_tilt_deg: Annotated[float, Field(ge=0, le=30)] = 2.0
+    """largest roll and pitch of the ground"""
     panels: Annotated[NotNegativeRange, at_most(1000)] = ZERO
+    """number of free-standing slanted rectangles"""
     panel_disparity_px: RangeField | None = None
+    """disparity of a panel's middle; by default the farther half of the range"""
     panel_size_px: PositiveRange = Range(200.0, 800.0)
-    panel_slant_deg: NotNegativeRange = Range(0.0, 75.0)
+    """width and height of a panel that faces the camera"""
+    panel_slant_deg: Annotated[NotNegativeRange, below(90)] = Range(0.0, 75.0)
+    """angle between a panel's normal and the viewing direction"""
     panel_curved: Share = 0.5
+    """share of panels bent into a third of a cylinder"""
 
-    def _faults(self) -> Iterator[str]:
-        if self.panel_slant_deg.high >= _EDGE_ON_DEG:
-            yield f"panel_slant_deg: expected less than {_EDGE_ON_DEG}, got {self.panel_slant_deg.high:g}"
-
+    def _faults(self) -> Iterator[ConfigError]:
         default = type(self).model_fields["ground_height_m"].default
         if self.ground_disparity_px is not None and self.ground_height_m != default:
-            yield "give either ground_height_m or ground_disparity_px, not both"
+            text = "give either ground_height_m or ground_disparity_px, not both"
+            yield ConfigError(text, ("ground_height_m", "ground_disparity_px"))
 
 
 class DepthLayerSection(Section):
-    """One depth layer of particles.
-
-    Attributes:
-        disparity_px: disparities of its particles; by default the middle four fifths of ``disparity.target``.
-        count: number of its particles at any time, in view or just beside the view.
-        size_px: diameters of its particles on the screen; by default the sizes that the section ``particles`` gives.
-    """
+    """One depth layer of particles."""
 
     disparity_px: RangeField | None = None
+    """disparities of its particles; by default the middle four fifths of ``disparity.target``"""
     count: Annotated[NotNegativeRange, at_most(_MOST_PARTICLES)]
+    """number of its particles at any time, in view or just beside the view"""
     size_px: PositiveRange | None = None
+    """diameters of its particles on the screen; by default the sizes that the section ``particles`` gives"""
 
 
 class ParticlesSection(Section):
-    """The particles: models that fall or float in front of the background.
-
-    Attributes:
-        layers: depth layers, a list as in ``clutter``; by default solved from ``disparity.target``.
-        clutter: further depth layers: a list of ``{disparity_px, count, size_px}``, all ranges.
-        density: number of particles: ``default``, ``sparse`` (a third as many, larger ones), ``dense`` (three times as
-            many, smaller ones), or the mean number in the left view.
-        size_px: diameter of a model's bounding sphere, log-uniform.
-        size_m: diameter of a model's bounding sphere in metres, instead of ``size_px``.
-        stretch: scale along each axis of a model, relative to the largest of its three scales.
-        thinness: additional scale along one axis, log-uniform; 0.05 makes sheets.
-        fall_m_s: speed downwards.
-        drift: speed in a random horizontal direction, relative to ``fall_m_s``.
-        spin_deg_s: angular speed about a random axis.
-        resting: share of particles that lie at rest instead of falling, where a surface below can carry them.
-        most: largest number of particles in a scene; where the target takes more, they become larger.
-    """
+    """The particles: models that fall or float in front of the background."""
 
     layers: Annotated[tuple[DepthLayerSection, ...], FROM_LIST, Field(max_length=_MOST_ITEMS)] | None = None
+    """depth layers, a list as in ``clutter``; by default solved from ``disparity.target``"""
     clutter: Annotated[tuple[DepthLayerSection, ...], FROM_LIST, Field(max_length=_MOST_ITEMS)] = ()
+    """further depth layers: a list of ``{disparity_px, count, size_px}``, all ranges"""
     density: Literal["sparse", "default", "dense"] | Annotated[PositiveRange, at_most(_MOST_PARTICLES)] = "default"
+    """number of particles: ``default``, ``sparse`` (a third as many, larger ones), ``dense`` (three times as many,
+    smaller ones), or the mean number in the left view"""
     size_px: PositiveRange = Range(40.0, 300.0)
+    """diameter of a model's bounding sphere, log-uniform"""
     size_m: PositiveRange | None = None
+    """diameter of a model's bounding sphere in metres, instead of ``size_px``"""
     stretch: PositiveRange = Range(0.5, 1.0)
-    thinness: PositiveRange = Range(1.0, 1.0)
+    """scale along each axis of a model, relative to the largest of its three scales"""
+    thinness: Annotated[PositiveRange, at_most(1)] = Range(1.0, 1.0)
+    """additional scale along one axis, log-uniform; 0.05 makes sheets"""
     fall_m_s: PositiveRange = Range(0.5, 2.0)
+    """speed downwards"""
     drift: NotNegativeRange = Range(0.0, 0.3)
+    """speed in a random horizontal direction, relative to ``fall_m_s``"""
     spin_deg_s: NotNegativeRange = Range(0.0, 180.0)
+    """angular speed about a random axis"""
     resting: Share = 0.0
+    """share of particles that lie at rest instead of falling, where a surface below can carry them"""
     most: Annotated[int, count(_MOST_PARTICLES)] = 2000
+    """largest number of particles in a scene; where the target takes more, they become larger"""
 
-    def _faults(self) -> Iterator[str]:
+    def _faults(self) -> Iterator[ConfigError]:
         if self.layers is not None and self.density != "default":
-            yield "give either density or layers, not both: each layer states its own count"
+            text = "give either density or layers, not both: each layer states its own count"
+            yield ConfigError(text, ("density", "layers"))
         if isinstance(self.density, Range) and self.density.high > self.most:
-            yield f"density goes up to {self.density.high:g} particles in view, but most allows {self.most} in a scene"
-        if self.thinness.high > 1:
-            yield f"thinness makes models thinner: expected at most 1, got {self.thinness.high:g}"
+            text = f"density goes up to {self.density.high:g} particles in view, but most allows {self.most} in a scene"
+            yield ConfigError(text, ("density", "most"))
 
 
 class ModelsSection(Section):
-    """The models of the particles.
-
-    Attributes:
-        simple: weight of the simple family (cube, sphere, torus, ...).
-        complex: weight of the complex family (chair, mug, plant, ...).
-        user: weight of the models in ``folders``; with fewer than 25 models it is reduced in proportion.
-        kinds: weights of kinds within their family, by name; by default 1.
-        folders: folders of model files.
-        variants: number of models, of different proportions, per kind and per plug-in's family.
-        families: weights of plug-ins' families, by the plug-in's name.
-    """
+    """The models of the particles."""
 
     simple: Weight = 1.0
+    """weight of the simple family (cube, sphere, torus, ...)"""
     complex: Weight = 1.0
+    """weight of the complex family (chair, mug, plant, ...)"""
     user: Weight = 1.0
+    """weight of the models in ``folders``; with fewer than 25 models it is reduced in proportion"""
     kinds: Annotated[dict[str, Weight], Field(max_length=_MOST_ITEMS)] = Field(default_factory=dict)
+    """weights of kinds within their family, by name; by default 1"""
     folders: _Paths = ()
+    """folders of model files"""
     variants: Annotated[int, count(100)] = 3
+    """number of models, of different proportions, per kind and per plug-in's family"""
     families: Annotated[dict[_FamilyName, Weight], Field(max_length=_MOST_ITEMS)] = Field(default_factory=dict)
+    """weights of plug-ins' families, by the plug-in's name"""
 
-    def _faults(self) -> Iterator[str]:
+    def _faults(self) -> Iterator[ConfigError]:
         if self.simple + self.complex + self.user + sum(self.families.values()) == 0:
-            yield "expected a weight above 0 for simple, complex or user, or in families"
+            text = "expected a weight above 0 for simple, complex or user, or in families"
+            yield ConfigError(text, ("simple", "complex", "user", "families"))
 
 
 class TexturesSection(Section):
-    """The patches, and how models wear them.
-
-    Attributes:
-        source: ``images`` (yours), ``builtin`` (drawn pictures, and scikit-image's photographs), ``photographs``
-            (only scikit-image's photographs), ``procedural``, or a plug-in's name.
-        images: files, folders and globs of the source ``images``.
-        patch_px: side of a patch in the atlas.
-        scales: sides of the squares that are cut from images, in multiples of ``patch_px``.
-        min_texture: least texture of a patch: the median over 8 x 8 cells of the standard deviation of luminance, 8-bit
-            levels; squares with less than 1 are nearly of one colour, or overexposed.
-        min_sharpness: least sharpness of a patch: contrast of its finest octave over the contrast of its third octave.
-        min_difference: least difference of two patches, 1 minus the correlation of their luminance gradients on a
-            coarse grid; 0 keeps all.
-        max_patches: largest number of patches.
-        large_px: side of large patches, for walls, grounds and other large surfaces; 0 for none.
-        texels_per_pixel: texels of a patch per pixel of the image: above 1 the patch looks reduced, below 1 enlarged.
-        anisotropy: largest number of samples of a patch per pixel on surfaces at a grazing angle; 1 blurs them.
-        large_anisotropy: ``anisotropy`` of large patches.
-        wrap: continuation of a patch beyond its border: its ``mirror`` image, or a ``repeat``.
-        sequence: take a folder's images as successive frames, which an instance shows in turn.
-    """
+    """The patches, and how models wear them."""
 
     source: PluginName = "builtin"
+    """``images`` (yours), ``builtin`` (drawn pictures, and scikit-image's photographs), ``photographs`` (only
+    scikit-image's photographs), ``procedural``, or a plug-in's name"""
     images: _Paths = ()
+    """files, folders and globs of the source ``images``"""
     patch_px: Annotated[int, Field(ge=16, le=8192)] = 256
+    """side of a patch in the atlas"""
     scales: Annotated[tuple[_AtLeastOne, ...], FROM_LIST, Field(min_length=1, max_length=100)] = (1.0, 2.0, 4.0)
+    """sides of the squares that are cut from images, in multiples of ``patch_px``"""
     min_texture: NotNegative = 1.0
+    """least texture of a patch: the median over 8 x 8 cells of the standard deviation of luminance, 8-bit levels;
+    squares with less than 1 are nearly of one colour, or overexposed"""
     min_sharpness: NotNegative = 0.3
+    """least sharpness of a patch: contrast of its finest octave over the contrast of its third octave"""
     min_difference: Share = 0.04
+    """least difference of two patches, 1 minus the correlation of their luminance gradients on a coarse grid; 0 keeps
+    all"""
     max_patches: Annotated[int, Field(ge=1, le=2048)] = 512
+    """largest number of patches"""
     large_px: Annotated[int, Field(ge=0, le=4096)] = 0
+    """side of large patches, for walls, grounds and other large surfaces; 0 for none"""
     texels_per_pixel: PositiveRange = Range(0.8, 1.5)
+    """texels of a patch per pixel of the image: above 1 the patch looks reduced, below 1 enlarged"""
     anisotropy: Annotated[int, Field(ge=1, le=16)] = 1
+    """largest number of samples of a patch per pixel on surfaces at a grazing angle; 1 blurs them"""
     large_anisotropy: Annotated[int, Field(ge=1, le=16)] = 4
+    """``anisotropy`` of large patches"""
     wrap: Literal["mirror", "repeat"] = "mirror"
+    """continuation of a patch beyond its border: its ``mirror`` image, or a ``repeat``"""
     sequence: bool = False
+    """take a folder's images as successive frames, which an instance shows in turn"""
 
-    def _faults(self) -> Iterator[str]:
+    def _faults(self) -> Iterator[ConfigError]:
         most = _MOST_TEXELS // self.patch_px**2
         if self.max_patches > most:
             size = self.max_patches * self.patch_px**2 * _BYTES_PER_TEXEL / 1e9
-            yield (
+            yield ConfigError(
                 f"{self.max_patches} patches of {self.patch_px} x {self.patch_px} pixels would take {size:.0f} GB: "
-                f"expected max_patches of at most {most}, or a smaller patch_px"
+                f"expected max_patches of at most {most}, or a smaller patch_px",
+                ("max_patches", "patch_px"),
             )

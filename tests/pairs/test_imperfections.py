@@ -279,12 +279,6 @@ def test_imperfections_touch_images_alone_and_are_recorded():
     assert drawn != other.provenance["imperfections"]
 
 
-@pytest.mark.parametrize(("key", "instead"), [("vertical_offset_px", "right_y_px"), ("roll_deg", "right_roll_deg")])
-def test_what_truth_must_follow_is_sent_to_the_rig(key, instead):
-    with pytest.raises(InputError, match=f"{key} is no imperfection of the images.*rig.{instead}"):
-        load_config("middlebury", [f"imperfections.{key}=1"])
-
-
 def test_pairs_that_fail_are_drawn_again_from_sub_seeds(monkeypatch):
     config = cheap()
     with PairRenderer(config, 0) as pairs:

@@ -238,30 +238,33 @@ def test_a_sky_of_another_shape_is_refused():
 
 
 BAD = [
-    ({"disparity.min_px": 0}, "disparity.min_px: input should be greater than 0, got 0"),
-    ({"disparity.min_px": -5, "disparity.max_px": -1}, "disparity.max_px: input should be greater than 0, got -1"),
-    ({"background.wall_disparity_px": [-1, 2]}, r"wall_disparity_px: expected numbers above 0, got \[-1"),
-    ({"background.plane_disparity_px": 0}, "plane_disparity_px: expected numbers above 0, got 0"),
-    ({"structures.panel_disparity_px": -3}, "structures.panel_disparity_px: expected numbers above 0, got -3"),
+    ({"disparity.min_px": 0}, "disparity.min_px: expected 1e-06 or more .*got 0"),
+    ({"disparity.min_px": -5, "disparity.max_px": -1}, "disparity.m.._px: expected 1e-06 or more .*got -[51]"),
+    ({"background.wall_disparity_px": [-1, 2]}, "wall_disparity_px: expected 1e-06 or more .*got -1"),
+    ({"background.plane_disparity_px": 0}, "plane_disparity_px: expected 1e-06 or more .*got 0"),
+    ({"structures.panel_disparity_px": -3}, "structures.panel_disparity_px: expected 1e-06 or more .*got -3"),
     ({"structures.ground_disparity_px": 1e-9}, "structures.ground_disparity_px: expected 1e-06 or more"),
     (
         {"particles.layers": [{"count": 3, "disparity_px": -2}]},
-        "particles.layers.0.disparity_px: expected numbers above",
+        "particles.layers.0.disparity_px: expected 1e-06 or more",
     ),
-    ({"particles.clutter": [{"count": 3, "disparity_px": -2}]}, "clutter.0.disparity_px: expected numbers above"),
+    ({"particles.clutter": [{"count": 3, "disparity_px": -2}]}, "clutter.0.disparity_px: expected 1e-06 or more"),
     (
         {"disparity.target": {"form": "uniform", "low_px": -1}},
-        "low_px: input should be greater than or equal to 0, got -1",
+        "low_px: expected 0 or more .*got -1",
     ),
-    ({"disparity.target": {"form": "uniform", "high_px": 0}}, "high_px: input should be greater than 0, got 0"),
+    ({"disparity.target": {"form": "uniform", "high_px": 0}}, "high_px: expected 1e-06 or more .*got 0"),
     (
         {"disparity.target": {"form": "mixture", "parts": [{"target": {"form": "uniform", "low_px": -1}}]}},
-        "disparity.target.parts.0.target.low_px: input should be greater than or equal to 0",
+        "disparity.target.parts.0.target.low_px: expected 0 or more",
     ),
-    ({"disparity.target": {"form": "gamma", "mean_px": 0, "spread_px": 3}}, "mean_px: input should be greater than 0"),
+    (
+        {"disparity.target": {"form": "gamma", "mean_px": 0, "spread_px": 3}},
+        "mean_px: expected mean_px above",
+    ),
     (
         {"disparity.target": {"form": "gamma", "origin_px": -9, "mean_px": 3, "spread_px": 3}},
-        "origin_px: input should be greater than or equal to 0, got -9",
+        "origin_px: expected 0 or more .*got -9",
     ),
     (
         {"scenes": [{"recipe": "a", "disparity": {"signed": True}}]},
@@ -275,10 +278,13 @@ BAD_SIGNED = [
     ({"camera.doffs_px": [3, 10]}, "disparity.min_px goes down to -7 px, .* doffs = 3 px"),
     ({"background.plane_disparity_px": [-12, -5]}, "background.plane_disparity_px goes down to -12 px"),
     ({"disparity.target": {"form": "uniform", "low_px": -30}}, "-30 to -8.5 px, below .*-10 px is infinitely far away"),
-    ({"particles.clutter": [{"count": 3, "disparity_px": -11}]}, "particles.clutter.0 goes down to -11 px"),
+    (
+        {"particles.clutter": [{"count": 3, "disparity_px": -11}]},
+        "clutter.0.disparity_px goes down to -11 px",
+    ),
     (
         {"disparity.target": {"form": "gamma", "origin_px": 2, "mean_px": 1, "spread_px": 3}},
-        "mean_px: .*greater than 2",
+        "mean_px: .*above origin_px, got 1 and 2",
     ),
 ]
 
