@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.augmentation import PRESETS
 from semisynth_gl.bench.summary import machine_facts
-from semisynth_gl.cli.options import COUNT, MOST_WORKERS, above_0
-from semisynth_gl.cli.wording import in_options
+from semisynth_gl.cli.options import COUNT, MOST_WORKERS, above_0, name_option
 from semisynth_gl.inputs.errors import InputError, SemisynthError
 
 try:
@@ -315,7 +314,9 @@ def main(**options: Any) -> None:  # noqa: ANN401 - as many types as options
     try:
         run(**options)
     except SemisynthError as error:
-        click.echo(f"Error: {with_augmentation(in_options(error, main), options['augment'])}", err=True)
+        if isinstance(error, InputError):
+            name_option(error, main)
+        click.echo(f"Error: {with_augmentation(str(error), options['augment'])}", err=True)
         sys.exit(_REFUSED)
     finally:
         if distributed.is_available() and distributed.is_initialized():

@@ -9,9 +9,18 @@ from typing import Any
 
 import click
 
-from semisynth_gl.cli.options import COUNT, MOST_WORKERS, SEED, Callback, ConfigName, option, option_group, set_option
+from semisynth_gl.cli.options import (
+    COUNT,
+    MOST_WORKERS,
+    SEED,
+    Callback,
+    Command,
+    ConfigName,
+    option,
+    option_group,
+    set_option,
+)
 from semisynth_gl.cli.outputs import OutputFile, write_json
-from semisynth_gl.cli.wording import Command
 from semisynth_gl.config import load_config
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import BACKENDS, Backend

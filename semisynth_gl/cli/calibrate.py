@@ -12,6 +12,7 @@ from semisynth_gl.calibration.calibrate import calibrate as calibrate_rig
 from semisynth_gl.calibration.config_text import PROPOSED_PAIRS
 from semisynth_gl.cli.options import (
     NATURAL,
+    Command,
     FilesType,
     Number,
     UserPath,
@@ -24,7 +25,6 @@ from semisynth_gl.cli.options import (
 from semisynth_gl.cli.outputs import OutputFile
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
-from semisynth_gl.cli.wording import Command
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.inputs.errors import InputError

@@ -4,10 +4,9 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import COUNT, FilesType, images_option, map_options, option
+from semisynth_gl.cli.options import COUNT, Command, FilesType, images_option, map_options, option
 from semisynth_gl.cli.outputs import OutputFile, write_json
 from semisynth_gl.cli.progress import Progress
-from semisynth_gl.cli.wording import Command
 from semisynth_gl.comparison.compare import Comparison, comparison_json, comparison_table
 from semisynth_gl.comparison.compare import compare as compare_dataset
 from semisynth_gl.comparison.maps import map_files

@@ -2,8 +2,7 @@
 
 import click
 
-from semisynth_gl.cli.options import ConfigName, listed_configs
-from semisynth_gl.cli.wording import Command
+from semisynth_gl.cli.options import Command, ConfigName, listed_configs
 from semisynth_gl.config.explain import explain
 
 

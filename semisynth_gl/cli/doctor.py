@@ -6,7 +6,7 @@ from importlib.metadata import PackageNotFoundError, version
 import click
 
 from semisynth_gl.cache import cache_summary
-from semisynth_gl.cli.wording import Command
+from semisynth_gl.cli.options import Command
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.inputs.opencv import open_opencv
 from semisynth_gl.plugins import installed_plugins

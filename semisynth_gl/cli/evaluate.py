@@ -5,10 +5,9 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import FilesType, UserPath, option
+from semisynth_gl.cli.options import Command, FilesType, UserPath, option
 from semisynth_gl.cli.outputs import OutputFile, write_json
 from semisynth_gl.cli.progress import Progress
-from semisynth_gl.cli.wording import Command
 from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.inputs.errors import InputError, abbreviate, counted
 from semisynth_gl.metrics.confirmation import evaluate_views

@@ -12,6 +12,7 @@ from semisynth_gl.cli.options import (
     COUNT,
     MOST_WORKERS,
     NATURAL,
+    Command,
     FilesType,
     Number,
     SceneOptions,
@@ -21,7 +22,6 @@ from semisynth_gl.cli.options import (
 )
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
-from semisynth_gl.cli.wording import Command
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_stop
 from semisynth_gl.dataset.root import open_root

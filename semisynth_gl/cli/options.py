@@ -32,6 +32,25 @@ MOST_WORKERS = 1024
 SEED = click.IntRange(min=0, max=(1 << 63) - 1)
 
 
+class Command(click.Command):
+    """A command whose errors name its options in place of the library's arguments."""
+
+    def invoke(self, ctx: click.Context) -> Any:  # noqa: ANN401 - click's signature
+        """Run the command."""
+        try:
+            return super().invoke(ctx)
+        except InputError as error:
+            name_option(error, self)
+            raise
+
+
+def name_option(error: InputError, command: click.Command) -> None:
+    """Put a command's option in place of the argument that an error is about."""
+    name = "settings" if error.argument == "overrides" else error.argument
+    options = {each.name: max(each.opts, key=len) for each in command.params if isinstance(each, click.Option)}
+    error.argument = options.get(name, error.argument)
+
+
 class Number(click.FloatRange):
     """The type of a number in a range; unlike click's own type, it refuses nan."""
 

@@ -6,11 +6,10 @@ from pathlib import Path
 import click
 import numpy as np
 
-from semisynth_gl.cli.options import SceneOptions, option, scene_options
+from semisynth_gl.cli.options import Command, SceneOptions, option, scene_options
 from semisynth_gl.cli.outputs import OutputFile
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
-from semisynth_gl.cli.wording import Command
 from semisynth_gl.codecs.ply import encode_points
 from semisynth_gl.config.model import Recipe
 from semisynth_gl.config.scene_sections import TexturesSection

@@ -5,11 +5,10 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import COUNT, FilesType, option
+from semisynth_gl.cli.options import COUNT, Command, FilesType, option
 from semisynth_gl.cli.outputs import OutputFile
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
-from semisynth_gl.cli.wording import Command
 from semisynth_gl.dataset.root import open_root
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.seeds.splits import SPLITS, SplitName

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import COUNT, FilesType, option
+from semisynth_gl.cli.options import COUNT, Command, FilesType, option
 from semisynth_gl.cli.outputs import OutputFile, write_json
 from semisynth_gl.cli.progress import Progress
-from semisynth_gl.cli.wording import Command
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.verification.verify import Verification
 from semisynth_gl.verification.verify import verify as verify_dataset
