@@ -16,21 +16,30 @@ _COLUMNS = 120
 
 
 def keys_list() -> str:
-    """Return all keys as Markdown's lists, one per section, with the section's name and meaning in front."""
-    lines = list[str]()
+    """Return all keys as Markdown's lists, one per section, with its name and meaning in front."""
+    lists: list[tuple[list[ConfigKey], list[str]]] = [([], [])]
     for key in config_keys():
-        lines += ["", *_wrapped(_section(key), ""), ""] if key.is_section else _wrapped(_item(key), "  ")
-    return "\n".join(lines) + "\n\n"
-
-
-def _section(key: ConfigKey) -> str:
-    return f"**`{key.dotted}`**: {key.meaning.replace('``', '`')}"
+        if key.is_section:
+            lists.append(([key], []))
+        else:
+            lists[-1][1].extend(_wrapped(_item(key), "  "))
+    lines = list[str]()
+    for number, (sections, items) in enumerate(lists):
+        if items in [earlier for _, earlier in lists[:number]]:
+            continue  # such as lens.right, whose keys are those of lens.left
+        names = ", ".join(f"`{each[0].dotted}`" for each, same in lists if each and same == items)
+        lines += ["", *(_wrapped(f"**{names}**: {_text(sections[0])}", "") if sections else []), "", *items]
+    return "\n".join(lines[1:]) + "\n\n"
 
 
 def _item(key: ConfigKey) -> str:
     notes = ", ".join(filter(None, ("range" if key.is_range else "", key.default)))
     name = f"- `{key.dotted.rpartition('.')[2]}`" + (f" ({notes})" if notes else "")
-    return f"{name}: {key.meaning.replace('``', '`')}"
+    return f"{name}: {_text(key)}"
+
+
+def _text(key: ConfigKey) -> str:
+    return " ".join(key.meaning.replace("``", "`").split())
 
 
 def _wrapped(text: str, indent: str) -> list[str]:

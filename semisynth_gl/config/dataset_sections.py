@@ -40,11 +40,7 @@ _Licence = Annotated[str, Field(max_length=_LONGEST_LICENCE)]
 
 
 class RigSection(Section):
-    """How the right camera deviates from the rectified one, drawn per sequence.
-
-    Truth stays exact: the output ``correspondence`` holds the offset from each pixel to the same point in the other
-    view, and disparity is x_left - x_right. The sections ``disparity`` and ``background`` refer to the rectified pair.
-    """
+    """How the right camera deviates from the rectified one, which ``disparity`` and ``background`` refer to."""
 
     right_roll_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = ZERO
     """rotation about the viewing direction; positive values turn the image clockwise"""
@@ -89,7 +85,7 @@ class ImperfectionsSection(Section):
     sharpening: Annotated[NotNegativeRange, at_most(10)] = ZERO
     """amount of the unsharp mask"""
     jpeg_quality: Annotated[RangeField, at_least(1), at_most(100)] | None = None
-    """quality, 1 to 100, of the JPEG compression that the image goes through; by default none"""
+    """quality of a JPEG compression, 1 to 100; by default none"""
 
     def none(self) -> bool:
         """Return whether the section leaves the images as they are rendered."""
@@ -100,12 +96,11 @@ class ChecksSection(Section):
     """Conditions on each pair (of sequences, the first frame), as drawn and as written; else it is redrawn."""
 
     min_brightness: Annotated[float, Field(ge=0, le=255)] = 8.0
-    """smallest mean of the darker image that passes, 8-bit levels"""
+    """smallest mean of the darker image, 8-bit levels"""
     min_texture: NotNegative = 1.0
-    """smallest texture of the flatter image that passes: the median over 8 x 8 cells of the standard deviation of
-    luminance, 8-bit levels"""
+    """smallest texture of the flatter image, as ``textures.min_texture``"""
     min_valid: Share = 0.5
-    """smallest share of pixels with a valid disparity that passes, in each view"""
+    """smallest share of valid disparities in each view"""
     attempts: Annotated[int, count(10_000)] = 10
     """number of attempts at a scene; if all fail, the pair is an error"""
 
@@ -134,9 +129,9 @@ class SplitsSection(Section):
     """Photographs and models that only validation or test pairs show."""
 
     validation: Annotated[float, Field(gt=0, lt=1)] = 0.1
-    """share of the photographs' subjects that only validation pairs show (at least one subject)"""
+    """share of the photographs' subjects for validation only"""
     test: Annotated[float, Field(gt=0, lt=1)] = 0.1
-    """share of the photographs' subjects that only test pairs show (at least one subject)"""
+    """share of the photographs' subjects for test only"""
     models: bool = False
     """hold out the same shares of each family of models too"""
 

@@ -9,7 +9,7 @@ from pydantic_core import ErrorDetails
 from semisynth_gl.config.fields import ConfigError, reason_of
 from semisynth_gl.config.keys import config_keys, sections_in
 from semisynth_gl.config.layers import Layer, dotted
-from semisynth_gl.config.model import Config, RecipeSection
+from semisynth_gl.config.model import RECIPE_KEYS, Config
 from semisynth_gl.config.yaml_values import Key
 from semisynth_gl.inputs.errors import counted, did_you_mean, near, shown
 
@@ -105,7 +105,7 @@ def _hint(key: Key, siblings: Collection[str], value: object, recipe: Key) -> st
     """
     *above, last = map(str, key)
     if recipe:
-        siblings = [*siblings, *RecipeSection.model_fields] if not above else siblings
+        siblings = [*siblings, *RECIPE_KEYS] if not above else siblings
         alike = [dotted((*recipe, *above, name)) for name in near(last, siblings)]
         return did_you_mean(alike, f"expected one of: {', '.join(sorted(siblings))}")
     alike = [dotted((*above, name)) for name in near(last, siblings)]

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from semisynth_gl.config.fields import Range, written_range
 from semisynth_gl.config.keys import section_of
 from semisynth_gl.config.load import load_config, packaged_configs
-from semisynth_gl.config.model import RecipeSection
+from semisynth_gl.config.model import RECIPE_KEYS
 from semisynth_gl.config.yaml_values import write_yaml
 from semisynth_gl.inputs.resources import data_root
 
@@ -61,6 +61,6 @@ def _section(section: BaseModel, indent: str) -> Iterator[str]:
 def _recipes(recipes: Iterable[Mapping[str, Any]]) -> Iterator[str]:
     """Yield the lines of a list of recipes, with one section per line."""
     for recipe in recipes:
-        head = {key: recipe[key] for key in RecipeSection.model_fields if key in recipe}
+        head = {key: recipe[key] for key in RECIPE_KEYS if key in recipe}
         for number, (key, value) in enumerate((head | dict(recipe)).items()):
             yield f"  {'  ' if number else '- '}{key}: {write_yaml(value)}"

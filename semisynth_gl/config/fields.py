@@ -38,19 +38,12 @@ class ConfigError(ValueError):
 
 def not_signed(least: float, came: float) -> str:
     """Return the text of a fault: a disparity is too small for a config whose disparities are positive."""
-    return f"expected {least:g} or more where disparity.signed is false, got {came:g}"
-
-
-def check_not_tiny(value: float) -> float:
-    """Return a number; raises ValueError where it is below `SMALLEST`."""
-    if value < SMALLEST:
-        raise ValueError(f"expected {SMALLEST:g} or more")
-    return value
+    return f"expected {'numbers above 0' if least else '0 or more'} where disparity.signed is false, got {came:g}"
 
 
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False), AfterValidator(check_not_tiny)]
+Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST, allow_inf_nan=False)]
 Weight = NotNegative
 Share = Annotated[float, Field(ge=0, le=1)]
 
@@ -162,14 +155,6 @@ def _parse(value: object) -> Range:
     return Range(low, high)
 
 
-def check_above_zero(value: Range) -> Range:
-    """Return a range; raises ValueError where it reaches below `SMALLEST`."""
-    if value.low <= 0:
-        raise ValueError("expected numbers above 0")
-    check_not_tiny(value.low)
-    return value
-
-
 def at_least(smallest: float) -> AfterValidator:
     """Return a validator of ranges whose low end is at least ``smallest``."""
     return _rule(lambda value: value.low >= smallest, f"at least {smallest:g}")
@@ -230,6 +215,6 @@ Baselines = Annotated[
 """A number of baselines, or the baselines in metres."""
 
 RangeField = Annotated[Range, BeforeValidator(_parse), PlainSerializer(written_range)]
-PositiveRange = Annotated[RangeField, AfterValidator(check_above_zero)]
-NotNegativeRange = Annotated[RangeField, _rule(lambda value: value.low >= 0, "numbers of 0 or more")]
+PositiveRange = Annotated[RangeField, at_least(SMALLEST)]
+NotNegativeRange = Annotated[RangeField, at_least(0)]
 Vector = Annotated[tuple[RangeField, ...], FROM_LIST, Field(min_length=3, max_length=3)]

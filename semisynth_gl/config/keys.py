@@ -14,10 +14,6 @@ from semisynth_gl.config.fields import Range, written_range
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.yaml_values import write_yaml
 
-_BOUNDS = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
-# Bounds from this size on are not shown: they only keep numbers within float32's range. Nor is a share's bound of 1.
-_NO_BOUND = 1e5
-
 
 @dataclass(frozen=True, slots=True)
 class ConfigKey:
@@ -46,8 +42,8 @@ def _keys_of(section: type[BaseModel], above: str) -> Iterator[ConfigKey]:
         if (below := section_of(field.annotation)) is not None:
             inner.append((f"{above}{name}", below))
         else:
-            is_range = Range in _members(field.annotation)
-            yield ConfigKey(f"{above}{name}", _meaning(field), _default(field), is_range=is_range)
+            meaning, is_range = (field.description or "").replace("\n", " "), Range in _members(field.annotation)
+            yield ConfigKey(f"{above}{name}", meaning, _default(field), is_range=is_range)
     for name, below in inner:
         yield ConfigKey(name, cleandoc(below.__doc__ or ""), is_section=True)
         yield from _keys_of(below, f"{name}.")
@@ -77,14 +73,6 @@ def sections_in(annotation: Any) -> list[type[BaseModel]]:  # noqa: ANN401 - any
 
 def _is_section(annotation: object) -> bool:
     return isinstance(annotation, type) and issubclass(annotation, BaseModel)
-
-
-def _meaning(field: FieldInfo) -> str:
-    bounds = {word: getattr(each, word) for each in field.metadata for word in _BOUNDS if hasattr(each, word)}
-    telling = {word: end for word, end in bounds.items() if 1 < abs(end) < _NO_BOUND or (word, end) == ("lt", 1)}
-    said = " and ".join(f"{_BOUNDS[word]} {end:g}" for word, end in telling.items())
-    meaning = (field.description or "").replace("\n", " ")
-    return f"{meaning}; {said}" if said else meaning
 
 
 def _default(field: FieldInfo) -> str:

@@ -52,6 +52,9 @@ from semisynth_gl.plugins import Group
 
 _MOST_RECIPES = 100
 
+RECIPE_KEYS = ("recipe", "extends", "weight")
+"""The keys of a recipe beside its sections."""
+
 # The keys that a recipe may change, by section, where it may not change all: the others hold for all pairs of a
 # dataset. They are the kind of images, the shape of pixels, the number of pairs per scene, the sets of models and patches, the sampling of
 # patches by the graphics card, and the limits by which truth is stored and checked.
@@ -108,7 +111,7 @@ def _whole(base: Values, recipe: Any) -> Any:  # noqa: ANN401 - any YAML value
     """Return the values of a `RecipeSection`, from those of a recipe in YAML and of its config."""
     if not isinstance(recipe, dict):
         return recipe
-    head = {key: recipe[key] for key in ("recipe", "extends", "weight") if key in recipe}
+    head = {key: recipe[key] for key in RECIPE_KEYS if key in recipe}
     changes = {key: value for key, value in recipe.items() if key not in head}
     return head | {"given": _given(changes), "config": merged(base, changes)}
 
@@ -145,7 +148,7 @@ class Config(Section):
     """first part of every sample's name: letters, digits and hyphens"""
     # Excluded from the values and the digest, since it changes no pair.
     layout: Annotated[PluginName | None, Field(exclude=True)] = None
-    """layout where ``--layout`` is not set; by default ``middlebury``, or ``webdataset`` from 10,000 pairs on"""
+    """layout without ``--layout``; by default ``middlebury``, from 10,000 pairs on ``webdataset``"""
     camera: CameraSection
     disparity: DisparitySection
     background: BackgroundSection = BackgroundSection()

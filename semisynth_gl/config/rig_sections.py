@@ -75,16 +75,15 @@ class CameraSection(Section):
     baseline_m: PositiveRange | None = None
     """distance between the cameras"""
     baselines: Baselines = 1
-    """number of right cameras per scene, each at a distance drawn from ``baseline_m``; or a list of the distances,
-    metres"""
+    """number of right cameras per scene, or a list of their distances, metres"""
     cx_left_px: RangeField | None = None
-    """x of the left principal point; by default the two points lie symmetrically about the centre"""
+    """x of the left principal point; by default the two are symmetric about the centre"""
     cx_right_px: RangeField | None = None
     """x of the right principal point, instead of ``doffs_px``"""
     cy_px: RangeField | None = None
     """y of both principal points; by default the centre, (height - 1) / 2"""
     doffs_px: RangeField | None = None
-    """cx_right - cx_left, by default 0; with several baselines, the value of the longest one"""
+    """cx_right - cx_left, by default 0; of the longest baseline"""
     sway_m: NotNegativeRange = ZERO
     """amplitude of the rig's sway along each axis"""
     sway_deg: NotNegativeRange = ZERO
@@ -188,8 +187,7 @@ class DisparitySection(Section):
     max_px: Finite
     """largest disparity of any pixel; it sets the near plane"""
     target: TargetSection = UniformTarget()
-    """wanted distribution; ``uniform`` (the default), ``uniform-depth``, ``gamma``, ``histogram``, ``mixture`` or
-    ``file``"""
+    """wanted distribution, by default ``uniform``; see below"""
 
     def _faults(self) -> Iterator[ConfigError]:
         for key in () if self.signed else ("min_px", "max_px"):
@@ -309,13 +307,10 @@ def _raw_density(raw: RawCamera, pinhole: NDArray[np.float64], size: tuple[int, 
 
 
 class ProjectorSection(Section):
-    """A projector of a pattern, which moves with the rig; truth does not know of it.
-
-    The ranges are drawn per sequence.
-    """
+    """A projector of a pattern, which moves with the rig; truth does not know of it."""
 
     pattern: PathText = "dots"
-    """``dots`` at random places, upright ``stripes``, or the file of a picture, whose luminance is thrown"""
+    """``dots``, upright ``stripes``, or the file of a picture"""
     pattern_width_px: Annotated[int, count(_LARGEST_PATTERN_PX)] = 1280
     """width of the pattern, and of the picture"""
     pattern_height_px: Annotated[int, count(_LARGEST_PATTERN_PX)] = 800
@@ -323,20 +318,19 @@ class ProjectorSection(Section):
     size_px: Annotated[float, Field(ge=1, le=100)] = 2.5
     """diameter of a dot, or width of a stripe, pixels of the pattern"""
     density: Annotated[float, Field(gt=0, le=0.5)] = 0.05
-    """share of the pattern that is lit; density and size_px do nothing with a picture"""
+    """share of the pattern that is lit; not of a picture"""
     field_of_view_deg: Annotated[PositiveRange, at_most(_WIDEST_DEG)] = Range(90.0, 90.0)
     """angle that the pattern's width takes"""
     position_m: Vector = (ZERO, ZERO, ZERO)
     """x, y, z in the left camera's frame"""
     turn_deg: Vector = (ZERO, ZERO, ZERO)
-    """rotation vector of the projector against the left camera, degrees"""
+    """rotation vector against the left camera, degrees"""
     power: NotNegativeRange
-    """light of a dot on a surface at 1 m that faces the projector, in multiples of the light in which photographs were
-    taken; it falls with the square of the distance and the cosine of incidence"""
+    """light of a dot on a facing surface at 1 m, in multiples of the light in which photographs were taken"""
     ambient: NotNegativeRange = Range(1.0, 1.0)
     """all other light, in the same unit"""
     share: Share = 1.0
-    """share of the sequences with the projector on; the others have plain images"""
+    """share of the sequences with the projector on"""
 
     @property
     def drawn(self) -> bool:

@@ -65,10 +65,9 @@ class BackgroundSection(Section):
     wall_disparity_px: RangeField | None = None
     """disparity of the back wall at the image centre; by default ``disparity.min_px``"""
     wall_turn_deg: Annotated[float, Field(ge=0, le=40)] = 15.0
-    """largest rotation of a bare room about each axis (furnished rooms turn only sideways, by up to twice this
-    angle)"""
+    """largest rotation of a bare room about each axis; furnished rooms turn sideways, by up to twice this"""
     plane_disparity_px: RangeField = Range(0.2, 1.0)
-    """disparity of the far plane or backdrop; under a sky, disparity at which the ground ends"""
+    """disparity of the far plane or backdrop; under a sky, where the ground ends"""
     sky: Share = 0.0
     """share of outdoor scenes whose plane or backdrop is infinitely far away"""
 
@@ -91,16 +90,12 @@ class BackgroundSection(Section):
 
 
 class RoomSection(Section):
-    """Furnished rooms, and the camera in them.
-
-    Lengths are true where the far wall is 2.5 to 9 m away; nearer and farther rooms are scaled with all their contents.
-    """
+    """Furnished rooms; those whose far wall is nearer than 2.5 m or farther than 9 m are scaled with all contents."""
 
     camera_height_m: PositiveRange = Range(0.9, 1.7)
     """height of the camera above the floor"""
     floor_row: PositiveRange = Range(0.4, 1.05)
-    """row where the floor meets the far wall, as a fraction of the image's height; above 1, the floor may be out of
-    view"""
+    """row where the floor meets the far wall, as a fraction of the image's height"""
     roll_deg: Annotated[float, Field(ge=0, le=20)] = 1.5
     """standard deviation of the camera's roll"""
     furniture: Annotated[NotNegativeRange, at_most(200)] = Range(4.0, 10.0)
@@ -122,10 +117,7 @@ class RoomSection(Section):
 
 
 class StreetSection(Section):
-    """Streets: a road, objects along the road, and a far backdrop.
-
-    Lengths are true where the backdrop is 25 m away or more; nearer scenes are scaled with all their contents.
-    """
+    """Streets: a road, objects along it, and a backdrop; with one nearer than 25 m, all is scaled."""
 
     camera_height_m: PositiveRange = Range(1.2, 2.0)
     """height of the camera above the ground"""
@@ -140,7 +132,7 @@ class StreetSection(Section):
     houses: Share = 0.5
     """share of plots along the road with a house"""
     fences: Share = 0.25
-    """share of plots with a fence; plots with neither a house nor a fence are open"""
+    """share of plots with a fence; the rest is open"""
     vehicles: Annotated[NotNegativeRange, at_most(200)] = Range(1.0, 9.0)
     """number of cars and bicycles"""
     tall: Annotated[NotNegativeRange, at_most(200)] = Range(2.0, 12.0)
@@ -197,14 +189,13 @@ class ParticlesSection(Section):
     clutter: Annotated[tuple[DepthLayerSection, ...], FROM_LIST, Field(max_length=_MOST_ITEMS)] = ()
     """further depth layers: a list of ``{disparity_px, count, size_px}``, all ranges"""
     density: Literal["sparse", "default", "dense"] | Annotated[PositiveRange, at_most(_MOST_PARTICLES)] = "default"
-    """number of particles: ``default``, ``sparse`` (a third as many, larger ones), ``dense`` (three times as many,
-    smaller ones), or the mean number in the left view"""
+    """``default``, ``sparse`` (a third, larger), ``dense`` (three times, smaller), or the mean number in view"""
     size_px: PositiveRange = Range(40.0, 300.0)
-    """diameter of a model's bounding sphere, log-uniform"""
+    """diameter of a model, log-uniform"""
     size_m: PositiveRange | None = None
-    """diameter of a model's bounding sphere in metres, instead of ``size_px``"""
+    """diameter of a model, instead of ``size_px``"""
     stretch: PositiveRange = Range(0.5, 1.0)
-    """scale along each axis of a model, relative to the largest of its three scales"""
+    """scale along each axis of a model, relative to the largest"""
     thinness: Annotated[PositiveRange, at_most(1)] = Range(1.0, 1.0)
     """additional scale along one axis, log-uniform; 0.05 makes sheets"""
     fall_m_s: PositiveRange = Range(0.5, 2.0)
@@ -214,9 +205,9 @@ class ParticlesSection(Section):
     spin_deg_s: NotNegativeRange = Range(0.0, 180.0)
     """angular speed about a random axis"""
     resting: Share = 0.0
-    """share of particles that lie at rest instead of falling, where a surface below can carry them"""
+    """share of particles that lie at rest, where a surface below can carry them"""
     most: Annotated[int, count(_MOST_PARTICLES)] = 2000
-    """largest number of particles in a scene; where the target takes more, they become larger"""
+    """largest number in a scene; where the target takes more, they become larger"""
 
     def _faults(self) -> Iterator[ConfigError]:
         if self.layers is not None and self.density != "default":
@@ -235,13 +226,13 @@ class ModelsSection(Section):
     complex: Weight = 1.0
     """weight of the complex family (chair, mug, plant, ...)"""
     user: Weight = 1.0
-    """weight of the models in ``folders``; with fewer than 25 models it is reduced in proportion"""
+    """weight of the models in ``folders``; reduced in proportion below 25 models"""
     kinds: Annotated[dict[str, Weight], Field(max_length=_MOST_ITEMS)] = Field(default_factory=dict)
     """weights of kinds within their family, by name; by default 1"""
     folders: _Paths = ()
     """folders of model files"""
     variants: Annotated[int, count(100)] = 3
-    """number of models, of different proportions, per kind and per plug-in's family"""
+    """number of models per kind and per plug-in's family"""
     families: Annotated[dict[_FamilyName, Weight], Field(max_length=_MOST_ITEMS)] = Field(default_factory=dict)
     """weights of plug-ins' families, by the plug-in's name"""
 
@@ -255,36 +246,34 @@ class TexturesSection(Section):
     """The patches, and how models wear them."""
 
     source: PluginName = "builtin"
-    """``images`` (yours), ``builtin`` (drawn pictures, and scikit-image's photographs), ``photographs`` (only
-    scikit-image's photographs), ``procedural``, or a plug-in's name"""
+    """``images`` (yours), ``builtin`` (painted, and scikit-image's photographs), ``photographs``, ``procedural``, or a
+    plug-in's name"""
     images: _Paths = ()
     """files, folders and globs of the source ``images``"""
     patch_px: Annotated[int, Field(ge=16, le=8192)] = 256
     """side of a patch in the atlas"""
     scales: Annotated[tuple[_AtLeastOne, ...], FROM_LIST, Field(min_length=1, max_length=100)] = (1.0, 2.0, 4.0)
-    """sides of the squares that are cut from images, in multiples of ``patch_px``"""
+    """sides of the squares cut from images, in multiples of ``patch_px``"""
     min_texture: NotNegative = 1.0
-    """least texture of a patch: the median over 8 x 8 cells of the standard deviation of luminance, 8-bit levels;
-    squares with less than 1 are nearly of one colour, or overexposed"""
+    """least texture of a patch: median over 8 x 8 cells of the standard deviation of luminance, 8-bit levels"""
     min_sharpness: NotNegative = 0.3
-    """least sharpness of a patch: contrast of its finest octave over the contrast of its third octave"""
+    """least sharpness of a patch: contrast of its finest octave over that of its third"""
     min_difference: Share = 0.04
-    """least difference of two patches, 1 minus the correlation of their luminance gradients on a coarse grid; 0 keeps
-    all"""
+    """least difference of two patches: 1 minus the correlation of their gradients; 0 keeps all"""
     max_patches: Annotated[int, Field(ge=1, le=2048)] = 512
     """largest number of patches"""
     large_px: Annotated[int, Field(ge=0, le=4096)] = 0
-    """side of large patches, for walls, grounds and other large surfaces; 0 for none"""
+    """side of patches for walls, grounds and other large surfaces; 0 for none"""
     texels_per_pixel: PositiveRange = Range(0.8, 1.5)
-    """texels of a patch per pixel of the image: above 1 the patch looks reduced, below 1 enlarged"""
+    """texels of a patch per pixel of the image"""
     anisotropy: Annotated[int, Field(ge=1, le=16)] = 1
-    """largest number of samples of a patch per pixel on surfaces at a grazing angle; 1 blurs them"""
+    """largest number of samples per pixel at a grazing angle; 1 blurs"""
     large_anisotropy: Annotated[int, Field(ge=1, le=16)] = 4
     """``anisotropy`` of large patches"""
     wrap: Literal["mirror", "repeat"] = "mirror"
-    """continuation of a patch beyond its border: its ``mirror`` image, or a ``repeat``"""
+    """continuation of a patch beyond its border: ``mirror`` or ``repeat``"""
     sequence: bool = False
-    """take a folder's images as successive frames, which an instance shows in turn"""
+    """take a folder's images as successive frames"""
 
     def _faults(self) -> Iterator[ConfigError]:
         most = _MOST_TEXELS // self.patch_px**2

@@ -99,7 +99,7 @@ def test_errors_name_file_line_and_key(tmp_path):
         f"{path}:5: camera.focal_px: expected [low, high] with low <= high, but 9 > 3: the range is empty, got [9, 3]"
         in lines
     )
-    assert f"{path}:6: camera.baseline_m: expected numbers above 0, got -1" in lines
+    assert f"{path}:6: camera.baseline_m: expected at least 1e-06, got -1" in lines
     assert f"{path}:7: camera.widht_px: unknown key; did you mean camera.width_px?" in lines
     assert any(
         line.startswith(f"{path}:9: zzz: unknown key; expected one of: antialias, background, camera,")

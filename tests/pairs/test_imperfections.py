@@ -247,7 +247,7 @@ def test_keys_that_say_nothing_leave_the_images_alone():
         ("jpeg_quality=[90, 101]", "jpeg_quality: expected at most 100"),
         ("motion_blur=1.5", "motion_blur: expected at most 1"),
         ("motion_blur=[0.5, 0.2]", "motion_blur: expected .* the range is empty"),
-        ("motion_blur=-0.1", "motion_blur: expected numbers of 0 or more"),
+        ("motion_blur=-0.1", "motion_blur: expected at least 0"),
         ("sub_frames=1", "sub_frames: .*greater than or equal to 2"),
         ("sub_frames=65", "sub_frames: .*less than or equal to 64"),
         ("sub_frames=[2, 9]", "sub_frames: .*integer"),
