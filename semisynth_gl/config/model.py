@@ -56,8 +56,8 @@ RECIPE_KEYS = ("recipe", "extends", "weight")
 """The keys of a recipe beside its sections."""
 
 # The keys that a recipe may change, by section, where it may not change all: the others hold for all pairs of a
-# dataset. They are the kind of images, the shape of pixels, the number of pairs per scene, the sets of models and patches, the sampling of
-# patches by the graphics card, and the limits by which truth is stored and checked.
+# dataset. They are the kind of images, the shape of pixels, the number of pairs per scene, the sets of models and
+# patches, the sampling of patches by the graphics card, and the limits by which truth is stored and checked.
 _OF_RECIPES: Mapping[str, Collection[str]] = {
     "camera": CameraSection.model_fields.keys() - {"width_px", "height_px", "fy_over_fx", "baselines", "colour"},
     "disparity": {"target"},
