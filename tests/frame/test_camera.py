@@ -40,7 +40,7 @@ def test_depth_and_disparity_are_inverse(camera, depth):
 
 @pytest.mark.parametrize("eye", ["left", "right"])
 def test_projection_puts_pixel_centres_at_half_window_coordinates(eye):
-    camera = StereoCamera(641, 480, 500.0, 0.1, 310.2, 330.9, 250.4)
+    camera = StereoCamera(641, 480, 500.0, 0.1, 310.2, 330.9, 250.4, fy_over_fx=1.1)
     x, y, depth = 17.0, 460.0, 3.3
     view = camera.rays(eye, np.array(x), np.array(y)) * depth
     clip = clip_from_view(camera, eye, 0.1) @ [*view, 1]
@@ -61,14 +61,15 @@ def test_right_eye_stands_at_plus_baseline():
     st.tuples(st.floats(-20, 20), st.floats(-20, 20), st.floats(-5, 30)),
     st.floats(0.001, 5),
     st.sampled_from(["left", "right"]),
+    st.sampled_from([0.6, 1.0, 1.5]),
 )
-def test_no_sphere_that_reaches_into_the_view_is_culled(centre, radius, eye):
-    camera = StereoCamera(200, 100, 150.0, 0.1, 90.0, 110.0, 40.0)
+def test_no_sphere_that_reaches_into_the_view_is_culled(centre, radius, eye, fy_over_fx):
+    camera = StereoCamera(200, 100, 150.0, 0.1, 90.0, 110.0, 40.0, fy_over_fx=fy_over_fx)
     points = np.random.default_rng(0).normal(size=(2000, 3))
     points = np.array(centre) + radius * points / np.linalg.norm(points, axis=1, keepdims=True)
     front = points[points[:, 2] > 0.5]
     x = camera.focal_px * front[:, 0] / front[:, 2] + camera.cx_px(eye)
-    y = camera.focal_px * front[:, 1] / front[:, 2] + camera.cy_px
+    y = camera.focal_y_px * front[:, 1] / front[:, 2] + camera.cy_px
     assume(((x > -0.5) & (x < 199.5) & (y > -0.5) & (y < 99.5)).any())
     assert in_view(camera, eye, 0.5, np.array([centre]), np.array([radius]))[0]
 

@@ -15,6 +15,7 @@ from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import EYES, Deviation, StereoCamera
+from semisynth_gl.frame.channels import OCCLUDED
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
@@ -23,7 +24,6 @@ from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import make_scene, move
 
 CAMERA = StereoCamera(96, 64, 90.0, 0.2, 46.0, 49.5, 30.0, fy_over_fx=1.25)
-SQUARE_PIXELS = replace(CAMERA, fy_over_fx=1.0)
 RATIO = {"camera": {"fy_over_fx": 1.02}}
 PYRAMID = make_mesh(
     "pyramid",
@@ -34,16 +34,19 @@ PYRAMID = make_mesh(
 WALL = np.array([[9, 0.5, 0, -0.3], [0.4, 9, 0, 0.2], [1.5, 0.8, 0.6, 4.0], [0, 0, 0, 1]])
 NEAR = np.array([[0.2, 0.08, 0, 0.15], [-0.12, 0.17, 0, -0.1], [0.02, 0, 0.2, 1.6], [0, 0, 0, 1]])
 BOARD = np.array([[0.003, 0.15, 0, -0.2], [0.25, 0.001, 0, 0.1], [0, 0.1, 0.2, 1.2], [0, 0, 0, 1]])
-SPOKE = np.array([[0.001, 0.04, 0, 0.3], [0, 0.2, 0, 0.2], [0, 0.02, 0.001, 1.5], [0, 0, 0, 1]])
-POSES = np.stack([WALL, NEAR, BOARD, SPOKE])
+# Spokes narrower than a pixel.
+SPOKE = np.array([[0.001, 0.03, 0, -0.35], [0, 0.25, 0, 0], [0, 0.02, 0.001, 1], [0, 0, 0, 1]])
+FENCE = [SPOKE + np.eye(4)[0, :, None] * np.array([0, 0, 0, 0.06 * k]) for k in range(12)]
+POSES = np.stack([WALL, NEAR, BOARD, *FENCE])
 CHANNELS = ("visibility", "instances", "depth", "normals", "flow", "flow_backward")
 
 
-def pyramids(camera, stretch=1.0):
-    """Pyramids that move, and that are ``stretch`` times as high."""
-    higher = np.diag([1, stretch, 1, 1])
-    scene = make_scene(camera, model=[0] * 4, world_from_model=higher @ POSES, layer=[0, 1, 1, 1])
-    later = POSES + np.array([[[0, 0, 0, 0.03], [0.01, 0, 0, -0.02], [0, 0, 0, 0.1], [0, 0, 0, 0]]])
+def pyramids(camera, stretch=1.0, poses=POSES):
+    """Pyramids that move, and that are ``stretch`` times as high; their patches are finer than pixels."""
+    higher, number = np.diag([1, stretch, 1, 1]), len(poses)
+    layer = [0] + [1] * (number - 1)
+    scene = make_scene(camera, model=[0] * number, world_from_model=higher @ poses, layer=layer, uv_scale=6.0)
+    later = poses + np.array([[[0, 0, 0, 0.03], [0.01, 0, 0, -0.02], [0, 0, 0, 0.1], [0, 0, 0, 0]]])
     return scene, move(scene, world_from_model=higher @ later)
 
 
@@ -82,41 +85,40 @@ def test_a_board_covers_the_rows_between_its_projected_edges(open_renderer, squa
         assert abs(columns.min() - first) <= 1
 
 
+@pytest.mark.parametrize("ratio", [0.6, 1.8])
 @pytest.mark.parametrize("antialias", ["none", "edges", "ssaa2"])
-@pytest.mark.parametrize(
-    "deviation", [Deviation(), Deviation(y_px=2.3, focal_ratio=1.02)], ids=["rectified", "deviating"]
-)
-def test_a_scene_stretched_as_much_is_the_same_through_square_pixels(open_renderer, antialias, deviation):
+@pytest.mark.parametrize("deviation", [Deviation(), Deviation(y_px=2.3, focal_ratio=1.02)], ids=["rectified", "other"])
+def test_a_scene_stretched_as_much_is_the_same_through_square_pixels(open_renderer, ratio, antialias, deviation):
     outputs = (*CHANNELS, "correspondence")
     rectified = deviation == Deviation()
     renderer = open_renderer([PYRAMID], noise_layers(2, 32), outputs=outputs, antialias=antialias, rectified=rectified)
     frames = []
-    for camera, stretch in ((CAMERA, 1.0), (SQUARE_PIXELS, CAMERA.fy_over_fx)):
-        scene, motion = pyramids(replace(camera, deviation=deviation), stretch)
+    for fy_over_fx, stretch in ((ratio, 1.0), (1.0, ratio)):
+        scene, motion = pyramids(replace(CAMERA, fy_over_fx=fy_over_fx, deviation=deviation), stretch)
         frames.append(renderer.render(scene, future=motion, past=motion))
     found, expected = frames
+    few = 4  # pixels in which rounding decides
     for eye in EYES:
         own, other = found.view(eye), expected.view(eye)
-        assert len(np.unique(own.instances)) >= 3
-        assert set(np.unique(own.visibility)) == {0, 128, 255}
+        assert len(np.unique(own.instances)) > 6
+        assert (own.visibility == OCCLUDED).sum() > 100
         same = own.instances == other.instances
-        assert same.mean() > 0.999
+        assert (~same).sum() <= few
         for name in ("disparity", "depth", "flow", "flow_backward", "correspondence"):
-            assert (np.isfinite(own[name]) == np.isfinite(other[name])).mean() > 0.999
+            assert (np.isfinite(own[name]) != np.isfinite(other[name])).sum() <= few
             both = np.isfinite(own[name]) & np.isfinite(other[name])
             both &= same if both.ndim == 2 else same[..., None]
             np.testing.assert_allclose(own[name][both], other[name][both], rtol=2e-5, atol=2e-4, err_msg=name)
         for name in ("visibility", "flow_visibility", "flow_backward_visibility"):
-            assert (own[name] == other[name]).mean() > 0.998, name
-        off = np.abs(own.image.astype(int) - other.image).max(axis=2)
-        assert (off > 2).mean() < 0.002
+            assert (own[name] != other[name]).sum() <= few, name
+        assert (np.abs(own.image.astype(int) - other.image).max(axis=2) > 2).sum() <= few
 
 
 @pytest.mark.parametrize("deviation", [Deviation(), Deviation(0.03, -0.02, 1.7, 0.98)], ids=["rectified", "deviating"])
 def test_truth_is_what_rays_say(open_renderer, deviation):
     rectified = deviation == Deviation()
     outputs = ("visibility", "instances", "normals", "flow", *(() if rectified else ("correspondence",)))
-    scene, motion = pyramids(replace(CAMERA, deviation=deviation))
+    scene, motion = pyramids(replace(CAMERA, deviation=deviation), poses=POSES[:3])
     frame = open_renderer([PYRAMID], noise_layers(2, 16), outputs=outputs, rectified=rectified).render(
         scene, future=motion
     )

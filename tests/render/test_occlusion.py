@@ -1,5 +1,6 @@
 """What is left out because it is hidden changes no pixel."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -75,7 +76,8 @@ def test_crowds_are_as_if_everything_were_drawn(backend, drawn, monkeypatch, hid
     models = [marked_solid(globe()), globe(5), SQUARE]
     large = noise_layers(2, 32, seed=1)
     with Renderer(models, noise_layers(3, 16), large_layers=large, backend=backend, **options) as renderer:
-        for _ in range(2):
+        for fy_over_fx in (1.0, 0.7):
+            camera = replace(CAMERA, fy_over_fx=fy_over_fx)
             count = 80
             poses = np.tile(np.eye(4), (count, 1, 1))
             # Some are mirrored, flat or turned; some are cut open by the near plane.
@@ -86,7 +88,7 @@ def test_crowds_are_as_if_everything_were_drawn(backend, drawn, monkeypatch, hid
             poses[:2] = facing(CAMERA, 20, 10, 110, 80, 1.0)
             model, layer = rng.integers(0, 3, count), rng.integers(0, 5, count)
             model[:2] = 2  # the same place
-            make = partial(make_scene, CAMERA, model=model, world_from_model=poses, layer=layer)
+            make = partial(make_scene, camera, model=model, world_from_model=poses, layer=layer)
             assert_unchanged(renderer, make(near_m=0.6), CROP)
     assert len(drawn) == 16 if "outputs" in options else drawn
 
