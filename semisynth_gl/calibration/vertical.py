@@ -160,11 +160,11 @@ def rectified_rows(right: Values, camera: StereoCamera, numbers: Values) -> Valu
     """
     y_px, roll_rad, ratio, pitch_rad = numbers
     x = (right[:, 0] - camera.cx_right_px) / (camera.focal_px * ratio)
-    y = (right[:, 1] - camera.cy_px - y_px) / (camera.focal_px * ratio)
+    y = (right[:, 1] - camera.cy_px - y_px) / (camera.focal_y_px * ratio)
     # Undo Rx(pitch), then Rz(roll).
     sine, cosine = np.sin(pitch_rad), np.cos(pitch_rad)
     unpitched, depth = cosine * y + sine, cosine - sine * y
-    row: Values = camera.focal_px * (np.cos(roll_rad) * unpitched - np.sin(roll_rad) * x) / depth + camera.cy_px
+    row: Values = camera.focal_y_px * (np.cos(roll_rad) * unpitched - np.sin(roll_rad) * x) / depth + camera.cy_px
     return row
 
 
@@ -180,7 +180,7 @@ def _slope(right: Values, camera: StereoCamera, numbers: Values, number: int) ->
 def _most_px(deviation: FittedDeviation, camera: StereoCamera) -> tuple[float, float, float, float]:
     """Return how far, px, each number moves the row that it moves most; for pitch, relative to the middle rows."""
     across, down = (camera.width_px - 1) / 2, (camera.height_px - 1) / 2
-    bend_px = deviation.pitch_rad * down**2 / camera.focal_px
+    bend_px = deviation.pitch_rad * down**2 / camera.focal_y_px
     return deviation.y_px, deviation.roll_rad * across, (deviation.focal_ratio - 1) * down, bend_px
 
 

@@ -44,8 +44,8 @@ def right_from_rectified(roll_deg, pitch_deg):
 def project(points, camera, y_px=0.0, roll_deg=0.0, ratio=1.0, pitch_deg=0.0):
     """Where a right camera that deviates sees points (N, 3) of the left one's frame."""
     seen = (points - [camera.baseline_m, 0, 0]) @ right_from_rectified(roll_deg, pitch_deg).T
-    focal = camera.focal_px * ratio
-    x, y = (focal * seen[:, axis] / seen[:, 2] for axis in (0, 1))
+    focal = camera.focal_px * ratio, camera.focal_y_px * ratio
+    x, y = (focal[axis] * seen[:, axis] / seen[:, 2] for axis in (0, 1))
     return np.stack([x + camera.cx_right_px, y + camera.cy_px + y_px], axis=1)
 
 
@@ -55,7 +55,8 @@ def correspondences(camera, *deviation, count=500, seed=0):
     left = rng.uniform(0, (camera.width_px - 1, camera.height_px - 1), (count, 2))
     depth = 1 / rng.uniform(1 / 60, 1 / 1.5, count)
     centre = [camera.cx_left_px, camera.cy_px]
-    points = np.c_[(left - centre) / camera.focal_px, np.ones(count)] * depth[:, None]
+    focal = camera.focal_px, camera.focal_y_px
+    points = np.c_[(left - centre) / focal, np.ones(count)] * depth[:, None]
     return Matches(left, project(points, camera, *deviation))
 
 
@@ -63,7 +64,7 @@ def needs_opencv():
     pytest.importorskip("cv2", reason="OpenCV, the extra opencv, is not installed")
 
 
-@pytest.mark.parametrize("camera", [CAMERA, WIDE])
+@pytest.mark.parametrize("camera", [CAMERA, WIDE, replace(CAMERA, fy_over_fx=1.1)])
 @pytest.mark.parametrize(
     "deviation",
     [
