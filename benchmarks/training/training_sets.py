@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from semisynth_gl.augmentation import PRESETS, Augmentation
-from semisynth_gl.calibration.config_text import config_facts, config_text
 from semisynth_gl.calibration.disparity_range import DisparitySource
+from semisynth_gl.calibration.draft import describe
 from semisynth_gl.calibration.rig import Rig
-from semisynth_gl.calibration.style import untried_style
-from semisynth_gl.calibration.trial import tried_style
+from semisynth_gl.calibration.trial import fit
+from semisynth_gl.calibration.write import write
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.measured_view import working_width
 from semisynth_gl.comparison.place import find_place
@@ -158,12 +158,11 @@ def _calibrated(name: str, trials: int | None, images: tuple[str, ...], base: Co
     ranges = camera.focal_px, camera.baseline_m, camera.doffs_px
     rigs = [_rig(base, *(each.low for each in ranges)), _rig(base, *(each.high for each in ranges))]
     source = DisparitySource((), KITTI_DISPARITY.steps, (wanted.min_px, wanted.max_px))
-    facts = config_facts(rigs, images, source, other_camera=True)
-    style = untried_style(facts.recipes)
+    draft = describe(name, rigs, images, source, other_camera=True)
     if trials:
-        place = measure_place(find_place(find_images(images), ()), working_width(facts.size.width_px))
-        style = tried_style(facts, place.side, trials, Listener())
-    return config_text(name, facts, style)
+        place = measure_place(find_place(find_images(images), ()), working_width(draft.size.width_px))
+        draft = fit(draft, place.side, trials, Listener())
+    return write(draft)
 
 
 def _rig(config: Config, focal_px: float, baseline_m: float, doffs_px: float) -> Rig:

@@ -8,23 +8,23 @@ from pathlib import Path
 from typing import Any
 
 from semisynth_gl.calibration.arrays import Size
-from semisynth_gl.calibration.config_text import ConfigFacts, config_facts, config_name, config_text, suited_layout
 from semisynth_gl.calibration.disparity_range import DisparitySource
+from semisynth_gl.calibration.draft import Draft, describe
 from semisynth_gl.calibration.matching import given_pairs, open_matcher, pairs_among
 from semisynth_gl.calibration.photographs import centre_crop, photograph_sizes
 from semisynth_gl.calibration.raw_photographs import lens_chains, rectify_photographs
 from semisynth_gl.calibration.rectification import fitting_pairs
 from semisynth_gl.calibration.rig import Rig, plain_rig
 from semisynth_gl.calibration.rig_files import read_rigs
-from semisynth_gl.calibration.style import Style, untried_style
 from semisynth_gl.calibration.summary import baseline_note, raw_note, rig_summary, style_summary, view_note
+from semisynth_gl.calibration.write import make_config, suited_layout, write
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.maps import map_files, one_of_each_scene
 from semisynth_gl.comparison.measured_view import working_width
 from semisynth_gl.comparison.place import find_place, left_out
 from semisynth_gl.comparison.sides import MeasuredPlace, measure_place
 from semisynth_gl.config import Config
-from semisynth_gl.config.load import Overrides, parse_config
+from semisynth_gl.config.load import Overrides
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.histogram import total_variation
 from semisynth_gl.inputs.arguments import LEAST, to_real, to_whole
@@ -147,7 +147,8 @@ def calibrate(
         if other_camera:
             raise InputError("needs photographs of the rig, but other_camera is set", argument="rectify_to")
         image_sources, pairs = _rectified(image_sources, pairs, scaled, expanded(fspath(rectify_to)), notes)
-    facts = config_facts(
+    draft = describe(
+        name,
         rigs,
         image_sources,
         DisparitySource(one_of_each_scene(found), png_scale, range_px, kind == "depth", range_m),
@@ -157,45 +158,37 @@ def calibrate(
         lenses=_lenses(scaled, notes),
         overrides=overrides,
     )
-    name, style = config_name(name), untried_style(facts.recipes)
-    # The template is checked before the trials, which take longest.
-    config = _parsed(config_text(name, facts, style), name)
-    if trials and [recipe.recipe for recipe in config.scenes] != [recipe.name for recipe in facts.recipes]:
+    # The config is checked before the trials, which take longest.
+    config = make_config(draft)
+    if trials and [recipe.recipe for recipe in config.scenes] != [recipe.name for recipe in draft.recipes]:
         raise InputError(
             "scenes cannot be set where trial pairs weigh the recipes: make no trials, or change scenes in the file "
             "that is written",
             argument="overrides",
         )
-    facts = replace(facts, layout=suited_layout(config, rigs))
+    draft = replace(draft, layout=suited_layout(config, rigs))
     # Prepares the dataset's patches: unusable photographs are reported now, and the patches are cached.
     report = prepare_atlas(config.textures, Split(0)).report
     place = None
     if trials:
-        width_px = working_width(facts.size.width_px)
+        width_px = working_width(draft.size.width_px)
         depths_of = scaled[0].camera if kind == "depth" else None
         place = measure_place(find_place(find_images(image_sources), found, png_scale, depths_of), width_px)
-        style = _tried(facts, place, trials, listener or Listener())
-    text = config_text(name, facts, style)
-    config = _parsed(text, name)
-    summary = [*rig_summary(facts, report), *style_summary(style, place), *([_expectation(config)] if trials else [])]
+        draft = _fitted(draft, place, trials, listener or Listener())
+    config = make_config(draft)
+    expected = [_expectation(config)] if trials else []
+    summary = [*rig_summary(draft, report), *style_summary(draft.style, place), *expected]
     skipped = left_out(find_files(image_sources, image_extensions()), found)
-    unrectified = raw_note(facts, place) if rectify_to is None else None
-    narrowed = view_note(facts) if alpha is None and fov_deg is None else None
-    notes += filter(None, [narrowed, baseline_note(facts.ranges["baseline_m"]), skipped, unrectified])
-    return Calibration(config, text, summary, notes)
+    unrectified = raw_note(draft, place) if rectify_to is None else None
+    narrowed = view_note(draft) if alpha is None and fov_deg is None else None
+    notes += filter(None, [narrowed, baseline_note(draft.ranges["baseline_m"]), skipped, unrectified])
+    return Calibration(config, write(draft), summary, notes)
 
 
 def _check_one_of(sources: Mapping[str, object]) -> None:
     given = [argument for argument, value in sources.items() if value]
     if len(given) > 1:
         raise InputError(f"{given[0]} also states the disparities: give only one of them", argument=given[1])
-
-
-def _parsed(text: str, name: str) -> Config:
-    try:
-        return parse_config(text, f"{name}.yaml")
-    except InputError as error:
-        raise InputError(f"the numbers make no valid config:\n{error}") from None
 
 
 def _two_numbers(name: str, values: Sequence[float]) -> tuple[float, float]:
@@ -333,13 +326,13 @@ def _rectified(
     return [str(folder)], [(written[left], written[right]) for left, right in given if {left, right} <= written.keys()]
 
 
-def _tried(facts: ConfigFacts, place: MeasuredPlace, trials: int, listener: Listener) -> Style:
-    """Render and measure trial pairs for a style."""
+def _fitted(draft: Draft, place: MeasuredPlace, trials: int, listener: Listener) -> Draft:
+    """Render and measure trial pairs for the draft's style."""
     # Imported here: loading OpenGL and models takes longer than writing a config without trials.
-    from semisynth_gl.calibration.trial import tried_style  # noqa: PLC0415
+    from semisynth_gl.calibration.trial import fit  # noqa: PLC0415
 
     try:
-        return tried_style(facts, place.side, trials, listener)
+        return fit(draft, place.side, trials, listener)
     except BackendError as error:
         message = f"{error}\nWithout OpenGL, make no trials: the config is then made without trial pairs"
         raise BackendError(message) from None

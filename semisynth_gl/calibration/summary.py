@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from semisynth_gl.calibration.config_text import ConfigFacts
+from semisynth_gl.calibration.draft import Draft
 from semisynth_gl.calibration.photographs import impossible_splits
 from semisynth_gl.calibration.stereo_rectify import WIDEST_FISHEYE_DEG
 from semisynth_gl.calibration.style import Style
@@ -24,33 +24,33 @@ _OF_LENSES = {"corners": "corners {:.2f} times as sharp as the middle", "border"
 _LEAST_OF_BORDER, _MUCH_BORDER = 0.3, 0.03
 
 
-def rig_summary(facts: ConfigFacts, report: TextureReport) -> list[str]:
+def rig_summary(draft: Draft, report: TextureReport) -> list[str]:
     """Return lines about the rig, its disparities, scenes and photographs."""
-    ranges, disparity, count = facts.ranges, facts.disparity, facts.photograph_count
-    focal_px, angle = _shown_range(ranges["focal_px"], "px"), _shown_range(_views_deg(facts), "degrees")
-    far_m, near_m = (_distance_m(facts, *end) for end in ((disparity.min_px, max), (disparity.max_px, min)))
+    ranges, disparity, count = draft.ranges, draft.disparity, draft.photograph_count
+    focal_px, angle = _shown_range(ranges["focal_px"], "px"), _shown_range(_views_deg(draft), "degrees")
+    far_m, near_m = (_distance_m(draft, *end) for end in ((disparity.min_px, max), (disparity.max_px, min)))
     patches = counted(report.total("kept"), "patch")
     lines = [
-        f"layout           {facts.layout or 'middlebury, and webdataset from 10,000 pairs on'}",
-        f"image size       {facts.size}",
+        f"layout           {draft.layout or 'middlebury, and webdataset from 10,000 pairs on'}",
+        f"image size       {draft.size}",
         f"focal length     {focal_px}, a view of {angle} across",
         f"baseline         {_shown_range(ranges['baseline_m'], 'm')}",
         f"doffs            {_shown_range(ranges['doffs_px'], 'px')}",
         f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {disparity.target.mean_px:.2f} px",
         f"                 {disparity.origin}",
         f"distance         {near_m} to {far_m} m",
-        f"scenes           {' and '.join(facts.scenes)} ({facts.scenes_origin})",
-        f"photographs      {facts.photographs}{', all grey' * facts.grey}, which give {patches}",
+        f"scenes           {' and '.join(draft.scenes)} ({draft.scenes_origin})",
+        f"photographs      {draft.photographs}{', all grey' * draft.grey}, which give {patches}",
     ]
-    if 0 < facts.fitting_count < count:
-        lines.append(f"                 {count - facts.fitting_count} differ in size from the rig's images")
-    splits = impossible_splits(facts.subject_count)
+    if 0 < draft.fitting_count < count:
+        lines.append(f"                 {count - draft.fitting_count} differ in size from the rig's images")
+    splits = impossible_splits(draft.subject_count)
     if splits:
         lines.append(f"                 too few to hold some out for {' or '.join(splits)}")
-    if facts.lenses is not None:
-        lines.append(f"lens             {_shown_lenses(facts.lenses)}")
-    if facts.rectification is not None:
-        lines.append(f"rectification    {facts.rectification.summary()}")
+    if draft.lenses is not None:
+        lines.append(f"lens             {_shown_lenses(draft.lenses)}")
+    if draft.rectification is not None:
+        lines.append(f"rectification    {draft.rectification.summary()}")
     return lines
 
 
@@ -84,25 +84,25 @@ def baseline_note(ends_m: tuple[float, float]) -> str | None:
     return f"the baseline is {_shown_range(ends_m, 'm')}: check the unit in your files, and give it if it is not metres"
 
 
-def view_note(facts: ConfigFacts) -> str | None:
+def view_note(draft: Draft) -> str | None:
     """Return a note on the view of fisheyes that was narrowed to the default; None where it was not."""
-    rig = facts.rigs[0]
-    if facts.lenses is None or not math.isclose(rig.view_deg, WIDEST_FISHEYE_DEG, rel_tol=1e-3):
+    rig = draft.rigs[0]
+    if draft.lenses is None or not math.isclose(rig.view_deg, WIDEST_FISHEYE_DEG, rel_tol=1e-3):
         return None
-    lost = 1 - min(float(chain.shown.mean()) for chain in facts.lenses.values())
+    lost = 1 - min(float(chain.shown.mean()) for chain in draft.lenses.values())
     return (
         f"the rectified images show {rig.view_deg:.0f} degrees across, so that their middle stays sharp: {lost:.0%} of "
         "the fisheye's image is lost. Give another field of view to change that"
     )
 
 
-def raw_note(facts: ConfigFacts, place: MeasuredPlace | None) -> str | None:
+def raw_note(draft: Draft, place: MeasuredPlace | None) -> str | None:
     """Return a warning about photographs, and pairs, that seem unrectified; None without a sign of it."""
     reasons = []
-    if facts.rectification is not None and facts.rectification.is_large(facts.size.width_px):
+    if draft.rectification is not None and draft.rectification.is_large(draft.size.width_px):
         reasons.append("the right camera deviates far")
-    if facts.lenses is not None and place is not None and len(place.side.values["border"]):
-        border = 1 - float(np.mean([chain.valid.mean() for chain in facts.lenses.values()]))
+    if draft.lenses is not None and place is not None and len(place.side.values["border"]):
+        border = 1 - float(np.mean([chain.valid.mean() for chain in draft.lenses.values()]))
         found = float(place.side.values["border"].mean()) / 100
         if border > _MUCH_BORDER and found < _LEAST_OF_BORDER * border:
             reasons.append(f"the lens leaves {border:.1%} border, and they have {found:.1%}")
@@ -124,14 +124,14 @@ def _shown_lenses(lenses: Mapping[Eye, LensChain]) -> str:
     )
 
 
-def _distance_m(facts: ConfigFacts, disparity_px: float, choose: Callable[[list[float]], float]) -> str:
+def _distance_m(draft: Draft, disparity_px: float, choose: Callable[[list[float]], float]) -> str:
     """Return the distance of a disparity, m, the least or the largest over the rigs."""
-    sums = [(rig.camera.focal_baseline, disparity_px + rig.camera.doffs_px) for rig in facts.rigs]
+    sums = [(rig.camera.focal_baseline, disparity_px + rig.camera.doffs_px) for rig in draft.rigs]
     return f"{choose([focal / px if px > 0 else math.inf for focal, px in sums]):.3g}"
 
 
-def _views_deg(facts: ConfigFacts) -> tuple[float, float]:
-    angles = [float(f"{rig.view_deg:.3g}") for rig in facts.rigs]
+def _views_deg(draft: Draft) -> tuple[float, float]:
+    angles = [float(f"{rig.view_deg:.3g}") for rig in draft.rigs]
     return min(angles), max(angles)
 
 

@@ -1,17 +1,19 @@
 """Trial pairs: a few pairs of each recipe, rendered like the pairs of the dataset to come, and measured."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.calibration.config_text import ConfigFacts, config_text
-from semisynth_gl.calibration.style import BLURS, EXPOSURES, TEXELS, Style, Trial, fitted_style, untried_style
+from semisynth_gl.calibration.draft import Draft
+from semisynth_gl.calibration.style import BLURS, EXPOSURES, TEXELS, Trial, fitted_style, untried_style
+from semisynth_gl.calibration.write import config_values
 from semisynth_gl.comparison.measured_view import MeasuredView, make_view, working_width
 from semisynth_gl.comparison.measures import MEASURES
 from semisynth_gl.comparison.sides import Side
-from semisynth_gl.config import Config
-from semisynth_gl.config.load import parse_config
+from semisynth_gl.config.load import parse_values
 from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
@@ -20,11 +22,11 @@ from semisynth_gl.seeds.seeds import Purpose, generator
 _SEED = 0
 
 
-def tried_style(facts: ConfigFacts, place: Side, pairs: int, listener: Listener) -> Style:
-    """Render trial pairs, and choose the style whose pairs are nearest to a place.
+def fit(draft: Draft, place: Side, pairs: int, listener: Listener) -> Draft:
+    """Render trial pairs, and return the draft with the style whose pairs are nearest to a place.
 
     Args:
-        facts: the facts of the config to come.
+        draft: the draft of the config to come.
         place: measures of the place's pictures at the `working_width`.
         pairs: number of pairs of each recipe with each of `TEXELS`; each pair is measured with all `BLURS` and
             `EXPOSURES`.
@@ -34,7 +36,8 @@ def tried_style(facts: ConfigFacts, place: Side, pairs: int, listener: Listener)
         InputError: where inputs cannot be used.
         BackendError: where OpenGL cannot be used.
     """
-    return fitted_style(facts.recipes, _try(facts, pairs, listener), place, _blur_scale(facts.size.width_px))
+    trial, blur_scale = _try(draft, pairs, listener), _blur_scale(draft.size.width_px)
+    return replace(draft, tried=fitted_style(draft.recipes, trial, place, blur_scale))
 
 
 def _blur_scale(width_px: int) -> float:
@@ -42,8 +45,8 @@ def _blur_scale(width_px: int) -> float:
     return width_px / working_width(width_px)
 
 
-def _try(facts: ConfigFacts, pairs: int, listener: Listener) -> Trial:
-    recipes = facts.recipes
+def _try(draft: Draft, pairs: int, listener: Listener) -> Trial:
+    recipes = draft.recipes
     cells = {f"{recipe.name}-{k}": (r, k) for r, recipe in enumerate(recipes) for k in range(len(TEXELS))}
     tried = [
         replace(recipes[r], name=name, keys={**recipes[r].keys, "textures": {"texels_per_pixel": list(TEXELS[k])}})
@@ -52,12 +55,12 @@ def _try(facts: ConfigFacts, pairs: int, listener: Listener) -> Trial:
     sums = np.zeros((len(recipes), len(TEXELS), len(BLURS), len(EXPOSURES), len(MEASURES)))
     counts = np.zeros(sums.shape, np.int64)
     geometry: list[list[NDArray[np.float64]]] = [[] for _ in recipes]
-    target = facts.disparity.target
+    target = draft.disparity.target
     shares = np.zeros((len(recipes), len(target.shares)))
     total = pairs * len(cells)
     listener.on_total(total)
-    text = config_text("trial", facts, untried_style(tried))
-    with PairRenderer(_as_tried(parse_config(text, "the trial's config")), _SEED) as renderer:
+    trial_values = _as_tried(config_values(replace(draft, tried=untried_style(tried))).values)
+    with PairRenderer(parse_values(trial_values, "the trial's config", draft.overrides), _SEED) as renderer:
         for recipe, sampler in zip(renderer.sampler.recipes, renderer.sampler.samplers, strict=True):
             # Expected shares do not depend on texels.
             r, k = cells[str(recipe.name)]
@@ -67,7 +70,7 @@ def _try(facts: ConfigFacts, pairs: int, listener: Listener) -> Trial:
             # Unchecked: a trial is not a dataset, and scenes drawn again would be of the same sort.
             pair = renderer.render(number, checked=False)
             r, k = cells[pair.provenance["recipe"]]
-            values = _looks(pair, facts.size.width_px)
+            values = _looks(pair, draft.size.width_px)
             there = np.isfinite(values)
             geometry[r].append(values[0, 0])
             sums[r, k] += np.where(there, values, 0)
@@ -100,14 +103,14 @@ def _measured(view: MeasuredView, chosen: NDArray[np.bool_]) -> NDArray[np.float
     return np.array([MEASURES[m].measure(view) for m in np.flatnonzero(chosen).tolist()], np.float64)
 
 
-def _as_tried(config: Config) -> Config:
-    """Return the config with only the outputs that are measured, and with its target in recipes without ``layers``.
+def _as_tried(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a config's values with only the outputs that are measured, and targets only in recipes without ``layers``.
 
     With targets of their own, these recipes are solved separately: solving them for what a mix lacks takes long.
     """
-    values = config.model_dump(mode="json") | {"outputs": [], "truth": "left"}
-    target = values["disparity"].pop("target")
+    disparity, recipes = dict(values["disparity"]), []
+    target = disparity.pop("target")
     for recipe in values["scenes"]:
-        if "layers" not in recipe.get("particles", {}):
-            recipe["disparity"] = {"target": target}
-    return Config.model_validate(values)
+        of_own = "layers" not in recipe.get("particles", {})
+        recipes.append(recipe | ({"disparity": {"target": target}} if of_own else {}))
+    return {**values, "disparity": disparity, "scenes": recipes, "outputs": [], "truth": "left"}

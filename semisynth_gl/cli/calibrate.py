@@ -9,7 +9,6 @@ import click
 
 from semisynth_gl.calibration.arrays import UNITS
 from semisynth_gl.calibration.calibrate import calibrate as calibrate_rig
-from semisynth_gl.calibration.config_text import PROPOSED_PAIRS
 from semisynth_gl.cli.options import (
     NATURAL,
     Command,
@@ -29,6 +28,7 @@ from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.inputs.errors import InputError
 
+_PROPOSED_PAIRS = 1000
 _ANY_NUMBER = Number(min=-LARGEST, max=LARGEST)
 
 
@@ -199,5 +199,5 @@ def calibrate(
         sources.append(f"--png-scale {png_scale:g}")
     say(f"wrote {out}; next:")
     say(f"  semisynth-gl preview --config {config}")
-    say(f"  semisynth-gl generate --config {config} --out {data} --pairs {PROPOSED_PAIRS}")
+    say(f"  semisynth-gl generate --config {config} --out {data} --pairs {_PROPOSED_PAIRS}")
     say(f"  semisynth-gl compare {data} {' '.join(sources)}")

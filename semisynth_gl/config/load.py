@@ -6,20 +6,17 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import reduce
 from importlib.resources.abc import Traversable
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
-from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap
 
 from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.config.distributions import read_histogram
 from semisynth_gl.config.errors import explained
 from semisynth_gl.config.fields import is_number
 from semisynth_gl.config.image_size import recentred, scaled
-from semisynth_gl.config.layers import OVERRIDE, Layer, merged
+from semisynth_gl.config.layers import OVERRIDE, Layer, Values, merged
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.yaml_values import DEEPEST, MOST_BYTES, Key, YamlError, read_yaml
 from semisynth_gl.inputs.errors import InputError, cut, did_you_mean, near, shown
@@ -69,29 +66,17 @@ def parse_config(text: str, file: str) -> Config:
     return _validated(_parse(text, Path(file), file, ()))
 
 
-def with_overrides(text: str, overrides: Overrides) -> str:
-    """Return a config's YAML text with overrides written into it; comments stay where they are.
+def parse_values(values: Values, file: str, overrides: Overrides = ()) -> Config:
+    """Return the config of values as YAML has them, and of overrides; messages name ``file`` as the values' source.
 
     Raises InputError as `load_config` does.
     """
-    _validated(_over(_parse(text, Path(), "the config", ()), _override_layer(overrides)))
-    yaml = YAML()
-    yaml.width = 100
-    yaml.indent(mapping=2, sequence=4, offset=2)
-    tree = yaml.load(text)
-    for key, value in map(_key_and_value, overrides.items() if isinstance(overrides, Mapping) else overrides):
-        *sections, last = key.split(".")
-        node = tree
-        for section in sections:
-            node = node.setdefault(section, CommentedMap())
-        # A new last key would stand behind the comment on the next section.
-        if last in node:
-            node[last] = value
-        else:
-            node.insert(0, last, value)
-    stream = StringIO()
-    yaml.dump(tree, stream)
-    return stream.getvalue()
+    return _validated(_over(Layer(values, {(): file}), _override_layer(overrides)))
+
+
+def overridden(values: Values, overrides: Overrides) -> Values:
+    """Return a config's values with overrides merged over them, as `load_config` merges them; raises InputError."""
+    return _over(Layer(values), _override_layer(overrides)).values
 
 
 def _validated(layer: Layer) -> Config:

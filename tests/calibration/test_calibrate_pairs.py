@@ -13,15 +13,15 @@ from skimage.data import stereo_motorcycle
 
 from semisynth_gl.calibration import rectification
 from semisynth_gl.calibration.arrays import DisparityBounds, Size
-from semisynth_gl.calibration.config_text import config_facts, config_text
 from semisynth_gl.calibration.disparity_maps import read_values
 from semisynth_gl.calibration.disparity_range import DisparitySource, chosen_range, disparity_range
+from semisynth_gl.calibration.draft import describe
 from semisynth_gl.calibration.matching import given_pairs, match_images, match_pair, open_matcher, pairs_among
 from semisynth_gl.calibration.photographs import are_grey
 from semisynth_gl.calibration.rectification import measure_rectification
 from semisynth_gl.calibration.rig import Rig, plain_rig
-from semisynth_gl.calibration.style import untried_style
 from semisynth_gl.calibration.vertical import MATCHING_PX, Matches, deviation_ranges, fit_deviation
+from semisynth_gl.calibration.write import write
 from semisynth_gl.cli.calibrate import calibrate
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.config import Range
@@ -223,11 +223,11 @@ def test_without_opencv_the_extra_is_named(monkeypatch):
 def facts(tmp_path, **options):
     rig = Rig(CAMERA, "calib.txt", DisparityBounds(70, 7.0, 60.0))
     save(tmp_path / "photos/im0.png", stereo_motorcycle()[0])
-    return config_facts([rig], [str(tmp_path / "photos")], DisparitySource(range_px=(7, 60)), **options)
+    return describe("lab", [rig], [str(tmp_path / "photos")], DisparitySource(range_px=(7, 60)), **options)
 
 
 def written(gathered):
-    return config_text("lab", gathered, untried_style(gathered.recipes))
+    return write(gathered)
 
 
 def test_a_config_gets_the_section_rig(tmp_path, monkeypatch):
@@ -387,6 +387,6 @@ def test_ranges_and_calibrations_may_begin_below_zero(tmp_path):
     save(tmp_path / "photos/im0.png", stereo_motorcycle()[0])
     rig = Rig(CAMERA, "calib.txt")
     for range_px, signed in (((7, 60), False), ((-20, 60), True), ((0, 60), True)):
-        text = written(config_facts([rig], [str(tmp_path / "photos")], DisparitySource(range_px=range_px)))
+        text = written(describe("lab", [rig], [str(tmp_path / "photos")], DisparitySource(range_px=range_px)))
         assert ("\ndisparity:\n  signed: true " in text) == signed
         assert f"\n  min_px: {range_px[0]}\n" in text

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from semisynth_gl.calibration import trial
-from semisynth_gl.calibration.config_text import ConfigFacts
 from semisynth_gl.calibration.disparity_range import chosen_range
+from semisynth_gl.calibration.draft import Draft
 from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.style import BLURS, EXPOSURES, TEXELS
 from semisynth_gl.comparison.measures import MEASURES
@@ -51,15 +51,15 @@ def test_each_pair_counts_for_its_recipe_and_texture_scale(monkeypatch):
     monkeypatch.setattr(trial, "_looks", lambda pair, _: np.full(looks, float(pair.value)))
     monkeypatch.setattr(trial, "fitted_style", lambda _, result, *__: found.append(result))
     rig = Rig(StereoCamera.centred(640, 480, 700.0, 0.1, 0.0), "calib.txt")
-    facts = ConfigFacts([rig], None, chosen_range(2, 90), ["a"], 1, 1, 256)
+    draft = Draft("x", [rig], None, chosen_range(2, 90), ["a"], 1, 1, 256)
     heard = []
     listener = Listener()
     monkeypatch.setattr(listener, "on_total", heard.append)
-    trial.tried_style(facts, Side({}, {}), 4, listener)
+    trial.fit(draft, Side({}, {}), 4, listener)
     [result] = found
-    cells = len(facts.recipes) * len(TEXELS)
+    cells = len(draft.recipes) * len(TEXELS)
     assert heard == [result.pairs] == [4 * cells]
-    for number, recipe in enumerate(facts.recipes):
+    for number, recipe in enumerate(draft.recipes):
         # Four pairs of each cell, whose values rise by 1: 1.5 above the first one in the mean.
         firsts = [shown(f"{recipe.name}-{scale}") for scale in range(len(TEXELS))]
         for scale, first in enumerate(firsts):
