@@ -28,7 +28,6 @@ from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.config.fields import count, reason_of
 from semisynth_gl.config.model import Config
 from semisynth_gl.dataset.names import FORMAT, PROGRAM, RECORDS, shard_name, tar_path
-from semisynth_gl.dataset.tar import content_offsets
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate, shown
 from semisynth_gl.layouts import Key, Layout, find_layout, layout_names
@@ -368,13 +367,6 @@ class Record(ShardEntry):
         """What the index says of the shard, in JSON's types."""
         return self.model_dump(include=set(ShardEntry.model_fields), exclude_none=True)
 
-    @property
-    def sizes(self) -> dict[str, int]:
-        """The size in bytes, by name, of the shard's tar or of each file of its pairs."""
-        if self.tar is not None:
-            return {self.tar: self.bytes}
-        return {name: file.bytes for sample in self.samples for name, file in sample.files.items()}
-
 
 def parse_values(model: type[_Document], values: Mapping[str, Any], path: Path) -> _Document:
     """Return a document of values in JSON's types; the path is for messages. Raises as `Document.parse` does."""
@@ -410,8 +402,6 @@ def _require_layout(values: Mapping[str, Any]) -> None:
 def parse_record(data: bytes, shard: Shard, path: Path, *, packed: bool) -> Record:
     """Parse the record of a shard; the path is for messages.
 
-    In a packed shard, the files' offsets in the tar must agree with their sizes.
-
     Raises:
         ReadError: where a value is wrong, or the record lists other pairs than the shard's.
     """
@@ -424,12 +414,8 @@ def parse_record(data: bytes, shard: Shard, path: Path, *, packed: bool) -> Reco
         return record
     if record.tar != tar_path(shard.name):
         raise ReadError(path, f"tar: expected {tar_path(shard.name)}, got {shown(record.tar)}")
-    files = [file for sample in record.samples for file in sample.files.values()]
-    offsets, size = content_offsets(file.bytes for file in files)
-    if [file.offset for file in files] != offsets:
-        raise ReadError(path, "samples: expected the offsets that the sizes of the files give")
-    if record.bytes != size:
-        raise ReadError(path, f"bytes: expected {size} by the sizes of the files, got {record.bytes}")
+    if any(file.offset is None for sample in record.samples for file in sample.files.values()):
+        raise ReadError(path, "samples: expected the offset of each file in the tar")
     return record
 
 

@@ -1,17 +1,15 @@
 """A dataset's folder: `begin` writes the plan, `missing` lists the shards it lacks, `finish` writes the index last.
 
-A run may be killed anywhere: the next one goes on with the shards that have no record, or whose files lack the sizes
-that the record says.
+A run may be killed anywhere: the next one goes on with the shards that have no record.
 """
 
 import errno
 import fcntl
 import os
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import partial
 from pathlib import Path, PurePath
 from typing import IO
@@ -20,21 +18,12 @@ from upath import UPath
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.dataset.card import encode_card
-from semisynth_gl.dataset.documents import Index, Plan, Record, Shard, parse_record, parse_values
+from semisynth_gl.dataset.documents import Index, Plan, Shard, parse_values
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.names import CARD, INDEX, LOCK, PLAN, PROGRAM, RECORDS, log_path, record_path, tar_path
 from semisynth_gl.dataset.plan import differences
-from semisynth_gl.dataset.root import (
-    UNFINISHED,
-    clear_errors,
-    is_local,
-    names_below,
-    path_of,
-    replace,
-    size_of,
-    sizes_below,
-    write,
-)
+from semisynth_gl.dataset.reader import read_record
+from semisynth_gl.dataset.root import UNFINISHED, clear_errors, is_local, names_below, path_of, replace, write
 from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate
 from semisynth_gl.plugins import MissingPluginError, require_plugins
 from semisynth_gl.scene.sources import Sources
@@ -42,7 +31,7 @@ from semisynth_gl.seeds.splits import SplitName
 
 # Requests to a store at a time.
 _REQUESTS = 16
-# `RunLock.alone` locks this byte; no dataset has so many shards.
+# The byte of the locked file that `Alone` locks; no dataset has so many shards.
 _ALONE = 1 << 30
 
 
@@ -122,44 +111,25 @@ def replaces(root: UPath, plan: Plan, *, overwrite: bool) -> bool:
     if there is None:
         return False
     if overwrite:
-        return there != plan or size_of(root, INDEX) is not None
+        return there != plan or (root / INDEX).exists()
     return there != plan and not _has_records(root, there)
 
 
-def discard(root: UPath, plan: Plan) -> None:
-    """Remove what a run has written that failed before its first shard was complete."""
-    if not _has_records(root, plan):
-        _remove(root, plan, PLAN, LOCK)
+def missing(root: UPath, plan: Plan) -> list[Shard]:
+    """Return the shards that have no record: they are made again as a whole."""
+    there = {f"{RECORDS}/{name}" for name in names_below(root / RECORDS)}
+    return [shard for shard in plan.shards if record_path(shard.name) not in there]
 
 
-def missing(root: UPath, plan: Plan, shards: Iterable[Shard] | None = None) -> list[Shard]:
-    """Return the shards, by default of all, that have no complete record; see `complete_record`."""
-    shards = plan.shards if shards is None else list(shards)
-    return [shard for shard, record in zip(shards, _records(root, plan, shards), strict=True) if record is None]
-
-
-def complete_record(
-    root: UPath, plan: Plan, shard: Shard, size: Callable[[str], int | None] | None = None
-) -> Record | None:
-    """Return the record of a complete shard, else None.
-
-    A shard is complete if its record can be read and each of its files has the size that the record states. ``size``
-    returns the size of a file by its name; by default, it asks the disk or the store.
-    """
-    path = record_path(shard.name)
-    try:
-        record = parse_record((root / path).read_bytes(), shard, path_of(root, path), packed=plan.layout.packed)
-    except (FileNotFoundError, NotADirectoryError, ReadError):
-        return None
-    size = size or partial(size_of, root)
-    return record if all(size(name) == stated for name, stated in record.sizes.items()) else None
+def _has_records(root: UPath, plan: Plan) -> bool:
+    return len(missing(root, plan)) < len(plan.shards)
 
 
 def is_complete(root: UPath, plan: Plan) -> bool:
-    """Return whether a dataset of this plan is finished and lacks no file of a pair; sources are not compared."""
+    """Return whether a dataset of this plan is finished; sources are not compared."""
     there = read_plan(root)
     same = there is not None and there.model_copy(update={"sources": plan.sources}) == plan
-    return same and size_of(root, INDEX) is not None and not missing(root, plan)
+    return same and (root / INDEX).exists() and not missing(root, plan)
 
 
 def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> None:
@@ -170,8 +140,9 @@ def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> Non
         plan: its plan.
         sources: the photographs, patches and models of each split.
     """
-    records = _records(root, plan, plan.shards)
-    values = describe_dataset(plan, sources, (record for record in records if record is not None))
+    with ThreadPoolExecutor(_REQUESTS) as pool:
+        records = pool.map(lambda shard: read_record(root, shard, packed=plan.layout.packed), plan.shards)
+        values = describe_dataset(plan, sources, records)
     for name, data in plan.lists.items():
         write(root, name, data)
     write(root, CARD, encode_card(parse_values(Index, values, Path(INDEX))))
@@ -191,59 +162,22 @@ def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> Non
     replace(root, INDEX, JSON_OBJECT.encode(values))
 
 
-@dataclass(frozen=True, slots=True)
-class RunLock:
-    """The lock of a run on a dataset or, with ``shards``, on some of its shards; see `locked`."""
-
-    root: UPath
-    shards: range | None
-    file: IO[bytes] | None
-
-    def take(self, shards: range | None) -> None:
-        """Lock shards, or the dataset with None; raises InputError where another run has any of them."""
-        if self.file is None:
-            return
-        length, start = (0, 0) if shards is None else (len(shards), shards.start)
-        try:
-            fcntl.lockf(self.file, fcntl.LOCK_EX | fcntl.LOCK_NB, length, start)
-        except OSError as error:
-            if error.errno in (errno.EACCES, errno.EAGAIN):
-                raise InputError(
-                    f"{self.root}: another run is making this dataset: wait for its end or stop it, or share the work "
-                    "by different shards",
-                    argument="out",
-                ) from None
-
-    @contextmanager
-    def alone(self) -> Iterator[None]:
-        """Wait until no other run is in such a block: runs with different shards begin and finish one at a time."""
-        if self.file is None or self.shards is None:
-            yield
-            return
-        with suppress(OSError):
-            fcntl.lockf(self.file, fcntl.LOCK_EX, 1, _ALONE)
-        try:
-            yield
-        finally:
-            # Keep the run's own shards only: the block may have taken the whole dataset.
-            with suppress(OSError):
-                fcntl.lockf(self.file, fcntl.LOCK_UN, 0, self.shards.stop)
-                if self.shards.start:
-                    fcntl.lockf(self.file, fcntl.LOCK_UN, self.shards.start, 0)
+Alone = Callable[[], AbstractContextManager[None]]
+"""Makes a block in which a run waits until no other run is in such a block; see `locked`."""
 
 
 @contextmanager
-def locked(root: UPath, shards: range | None = None) -> Iterator[RunLock]:
-    """Lock a dataset or some of its shards against other runs, which may be on other machines with the same disk.
+def locked(root: UPath, shards: range | None = None) -> Iterator[Alone]:
+    """Lock a dataset or, with ``shards``, some of its shards against other runs, also on other machines with the disk.
 
-    Each shard is a byte of one locked file, so that runs may share a dataset; None stands for all bytes. The lock ends
-    with the process. Object stores and some network file systems have no locks.
+    Runs with different shards share a dataset; the yielded function makes the blocks in which they begin and finish it
+    one at a time. The lock ends with the process. Object stores and some network file systems have no locks.
 
     Raises:
         InputError: where another run works on one of the shards.
     """
     if not is_local(root):
-        yield RunLock(root, shards, None)
+        yield nullcontext
         return
     path = root / LOCK
     try:
@@ -251,27 +185,34 @@ def locked(root: UPath, shards: range | None = None) -> Iterator[RunLock]:
         file = path.open("ab")
     except OSError as error:
         raise InputError(f"{root}: cannot be written to: {error.strerror}", argument="out") from None
+    # Each shard is a byte of the locked file; 0 bytes stand for all.
+    start, length = (0, 0) if shards is None else (shards.start, len(shards))
     with file:
-        lock = RunLock(UPath(root), shards, file)
-        lock.take(shards)
         try:
-            yield lock
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, length, start)
+        except OSError as error:
+            if error.errno in (errno.EACCES, errno.EAGAIN):
+                raise InputError(
+                    f"{root}: another run is making this dataset: wait for its end or stop it, or share the work by "
+                    "different shards",
+                    argument="out",
+                ) from None
+        try:
+            yield nullcontext if shards is None else partial(_alone, file)
         finally:
             if (root / INDEX).exists():
                 path.unlink(missing_ok=True)
 
 
-def _records(root: UPath, plan: Plan, shards: Sequence[Shard]) -> Iterator[Record | None]:
-    """Yield the `complete_record` of each shard. The records of a million pairs would fill memory: keep few."""
-    size = sizes_below(root)
-    with ThreadPoolExecutor(_REQUESTS) as pool:
-        yield from pool.map(lambda shard: complete_record(root, plan, shard, size), shards)
-
-
-def _has_records(root: UPath, plan: Plan) -> bool:
-    # One listing: a store takes its time for each question.
-    records = {record_path(shard.name) for shard in plan.shards}
-    return any(f"{RECORDS}/{name}" in records for name in names_below(root / RECORDS))
+@contextmanager
+def _alone(file: IO[bytes]) -> Iterator[None]:
+    with suppress(OSError):  # a file system without locks
+        fcntl.lockf(file, fcntl.LOCK_EX, 1, _ALONE)
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            fcntl.lockf(file, fcntl.LOCK_UN, 1, _ALONE)
 
 
 def _check_same(root: UPath, there: Plan, plan: Plan) -> None:
@@ -318,9 +259,9 @@ def _own_names(plan: Plan) -> Iterator[str]:
     yield from (CARD, *plan.lists, *plan.links, *plan.copies)
 
 
-def _remove(root: UPath, plan: Plan, *last: str) -> None:
-    """Remove the files of a dataset except its plan, then the files ``last``, then the empty folders of all these."""
-    own, there = dict.fromkeys((*_own_names(plan), *last)), set(names_below(root))
+def _remove(root: UPath, plan: Plan) -> None:
+    """Remove the files of a dataset except its plan, then the empty folders of all these."""
+    own, there = dict.fromkeys(_own_names(plan)), set(names_below(root))
     names = [name for name in own if name in there]
     if not is_local(root):
         if names:

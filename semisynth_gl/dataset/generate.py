@@ -13,7 +13,6 @@ from semisynth_gl.dataset.engines import Engine, LocalEngine, SerialEngine
 from semisynth_gl.dataset.folder import (
     begin,
     check_begin,
-    discard,
     finish,
     is_complete,
     locked,
@@ -122,33 +121,25 @@ def generate(
     plan = plan.model_copy(update={"sources": digests})
     job = Job(plan, str(root.absolute()), backend, gpus)
     _describe(plan, sources, listener)
-    with locked(root, shards) as lock:
-        if replaces(root, plan, overwrite=overwrite):
+    replacing = replaces(root, plan, overwrite=overwrite)
+    with locked(root, None if replacing else shards) as alone:  # nobody may be making a dataset that goes
+        if replacing:
             # If the driver or the config's checks fail, the earlier dataset stays.
-            with open_renderer(job, chosen[0].split) as renderer:
-                renderer.render(chosen[0].first)
-        with lock.alone():
-            if replaces(root, plan, overwrite=overwrite):
-                lock.take(None)  # nobody else may be making the dataset that goes
+            first = plan.shards[chosen[0]]
+            with open_renderer(job, first.split) as renderer:
+                renderer.render(first.first)
+        with alone():
             begin(root, plan, overwrite=overwrite)
-        try:
-            _make(job, missing(root, plan, chosen), engine, listener)
-        except BaseException:
-            if shards is None:  # else another run may be making the first shard
-                discard(root, plan)
-            raise
+        wanted = [shard for shard in missing(root, plan) if shard.number in chosen]
+        listener.on_total(sum(shard.end - shard.first for shard in wanted))
+        if wanted:
+            engine.run(job, [shard.number for shard in wanted], listener)
         left = missing(root, plan)
         if not left:
-            with lock.alone():
+            with alone():
                 finish(root, plan, sources)
-    stopped = listener.stopping and not {*left}.isdisjoint(chosen)
+    stopped = listener.stopping and any(shard.number in chosen for shard in left)
     return GenerationResult(root, plan, len(left), stopped)
-
-
-def _make(job: Job, shards: Sequence[Shard], engine: Engine, listener: Listener) -> None:
-    listener.on_total(sum(shard.end - shard.first for shard in shards))
-    if shards:
-        engine.run(job, [shard.number for shard in shards], listener)
 
 
 def _describe(plan: Plan, sources: Mapping[SplitName, Sources], listener: Listener) -> None:
@@ -176,13 +167,13 @@ def _of_the_user(sources: Sources) -> str:
     return f", {count} of them yours: {spread} of the falling objects (models.user)"
 
 
-def _chosen(shards: Sequence[Shard], numbers: range | None) -> Sequence[Shard]:
+def _chosen(shards: Sequence[Shard], numbers: range | None) -> range:
     if numbers is None:
-        return shards
+        return range(len(shards))
     if not numbers or numbers.start < 0 or numbers.stop > len(shards):
         raise InputError(
             f"{numbers.start}-{numbers.stop - 1}: the dataset has the shards 0-{len(shards) - 1} "
             f"({len(shards)} of up to {counted(max(shard.end - shard.first for shard in shards), 'pair')})",
             argument="shards",
         )
-    return [shards[number] for number in numbers]
+    return numbers

@@ -18,7 +18,6 @@ from semisynth_gl.dataset.root import (
     path_of,
     read_part,
     read_whole,
-    size_of,
 )
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file, wrong_sizes
 from semisynth_gl.dataset.tar import HEADER, header_fault
@@ -119,7 +118,7 @@ class Dataset(Sequence[StoredFrame]):
     """A finished dataset, or one of its splits: ``dataset[i]`` is a pair with its truth.
 
     Indexing reads the files of a pair and closes them again, so threads and processes, forked or spawned, may share a
-    dataset. The length and the header of each file in a tar are checked against the shard's record.
+    dataset. The header of each file in a tar is checked against the shard's record.
 
     Args:
         index: the index of the dataset.
@@ -197,10 +196,6 @@ class Dataset(Sequence[StoredFrame]):
         record = self._records.get(shard)
         if record is None:
             record = read_record(root, shard, packed=True)
-            size, path = size_of(root, tar_path(shard.name)), path_of(root, tar_path(shard.name))
-            if size != record.bytes:
-                fault = MISSING if size is None else f"has {size} bytes, but its record says {record.bytes}"
-                raise ReadError(path, fault)
             if len(self._records) >= _RECORDS_KEPT:
                 self._records.clear()
             self._records[shard] = record
@@ -238,7 +233,7 @@ def read_members(root: UPath, shard: Shard, record: Record, pair: int, names: Se
     for name in names:
         if name not in listed:
             raise ReadError(path_of(root, record_path(shard.name)), f"has no entry for {name}")
-    # `parse_record` refuses a packed record that lacks an offset.
+    # `parse_record` refuses the record of a tar without an offset.
     spans = {name: (cast("int", listed[name].offset), listed[name].bytes) for name in names}
     begin = min(offset for offset, _ in spans.values()) - HEADER
     end = max(offset + size for offset, size in spans.values())

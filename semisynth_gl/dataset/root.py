@@ -2,9 +2,8 @@
 
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import TypeGuard
 
@@ -88,24 +87,6 @@ def read_part(root: UPath, name: str, offset: int, length: int) -> bytes:
             length = max(0, min(length, os.fstat(file.fileno()).st_size - offset))
             file.seek(offset)
             return bytes(file.read(length))
-
-
-def size_of(root: UPath, name: str) -> int | None:
-    """Return the size of a file in bytes, or None if there is no such file."""
-    try:
-        return int((root / name).stat().st_size)
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-
-
-def sizes_below(root: UPath) -> Callable[[str], int | None]:
-    """Return `size_of` for many files of a root: a store lists them all at once, which beats a request for each."""
-    ask = partial(size_of, root)
-    if is_local(root):
-        return ask
-    prefix = f"{root.path.rstrip('/')}/"
-    found = root.fs.find(root.path, detail=True)
-    return {path.removeprefix(prefix): int(facts["size"]) for path, facts in found.items()}.get
 
 
 def names_below(root: UPath) -> list[str]:

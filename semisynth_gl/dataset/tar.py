@@ -1,7 +1,6 @@
 """Tars of shards: members follow each other, each with a header and its padded content."""
 
 import tarfile
-from collections.abc import Iterable
 
 HEADER = tarfile.BLOCKSIZE
 """Size of a member's header, which stands right before the content, in bytes."""
@@ -24,15 +23,6 @@ def tar_end(length: int) -> bytes:
     """Return the end of an archive of ``length`` bytes: two empty blocks, and padding to whole tar records."""
     end = 2 * tarfile.BLOCKSIZE
     return bytes(end + -(length + end) % tarfile.RECORDSIZE)
-
-
-def content_offsets(sizes: Iterable[int]) -> tuple[list[int], int]:
-    """Return the offset of each content in a tar of contents of these sizes, and the tar's whole size, in bytes."""
-    offsets, end = [], 0
-    for size in sizes:
-        offsets.append(end + HEADER)
-        end += HEADER + size + -size % tarfile.BLOCKSIZE
-    return offsets, end + len(tar_end(end))
 
 
 def header_fault(header: bytes, name: str, size: int) -> str | None:
