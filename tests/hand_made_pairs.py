@@ -125,12 +125,12 @@ def write_tree(name, root, pairs=PAIRS, splits=("train",), length=None):
         folder = root / layout.folder(split, splits)
         keys = [Key("lab", split, index, length) for index in range(pairs)]
         files = {path: data for key in keys for path, data in encode(layout, key.index, split, length=length).items()}
-        for path, data in (files | layout.lists(keys, encodings)).items():
+        for path, data in (files | layout.lists_of(keys, encodings)).items():
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             (folder / path).write_bytes(data)
-        for path in layout.folders():
+        for path in layout.folders:
             (folder / path).mkdir(parents=True, exist_ok=True)
-        for path, target in layout.links(keys).items():
+        for path, target in layout.links_of(keys).items():
             link = folder / path
             link.parent.mkdir(parents=True, exist_ok=True)
             if not link.is_symlink():

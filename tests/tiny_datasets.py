@@ -16,6 +16,8 @@ from semisynth_gl.verification.dataset import verify_dataset
 SCALE = 1 / 8
 # The scenes of a packaged config without its recipes.
 CLUTTER_ALONE = ("scenes=[]", "textures.large_px=0")
+# Where Middlebury's layout has its scenes.
+SCENES = "MiddEval3/trainingF"
 # Of the datasets that `command` generates.
 PAIRS = 7
 SEED = 5

@@ -224,7 +224,7 @@ class Plan(Document):
     @property
     def lists(self) -> dict[str, bytes]:
         """The layout's lists about the pairs of each split: bytes by path below the dataset's folder."""
-        of_splits = {split: self.layout.lists(self._keys(split), self.encodings) for split in self.splits}
+        of_splits = {split: self.layout.lists_of(self._keys(split), self.encodings) for split in self.splits}
         return {
             f"{self.folder(split)}{path}": data for split, lists in of_splits.items() for path, data in lists.items()
         }
@@ -232,7 +232,7 @@ class Plan(Document):
     @property
     def links(self) -> dict[str, str]:
         """The layout's links: target, from the link's folder, by path below the dataset's folder."""
-        of_splits = {split: self.layout.links(self._keys(split)) for split in self.splits}
+        of_splits = {split: self.layout.links_of(self._keys(split)) for split in self.splits}
         return {f"{self.folder(split)}{path}": to for split, by in of_splits.items() for path, to in by.items()}
 
     @property
@@ -250,7 +250,7 @@ class Plan(Document):
     @property
     def folders(self) -> list[str]:
         """The folders below the dataset's that loaders list, even where they are empty."""
-        return [f"{self.folder(split)}{path}" for split in self.splits for path in self.layout.folders()]
+        return [f"{self.folder(split)}{path}" for split in self.splits for path in self.layout.folders]
 
     def images_folder(self) -> str:
         """Return the deepest folder below the dataset's that holds all images, or all tars where shards are packed."""

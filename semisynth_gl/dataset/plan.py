@@ -8,7 +8,7 @@ from typing import Any
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.documents import Plan
-from semisynth_gl.dataset.names import CARD, FORMAT, INDEX, PROGRAM, RECORDS
+from semisynth_gl.dataset.names import FORMAT, PROGRAM
 from semisynth_gl.frame.channels import CHANNELS
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, counted, shown
@@ -24,7 +24,6 @@ _SHARD_BYTES = 1_000_000_000
 _FEWEST_SHARDS = 8
 # Each shard adds a few files, and a row of the index.
 _MOST_SHARDS = 1_000_000
-_OF_EVERY_DATASET = (INDEX, CARD, RECORDS)
 
 
 def make_plan(
@@ -81,7 +80,7 @@ def make_plan(
             f"{counted(shards, 'shard')} of {counted(shard_pairs, 'pair')}: expected at most {_MOST_SHARDS}; give more "
             "pairs to a shard, or make several datasets"
         )
-    plan = Plan.model_validate(
+    return Plan.model_validate(
         {
             "program": PROGRAM,
             "version": version(PROGRAM),
@@ -97,8 +96,6 @@ def make_plan(
             "plugins": used_plugins(config, layout_name),
         }
     )
-    _check_names(plan)
-    return plan
 
 
 def _check_encodings(config: Config, layout_name: str, encodings: Encodings) -> None:
@@ -123,18 +120,6 @@ def used_plugins(config: Config, layout_name: str) -> Records:
     if layout_name not in LAYOUTS:
         used.append(("layouts", layout_name))
     return plugin_records(used)
-
-
-def _check_names(plan: Plan) -> None:
-    """Raise InputError where the layout gives a file a name that every dataset uses for its own files."""
-    one_pair = plan.model_copy(update={"pairs": dict.fromkeys(plan.pairs, 1)})
-    files = [] if plan.layout.packed else [name for split in plan.splits for name in plan.files(split, 0).values()]
-    for name in (*files, *one_pair.lists, *one_pair.links, *plan.folders):
-        if name.partition("/")[0] in _OF_EVERY_DATASET:
-            raise InputError(
-                f"the layout {plan.layout_name} gives a file the name {name}: expected none in "
-                f"{', '.join(_OF_EVERY_DATASET)}, which every dataset has"
-            )
 
 
 def _shard_pairs(config: Config, encodings: Encodings, pairs: int) -> int:

@@ -1,18 +1,18 @@
-"""Layouts: the folders and names of a dataset's files. Each built-in layout is a module; plug-ins bring others."""
+"""Layouts: the folders and names of a dataset's files, the program's own and those of plug-ins."""
 
 from collections import Counter
 from functools import cache
-from importlib import import_module
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.inputs.errors import InputError, counted
+from semisynth_gl.layouts.builtin import BUILT_IN
 from semisynth_gl.layouts.key import Key
-from semisynth_gl.layouts.layout import Layout, scene_stems, view_stems
+from semisynth_gl.layouts.layout import Layout, view_stems
 from semisynth_gl.plugins import find_plugin, plugin_names
 from semisynth_gl.seeds.splits import SPLITS
 
-__all__ = ["LAYOUTS", "Key", "Layout", "find_layout", "layout_names", "scene_stems", "view_stems"]
+__all__ = ["LAYOUTS", "Key", "Layout", "find_layout", "layout_names", "view_stems"]
 
 # Roles without which no pair can be read back.
 _NEEDED = {"left", "right", "disparity_left", "provenance"}
@@ -31,12 +31,10 @@ def find_layout(name: str) -> Layout:
         MissingPluginError: where no layout has the name.
         InputError: where `check_layout` refuses a plug-in's layout.
     """
-    layout: Layout
-    if name in LAYOUTS:
-        layout = import_module(f"{__name__}.{name.replace('-', '_')}").LAYOUT
-    else:
-        layout = find_plugin("layouts", name).value
-        check_layout(name, layout)
+    if name in BUILT_IN:
+        return BUILT_IN[name]
+    layout: Layout = find_plugin("layouts", name).value
+    check_layout(name, layout)
     return layout
 
 
@@ -53,7 +51,7 @@ def check_layout(name: str, layout: Layout) -> None:
                 if lacking := sorted(_NEEDED - files.keys()):
                     raise InputError(f"layout {name}: stems must name a file for {', '.join(lacking)}")
                 paths.update(f"{folder}{path}" for path in files.values())
-            paths.update(f"{folder}{path}" for path in layout.lists(keys, encodings))
+            paths.update(f"{folder}{path}" for path in layout.lists_of(keys, encodings))
         path, count = paths.most_common(1)[0]
         if count > 1:
             raise InputError(f"layout {name}: expected a path for each file, got {counted(count, 'file')} {path}")

@@ -1,4 +1,4 @@
-"""The identity of a pair, from which layouts make the names of its files."""
+"""The identity of a pair, after which layouts name its files."""
 
 from collections.abc import Collection
 from dataclasses import dataclass

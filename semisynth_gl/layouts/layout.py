@@ -1,12 +1,7 @@
-"""The base of all layouts: the names of files, and the role of each file.
+"""A layout: the names of a dataset's files as templates, and the role of each file."""
 
-A layout is a module of this package with one class and its instance, `LAYOUT`. A new layout is a new module.
-"""
-
-from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import replace
-from typing import ClassVar
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
@@ -16,19 +11,26 @@ from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.roles import ROLES, Role
 from semisynth_gl.seeds.splits import SplitName
 
-_SCENE_NAMES: Mapping[str, str] = {
-    "image": "im{n}",
-    "visibility": "mask{n}nocc",
-    "instances": "inst{n}",
-    "flow_visibility": "flow_mask{n}",
-    "flow_backward_visibility": "flow_backward_mask{n}",
-}
+_SHORT_SPLITS: Mapping[SplitName, str] = {"train": "train", "validation": "val", "test": "test"}
 
 
-class Layout(ABC):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Layout:
     """The names of a dataset's files. A file's content follows from its role; see `semisynth_gl.layouts.roles`.
 
+    Names are templates for `str.format`, in which ``{name}``, ``{index}``, ``{sequence}``, ``{frame}`` and ``{split}``
+    are those of the pair's `Key`, and ``{short_split}`` is train, val or test. Paths are below the split's folder.
+
     Attributes:
+        stems: the path of each file of a pair by role, without its ending; inside the shard's tar where packed.
+        fields: returns further values for the templates.
+        lists: files about the pairs of a split: by path, the line of a pair, with the path of each file of the pair by
+            its role, such as ``{left}``. Equal lines stand once.
+        links: symbolic links by path; the target is relative to the link's folder.
+        flow_links: more links, in datasets with an output of flow.
+        folders: folders that loaders list even where they are empty.
+        together: splits whose files are not in a folder of the split's.
+        roles: roles that differ from those of `ROLES`.
         packed: whether the files of a shard are packed into one tar; else each file stands in a folder.
         needs: outputs that every dataset in this layout must have.
         lacks: outputs for which the layout has no files, since none of its loaders could read them.
@@ -39,21 +41,25 @@ class Layout(ABC):
             slash. Object stores hold no links, and get copies there: without them, loaders find nothing and go on.
     """
 
-    packed: ClassVar[bool] = False
-    needs: ClassVar[frozenset[str]] = frozenset()
-    lacks: ClassVar[frozenset[str]] = frozenset()
-    encodings: ClassVar[Encodings | None] = None
-    three_channels: ClassVar[bool] = False
-    most_frames: ClassVar[int | None] = None
-    copied: ClassVar[Mapping[str, str]] = {}
-
-    @abstractmethod
-    def stems(self, key: Key) -> dict[str, str]:
-        """Return each role's path without its ending, below the split's folder or inside the shard's tar."""
+    stems: Mapping[str, str]
+    fields: Callable[[Key], Mapping[str, object]] = lambda _: {}
+    lists: Mapping[str, str] = field(default_factory=dict)
+    links: Mapping[str, str] = field(default_factory=dict)
+    flow_links: Mapping[str, str] = field(default_factory=dict)
+    folders: tuple[str, ...] = ()
+    together: frozenset[SplitName] = frozenset()
+    roles: Mapping[str, Role] = field(default_factory=dict)
+    packed: bool = False
+    needs: frozenset[str] = frozenset()
+    lacks: frozenset[str] = frozenset()
+    encodings: Encodings | None = None
+    three_channels: bool = False
+    most_frames: int | None = None
+    copied: Mapping[str, str] = field(default_factory=dict)
 
     def role(self, name: str) -> Role:
         """Return a role by its name; raises KeyError for an unknown name."""
-        return ROLES[name]
+        return self.roles.get(name) or ROLES[name]
 
     def files(
         self, key: Key, encodings: Encodings, outputs: Collection[str] | None = None, truth: TruthViews = "both"
@@ -66,31 +72,34 @@ class Layout(ABC):
             outputs: the dataset's outputs; None for all files that the layout knows.
             truth: the views that have truth.
         """
-        files = {}
-        for name, stem in self.stems(key).items():
+        files, values = {}, self._values(key)
+        for name, stem in self.stems.items():
             role = self.role(name)
             made = outputs is None or role.output is None or role.output in outputs
             if made and role.output not in self.lacks and (truth == "both" or role.eye != "right"):
-                files[name] = f"{stem}{role.codec(encodings).suffix}"
+                files[name] = f"{stem.format_map(values)}{role.codec(encodings).suffix}"
         return files
 
-    def lists(self, keys: Sequence[Key], encodings: Encodings) -> dict[str, bytes]:
-        """Return the bytes of files about pairs of one split, such as lists of names, by path below its folder."""
-        del keys, encodings
-        return {}
+    def lists_of(self, keys: Sequence[Key], encodings: Encodings) -> dict[str, bytes]:
+        """Return the bytes of the lists about the pairs of a split, by path."""
+        texts = {}
+        for path, line in self.lists.items():
+            lines = dict.fromkeys(line.format_map(self._values(key) | self.files(key, encodings)) for key in keys)
+            texts[path.format_map(self._values(keys[0]))] = "".join(lines).encode()
+        return texts
 
-    def links(self, keys: Sequence[Key]) -> dict[str, str]:
-        """Return the targets of symbolic links, relative to the link's folder, by path below the split's folder."""
-        del keys
-        return {}
-
-    def folders(self) -> tuple[str, ...]:
-        """Return folders, below a split's folder, that loaders list even where they are empty."""
-        return ()
+    def links_of(self, keys: Sequence[Key]) -> dict[str, str]:
+        """Return the targets of the links to the pairs of a split, by path."""
+        templates = {**self.links, **(self.flow_links if keys[0].sequence_length else {})}
+        return {
+            path.format_map(values): target.format_map(values)
+            for path, target in templates.items()
+            for values in map(self._values, keys if "{" in path else keys[:1])
+        }
 
     def folder(self, split: SplitName, splits: Collection[SplitName]) -> str:
         """Return a split's folder below the dataset's, "" or ending in a slash, in a dataset of these splits."""
-        return "" if len(splits) == 1 else f"{split}/"
+        return "" if len(splits) == 1 or split in self.together else f"{split}/"
 
     def encodings_for(self, config: Config) -> Encodings:
         """Return the codecs for the pairs of a config in this layout."""
@@ -101,45 +110,23 @@ class Layout(ABC):
         encodings = chosen if self.encodings is None else replace(self.encodings, signed=chosen.signed)
         return encodings if colour == "rgb" else encodings.in_grey(three=self.three_channels)
 
+    def _values(self, key: Key) -> dict[str, object]:
+        names = ("name", "index", "sequence", "frame", "split")
+        of_key = {name: getattr(key, name) for name in names} | {"short_split": _SHORT_SPLITS[key.split]}
+        return of_key | dict(self.fields(key))
+
 
 def view_stems(names: Mapping[str, str], default: str) -> dict[str, str]:
-    """Return the stem of each array of a frame by role, channel by channel; a stem is a path without its ending.
+    """Return the template of each array of a frame by role, channel by channel.
 
     Args:
-        names: templates of stems by channel: ``{n}`` stands for 0 (left) or 1 (right), ``{view}`` for the view's name,
-            and ``{L}`` for the name's first letter, as a capital.
+        names: templates by channel: ``{n}`` stands for 0 (left) or 1 (right), ``{view}`` for the view's name, and
+            ``{L}`` for the name's first letter, as a capital. Other templates stay.
         default: the template for channels that ``names`` lacks, in which ``{channel}`` also stands for the channel.
     """
-    return {
-        channel.role(eye): names.get(channel.name, default).format(
-            channel=channel.name, n=EYES.index(eye), view=eye, L=eye[0].upper()
-        )
-        for channel in CHANNELS.values()
-        for eye in EYES
-    }
-
-
-def scene_stems(names: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the names of a frame's arrays by role, in layouts that call the left view 0 and the right view 1.
-
-    The first dictionary has the arrays of the pair's own moment. The second one has the arrays that compare it with
-    another moment, view by view. ``names`` are templates as in `view_stems`, which override Middlebury's.
-    """
-    stems = view_stems({**_SCENE_NAMES, **names}, "{channel}{n}")
-    flow = [channel.role(eye) for eye in EYES for channel in CHANNELS.values() if channel.moment != "now"]
-    return {role: stem for role, stem in stems.items() if role not in flow}, {role: stems[role] for role in flow}
-
-
-VERTICAL: dict[str, str] = {"disparity_y_left": "disp0y", "disparity_y_right": "disp1y"}
-"""Middlebury's names for y_left - y_right in pairs that are not rectified."""
-
-SHORT_SPLITS: Mapping[SplitName, str] = {"train": "train", "validation": "val", "test": "test"}
-"""The splits' short names, as loaders' own lists of pairs have them."""
-
-
-def pair_lines(pairs: Iterable[Mapping[str, str]]) -> bytes:
-    """Return a list of pairs as loaders read it, from each pair's paths by role.
-
-    A line has the paths of a pair's left image, right image and left disparity.
-    """
-    return "".join(f"{files['left']} {files['right']} {files['disparity_left']}\n" for files in pairs).encode()
+    stems = {}
+    for channel in CHANNELS.values():
+        for number, eye in enumerate(EYES):
+            stem = names.get(channel.name, default).replace("{channel}", channel.name).replace("{n}", str(number))
+            stems[channel.role(eye)] = stem.replace("{view}", eye).replace("{L}", eye[0].upper())
+    return stems

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from backends import backend_fault
 from recorder import Recorder
-from tiny_datasets import CLUTTER_ALONE, cheap
+from tiny_datasets import CLUTTER_ALONE, SCENES, cheap
 
 from semisynth_gl.bench import scaling
 from semisynth_gl.bench.lifetime import line_slope
@@ -22,7 +22,6 @@ from semisynth_gl.cli import main
 from semisynth_gl.config import load_config
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.geometry.topology import is_solid
-from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.pairs.pipeline import PAIR_STAGES
 from semisynth_gl.render.backends import is_software
 from semisynth_gl.render.pass_clock import PASSES

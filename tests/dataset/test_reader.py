@@ -8,7 +8,7 @@ import pytest
 from backends import backend_fault
 from hand_made_datasets import config_of
 from recorder import Recorder
-from tiny_datasets import lean, tiny
+from tiny_datasets import SCENES, lean, tiny
 
 from semisynth_gl.cli import main
 from semisynth_gl.codecs import DISPARITY_CODECS, Encodings
@@ -16,7 +16,6 @@ from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import DamagedIndexError, open_dataset, read_index
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.pairs.pipeline import render_pair
 from semisynth_gl.verification.dataset import verify_dataset
 

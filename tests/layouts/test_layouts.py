@@ -160,7 +160,7 @@ def test_names_sort_as_numbers():
     keys = [Key("kitti", "train", index) for index in (2, 10, 999_999)]
     names = [key.name for key in keys]
     assert names == sorted(names) == ["kitti-000002", "kitti-000010", "kitti-999999"]
-    lists = find_layout("middlebury").lists(keys, Encodings())
+    lists = find_layout("middlebury").lists_of(keys, Encodings())
     assert lists == {"MiddEval3/official_train.txt": b"kitti-000002\nkitti-000010\nkitti-999999\n"}
 
 
@@ -176,15 +176,15 @@ def test_names_never_collide_and_stay_inside(name):
             paths = [path for key in keys for path in layout.files(key, encodings).values()]
             # A shard is of one split.
             prefix = f"{split}:" if layout.packed else folder
-            for path in (*paths, *layout.lists(keys, encodings)):
+            for path in (*paths, *layout.lists_of(keys, encodings)):
                 assert f"{prefix}{path}" not in seen
                 seen[f"{prefix}{path}"] = split
-            for path in (*paths, *layout.lists(keys, encodings), *layout.links(keys), *layout.folders()):
+            for path in (*paths, *layout.lists_of(keys, encodings), *layout.links_of(keys), *layout.folders):
                 assert not PurePosixPath(path).is_absolute()
                 assert ".." not in PurePosixPath(path).parts
                 assert " " not in path
                 assert path.isascii()
-            for link, target in layout.links(keys).items():
+            for link, target in layout.links_of(keys).items():
                 inside = os.path.normpath(f"{PurePosixPath(link).parent}/{target}")
                 assert not inside.startswith(".."), link
                 assert not any(path.startswith(f"{link}/") for path in paths), link

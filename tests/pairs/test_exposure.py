@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from backends import backend_fault
 from planted_faults import change_image, checks
-from tiny_datasets import cheap, lean
+from tiny_datasets import SCENES, cheap, lean
 
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.inputs.errors import BackendError, InputError
-from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.pairs.exposure import exposed, moments
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.renderer import Renderer

@@ -212,31 +212,26 @@ def test_what_a_file_says_of_plugins_is_checked():
 
 LAYOUT = """
 from semisynth_gl.layouts import Layout, view_stems
+from semisynth_gl.seeds.splits import SPLITS
 
-class Thing(Layout):
-    place = "{key.split}/{key.index}_"
-    names = view_stems({}, "{channel}_{view}") | {"provenance": "pair"}
-
-    def stems(self, key):
-        return {role: self.place.format(key=key) + name for role, name in self.names.items()}
-
-    def folder(self, split, splits):
-        return ""
-
-PLUGINS = {"layouts": {"thing": Thing()}}
+place = "{split}/{index}_"
+names = view_stems({}, "{channel}_{view}") | {"provenance": "pair"}
+lists = {}
+# changed here
+stems = {role: place + name for role, name in names.items()}
+PLUGINS = {"layouts": {"thing": Layout(stems=stems, lists=lists, together=frozenset(SPLITS))}}
 """
 
 
 def test_a_layout_that_could_not_be_read_back_is_refused(install):
     for line, message in (
-        ("lists = lambda *_: {'all.txt': b''}", "3 files all.txt"),
+        ("lists = {'all.txt': '{left}'}", "3 files all.txt"),
         ("names = {'left': 'l', 'right': 'r', 'disparity_left': 'd'}", "name a file for provenance"),
-        ("names = dict.fromkeys(Thing.names, 'x')", "files train/0_x.png"),
+        ("names = dict.fromkeys(names, 'x')", "files train/0_x.png"),
         ("place = 'all'", "files allimage_left.png"),
-        ("place = '{key.index}_'", "3 files 0_image_left.png"),
-        ("place = 'README.md/{key.split}-{key.index}_'", "README.md/train-0_image_left.png"),
+        ("place = '{index}_'", "3 files 0_image_left.png"),
     ):
-        with install(f"{LAYOUT}Thing.{line}"), pytest.raises(InputError, match=message):
+        with install(LAYOUT.replace("# changed here", line)), pytest.raises(InputError, match=message):
             make_plan(load_config("kitti"), 0, "thing", {"train": 1})
     with install(LAYOUT):
         assert find_layout("thing").files(Key("lab", "test", 7), Encodings())["left"] == "test/7_image_left.png"

@@ -11,7 +11,7 @@ from backends import backend_fault
 from PIL import Image
 from planted_faults import all_findings, change_disparity, change_image, checks, findings, swap
 from recorder import Recorder
-from tiny_datasets import cheap, lean, tiny
+from tiny_datasets import SCENES, cheap, lean, tiny
 
 from semisynth_gl.cli import main
 from semisynth_gl.codecs.pfm import PFM
@@ -19,7 +19,6 @@ from semisynth_gl.codecs.png import GREY16
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.verification.dataset import verify_dataset
 from semisynth_gl.verification.photometry import check_images
 from semisynth_gl.verification.verdict import Verdict

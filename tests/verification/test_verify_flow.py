@@ -8,7 +8,7 @@ import pytest
 from backends import backend_fault
 from PIL import Image
 from planted_faults import all_findings, change_disparity, change_image, checks, findings, swap
-from tiny_datasets import tiny
+from tiny_datasets import SCENES, tiny
 
 from semisynth_gl.codecs import FLOW_CODECS
 from semisynth_gl.dataset.generate import generate
@@ -16,7 +16,6 @@ from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE, View
-from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.verification.dataset import verify_dataset
 from semisynth_gl.verification.oracle_check import OracleCheck
 from semisynth_gl.verification.single_view import check_change

@@ -8,7 +8,7 @@ import pytest
 from backends import backend_fault
 from planted_faults import change_normals, checks, findings
 from scenes import noise_layers
-from tiny_datasets import cheap, lean
+from tiny_datasets import SCENES, cheap, lean
 
 from semisynth_gl import Renderer, make_mesh, make_scene, oracle
 from semisynth_gl.codecs import Encodings
@@ -19,7 +19,6 @@ from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.channels import View
 from semisynth_gl.layouts import layout_names
-from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.verification.dataset import verify_dataset
 from semisynth_gl.verification.oracle_check import OracleCheck
 from semisynth_gl.verification.single_view import check_normals

@@ -1,0 +1,314 @@
+"""The program's own layouts; docs/layouts.md draws their trees and says what reads them.
+
+Names with 0 belong to the left view. Images, disparities and flow in another encoding than the default end in its name.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from semisynth_gl.codecs import Encodings
+from semisynth_gl.codecs.jpeg import Jpeg
+from semisynth_gl.codecs.json_object import JSON_OBJECT
+from semisynth_gl.codecs.pfm import FlowPfm
+from semisynth_gl.codecs.png16 import CRESTEREO_DISPARITY, KITTI_DISPARITY, FlowPng16
+from semisynth_gl.frame.camera import EYES
+from semisynth_gl.frame.channels import CHANNELS, View
+from semisynth_gl.inputs.errors import ReadError
+from semisynth_gl.layouts.key import Key
+from semisynth_gl.layouts.layout import Layout, view_stems
+from semisynth_gl.layouts.roles import ROLES, Sample
+from semisynth_gl.seeds.splits import SplitName
+
+_PAIR_LINE = "{left} {right} {disparity_left}\n"
+_FLOW_ROLES = {channel.role(eye) for channel in CHANNELS.values() if channel.moment != "now" for eye in EYES}
+# Middlebury's names for y_left - y_right in pairs that are not rectified.
+_VERTICAL = {"disparity_y_left": "disp0y", "disparity_y_right": "disp1y"}
+
+
+def _below(folder: str, names: Mapping[str, str]) -> dict[str, str]:
+    return {role: f"{folder}{name}" for role, name in names.items()}
+
+
+# Middlebury's scenes, and layouts like them
+
+
+def _scene_stems(**names: str) -> tuple[dict[str, str], dict[str, str]]:
+    """Return names by role for the pair's own moment, and those for its change to another moment, view by view."""
+    masks = {"visibility": "mask{n}nocc", "flow_visibility": "flow_mask{n}"}
+    masks |= {"flow_backward_visibility": "flow_backward_mask{n}"}
+    stems = view_stems({"image": "im{n}", "instances": "inst{n}", **masks, **names}, "{channel}{n}")
+    now = {role: stem for role, stem in stems.items() if role not in _FLOW_ROLES}
+    flow = [channel.role(eye) for eye in EYES for channel in CHANNELS.values() if channel.moment != "now"]
+    return now, {role: stems[role] for role in flow}
+
+
+_NOW, _FLOW = _scene_stems(disparity="disp{n}GT")
+
+_MIDDLEBURY = Layout(
+    stems=_below(
+        "MiddEval3/trainingF/{name}/", _NOW | _VERTICAL | _FLOW | {"calibration": "calib", "provenance": "pair"}
+    ),
+    lists={"MiddEval3/official_train.txt": "{name}\n"},
+    # Loaders of half or quarter size list the scenes in one folder and may read them in another.
+    links={
+        "carla-highres/trainingF": "../MiddEval3/trainingF",
+        "MiddEval3/trainingH": "trainingF",
+        "MiddEval3/trainingQ": "trainingF",
+    },
+    three_channels=True,  # for RAFT-Stereo's demo and HSM's submission
+)
+
+# Both folders hold the same scenes, since loaders sort the folders and pair them by position.
+_ETH3D = Layout(
+    stems=_below("two_view_training/{name}/", {"left": "im0", "right": "im1", "calibration": "calib"})
+    | _below(
+        "two_view_training_gt/{name}/",
+        {role: name for role, name in _NOW.items() if role not in EYES} | {"provenance": "pair"} | _FLOW,
+    ),
+    links={f"ETH3D/{folder}": f"../{folder}" for folder in ("two_view_training", "two_view_training_gt")},
+    needs=frozenset({"visibility"}),
+    lacks=frozenset({"correspondence"}),
+    encodings=Encodings(),
+    three_channels=True,  # for RAFT-Stereo's demo; ETH3D's own grey images have three channels too
+)
+
+_NOW_2014, _ = _scene_stems(disparity="disp{n}")
+
+# im1E and im1L are the right image one stop darker and one stop brighter. torchvision selects scenes by the ending.
+_MIDDLEBURY_2014 = Layout(
+    stems=_below(
+        "2014/{name}-perfect/",
+        {"left": "im0", "right": "im1", "right_under": "im1E", "right_over": "im1L"}
+        | _NOW_2014
+        | _VERTICAL
+        | {"calibration": "calib", "provenance": "pair"}
+        | _FLOW,
+    ),
+    lists={
+        "Middlebury2014/train/Adirondack-not-included.txt": "Adirondack is not included. This file is here because "
+        "torchvision refuses a folder without a name that begins as one of Middlebury's own scenes does.\n"
+    },
+    links={"Middlebury2014/train/{name}-perfect": "../../2014/{name}-perfect"},
+    needs=frozenset({"visibility"}),
+    encodings=Encodings(),
+)
+
+
+# KITTI 2015. Masks have no file: they follow from disparities and flow, see `mask_from_not_occluded`. KITTI itself
+# lacks ``pairs`` and ``filenames``. In a dataset with flow, the number in a name is the sequence's, and each frame has
+# all files; loaders look for the first frame's calibration under the sequence's number without the frame's.
+
+# KITTI numbers frames with two digits from here on.
+_FIRST_FRAME = 10
+# Folders that are not named by their channel, in the order in which a pair's files are listed.
+_KITTI_FOLDERS = {
+    "left": "image_2",
+    "right": "image_3",
+    "disparity_left": "disp_occ_0",
+    "not_occluded_left": "disp_noc_0",
+    "disparity_right": "disp_occ_1",
+    "not_occluded_right": "disp_noc_1",
+    "objects": "obj_map",
+    "instances_left": "instances_0",
+    "instances_right": "instances_1",
+    "depth_left": "depth_0",
+    "depth_right": "depth_1",
+    **{
+        f"{flow}_{seen}{eye}": f"{flow}_{short}{'' if eye == 'left' else '_right'}"
+        for flow in ("flow", "flow_backward")
+        for eye in EYES
+        for seen, short in (("", "occ"), ("not_occluded_", "noc"))
+    },
+}
+
+
+def _kitti_fields(key: Key) -> dict[str, str]:
+    number = f"{key.sequence:06d}"
+    name = f"{number}_{_FIRST_FRAME + key.frame}"
+    return {
+        "file": name,
+        "calib": name if key.frame else number,
+        "pair": number if key.sequence_length is None else name,
+    }
+
+
+_KITTI = Layout(
+    stems={
+        **{
+            role: f"training/{folder}/{{file}}"
+            for role, folder in (
+                _KITTI_FOLDERS
+                | {
+                    role: stem
+                    for role, stem in view_stems({}, "{channel}_{n}").items()
+                    if role not in _KITTI_FOLDERS and "visibility" not in role
+                }
+            ).items()
+        },
+        "calib_cam_to_cam": "training/calib_cam_to_cam/{calib}",
+        "provenance": "pairs/{pair}",
+    },
+    fields=_kitti_fields,
+    lists={"filenames/KITTI_2015_{short_split}.txt": _PAIR_LINE},
+    links={"Kitti2015/training": "../training"},
+    flow_links={"KittiFlow/training": "../training"},
+    needs=frozenset({"visibility", "instances"}),
+    lacks=frozenset({"correspondence"}),
+    encodings=Encodings(disparity=KITTI_DISPARITY, flow=FlowPng16()),
+    most_frames=100 - _FIRST_FRAME,
+)
+
+
+# SceneFlow's FlyingThings3D. Training pairs are under TRAIN and test pairs under TEST of one tree; validation pairs
+# are under TEST of another tree. Pair 0 is in A, pair 1 in B, pair 2 in C, pair 3 in A again. A folder holds up to 1000
+# frames, from 0000 on: loaders sort or list frames, and do not use their numbers. Loaders of flow take successive
+# images in a folder for successive frames. So in a dataset with flow, each folder is a sequence: sequence 0 is A/0000,
+# sequence 1 is B/0000, and frame k of a sequence is 000k.
+
+_THINGS = "SceneFlow/FlyingThings3D"
+_CLEAN, _FINAL = "frames_cleanpass", "frames_finalpass"
+_FRAMES = 1000
+_PARTS: Mapping[SplitName, str] = {"train": "TRAIN", "validation": "TEST", "test": "TEST"}
+
+
+def _things_fields(key: Key) -> dict[str, str]:
+    number, letter = divmod(key.sequence, len("ABC"))
+    folder, frame = divmod(number, _FRAMES) if key.sequence_length is None else (number, key.frame)
+    return {"folder": f"{_PARTS[key.split]}/{'ABC'[letter]}/{folder:04d}", "file": f"{frame:04d}"}
+
+
+_SCENEFLOW = Layout(
+    stems=_below(
+        f"{_THINGS}/",
+        view_stems(
+            {
+                "image": _CLEAN + "/{folder}/{view}/{file}",
+                "flow": "optical_flow/{folder}/into_future/{view}/OpticalFlowIntoFuture_{file}_{L}",
+                "flow_visibility": "optical_flow_visibility/{folder}/into_future/{view}/{file}",
+                "flow_backward": "optical_flow/{folder}/into_past/{view}/OpticalFlowIntoPast_{file}_{L}",
+                "flow_backward_visibility": "optical_flow_visibility/{folder}/into_past/{view}/{file}",
+                "disparity_change": "disparity_change/{folder}/into_future/{view}/{file}",
+            },
+            "{channel}/{folder}/{view}/{file}",
+        )
+        | {"provenance": "pairs/{folder}/{file}"},
+    ),
+    fields=_things_fields,
+    lists={
+        "filenames/sceneflow_{short_split}.txt": _PAIR_LINE,
+        "filenames/SceneFlow_finalpass_{short_split}.txt": _PAIR_LINE,
+    },
+    # PSMNet looks for disparities under the first one, RAFT-Stereo and IGEV for more images under the second one.
+    links={f"{_THINGS}/frames_disparity": "disparity", f"{_THINGS}/{_FINAL}": _CLEAN},
+    # PSMNet and HSM list these.
+    folders=tuple(
+        f"{_THINGS}/{name.format(tree)}"
+        for tree in (_CLEAN, "disparity")
+        for name in (
+            *(f"{{}}/{part}/{letter}" for part in ("TRAIN", "TEST") for letter in "ABC"),
+            "monkaa_{}",
+            *(
+                f"driving_{{}}/{length}mm_focallength/scene_{way}wards/{speed}/left"
+                for length in (35, 15)
+                for way in ("back", "for")
+                for speed in ("fast", "slow")
+            ),
+        )
+    ),
+    together=frozenset({"train", "test"}),
+    lacks=frozenset({"correspondence"}),
+    encodings=Encodings(flow=FlowPfm()),
+    most_frames=10_000,
+    copied={f"{_THINGS}/{_CLEAN}/": f"{_THINGS}/{_FINAL}/"},
+)
+
+
+# CREStereo. Pair 0 is in shapenet, pair 1 in reflective and so on; torchvision needs pairs in all four. CREStereo's own
+# dataset has only images and disparities. WAFT-Stereo looks for the pairs a folder deeper than torchvision, under links
+# outside ``CREStereo``, which CREStereo's own loader walks.
+
+_KINDS = ("shapenet", "reflective", "tree", "hole")
+
+_CRESTEREO = Layout(
+    stems=_below(
+        "CREStereo/{kind}/{index:06d}",
+        view_stems(
+            {
+                "image": "_{view}",
+                "disparity": "_{view}.disp",
+                "visibility": "_{view}.mask",
+                "instances": "_{view}.inst",
+                "flow_visibility": "_{view}.flow_mask",
+                "flow_backward_visibility": "_{view}.flow_backward_mask",
+            },
+            "_{view}.{channel}",
+        )
+        | {"provenance": ""},
+    ),
+    fields=lambda key: {"kind": _KINDS[key.index % len(_KINDS)]},
+    links={"WAFT-Stereo/CREStereo/{kind}/0": "../../../CREStereo/{kind}"},
+    lacks=frozenset({"correspondence"}),
+    encodings=Encodings(image=Jpeg(), disparity=CRESTEREO_DISPARITY),
+)
+
+
+# WebDataset: shards are tars, whose files with one key, such as ``00000012``, are a pair: loaders take the text before
+# the first dot as the key. As Hugging Face demands, the JSON has the same keys with values of the same types in every
+# pair; its key ``provenance`` has the whole provenance as text.
+
+_SIZES = ("width_px", "height_px")
+_LENGTHS = ("focal_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px", "doffs_px")
+
+
+def _facts(sample: Sample) -> dict[str, Any]:
+    """Return the facts that every pair has, and the provenance as text: loaders lose keys that only some pairs have."""
+    provenance, camera = sample.provenance, sample.frame.camera
+    numbers: dict[str, Any] = {name: int(getattr(camera, name)) for name in _SIZES}
+    numbers |= {name: float(getattr(camera, name)) for name in _LENGTHS}
+    # Either all pairs of a dataset have these or none: a rectified twin states a deviation of zero.
+    recorded = provenance.get("camera", {})
+    numbers |= {key: recorded[key] for key in ("fy_over_fx", "deviation") if key in recorded}
+    beyond = provenance.get(View.disparity.beyond_key, {})
+    return {
+        "pair": int(provenance["pair"]),
+        "split": sample.key.split,
+        **{name: str(provenance[name]) for name in ("config", "config_sha256", "version", "renderer", "backend")},
+        **{name: int(provenance[name]) for name in ("seed", "sequence", "frame")},
+        **({"view": int(provenance["view"])} if "view" in provenance else {}),
+        "near_m": float(provenance["near_m"]),
+        "camera": numbers,
+        "ndisp": int(sample.ndisp),
+        "redrawn": len(provenance.get("redrawn", ())),
+        "beyond_left": int(beyond.get("left", 0)),
+        "beyond_right": int(beyond.get("right", 0)),
+        "provenance": json.dumps(provenance),
+    }
+
+
+def _provenance(facts: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    text = facts.get("provenance")
+    if not isinstance(text, str):
+        raise ReadError(path, f"expected the provenance as text, got {type(text).__name__}")
+    return JSON_OBJECT.decode(text.encode(), path)
+
+
+_TAR_NOW, _ = _scene_stems(image="{view}", disparity="disp{n}", visibility="mask{n}")
+
+_WEBDATASET = Layout(
+    stems=_below("{index:08d}.", _TAR_NOW | _FLOW) | {"provenance": "{index:08d}"},
+    roles={"provenance": replace(ROLES["provenance"], value=_facts, unwrap=_provenance)},
+    packed=True,
+)
+
+BUILT_IN: Mapping[str, Layout] = {
+    "crestereo": _CRESTEREO,
+    "eth3d": _ETH3D,
+    "kitti": _KITTI,
+    "middlebury": _MIDDLEBURY,
+    "middlebury-2014": _MIDDLEBURY_2014,
+    "sceneflow": _SCENEFLOW,
+    "webdataset": _WEBDATASET,
+}
