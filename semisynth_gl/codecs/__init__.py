@@ -8,7 +8,7 @@ from semisynth_gl.codecs.codec import Codec, read_bytes
 from semisynth_gl.codecs.flo import Flo
 from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.pfm import PFM, PFM3, FlowPfm
-from semisynth_gl.codecs.png import GREY8, GREY16, GREY_IMAGE, RGB8, ThreeEqual
+from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, ThreeEqual
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, SIGNED_DISPARITY, FlowPng16
 
 __all__ = ["DISPARITY_CODECS", "FLOW_CODECS", "IMAGE_CODECS", "Codec", "Encodings", "read_bytes"]
@@ -28,7 +28,7 @@ FLOW_CODECS = _by_name(Flo(), FlowPfm(), FlowPng16())
 """Codecs of (H, W, 2) float32 px for ``files.flow``; all store inf as "no flow"."""
 
 # Codec of grey images for each codec of RGB images.
-_GREY_CODECS: Mapping[Codec[Any], Codec[Any]] = {RGB8: GREY_IMAGE, Jpeg(): Jpeg(grey=True)}
+_GREY_CODECS: Mapping[Codec[Any], Codec[Any]] = {RGB8: GREY8, Jpeg(): Jpeg(grey=True)}
 
 _FIXED: Mapping[str, Codec[Any]] = {
     "grey8": GREY8,

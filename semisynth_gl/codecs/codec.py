@@ -11,11 +11,6 @@ from numpy.typing import NDArray
 from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.inputs.user_files import read_file
 
-PHOTOGRAPH_PIXEL_BYTES = 1.8
-"""`Codec.pixel_bytes` of RGB images: measured on the packaged configs' images as PNG."""
-GREY_PIXEL_BYTES = 0.64
-"""`Codec.pixel_bytes` of grey images: measured on the packaged configs' images as grey PNG."""
-
 Value = TypeVar("Value")
 
 
@@ -29,7 +24,6 @@ class Codec(ABC, Generic[Value]):
         limit_px: largest magnitude of a stored value, px.
         signed: whether values of 0 and below can be stored.
         lossless: whether `decode` returns the encoded value bit for bit.
-        pixel_bytes: estimated bytes of a file per pixel, for the size of shards; 0 for files without pixels.
     """
 
     name: str
@@ -38,7 +32,6 @@ class Codec(ABC, Generic[Value]):
     limit_px: float = inf
     signed: bool = True
     lossless: bool = True
-    pixel_bytes: float = 0.0
 
     @property
     def suffix(self) -> str:
@@ -73,7 +66,7 @@ class Codec(ABC, Generic[Value]):
 
 
 def read_bytes(path: Path, most_bytes: int | None = None) -> bytes:
-    """Return a file's bytes; raises ReadError if it is missing, no regular file, over ``most_bytes`` or unreadable."""
+    """Return a file's bytes; raises ReadError if it is missing, over ``most_bytes`` or unreadable."""
     try:
         return read_file(path, most_bytes)
     except FileNotFoundError:

@@ -20,7 +20,6 @@ class Flo(Codec[NDArray[np.float32]]):
 
     name = "flo"
     description = "Middlebury's .flo, float32"
-    pixel_bytes = 8.0
 
     def encode(self, value: NDArray[np.float32]) -> bytes:
         """Encode a flow; both components become 1e10 where either is not finite or above 1e9, which means unknown."""

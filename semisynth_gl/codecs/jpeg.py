@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from semisynth_gl.codecs.codec import GREY_PIXEL_BYTES, PHOTOGRAPH_PIXEL_BYTES, Codec
+from semisynth_gl.codecs.codec import Codec
 from semisynth_gl.inputs.errors import ReadError
 
 _BEGIN, _END = b"\xff\xd8", b"\xff\xd9"
@@ -22,7 +22,6 @@ class Jpeg(Codec[NDArray[np.uint8]]):
     def __init__(self, *, grey: bool = False) -> None:
         self._grey = grey
         self.description = f"{'grey ' if grey else ''}JPEG of quality 100"
-        self.pixel_bytes = GREY_PIXEL_BYTES if grey else PHOTOGRAPH_PIXEL_BYTES
 
     def encode(self, value: NDArray[np.uint8]) -> bytes:
         """Encode an image."""

@@ -7,10 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from semisynth_gl.codecs.codec import Codec
-from semisynth_gl.inputs.errors import ReadError, shown
-
-# Limit of whole numbers, so that each of them fits into a float64.
-_LARGEST = 10**300
+from semisynth_gl.inputs.errors import ReadError, cut
 
 
 class JsonObject(Codec[Mapping[str, Any]]):
@@ -24,9 +21,9 @@ class JsonObject(Codec[Mapping[str, Any]]):
         return (json.dumps(value, indent=1) + "\n").encode()
 
     def decode(self, data: bytes, path: Path) -> dict[str, Any]:
-        """Decode a mapping; raises ReadError also where a key occurs twice or a number is not finite."""
+        """Decode a mapping; raises ReadError also where a number does not fit into a float64."""
         try:
-            values = json.loads(data, object_pairs_hook=_object)
+            values = json.loads(data, parse_float=_real, parse_int=_whole, parse_constant=_real)
         except ValueError as error:
             raise ReadError(path, f"is not JSON: {error}") from None
         except RecursionError:
@@ -36,24 +33,15 @@ class JsonObject(Codec[Mapping[str, Any]]):
         return values
 
 
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    values = dict(pairs)
-    if len(values) < len(pairs):
-        keys = [key for key, _ in pairs]
-        raise ValueError(f"the key {next(key for key in keys if keys.count(key) > 1)!r} occurs twice in one object")
-    for key, value in pairs:
-        _check_numbers(key, value)
-    return values
+def _real(text: str) -> float:
+    if not isfinite(float(text)):
+        raise ValueError(f"expected finite numbers, got {cut(text)}")
+    return float(text)
 
 
-def _check_numbers(key: str, value: object) -> None:
-    """Raise ValueError where a number, also in a list, is no finite float64; inner objects are already checked."""
-    if isinstance(value, float | int):
-        if not (isfinite(value) if isinstance(value, float) else -_LARGEST < value < _LARGEST):
-            raise ValueError(f"expected a finite number at the key {key!r}, got {shown(value)}")
-    elif isinstance(value, list):
-        for item in value:
-            _check_numbers(key, item)
+def _whole(text: str) -> int:
+    _real(text)
+    return int(text)
 
 
 JSON_OBJECT = JsonObject()

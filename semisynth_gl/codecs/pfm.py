@@ -26,7 +26,6 @@ class Pfm(Codec[NDArray[np.float32]]):
 
     def __init__(self, components: int = 1, *, tolerant: bool = False) -> None:
         self._components = components
-        self.pixel_bytes = 4.0 * components
         self._type = "Pf" if components == 1 else "PF"
         self._tolerant = tolerant
 
@@ -62,7 +61,6 @@ class FlowPfm(Codec[NDArray[np.float32]]):
 
     name = "pfm"
     description = "PFM of three channels, u, v and 0, float32"
-    pixel_bytes = 12.0
 
     def encode(self, value: NDArray[np.float32]) -> bytes:
         """Encode a flow."""

@@ -11,7 +11,7 @@ from isal import isal_zlib
 from numpy.typing import NDArray
 from PIL import Image
 
-from semisynth_gl.codecs.codec import GREY_PIXEL_BYTES, PHOTOGRAPH_PIXEL_BYTES, Codec
+from semisynth_gl.codecs.codec import Codec
 from semisynth_gl.inputs.errors import ReadError
 
 # PNG's filter that takes the difference to the pixel above. With one filter for all rows, a 1500 x 1000 pair takes a
@@ -21,10 +21,6 @@ _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 HEAD_BYTES = 26
 """Number of first bytes of a PNG, up to its bits and colour type, that `Png.is_kind_of` needs."""
 _END = b"\x00\x00\x00\x00IEND\xaeB\x60\x82"
-# Estimate for masks and ids, which are constant over large parts of an image.
-_MAP_PIXEL_BYTES = 0.05
-# Size of images with three equal channels over that of RGB images, measured over the packaged configs.
-_THREE_EQUAL_SHARE = 0.65
 # ISA-L's second fastest level.
 _LEVEL = 1
 # Number of bytes that ISA-L buffers ahead of the position at which it works.
@@ -40,10 +36,9 @@ class Png(Codec[NDArray[Any]]):
 
     name = "png"
 
-    def __init__(self, dtype: type[np.uint8 | np.uint16], components: int, pixel_bytes: float) -> None:
+    def __init__(self, dtype: type[np.uint8 | np.uint16], components: int) -> None:
         self._bits = 8 * np.dtype(dtype).itemsize
         self._colour = _GREY if components == 1 else _RGB
-        self.pixel_bytes = pixel_bytes
         self.description = f"{self._bits}-bit {_COLOURS[self._colour]} PNG"
 
     def encode(self, value: NDArray[Any]) -> bytes:
@@ -103,7 +98,6 @@ class ThreeEqual(Codec[NDArray[np.uint8]]):
         self.name = rgb.name
         self.description = f"{rgb.description}, three equal channels"
         self.lossless = rgb.lossless
-        self.pixel_bytes = _THREE_EQUAL_SHARE * rgb.pixel_bytes
 
     def encode(self, value: NDArray[np.uint8]) -> bytes:
         """Encode an image, (H, W)."""
@@ -118,9 +112,8 @@ class ThreeEqual(Codec[NDArray[np.uint8]]):
         return grey
 
 
-RGB8, RGB16 = Png(np.uint8, 3, PHOTOGRAPH_PIXEL_BYTES), Png(np.uint16, 3, PHOTOGRAPH_PIXEL_BYTES)
-GREY8, GREY16 = Png(np.uint8, 1, _MAP_PIXEL_BYTES), Png(np.uint16, 1, _MAP_PIXEL_BYTES)
-GREY_IMAGE = Png(np.uint8, 1, GREY_PIXEL_BYTES)
+RGB8, RGB16 = Png(np.uint8, 3), Png(np.uint16, 3)
+GREY8, GREY16 = Png(np.uint8, 1), Png(np.uint16, 1)
 
 
 def _chunk(kind: bytes, data: bytes) -> tuple[bytes, ...]:

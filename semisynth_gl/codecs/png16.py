@@ -22,7 +22,6 @@ class DisparityPng16(Codec[NDArray[np.float32]]):
 
     suffix = ".png"
     lossless = False
-    pixel_bytes = 2.0
 
     def __init__(self, steps: float, middle: int = 0) -> None:
         self.steps = steps
@@ -66,7 +65,6 @@ class FlowPng16(Codec[NDArray[np.float32]]):
     lossless = False
     error_px = 1 / (2 * _FLOW_STEPS)
     limit_px = (_LARGEST - _MIDDLE) / _FLOW_STEPS
-    pixel_bytes = 4.0
 
     def encode(self, value: NDArray[np.float32]) -> bytes:
         """Encode a flow, rounded to 1/64 px; three zeros where either component is not finite or out of range."""

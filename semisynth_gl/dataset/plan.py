@@ -20,7 +20,7 @@ from semisynth_gl.seeds.splits import SPLITS, SplitName
 # A shard that a run was killed in is made again, so it has few pairs. Small datasets have at least a few shards, so
 # that workers can share them.
 _MOST_PAIRS = 64
-_SHARD_BYTES = 1_000_000_000
+_SHARD_PIXELS = 86_000_000  # of cameras; about 1 GB
 _FEWEST_SHARDS = 8
 # Each shard adds a few files, and a row of the index.
 _MOST_SHARDS = 1_000_000
@@ -36,7 +36,7 @@ def make_plan(
         seed: 0 or more.
         layout_name: the name of a layout, built-in or a plug-in's.
         pairs: number of pairs of each split; 0 leaves a split out.
-        shard_pairs: pairs in a shard; by default 64 of them, and fewer in small datasets or where 64 are above 1 GB.
+        shard_pairs: pairs in a shard; by default 64 of them, and fewer in small datasets or of large images.
 
     Raises:
         InputError: where a number is out of range, there is no such layout, or the layout cannot hold the config's
@@ -73,7 +73,7 @@ def make_plan(
     if lacking := sorted(layout.needs.difference(config.outputs)):
         config = config.model_copy(update={"outputs": (*config.outputs, *lacking)})
     if shard_pairs is None:
-        shard_pairs = _shard_pairs(config, encodings, max(counts.values()))
+        shard_pairs = _shard_pairs(config, max(counts.values()))
     shards = sum(ceil(count / shard_pairs) for count in counts.values())
     if shards > _MOST_SHARDS:
         raise InputError(
@@ -122,16 +122,11 @@ def used_plugins(config: Config, layout_name: str) -> Records:
     return plugin_records(used)
 
 
-def _shard_pairs(config: Config, encodings: Encodings, pairs: int) -> int:
-    size = 0.0
-    for channel in CHANNELS.values():
-        if channel.output is None or channel.output in config.outputs:
-            views = 2 if config.truth == "both" or not channel.is_truth else 1
-            pixels = config.camera.width_px * config.camera.height_px
-            if channel.of_sensor and config.lens is not None:
-                pixels = config.lens.raw_width_px * config.lens.raw_height_px
-            size += views * pixels * encodings.codec(channel.codec).pixel_bytes
-    number = max(1, min(_MOST_PAIRS, round(_SHARD_BYTES / size), ceil(pairs / _FEWEST_SHARDS)))
+def _shard_pairs(config: Config, pairs: int) -> int:
+    pixels = config.camera.width_px * config.camera.height_px
+    if config.lens is not None and "raw" in config.outputs:
+        pixels += config.lens.raw_width_px * config.lens.raw_height_px
+    number = max(1, min(_MOST_PAIRS, _SHARD_PIXELS // pixels, ceil(pairs / _FEWEST_SHARDS)))
     # If two shards shared a sequence, it would be set up twice.
     together = config.sequence_pairs
     return ceil(number / together) * together

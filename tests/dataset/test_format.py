@@ -132,21 +132,6 @@ def test_another_version_does_not_go_on_with_a_dataset_and_says_why(kept, monkey
     assert contents(kept) == before
 
 
-def test_a_shard_has_room_for_raw_images():
-    """Of 100 MB and more a pair, so that their size decides, and not the number of shards."""
-    sides = {"camera.width_px": 2000, "camera.height_px": 1000, "truth": "left"}
-    eye = {"fx_px": 8000, "distortion": [0, 0, 0, 0]}
-    lens = {"raw_width_px": 8000, "raw_height_px": 4000, "left": eye, "right": eye}
-
-    def shard_pairs(**more):
-        config = load_config("sceneflow", sides | more)
-        return plan_module.make_plan(config, 0, "middlebury", {"train": 1000}).shard_pairs
-
-    plain, raw = shard_pairs(outputs=["visibility"]), shard_pairs(outputs=["visibility", "valid", "raw"], lens=lens)
-    # Two raw images of 32 megapixels beside two of 2, and the left view's truth.
-    assert 7 < plain / raw < 10
-
-
 def test_a_newer_format_is_refused_by_all_that_read_a_dataset(kept):
     for name in (INDEX, PLAN):
         changed(kept, name, format=FORMAT + 1, version="9.1.0", pairs="as nobody knows")

@@ -18,7 +18,7 @@ from tiny_datasets import cheap, findings
 
 from semisynth_gl.codecs import IMAGE_CODECS, Encodings
 from semisynth_gl.codecs.jpeg import Jpeg
-from semisynth_gl.codecs.png import GREY_IMAGE, RGB8, ThreeEqual
+from semisynth_gl.codecs.png import GREY8, RGB8, ThreeEqual
 from semisynth_gl.comparison.measured_view import mean_luminance
 from semisynth_gl.comparison.sides import frame_view
 from semisynth_gl.config import Config, load_config
@@ -218,9 +218,9 @@ def test_files_of_another_kind_are_refused():
     with pytest.raises(ReadError, match="expected the image of a monochrome camera, got channels that differ"):
         ThreeEqual(RGB8).decode(RGB8.encode(coloured), Path("a.png"))
     with pytest.raises(ReadError, match="expected 8-bit RGB, got 8-bit grey"):
-        ThreeEqual(RGB8).decode(GREY_IMAGE.encode(coloured[..., 0]), Path("a.png"))
+        ThreeEqual(RGB8).decode(GREY8.encode(coloured[..., 0]), Path("a.png"))
     with pytest.raises(ReadError, match="expected 8-bit grey, got 8-bit RGB"):
-        GREY_IMAGE.decode(RGB8.encode(coloured), Path("a.png"))
+        GREY8.decode(RGB8.encode(coloured), Path("a.png"))
     with pytest.raises(ReadError, match="expected 8-bit grey"):
         Jpeg(grey=True).decode(Jpeg().encode(coloured), Path("a.jpg"))
 
