@@ -61,7 +61,7 @@ def rectify_photographs(
     """
     folder = _whole(expanded(folder))
     given = {path: _whole(path) for path in (*photographs, *(path for pair in pairs for path in pair))}
-    source = reaching_source(folder / "x.png", sources, image_extensions())
+    source = reaching_source(folder, sources)
     if source is not None:
         raise InputError(f"{folder} lies among the photographs ({source}): name another", argument="rectify_to")
     chains = lens_chains(rig)

@@ -12,7 +12,6 @@ from semisynth_gl.codecs.pfm import ANY_PFM
 from semisynth_gl.codecs.png import GREY16, HEAD_BYTES
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, SIGNED_DISPARITY, DisparityPng16
 from semisynth_gl.inputs.errors import ReadError
-from semisynth_gl.inputs.user_files import open_file
 
 _MM_PER_M = 1000
 # The median depth of real scenes is smaller.
@@ -67,7 +66,7 @@ def is_disparity_map(path: Path) -> bool:
     if path.suffix.lower() != ".png":
         return True
     try:
-        with open_file(path) as file:
+        with path.open("rb") as file:
             return GREY16.is_kind_of(file.read(HEAD_BYTES))
     except OSError as error:
         raise ReadError(path, f"cannot be read: {error.strerror}") from None

@@ -110,7 +110,7 @@ def generate(
         shard_pairs = earlier.shard_pairs
     plan = make_plan(config, seed, layout, counts, shard_pairs)
     chosen = _chosen(plan.shards, shards)
-    check_apart(root, plan)
+    check_apart(root, plan.config)
     check_begin(root, plan, overwrite=overwrite)
     if not overwrite and is_complete(root, plan):
         return GenerationResult(root, plan, 0)

@@ -9,7 +9,6 @@ import numpy as np
 
 from semisynth_gl.dataset.documents import Plan, Record
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
-from semisynth_gl.inputs.user_files import open_file
 from semisynth_gl.scene.sources import Sources
 from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.textures.image_files import relative_names
@@ -85,7 +84,7 @@ def _file_sha256(path: Path | None) -> str | None:
     if path is None:
         return None
     try:
-        with open_file(path) as file:
+        with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:
         return None

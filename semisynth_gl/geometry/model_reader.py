@@ -21,7 +21,7 @@ from trimesh.resolvers import Resolver, ZipResolver
 from semisynth_gl.geometry.mesh import Floats
 from semisynth_gl.geometry.model_units import BrokenModelError, Surface
 from semisynth_gl.inputs.errors import cut, described, shown
-from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER, open_file
+from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER
 
 MAX_BYTES = 256 << 20
 """Most bytes of a model's file together with the files that it refers to, unpacked."""
@@ -228,7 +228,7 @@ class _Neighbours(Resolver):
 
 def _read(path: Path, room: int) -> bytes:
     try:
-        file = open_file(path)
+        file = path.open("rb")
     except OSError as error:
         raise BrokenModelError(f"cannot be read: {error.strerror}") from error
     with file:

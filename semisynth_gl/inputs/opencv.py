@@ -7,14 +7,7 @@ from semisynth_gl.inputs.errors import InputError, how_to_install
 
 
 def open_opencv(what: str) -> Any:  # noqa: ANN401 - a module without types
-    """Return the module of OpenCV.
-
-    Args:
-        what: the part that needs it, the beginning of the message.
-
-    Raises:
-        InputError: where it cannot be imported.
-    """
+    """Return OpenCV; ``what`` needs it, the beginning of the message of the InputError where it is missing."""
     try:
         return import_module("cv2")
     except ImportError as error:

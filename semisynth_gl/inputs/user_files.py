@@ -1,10 +1,8 @@
-"""The user's paths and files: ``~`` is expanded, and only regular files are opened, since a pipe may wait for ever."""
+"""The user's paths and files."""
 
 import errno
 import os
-import stat
 from collections.abc import Iterator, Sequence
-from io import BufferedReader
 from os import PathLike
 from pathlib import Path
 
@@ -21,12 +19,7 @@ IS_LFS_POINTER = "is a Git LFS pointer in place of the file, which `git lfs pull
 
 
 def expanded(path: str | Path) -> Path:
-    """Return a path with the home folder in place of ``~``.
-
-    Raises InputError where ``~`` names a user who does not exist, or the path has a zero byte, which no file name has.
-    """
-    if "\0" in str(path):
-        raise InputError(f"{str(path)!r}: expected the name of a file or folder, got one with a zero byte")
+    """Return a path with the home folder in place of ``~``; raises InputError for the home of nobody."""
     try:
         return Path(path).expanduser()
     except RuntimeError:
@@ -34,17 +27,9 @@ def expanded(path: str | Path) -> Path:
         raise InputError(f"{path}: there is no user {name[1:]!r} whose home {name} would be; write ./{name}") from None
 
 
-def open_file(path: Path) -> BufferedReader:
-    """Open a regular file for reading; raises OSError where it is missing, something else, or may not be read."""
-    kind = os.stat(path).st_mode  # noqa: PTH116 - a path with a zero byte is an error of its own there
-    if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
-        raise OSError(errno.EINVAL, "it is no regular file", str(path))
-    return path.open("rb")
-
-
 def read_file(path: Path, most_bytes: int | None = None) -> bytes:
-    """Return the bytes of a regular file; raises as `open_file` does, and OSError if they exceed ``most_bytes``."""
-    with open_file(path) as file:
+    """Return the bytes of a file; raises OSError also where there are more than ``most_bytes``."""
+    with path.open("rb") as file:
         data = file.read() if most_bytes is None else file.read(most_bytes + 1)
     if most_bytes is not None and len(data) > most_bytes:
         raise OSError(errno.EFBIG, f"it has more than {most_bytes} bytes", str(path))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageFile, ImageOps, UnidentifiedImageError
 
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER, open_file
+from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER
 from semisynth_gl.seeds.spread import spread
 
 MAX_PIXELS = 178_956_970
@@ -179,7 +179,7 @@ def _opened(path: Path) -> Iterator[Image.Image]:
             warnings.simplefilter("ignore")  # about metadata, and about sizes that are decided here
             # A file object, not a name: given a name, Pillow maps uncompressed TIFF into memory, and where EXIF turns
             # the image by a quarter it takes the turned width for the stored width (seen in 13.0), which slants it.
-            with open_file(path) as file:
+            with path.open("rb") as file:
                 _check_fetched(path, file)
                 with Image.open(file, formats=_formats()) as image:
                     _check_size(path, image)
