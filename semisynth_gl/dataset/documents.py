@@ -18,7 +18,6 @@ from pydantic import (
     Field,
     InstanceOf,
     ValidationError,
-    ValidationInfo,
     field_validator,
 )
 from pydantic.dataclasses import dataclass
@@ -144,13 +143,6 @@ class Plan(Document):
     plugins: Annotated[dict[str, dict[str, _Package]], Field(exclude_if=lambda plugins: not plugins)] = {}
     sources: dict[SplitName, dict[str, str]] = {}
 
-    @field_validator("config")
-    @classmethod
-    def _has_the_name(cls, config: Config, info: ValidationInfo) -> Config:
-        if config.name != info.data.get("name", config.name):
-            raise ValueError(f"expected a config with the name {info.data['name']!r}")
-        return config
-
     @field_validator("layout_name")
     @classmethod
     def _is_known(cls, name: str) -> str:
@@ -187,22 +179,19 @@ class Plan(Document):
         """Return a split with its shares of photographs and models."""
         return self.config.splits.split(name, self.splits, self.seed)
 
-    @property
-    def kind(self) -> str:
-        """The kind of the pairs, in a word or two."""
-        return "rectified stereo" if self.config.rig.none() else "stereo"
-
     @cached_property
     def shards(self) -> tuple[Shard, ...]:
         """All shards of the complete dataset, by number: the shards of train first."""
-        ranges = [
-            (split, number, first, min(first + self.shard_pairs, self.pairs[split]))
-            for split in self.splits
-            for number, first in enumerate(range(0, self.pairs[split], self.shard_pairs))
-        ]
+        firsts = [(split, first) for split in self.splits for first in range(0, self.pairs[split], self.shard_pairs)]
         return tuple(
-            Shard(position, shard_name(self.name, split, number), split, first, end)
-            for position, (split, number, first, end) in enumerate(ranges)
+            Shard(
+                number,
+                shard_name(self.name, split, first // self.shard_pairs),
+                split,
+                first,
+                min(first + self.shard_pairs, self.pairs[split]),
+            )
+            for number, (split, first) in enumerate(firsts)
         )
 
     def folder(self, split: SplitName) -> str:

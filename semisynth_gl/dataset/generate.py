@@ -149,22 +149,13 @@ def _describe(plan: Plan, sources: Mapping[SplitName, Sources], listener: Listen
         listener.on_message(prefix + split_sources.atlas.report.summary())
         for reason in split_sources.skipped_models:
             listener.on_message(f"model left out: {reason}")
-        listener.on_message(f"{prefix}{counted(len(split_sources.models), 'model')}{_of_the_user(split_sources)}")
+        of_user = max(library.user_count for library in split_sources.libraries)
+        yours = f", {of_user} of them yours" if of_user else ""
+        listener.on_message(f"{prefix}{counted(len(split_sources.models), 'model')}{yours}")
     first = plan.splits[0]
     seed, patches = plan.split(first).seed, sources[first].atlas.patches
     # Before any worker starts, so that all workers find the result in the cache.
     MixSampler(plan.config, seed, sources[first].libraries, patches).expected()
-
-
-def _of_the_user(sources: Sources) -> str:
-    """Return a text on the user's models and how often they are drawn; "" without such models."""
-    count = max(library.user_count for library in sources.libraries)
-    if not count:
-        return ""
-    shares = [library.user_share for library in sources.libraries]
-    low, high = f"{min(shares):.1%}", f"{max(shares):.1%}"
-    spread = low if low == high else f"{low} to {high}, by recipe,"
-    return f", {count} of them yours: {spread} of the falling objects (models.user)"
 
 
 def _chosen(shards: Sequence[Shard], numbers: range | None) -> range:
