@@ -2,7 +2,7 @@
 
     python benchmarks/alternatives.py --json alternatives.json
 
-Two tables, as `semisynth-gl bench accuracy` has them: variants of how a pixel gets its disparity, and encodings of
+Two tables, as choices.py has them: variants of how a pixel gets its disparity, and encodings of
 disparities. The default is bold; a star marks alternatives that no other one dominates.
 """
 
@@ -18,15 +18,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from choices import Effort, section, table
+from disparity_encodings import DEFAULT_DISPARITY_ENCODING, Encoding, measure_encodings, offered_encodings
 from disparity_variants import RENDERERS_VARIANT, DisparityVariants, Variant
 from isal import isal_zlib
 from numpy.typing import NDArray
+from timing import alternated, alternative_rows, compare_times
 
-from semisynth_gl.bench.accuracy import Effort, headline, scene_facts, section, table
-from semisynth_gl.bench.encodings import DEFAULT_DISPARITY_ENCODING, Encoding, measure_encodings, offered_encodings
+from semisynth_gl.bench.accuracy import headline, scene_facts
 from semisynth_gl.bench.scenes import BenchScenes, SampledTruth, cast_truth, sample_scenes
-from semisynth_gl.bench.summary import alternative_rows, error_stats, machine_facts
-from semisynth_gl.bench.timing import alternated, compare_times
+from semisynth_gl.bench.summary import error_stats, machine_facts
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.render.backends import BACKENDS, Backend

@@ -17,10 +17,10 @@ from typing import Any
 import click
 import numpy as np
 from numpy.typing import NDArray
+from timing import alternated
 
 from semisynth_gl import oracle
 from semisynth_gl.bench.summary import machine_facts, markdown
-from semisynth_gl.bench.timing import alternated
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.frame import Frame

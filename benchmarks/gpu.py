@@ -23,6 +23,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import choices
 import click
 import hard_cases
 import memory_rates
@@ -99,22 +100,19 @@ PARTS: Mapping[str, Part] = {
         report=(readback.headline, readback.table),
     ),
     "speed": Part(
-        "Stages and passes, workers to disk, what grows, memory",
-        (*_CLI, "bench", "speed", "--pairs", "64", "--memory-pairs", "2000"),
-        (
-            "--set", "scale=0.1", "--pairs", "1", "--repeats", "1", "--workers", "1", "--memory-pairs", "8",
-            "--no-stress",
-        ),
+        "Stages and passes, workers to disk",
+        (*_CLI, "bench", "speed", "--pairs", "64"),
+        ("--set", "scale=0.1", "--pairs", "1", "--repeats", "1", "--workers", "1"),
         at_most=0.4,
         report=(speed.headline, speed.table),
         plot=True,
     ),
     "accuracy": Part(
         "Accuracy, and cost of antialiasing",
-        (*_CLI, "bench", "accuracy"),
+        ("benchmarks/choices.py",),
         ("--set", "scale=0.2", "--pairs", "1", "--rays", "500", "--repeats", "1"),
         at_most=0.4,
-        report=(accuracy.headline, accuracy.table),
+        report=(accuracy.headline, choices.table),
         plot=True,
     ),
     "hard-cases": Part(

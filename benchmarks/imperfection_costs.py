@@ -13,9 +13,9 @@ from functools import partial
 from itertools import count
 
 import numpy as np
+from timing import alternated
 
 from semisynth_gl import PairRenderer, load_config
-from semisynth_gl.bench.timing import alternated
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 
 _IMAGE = {

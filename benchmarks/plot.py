@@ -1,10 +1,10 @@
-"""Draw the JSON that `semisynth-gl bench` and `benchmarks/alternatives.py` write.
+"""Draw the JSON that `semisynth-gl bench speed`, `choices.py` and `alternatives.py` write.
 
     python benchmarks/plot.py alternatives.json accuracy.json --out accuracy.png
     python benchmarks/plot.py speed.json --out speed.png
 
 Of accuracy, a panel is drawn for each table that the files hold; of a table that two files hold, the first file's. Of
-speed, six panels: stages, workers, and what scenes, pixels, antialiasing and outputs cost.
+speed, two panels: stages and workers.
 """
 
 import json
@@ -99,10 +99,10 @@ def _part_labels(axis: Axes) -> None:
 
 
 def draw_speed(report: Mapping[str, Any]) -> Figure:
-    """Draw six panels: stages, workers, what scenes, pixels, antialiasing and outputs cost."""
-    figure = Figure(figsize=(15.0, 8.2), dpi=80, layout="constrained")
+    """Draw two panels: stages and workers."""
+    figure = Figure(figsize=(10.0, 4.1), dpi=80, layout="constrained")
     FigureCanvasAgg(figure)
-    (stages, workers, scenes), (pixels, antialias, outputs) = figure.subplots(2, 3)
+    stages, workers = figure.subplots(1, 2)
     machine, (width, height) = report["machine"], report["size_px"]
     figure.suptitle(
         f"{report['config']}, {width} x {height} px, {machine['renderer']}, {machine['processor']}, "
@@ -112,32 +112,7 @@ def draw_speed(report: Mapping[str, Any]) -> Figure:
     own = [row for row in report["stages"]["rows"] if row["name"] != PROCESSOR]
     _bars(stages, [row["name"] for row in own], [1e3 * row["seconds"] for row in own])
     _label_axis(stages, "stages alone, one thread", "ms a pair", "")
-
     _draw_workers(workers, report)
-    scaling = report["scaling"]
-    for name, colour in (("instances", _MAIN), ("triangles", _OTHER), ("outside", _QUIET)):
-        rows = scaling[name]["rows"]
-        text = {"instances": "more instances", "triangles": "more triangles each", "outside": "more out of view"}[name]
-        # Balls out of view add no triangle in view: the axis counts theirs too.
-        x = [row["instances"] * row["triangles"] / rows[0]["instances"] if name == "outside" else row["triangles"]
-             for row in rows]  # fmt: skip
-        scenes.plot(x, [1e3 * row["seconds_per_pair"] for row in rows], "o-", color=colour, label=text)
-    scenes.set_xscale("log")
-    scenes.set_ylim(bottom=0)
-    scenes.legend(fontsize=8)
-    _label_axis(scenes, "balls that cover 0.8 images", "triangles of the scene", "ms a pair")
-
-    rows = scaling["resolution"]["rows"]
-    pixels.plot(
-        [row["pixels"] / 1e6 for row in rows], [1e3 * row["seconds_per_pair"] for row in rows], "o-", color=_MAIN
-    )
-    pixels.set_xlim(left=0)
-    pixels.set_ylim(bottom=0)
-    _label_axis(pixels, scaling["resolution"]["text"], "megapixels", "ms a pair")
-    for axis, name in ((antialias, "antialias"), (outputs, "outputs")):
-        rows = scaling[name]["rows"]
-        _bars(axis, [row["name"] for row in rows], [1e3 * row["seconds_per_pair"] for row in rows])
-        _label_axis(axis, f"{name}, {scaling[name]['text']}", "ms a pair", "")
     return figure
 
 
@@ -176,7 +151,7 @@ def _label_axis(axis: Axes, title: str, x: str, y: str) -> None:
 @click.argument("reports", nargs=-1, required=True, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="A name that ends in .png.")
 def main(reports: tuple[Path, ...], out: Path) -> None:
-    """Draw JSON of `semisynth-gl bench` or `benchmarks/alternatives.py`."""
+    """Draw JSON of `bench speed`, `choices.py` or `alternatives.py`."""
     report: dict[str, Any] = {}
     for path in reports:
         report = json.loads(path.read_text(encoding="utf-8")) | report

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 
 import click
 import numpy as np
+from timing import alternated
 
 from semisynth_gl.bench.summary import machine_facts, markdown
-from semisynth_gl.bench.timing import alternated
 from semisynth_gl.render.backends import is_software
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.readers import PixelBuffers, read_array

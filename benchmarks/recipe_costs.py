@@ -13,9 +13,9 @@ from functools import partial
 from itertools import count, islice
 
 import numpy as np
+from timing import alternated
 
 from semisynth_gl import Config, PairRenderer, load_config
-from semisynth_gl.bench.timing import alternated
 
 _CLUTTER_ALONE = ("scenes=[]", "textures.large_px=0")
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import choices
 import click
 import hard_cases
 
@@ -79,14 +80,7 @@ nothing else: cores divided by seconds of CPU; on a GPU 1 divided by seconds, fo
 is no faster than the narrowest stage, and no faster than the processor with all its parts: the less is the limit.
 
 Workers: from start to end, files written, once all are open. *threads each* is the number of threads that llvmpipe
-draws with; with 0 it draws in the thread that calls.
-
-What grows: both eyes are drawn and read back with both disparities and masks. Instances, triangles and pixels are those
-of balls before a wall, which cover 0.8 images together whatever their number; antialiasing and outputs are those of
-four pairs of the config. The column x is the ratio to the first row (of image size, antialiasing and outputs: to what
-is usual), taken turn by turn.
-
-Start: `semisynth-gl generate --pairs 1`, with empty and with full caches of the program and of the driver."""
+draws with; with 0 it draws in the thread that calls."""
 _PEERS = """\
 Left and right PNG and the left float32 disparity are written. Candidates take turns, each with the number of processes
 and threads that suits it best; times are medians over the rounds. [peers/README.md](../peers/README.md) says how."""
@@ -95,27 +89,27 @@ Errors of the disparity against the oracle, both eyes, more than two pixels from
 of pixels that are not exact (1e-3 px) but lie exactly on a surface that the oracle sees within 1/16 px, or on a surface
 at such a grazing angle that 2.5e-4 px aside its disparity is that; they are left out of the errors. *Visibility* is the
 share of all pixels that agree with a second ray to the other eye."""
-_BENCH = ("-m", "semisynth_gl", "bench")
 _PEER_ROWS = ("--peers", "pyrender,blender,blender-system", "--variants", "edges,msaa4,ssaa2,all,none,workbench")
 MEASUREMENTS: Mapping[str, Result] = {
     "accuracy": Result(
-        "Accuracy and cost of what the program offers", _ACCURACY, (*_BENCH, "accuracy"),
-        accuracy.headline, accuracy.table,
+        "Accuracy and cost of what the program offers", _ACCURACY, ("benchmarks/choices.py",),
+        accuracy.headline, choices.table,
     ),
     "accuracy-middlebury": Result(
         "Accuracy and cost of what the program offers, `middlebury`", _ACCURACY,
-        (*_BENCH, "accuracy", "--config", "middlebury", "--pairs", "2"), accuracy.headline,
-        accuracy.table,
+        ("benchmarks/choices.py", "--config", "middlebury", "--pairs", "2"), accuracy.headline, choices.table,
     ),
     "alternatives": Result(
         "Accuracy and cost beside alternatives that are not offered", _ALTERNATIVES, ("benchmarks/alternatives.py",),
-        accuracy.headline, accuracy.table,
+        accuracy.headline, choices.table,
     ),
     "alternatives-middlebury": Result(
         "Accuracy and cost beside alternatives that are not offered, `middlebury`", _ALTERNATIVES,
-        ("benchmarks/alternatives.py", "--config", "middlebury", "--pairs", "2"), accuracy.headline, accuracy.table,
+        ("benchmarks/alternatives.py", "--config", "middlebury", "--pairs", "2"), accuracy.headline, choices.table,
     ),
-    "speed": Result("Speed", _SPEED, (*_BENCH, "speed", "--repeats", "5"), speed.headline, speed.table),
+    "speed": Result(
+        "Speed", _SPEED, ("-m", "semisynth_gl", "bench", "speed", "--repeats", "5"), speed.headline, speed.table
+    ),
     "peers": Result(
         "Renderers side by side", _PEERS, ("benchmarks/peers/run.py", *_PEER_ROWS), _peers_headline, peers.table
     ),

@@ -1,9 +1,8 @@
 """The measured scenes: those of a config's first pairs, with their true disparity at random pixels."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
-from typing import Any, Self
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,6 @@ from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.pairs.pipeline import renderer_options
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.renderer import Renderer
@@ -51,45 +49,11 @@ class BenchScenes:
     scenes: Sequence[Scene]
     pattern: NDArray[np.uint8] | None = None
 
-    def with_worn_patches(self) -> Self:
-        """Return these scenes without the patches that none of them wears, so that renderers take less memory."""
-        small = len(self.layers)
-        # Layer 0 always stays: a renderer needs at least one patch.
-        worn = np.union1d(0, np.concatenate([scene.layer for scene in self.scenes]))
-        return replace(
-            self,
-            layers=self.layers[worn[worn < small]],
-            large_layers=self.large_layers[worn[worn >= small] - small],
-            scenes=[replace(scene, layer=np.searchsorted(worn, scene.layer)) for scene in self.scenes],
-        )
-
     def open_renderer(self, backend: Backend, **options: Any) -> Renderer:  # noqa: ANN401 - options of a renderer
         """Open a renderer of these models and patches; ``options`` of `Renderer` replace the config's."""
         large = self.large_layers if len(self.large_layers) else None
         options = renderer_options(self.config) | {"pattern": self.pattern} | options
         return Renderer(self.models, self.layers, large_layers=large, backend=backend, **options)
-
-    @contextmanager
-    def open_renderers(
-        self, backend: Backend, options: Mapping[str, dict[str, Any]]
-    ) -> Iterator[tuple[dict[str, Renderer], dict[str, str]]]:
-        """Open a renderer for each set of options, for the length of a ``with`` block.
-
-        Yields:
-            By the names of ``options``: the renderers, each of which has drawn the first scene once; and the driver's
-            reason for each set that it refuses.
-        """
-        renderers, left_out = {}, {}
-        with ExitStack() as stack:
-            for name, values in options.items():
-                try:
-                    renderer = stack.enter_context(self.open_renderer(backend, **values))
-                    renderer.render(self.scenes[0])
-                except BackendError as error:
-                    left_out[name] = str(error)
-                else:
-                    renderers[name] = renderer
-            yield renderers, left_out
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,15 +1,9 @@
-"""Pairs per second and what they depend on: stages, workers, scenes, memory, start of the program.
-
-config -> {workers and stages, scaling, stress, memory, start} -> report, a dictionary of JSON's types -> table
-"""
+"""Pairs per second, by stages of a pair and by number of workers."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from semisynth_gl.bench.lifetime import measure_memory, measure_start
-from semisynth_gl.bench.scaling import measure_scaling, measure_stress
-from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.bench.summary import machine_facts, markdown
 from semisynth_gl.bench.workers import measure_workers
 from semisynth_gl.config import Config
@@ -17,9 +11,6 @@ from semisynth_gl.dataset.engines import cores
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
-
-# Number of scenes for measuring antialiasing modes and outputs.
-_SCENES = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +20,6 @@ class Effort:
     pairs: int = 8
     repeats: int = 3
     workers: tuple[int, ...] = ()
-    memory_pairs: int = 40
-    stress: bool = True
 
 
 def usual_workers() -> tuple[int, ...]:
@@ -42,48 +31,30 @@ def usual_workers() -> tuple[int, ...]:
 def measure(
     config: Config, seed: int, backend: Backend, effort: Effort, listener: Listener | None = None
 ) -> dict[str, Any]:
-    """Measure everything; the listener hears a message at the start of each part.
+    """Measure; the listener hears what is measured.
 
     Returns:
-        A report in JSON's types: config, seed, effort and "machine"; "stages", "passes", "limit" and "workers" as of
-        `measure_workers`; "scaling" as of `measure_scaling`; "stress" as of `measure_stress`, or None; "memory" as of
-        `measure_memory`; and in "start", the "rows" of `measure_start`.
+        A report in JSON's types: config, seed, effort, "machine", and "stages", "passes", "limit" and "workers" as of
+        `measure_workers`.
 
     Raises:
         SemisynthError: where the config or OpenGL cannot be used.
     """
-    listener = listener or Listener()
-    rounds = (effort.repeats + 1) // 2
     counts = effort.workers or usual_workers()
-    listener.on_message(f"scenes of {config.name}")
-    bench = sample_scenes(config, seed, _SCENES)
-    listener.on_message(f"stages, and {', '.join(map(str, counts))} workers, in {counted(rounds, 'round')}")
+    rounds = (effort.repeats + 1) // 2
+    if listener is not None:
+        listener.on_message(f"stages, and {', '.join(map(str, counts))} workers, in {counted(rounds, 'round')}")
     sections, facts = measure_workers(config, seed, backend, counts, effort.pairs, rounds)
-    listener.on_message("instances, triangles, pixels, antialiasing, outputs")
-    scaling = measure_scaling(bench, seed, backend, effort.repeats)
-    stress = None
-    if effort.stress:
-        listener.on_message("many instances and triangles")
-        stress = measure_stress(bench, seed, backend)
-    listener.on_message(f"memory over {counted(effort.memory_pairs, 'pair')}")
-    memory = measure_memory(config, seed, backend, effort.memory_pairs)
-    listener.on_message("start")
-    start = measure_start(config, seed, backend, rounds)
-    camera = bench.scenes[0].camera
     return {
         "config": config.name,
         "config_sha256": config.digest(),
         "seed": seed,
-        "size_px": [camera.width_px, camera.height_px],
+        "size_px": [config.camera.width_px, config.camera.height_px],
         "pairs": effort.pairs,
         "repeats": effort.repeats,
         "rounds": rounds,
         "machine": machine_facts() | {"usable_cores": cores()} | facts,
         **sections,
-        "scaling": scaling,
-        "stress": stress,
-        "memory": memory,
-        "start": {"rows": start},
     }
 
 
@@ -99,8 +70,7 @@ def headline(report: Mapping[str, Any]) -> str:
 
 def table(report: Mapping[str, Any]) -> str:
     """Return a report in Markdown: tables, and sentences where a table would have only one row."""
-    stages, workers, start = (report[name]["rows"] for name in ("stages", "workers", "start"))
-    scaling = report["scaling"].items()
+    stages, workers = (report[name]["rows"] for name in ("stages", "workers"))
     parts = [
         markdown(
             ("stage", "ms a pair", "ms of CPU", "share", "MB a pair", "pairs/s alone", "what it is"),
@@ -120,25 +90,6 @@ def table(report: Mapping[str, Any]) -> str:
                  f"{row['ratio']:.2f}")
                 for row in workers
             ],
-            text_last=False,
-        ),
-        markdown(
-            ("what grows", "value", "instances", "triangles", "pixels", "ms a pair", "x"),
-            [
-                (f"{name}: {part['text']}" if number == 0 else "", row["name"], f"{row['instances']:.0f}",
-                 f"{row['triangles']:.0f}", str(row["pixels"]), f"{1e3 * row['seconds_per_pair']:.0f}",
-                 f"{row['ratio']:.2f}")
-                for name, part in scaling
-                for number, row in enumerate(part["rows"])
-            ],
-            text_last=False,
-        ),
-        *(f"{name} left out: {reason}" for _, part in scaling for name, reason in part["left_out"].items()),
-        *([_stress_text(report["stress"])] if report["stress"] else []),
-        _memory_text(report["memory"]),
-        markdown(
-            ("start with", "s to the first pair on disk", "s to the end"),
-            [(row["name"], f"{row['first_pair_seconds']:.2f}", f"{row['end_seconds']:.2f}") for row in start],
             text_last=False,
         ),
     ]  # fmt: skip
@@ -170,23 +121,6 @@ def _passes(passes: Mapping[str, Any]) -> list[str]:
     if not passes["queries"]:
         clock = "in CPU time, each finished before the next begins: timer queries of software are not to be trusted."
     return [markdown(("pass", "ms a pair", "what it is"), rows), f"Passes {clock}"]
-
-
-def _stress_text(row: Mapping[str, Any]) -> str:
-    return (
-        f"One pair with {row['instances']:.0f} instances and {row['triangles']:.0f} triangles in view: "
-        f"{row['seconds_per_pair']:.1f} s."
-    )
-
-
-def _memory_text(memory: Mapping[str, Any]) -> str:
-    constant = "as many" if memory["objects_constant"] else "not as many"
-    return (
-        f"Memory over {counted(memory['pairs'], 'pair')}: {memory['rss_bytes'] / 1e6:.0f} MB resident at the end, "
-        f"at most {memory['peak_bytes'] / 1e6:.0f} MB, changing by {memory['slope_bytes_per_pair'] / 1e3:.1f} +- "
-        f"{memory['slope_error_bytes_per_pair'] / 1e3:.1f} kB a pair; "
-        f"{sum(memory['objects'].values())} OpenGL objects, {constant} as after the first quarter of them."
-    )
 
 
 def _megabytes(count: float | None) -> str:

@@ -1,8 +1,8 @@
-"""Parts of the reports of measurements: the machine, statistics of errors, the Pareto front, tables."""
+"""Parts of the reports of measurements: the machine, statistics of errors, tables."""
 
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from semisynth_gl.bench.timing import Timing
 
 _PACKAGES = ("semisynth-gl", "moderngl", "numpy", "isal", "Pillow", "blosc2")
 
@@ -29,54 +27,6 @@ def error_stats(values: NDArray[np.floating], truth: NDArray[np.float64]) -> dic
     quantiles = np.quantile(error, [0.5, 0.999, 1]).tolist() if error.size else [np.nan] * 3
     missing = int((np.isfinite(values) != np.isfinite(truth)).sum())
     return dict(zip(("median_px", "p999_px", "worst_px", "missing"), (*quantiles, missing), strict=True))
-
-
-def front(points: Mapping[str, Sequence[float]], tolerance: float = 0.05) -> set[str]:
-    """Return the names of the points on the Pareto front, which no other point dominates; smaller values are better.
-
-    A point dominates another if at least one of its values is smaller by more than the tolerance, and none is larger by
-    more than that. All points have equally many values. The tolerance is relative: repeated timings differ by 5 %.
-    """
-
-    def dominates(point: Sequence[float], rival: Sequence[float]) -> bool:
-        pairs = list(zip(point, rival, strict=True))
-        return all(a <= b * (1 + tolerance) for a, b in pairs) and any(a * (1 + tolerance) < b for a, b in pairs)
-
-    return {name for name, own in points.items() if not any(dominates(point, own) for point in points.values())}
-
-
-def alternative_rows(
-    texts: Mapping[str, str],
-    times: Mapping[str, Timing],
-    figures: Mapping[str, Mapping[str, Any]],
-    weighed: Mapping[str, Sequence[float]],
-) -> list[dict[str, Any]]:
-    """Return a row for each alternative, in the order of ``texts``.
-
-    All arguments go by the names of the alternatives.
-
-    Args:
-        texts: descriptions.
-        times: times for a pair, relative to the default's.
-        figures: further keys and values of the row.
-        weighed: the values besides time that decide about the Pareto front, smaller being better. An alternative
-            without such values is never on the front.
-
-    Returns:
-        Rows with "name", "text", "seconds_per_pair", "time_ratio", the keys of ``figures``, and "on_front".
-    """
-    best = front({name: (times[name].ratio, *values) for name, values in weighed.items()})
-    return [
-        {
-            "name": name,
-            "text": text,
-            "seconds_per_pair": times[name].seconds,
-            "time_ratio": times[name].ratio,
-            **figures[name],
-            "on_front": name in best,
-        }
-        for name, text in texts.items()
-    ]
 
 
 def machine_facts() -> dict[str, object]:

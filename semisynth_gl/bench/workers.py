@@ -21,7 +21,6 @@ import numpy as np
 
 from semisynth_gl.bench.shards import SPLIT, in_processes, measure_pairs, shard_job
 from semisynth_gl.bench.stages import PairTimes, pass_rows, speed_limit, stage_rows, time_pair
-from semisynth_gl.bench.timing import turns
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.engines import THREADS, cores, threads_each
 from semisynth_gl.dataset.make import Job, open_renderer, write_pairs
@@ -31,6 +30,13 @@ from semisynth_gl.render.backends import Backend, is_software
 # Smallest number of pairs for each worker in a round.
 _PAIRS_EACH = 4
 _SINGLE = "1, one thread"
+
+
+def turns(names: Sequence[str], rounds: int) -> Iterator[tuple[int, str]]:
+    """Yield (round, name) for all names in each round; each round begins one name later than the round before."""
+    for number in range(rounds):
+        for k in range(len(names)):
+            yield number, names[(number + k) % len(names)]
 
 
 class _Share(NamedTuple):

@@ -1,4 +1,4 @@
-"""``semisynth-gl bench``: measures accuracy, costs and speed on this machine."""
+"""``semisynth-gl bench``: measures accuracy and speed on this machine."""
 
 import sys
 from collections.abc import Callable
@@ -28,7 +28,7 @@ from semisynth_gl.render.backends import BACKENDS, Backend
 
 @click.group()
 def bench() -> None:
-    """Measure accuracy and speed on this machine, and the cost of each choice."""
+    """Measure accuracy and speed on this machine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,16 +86,11 @@ class _Parts(Listener):
 @_bench_options("eth3d")
 @option("--pairs", type=COUNT, default=3, help="Number of pairs to measure.")
 @option("--rays", type=COUNT, default=20_000, help="Rays cast for each eye of a pair.")
-@option("--repeats", type=COUNT, default=7, help="How often each alternative is timed.")
-def accuracy(options: _BenchOptions, json_file: Path | None, pairs: int, rays: int, repeats: int) -> None:
-    """Compare the disparity with float64 rays, and encodings and antialiasing modes with each other.
-
-    Prints the error of the disparity, then the time, size and error of disparity encodings, image encodings and
-    antialiasing modes, in one table each. The default is bold; a star marks alternatives that no other one dominates.
-    """
+def accuracy(options: _BenchOptions, json_file: Path | None, pairs: int, rays: int) -> None:
+    """Compare the disparity with float64 rays, away from edges, and print its error."""
     from semisynth_gl.bench import accuracy as benchmark  # noqa: PLC0415 - other commands need no renderer
 
-    options.run(benchmark, benchmark.Effort(pairs, rays, repeats), json_file)
+    options.run(benchmark, benchmark.Effort(pairs, rays), json_file)
 
 
 def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int, ...]:
@@ -117,32 +112,16 @@ def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[i
 @option(
     "--pairs", type=COUNT, default=8, help="Pairs in a round of each number of workers; at least 4 for each worker."
 )
-@option(
-    "--repeats", type=COUNT, default=3, help="How often each alternative is timed; workers and starts: half as often."
-)
+@option("--repeats", type=COUNT, default=3, help="How often each number of workers is timed, times two.")
 @option(
     "--workers", callback=_numbers, metavar="N,N", help="Numbers of workers.  [default: powers of two up to all cores]"
 )
-@option("--memory-pairs", type=COUNT, default=40, help="Number of pairs over which memory is measured.")
-@option(
-    "--no-stress", is_flag=True, help="Leave out the stress test: a pair of 10,000 instances and 5 million triangles."
-)
-def speed(
-    options: _BenchOptions,
-    json_file: Path | None,
-    pairs: int,
-    repeats: int,
-    workers: tuple[int, ...],
-    memory_pairs: int,
-    no_stress: bool,
-) -> None:
-    """Measure pairs per second, what limits them, and what they depend on.
+def speed(options: _BenchOptions, json_file: Path | None, pairs: int, repeats: int, workers: tuple[int, ...]) -> None:
+    """Measure pairs per second, and what limits them.
 
-    Measures each stage of a pair; each drawing pass, by the GPU's own clock where a GPU draws; whole runs with several
-    numbers of workers; the effect of instances, triangles, pixels, antialiasing and outputs; memory; and the time to
-    the first pair. Let the machine do nothing else meanwhile.
+    Measures each stage of a pair; each drawing pass, by the GPU's own clock where a GPU draws; and whole runs with
+    several numbers of workers. Let the machine do nothing else meanwhile.
     """
     from semisynth_gl.bench import speed as benchmark  # noqa: PLC0415 - other commands need no renderer
 
-    effort = benchmark.Effort(pairs, repeats, workers, memory_pairs, stress=not no_stress)
-    options.run(benchmark, effort, json_file)
+    options.run(benchmark, benchmark.Effort(pairs, repeats, workers), json_file)

@@ -8,12 +8,8 @@ import numpy as np
 import pytest
 from backends import backend_fault
 from recorder import Recorder
-from tiny_datasets import CLUTTER_ALONE, SCENES, cheap
+from tiny_datasets import CLUTTER_ALONE, SCENES
 
-from semisynth_gl.bench import scaling
-from semisynth_gl.bench.lifetime import line_slope
-from semisynth_gl.bench.scaling import ball, measure_scaling, measure_stress
-from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.bench.shards import LAYOUT
 from semisynth_gl.bench.speed import Effort, limit_text, measure, table, usual_workers
 from semisynth_gl.bench.stages import PASS_TEXTS, STAGES, Costs, pass_rows, speed_limit, stage_rows
@@ -21,7 +17,6 @@ from semisynth_gl.bench.workers import worker_threads
 from semisynth_gl.cli import main
 from semisynth_gl.config import load_config
 from semisynth_gl.dataset.generate import generate
-from semisynth_gl.geometry.topology import is_solid
 from semisynth_gl.pairs.pipeline import PAIR_STAGES
 from semisynth_gl.render.backends import is_software
 from semisynth_gl.render.pass_clock import PASSES
@@ -40,7 +35,6 @@ SMALL = (
     "models.complex=0",
 )
 PAIRS = 2
-USUAL = "both, both masks"
 
 
 @pytest.fixture(scope="module")
@@ -52,18 +46,7 @@ def config():
 
 @pytest.fixture(scope="module")
 def report(config):
-    effort = Effort(pairs=PAIRS, repeats=1, workers=(2,), memory_pairs=4, stress=False)
-    with pytest.MonkeyPatch.context() as patch:
-        # Each row opens a renderer of its own, which takes longer than to draw these scenes.
-        patch.setattr(scaling, "MODES", ("none",))
-        patch.setattr(
-            scaling, "OUTPUT_OPTIONS", {name: scaling.OUTPUT_OPTIONS[name] for name in ("left disparity", USUAL)}
-        )
-        recorder = Recorder()
-        report = measure(config, 3, "auto", effort, recorder)
-    assert recorder.messages[-1] == "start"
-    assert not any("many instances" in message for message in recorder.messages), "announced, but not measured"
-    return report
+    return measure(config, 3, "auto", Effort(pairs=PAIRS, repeats=1, workers=(2,)))
 
 
 def names(part):
@@ -80,26 +63,9 @@ def test_the_report_is_whole_and_json(report):
     assert report["workers"]["rows"][0]["threads"] == 0
     assert report["workers"]["rows"][0]["ratio"] == 1
     assert [row["pairs"] for row in report["workers"]["rows"]] == [4, 8]
-    assert set(report["scaling"]) == {"instances", "outside", "triangles", "resolution", "antialias", "outputs"}
     assert all(row["seconds"] > 0 for part in ("stages", "passes") for row in report[part]["rows"])
     assert report["passes"]["queries"] != is_software(report["machine"]["renderer"])
-    for part in report["scaling"].values():
-        assert part["baseline"] in names(part)
-        assert all(row["seconds_per_pair"] > 0 for row in part["rows"])
-    assert names(report["start"]) == ["empty caches", "warm caches"]
     assert {"renderer", "opengl", "backend", "processor", "versions", "usable_cores"} <= set(report["machine"])
-
-
-def test_what_is_said_to_grow_grows_alone(report):
-    def column(part, key):
-        return [row[key] for row in report["scaling"][part]["rows"]]
-
-    assert column("instances", "instances") == [11, 101, 1001]
-    assert len(set(column("outside", "triangles"))) == 1
-    assert column("outside", "instances") == [1001, 2001, 11001]
-    assert len(set(column("triangles", "instances"))) == 1
-    assert column("triangles", "triangles") == sorted(column("triangles", "triangles"))
-    assert column("resolution", "pixels") == [48 * 32, 96 * 64, 192 * 128]
 
 
 def test_bytes_are_those_of_the_files(report, config, tmp_path):
@@ -115,25 +81,15 @@ def test_bytes_are_those_of_the_files(report, config, tmp_path):
     assert rows["draw"]["bytes_per_pair"] is None
 
 
-def test_nothing_piles_up(report):
-    memory = report["memory"]
-    assert memory["pairs"] == 4
-    assert memory["objects_constant"]
-    assert memory["objects"]["Texture"] > 1
-    assert memory["peak_bytes"] >= memory["rss_bytes"] > 1e7
-
-
 def test_the_table_has_every_row(report):
     text = table(report)
-    parts = (report["stages"], report["workers"], report["start"], *report["scaling"].values())
-    for name in (name for part in parts for name in names(part)):
+    for name in (*names(report["stages"]), *names(report["workers"])):
         assert f" {name} " in text
     assert "| masks, right |" in text
     assert ("timer queries of software" in text) != report["passes"]["queries"]
     # The report has one round, which tells no share of the limit.
     assert "% of the limit" not in text
     assert "--repeats 3" in text
-    assert "Memory over 4 pairs" in text
 
 
 def costs(**seconds):
@@ -195,29 +151,6 @@ def test_usual_workers_end_with_all_cores(monkeypatch):
         assert usual_workers() == expected
 
 
-def test_the_slope_of_known_values():
-    slope, error = line_slope(np.array([5.0, 7, 9, 11]))
-    assert (slope, error) == (pytest.approx(2), pytest.approx(0))
-    noise = np.random.default_rng(0).normal(size=500)
-    slope, error = line_slope(noise)
-    assert abs(slope) < 3 * error
-    assert line_slope(np.array([1.0])) == (0, 0)
-
-
-@pytest.mark.parametrize("rings", [3, 4, 16])
-def test_balls_are_closed_and_round(rings):
-    mesh = ball(rings)
-    assert len(mesh.triangles) == 4 * rings * (rings - 1)
-    assert is_solid(mesh)
-    np.testing.assert_allclose(np.linalg.norm(mesh.positions, axis=1), 1, atol=1e-6)
-
-
-def test_the_stress_pair_has_what_was_asked_for(config):
-    row = measure_stress(sample_scenes(config, 0, 1), 0, "auto", 50, 3000)
-    assert row["instances"] == 51
-    assert row["triangles"] >= 3000
-
-
 def test_a_renderer_reports_its_stages_in_their_order(config):
     from semisynth_gl.pairs.pipeline import PairRenderer
 
@@ -260,11 +193,3 @@ def test_wrong_arguments_are_refused_before_anything_is_measured(monkeypatch, ca
     captured = capsys.readouterr()
     assert expected in captured.err
     assert captured.out == ""
-
-
-def test_antialiasing_of_configs_with_flow_is_timed_without_it():
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
-    config = cheap(outputs=["visibility", "flow", "disparity_change"], sequence={"length": 2})
-    timed = measure_scaling(sample_scenes(config, 1, 1), 1, "auto", 1)["antialias"]
-    assert {row["name"] for row in timed["rows"]} >= {"none", "edges"}

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from semisynth_gl.bench.antialias import MODES
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.frame.raw_camera import RawCamera, rotation_of
@@ -124,7 +123,7 @@ def test_the_shift_of_a_shifted_image():
     assert shift_px(moved.ravel(), expected.ravel(), *gradients) == pytest.approx((0.03, -0.02), abs=1e-3)
 
 
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mode", ["none", "edges", "ssaa2", "ssaa3"])
 def test_images_lie_on_their_truth(backend, mode):
     try:
         shift = truth_shift_px(drawn(mode, backend))

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from timing import alternated, alternative_rows, compare_times
 
-from semisynth_gl.bench.summary import alternative_rows, error_stats
-from semisynth_gl.bench.timing import alternated, compare_times
+from semisynth_gl.bench.summary import error_stats
 from semisynth_gl.codecs import DISPARITY_CODECS, Codec, Encodings
 
 DEFAULT_DISPARITY_ENCODING = Encodings().disparity.name

@@ -1,15 +1,16 @@
 """Antialiasing modes: PSNR against a reference of 64 samples a pixel, and time."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from timing import alternated, alternative_rows, compare_times
 
 from semisynth_gl.bench.scenes import BenchScenes, grown
-from semisynth_gl.bench.summary import alternative_rows
-from semisynth_gl.bench.timing import alternated, compare_times
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.frame import as_rgb
 from semisynth_gl.inputs.errors import BackendError
@@ -52,12 +53,19 @@ def measure_modes(
     Raises:
         BackendError: where the driver does not support the default mode or the reference.
     """
-    bench = bench.with_worn_patches()
-    options = {mode: {"outputs": (), "antialias": mode} for mode in (*MODES, REFERENCE)}
-    with bench.open_renderers(backend, options) as (renderers, left_out):
-        for mode in (DEFAULT_MODE, REFERENCE):
-            if mode in left_out:
-                raise BackendError(left_out[mode])
+    bench = with_worn_patches(bench)
+    renderers, left_out = {}, {}
+    with ExitStack() as stack:
+        for mode in (*MODES, REFERENCE):
+            try:
+                renderer = stack.enter_context(bench.open_renderer(backend, outputs=(), antialias=mode))
+                renderer.render(bench.scenes[0])
+            except BackendError as error:
+                if mode in (DEFAULT_MODE, REFERENCE):
+                    raise
+                left_out[mode] = str(error)
+            else:
+                renderers[mode] = renderer
         images = {mode: _images(renderer, bench.scenes) for mode, renderer in renderers.items()}
         calls = {mode: partial(_images, renderer, bench.scenes) for mode, renderer in renderers.items()}
         draw_reference = calls.pop(REFERENCE)
@@ -72,6 +80,19 @@ def measure_modes(
     weighed = {mode: [10 ** (-psnr[0] / 10)] for mode, psnr in measured.items()}
     texts = {mode: MODES.get(mode, _REFERENCE_TEXT) for mode in images}
     return alternative_rows(texts, times, figures, weighed), left_out
+
+
+def with_worn_patches(bench: BenchScenes) -> BenchScenes:
+    """Return scenes without the patches that none of them wears, so that renderers take less memory."""
+    small = len(bench.layers)
+    # Layer 0 always stays: a renderer needs at least one patch.
+    worn = np.union1d(0, np.concatenate([scene.layer for scene in bench.scenes]))
+    return replace(
+        bench,
+        layers=bench.layers[worn[worn < small]],
+        large_layers=bench.large_layers[worn[worn >= small] - small],
+        scenes=[replace(scene, layer=np.searchsorted(worn, scene.layer)) for scene in bench.scenes],
+    )
 
 
 def _images(renderer: Renderer, scenes: Sequence[Scene]) -> list[NDArray[np.uint8]]:
