@@ -12,7 +12,7 @@ from typing import TypeVar
 from semisynth_gl.dataset.documents import Plan, Shard
 from semisynth_gl.dataset.plan import differences, used_plugins
 from semisynth_gl.dataset.root import open_root
-from semisynth_gl.dataset.sample import LatestFiles, encode_pair
+from semisynth_gl.dataset.sample import encode_pair
 from semisynth_gl.dataset.shard import PairFiles, write_shard
 from semisynth_gl.inputs.errors import InputError, abbreviate
 from semisynth_gl.listener import FinishedPair, Listener
@@ -112,7 +112,6 @@ def write_pairs(job: Job, shard: Shard, renderer: PairRenderer, listener: Listen
     """Render, encode and write a shard with an open renderer; see `ShardMaker.make_shard`."""
     plan = job.plan
     threads = 0 if is_software(renderer.renderer_name) else _ENCODERS
-    latest: LatestFiles | None = {} if plan.config.views > 1 else None
 
     def rendered() -> Iterator[Pair]:
         for index in range(shard.first, shard.end):
@@ -124,15 +123,15 @@ def write_pairs(job: Job, shard: Shard, renderer: PairRenderer, listener: Listen
     def tell(index: int, pair: PairFiles) -> None:
         listener.on_pair(FinishedPair(shard.split, index, tuple(pair.redrawn), pair.share_beyond))
 
-    with closing(in_order(rendered(), partial(encode, plan, shard, latest=latest), threads)) as pairs:
+    with closing(in_order(rendered(), partial(encode, plan, shard), threads)) as pairs:
         return write_shard(open_root(job.address), plan, shard, pairs, tell)
 
 
-def encode(plan: Plan, shard: Shard, pair: Pair, latest: LatestFiles | None = None) -> PairFiles:
-    """Return a pair as files; see `encode_pair` on ``latest``."""
+def encode(plan: Plan, shard: Shard, pair: Pair) -> PairFiles:
+    """Return a pair as files."""
     config, key = plan.config, plan.key(shard.split, pair.index)
     ndisp = max(1, ceil(config.disparity.max_px))
-    encoded = encode_pair(plan.layout, key, pair.frame, pair.provenance, ndisp, plan.encodings, latest)
+    encoded = encode_pair(plan.layout, key, pair.frame, pair.provenance, ndisp, plan.encodings)
     # All pairs of a sequence carry the same redraws.
     redrawn = pair.provenance.get("redrawn", []) if pair.index % config.sequence_pairs == 0 else []
     return PairFiles(encoded.files, redrawn, encoded.share_beyond, pair.provenance["renderer"])

@@ -158,7 +158,7 @@ class Dataset(Sequence[StoredFrame]):
             IndexError: where the dataset has fewer pairs.
             ReadError: where a file is missing, cut off, cannot be read, or has another size than the dataset's images,
                 or a record does not describe its shard.
-            InputError: where the number is not a whole number, or a codec needs a package that is not installed.
+            InputError: where the number is not a whole number.
         """
         if isinstance(number, slice):
             return [self[position] for position in range(*number.indices(len(self)))]

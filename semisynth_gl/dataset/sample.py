@@ -89,10 +89,6 @@ class StoredFrame(Frame):
         return np.where(np.asarray(disparity) <= 2 * error, 2 * error, error)
 
 
-LatestFiles = dict[str, tuple[NDArray[Any], bytes]]
-"""The array and the encoded file of each role in the latest pair, for successive pairs that share a left view."""
-
-
 @dataclass(frozen=True, slots=True)
 class EncodedPair:
     """A pair as files in memory: their bytes by path.
@@ -105,13 +101,7 @@ class EncodedPair:
 
 
 def encode_pair(
-    layout: Layout,
-    key: Key,
-    frame: Frame,
-    provenance: Mapping[str, Any],
-    ndisp: int,
-    encodings: Encodings,
-    latest: LatestFiles | None = None,
+    layout: Layout, key: Key, frame: Frame, provenance: Mapping[str, Any], ndisp: int, encodings: Encodings
 ) -> EncodedPair:
     """Encode a pair as files; a channel that the frame lacks gets no file.
 
@@ -125,11 +115,6 @@ def encode_pair(
         provenance: how the pair was made, in JSON's types.
         ndisp: upper bound of the disparities in whole pixels.
         encodings: the codecs that `Layout.encodings_for` returns.
-        latest: where pairs share a view, one dictionary for all of them, empty at first: an array equal to the latest
-            pair's is not encoded again. No array of earlier frames may be changed.
-
-    Raises:
-        InputError: where a codec needs a package that is not installed.
     """
     beyond: dict[str, dict[str, int]] = {}
     for channel in CHANNELS.values():
@@ -145,24 +130,9 @@ def encode_pair(
         role = layout.role(name)
         value = role.value(sample)
         if value is not None:
-            files[path] = _encode(name, role.codec(encodings), value, latest)
+            files[path] = role.codec(encodings).encode(value)
     pixels = frame.camera.width_px * frame.camera.height_px
     return EncodedPair(files, max(beyond.get(View.disparity.beyond_key, {}).values(), default=0) / pixels)
-
-
-def _encode(role: str, codec: Codec[Any], value: Any, latest: LatestFiles | None) -> bytes:  # noqa: ANN401 - by role
-    """Encode a role's value, or return the latest pair's file where its value has the same bits."""
-    if latest is None or not isinstance(value, np.ndarray):
-        return codec.encode(value)
-    earlier = latest.get(role)
-    if earlier is None or not _same_bits(earlier[0], value):
-        earlier = latest[role] = value, codec.encode(value)
-    return earlier[1]
-
-
-def _same_bits(first: NDArray[Any], second: NDArray[Any]) -> bool:
-    alike = first.shape == second.shape and first.dtype == second.dtype
-    return first is second or (alike and first.tobytes() == second.tobytes())
 
 
 def decode_file(layout: Layout, role: str, data: bytes, path: Path, encodings: Encodings) -> Any:  # noqa: ANN401 - by role
