@@ -71,10 +71,8 @@ def cached(
     if path is not None:
         with suppress(Exception):  # there is no entry, or a damaged one, which may fail in any way
             return unpack(read_entry(path))
-        if not is_writable(path.parent):
-            path = None
     if work is not None:
-        _LOG.info("%s%s", work, f"; later runs find them in {path.parent}" if path else "")
+        _LOG.info(work)
     result = build()
     if path is not None and (entry := pack(result)) is not None:
         with suppress(OSError):
@@ -113,20 +111,16 @@ def cache_folder() -> Path | None:
         return None
 
 
-def is_writable(folder: Path) -> bool:
-    """Return whether entries can be written to their folder, which is made where it does not exist."""
-    with suppress(OSError):
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    return folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)
-
-
 def cache_summary() -> str:
     """Return one line with the cache's folder, the size of its entries and `LIMIT_BYTES`, or "off"."""
     folder = cache_folder()
     if folder is None:
         return "off"
-    if not is_writable(folder):
-        return f"off: {folder} cannot be written to; set {_VARIABLE} to another folder"
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        return f"off: {folder} cannot be written to ({error.strerror}); set {_VARIABLE} to another folder"
     total = sum(path.stat().st_size for path in folder.glob(f"*{SUFFIX}"))
     return f"{folder}, {total / 1e6:.0f} MB of at most {LIMIT_BYTES / 1e6:.0f} MB"
 
@@ -140,6 +134,7 @@ def read_entry(path: Path) -> Entry:
 
 def write_entry(path: Path, entry: Entry) -> None:
     """Write an entry, then remove the oldest entries beyond `LIMIT_BYTES`; raises OSError where that fails."""
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     content: Any = entry.arrays | {"values": np.frombuffer(json.dumps(entry.values).encode(), np.uint8)}
     # Under a name of its own until it is whole: other processes may read or write the same entry meanwhile.
     handle, partial = tempfile.mkstemp(SUFFIX, dir=path.parent)
