@@ -21,6 +21,8 @@ from semisynth_gl.geometry.model_units import make_model as make_model
 from semisynth_gl.inputs.errors import BackendError as BackendError
 from semisynth_gl.inputs.errors import InputError as InputError
 from semisynth_gl.inputs.errors import SemisynthError as SemisynthError
+from semisynth_gl.judge.verify import Verification as Verification
+from semisynth_gl.judge.verify import verify as verify
 from semisynth_gl.metrics.evaluate import evaluate as evaluate
 from semisynth_gl.metrics.score import Score as Score
 from semisynth_gl.metrics.score import score as score
@@ -35,7 +37,5 @@ from semisynth_gl.scene.scene import Projector as Projector
 from semisynth_gl.scene.scene import Scene as Scene
 from semisynth_gl.scene.scene import make_scene as make_scene
 from semisynth_gl.scene.scene import move as move
-from semisynth_gl.verification.verify import Verification as Verification
-from semisynth_gl.verification.verify import verify as verify
 
 __version__: str

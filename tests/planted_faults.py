@@ -6,7 +6,7 @@ from PIL import Image
 from semisynth_gl.codecs.pfm import PFM, PFM3
 from semisynth_gl.codecs.png import GREY8, RGB8
 from semisynth_gl.dataset.reader import read_index
-from semisynth_gl.verification.dataset import verify_dataset
+from semisynth_gl.judge.verify import verify_dataset
 
 
 def all_findings(dataset, rays=0):

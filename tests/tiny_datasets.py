@@ -10,8 +10,8 @@ import pytest
 from semisynth_gl.config import Config, Range, load_config
 from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.judge.verify import verify_dataset
 from semisynth_gl.textures.image_files import builtin_photographs
-from semisynth_gl.verification.dataset import verify_dataset
 
 SCALE = 1 / 8
 # The scenes of a packaged config without its recipes.

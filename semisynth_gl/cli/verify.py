@@ -5,20 +5,26 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import COUNT, Command, FilesType, option
+from semisynth_gl.cli.options import COUNT, NATURAL, Command, FilesType, option
 from semisynth_gl.cli.outputs import OutputFile, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.inputs.errors import counted
-from semisynth_gl.verification.verify import Verification
-from semisynth_gl.verification.verify import verify as verify_dataset
+from semisynth_gl.judge.verify import RAYED_PAIRS, Verification
+from semisynth_gl.judge.verify import verify as verify_dataset
 
 
 @click.command(cls=Command)
 @click.argument("directory", type=FilesType(), metavar="DIR_OR_ADDRESS")
-@option("--oracle", is_flag=True, help="Also make each scene again and compare the truth with float64 rays.")
-@option("--pixels", type=COUNT, default=500, help="Rays that --oracle casts for each pair.")
+@option(
+    "--rays",
+    type=NATURAL,
+    help="How many pairs, evenly spread, to compare with float64 rays through their scenes, which are made again.  "
+    f"[default: {RAYED_PAIRS}, or 0 where the scenes cannot be made again]",
+)
+@option("--oracle", is_flag=True, help="Compare all pairs with rays.")
+@option("--pixels", type=COUNT, default=500, help="Rays for each of these pairs.")
 @option("--json", "json_file", type=OutputFile(), help="Also write findings and measures to this JSON file.")
-def verify(directory: str, oracle: bool, pixels: int, json_file: Path | None) -> None:
+def verify(directory: str, rays: int | None, oracle: bool, pixels: int, json_file: Path | None) -> None:
     """Read a dataset back from its files, as a user's program would, and print its faults.
 
     Each line is one finding: scene, check, expected and found values. The exit code is 1 if there are findings.
@@ -27,6 +33,7 @@ def verify(directory: str, oracle: bool, pixels: int, json_file: Path | None) ->
     with Progress() as progress:
         found = verify_dataset(
             directory,
+            rays=rays,
             oracle=oracle,
             pixels=pixels,
             listener=progress,
@@ -35,6 +42,8 @@ def verify(directory: str, oracle: bool, pixels: int, json_file: Path | None) ->
     seconds = time.monotonic() - start
     if json_file is not None:
         write_json(json_file, found.values())
+    if found.no_rays is not None:
+        click.echo(f"note: no rays: {found.no_rays}", err=True)
     if found.findings:
         suffix = " and in the dataset as a whole" if found.verdicts[0].findings else ""
         click.echo(
@@ -50,8 +59,8 @@ def _summary(found: Verification, seconds: float) -> str:
     """Return a line with the worst value of each measure, and the seconds per pair."""
     parts = []
     for name, text in (
-        ("left_right_median_px", "left against right {:.5f} px"),
-        ("best_shift_px", "images fit within {:.4f} px"),
+        ("left_right_left_median_px", "left against right {:.5f} px"),
+        ("best_shift_x_px", "images fit within {:.3f} px"),
         ("image_correlation", "image correlation {:.3f}"),
         ("visibility_left_disagree_share", "masks disagree in {:.3%}"),
         ("invalid_share", "{:.3%} of the pixels without disparity"),

@@ -26,7 +26,7 @@ from semisynth_gl.dataset import plan as plan_module
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.names import FORMAT, INDEX, PLAN
 from semisynth_gl.dataset.reader import read_index
-from semisynth_gl.verification.dataset import verify_dataset
+from semisynth_gl.judge.verify import verify_dataset
 
 DATA = Path(__file__).parents[1] / "data"
 KEPT = DATA / "format-1"

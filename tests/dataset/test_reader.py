@@ -16,8 +16,8 @@ from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import DamagedIndexError, open_dataset, read_index
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.judge.verify import verify_dataset
 from semisynth_gl.pairs.pipeline import render_pair
-from semisynth_gl.verification.dataset import verify_dataset
 
 
 @pytest.fixture(scope="module")

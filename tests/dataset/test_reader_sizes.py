@@ -16,8 +16,8 @@ from semisynth_gl.dataset.sample import EncodedPair, encode_pair
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.channels import OUTPUTS
 from semisynth_gl.inputs.errors import ReadError
+from semisynth_gl.judge.verify import verify_dataset
 from semisynth_gl.layouts import Key, find_layout, layout_names
-from semisynth_gl.verification.dataset import verify_dataset
 
 SIZE = CAMERA.height_px, CAMERA.width_px
 

@@ -19,9 +19,9 @@ from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.raw_camera import RawCamera, pinhole_of, rotation_of
 from semisynth_gl.inputs.errors import InputError, ReadError
+from semisynth_gl.judge.verify import verify_dataset
 from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
-from semisynth_gl.verification.dataset import verify_dataset
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV, the extra opencv, is not installed")
 

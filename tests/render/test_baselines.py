@@ -20,6 +20,9 @@ from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.channels import DRAWN_OUTPUTS
 from semisynth_gl.inputs.errors import ContextLostError, InputError
+from semisynth_gl.judge.findings import Verdict
+from semisynth_gl.judge.verify import verify_dataset
+from semisynth_gl.judge.views import check_lefts
 from semisynth_gl.layouts import Key
 from semisynth_gl.pairs import pipeline
 from semisynth_gl.pairs.pipeline import PairRenderer
@@ -31,9 +34,6 @@ from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import draw_camera, draw_views
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.seeds.seeds import Purpose, generator
-from semisynth_gl.verification.dataset import verify_dataset
-from semisynth_gl.verification.shared_left import check_lefts
-from semisynth_gl.verification.verdict import Verdict
 
 SEVERAL = [0.4, 1.0, 0.7]
 MOVING = {"length": 2, "frame_s": 0.1}

@@ -18,6 +18,7 @@ from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, SKY, VISIBLE
+from semisynth_gl.judge.verify import verify_dataset
 from semisynth_gl.layouts import LAYOUTS
 from semisynth_gl.metrics.evaluate import evaluate
 from semisynth_gl.metrics.protocol import find_protocol
@@ -28,7 +29,6 @@ from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import rotation_about_axis
 from semisynth_gl.scene.scene import make_scene, move
 from semisynth_gl.scene.view_volume import height_of_view
-from semisynth_gl.verification.dataset import verify_dataset
 
 # One for all: models are made once.
 SEED = 3
@@ -391,7 +391,7 @@ def check_read_back(data, config, made):
     """Compare a dataset with its pairs as they were rendered, and let verify and evaluate judge it."""
     index = read_index(data)
     assert (index.signed, index.plan.format) == (True, 1)
-    assert [each for verdict in verify_dataset(index, oracle_pixels=50) for each in verdict.findings] == []
+    assert [each for verdict in verify_dataset(index, pixels=50) for each in verdict.findings] == []
     exact_px = SIGNED_DISPARITY.error_px if config.files.disparity == "png16" else 0.0
     results = data.parent / f"{data.name}-results"
     results.mkdir()

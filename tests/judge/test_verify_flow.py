@@ -16,10 +16,11 @@ from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE, View
-from semisynth_gl.verification.dataset import verify_dataset
-from semisynth_gl.verification.oracle_check import OracleCheck
-from semisynth_gl.verification.single_view import check_change
-from semisynth_gl.verification.verdict import Verdict
+from semisynth_gl.judge.findings import Verdict
+from semisynth_gl.judge.flow import check_change
+from semisynth_gl.judge.rays import RayJudge
+from semisynth_gl.judge.single_view import Allowed
+from semisynth_gl.judge.verify import verify_dataset
 
 # Much motion: the camera's own, and of models that fall, drift and spin.
 SEQUENCE = {
@@ -137,13 +138,13 @@ def test_a_clean_sequence_has_no_finding(datasets, encoding):
             assert verdict.measures[f"{name}_change_median_px"] < 2e-3
             assert verdict.measures[f"{name}_frames_outside_share"] < 0.005
             assert verdict.measures[f"{name}_residual_explained_share"] > 0.98
-            assert abs(verdict.measures[f"{name}_best_shift_x_px"]) < 0.04
+            assert abs(verdict.measures[f"{name}_best_shift_x_px"]) < 0.1
         assert verdict.measures["flow_visibility_left_disagree_share"] < 0.005
 
 
 def by_rays(dataset, number=0, pixels=200):
     verdict = Verdict("it")
-    OracleCheck(read_index(dataset), "train").check(open_dataset(dataset)[number], pixels, verdict)
+    RayJudge(read_index(dataset), "train", pixels).check(open_dataset(dataset)[number], verdict)
     return verdict
 
 
@@ -198,18 +199,15 @@ def test_wrong_flow_of_both_views_is_found_by_the_next_frame(copy, encoding, cha
     found = findings(dataset.root)
     frames = [finding for finding in found if finding.check == "flow-frames" and finding.scene == "sceneflow-000001"]
     assert any("flow_left of sceneflow-000000" in finding.message for finding in frames)
-    # Hardly a pixel comes to one surface where all are mixed up.
-    assert change is CHANGES["rows flipped"] or "flow-images" in {finding.check for finding in found}
 
 
 @pytest.mark.parametrize("name", ["times 1.01", "u 0.1 px more"])
-def test_flow_wrong_everywhere_alike_is_found_by_images_and_rays(copy, name):
+def test_flow_wrong_everywhere_alike_is_found_by_rays(copy, name):
     dataset, change = copy(), CHANGES[name]
     for number in range(3):
         dataset.change_flow(change, *EVERY[:2], number=number)
         dataset.change_flow(lambda flow: -change(-flow), *EVERY[2:], number=number)
         dataset.change_change(lambda values: values * np.float32(1.2), 0, 1, number=number)
-    assert said(findings(dataset.root), "flow-images")
     wrong = {finding.message.split(": ")[0] for finding in by_rays(dataset.root, 1, 20).findings}
     assert wrong == {f"{kind}_{view}" for kind in FLOWS for view in ("left", "right")}
 
@@ -218,7 +216,6 @@ def test_wrong_backward_flow_is_found(copy):
     dataset = copy()
     dataset.change_flow(CHANGES["times 1.01"], "flow_backward0", "flow_backward1", number=2)
     found = findings(dataset.root)
-    assert said(found, "flow-images")
     assert any("flow_backward_right of sceneflow-000002" in each for each in said(found, "flow-frames"))
 
 
@@ -380,7 +377,7 @@ def test_a_change_may_be_missing_where_disparities_pass_through_0(least, wrong):
     left = View({"image": image, "disparity": disparity, "flow": flow, "disparity_change": change})
     frame = StoredFrame(camera, left, View({"image": image}))
     verdict = Verdict("it")
-    check_change(frame, "left", 20.0, verdict)
+    check_change(frame, "left", Allowed(20.0), verdict)
     wanted = ["it: change: disparity_change_left is inf in spite of disparity and flow in 1 pixel, the first at (3, 2)"]
     assert [str(finding) for finding in verdict.findings] == (wanted if wrong else [])
 
@@ -402,7 +399,7 @@ def test_only_frames_of_a_sequence_are_compared(copy):
     dataset = copy()
     shutil.copy(dataset.scene(2) / "pair.json", dataset.root / "pair.json")
     dataset.change_json(dataset.root / "index.json", lambda index: index["config_values"]["sequence"].update(length=1))
-    assert not any("frames" in name or "best_shift_x" in name for each in dataset.measures() for name in each)
+    assert not any("frames" in name or "_best_shift_x" in name for each in dataset.measures() for name in each)
     dataset.change_json(dataset.root / "index.json", lambda index: index["config_values"]["sequence"].update(length=2))
     assert ["flow_left_frames_median_px" in each for each in dataset.measures()] == [False, True, False]
 

@@ -1,30 +1,25 @@
-"""Checks of one view by itself: disparity, calibration, depth, instances, sky, normals, flow, change of disparity.
+"""Checks of one view by itself: disparity, depth, instances, sky, normals; and of the pair's calibration.
 
 Each check takes a pair as it was read, and adds findings and measures to the verdict.
 """
 
-from collections.abc import Mapping
-from math import inf, isclose, isfinite
+from dataclasses import dataclass
+from math import isclose, isfinite
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.frame.camera import EYES, Eye
-from semisynth_gl.frame.channels import CHANNELS, OUTSIDE, SKY, VISIBLE, Channel, View
+from semisynth_gl.frame.camera import Eye
+from semisynth_gl.frame.channels import SKY, Channel, View
 from semisynth_gl.inputs.errors import counted
-from semisynth_gl.verification.agreement import all_components, check_mask_values, dot, ends, inside_px
-from semisynth_gl.verification.lens import find_flow_borders, find_lost_change
-from semisynth_gl.verification.verdict import Verdict, count_pixels
+from semisynth_gl.judge.agreement import all_components, dot
+from semisynth_gl.judge.findings import Verdict, count_pixels
 
 Where = NDArray[np.bool_]
 
-OPPOSITE: Mapping[str, str] = {"flow": "flow_backward", "flow_backward": "flow"}
-"""The two channels of flow, each with the channel of the opposite direction."""
-# Bounds of flow; docs/verify.md derives them.
-_FLOW_PX = 1e-3
-_FLOW_SHARE = 1e-5
+# Bounds; docs/verify.md has them.
 # calib.txt writes vmin and vmax with six digits, which loses at most 5e-6 of the value.
 _SIX_DIGITS = 1e-5
 # In d = f B / Z - doffs, f B, doffs, the depth and the difference are each rounded to float32 once, and GPUs may divide
@@ -37,61 +32,58 @@ _UNIT_LENGTH = 1e-5
 # Rasterisers move edges by less than this, px, so a pixel beside an edge may show a surface that its own ray meets
 # from behind.
 _EDGE_PX = 1 / 16
-# A surface that leaves the valid range passes through 0. Largest disparity, px, of its last valid pixel.
-_LAST_VALID_PX = 2.0
+LAST_VALID_PX = 2.0
+"""Largest disparity of the last valid pixel of a surface that leaves the valid range, px; it passes through 0."""
 
 
-def check_single_views(frame: StoredFrame, largest_px: float | None, verdict: Verdict) -> None:
-    """Check each view by itself; ``largest_px`` is the largest disparity that the config allows, None for no limit."""
-    _check_disparity(frame, largest_px, verdict)
-    for check in (_check_depth, _check_instances):
-        for eye in EYES:
-            check(frame, eye, verdict)
-    for eye in EYES:
-        _check_sky(frame, eye, verdict)
-        check_normals(frame, eye, verdict)
-        for channel in OPPOSITE:
-            _check_flow(frame, channel, eye, verdict)
-        check_change(frame, eye, largest_px, verdict)
+@dataclass(frozen=True, slots=True)
+class Allowed:
+    """What a dataset's config allows.
 
-
-def _check_disparity(frame: StoredFrame, largest_px: float | None, verdict: Verdict) -> None:
-    """Check both disparities.
-
-    No disparity may be NaN, or above the config's limit. Disparities must be positive or, if signed, at least that of
-    infinity. They may be inf only where the rig allows it.
+    Attributes:
+        largest_px: the largest disparity; None for no limit.
+        imperfect: whether the images have the imperfections of a rig, or a lossy encoding.
     """
-    invalid = pixels = 0
-    for eye in EYES:
-        disparity, name = frame.view(eye).get("disparity"), f"disparity_{eye}"
-        if disparity is None:
-            continue
-        valid, infinite = np.isfinite(disparity), np.isposinf(disparity)
-        pixels += disparity.size
-        invalid += int(infinite.sum())
-        verdict.add_pixels("disparity", name, "is NaN or -inf", ~(valid | infinite))
-        negative, fault = valid & (disparity <= 0), "is 0 or below"
-        if frame.encodings.signed:
-            infinity_px = -frame.camera.doffs_px
-            bound = _SIX_DIGITS * abs(infinity_px) + frame.rounding_px(infinity_px)
-            # Where the right camera deviates, the disparity of infinity differs from pixel to pixel.
-            negative = valid & (disparity < infinity_px - bound) & frame.camera.rectified
-            fault = f"is below {infinity_px:g}, which is infinitely far away,"
-        least = float(disparity.min(where=negative, initial=np.inf))
-        verdict.add_pixels("disparity", name, fault, negative, f"; the least is {least:g} px")
-        if largest_px is not None and valid.any():
-            largest = float(disparity[valid].max())
-            if largest > largest_px + _SIX_DIGITS * abs(largest_px) + float(frame.rounding_px(largest)):
-                verdict.add("disparity", f"{name} reaches {largest:g} px, the config allows {largest_px:g} px")
-        left_out = frame.left_out(eye)
-        verdict.add_pixels("disparity", name, "is known in a border", valid & left_out)
-        lacking = _lacking(frame, eye, infinite & ~left_out)
-        if lacking is not None and lacking.any():
-            _check_infinite(frame, eye, disparity, lacking, verdict)
-    verdict.measures["invalid_share"] = invalid / pixels
+
+    largest_px: float | None = None
+    imperfect: bool = False
 
 
-def _always_valid(frame: StoredFrame) -> bool:
+def check_disparity(frame: StoredFrame, eye: Eye, allowed: Allowed, verdict: Verdict) -> None:
+    """Check a view's disparity.
+
+    It may not be NaN, or above the config's limit. It must be positive or, if signed, at least that of infinity. It may
+    be inf only where the rig allows it.
+    """
+    disparity, name = frame.view(eye).get("disparity"), f"disparity_{eye}"
+    if disparity is None:
+        return
+    valid, infinite = np.isfinite(disparity), np.isposinf(disparity)
+    share = float(infinite.mean())
+    verdict.measures["invalid_share"] = max(share, verdict.measures.get("invalid_share", 0.0))
+    verdict.add_pixels("disparity", name, "is NaN or -inf", ~(valid | infinite))
+    negative, fault = valid & (disparity <= 0), "is 0 or below"
+    if frame.encodings.signed:
+        infinity_px = -frame.camera.doffs_px
+        bound = _SIX_DIGITS * abs(infinity_px) + frame.rounding_px(infinity_px)
+        # Where the right camera deviates, the disparity of infinity differs from pixel to pixel.
+        negative = valid & (disparity < infinity_px - bound) & frame.camera.rectified
+        fault = f"is below {infinity_px:g}, which is infinitely far away,"
+    least = float(disparity.min(where=negative, initial=np.inf))
+    verdict.add_pixels("disparity", name, fault, negative, f"; the least is {least:g} px")
+    largest_px = allowed.largest_px
+    if largest_px is not None and valid.any():
+        largest = float(disparity[valid].max())
+        if largest > largest_px + _SIX_DIGITS * abs(largest_px) + float(frame.rounding_px(largest)):
+            verdict.add("disparity", f"{name} reaches {largest:g} px, the config allows {largest_px:g} px")
+    left_out = frame.left_out(eye)
+    verdict.add_pixels("disparity", name, "is known in a border", valid & left_out)
+    lacking = _lacking(frame, eye, infinite & ~left_out)
+    if lacking is not None and lacking.any():
+        _check_infinite(frame, eye, disparity, lacking, verdict)
+
+
+def always_valid(frame: StoredFrame) -> bool:
     """Return whether the rig and the encoding give every surface but the sky a valid disparity."""
     return frame.encodings.signed or (frame.camera.doffs_px <= 0 and frame.camera.rectified)
 
@@ -104,7 +96,7 @@ def _lacking(frame: StoredFrame, eye: Eye, infinite: Where) -> Where | None:
     return None if sky is None else infinite & ~sky
 
 
-def _check_sky(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+def check_sky(frame: StoredFrame, eye: Eye, _: Allowed, verdict: Verdict) -> None:
     """Check a view's mask of the sky: its values, and whether instances, depth and disparity agree with it."""
     view, name, doffs_px = frame.view(eye), f"sky_{eye}", frame.camera.doffs_px
     mask = view.get("sky")
@@ -140,24 +132,24 @@ def _check_infinite(
     judged.
     """
     name, doffs_px = f"disparity_{eye}", frame.camera.doffs_px
-    beyond = _count_beyond(frame, View.disparity, eye)
+    beyond = count_beyond(frame, View.disparity, eye)
     if beyond:
         count = int(infinite.sum())
-        if count < beyond or (_always_valid(frame) and count != beyond):
+        if count < beyond or (always_valid(frame) and count != beyond):
             fault = f"is inf in {count_pixels(infinite)}, the provenance counts {beyond} beyond the encoding"
             verdict.add("disparity", f"{name} {fault}")
         return
-    if _always_valid(frame):
+    if always_valid(frame):
         why = "a signed encoding" if frame.encodings.signed else f"a doffs of {doffs_px:g} px"
         verdict.add_pixels("disparity", name, "is inf", infinite, f"; {why} rules that out")
         return
-    around = disparity[_neighbours(infinite) & np.isfinite(disparity)]
-    if around.size and float(around.min()) > _LAST_VALID_PX:
+    around = disparity[neighbours(infinite) & np.isfinite(disparity)]
+    if around.size and float(around.min()) > LAST_VALID_PX:
         least = f"; the disparities beside them are {float(around.min()):g} px or more"
         verdict.add_pixels("disparity", name, "is inf", infinite, least)
 
 
-def _count_beyond(frame: StoredFrame, channel: Channel[Any], eye: Eye) -> int:
+def count_beyond(frame: StoredFrame, channel: Channel[Any], eye: Eye) -> int:
     """Return the number of a view's values that were beyond the encoding, as the provenance counts them."""
     counts = frame.provenance.get(channel.beyond_key)
     limited = isfinite(frame.encodings.codec(channel.codec).limit_px)
@@ -203,7 +195,7 @@ def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:
         verdict.add("calib", f"ndisp {calibration.ndisp} is below the largest disparity, {largest:g} px")
 
 
-def _check_depth(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+def check_depth(frame: StoredFrame, eye: Eye, _: Allowed, verdict: Verdict) -> None:
     """Check a view's depth, if any, against Z = f B / (d + doffs), up to the rounding of float32 and the encoding."""
     view, camera = frame.view(eye), frame.camera
     disparity, depth = view.get("disparity"), view.get("depth")
@@ -224,7 +216,7 @@ def _check_depth(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     verdict.add_pixels("depth", f"depth_{eye}", "is not that of the disparity", wrong, values)
 
 
-def _check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+def check_instances(frame: StoredFrame, eye: Eye, _: Allowed, verdict: Verdict) -> None:
     """Check that instance ids are row numbers, from 1, of pair.json's ``instances``, and 0 only without a disparity."""
     view, name, rows = frame.view(eye), f"instances_{eye}", frame.provenance.get("instances")
     ids, disparity = view.get("instances"), view.get("disparity")
@@ -238,7 +230,7 @@ def _check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     verdict.add_pixels("instances", name, "is 0 in spite of a disparity", (ids == 0) & np.isfinite(disparity))
 
 
-def check_normals(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+def check_normals(frame: StoredFrame, eye: Eye, _: Allowed, verdict: Verdict) -> None:
     """Check that a view's normals are unit vectors towards the eye, and 0 exactly where nothing is seen.
 
     A disparity, a depth, an instance id or the sky's mask shows that something is seen. Their absence shows that
@@ -251,9 +243,9 @@ def check_normals(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     seen = np.isfinite(disparity)
     seen |= False if depth is None else np.isfinite(depth)
     seen |= False if ids is None else ids > 0
-    beyond, sky = _count_beyond(frame, View.disparity, eye), frame.sky(eye)
+    beyond, sky = count_beyond(frame, View.disparity, eye), frame.sky(eye)
     seen |= False if sky is None else sky
-    always_disparity = _always_valid(frame) and camera.focal_baseline > 0 and beyond == 0
+    always_disparity = always_valid(frame) and camera.focal_baseline > 0 and beyond == 0
     nothing_known = sky is not None and (depth is not None or ids is not None or always_disparity)
     zero = all_components(normals == 0)
     verdict.add_pixels("normals", name, "is 0 though something is seen", seen & zero)
@@ -270,105 +262,7 @@ def check_normals(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     verdict.add_pixels("normals", name, "points away from the eye", away)
 
 
-def has_flow(flow: NDArray[np.float32]) -> Where:
-    """Return where both components of flow (H, W, 2) are finite, (H, W) bool."""
-    return all_components(np.isfinite(flow))
-
-
-def flow_bound_px(flow: NDArray[np.floating], encoding_px: float | NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the largest error (...) px of finite flow or changes of disparity (..., C) px.
-
-    It is the sum of the renderer's error and the encoding's, ``encoding_px``, which is one number or (...).
-    """
-    return _FLOW_PX + _FLOW_SHARE * np.sqrt(dot(flow, flow)) + encoding_px
-
-
-def _check_flow(frame: StoredFrame, channel: str, eye: Eye, verdict: Verdict) -> None:
-    """Check a view's flow in one direction: no NaN, and both components of a pixel are finite or both are inf.
-
-    Its mask must be `OUTSIDE` exactly where there is no flow, or the flow leads out of the image, and not `VISIBLE` in
-    borders.
-    """
-    view, name = frame.view(eye), f"{channel}_{eye}"
-    flow, mask = view.get(channel), view.get(f"{channel}_visibility")
-    if flow is None:
-        return
-    infinite = np.isposinf(flow)
-    verdict.add_pixels("flow", name, "is NaN or -inf", ~all_components(np.isfinite(flow) | infinite))
-    verdict.add_pixels("flow", name, "is inf in only one component", infinite[..., 0] != infinite[..., 1])
-    missing = int((~has_flow(flow)).sum())
-    beyond = _count_beyond(frame, CHANNELS[channel], eye)
-    if missing < beyond:
-        fault = f"{missing} pixels without flow, the provenance counts {beyond} beyond the encoding"
-        verdict.add("flow", f"{name}: {fault}")
-    verdict.measures[f"{name}_none_share"] = missing / infinite[..., 0].size
-    if mask is not None:
-        name = f"{channel}_visibility_{eye}"
-        _check_outside(name, flow, mask, frame.encodings.flow.error_px, verdict)
-        border, _ = find_flow_borders(frame, eye, channel)
-        verdict.add_pixels("flow-mask", name, "is 255 though a border hides the point", border & (mask == VISIBLE))
-
-
-def _check_outside(
-    name: str, flow: NDArray[np.float32], mask: NDArray[np.uint8], encoding_px: float, verdict: Verdict
-) -> None:
-    check_mask_values("flow-mask", name, mask, verdict)
-    known = has_flow(flow)
-    verdict.add_pixels("flow-mask", name, "is not 0 without flow", ~known & (mask != OUTSIDE))
-    flow = np.where(known[..., None], flow, 0)
-    x, y = ends(flow)
-    within, margin = inside_px(x, y), flow_bound_px(flow, encoding_px)
-
-    def goal(at: tuple[int, int]) -> str:
-        return f", which has {mask[at]} and goes to ({x[at]:.6g}, {y[at]:.6g})"
-
-    wrong = known & (within > margin) & (mask == OUTSIDE)
-    verdict.add_pixels("flow-mask", name, "is 0 for flow into the image", wrong, goal)
-    wrong = known & (within < -margin) & (mask != OUTSIDE)
-    verdict.add_pixels("flow-mask", name, "is neither 0 nor 128 for flow out of the image", wrong, goal)
-
-
-def check_change(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict: Verdict) -> None:
-    """Check a view's change of disparity.
-
-    It must be finite exactly where disparity and flow are, and lead to a disparity that rig and config allow.
-    """
-    view = frame.view(eye)
-    change, disparity, flow = view.get("disparity_change"), view.get("disparity"), view.get("flow")
-    if change is None or disparity is None:
-        return
-    name = f"disparity_change_{eye}"
-    finite, infinite = np.isfinite(change), np.isposinf(change)
-    verdict.add_pixels("change", name, "is NaN or -inf", ~(finite | infinite))
-    known = finite & np.isfinite(disparity)
-    verdict.add_pixels("change", name, "is finite without a disparity", finite & ~known)
-    later = disparity.astype(np.float64) + change
-    bound = flow_bound_px(np.where(finite, later, 0)[..., None], frame.rounding_px(disparity))
-    least_px = -frame.camera.doffs_px if frame.encodings.signed else 0.0
-    impossible = known & ((later < least_px - bound) | (later > (inf if largest_px is None else largest_px) + bound))
-
-    def step(at: tuple[int, int]) -> str:
-        return f", which goes from {disparity[at]:g} to {later[at]:g} px"
-
-    verdict.add_pixels("change", name, "leads to an impossible disparity", impossible, step)
-    if flow is None:
-        return
-    lost, perhaps_lost = find_lost_change(frame, eye)
-    verdict.add_pixels("change", name, "is finite though a border hides the point at a frame", finite & lost)
-    flows = has_flow(flow)
-    beyond = _count_beyond(frame, View.flow, eye)
-    if int((known & ~flows).sum()) > beyond:
-        detail = f"; the provenance counts {beyond} with flow beyond the encoding"
-        verdict.add_pixels("change", name, "is finite without flow", known & ~flows, detail)
-    missing = np.isfinite(disparity) & flows & infinite & ~perhaps_lost
-    if missing.any():
-        # A disparity leaves the valid range only through 0, and only if doffs is positive or the right camera deviates.
-        around = later[_neighbours(missing) & known]
-        if _always_valid(frame) or (around.size and float(around.min()) > _LAST_VALID_PX):
-            verdict.add_pixels("change", name, "is inf in spite of disparity and flow", missing)
-
-
-def _neighbours(where: Where) -> Where:
+def neighbours(where: Where) -> Where:
     """Return the pixels that are neighbours, in row or column, of pixels that are True; both arrays are (H, W)."""
     beside = np.zeros_like(where)
     beside[1:] |= where[:-1]

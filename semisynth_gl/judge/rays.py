@@ -14,13 +14,13 @@ from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.channels import SKY
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.judge.findings import Verdict, format_vector
+from semisynth_gl.judge.flow import OPPOSITE, flow_bound_px
+from semisynth_gl.judge.lens import find_lost_change
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
 from semisynth_gl.seeds.splits import SplitName
-from semisynth_gl.verification.lens import find_lost_change
-from semisynth_gl.verification.single_view import OPPOSITE, flow_bound_px
-from semisynth_gl.verification.verdict import Verdict, format_vector
 
 Values = NDArray[np.float64]
 RayValues = Mapping[str, Values]
@@ -49,13 +49,14 @@ _SCALES = {"normals": (degrees(1), "degrees", ""), "sky": (1.0, "", "")}
 _MOTIONS = {"flow": (+1, ("flow", "disparity_change")), "flow_backward": (-1, ("flow_backward",))}
 
 
-class OracleCheck:
-    """Judges the pairs of a split by float64 rays through their scenes.
+class RayJudge:
+    """Judges the pairs of a split by float64 rays through ``pixels`` pixels of each.
 
     The constructor raises InputError where the scenes cannot be sampled again.
     """
 
-    def __init__(self, index: StoredIndex, split: SplitName) -> None:
+    def __init__(self, index: StoredIndex, split: SplitName, pixels: int) -> None:
+        self._pixels = pixels
         try:
             self._scenes = RebuiltScenes(index, split)
         except InputError as error:
@@ -63,7 +64,7 @@ class OracleCheck:
                 f"{error}. Rays need the scenes; verify without them to see what else is wrong with the dataset"
             ) from None
 
-    def check(self, frame: StoredFrame, pixels: int, verdict: Verdict) -> None:
+    def check(self, frame: StoredFrame, verdict: Verdict) -> None:
         """Compare a pair's truth with rays through random pixels, half of them in each view with a disparity."""
         sampled = self._scenes.sampled(frame)
         if sampled is None:
@@ -79,8 +80,8 @@ class OracleCheck:
             if "disparity" not in frame.view(eye):
                 continue
             height, width = frame.view(eye)["disparity"].shape
-            x = rng.integers(0, width, -(-pixels // 2)).astype(np.float64)
-            y = rng.integers(0, height, -(-pixels // 2)).astype(np.float64)
+            x = rng.integers(0, width, -(-self._pixels // 2)).astype(np.float64)
+            y = rng.integers(0, height, -(-self._pixels // 2)).astype(np.float64)
             cast = partial(self._cast, sampled, eye, frame)
             beside = partial(oracle.normals_beside, sampled.scene, self._scenes.models, eye)
             _compare(frame, eye, (x, y), motions, cast, beside, verdict)

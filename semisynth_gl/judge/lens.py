@@ -7,10 +7,10 @@ from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.channels import OUTSIDE, VISIBLE, View
 from semisynth_gl.frame.raw_camera import RawCamera, pinhole_of
+from semisynth_gl.judge.findings import Verdict
 from semisynth_gl.lens.borders import bordered, valid_at
-from semisynth_gl.verification.verdict import Verdict
 
-# Bounds; docs/verify.md derives them.
+# Bounds; docs/verify.md has them.
 _BORDER_PX = 0.01
 """Pixels whose place in the raw image is nearer to its border than this are not judged."""
 _MAP_PX = 1e-3
@@ -56,7 +56,7 @@ def find_lost_change(frame: StoredFrame, eye: Eye) -> tuple[NDArray[np.bool_], N
     return find_flow_borders(frame, eye, "flow")
 
 
-def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+def check_lens(frame: StoredFrame, eye: Eye, _: object, verdict: Verdict) -> None:
     """Check a view's ``valid``, ``raw_map`` and ``raw``, where it has them, by the lens of the pair's provenance.
 
     The mask and the map must be where the lens leads into the raw image, and the image must be what a bilinear filter

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
-from semisynth_gl.verification.agreement import UNCERTAIN, Agreement, Points, check_mask_agreement, most_share
-from semisynth_gl.verification.photometry import check_images
-from semisynth_gl.verification.verdict import Verdict
-from semisynth_gl.verification.view_consistency import match_views, one_surface
+from semisynth_gl.judge.agreement import UNCERTAIN, Agreement, Points, check_mask_agreement, follow, most_share
+from semisynth_gl.judge.findings import Verdict
+from semisynth_gl.judge.images import check_images
 
 LIMITS = {"outside": OUTSIDE, "occluded": OCCLUDED, "visible": VISIBLE}
 
@@ -20,7 +19,7 @@ def mask_findings(label, pixels, wrong):
     mask = expected.copy()
     mask[:wrong] = other
     verdict = Verdict("a")
-    check_mask_agreement("mask", "visibility_right", "visibility_right", mask, expected, "the disparities", verdict)
+    check_mask_agreement("mask", "visibility_right", mask, expected, "the disparities", verdict)
     return [finding.message for finding in verdict.findings]
 
 
@@ -49,7 +48,7 @@ def test_of_all_certain_pixels_one_in_two_hundred_may_be_wrong():
         mask[50_000 - wrong // 2 : 50_000 + wrong // 2] ^= VISIBLE ^ OCCLUDED
         mask[100_000:] = OUTSIDE
         verdict = Verdict("a")
-        check_mask_agreement("mask", "name", "name", mask, expected, "the disparities", verdict)
+        check_mask_agreement("mask", "name", mask, expected, "the disparities", verdict)
         assert len(verdict.findings) == found
         assert verdict.measures["name_disagree_share"] == wrong / 100_000
 
@@ -68,32 +67,18 @@ def test_outliers_are_judged_in_any_number_of_pixels(pixels, most):
         assert len(verdict.findings) == found, outliers
 
 
-def facing_wall(disparity_px, off_px=0.0, phase=0.3):
-    """The verdict on a pair of a wall that faces the camera, of one texel per pixel, with another disparity stored.
-
-    Drivers interpolate between texels, each at its place between two pixels: here at one place for all pixels.
-    """
-    height, width = 60, 200
-    rough = np.random.default_rng(0).uniform(0, 255, (height, width + 50))
-    texels = sum(np.roll(rough, shift, (0, 1)) for shift in ((0, 0), (0, 1), (1, 0), (1, 1))) / 4
-
-    def seen(shift):
-        u = np.arange(width) + shift
-        left, fraction = np.floor(u).astype(int), u % 1
-        return (texels[:, left] * (1 - fraction) + texels[:, left + 1] * fraction).round().astype(np.uint8)
-
-    stored = np.full((height, width), disparity_px + off_px, np.float32)
-    match = match_views(stored, stored, -1)
-    verdict = Verdict("a")
-    check_images(seen(phase), seen(phase + disparity_px), match, one_surface(match, match.inside), verdict)
-    return verdict
+def waves(phase_px, noise=0.0, shape=(100, 200)):
+    y, x = np.indices(shape)
+    levels = 128 + 60 * np.sin(0.45 * (x + phase_px) + 0.1 * y)
+    return np.rint((levels + np.random.default_rng(0).normal(0, noise, shape)).clip(0, 255)).astype(np.uint8)
 
 
-@pytest.mark.parametrize("disparity_px", [4.1, 4.3, 4.7])
-@pytest.mark.parametrize("phase", [0.2, 0.3, 0.5, 0.7])
-def test_interpolation_moves_a_facing_wall_and_that_is_no_fault(disparity_px, phase):
-    verdict = facing_wall(disparity_px, phase=phase)
-    assert 0.01 < abs(verdict.measures["best_shift_px"]) < 0.1
-    assert verdict.findings == []
-    found = facing_wall(disparity_px, 0.5, phase).findings
-    assert any(finding.check == "images" for finding in found)
+@pytest.mark.parametrize("noise", [0, 5, 10])
+@pytest.mark.parametrize("off_px", [0, 0.5, -0.5, 1])
+@pytest.mark.parametrize("disparity_px", [4.0, 4.3, 4.5])
+def test_images_that_fit_half_a_pixel_aside_are_found(noise, off_px, disparity_px):
+    way = np.stack([np.full((100, 200), -disparity_px), np.zeros((100, 200))], axis=2)
+    points, verdict = follow(way, on_rows=True), Verdict("a")
+    images = waves(0, noise), waves(disparity_px + off_px, noise)
+    check_images("images", "name", "", images, points, verdict, imperfect=noise > 0)
+    assert bool(verdict.findings) == bool(off_px)

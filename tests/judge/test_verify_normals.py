@@ -18,11 +18,11 @@ from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.channels import View
+from semisynth_gl.judge.findings import Verdict
+from semisynth_gl.judge.rays import RayJudge
+from semisynth_gl.judge.single_view import Allowed, check_normals
+from semisynth_gl.judge.verify import verify_dataset
 from semisynth_gl.layouts import layout_names
-from semisynth_gl.verification.dataset import verify_dataset
-from semisynth_gl.verification.oracle_check import OracleCheck
-from semisynth_gl.verification.single_view import check_normals
-from semisynth_gl.verification.verdict import Verdict
 
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 OUTPUTS = ("normals", "visibility", "instances", "depth")
@@ -131,9 +131,10 @@ def count_wrong(models, scene, frame, normals, pixels):
     stored = StoredFrame(
         frame.camera, frame.left.with_channels({"normals": normals}), View({"image": frame.right.image})
     )
-    check, verdict = object.__new__(OracleCheck), Verdict("pair")
+    check, verdict = object.__new__(RayJudge), Verdict("pair")
     check._scenes = SimpleNamespace(sampled=lambda _: SimpleNamespace(scene=scene), models=models, seed=0)
-    check.check(stored, pixels, verdict)
+    check._pixels = pixels
+    check.check(stored, verdict)
     found = [finding.message for finding in verdict.findings if finding.message.startswith("normals_left: ")]
     return sum(int(message.split()[1]) for message in found)
 
@@ -190,6 +191,6 @@ def test_normals_are_zero_where_nothing_is_seen(doffs_px, limited, values, fault
     provenance = {"disparity_beyond": {"left": 1}} if limited else {}
     frame = StoredFrame(camera, View(view), View({}), provenance=provenance, encodings=encodings)
     verdict = Verdict("pair")
-    check_normals(frame, "left", verdict)
+    check_normals(frame, "left", Allowed(), verdict)
     wanted = [] if fault is None else [f"normals_left {fault}, the first at (2, 1)"]
     assert [finding.message for finding in verdict.findings] == wanted

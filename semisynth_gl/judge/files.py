@@ -16,7 +16,7 @@ from semisynth_gl.dataset.reader import StoredIndex, read_members, read_record
 from semisynth_gl.dataset.root import is_local, read_whole
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file, wrong_sizes
 from semisynth_gl.inputs.errors import ReadError, counted
-from semisynth_gl.verification.verdict import Verdict
+from semisynth_gl.judge.findings import Verdict
 
 _ABOUT = frozenset({INDEX, PLAN, CARD})
 _SHOWN = 20

@@ -1,4 +1,4 @@
-"""Verdicts: the faults that checks report as findings, and the measures behind them."""
+"""Findings: the faults that checks report, and the numbers that they measure."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,0 +1,1 @@
+"""Judges of datasets and predictions: `verify`, `report` and `evaluate`."""

@@ -1,1 +1,0 @@
-"""Checks of a dataset's files, which report faults as findings. docs/verify.md derives the bounds."""
