@@ -2,8 +2,6 @@
 
 from semisynth_gl.calibration.calibrate import Calibration as Calibration
 from semisynth_gl.calibration.calibrate import calibrate as calibrate
-from semisynth_gl.comparison.compare import Comparison as Comparison
-from semisynth_gl.comparison.compare import compare as compare
 from semisynth_gl.config import Config as Config
 from semisynth_gl.config import load_config as load_config
 from semisynth_gl.dataset.generate import GenerationResult as GenerationResult
@@ -21,6 +19,8 @@ from semisynth_gl.geometry.model_units import make_model as make_model
 from semisynth_gl.inputs.errors import BackendError as BackendError
 from semisynth_gl.inputs.errors import InputError as InputError
 from semisynth_gl.inputs.errors import SemisynthError as SemisynthError
+from semisynth_gl.judge.report import Report as Report
+from semisynth_gl.judge.report import report as report
 from semisynth_gl.judge.verify import Verification as Verification
 from semisynth_gl.judge.verify import verify as verify
 from semisynth_gl.metrics.evaluate import evaluate as evaluate
@@ -30,8 +30,6 @@ from semisynth_gl.pairs.pipeline import Pair as Pair
 from semisynth_gl.pairs.pipeline import PairRenderer as PairRenderer
 from semisynth_gl.pairs.pipeline import render_pair as render_pair
 from semisynth_gl.render.renderer import Renderer as Renderer
-from semisynth_gl.reporting.build import Report as Report
-from semisynth_gl.reporting.build import report as report
 from semisynth_gl.scene.scene import Motion as Motion
 from semisynth_gl.scene.scene import Projector as Projector
 from semisynth_gl.scene.scene import Scene as Scene

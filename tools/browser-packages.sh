@@ -1,5 +1,5 @@
 #!/bin/sh
-# Bring Chromium and its driver, in which tests/reporting/test_report.py opens the page that `semisynth-gl report` writes.
+# Bring Chromium and its driver, in which tests/judge/test_report.py opens the page that `semisynth-gl report` writes.
 #
 # Does nothing where both are here. Otherwise it installs Debian's packages if it may (as root, or with a sudo that asks
 # for no password); if it may not, it says what to type. It never fails: without a browser those tests are skipped,

@@ -16,11 +16,11 @@ from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.trial import fit
 from semisynth_gl.calibration.write import write
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.comparison.measured_view import working_width
-from semisynth_gl.comparison.place import find_place
-from semisynth_gl.comparison.sides import measure_place
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.frame.camera import StereoCamera
+from semisynth_gl.judge.comparison import measure_place
+from semisynth_gl.judge.measured_view import working_width
+from semisynth_gl.judge.place import find_place
 from semisynth_gl.listener import Listener
 from semisynth_gl.textures.image_files import find_images
 

@@ -19,10 +19,6 @@ from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.calibration.summary import baseline_note, raw_note, rig_summary, style_summary, view_note
 from semisynth_gl.calibration.write import make_config, suited_layout, write
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.comparison.maps import map_files, one_of_each_scene
-from semisynth_gl.comparison.measured_view import working_width
-from semisynth_gl.comparison.place import find_place, left_out
-from semisynth_gl.comparison.sides import MeasuredPlace, measure_place
 from semisynth_gl.config import Config
 from semisynth_gl.config.load import Overrides
 from semisynth_gl.frame.camera import Eye
@@ -30,6 +26,9 @@ from semisynth_gl.histogram import total_variation
 from semisynth_gl.inputs.arguments import LEAST, to_real, to_whole
 from semisynth_gl.inputs.errors import BackendError, InputError, counted, shown
 from semisynth_gl.inputs.user_files import Files, expanded, names_of
+from semisynth_gl.judge.comparison import MeasuredPlace, measure_place
+from semisynth_gl.judge.measured_view import working_width
+from semisynth_gl.judge.place import find_place, left_out, map_files, one_of_each_scene
 from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.listener import Listener
 from semisynth_gl.seeds.splits import Split

@@ -12,9 +12,9 @@ from semisynth_gl.calibration.arrays import Size
 from semisynth_gl.calibration.rig import Rig, median_size
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.comparison.maps import disparity_of_depths
 from semisynth_gl.histogram import Histogram, PixelCount
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.judge.place import disparity_of_depths
 
 # Width of the fine bins: narrow enough for quantiles, and a divisor of all bins of round width from 1 px on.
 _FINE_PX = 1 / 16

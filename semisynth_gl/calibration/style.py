@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.calibration.recipes import SceneRecipe
-from semisynth_gl.comparison.changes import moved_by
-from semisynth_gl.comparison.measures import MEASURES, Measure
-from semisynth_gl.comparison.sides import Side
 from semisynth_gl.inputs.errors import counted
+from semisynth_gl.judge.advice import moved_by
+from semisynth_gl.judge.comparison import Side
+from semisynth_gl.judge.measures import MEASURES, Measure
 
 # Tried values of textures.texels_per_pixel, imperfections.blur_px (in pixels at the working width) and
 # imperfections.exposure_stops.
@@ -118,7 +118,7 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur
 
     The weights of recipes are chosen by the distributions of the measures of disparity maps that recipes change, and by
     the wanted disparities, since no recipe can remove pixels that a mix has too many of. Texture scale, blur and
-    exposure are chosen by the means of the measures that they change; see `semisynth_gl.comparison.changes`.
+    exposure are chosen by the means of the measures that they change; see `semisynth_gl.judge.advice`.
 
     Args:
         recipes: the R recipes to mix, in the order of ``trial``; the last one is clutter.

@@ -9,9 +9,9 @@ from semisynth_gl.calibration.draft import Draft
 from semisynth_gl.calibration.photographs import impossible_splits
 from semisynth_gl.calibration.stereo_rectify import WIDEST_FISHEYE_DEG
 from semisynth_gl.calibration.style import Style
-from semisynth_gl.comparison.sides import MeasuredPlace
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.inputs.errors import counted
+from semisynth_gl.judge.comparison import MeasuredPlace
 from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.textures.crop_report import TextureReport
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from semisynth_gl.calibration.draft import Draft
 from semisynth_gl.calibration.style import BLURS, EXPOSURES, TEXELS, Trial, fitted_style, untried_style
 from semisynth_gl.calibration.write import config_values
-from semisynth_gl.comparison.measured_view import MeasuredView, make_view, working_width
-from semisynth_gl.comparison.measures import MEASURES
-from semisynth_gl.comparison.sides import Side
 from semisynth_gl.config.load import parse_values
+from semisynth_gl.judge.comparison import Side
+from semisynth_gl.judge.measured_view import MeasuredView, make_view, working_width
+from semisynth_gl.judge.measures import MEASURES
 from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer

@@ -15,7 +15,7 @@ from semisynth_gl.inputs.errors import SemisynthError, did_you_mean, near
 _REFUSED = 2
 
 _COMMANDS = (
-    *("bench", "calibrate", "compare", "configs", "doctor"),
+    *("bench", "calibrate", "configs", "doctor"),
     *("evaluate", "generate", "preview", "report", "verify"),
 )
 

@@ -200,4 +200,4 @@ def calibrate(
     say(f"wrote {out}; next:")
     say(f"  semisynth-gl preview --config {config}")
     say(f"  semisynth-gl generate --config {config} --out {data} --pairs {_PROPOSED_PAIRS}")
-    say(f"  semisynth-gl compare {data} {' '.join(sources)}")
+    say(f"  semisynth-gl report {data} {' '.join(sources)}")

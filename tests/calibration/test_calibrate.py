@@ -40,15 +40,15 @@ from semisynth_gl.calibration.write import make_config
 from semisynth_gl.calibration.write import write as write_draft
 from semisynth_gl.cli import main
 from semisynth_gl.codecs.pfm import PFM
-from semisynth_gl.comparison.maps import map_files, read_map
-from semisynth_gl.comparison.measures import MEASURES
-from semisynth_gl.comparison.sides import Side
 from semisynth_gl.config import Range, load_config
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.raw_camera import RawCamera
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation
 from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
+from semisynth_gl.judge.comparison import Side
+from semisynth_gl.judge.measures import MEASURES
+from semisynth_gl.judge.place import map_files, read_map
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sources import prepare_sources
 from semisynth_gl.seeds.splits import Split
@@ -257,7 +257,7 @@ def side(**values):
     found = {measure.key: np.zeros(0) for measure in MEASURES}
     for key, (mean, deviation) in values.items():
         found[key] = mean + deviation * np.sqrt(5 / 6) * np.array([-1.0, 1.0] * 3)
-    return Side(found, {})
+    return Side(found)
 
 
 def trial(recipes, shares=((0.0,),), wanted=(1.0,), **values):
@@ -287,7 +287,7 @@ def test_a_place_that_is_a_mix_gets_its_weights(weights):
     tried = trial(3, **{key: of_recipes(*values) for key, values in shown.items()})
     # Twenty pictures, as many of each recipe's sort as it has twentieths.
     pictures = np.repeat(np.arange(3), np.rint(20 * np.array(weights)).astype(int))
-    there = Side({measure.key: np.zeros(0) for measure in MEASURES}, {})
+    there = Side({measure.key: np.zeros(0) for measure in MEASURES})
     there.values.update({key: np.array(values)[pictures] for key, values in shown.items()})
     style = fitted_style(RECIPES, tried, there, 1.0)
     assert dict(zip((recipe.name for recipe in style.recipes), style.weights, strict=True)) == pytest.approx(

@@ -10,10 +10,10 @@ from semisynth_gl.calibration.disparity_range import chosen_range
 from semisynth_gl.calibration.draft import Draft
 from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.style import BLURS, EXPOSURES, TEXELS
-from semisynth_gl.comparison.measures import MEASURES
-from semisynth_gl.comparison.sides import Side
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.histogram import Histogram
+from semisynth_gl.judge.comparison import Side
+from semisynth_gl.judge.measures import MEASURES
 from semisynth_gl.listener import Listener
 
 
@@ -55,7 +55,7 @@ def test_each_pair_counts_for_its_recipe_and_texture_scale(monkeypatch):
     heard = []
     listener = Listener()
     monkeypatch.setattr(listener, "on_total", heard.append)
-    trial.fit(draft, Side({}, {}), 4, listener)
+    trial.fit(draft, Side({}), 4, listener)
     [result] = found
     cells = len(draft.recipes) * len(TEXELS)
     assert heard == [result.pairs] == [4 * cells]

@@ -23,7 +23,7 @@ SMALL = "--set camera.width_px=64 --set camera.height_px=48 --set models.variant
 COMMANDS = {
     "verify set --json": ".json",
     "evaluate --pred pred --gt gt --json": ".json",
-    "compare set --images photos --out": ".png",
+    "report set --images photos --pairs 0 --json": ".json",
     f"preview --config sceneflow --images photos --pairs 1 {SMALL} --ply": ".ply",
     "report set --pairs 1 --out": ".html",
     f"calibrate --images photos {PLAIN} --out": ".yaml",

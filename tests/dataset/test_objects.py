@@ -1,4 +1,4 @@
-"""Objects: instances that move. KITTI's map of objects and the report take them from one definition."""
+"""Objects: instances that move. KITTI's map of objects and rebuilt scenes take them from one definition."""
 
 import json
 
@@ -11,7 +11,6 @@ from tiny_datasets import lean
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.dataset.rebuild import RebuiltScenes
-from semisynth_gl.reporting.rays import RayCaster
 from semisynth_gl.scene.structures import STILL_MODELS
 
 # Panels of the particles' own size, flat and curved, before a ground.
@@ -45,16 +44,10 @@ def test_neither_ground_nor_panels_are_objects_in_kittis_map(dataset):
     assert shown[False]
 
 
-def test_the_report_measures_the_same_objects(dataset):
+def test_rebuilt_scenes_have_the_same_objects(dataset):
     index, pairs = read_index(dataset), open_dataset(dataset)
     scenes = RebuiltScenes(index, "train")
     for pair in pairs:
         rebuilt = scenes.sampled(pair)
         table = pair.provenance["instances"]
         np.testing.assert_array_equal(rebuilt.still, [row["still"] for row in table])
-        y, x = (axis.ravel() for axis in np.mgrid[0 : pair.camera.height_px : 3, 0 : pair.camera.width_px : 3])
-        rays = RayCaster(index).cast(pair, x, y)
-        seen = np.unique(pair.left.instances[y, x])
-        objects = [number for number in seen if number and not table[number - 1]["still"]]
-        # A ray that does not agree with its pixel may leave out an instance of a single pixel.
-        assert 0 < len(rays.diameter_px) <= len(objects)

@@ -13,8 +13,6 @@ from tiny_datasets import EYE, LENS, cheap, with_lens
 
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8
-from semisynth_gl.comparison.measured_view import make_view
-from semisynth_gl.comparison.measures import MEASURES
 from semisynth_gl.config import load_config
 from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.config.rig_sections import CameraSection, LensSection
@@ -25,6 +23,8 @@ from semisynth_gl.frame.channels import OCCLUDED, VISIBLE
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.frame.raw_camera import RawCamera, pinhole_of, rotation_of
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.judge.measured_view import make_view
+from semisynth_gl.judge.measures import MEASURES
 from semisynth_gl.lens.borders import bordered
 from semisynth_gl.lens.chain import LensChain, scaled_camera
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair

@@ -19,8 +19,6 @@ from tiny_datasets import cheap, findings
 from semisynth_gl.codecs import IMAGE_CODECS, Encodings
 from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.png import GREY8, RGB8, ThreeEqual
-from semisynth_gl.comparison.measured_view import mean_luminance
-from semisynth_gl.comparison.sides import frame_view
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset
@@ -28,13 +26,15 @@ from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.channels import View
 from semisynth_gl.frame.frame import Frame, as_rgb
 from semisynth_gl.inputs.errors import InputError, ReadError
+from semisynth_gl.judge.comparison import frame_view
+from semisynth_gl.judge.contact_sheet import draw_sheet
+from semisynth_gl.judge.measured_view import mean_luminance
+from semisynth_gl.judge.pictures import make_picture
 from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.layouts.roles import expose
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.backends import is_software
-from semisynth_gl.reporting.contact_sheet import draw_sheet
-from semisynth_gl.reporting.pictures import make_picture
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.textures.atlas import to_grey
 from semisynth_gl.textures.crops import least_texture, texture_measure
@@ -308,11 +308,11 @@ def test_a_dataset_is_the_luminance_of_the_coloured_one(dataset):
     assert kept == [patch.described() for patch in patches.patches]
 
 
-def test_verify_report_compare_and_preview_take_grey_datasets(dataset):
+def test_verify_report_and_preview_take_grey_datasets(dataset):
     assert findings(dataset, rays=200) == []
     frame = open_dataset(dataset)[0]
     embedded = make_picture(frame, 1)
-    shown = np.asarray(Image.open(io.BytesIO(b64decode(embedded.left))).convert("L"))
+    shown = np.asarray(Image.open(io.BytesIO(b64decode(embedded.texts["left"]))).convert("L"))
     assert np.abs(shown.astype(int) - frame.left.image).mean() < 3
     measured, of_three = (mean_luminance(image, (24, 32)) for image in (frame.left.image, as_rgb(frame.left.image)))
     np.testing.assert_allclose(measured, of_three, rtol=1e-6)

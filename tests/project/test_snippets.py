@@ -81,7 +81,7 @@ def scene(folder, path):
 
 
 PRESUMED = {
-    "compare": lambda folder: (
+    "report": lambda folder: (
         photographs(folder, "rooms"),
         scene(folder, "scenes/chair"),
         scene(folder, "scenes/table"),

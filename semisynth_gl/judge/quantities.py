@@ -18,7 +18,6 @@ HIGH_JUMP_PX = 2.0
 SLANT_SPAN_PX = 16
 """Distance over which the slant of a surface is measured: in maps that are rounded to 1/2 px, 1 px is too short."""
 
-_NEAR_PX = 5
 _CONTRAST_SIDE = 9
 _OCTAVES = 5
 # Columns on each side of a border: the first two may be mixed from both surfaces, the next three tell their levels.
@@ -50,50 +49,6 @@ def run_lengths(surfaces: NDArray[np.float32]) -> NDArray[np.int64]:
     ends = np.ones((height, width), np.bool_)
     ends[:, :-1] = jumps(surfaces, 1)
     return np.diff(np.flatnonzero(ends), prepend=-1)
-
-
-def region_sizes(surfaces: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Return the number of pixels of each region, (R,); a region's pixels are connected by steps without a jump."""
-    lengths = run_lengths(surfaces)
-    run = np.repeat(np.arange(len(lengths)), lengths).reshape(surfaces.shape)
-    upper, lower = run[:-1], run[1:]
-    touching = ~jumps(surfaces, 0)
-    # Two runs touch in many columns, of which one is enough.
-    touching[:, 1:] &= (np.diff(upper, axis=1) + np.diff(lower, axis=1) > 0) | ~touching[:, :-1]
-    first, second = upper[touching], lower[touching]
-    # Of two regions that touch, the one with the higher number joins the other, until no two regions touch.
-    region = np.arange(len(lengths))
-    while len(first):
-        np.minimum.at(region, np.maximum(first, second), np.minimum(first, second))
-        while not np.array_equal(region, joined := region[region]):
-            region = joined
-        first, second = region[first], region[second]
-        apart = first != second
-        first, second = first[apart], second[apart]
-    sizes = np.bincount(region, lengths).astype(np.int64)
-    return sizes[sizes > 0]
-
-
-def near_jumps(surfaces: NDArray[np.float32]) -> Mask:
-    """Return the pixels near a high jump, (H, W) bool: five on each side.
-
-    These are the two pixels of the jump, and all pixels at most four rows and four columns from one of them.
-    """
-    near = np.zeros(surfaces.shape, np.bool_)
-    for axis in (0, 1):
-        there = jumps(surfaces, axis, HIGH_JUMP_PX)
-        first, second = _shifted(near, axis, 1)
-        first |= there
-        second |= there
-    for axis in (0, 1):
-        reached = near.copy()
-        for step in range(1, _NEAR_PX):
-            before, after = _shifted(reached, axis, step)
-            from_before, from_after = _shifted(near, axis, step)
-            after |= from_before
-            before |= from_after
-        near = reached
-    return near
 
 
 def hidden(disparity: NDArray[np.float32]) -> Mask:

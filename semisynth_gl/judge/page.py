@@ -7,29 +7,20 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib import colormaps
-from numpy.typing import NDArray
 
 from semisynth_gl.dataset.documents import SplitSources
 from semisynth_gl.dataset.reader import StoredIndex
 from semisynth_gl.histogram import Histogram, total_variation, wasserstein_px
 from semisynth_gl.inputs.resources import data_root
 from semisynth_gl.inputs.templates import template_environment
-from semisynth_gl.reporting.measure import QUANTITIES, RAYS, Measurement, Outlier, PairMeasures
-from semisynth_gl.reporting.pictures import JPEG_QUALITY, EncodedPair
-from semisynth_gl.reporting.plots import COLOUR_MAP, Bars, count_bars, draw_histogram
-from semisynth_gl.reporting.redraws import PairKey, Redraws
+from semisynth_gl.judge.comparison import Comparison
+from semisynth_gl.judge.measured_pairs import QUANTITIES, Measurement, Outlier, PairKey, PairMeasures, Redraws
+from semisynth_gl.judge.pictures import BEYOND, HIDDEN, JPEG_QUALITY, NO_DISPARITY, EncodedPair
+from semisynth_gl.judge.plots import Bars, count_bars, draw_histogram
 from semisynth_gl.seeds.splits import SplitName
-
-Values = Mapping[str, Any]
 
 _MOST_REDRAWN = 20
 _DISPARITY_BINS = 72
-
-# Colours of the overlays, RGB. The colour map has no blue, and readers of any colour vision can tell the masks apart.
-_NO_DISPARITY = (64, 96, 192)
-_OCCLUDED = (230, 97, 0)
-_OUTSIDE = (93, 58, 155)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,16 +53,16 @@ class Chart:
 def render_page(
     index: StoredIndex,
     measurement: Measurement,
-    redraws: Redraws,
+    comparison: Comparison | None,
     outliers: Sequence[Outlier],
     shown: Sequence[ShownPair],
 ) -> str:
-    """Return the page of a dataset, or of the split that measurement and redraws are from, as HTML.
+    """Return the page of a dataset, or of the split that the measurement is from, as HTML.
 
     Args:
         index: the dataset's index.
         measurement: the measures of the sample.
-        redraws: the failed attempts of the dataset or split.
+        comparison: the measures beside those of the place; None without a place.
         outliers: the outliers to list.
         shown: the pairs to show.
     """
@@ -79,24 +70,21 @@ def render_page(
     environment = template_environment()
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
     disparity, target = measurement.disparity, measurement.target
-    medians = _finite(pair.median_px for pair in measurement.pairs)
     sources = {} if index.made is None else index.made.split_sources
     configs = [recipe.config.model_dump(mode="json") for recipe in index.plan.config.recipes()]
     return environment.get_template("report.html").render(
         plan=index.plan,
         measurement=measurement,
+        comparison=comparison,
         target_variation=total_variation(target, disparity) if target and disparity else None,
         target_wasserstein_px=wasserstein_px(target, disparity) if target and disparity else None,
-        medians_px=np.percentile(medians, [5, 95]) if medians.size else None,
         charts=_charts(configs, measurement),
-        size_range_px=_size_range_px(configs),
-        texels_range=_config_range(configs, "textures", "texels_per_pixel"),
+        compared_charts=[] if comparison is None else _compared_charts(comparison),
         imperfect=index.imperfect,
-        rays_per_pair=RAYS,
         outliers=[(outlier, _left_file(index, outlier.pair.key)) for outlier in outliers],
         quantities=len(QUANTITIES),
-        redraws=redraws,
-        most_redrawn=_most_redrawn(index, redraws, measurement.pairs),
+        redraws=measurement.redraws,
+        most_redrawn=_most_redrawn(index, measurement.redraws, measurement.pairs),
         sources=sources,
         licences=_licences(sources),
         unused_files=[(split, text) for split, source in sources.items() for text in source.left_out],
@@ -104,14 +92,8 @@ def render_page(
         shown=shown,
         shown_numbers={pair.measures.position: number for number, pair in enumerate(shown)},
         jpeg_quality=JPEG_QUALITY,
-        viewer={
-            "pairs": [_viewed(pair) for pair in shown],
-            # The colours of disparities, from the smallest to the largest.
-            "colours": colormaps[COLOUR_MAP](range(256), bytes=True)[:, :3].tolist(),
-            "none": _NO_DISPARITY,
-            "occluded": _OCCLUDED,
-            "outside": _OUTSIDE,
-        },
+        colours={"hidden": HIDDEN, "beyond": BEYOND, "none": NO_DISPARITY},
+        viewed=[_viewed(pair) for pair in shown],
         style=assets.joinpath("report.css").read_text("utf-8"),
         script=assets.joinpath("report.js").read_text("utf-8"),
     )
@@ -128,6 +110,8 @@ def _viewed(pair: ShownPair) -> dict[str, Any]:
     caption.append(f"texture {measures.texture:.3g} levels")
     if measures.redraws:
         caption.append(f"drawn again {'once' if measures.redraws == 1 else f'{measures.redraws} times'}")
+    if picture.low_px is not None:
+        caption.append(f"colours from {picture.low_px:.1f} to {picture.high_px:.1f} px")
     if pair.reason:
         caption.append(pair.reason)
     return {
@@ -136,49 +120,29 @@ def _viewed(pair: ShownPair) -> dict[str, Any]:
         "width": picture.width_px,
         "height": picture.height_px,
         "step": picture.step,
-        "low": picture.low_px,
-        "high": picture.high_px,
         "focal_baseline": picture.camera.focal_baseline,
         "doffs": picture.camera.doffs_px,
-        "rectified": picture.camera.rectified,
     }
 
 
-def _charts(configs: Sequence[Values], measurement: Measurement) -> dict[str, Chart | None]:
+def _charts(configs: Sequence[Mapping[str, Any]], measurement: Measurement) -> dict[str, Chart | None]:
     """Draw the distributions, by the names under which the template uses them; a chart without values is None."""
-    pairs, rays, disparity = measurement.pairs, measurement.rays, measurement.disparity
+    pairs, disparity = measurement.pairs, measurement.disparity
 
-    def chart(
-        name: str,
-        values: NDArray[np.float64],
-        label: str,
-        *,
-        log: bool = False,
-        limits: tuple[float, float] | None = None,
-        marks: Sequence[tuple[float, str]] = (),
-    ) -> Chart | None:
-        if not values.size:
+    def chart(values: Iterable[float], label: str, marks: Sequence[tuple[float, str]] = ()) -> Chart | None:
+        array = np.array([value for value in values if np.isfinite(value)], np.float64)
+        if not array.size:
             return None
-        svg = draw_histogram(name, count_bars(values, log=log, limits=limits), label, marks=marks)
-        return Chart(svg, *np.percentile(values, [5, 50, 95]))
+        return Chart(draw_histogram(count_bars(array), label, marks=marks), *np.percentile(array, [5, 50, 95]))
 
-    def marks(key: str, ends: Sequence[float]) -> list[tuple[float, str]]:
-        return [(end, f"{key}: {end:g}") for end in ends]
-
-    occluded = np.array([100 * pair.occluded for pair in pairs if pair.occluded is not None], np.float64)
-    texture = np.array([pair.texture for pair in pairs], np.float64)
-    texels = marks("textures.texels_per_pixel", _config_range(configs, "textures", "texels_per_pixel"))
-    least = marks("checks.min_texture", _config_range(configs, "checks", "min_texture"))
-    sizes = marks("particles.size_px", _size_range_px(configs))
+    least = {float(config["checks"]["min_texture"]) for config in configs}
+    marks = [(value, f"checks.min_texture: {value:g}") for value in sorted(least)]
+    occluded = (100 * pair.occluded for pair in pairs if pair.occluded is not None)
     return {
         "disparity": _disparity_chart(disparity, measurement.target) if disparity else None,
-        "median": chart("median", _finite(pair.median_px for pair in pairs), "px"),
-        "depth": chart("depth", measurement.depth_m, "m", log=True),
-        "slant": chart("slant", rays.slant_deg, "degrees", limits=(0.0, 90.0)),
-        "size": chart("size", rays.diameter_px, "px", log=True, marks=sizes),
-        "texels": chart("texels", rays.texels_per_pixel, "texels along the side of a pixel", log=True, marks=texels),
-        "occlusion": chart("occlusion", occluded, "% of the left view's pixels"),
-        "texture": chart("texture", texture, "8-bit levels", marks=least),
+        "median": chart((pair.median_px for pair in pairs), "px"),
+        "occlusion": chart(occluded, "% of the left view's pixels"),
+        "texture": chart((pair.texture for pair in pairs), "8-bit levels", marks),
     }
 
 
@@ -188,40 +152,22 @@ def _disparity_chart(achieved: Histogram, target: Histogram | None) -> Chart:
     low = min(histogram.quantile(1e-4) for histogram in both)
     high = max(histogram.quantile(1 - 1e-4) for histogram in both)
     edges = np.linspace(low, high, _DISPARITY_BINS + 1)
-    bars = Bars(edges, achieved.rebinned(edges).shares)
     outline = None if target is None else target.rebinned(edges).shares
-    svg = draw_histogram("disparity", bars, "disparity, px", outline=outline)
+    svg = draw_histogram(Bars(edges, achieved.rebinned(edges).shares), "disparity, px", outline=outline)
     return Chart(svg, *(achieved.quantile(share) for share in (0.05, 0.5, 0.95)))
 
 
-def _config_range(configs: Sequence[Values], section: str, key: str) -> list[float]:
-    """Return the two ends of a config's range over all recipes, or its only number.
-
-    The result is empty where a recipe has no number for this key.
-    """
-    found = []
-    for config in configs:
-        keys = config.get(section)
-        value = keys.get(key) if isinstance(keys, dict) else None
-        ends = [float(end) for end in (value if isinstance(value, list) else [value]) if isinstance(end, int | float)]
-        if not ends:
-            return []
-        found.append(ends)
-    return found[0] if len(found) == 1 else sorted({min(min(ends) for ends in found), max(max(ends) for ends in found)})
-
-
-def _size_range_px(configs: Sequence[Values]) -> list[float]:
-    """Return the range ``particles.size_px`` over all recipes; [] where a recipe has another key that sizes models."""
-    for config in configs:
-        particles = config.get("particles")
-        if not isinstance(particles, dict) or particles.get("size_m") is not None:
-            return []
-        if particles.get("density", "default") != "default":
-            return []
-        layers = [*(particles.get("layers") or ()), *(particles.get("clutter") or ())]
-        if any(layer.get("size_px") is not None for layer in layers):
-            return []
-    return _config_range(configs, "particles", "size_px")
+def _compared_charts(comparison: Comparison) -> list[tuple[str, str]]:
+    """Return the name and the drawing of each measure that both sides have; the place is the outline."""
+    charts = []
+    for row in comparison.rows:
+        ours, theirs = (side.values[row.measure.key] for side in (comparison.dataset, comparison.place.side))
+        if len(ours) and len(theirs):
+            edges = count_bars(np.concatenate([ours, theirs])).edges
+            outline = count_bars(theirs, edges).shares
+            svg = draw_histogram(count_bars(ours, edges), row.measure.unit, outline=outline)
+            charts.append((row.measure.name, svg))
+    return charts
 
 
 def _left_file(index: StoredIndex, key: PairKey) -> str:
@@ -253,8 +199,3 @@ def _licences(sources: Mapping[SplitName, SplitSources]) -> list[tuple[str, str,
         for kind in ("photographs", "models")
         for licence, count in sorted(Counter(item.licence for item in getattr(source, kind)).items())
     ]
-
-
-def _finite(values: Iterable[float]) -> NDArray[np.float64]:
-    array = np.array(list(values), np.float64)
-    return array[np.isfinite(array)]

@@ -1,16 +1,16 @@
 """The table of changes: which keys of a config raise or lower which measures.
 
-`compare` takes its advice from this table, and `calibrate` sets each key by the measures that the key moves.
+The report takes its advice from this table, and `calibrate` sets each key by the measures that the key moves.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from semisynth_gl.comparison.measures import MEASURES, Measure
+from semisynth_gl.judge.measures import MEASURES, Measure
 
-_BUSY = ("jumps", "near_jumps", "occluded")
-_CALM = ("runs", "regions")
+_BUSY = ("jumps", "occluded")
+_CALM = ("runs",)
 _SHARP = ("octaves", "gradient")
 _KINDS = ("cuboid", "plane", "room", "street")
 
@@ -44,38 +44,37 @@ CHANGES: tuple[Change, ...] = (
     Change(
         "scenes",
         up=(*_BUSY, *_SHARP),
-        down=(*_CALM, "flat", "smooth"),
+        down=(*_CALM, "flat"),
         more="in scenes, give more weight to recipes with many objects",
         less="in scenes, give more weight to recipes with few objects",
     ),
     Change("background.room", up=(*_CALM, "flat"), down=(*_BUSY, *_SHARP), kinds=("room",)),
-    Change("background.street", up=(*_CALM, "flat", "slant", "steep"), down=(*_BUSY, *_SHARP), kinds=("street",)),
+    Change("background.street", up=(*_CALM, "flat", "slant"), down=(*_BUSY, *_SHARP), kinds=("street",)),
     Change("room.furniture", up=(*_BUSY, *_SHARP), down=_CALM, kinds=("room",)),
     Change("room.small", up=(*_BUSY, *_SHARP), down=(*_CALM, "flat"), kinds=("room",)),
     Change("room.pillars", up=("occluded", "disparity", "largest_disparity"), down=_CALM, kinds=("room",)),
     Change("street.tall", up=_BUSY, down=_CALM, kinds=("street",)),
     Change("street.low", up=_BUSY, down=_CALM, kinds=("street",)),
-    Change("street.vehicles", up=("near_jumps", "occluded", "disparity"), down=("slant", "steep"), kinds=("street",)),
+    Change("street.vehicles", up=("occluded", "disparity"), down=("slant",), kinds=("street",)),
     Change("street.houses", up=_CALM, down=_BUSY, kinds=("street",)),
     Change("particles.density", up=(*_BUSY, *_SHARP), down=(*_CALM, "flat")),
     Change("models.complex", up=(*_BUSY, *_SHARP), down=(*_CALM, "flat")),
     Change("particles.size_px", up=(*_CALM, "flat"), down=(*_BUSY, *_SHARP)),
-    Change("particles.thinness", down=("jumps", "near_jumps", "slant", "steep")),
-    Change("structures.panels", up=_CALM, down=("jumps", "near_jumps", "slant", "steep"), kinds=("cuboid", "plane")),
-    Change("structures.panel_slant_deg", up=("slant", "steep"), kinds=("cuboid", "plane")),
+    Change("particles.thinness", down=("jumps", "slant")),
+    Change("structures.panels", up=_CALM, down=("jumps", "slant"), kinds=("cuboid", "plane")),
+    Change("structures.panel_slant_deg", up=("slant",), kinds=("cuboid", "plane")),
     Change("disparity.target", up=("disparity", "largest_disparity")),
     Change("disparity.max_px", up=("largest_disparity",)),
     Change(
         "antialias",
-        down=("border_hardness", "octaves", "gradient", "smooth"),
+        down=("border_hardness", "octaves", "gradient"),
         more="antialias: edges",
         less="antialias: none",
     ),
     Change("imperfections.blur_px", down=("border_hardness", "octaves", "gradient")),
-    Change("imperfections.noise", down=("smooth",)),
-    Change("textures.texels_per_pixel", up=("gradient",), down=("flat", "smooth")),
-    Change("textures.min_texture", up=("gradient",), down=("flat", "smooth")),
-    Change("imperfections.exposure_stops", up=("luminance", "contrast", "gradient"), down=("flat", "smooth")),
+    Change("textures.texels_per_pixel", up=("gradient",), down=("flat",)),
+    Change("textures.min_texture", up=("gradient",), down=("flat",)),
+    Change("imperfections.exposure_stops", up=("luminance", "gradient"), down=("flat",)),
     Change("imperfections.gamma", down=("luminance",)),
     Change(
         "lens",

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from semisynth_gl.frame.frame import Frame, as_rgb
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation
-from semisynth_gl.reporting.plots import COLOUR_MAP
+from semisynth_gl.judge.pictures import COLOUR_MAP
 
 _INVALID = "#4060c0"
 _WIDTH_IN = 16.0

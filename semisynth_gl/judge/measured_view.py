@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.comparison import quantities
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.judge import quantities
 from semisynth_gl.seeds.spread import centres
 from semisynth_gl.textures.crops import LUMINANCE_PARTS
 
@@ -20,7 +20,6 @@ _STRIP_PIXELS = 1 << 20
 # The function that computes each quantity, and the array of a view that it takes.
 _QUANTITIES: Mapping[str, tuple[Callable[[NDArray[np.float32]], NDArray[Any]], str]] = {
     "run_lengths": (quantities.run_lengths, "surfaces"),
-    "region_sizes": (quantities.region_sizes, "surfaces"),
     "slants": (quantities.slants, "surfaces"),
     "gradients": (quantities.gradients, "luminance"),
     "local_contrasts": (quantities.local_contrasts, "luminance"),
@@ -38,7 +37,6 @@ class MeasuredView:
         disparity: (H, W) float32, px of the working width, nan where unknown; None for a photograph.
         surfaces: (H, W) float32, the disparity with its holes filled; see `fill_holes`. None for a photograph, and for
             a map in which fewer than half of the pixels have a disparity, as from lidar.
-        background: (H, W) bool, whether the pixel shows a wall, ground or other flat face; None where unknown.
         enlarged: whether the view's arrays were narrower than the working width, so that it lacks the finest detail.
         worked_out: quantities of these arrays that have been computed, by name; see `array`.
     """
@@ -47,7 +45,6 @@ class MeasuredView:
     luminance: NDArray[np.float32] | None = None
     disparity: NDArray[np.float32] | None = None
     surfaces: NDArray[np.float32] | None = None
-    background: NDArray[np.bool_] | None = None
     enlarged: bool = False
     worked_out: dict[str, NDArray[Any] | None] = field(default_factory=dict, init=False)
 
@@ -98,12 +95,11 @@ def make_view(
     *,
     image: NDArray[np.uint8] | None = None,
     disparity: NDArray[np.float32] | None = None,
-    background: NDArray[np.bool_] | None = None,
     signed: bool = False,
 ) -> MeasuredView:
     """Bring the arrays of a view to the working width.
 
-    Images are averaged over areas. In all other arrays a pixel takes the value at its centre, since the mean of two
+    Images are averaged over areas. In disparities a pixel takes the value at its centre, since the mean of two
     surfaces would be a surface between them that does not exist.
 
     Args:
@@ -112,22 +108,20 @@ def make_view(
         image: (H, W, 3) uint8 RGB, or (H, W) grey.
         disparity: (H, W) float32, px of its own width. inf and nan mean no value; so do 0 and below, unless
             ``signed``.
-        background: (H, W) bool; see `MeasuredView`.
         signed: whether disparities of 0 and below are valid.
 
     Raises:
         InputError: where the arrays have different sizes, or no array is given.
     """
-    shapes = {array.shape[:2] for array in (image, disparity, background) if array is not None}
+    shapes = {array.shape[:2] for array in (image, disparity) if array is not None}
     if len(shapes) != 1:
         sizes = " and ".join(sorted(f"{width} x {height}" for height, width in shapes))
         raise InputError(f"{name}: its arrays have sizes of {sizes}: expected one size")
     ((height, width),) = shapes
     size = max(1, round(height * width_px / width)), width_px
-    at = np.ix_(centres(height, size[0]), centres(width, width_px))
     scaled = surfaces = None
     if disparity is not None:
-        values = disparity[at]
+        values = disparity[np.ix_(centres(height, size[0]), centres(width, width_px))]
         known = np.isfinite(values) & (signed | (values > 0))
         scaled = np.where(known, values * np.float32(width_px / width), np.float32(np.nan))
         surfaces = fill_holes(scaled) if known.mean() >= _DENSE else None
@@ -136,7 +130,6 @@ def make_view(
         None if image is None else mean_luminance(image, size),
         scaled,
         surfaces,
-        None if background is None else background[at],
         width < width_px,
     )
 

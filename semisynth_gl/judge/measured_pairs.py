@@ -1,34 +1,27 @@
 """Measure a sample of a dataset's pairs from their files, and find the pairs that are farthest from typical."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import sqrt
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.dataset.reader import Dataset, StoredIndex
+from semisynth_gl.dataset.reader import Dataset, StoredIndex, read_record
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.channels import OCCLUDED
 from semisynth_gl.histogram import Histogram, PixelCount
-from semisynth_gl.inputs.errors import InputError, SemisynthError
+from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
 from semisynth_gl.listener import FinishedPair, Listener
-from semisynth_gl.reporting.rays import RayCaster, Rays
-from semisynth_gl.reporting.redraws import PairKey
 from semisynth_gl.seeds.splits import SplitName
-from semisynth_gl.seeds.spread import spread
 from semisynth_gl.textures.crops import least_texture
 
-RAYS = 1000
-"""Approximate number of rays for each pair, on a square grid over the left view."""
+PairKey = tuple[SplitName, int]
+"""A pair's split, and its number in the split."""
 
-# Most pairs with rays: casting the rays of a pair takes several times as long as reading the pair.
-_MOST_SCENES = 64
 # Number of bins in which disparities are counted: so many that the bins do not affect the distance of distributions.
 _BINS = 1024
-_FLOAT32 = 2.0**-23
 # A normal distribution's standard deviation in units of its median absolute deviation.
 _DEVIATION = 1.4826
 
@@ -65,11 +58,8 @@ class PairMeasures:
 class RecipeMeasures:
     """The measures of a recipe's sampled pairs: means of `PairMeasures`, and the sum of redraws.
 
-    Attributes:
-        name: name of the recipe.
-        wanted: share of sequences that the config gives the recipe; None where this version cannot read the config.
-        pairs: number of the recipe's sampled pairs.
-        median_px: mean of the pairs' medians; like the other means, None where no pair has a value.
+    ``wanted`` is the share of sequences that the config gives the recipe; None where this version cannot read the
+    config. The means are None where no pair has a value.
     """
 
     name: str
@@ -81,6 +71,29 @@ class RecipeMeasures:
     redraws: int
 
 
+@dataclass(frozen=True, slots=True)
+class Redraws:
+    """The failed attempts of a dataset, or of one of its splits.
+
+    Attributes:
+        pairs: number of pairs in the records.
+        messages: a message for each failed attempt, by the pair's key, for the pairs that have failed attempts; those
+            of a sequence are listed under its first frame.
+        faults: number of failed attempts and first message of each kind of fault, the most frequent kind first.
+        unread: messages about the records that could not be read.
+    """
+
+    pairs: int
+    messages: Mapping[PairKey, tuple[str, ...]]
+    faults: Mapping[str, tuple[int, str]]
+    unread: tuple[str, ...]
+
+    @property
+    def attempts(self) -> int:
+        """Number of all failed attempts."""
+        return sum(map(len, self.messages.values()))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Measurement:
     """The measures of a sample of a dataset.
@@ -89,42 +102,38 @@ class Measurement:
         dataset_pairs: number of pairs of the dataset, or of the split that the sample is from.
         pairs: measures of each pair of the sample that could be read.
         recipes: measures of each recipe.
+        redraws: the failed attempts of the dataset or split.
         unread: messages about the pairs of the sample that could not be read.
         disparity: distribution of disparity over all pixels of the left views; None where no pixel has a disparity.
         target: distribution that the config asks for; None where this version cannot read the config.
         target_fault: why this version cannot read the config; None where it can.
-        spacing_px: distance between neighbouring pixels of the grid of rays.
-        depth_m: (D,) planar depths of the grid's pixels in all pairs, from the stored disparity, without the sky.
-        rays: rays through the grid's pixels, in at most 64 pairs.
-        ray_faults: number of pairs without rays, by the reason.
     """
 
     dataset_pairs: int
     pairs: tuple[PairMeasures, ...]
     recipes: tuple[RecipeMeasures, ...]
+    redraws: Redraws
     unread: tuple[str, ...]
     disparity: Histogram | None
     target: Histogram | None
     target_fault: str | None
-    spacing_px: int
-    depth_m: NDArray[np.float64]
-    rays: Rays
-    ray_faults: Mapping[str, int]
 
 
 def measure(
     dataset: Dataset,
     positions: Sequence[int],
-    redraws: Mapping[PairKey, Sequence[str]],
+    split: SplitName | None = None,
     listener: Listener | None = None,
+    also: Callable[[int, StoredFrame], None] | None = None,
 ) -> Measurement:
-    """Read pairs and measure them.
+    """Read pairs, each once, and measure them.
 
     Args:
         dataset: the dataset to measure.
         positions: indices of the pairs in the dataset.
-        redraws: messages about the failed attempts of each pair that was drawn again; see `read_redraws`.
+        split: the split that the dataset is limited to.
         listener: is told the number of pairs, and each pair.
+        also: takes the position of each pair, and the pair, for further measures.
 
     Raises:
         InputError: where none of the pairs can be read.
@@ -132,6 +141,7 @@ def measure(
     index = dataset.about
     listener = listener or Listener()
     listener.on_total(len(positions))
+    redraws = read_redraws(index, split)
     target, fault, wanted = None, None, dict[str, float]()
     try:
         config = index.plan.config
@@ -139,12 +149,9 @@ def measure(
         target = config.shown_histogram()
     except InputError as error:
         fault = str(error)
-    caster = RayCaster(index)
     count: PixelCount | None = None
-    spacing_px = 0
-    pairs, unread, depths, rays = [], [], [], []
-    ray_faults: Counter[str] = Counter()
-    with_rays = {positions[number] for number in spread(len(positions), _MOST_SCENES)}
+    pairs: list[PairMeasures] = []
+    unread: list[str] = []
     for position in positions:
         try:
             frame = dataset[position]
@@ -154,16 +161,8 @@ def measure(
             count = count or PixelCount(_edges(index, target, frame))
             count.add(frame.left.disparity)
             pairs.append(_measure_pair(index, position, frame, redraws))
-            height, width = frame.left.disparity.shape
-            spacing_px = max(1, round(sqrt(height * width / RAYS)))
-            columns, rows = (np.arange(spacing_px // 2, side, spacing_px) for side in (width, height))
-            x, y = np.tile(columns, len(rows)), np.repeat(rows, len(columns))
-            depths.append(_depth_m(frame, x, y))
-            if position in with_rays:
-                try:
-                    rays.append(caster.cast(frame, x, y))
-                except InputError as error:
-                    ray_faults[str(error)] += 1
+            if also is not None:
+                also(position, frame)
         listener.on_pair(FinishedPair(*dataset.pair(position)))
     if not pairs:
         fault = f"the fault of the first: {unread[0]}" if unread else "the sample is empty"
@@ -172,27 +171,12 @@ def measure(
         dataset_pairs=len(dataset),
         pairs=tuple(pairs),
         recipes=_measure_recipes(pairs, wanted),
+        redraws=redraws,
         unread=tuple(unread),
         disparity=count.histogram if count is not None and count.counts.any() else None,
         target=target,
         target_fault=fault,
-        spacing_px=spacing_px,
-        depth_m=np.concatenate(depths),
-        rays=Rays.joined(rays),
-        ray_faults=ray_faults,
     )
-
-
-def _depth_m(frame: StoredFrame, x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the left view's depths at pixels x (R,) and y (R,), without depths that may be infinite."""
-    disparity_px = frame.left.disparity[y, x].astype(np.float64)
-    known = np.isfinite(disparity_px)
-    x_px, y_px, disparity_px = x[known].astype(np.float64), y[known].astype(np.float64), disparity_px[known]
-    beyond_px = frame.rounding_px(disparity_px) + _FLOAT32 * abs(frame.camera.doffs_px)
-    depth_m = frame.camera.depth_at("left", x_px, y_px, disparity_px)
-    farthest_m = frame.camera.depth_at("left", x_px, y_px, disparity_px - beyond_px)
-    # A depth beyond infinity is negative.
-    return depth_m[(farthest_m > 0) & np.isfinite(farthest_m)]
 
 
 def _edges(index: StoredIndex, target: Histogram | None, frame: StoredFrame) -> NDArray[np.float64]:
@@ -207,9 +191,7 @@ def _edges(index: StoredIndex, target: Histogram | None, frame: StoredFrame) -> 
     return np.union1d(np.linspace(low, high, _BINS + 1), target_edges)
 
 
-def _measure_pair(
-    index: StoredIndex, position: int, frame: StoredFrame, redraws: Mapping[PairKey, Sequence[str]]
-) -> PairMeasures:
+def _measure_pair(index: StoredIndex, position: int, frame: StoredFrame, redraws: Redraws) -> PairMeasures:
     key = cast("SplitName", frame.split), frame.index
     valid = frame.left.disparity[np.isfinite(frame.left.disparity)]
     mask = frame.left.get("visibility")
@@ -221,7 +203,7 @@ def _measure_pair(
         occluded=None if mask is None else float((mask == OCCLUDED).mean()),
         invalid=1 - valid.size / frame.left.disparity.size,
         texture=least_texture((frame.left.image, frame.right.image)),
-        redraws=len(redraws.get(key, ())),
+        redraws=len(redraws.messages.get(key, ())),
         recipe=frame.recipe,
     )
 
@@ -231,23 +213,48 @@ def _measure_recipes(pairs: Sequence[PairMeasures], wanted: Mapping[str, float])
     for pair in pairs:
         if pair.recipe is not None:
             found.setdefault(pair.recipe, []).append(pair)
+
+    def mean(values: Iterable[float | None]) -> float | None:
+        known = [value for value in values if value is not None and np.isfinite(value)]
+        return float(np.mean(known)) if known else None
+
     return tuple(
         RecipeMeasures(
             name=name,
             wanted=wanted.get(name),
             pairs=len(its),
-            median_px=_mean(pair.median_px for pair in its),
-            occluded=_mean(pair.occluded for pair in its),
-            texture=_mean(pair.texture for pair in its),
+            median_px=mean(pair.median_px for pair in its),
+            occluded=mean(pair.occluded for pair in its),
+            texture=mean(pair.texture for pair in its),
             redraws=sum(pair.redraws for pair in its),
         )
         for name, its in found.items()
     )
 
 
-def _mean(values: Iterable[float | None]) -> float | None:
-    known = [value for value in values if value is not None and np.isfinite(value)]
-    return float(np.mean(known)) if known else None
+def read_redraws(index: StoredIndex, split: SplitName | None = None) -> Redraws:
+    """Read the records of all shards, or of the shards of one split; unreadable records are listed in the result."""
+    messages: dict[PairKey, tuple[str, ...]] = {}
+    examples: dict[str, str] = {}
+    counts: Counter[str] = Counter()
+    unread: list[str] = []
+    pairs = 0
+    for shard in index.plan.shards:
+        if split not in (None, shard.split):
+            continue
+        try:
+            record = read_record(index.root, shard, packed=index.plan.layout.packed)
+        except ReadError as error:
+            unread.append(str(error))
+            continue
+        pairs += len(record.samples)
+        messages |= {(shard.split, sample.pair): tuple(sample.redrawn) for sample in record.samples if sample.redrawn}
+    for message in (each for attempts in messages.values() for each in attempts):
+        clauses = {clause.partition(":")[0]: clause for clause in message.split("; ")}
+        counts.update(clauses.keys())
+        examples = clauses | examples
+    faults = {name: (count, examples[name]) for name, count in counts.most_common()}
+    return Redraws(pairs, messages, faults, tuple(unread))
 
 
 @dataclass(frozen=True, slots=True)
