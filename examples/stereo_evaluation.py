@@ -15,10 +15,10 @@ from skimage.data import stereo_motorcycle
 
 from semisynth_gl.dataset.reader import INDEX, Dataset, open_dataset
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.metrics import Score, score
-from semisynth_gl.metrics.protocol import ProtocolName
-from semisynth_gl.metrics.score import mean_figures
-from semisynth_gl.metrics.truth import TruePair, Truth, find_truth
+from semisynth_gl.judge import Score, score
+from semisynth_gl.judge.protocol import ProtocolName
+from semisynth_gl.judge.score import mean_figures
+from semisynth_gl.judge.truth import TruePair, Truth, find_truth
 
 COLUMNS = ("avgerr", "rms", "bad-1", "bad-2", "bad-4", "D1-all")
 _LARGEST_ERROR_PX = 4.0

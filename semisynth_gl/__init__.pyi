@@ -19,13 +19,13 @@ from semisynth_gl.geometry.model_units import make_model as make_model
 from semisynth_gl.inputs.errors import BackendError as BackendError
 from semisynth_gl.inputs.errors import InputError as InputError
 from semisynth_gl.inputs.errors import SemisynthError as SemisynthError
+from semisynth_gl.judge.evaluate import evaluate as evaluate
 from semisynth_gl.judge.report import Report as Report
 from semisynth_gl.judge.report import report as report
+from semisynth_gl.judge.score import Score as Score
+from semisynth_gl.judge.score import score as score
 from semisynth_gl.judge.verify import Verification as Verification
 from semisynth_gl.judge.verify import verify as verify
-from semisynth_gl.metrics.evaluate import evaluate as evaluate
-from semisynth_gl.metrics.score import Score as Score
-from semisynth_gl.metrics.score import score as score
 from semisynth_gl.pairs.pipeline import Pair as Pair
 from semisynth_gl.pairs.pipeline import PairRenderer as PairRenderer
 from semisynth_gl.pairs.pipeline import render_pair as render_pair

@@ -36,7 +36,7 @@ from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.channels import VISIBLE
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import SemisynthError
-from semisynth_gl.metrics.truth import Truth
+from semisynth_gl.judge.truth import Truth
 from semisynth_gl.textures.atlas import to_grey
 
 RENDERED = ("zero-shot", "packaged", "calibrated")

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.metrics import Score, score, unconfirmed
-from semisynth_gl.metrics.score import mean_figures
-from semisynth_gl.metrics.truth import Truth
+from semisynth_gl.judge import Score, score, unconfirmed
+from semisynth_gl.judge.score import mean_figures
+from semisynth_gl.judge.truth import Truth
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "examples"))
 

@@ -10,11 +10,11 @@ from semisynth_gl.cli.outputs import OutputFile, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.inputs.errors import InputError, abbreviate, counted
-from semisynth_gl.metrics.confirmation import evaluate_views
-from semisynth_gl.metrics.evaluate import REGIONS, SIGN_HINT, Evaluation, evaluate_pair, report_json, report_table
-from semisynth_gl.metrics.predictions import Predictions, find_predictions
-from semisynth_gl.metrics.protocol import PROTOCOL_NAMES, PROTOCOLS, Protocol, ProtocolName
-from semisynth_gl.metrics.truth import find_truth
+from semisynth_gl.judge.confirmation import evaluate_views
+from semisynth_gl.judge.evaluate import REGIONS, SIGN_HINT, Evaluation, evaluate_pair, report_json, report_table
+from semisynth_gl.judge.predictions import Predictions, find_predictions
+from semisynth_gl.judge.protocol import PROTOCOL_NAMES, PROTOCOLS, Protocol, ProtocolName
+from semisynth_gl.judge.truth import find_truth
 from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 _PATH = UserPath()
@@ -109,7 +109,7 @@ def _print_tables(evaluations: list[Evaluation], files: Predictions, protocol: P
                 click.echo(line)
     if most is not None and len(evaluations) > most:
         click.echo("\n--all prints a row for every pair, and --json writes all figures")
-    negative = [file.path for (_, file), each in zip(files.found, evaluations, strict=True) if each.negative]
+    negative = [path for (_, path), each in zip(files.found, evaluations, strict=True) if each.negative]
     if negative:
         click.echo(f"note: {len(negative)} of the predictions, such as {negative[0]}: {SIGN_HINT}", err=True)
 

@@ -18,8 +18,8 @@ from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import DamagedIndexError, open_dataset, read_index, read_record
 from semisynth_gl.dataset.root import open_root
 from semisynth_gl.inputs.errors import InputError, SemisynthError
+from semisynth_gl.judge.truth import find_truth
 from semisynth_gl.judge.verify import verify_dataset
-from semisynth_gl.metrics.truth import find_truth
 
 PAIRS = {"train": 2, "validation": 1}
 INDEX, PLAN = "index.json", "shards/plan.json"

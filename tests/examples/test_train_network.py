@@ -40,7 +40,7 @@ from semisynth_gl.config import load_config  # noqa: E402
 from semisynth_gl.dataset.generate import generate  # noqa: E402
 from semisynth_gl.dataset.reader import open_dataset  # noqa: E402
 from semisynth_gl.inputs.errors import InputError, SemisynthError  # noqa: E402
-from semisynth_gl.metrics.truth import Truth  # noqa: E402
+from semisynth_gl.judge.truth import Truth  # noqa: E402
 
 SMALL = [
     "camera.width_px=96",

@@ -19,7 +19,7 @@ from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.geometry.model_files import load_models
 from semisynth_gl.inputs.errors import InputError, SemisynthError
 from semisynth_gl.inputs.user_files import read_file
-from semisynth_gl.metrics.truth import read_limits
+from semisynth_gl.judge.truth import read_limits
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.image_files import find_files, find_images
 from semisynth_gl.textures.images import ImageError, read_image, stored_size

@@ -8,7 +8,6 @@ from math import erf, sqrt
 
 import numpy as np
 import pytest
-from backends import backend_fault
 from hand_made_datasets import write_dataset
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,7 +15,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 from scipy.stats import wasserstein_distance
 from shared_material import SHARED, needs_shared
-from tiny_datasets import cheap, tiny
+from tiny_datasets import cheap
 
 from semisynth_gl.cli import main
 from semisynth_gl.codecs.disparity_map import read_disparity_map
@@ -42,7 +41,6 @@ from semisynth_gl.judge.quantities import (
     slants,
 )
 from semisynth_gl.judge.report import report
-from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.textures.image_files import find_files, find_images
 
 INF = np.float32(np.inf)
@@ -186,27 +184,6 @@ def test_means_over_areas():
     # Two thirds of the second element belong to the first part.
     row = np.tile(np.array([[0, 90, 180]], np.uint8)[..., None], (1, 1, 3))
     np.testing.assert_allclose(mean_luminance(row, (1, 2)), [[30, 150]], rtol=1e-5)
-
-
-def scene(width):
-    """A floor, a wall and a card with its own texture, seen at a width; all in units of the width."""
-    height = width * 5 // 8
-    y, x = (np.indices((height, width)) + 0.5) / width
-    disparity = np.where(y > 0.4, 0.04 + 0.2 * (y - 0.4), 0.04)
-    grey = 120 + 60 * np.sin(40 * x) * np.sin(35 * y)
-    card = (abs(x - 0.5) < 0.1) & (abs(y - 0.3) < 0.15)
-    return np.where(card, 0.1, disparity) * width, np.where(card, 250 - 120 * y, grey)
-
-
-@pytest.mark.parametrize("width", [384, 1024])
-def test_a_scene_has_the_same_measures_at_every_resolution(width):
-    small, large = (picture_of(*scene(each), width_px=256) for each in (256, width))
-    assert large.luminance.shape == small.luminance.shape == (160, 256)
-    for measure in MEASURES:
-        expected = measure.measure(small)
-        # How soft edges are depends on how finely they were drawn.
-        if expected is not None and measure.key not in {"border_hardness", "corners"}:
-            assert measure.measure(large) == pytest.approx(expected, rel=0.12, abs=0.3), measure.key
 
 
 def test_black_borders_are_those_of_rectification():
@@ -564,63 +541,6 @@ def test_advice_names_no_key_that_moves_nothing_in_the_scenes(kinds, sections):
     # Scenes have the sections of any of their recipes.
     both = {key.partition(".")[0] for key in named_keys(recipe_with(*kinds), recipe_with("street"))}
     assert both & {"room", "street", "structures", "background", "scenes"} == sections | {"street", "scenes"}
-
-
-@pytest.fixture(scope="module")
-def means():
-    """A function from keys of a config to the means of measures over two pairs."""
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
-    textures = {"source": "procedural", "max_patches": 24, "min_texture": 0}
-    base = tiny("middlebury", particles={"density": "sparse"}, models={"complex": 0.0}, textures=textures)
-
-    def measured(keys):
-        values = base.model_dump(mode="json")
-        for dotted, new in keys.items():
-            section, _, key = dotted.rpartition(".")
-            (values[section] if section else values)[key] = new
-        found = {key: [] for key in BY_KEY}
-        with PairRenderer(Config.model_validate(values), 0) as renderer:
-            for number in range(2):
-                view = renderer.render(number).frame.left
-                picture = make_view("made", view.image.shape[1], image=view.image, disparity=view.disparity)
-                for key, measure in BY_KEY.items():
-                    found[key].append(measure.measure(picture))
-        return {key: np.mean(values) for key, values in found.items() if None not in values}
-
-    untouched = measured({})
-    return lambda keys: measured(keys) if keys else untouched
-
-
-CALM = ("jumps", "occluded")
-
-
-def told(measure, change, *, more):
-    """Whether an advice says "lower KEY", where a verb holds for all keys of its clause, or "KEY: VALUE"."""
-    verb, _, key = change.rpartition(" ")
-    clauses = advice(BY_KEY[measure], [{}], more=more).split("; ")
-    return any(clause.startswith(verb) and re.search(rf"\b{re.escape(key)}\b", clause) for clause in clauses)
-
-
-@pytest.mark.parametrize(
-    ("change", "keys", "lower", "higher"),
-    [
-        ("lower particles.size_px", {"particles.size_px": [5, 25]}, ("runs",), CALM),
-        ("antialias: edges", {"antialias": "edges"}, ("border_hardness", "octaves", "gradient"), ()),
-        (
-            "lower textures.texels_per_pixel",
-            {"textures.texels_per_pixel": [0.3, 0.5]},
-            ("gradient",),
-            ("flat",),
-        ),
-    ],
-)
-def test_keys_move_measures_as_the_advice_says(means, change, keys, lower, higher):
-    before, after = means({}), means(keys)
-    assert [key for key in lower if not told(key, change, more=False)] == []
-    assert [key for key in higher if not told(key, change, more=True)] == []
-    assert [key for key in lower if not after[key] < before[key]] == []
-    assert [key for key in higher if not after[key] > before[key]] == []
 
 
 # --- real scenes ---

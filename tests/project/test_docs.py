@@ -7,7 +7,7 @@ from pathlib import Path
 from snippets import referenced_names
 
 import semisynth_gl
-from semisynth_gl import judge, metrics
+from semisynth_gl import judge
 from semisynth_gl.config import Config
 from semisynth_gl.config.keys import config_keys
 
@@ -32,12 +32,7 @@ def test_every_key_is_documented_from_its_docstring():
 def test_the_reference_shows_each_public_name_once():
     names = [f"semisynth_gl.{name}" for name in semisynth_gl.__all__]
     names += [f"semisynth_gl.torch.{name}" for name in TORCH_NAMES]
-    names += [
-        f"semisynth_gl.{room.__name__.split('.')[-1]}.{name}"
-        for room in (metrics, judge)
-        for name in room.__all__
-        if name not in semisynth_gl.__all__
-    ]
+    names += [f"semisynth_gl.judge.{name}" for name in judge.__all__ if name not in semisynth_gl.__all__]
     assert sorted(referenced_names()) == sorted(names)
 
 

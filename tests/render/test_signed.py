@@ -18,10 +18,10 @@ from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, SKY, VISIBLE
+from semisynth_gl.judge.evaluate import evaluate
+from semisynth_gl.judge.protocol import find_protocol
 from semisynth_gl.judge.verify import verify_dataset
 from semisynth_gl.layouts import LAYOUTS
-from semisynth_gl.metrics.evaluate import evaluate
-from semisynth_gl.metrics.protocol import find_protocol
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.particles import Slots, draw_release

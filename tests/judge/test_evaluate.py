@@ -21,8 +21,8 @@ from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.inputs.errors import InputError, ReadError
-from semisynth_gl.metrics.predictions import find_predictions
-from semisynth_gl.metrics.truth import find_truth, read_limits
+from semisynth_gl.judge.predictions import find_predictions
+from semisynth_gl.judge.truth import find_truth, read_limits
 
 INF = np.float32(np.inf)
 SHAPE = 20, 30

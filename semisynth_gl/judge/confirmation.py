@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map, read_disparity_map
 from semisynth_gl.inputs.errors import InputError, counted, no_folder
 from semisynth_gl.inputs.user_files import expanded
-from semisynth_gl.metrics.protocol import shown_size
+from semisynth_gl.judge.protocol import shown_size
 
 CONFIRMED_PX = 1.0
 """Largest difference at which the two disparities of a point confirm each other, px: the bound of bad-1."""

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,11 @@ from numpy.typing import NDArray
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.inputs.errors import InputError, ReadError, counted
 from semisynth_gl.inputs.user_files import expanded
-from semisynth_gl.metrics.error_map import draw_error_map
-from semisynth_gl.metrics.predictions import Prediction, Predictions, find_predictions
-from semisynth_gl.metrics.protocol import Protocol, ProtocolName, find_protocol, shown_size
-from semisynth_gl.metrics.score import Score, mean_figures, tally
-from semisynth_gl.metrics.truth import TruePair, find_truth
+from semisynth_gl.judge.error_map import draw_error_map
+from semisynth_gl.judge.predictions import Predictions, find_predictions
+from semisynth_gl.judge.protocol import Protocol, ProtocolName, find_protocol, shown_size
+from semisynth_gl.judge.score import Score, mean_figures, tally
+from semisynth_gl.judge.truth import TruePair, find_truth
 from semisynth_gl.seeds.splits import SplitName
 
 ALL, VISIBLE = "all", "non-occluded"
@@ -89,28 +90,28 @@ def evaluate(
     true_set = find_truth(folder, split, None if masks is None else expanded(fspath(masks)))
     chosen = find_protocol(true_set.protocol if protocol is None else protocol)
     files = find_predictions(expanded(fspath(predictions)), true_set.pairs, partial=partial)
-    return report_json([evaluate_pair(pair, prediction, chosen) for pair, prediction in files.found], chosen, files)
+    return report_json([evaluate_pair(*each, chosen) for each in files.found], chosen, files)
 
 
-def evaluate_pair(pair: TruePair, prediction: Prediction, protocol: Protocol, *, draw: bool = False) -> Evaluation:
-    """Evaluate a prediction for a pair; with ``draw``, draw its error map too.
+def evaluate_pair(pair: TruePair, prediction: Path, protocol: Protocol, *, draw: bool = False) -> Evaluation:
+    """Evaluate a file with a prediction for a pair; with ``draw``, draw its error map too.
 
     Raises:
         InputError: where the sizes do not fit, or the truth has no disparity.
         ReadError: where a file cannot be read, or the prediction has no disparity.
     """
     truth = pair.read()
-    values = read_disparity_map(prediction.path, prediction.png_scale, signed=pair.signed)
+    values = read_disparity_map(prediction, pair.png_scale, signed=pair.signed)
     finite = values[np.isfinite(values)]
     negative = not pair.signed and bool(finite.size and 2 * np.count_nonzero(finite < 0) > finite.size)
     try:
         comparison = protocol.compare(values, truth.disparity, truth.limits)
     except InputError as error:
-        raise InputError(f"{prediction.path}: {error} ({pair.source})") from None
+        raise InputError(f"{prediction}: {error} ({pair.source})") from None
     if not (np.isfinite(values).any() and comparison.estimated.any()):
         size, hint = shown_size(values), "expected pixels, and inf (in a PNG 0) only where there is no disparity"
         fault = f"by the definitions of {protocol.source} none of its {size} values is valid"
-        raise ReadError(prediction.path, f"has no disparity: {fault}; {SIGN_HINT if negative else hint}")
+        raise ReadError(prediction, f"has no disparity: {fault}; {SIGN_HINT if negative else hint}")
     if not comparison.judged.any():
         raise InputError(f"{pair.source}: the truth of {pair.name} has no disparity, so there is nothing to compare")
     masks = {ALL: np.ones_like(comparison.judged)}
@@ -169,8 +170,8 @@ def report_json(evaluations: Sequence[Evaluation], protocol: Protocol, predictio
         "missing": list(predictions.missing),
         "mean": figures(evaluations),
         "images": [
-            {"name": pair.name, "prediction": str(file.path), "pixels": pixels(pair), "figures": figures([pair])}
-            for pair, (_, file) in zip(evaluations, predictions.found, strict=True)
+            {"name": pair.name, "prediction": str(path), "pixels": pixels(pair), "figures": figures([pair])}
+            for pair, (_, path) in zip(evaluations, predictions.found, strict=True)
         ],
     }
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.metrics.protocol import PixelComparison, Protocol
+from semisynth_gl.judge.protocol import PixelComparison, Protocol
 
 _KITTI_BOUNDS = np.array([1 / 16, 1 / 8, 1 / 4, 1 / 2, 1, 2, 4, 8, 16], np.float32)
 _KITTI_COLOURS = np.array(

@@ -13,7 +13,7 @@ from semisynth_gl import render_pair
 from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.metrics import evaluate_views, unconfirmed
+from semisynth_gl.judge import evaluate_views, unconfirmed
 
 INF = np.float32(np.inf)
 

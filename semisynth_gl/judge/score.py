@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.inputs.arguments import to_array
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.metrics.protocol import (
+from semisynth_gl.judge.protocol import (
     UNLIMITED,
     Limits,
     PixelComparison,
@@ -58,19 +58,7 @@ class Score:
     quantiles_px: tuple[float, ...]
 
     def figures(self) -> dict[str, float]:
-        """Return the figures of benchmarks by name: shares in the protocol's unit, errors in px.
-
-        ``bad-t``: share of pixels with an error above t px. Middlebury's is a share of the judged pixels, and counts
-            invalid pixels as bad. ETH3D's is a share of the scored pixels. In the other protocols both are the same.
-        ``D1-all``: share of outliers among the same pixels (KITTI 2015).
-        ``D1-est``: share of outliers among the estimated pixels (``errors_*_result`` of KITTI's kit); NaN without
-            estimated pixels.
-        ``avgerr``, ``epe``: mean absolute error of the scored pixels; benchmarks use the first name, training code the
-            second.
-        ``rms``: root of the mean squared error of the scored pixels.
-        ``A50`` to ``A99``: see `error_quantiles`.
-        ``coverage``: share of the judged pixels with an estimate; KITTI's density.
-        ``invalid``: share of the judged pixels without an estimate.
+        """Return the figures that docs/evaluate.md defines, by name: shares in the protocol's unit, and px.
 
         All figures are NaN where no pixel was judged. If pixels were judged, but none was scored, all of them are bad,
         and errors are infinite under ETH3D's protocol and NaN under Middlebury's, as in their evaluators.

@@ -1,7 +1,7 @@
 """The definitions of each benchmark's own evaluator: judged pixels, treatment of predictions, averages.
 
 All definitions are taken from the evaluators' source code. The part that all evaluators share (a pixel is bad where
-error > t, never >=) is in `semisynth_gl.metrics.score`.
+error > t, never >=) is in `semisynth_gl.judge.score`.
 """
 
 from collections.abc import Callable, Mapping
@@ -31,10 +31,8 @@ _MIDDLEBURY_WEIGHTS = dict.fromkeys(("PianoL", "Playroom", "Playtable", "Shelves
 class Limits:
     """Limits of a truth's disparities, as its calib.txt gives them.
 
-    Attributes:
-        ndisp: an upper bound of the disparities, in pixels of the truth's size; None for no bound.
-        isint: whether the disparities are whole pixels.
-        signed: whether disparities of 0 and below are valid; always False for a benchmark's own truth.
+    ``ndisp`` bounds the disparities from above, in pixels of the truth's size; None for no bound. ``isint`` says
+    whether they are whole pixels, and ``signed`` whether 0 and below are valid.
     """
 
     ndisp: int | None = None
@@ -107,14 +105,12 @@ class Protocol:
 
 
 def _compare_middlebury(prediction: Disparity, truth: Disparity, limits: Limits) -> PixelComparison:
-    """Compare as Middlebury does.
+    """Compare as evaldisp.cpp, version 1.6, of the MiddEval3 SDK does.
 
-    Source: evaldisp.cpp, version 1.6, of the MiddEval3 SDK. Pixels are judged where the truth is not +inf. A prediction
-    of half or a quarter of the truth's size, in pixels of its own size, is enlarged: each pixel takes the value of the
-    nearest one. Only +inf is invalid. All other values are clipped to [0, s n], where s is the scale and n is ndisp at
-    the prediction's size (the truth's ndisp / s, rounded up); signed values are clipped only from above. If the truth
-    is in whole pixels, values are then rounded, halves upwards. NaN stays NaN: it is never bad, and makes the mean
-    error NaN.
+    A prediction of half or a quarter of the truth's size, in pixels of its own size, is enlarged: each pixel takes the
+    value of the nearest one. Only +inf is invalid. All other values are clipped to [0, s n], where s is the scale and n
+    is the truth's ndisp / s, rounded up; signed values are clipped only from above. If the truth is in whole pixels,
+    values are then rounded, halves upwards. NaN stays NaN: it is never bad, and makes the mean error NaN.
     """
     scales = [scale for scale in (1, 2, 4) if tuple(scale * side for side in prediction.shape) == truth.shape]
     if not scales:
@@ -133,10 +129,9 @@ def _compare_middlebury(prediction: Disparity, truth: Disparity, limits: Limits)
 
 
 def _compare_eth3d(prediction: Disparity, truth: Disparity, _: Limits) -> PixelComparison:
-    """Compare as ETH3D's two-view benchmark does.
+    """Compare as src/main.cc of github.com/ETH3D/two-view-evaluation does.
 
-    Source: src/main.cc of github.com/ETH3D/two-view-evaluation. Pixels are judged where the truth is finite. A
-    prediction that is NaN, infinite, or larger in size than the image's width counts only in coverage and invalid.
+    A prediction that is NaN, infinite, or larger in size than the image's width counts only in coverage and invalid.
     """
     _require_same_size(prediction, truth)
     judged = np.isfinite(truth)
@@ -145,13 +140,10 @@ def _compare_eth3d(prediction: Disparity, truth: Disparity, _: Limits) -> PixelC
 
 
 def _compare_kitti(prediction: Disparity, truth: Disparity, limits: Limits) -> PixelComparison:
-    """Compare as KITTI 2015 does.
+    """Compare as evaluate_scene_flow.cpp and io_disp.h of KITTI 2015's development kit do.
 
-    Source: evaluate_scene_flow.cpp and io_disp.h of its development kit. Pixels are judged where the truth has a value
-    (in its PNG: not 0). Holes of the prediction are filled (see `fill_holes`) and judged like all other pixels; density
-    is the share of pixels that were not holes. The kit reads only 16-bit PNG. Here float predictions are not rounded to
-    1/256 px, and their NaN, infinite values, 0 and negative values are holes. Where disparities are signed, 0 and
-    negative values are valid.
+    NaN, infinite values, 0 and, unless signed, negative values are holes. They are filled (see `fill_holes`) and judged
+    like all other pixels. Float predictions are not rounded to the kit's 1/256 px.
     """
     _require_same_size(prediction, truth)
     judged = np.isfinite(truth) & (limits.signed | (truth > 0))
@@ -160,11 +152,10 @@ def _compare_kitti(prediction: Disparity, truth: Disparity, limits: Limits) -> P
 
 
 def _compare_paper(prediction: Disparity, truth: Disparity, limits: Limits) -> PixelComparison:
-    """Compare as the paper of this method does, which uses HSM's script.
+    """Compare as the paper of this method does, by eval_mb.py of github.com/gengshan-y/high-res-stereo.
 
-    Source: eval_mb.py of github.com/gengshan-y/high-res-stereo. Pixels are judged where the truth is not +inf. A
-    prediction is clipped only from above, at ndisp: +inf becomes ndisp, and no pixel is invalid. The script resizes
-    predictions of other sizes linearly; here they raise InputError.
+    A prediction is clipped only from above, at ndisp, and no pixel is invalid. The script resizes predictions of other
+    sizes linearly; here they raise InputError.
     """
     _require_same_size(prediction, truth)
     values = prediction if limits.ndisp is None else np.minimum(prediction, np.float32(limits.ndisp))
@@ -175,10 +166,8 @@ def _compare_paper(prediction: Disparity, truth: Disparity, limits: Limits) -> P
 def fill_holes(disparity: Disparity, valid: Where) -> Disparity:
     """Return a prediction (H, W) px with its holes, where ``valid`` is False, filled as KITTI's kit does.
 
-    Source: ``interpolateBackground`` in io_disp.h of KITTI's development kit. Within a row, a hole takes the smaller of
-    the nearest valid values to its left and right; at the row's ends it takes the only one. Rows above the first row
-    with a value become copies of that row, and rows below the last row with a value become copies of the last. Rows
-    without any value that lie between rows with values stay `UNFILLED`.
+    Within a row, a hole takes the smaller of the nearest values to its left and right, or the only one. Rows above the
+    first and below the last row with a value become copies of it. Other rows without any value stay `UNFILLED`.
     """
     known, columns = np.where(valid, disparity, np.float32(np.nan)), np.arange(disparity.shape[1])
     before = np.maximum.accumulate(np.where(valid, columns, 0), axis=1)

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.metrics import PROTOCOLS, pool, score
-from semisynth_gl.metrics.error_map import draw_error_map
-from semisynth_gl.metrics.protocol import PROTOCOL_NAMES, UNFILLED, Limits, fill_holes
-from semisynth_gl.metrics.score import error_quantiles, is_outlier, mean_figures
+from semisynth_gl.judge import PROTOCOLS, pool, score
+from semisynth_gl.judge.error_map import draw_error_map
+from semisynth_gl.judge.protocol import PROTOCOL_NAMES, UNFILLED, Limits, fill_holes
+from semisynth_gl.judge.score import error_quantiles, is_outlier, mean_figures
 
 INF, NAN = math.inf, math.nan
 

@@ -6,24 +6,21 @@ from pathlib import Path
 
 from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map
 from semisynth_gl.inputs.errors import InputError, counted, no_folder
-from semisynth_gl.metrics.truth import SCENE_STEMS, TruePair
+from semisynth_gl.judge.truth import SCENE_STEMS, TruePair
 
 _SHOWN = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Prediction:
-    """A file with a prediction; if it is a PNG, ``png_scale`` is its number of levels per pixel of disparity."""
-
-    path: Path
-    png_scale: float
-
-
-@dataclass(frozen=True, slots=True)
 class Predictions:
-    """The pairs of a set that have a prediction, in the set's order, and the names of the pairs that have none."""
+    """The predictions for a set.
 
-    found: Sequence[tuple[TruePair, Prediction]]
+    Attributes:
+        found: the pairs with a prediction, in the set's order, each with the prediction's file.
+        missing: names of the pairs without a prediction.
+    """
+
+    found: Sequence[tuple[TruePair, Path]]
     missing: Sequence[str]
 
 
@@ -45,15 +42,15 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
     """
     if not folder.is_dir():
         raise no_folder(folder, "predictions")
-    found: list[tuple[TruePair, Prediction]] = []
+    found: list[tuple[TruePair, Path]] = []
     missing: list[TruePair] = []
     for pair in pairs:
-        candidates = [Prediction(path, scale) for stem, scale in pair.stems.items() for path in _files(folder / stem)]
-        candidates = [file for file in candidates if file.path.stem not in SCENE_STEMS] or candidates
+        candidates = [path for stem in pair.stems for path in _files(folder / stem)]
+        candidates = [path for path in candidates if path.stem not in SCENE_STEMS] or candidates
         if len(candidates) > 1:
-            candidates = [file for file in candidates if is_disparity_map(file.path)] or candidates
+            candidates = [path for path in candidates if is_disparity_map(path)] or candidates
         if len(candidates) > 1:
-            names = ", ".join(str(prediction.path.relative_to(folder)) for prediction in candidates[:_SHOWN])
+            names = ", ".join(str(path.relative_to(folder)) for path in candidates[:_SHOWN])
             raise InputError(
                 f"{folder}: {len(candidates)} predictions for {pair.name}: {names}: keep one file",
                 argument="predictions",
@@ -64,7 +61,7 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
             missing.append(pair)
     if missing and (not partial or not found):
         names = ", ".join(pair.name for pair in missing[:_SHOWN]) + (", ..." if len(missing) > _SHOWN else "")
-        expected = " or ".join(str(folder / f"{stem}.pfm") for stem in list(missing[0].stems)[:2])
+        expected = " or ".join(str(folder / f"{stem}.pfm") for stem in missing[0].stems[:2])
         advice = "; with partial, the pairs that have one are evaluated" if found else ""
         raise InputError(
             f"{folder}: no prediction for {len(missing)} of {counted(len(pairs), 'pair')}: {names}: "

@@ -1,7 +1,7 @@
 """The true disparities of a set: a dataset of this program in any layout, or a benchmark's own folder."""
 
 import os
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,14 +19,12 @@ from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, DisparityPng16
 from semisynth_gl.dataset.names import INDEX, PLAN
 from semisynth_gl.dataset.reader import Dataset, open_dataset
-from semisynth_gl.dataset.root import is_local, path_of, read_whole
+from semisynth_gl.dataset.root import path_of, read_whole
 from semisynth_gl.frame.channels import VISIBLE
-from semisynth_gl.inputs.errors import InputError, ReadError, cut, no_folder, shown
-from semisynth_gl.metrics.protocol import UNLIMITED, Limits, ProtocolName, shown_size
+from semisynth_gl.inputs.errors import InputError, ReadError, cut, no_folder
+from semisynth_gl.judge.protocol import UNLIMITED, Limits, ProtocolName, shown_size
 from semisynth_gl.seeds.splits import SplitName
 
-# Levels per pixel of disparity in a 16-bit PNG, unless the set has another scale.
-_STEPS: float = KITTI_DISPARITY.steps
 _PROTOCOL_OF_LAYOUT: Mapping[str, ProtocolName] = {"kitti": "kitti", "eth3d": "eth3d"}
 _OBJECTS_ROLE = "objects"
 _OCC, _NOC, _OBJECTS = "disp_occ_0", "disp_noc_0", "obj_map"
@@ -67,32 +65,26 @@ class TruePair:
     Attributes:
         name: unique in the set.
         source: the truth's file, for messages.
-        stems: paths that a prediction for the pair may have, relative to the folder of predictions and without
-            extension, the most specific first; each with the levels per pixel of disparity in a 16-bit PNG of that
-            path.
+        stems: paths that a prediction may have, without extension, the most specific first.
         read: reads the truth; raises ReadError where a file cannot be read.
-        signed: whether disparities of 0 and below are valid; 16-bit PNGs then have 1/256 px per level, and 32768
-            stands for 0.
+        png_scale: levels of a 16-bit PNG with a prediction per pixel of disparity.
+        signed: whether disparities of 0 and below are valid.
     """
 
     name: str
     source: str
-    stems: Mapping[str, float]
+    stems: Sequence[str]
     read: Callable[[], Truth]
+    png_scale: float = KITTI_DISPARITY.steps
     signed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class TrueSet:
-    """The pairs of a set, and the benchmark whose layout it has.
-
-    ``local`` is the folder of a dataset of this program; None for other sets, and for datasets that are not in a local
-    folder.
-    """
+    """The pairs of a set, and the benchmark whose layout it has."""
 
     pairs: Sequence[TruePair]
     protocol: ProtocolName
-    local: Path | None = None
 
 
 def find_truth(address: str, split: SplitName | None = None, masks: Path | None = None) -> TrueSet:
@@ -119,28 +111,25 @@ def find_truth(address: str, split: SplitName | None = None, masks: Path | None 
         truths = _folder_truths(folder)
     # A name that several pairs have, such as disp0GT, identifies none of them.
     counts = Counter(stem for pair in truths.pairs for stem in pair.stems)
-    unique = [{stem: scale for stem, scale in pair.stems.items() if counts[stem] == 1} for pair in truths.pairs]
-    pairs = [replace(pair, stems=stems) for pair, stems in zip(truths.pairs, unique, strict=True)]
+    pairs = [replace(pair, stems=[stem for stem in pair.stems if counts[stem] == 1]) for pair in truths.pairs]
     return replace(truths, pairs=pairs if masks is None else [_with_mask(pair, masks) for pair in pairs])
 
 
 def _dataset_truths(dataset: Dataset, only_split: SplitName | None) -> TrueSet:
     index = dataset.about
     codec = index.plan.encodings.disparity
-    png_steps = codec.steps if isinstance(codec, DisparityPng16) else _STEPS
+    png_scale = codec.steps if isinstance(codec, DisparityPng16) else KITTI_DISPARITY.steps
     several = len(index.plan.pairs) > 1
     pairs, root = [], index.root
     for place in range(len(dataset)):
         split, number = dataset.pair(place)
         scene = index.plan.key(split, number).name
         path = index.plan.files(split, number)["disparity_left"]
-        stems: dict[str, float] = {f"{split}/{scene}": _STEPS} if several else {}
-        stems |= {scene: _STEPS} | _path_stems(PurePosixPath(path), png_steps)
+        stems = _named(f"{split}/{scene}" if several else scene, scene, *_path_stems(PurePosixPath(path)))
         name = f"{split}/{scene}" if several and only_split is None else scene
-        pairs.append(TruePair(name, str(path_of(root, path)), stems, partial(_read_pair, dataset, place), index.signed))
-    return TrueSet(
-        pairs, _PROTOCOL_OF_LAYOUT.get(index.plan.layout_name, "middlebury"), Path(root) if is_local(root) else None
-    )
+        read = partial(_read_pair, dataset, place)
+        pairs.append(TruePair(name, str(path_of(root, path)), stems, read, png_scale, index.signed))
+    return TrueSet(pairs, _PROTOCOL_OF_LAYOUT.get(index.plan.layout_name, "middlebury"))
 
 
 def _read_pair(dataset: Dataset, place: int) -> Truth:
@@ -190,28 +179,22 @@ def _folder_truths(folder: Path) -> TrueSet:
 
 
 def _find_scenes(folder: Path) -> list[Path]:
-    """Return the file of each scene's truth below a folder, sorted; folders may be links.
-
-    Each folder is visited once, by its own name rather than by a link's, so circular links do no harm.
-    """
+    """Return the file of each scene's truth below a folder, sorted; folders may be links, each is visited once."""
     found: dict[str, list[Path]] = {name: [] for name in _SCENE_TRUTHS}
     seen: set[Path] = set()
-    waiting = deque([folder])
-    while waiting:
-        for parent, folders, files in os.walk(waiting.popleft()):
-            place = Path(parent)
-            if place.resolve() in seen:
-                folders.clear()
-                continue
-            seen.add(place.resolve())
-            for name in found.keys() & set(files):
-                found[name].append(place / name)
-            waiting += sorted(place / name for name in folders if (place / name).is_symlink())
+    for parent, folders, files in os.walk(folder, followlinks=True):
+        place = Path(parent)
+        if place.resolve() in seen:
+            folders.clear()
+            continue
+        seen.add(place.resolve())
+        for name in found.keys() & set(files):
+            found[name].append(place / name)
     return next((sorted(paths) for paths in found.values() if paths), [])
 
 
 def _kitti_pair(root: Path, path: Path) -> TruePair:
-    stems = {f"{_KITTI_RESULTS}/{path.stem}": _STEPS, **_path_stems(PurePosixPath(_OCC, path.name))}
+    stems = _named(f"{_KITTI_RESULTS}/{path.stem}", *_path_stems(PurePosixPath(_OCC, path.name)))
     return TruePair(path.stem, str(path), stems, partial(_read_kitti, root, path))
 
 
@@ -226,9 +209,9 @@ def _read_kitti(root: Path, path: Path) -> Truth:
 def _scene_pair(folder: Path, path: Path) -> TruePair:
     name = path.absolute().parent.name
     if path.parent == folder:
-        stems = {name: _STEPS, path.stem: _STEPS}
+        stems = _named(name, path.stem)
     else:
-        stems = _path_stems(PurePosixPath(path.relative_to(folder).as_posix())) | {name: _STEPS}
+        stems = _named(*_path_stems(PurePosixPath(path.relative_to(folder).as_posix())), name)
     return TruePair(name, str(path), stems, partial(_read_scene, path))
 
 
@@ -240,7 +223,7 @@ def _read_scene(path: Path) -> Truth:
 
 
 def _map_pair(path: Path) -> TruePair:
-    return TruePair(path.stem, str(path), {path.stem: _STEPS}, partial(_read_map, path))
+    return TruePair(path.stem, str(path), [path.stem], partial(_read_map, path))
 
 
 def _read_map(path: Path) -> Truth:
@@ -253,25 +236,24 @@ def read_limits(path: Path) -> Limits:
     Raises:
         ReadError: where the file cannot be read, or a value is not a whole number or out of range.
     """
-    text = read_bytes(path, _LARGEST_CALIB).decode("utf-8", "replace")
-    values = {key: value for key, value in calib_values(text).items() if key in ("ndisp", "isint")}
+    values = calib_values(read_bytes(path, _LARGEST_CALIB).decode("utf-8", "replace"))
+    ndisp, isint = (_whole(path, key, values[key]) if key in values else None for key in ("ndisp", "isint"))
+    if ndisp is not None and not 0 < ndisp <= _LARGEST_NDISP:
+        raise ReadError(
+            path, f"ndisp: expected a number from 1 to {_LARGEST_NDISP}, got {cut(values['ndisp'].strip())}"
+        )
+    return Limits(ndisp, bool(isint))
+
+
+def _whole(path: Path, key: str, text: str) -> int:
     try:
-        numbers = {key: _whole(value) for key, value in values.items()}
+        # Some programs write a whole number as 64.0.
+        number = float(text)
+        if number.is_integer():
+            return int(number)
     except ValueError:
-        raise ReadError(path, f"expected whole numbers as ndisp and isint, got {shown(values)}") from None
-    if numbers.get("ndisp", 1) > _LARGEST_NDISP:
-        raise ReadError(path, f"ndisp: expected at most {_LARGEST_NDISP}, got {cut(values['ndisp'].strip())}")
-    if numbers.get("ndisp", 1) <= 0:
-        raise ReadError(path, f"ndisp: expected a number above 0, got {cut(values['ndisp'])}")
-    return Limits(numbers.get("ndisp"), bool(numbers.get("isint")))
-
-
-def _whole(text: str) -> int:
-    # Some programs write a whole number as 64.0.
-    number = float(text)
-    if not number.is_integer():
-        raise ValueError(text)
-    return int(number)
+        pass
+    raise ReadError(path, f"{key}: expected a whole number, got {cut(text.strip())}")
 
 
 def _with_mask(pair: TruePair, masks: Path) -> TruePair:
@@ -302,9 +284,14 @@ def _grey_map(path: Path, truth: NDArray[np.float32], beside: Path) -> NDArray[n
     return _same_size(GREY8.read(path), truth, path, beside) if path.is_file() else None
 
 
-def _path_stems(path: PurePosixPath, png_scale: float = _STEPS) -> dict[str, float]:
-    """Return a path without extension, with all of its folders, without the first, and so on, each with the scale."""
+def _path_stems(path: PurePosixPath) -> list[str]:
+    """Return a path without extension, with all of its folders, without the first, and so on."""
     parts = (*path.parts[:-1], path.stem)
-    stems = {"/".join(parts[first:]): png_scale for first in range(len(parts))}
+    stems = ["/".join(parts[first:]) for first in range(len(parts))]
     # "000000_left.disp" is also the disparity of "000000_left".
-    return stems | {path.name.partition(".")[0]: _STEPS} if "." in path.stem else stems
+    return [*stems, path.name.partition(".")[0]]
+
+
+def _named(*stems: str) -> list[str]:
+    """Return names in their order, each once."""
+    return list(dict.fromkeys(stems))
