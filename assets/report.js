@@ -24,6 +24,7 @@
     find("viewer").hidden = false;
     values = null;
     find("caption").textContent = pairs[mine].caption;
+    stage.style.width = `min(100%, ${(80 * pairs[mine].width) / pairs[mine].height}vh)`;
     for (const [k, button] of [...find("strip").children].entries()) button.setAttribute("aria-pressed", String(k === mine));
     for (const layer of layers) {
       const name = layer.dataset.image ?? layer.dataset.overlay;
