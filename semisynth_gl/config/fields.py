@@ -214,7 +214,8 @@ Baselines = Annotated[
 ]
 """A number of baselines, or the baselines in metres."""
 
-RangeField = Annotated[Range, BeforeValidator(_parse), PlainSerializer(written_range)]
+# Plain, since pydantic would make a schema of the class `Range` for each use, which takes time.
+RangeField = Annotated[Range, PlainValidator(_parse), PlainSerializer(written_range)]
 PositiveRange = Annotated[RangeField, at_least(SMALLEST)]
 NotNegativeRange = Annotated[RangeField, at_least(0)]
 Vector = Annotated[tuple[RangeField, ...], FROM_LIST, Field(min_length=3, max_length=3)]

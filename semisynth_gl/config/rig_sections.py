@@ -187,7 +187,7 @@ class DisparitySection(Section):
     max_px: Finite
     """largest disparity of any pixel; it sets the near plane"""
     target: TargetSection = UniformTarget()
-    """wanted distribution, by default ``uniform``; see below"""
+    """wanted distribution: ``uniform`` (default), ``uniform-depth``, ``gamma``, ``histogram``, ``mixture``, ``file``"""
 
     def _faults(self) -> Iterator[ConfigError]:
         for key in () if self.signed else ("min_px", "max_px"):

@@ -15,7 +15,6 @@ from ruamel.yaml.events import (
     CollectionEndEvent,
     DocumentStartEvent,
     Event,
-    NodeEvent,
     ScalarEvent,
     SequenceStartEvent,
 )
@@ -154,15 +153,14 @@ class _Reader:
         return str(event.value)
 
     def _check(self, event: Event, key: Key) -> None:
-        if isinstance(event, AliasEvent):
-            text = f"aliases (*{event.anchor}) are not accepted: write the value out, or put quotes around the *"
-            self._refuse(event, key, text)
-        if isinstance(event, NodeEvent) and event.anchor is not None:
-            text = f"anchors (&{event.anchor}) are not accepted: leave the anchor out, or put quotes around the &"
-            self._refuse(event, key, text)
-        tag = getattr(event, "tag", None)
-        if tag is not None:
-            self._refuse(event, key, f"tags ({tag}) are not accepted: leave the tag out, or put quotes around the !")
+        found = {
+            "*": isinstance(event, AliasEvent),
+            "&": getattr(event, "anchor", None),
+            "!": getattr(event, "tag", None),
+        }
+        if marks := [mark for mark, is_there in found.items() if is_there]:
+            text = "aliases (*), anchors (&) and tags (!) are not accepted: leave it out, or put quotes around"
+            self._refuse(event, key, f"{text} the {marks[0]}")
 
     def _scalar(self, event: ScalarEvent, key: Key) -> Any:  # noqa: ANN401 - any value
         text = str(event.value)
