@@ -21,6 +21,8 @@ from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.textures.image_files import find_images
 from semisynth_gl.textures.subjects import of_subjects, photographed_subjects
 
+# Ratios of fy to fx nearer to 1 are rounding.
+_SQUARE = 1e-6
 # Rooms, and most halls, have no pixels farther than this.
 _INDOOR_M = 20.0
 # Shares of such far pixels: only indoor scenes suit up to the first, only outdoor scenes beyond the second.
@@ -94,6 +96,11 @@ class Draft:
     def fy_over_fx(self) -> float:
         """Ratio of the focal lengths in y and x, in the middle of the rigs' range: a config has one."""
         return sum(self.ranges["fy_over_fx"]) / 2
+
+    @property
+    def square(self) -> bool:
+        """Whether fx and fy are equal but for rounding."""
+        return abs(self.fy_over_fx - 1) <= _SQUARE
 
     @property
     def far_share(self) -> float:

@@ -28,6 +28,8 @@ def rig_summary(draft: Draft, report: TextureReport) -> list[str]:
     """Return lines about the rig, its disparities, scenes and photographs."""
     ranges, disparity, count = draft.ranges, draft.disparity, draft.photograph_count
     focal_px, angle = _shown_range(ranges["focal_px"], "px"), _shown_range(_views_deg(draft), "degrees")
+    if not draft.square:
+        focal_px += f" (fy {draft.fy_over_fx:.6g} times that)"
     far_m, near_m = (_distance_m(draft, *end) for end in ((disparity.min_px, max), (disparity.max_px, min)))
     patches = counted(report.total("kept"), "patch")
     lines = [

@@ -33,8 +33,6 @@ _WALL_UP_TO = 0.05
 # Ends of the far plane's disparities, as fractions of the way from the farthest possible disparity to min_px.
 _PLANE_OF_MIN = (0.1, 0.7)
 _SOURCES_SHOWN = 5
-# Ratios of fy to fx nearer to 1 are rounding.
-_SQUARE = 1e-6
 
 Key = tuple[str, ...]
 
@@ -147,14 +145,13 @@ def suited_layout(config: Config, rigs: Sequence[Rig]) -> str | None:
 
 def _camera(made: ConfigValues, draft: Draft) -> None:
     ranges = draft.ranges
-    square = abs(draft.fy_over_fx - 1) <= _SQUARE
     made.section(
         "camera",
         {
             "width_px": draft.size.width_px,
             "height_px": draft.size.height_px,
             **{key: ends for key, ends in ranges.items() if key != "fy_over_fx"},
-            "fy_over_fx": None if square else draft.fy_over_fx,
+            "fy_over_fx": None if draft.square else draft.fy_over_fx,
             "colour": "grey" if draft.grey else None,
         },
         _camera_origin(draft),
