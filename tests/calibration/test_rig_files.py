@@ -391,6 +391,18 @@ def depthai(links="to the right", kind=0, lens=(D1, D2)):
     return {"boardName": "OAK-D", "cameraData": cameras, "stereoRectificationData": stereo}
 
 
+@shape
+def mrcal(folder):
+    files = {}
+    for name, k, d, turn, shift in (("left", K1, D1, np.eye(3), [0] * 3), ("right", K2, D2, R, T)):
+        values = {"lensmodel": "LENSMODEL_OPENCV5", "intrinsics": [*vector(k), *d.tolist()], "imagersize": list(SIZE)}
+        pose = [*vector_of(turn.tolist()), *map(float, shift)]
+        files[f"{name}_cameramodel"] = "# a model\n" + repr(values | {"extrinsics": pose}).replace("(", "[").replace(
+            ")", "]"
+        )
+    return write(folder, **files)
+
+
 SHAPES["basalt"] = lambda folder: write(folder, calibration_json=basalt())
 for _link in [*LINKS][1:]:
     SHAPES[f"depthai {_link}"] = lambda folder, link=_link: write(folder, oak_json=depthai(link))
@@ -571,6 +583,29 @@ def test_modes_are_chosen_by_the_size(tmp_path):
         read_rigs([path])
     with pytest.raises(ReadError, match="got 320 x 240"):
         read_rigs([path], size=Size(320, 240))
+
+
+def test_zeds_modes_have_the_right_camera_on_the_right(tmp_path):
+    lines = []
+    for mode, scale in (("HD", 1.0), ("VGA", 0.525)):
+        for eye, k, d in (("LEFT", K1, D1), ("RIGHT", K2, D2)):
+            values = {name: value * (scale if name[0] in "fc" else 1) for name, value in scalars(k, d).items()}
+            lines += [f"[{eye}_CAM_{mode}]", *(f"{name}={value}" for name, value in values.items()), ""]
+    x, y, z = vector_of(R.tolist())
+    lines += ["[STEREO]", f"Baseline={-1000 * T[0]}", f"TY={1000 * T[1]}", f"TZ={1000 * T[2]}"]
+    lines += [f"{name}_{mode}={value}" for mode in ("HD", "VGA") for name, value in (("RX", x), ("CV", y), ("RZ", z))]
+    (path,) = write(tmp_path, SN1_conf="\n".join(lines))
+    for size, scale in ((Size(1280, 720), 1.0), (Size(672, 376), 0.525)):
+        (rig,) = read_rigs([path], photographed=size)
+        k = [np.diag([scale, scale, 1]) @ each for each in (K1, K2)]
+        whole = k[0], D1, k[1], D2, tuple(size), R, T[:, None]
+        r1, r2, p1, p2, *_ = cv2.stereoRectify(*whole, flags=cv2.CALIB_ZERO_DISPARITY)
+        assert rig.camera.focal_px == pytest.approx(p1[0, 0])
+        assert rig.camera.baseline_m == pytest.approx(-p2[0, 3] / p2[0, 0])
+        np.testing.assert_allclose(rig.raw["left"].rotation, r1, atol=1e-9)
+        np.testing.assert_allclose(rig.raw["right"].rotation, r2, atol=1e-9)
+    with pytest.raises(ReadError, match="1280 x 720, 672 x 376: give the size"):
+        read_rigs([path])
 
 
 # --- what a user says of a file ---
