@@ -74,7 +74,7 @@ CHANGES: tuple[Change, ...] = (
     Change("imperfections.blur_px", down=("border_hardness", "octaves", "gradient")),
     Change("textures.texels_per_pixel", up=("gradient",), down=("flat",)),
     Change("textures.min_texture", up=("gradient",), down=("flat",)),
-    Change("imperfections.exposure_stops", up=("luminance", "gradient"), down=("flat",)),
+    Change("imperfections.exposure_stops", up=("luminance", "contrast", "gradient"), down=("flat",)),
     Change("imperfections.gamma", down=("luminance",)),
     Change(
         "lens",

@@ -120,6 +120,7 @@ MEASURES: tuple[Measure, ...] = (
     Measure("octaves", "contrast, finest over third octave", ("octave_contrasts",), "ratio", _detail, fine=True),
     Measure("gradient", "gradient, mean", ("gradients",), "levels per px", _mean, fine=True),
     Measure("luminance", "luminance, mean", ("luminance",), "levels", _mean),
+    Measure("contrast", "luminance, deviation", ("luminance",), "levels", lambda each: float(each.std())),
     Measure("border", "black border of rectification", ("luminance",), "%", rectification_border),
     Measure("corners", "sharpness, corners over middle", ("luminance",), "ratio", corner_sharpness, fine=True),
 )

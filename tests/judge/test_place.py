@@ -155,6 +155,7 @@ def test_contrast_and_gradient_of_checks_and_ramps():
     ramp = picture_of(grey=3 * column)
     assert value("gradient", ramp) == pytest.approx(3, abs=1e-5)
     assert value("luminance", ramp) == pytest.approx(3 * 14.5, abs=1e-4)
+    assert value("contrast", ramp) == pytest.approx(3 * np.arange(30).std(), abs=1e-4)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 90), (90, 1), (17, 17)])
