@@ -772,7 +772,7 @@ def test_a_real_pair_becomes_a_config_that_renders(call, tmp_path, monkeypatch):
     for said in ("741 x 500", "994.978 px", "0.193001 m", "31.086 px", "mean 34.", "1 disparity map", "92.7%",
                  "1, which give 6 patches", "validation or test",
                  "generate --config 'my rig.yaml' --out data/my-rig",
-                 "compare data/my-rig --images photos --disparity disp0.pfm"):  # fmt: skip
+                 "report data/my-rig --images photos --disparity disp0.pfm"):  # fmt: skip
         assert said in out
     text = (tmp_path / "my rig.yaml").read_text()
     assert "# From calib.txt." in text

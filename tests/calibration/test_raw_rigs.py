@@ -200,7 +200,7 @@ def test_the_command_rectifies_twice_alike(place):
     for _ in range(2):
         result = CliRunner().invoke(command, list(map(str, arguments)), catch_exceptions=False)
         assert result.exit_code == 0, result.output
-        assert f"compare data/rig --images {place / 'rectified'}" in result.output
+        assert f"report data/rig --images {place / 'rectified'}" in result.output
         texts.append((place / "rig.yaml").read_text())
     assert texts[0] == texts[1]
     assert load_config(place / "rig.yaml").textures.images == (str(place / "rectified"),)
