@@ -22,7 +22,8 @@ from semisynth_gl.calibration.kinds import (
 )
 from semisynth_gl.calibration.names import ROTATION_WORDS, Entry, eye_of, last_word, starts, words_of
 from semisynth_gl.calibration.parts import by_columns, with_parts
-from semisynth_gl.calibration.poses import along_chain, between_eyes, from_body
+from semisynth_gl.calibration.poses import along_chain, between_eyes, by_name, from_body
+from semisynth_gl.calibration.rig import turned_size_fault
 from semisynth_gl.calibration.tree import Array, FormatError, Name, Tree, text_of
 from semisynth_gl.frame.raw_camera import rotation_of
 
@@ -32,16 +33,22 @@ KEYS = ("K1", "D1", "R1", "P1", "K2", "D2", "R2", "P2", "R", "T", "Q", "size")
 # Words of arrays that stand beside the ones meant: a matrix of the rectified images, an optimal one.
 _REDERIVED = {"new", "optimal", "opt", "rect", "rectified", "rectification", "undistorted", "roi", "virtual"}
 _SHIFT_WORDS = ("t", "tr", "trans", "trns", "tvec", "shift", "position")
+# Words of angles about axes, which are no rotation vector.
+_ANGLE_WORDS = ("angle", "euler", "rpy", "roll", "deg")
 _LENS_WORDS = ("d", "dist", "coef", "kc", "radtan", "equidistant")
 # Names of a size, letters only.
-_WIDTHS = ("width", "imagewidth", "imgwidth", "imagew", "w", "cols")
-_HEIGHTS = ("height", "imageheight", "imgheight", "imageh", "h", "rows")
+_WIDTHS = ("width", "imagewidth", "imgwidth", "imagew", "w", "cols", "resx")
+_HEIGHTS = ("height", "imageheight", "imgheight", "imageh", "h", "rows", "resy")
 _SIZES = (
     *("size", "imagesize", "imgsize", "imsize", "imagersize", "framesize", "resolution", "imageresolution"),
     *("srect", "s", "wh", "dimensions", "shape", "imageshape", "imgshape", "hw"),
 )
 _HEIGHT_FIRST = ("shape", "hw")
 _BASELINES = ("baseline", "stereobaseline", "b", "bl")
+# Words of sizes of other things: of a board, of a part of the images.
+_OTHER_SIZES = {"board", "pattern", "chessboard", "checkerboard", "chess", "grid", "tag", "marker", "roi", "crop"}
+# Largest difference of the baselines of P and of T, relative.
+_SAME_BASELINE = 0.02
 _LISTED = 40
 
 
@@ -81,8 +88,8 @@ class Finder:
             FormatError: where there are more than two cameras, or what is there contradicts itself.
         """
         self._check_windows()
-        size = self._size()
         k, p = self._eyes("K", is_camera_matrix, 3), self._eyes("P", is_projection, 3)
+        size = self._size(*(k or ()), *(p or ()))
         p = p or self._right_alone()
         rotation, shift = self._stereo_pose()
         if rotation is None and p is None and (plain := self._plain(k)) is not None:
@@ -103,21 +110,18 @@ class Finder:
         coefficients = self._eyes("D", is_coefficients, 1, words=_LENS_WORDS)
         if coefficients is None and k is not None:
             coefficients = self._other_coefficients(shared=k[0] is k[1])
-        factor = self._factor(shift, p)
+        moved_m, p = self._in_metres(shift, p)
         eyes = []
         for number, eye in enumerate(("left", "right")):
             camera = None if k is None else k[number]
-            projection = None if p is None else p[number].copy()
-            if projection is not None:
-                projection[:, 3] *= factor
+            projection = None if p is None else p[number]
             lens = EyeArrays()
             if camera is not None:
                 d = None if coefficients is None else coefficients[number]
                 lens = self._lens(eye, number, camera, d, size, required=p is None)
             turn = None if turns is None else turns[number]
             eyes.append(EyeArrays(camera, lens.d, lens.model, turn, projection, lens.fault))
-        moved = None if shift is None else shift.ravel() * factor
-        return StereoArrays(source, eyes[0], eyes[1], size, rotation, moved, notes=tuple(self.notes))
+        return StereoArrays(source, eyes[0], eyes[1], size, rotation, moved_m, notes=tuple(self.notes))
 
     def check_lenses(self) -> None:
         """Raise FormatError where the tree names a lens that is not read."""
@@ -227,39 +231,53 @@ class Finder:
         """Return R (3, 3) and T (3,), right_from_left, in the file's unit; None for what is not there."""
         turned, moved = self._rotations(), self._shifts()
         if {"R", "T"} & self.given.keys():
-            r, t = self.given.get("R"), self.given.get("T")
-            return (turned.get("") if r is None else _rotation(r)), (moved.get("") if t is None else t.ravel())
+            r = self.given.get("R", turned[""].value if "" in turned else None)
+            t = self.given.get("T", moved[""].value if "" in moved else None)
+            return None if r is None else _rotation(r), None if t is None else t.ravel()
         if "" in turned and "" in moved:
-            return turned[""], moved[""]
+            return by_name(moved[""].name, turned[""].value, moved[""].value)
         poses = {e.name: e.value.reshape(-1, 4)[:3] for e in self.entries if is_pose(e.value)}
-        if (found := along_chain(poses, self.cameras) or between_eyes(poses)) is not None:
+        if (found := along_chain(poses, self.cameras) or between_eyes(poses, self.cameras)) is not None:
             return found
+        return self._against_others(poses, turned, moved)
+
+    def _against_others(
+        self, poses: Mapping[Name, Array], turned: Mapping[str, Entry], moved: Mapping[str, Entry]
+    ) -> tuple[Array | None, Array | None]:
+        """Return R and T, right_from_left, from poses, or rotations and translations, against a body or a camera."""
         groups: dict[str, dict[str, Entry]] = {}
         for name, pose in poses.items():
             groups.setdefault(_stem(name), {}).setdefault(eye_of(name), Entry(name, pose))
         labels = [label for label in moved if label in turned]
-        groups["R and T"] = {label: Entry((label,), _stacked(turned[label], moved[label])) for label in labels}
+        groups["R and T"] = {
+            label: Entry(moved[label].name, np.hstack([turned[label].value, moved[label].value[:, None]]))
+            for label in labels
+        }
         for group in groups.values():
             if (pair := self._pair(group, "pose")) is not None:
                 return from_body(*pair)
-        # Calibrations of one camera against the other keep R and T beside the second camera.
-        return (turned[labels[0]], moved[labels[0]]) if len(labels) == 1 else (None, None)
+        # Calibrations of one camera against the other keep R and T beside the second camera; "rotation (R)" is no eye.
+        if not labels and len(turned) == len(moved) == 1 and "" in moved:
+            return next(iter(turned.values())).value, moved[""].value
+        return (turned[labels[0]].value, moved[labels[0]].value) if len(labels) == 1 else (None, None)
 
-    def _rotations(self) -> dict[str, Array]:
-        """Return rotations that do not rectify, by eye."""
-        found: dict[str, Array] = {}
-        for entry in self.entries:
+    def _rotations(self) -> dict[str, Entry]:
+        """Return rotations (3, 3) that do not rectify, by eye: matrices rather than vectors."""
+        found: dict[str, Entry] = {}
+        for entry in sorted(self.entries, key=lambda e: e.value.size != 9):
             vector = are_numbers(entry.value, 3) and starts(entry.words, ("r", *ROTATION_WORDS))
+            vector &= bool(np.linalg.norm(entry.value) < 2 * np.pi) and not starts(entry.words, _ANGLE_WORDS)
             if (is_rotation(entry.value) or vector) and not starts(entry.words, ("rect", "rectif")):
-                found.setdefault(eye_of(entry.name, rotation=True), _rotation(entry.value))
+                turned = Entry(entry.name, _rotation(entry.value))
+                found.setdefault(eye_of(entry.name, rotation=True), turned)
         return found
 
-    def _shifts(self) -> dict[str, Array]:
-        found: dict[str, Array] = {}
-        vectors = [e for e in self.entries if are_numbers(e.value, 3)]
-        for entry in vectors:
+    def _shifts(self) -> dict[str, Entry]:
+        """Return translations (3,) by eye."""
+        found: dict[str, Entry] = {}
+        for entry in (e for e in self.entries if are_numbers(e.value, 3)):
             if starts(entry.words, _SHIFT_WORDS) and not starts(entry.words, ROTATION_WORDS):
-                found.setdefault(eye_of(entry.name), entry.value.ravel())
+                found.setdefault(eye_of(entry.name), Entry(entry.name, entry.value.ravel()))
         return found
 
     def _shared(self, key: str, fits: Callable[[Array], bool], words: Sequence[str] = ()) -> tuple[Array, Array] | None:
@@ -317,23 +335,42 @@ class Finder:
                 continue
             value, key = abs(float(entry.value.ravel()[0])), re.sub(r"[^a-z]", "", entry.key.lower())
             stem = next((unit for unit in ("meters", "metres", "mm", "cm", "m") if key == f"baseline{unit}"), None)
-            if key in _BASELINES or stem is not None or key.startswith("rows"):
+            if key in _BASELINES or stem is not None or re.fullmatch(r"rows \d+", entry.key):
                 self.unit = self.unit or (None if stem is None else stem if stem in UNITS else "m")
                 return value
             if key in {"bf", "fb"}:
                 return value / fx
         return None
 
-    def _factor(self, shift: Array | None, p: tuple[Array, Array] | None) -> float:
-        """Return metres per unit of the translation."""
+    def _in_metres(
+        self, shift: Array | None, p: tuple[Array, Array] | None
+    ) -> tuple[Array | None, tuple[Array, Array] | None]:
+        """Return the translation and the projections in metres; where their baselines differ, the translation's counts.
+
+        DrivingStereo's small images have projections of twice the baseline.
+        """
+        moved_m = None if shift is None else shift.ravel() * self._factor(float(np.linalg.norm(shift)))
+        if p is None:
+            return moved_m, None
+        left, right = (each[0, 3] / each[0, 0] for each in p)
+        factor = self._factor(abs(left - right), noted=moved_m is None)
+        baseline_m = abs(left - right) * factor
+        length_m = 0.0 if moved_m is None else float(np.linalg.norm(moved_m))
+        if min(baseline_m, length_m) > 0 and abs(length_m - baseline_m) > _SAME_BASELINE * length_m:
+            self.notes.append(
+                f"the cameras are {baseline_m:.6g} m apart by P, and {length_m:.6g} m by T, which was taken: if P is "
+                "right, leave T out"
+            )
+            factor *= length_m / baseline_m
+        scale = np.array([1, 1, 1, factor])
+        return moved_m, (p[0] * scale, p[1] * scale)
+
+    def _factor(self, length: float, *, noted: bool = True) -> float:
+        """Return metres per unit of a length."""
         if self.unit is not None:
             return UNITS[self.unit]
-        length = float(np.linalg.norm(shift)) if shift is not None else 0.0
-        if not length and p is not None:
-            moved = [each[0, 3] / each[0, 0] for each in p]
-            length = abs(moved[0] - moved[1])
         unit = unit_of(length)
-        if unit != "m":
+        if unit != "m" and noted:
             self.notes.append(
                 f"the cameras are {length:g} apart, which was taken for {unit}: if that is wrong, give the unit"
             )
@@ -353,33 +390,49 @@ class Finder:
                     "Take whole images; or write 0 here, and subtract the offsets from cx and cy of P"
                 )
 
-    def _size(self) -> Size | None:
+    def _size(self, *matrices: Array) -> Size | None:
+        """Return the size of the images, by the principal points of matrices where its sides may be in any order."""
         if "size" in self.given:
             return checked_size(*self.given["size"].ravel()[:2])
-        sizes: dict[bool, list[Size]] = {True: [], False: []}
+        known = [*dict.fromkeys(self._sizes(matrices))]
+        if len(known) > 1:
+            raise FormatError(f"has images of {known[0]} and of {known[1]}: expected one size of both cameras")
+        if known and self.user_size == tuple(reversed(known[0])) and _is_turned(known[0], matrices):
+            self.notes.append(f"its size, {known[0]}, was taken for height and width, as the photographs are")
+            return self.user_size
+        return known[0] if known else None
+
+    def _sizes(self, matrices: Sequence[Array]) -> list[Size]:
+        """Return the sizes that the tree states: of rectified images, or else of raw ones."""
+        sizes: dict[bool, list[Size | None]] = {True: [], False: []}
         sides: dict[tuple[Name, str], dict[str, float]] = {}
         for entry in self.entries:
-            key = re.sub(r"[^a-z]", "", entry.key.lower())
-            of_rig = (self.cameras is None or eye_of(entry.name) in {"", *self.cameras}) and "roi" not in entry.name
-            if not (of_rig and are_numbers(entry.value, 1, 2, 3, 4)):
+            key = re.sub(r"\(.*?\)|[^a-z]", "", entry.key.lower())
+            of_rig = self.cameras is None or eye_of(entry.name) in {"", *self.cameras}
+            if not of_rig or _OTHER_SIZES & set(entry.words) or not are_numbers(entry.value, 1, 2, 3, 4):
                 continue
             if entry.value.size > 1 and key in _SIZES:
-                # Basalt lists the sizes of both cameras, NumPy's shape ends with the number of channels.
-                rows = entry.value.reshape(2, 2) if entry.value.shape == (2, 2) else entry.value.reshape(1, -1)
-                turned = any(key.endswith(each) for each in _HEIGHT_FIRST)
-                for first, second in rows[:, :2].tolist():
-                    size = checked_size(second, first) if turned else checked_size(first, second)
-                    sizes["rect" in entry.words].extend([size] if size else [])
+                sizes["rect" in entry.words] += _listed_sizes(entry.value, key, matrices)
             elif entry.value.size == 1 and key in (*_WIDTHS, *_HEIGHTS):
                 side = "width" if key in _WIDTHS else "height"
                 sides.setdefault((entry.name[:-1], eye_of(entry.name)), {})[side] = float(entry.value.ravel()[0])
-        for found in sides.values():
-            if len(found) == 2 and (size := checked_size(found["width"], found["height"])):
-                sizes[False].append(size)
-        known = sizes[True] or sizes[False]
-        if len(set(known)) > 1:
-            raise FormatError(f"has images of {known[0]} and of {known[1]}: expected one size of both cameras")
-        return known[0] if known else None
+        sizes[False] += [checked_size(found["width"], found["height"]) for found in sides.values() if len(found) == 2]
+        rectified, raw = ([size for size in sizes[key] if size is not None] for key in (True, False))
+        return rectified or raw
+
+
+def _listed_sizes(value: Array, key: str, matrices: Sequence[Array]) -> Iterator[Size | None]:
+    """Yield the size that a list states, or those of both cameras, as Basalt lists them."""
+    # NumPy's shape begins with the height, unless a script wrote shape[::-1], and ends with the number of channels.
+    shape = any(key.endswith(each) for each in _HEIGHT_FIRST)
+    for first, second in (value if value.shape == (2, 2) else value.reshape(1, -1))[:, :2].tolist():
+        size = checked_size(second, first) if shape else checked_size(first, second)
+        yield Size(*reversed(size)) if shape and size is not None and _is_turned(size, matrices) else size
+
+
+def _is_turned(size: Size, matrices: Sequence[Array]) -> bool:
+    """Return whether the principal points of camera matrices say that a size is height and width."""
+    return bool(matrices) and turned_size_fault(size, *matrices) is not None
 
 
 def _rotation(value: Array) -> Array:
@@ -388,10 +441,6 @@ def _rotation(value: Array) -> Array:
         return value.reshape(3, 3)
     x, y, z = value.ravel().tolist()
     return np.array(rotation_of((x, y, z)))
-
-
-def _stacked(turn: Array, shift: Array) -> Array:
-    return np.hstack([turn, shift.reshape(3, 1)])
 
 
 def _stem(name: Name) -> str:

@@ -11,15 +11,18 @@ from semisynth_gl.calibration.tree import Name
 
 # Names of single numbers, without separators: the entries of K, and of D in OpenCV's order.
 _SCALARS = {
-    "fx": ("fx", "focallengthx", "focalx", "flx", "mu", "fu", "focallengthpx", "focalpx", "f", "focal", "focallength"),
-    "fy": ("fy", "focallengthy", "focaly", "fly", "mv", "fv"),
-    "cx": ("cx", "ppx", "u0", "cu", "principalpointx", "opticalcenterx", "px0"),
-    "cy": ("cy", "ppy", "v0", "cv", "principalpointy", "opticalcentery", "py0"),
+    "fx": (
+        *("fx", "fcx", "focallengthx", "focalx", "flx", "mu", "fu"),
+        *("focallengthpx", "focalpx", "f", "focal", "focallength"),
+    ),
+    "fy": ("fy", "fcy", "focallengthy", "focaly", "fly", "mv", "fv"),
+    "cx": ("cx", "ccx", "ppx", "u0", "cu", "principalpointx", "opticalcenterx", "px0"),
+    "cy": ("cy", "ccy", "ppy", "v0", "cv", "principalpointy", "opticalcentery", "py0"),
     **{name: (name,) for name in ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")},
 }
 # Vectors of such numbers: Kalibr's intrinsics, Bouguet's and MATLAB's.
 _VECTORS = {
-    ("fx", "fy", "cx", "cy"): ("intrinsics", "intrinsic", "intrinsicsvector", "projectionparameters"),
+    ("fx", "fy", "cx", "cy"): ("intrinsics", "intrinsic", "intrinsicsvector", "projectionparameters", "cameramatrix"),
     ("fx", "fy"): ("fc", "focallength", "focal", "focallengths"),
     ("cx", "cy"): ("cc", "principalpoint", "opticalcenter"),
     ("k1", "k2"): ("radialdistortion",),
@@ -43,10 +46,10 @@ def by_columns(entries: Sequence[Entry]) -> list[Entry]:
     return [turned(entry) for entry in entries] if by_rows else list(entries)
 
 
-def with_parts(entries: Iterable[Entry]) -> Iterator[Entry]:
-    """Yield entries, and what parts of a camera matrix or of a lens make together: fx and cx, or k1 and k2."""
+def with_parts(entries: Sequence[Entry]) -> Iterator[Entry]:
+    """Yield entries, and what parts make together: T_0 to T_2, fx and cx of a camera matrix, k1 and k2 of a lens."""
     groups: dict[Name, dict[str, dict[str, float]]] = {}
-    for entry in entries:
+    for entry in (*entries, *_numbered(entries)):
         yield entry
         if not are_numbers(entry.value, 1, 2, 3, 4):
             continue
@@ -69,6 +72,18 @@ def with_parts(entries: Iterable[Entry]) -> Iterator[Entry]:
                 k = np.array([[fx, 0, named["cx"]], [0, fy, named["cy"]], [0, 0, 1]])
                 yield Entry((*own, "K"), k)
             yield from _coefficients(own, named)
+
+
+def _numbered(entries: Iterable[Entry]) -> Iterator[Entry]:
+    """Yield the vectors that numbers count from 0 in their names: T_0, T_1 and T_2."""
+    vectors: dict[Name, dict[int, float]] = {}
+    for entry in entries:
+        if entry.value.size == 1 and (counted := re.fullmatch(r"(.*?[A-Za-z])_?(\d{1,2})", entry.key)):
+            numbers = vectors.setdefault((*entry.name[:-1], counted[1]), {})
+            numbers[int(counted[2])] = float(entry.value.ravel()[0])
+    for name, numbers in vectors.items():
+        if len(numbers) > 2 and sorted(numbers) == [*range(len(numbers))]:
+            yield Entry(name, np.array([numbers[k] for k in range(len(numbers))]))
 
 
 def _coefficients(name: Name, values: Mapping[str, float]) -> Iterator[Entry]:

@@ -17,6 +17,7 @@ _FRAMES = (
     re.compile(r"[A-Za-z]*?_?T_?([A-Za-z]+\d*)_([A-Za-z]+\d*)"),
     re.compile(r"T_?([A-Z])([A-Z]\d?)"),
     re.compile(r"T_?([a-z]\d?)([a-z]\d?)"),
+    re.compile(r"T_?(\d)_?(\d)"),
     re.compile(r"(.+)_from_(.+)"),
 )
 
@@ -45,14 +46,23 @@ def along_chain(poses: Mapping[Name, Array], cameras: tuple[str, str] | None) ->
     return _parts(_inverse(whole) if last < first else whole)
 
 
-def between_eyes(poses: Mapping[Name, Array]) -> tuple[Array, Array] | None:
-    """Return R (3, 3) and T (3,), right_from_left, of a pose from one eye to the other; None where there is none."""
+def between_eyes(poses: Mapping[Name, Array], cameras: tuple[str, str] | None) -> tuple[Array, Array] | None:
+    """Return R (3, 3) and T (3,), right_from_left, of a pose from one eye to the other; None where there is none.
+
+    Args:
+        poses: poses (3, 4) or (4, 4) by name.
+        cameras: the left and the right camera by number or name; None for any two.
+    """
     for name, pose in poses.items():
         frames = _frames(name)
         if frames is None or not all(map(_is_eye, frames)):
             continue
         to, start = (eye_of((each,)) for each in frames)
-        if {to, start} == {"left", "right"}:
+        if cameras is not None:
+            if {to, start} != set(cameras):
+                continue
+            backwards = to == cameras[0]
+        elif {to, start} == {"left", "right"}:
             backwards = to == "left"
         elif to.isdigit() and start.isdigit():
             backwards = int(to) < int(start)
@@ -62,10 +72,18 @@ def between_eyes(poses: Mapping[Name, Array]) -> tuple[Array, Array] | None:
     if len(poses) == 1:
         ((name, pose),) = poses.items()
         frames = _frames(name)
-        if frames is not None and not all(map(_is_eye, frames)):
-            return None  # where one camera stands on a body
+        if frames is not None and (cameras is not None or not all(map(_is_eye, frames))):
+            return None  # where one camera stands on a body, or how other cameras stand
         return _likelier(_whole(pose), _inverse(pose))
     return None
+
+
+def by_name(name: Name, turn: Array, shift: Array) -> tuple[Array, Array]:
+    """Return R and T, right_from_left, turned round where the translation's name leads from right to left."""
+    frames = _frames(name)
+    if frames is not None and [eye_of((each,)) for each in frames] == ["left", "right"]:
+        return turn.T, -turn.T @ shift
+    return turn, shift
 
 
 def from_body(left: Entry, right: Entry) -> tuple[Array, Array]:
@@ -99,7 +117,7 @@ def _frames(name: Name) -> tuple[str, str] | None:
 
 
 def _is_eye(frame: str) -> bool:
-    return bool(_EYES & set(words_of((frame,))))
+    return frame.isdigit() or bool(_EYES & set(words_of((frame,))))
 
 
 def _whole(pose: Array) -> Array:

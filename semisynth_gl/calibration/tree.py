@@ -26,6 +26,8 @@ EXTENSIONS = (".txt", ".yaml", ".yml", ".json", ".xml", ".npz", ".npy", ".conf",
 """Extensions of the files that a folder or a glob finds; a file named in full may have any."""
 
 _LARGEST_BYTES = 1 << 20
+# YAML is read at about 25 kB a second.
+_LARGEST_YAML = 128 << 10
 # An .npz may hold the corners of all photographs of a board beside the calibration.
 _LARGEST_NUMPY = 256 << 20
 _MOST_VALUES, _MOST_NUMBERS, _DEEPEST = 20_000, 200_000, 40
@@ -89,9 +91,11 @@ def _parsed(path: Path) -> Any:  # noqa: ANN401 - any nested value
         return _xml(text)
     if start in {"{", "["} and (value := _json(text)) is not None:
         return value
-    documents, fault = _yaml(text)
+    documents, fault = _yaml(text) if len(text) <= _LARGEST_YAML else ([], "")
     if documents:
         return documents[0] if len(documents) == 1 else {str(n): each for n, each in enumerate(documents, 1)}
+    if path.suffix.lower() in {".yaml", ".yml", ".json"} and len(text) > _LARGEST_YAML:
+        raise FormatError(f"has more than {_LARGEST_YAML >> 10} KiB of YAML: expected a calibration alone")
     if path.suffix.lower() in {".yaml", ".yml", ".json"} and fault:
         raise FormatError(f"is no YAML: {fault}")
     return _lines(text)
@@ -144,8 +148,8 @@ def _yaml(text: str) -> tuple[list[Mapping[str, Any]], str]:
     # Scalars stay text: dates, sexagesimal numbers and tags mean nothing here.
     yaml = YAML(typ="base", pure=True)
     yaml.allow_duplicate_keys = True
-    # OpenCV's first line, %YAML:1.0, is not valid YAML. In flow mappings a colon needs a space as well.
-    text = re.sub(r"\A\s*%YAML[^\n]*\n", "", text)
+    # OpenCV's first line, %YAML:1.0, and tabs are not valid YAML. In flow mappings a colon needs a space as well.
+    text = re.sub(r"\A\s*%YAML[^\n]*\n", "", text).replace("\t", "  ")
     try:
         documents = [each for each in yaml.load_all(_NO_SPACE.sub(r"\1: ", text)) if each]
     except (YAMLError, ValueError, AttributeError, TypeError, KeyError) as error:
@@ -229,7 +233,7 @@ def _add(tree: Tree, name: Name, node: Any, depth: int) -> None:  # noqa: ANN401
         tree[name] = node
     elif isinstance(node, Mapping):
         for key, value in node.items():
-            _add(tree, (*name, *(part for part in str(key).split(".") if part)), value, depth + 1)
+            _add(tree, (*name, *([part for part in str(key).split(".") if part] or [str(key)])), value, depth + 1)
     elif isinstance(node, list | tuple):
         for number, value in enumerate(node):
             _add(tree, (*name, str(number)), value, depth + 1)

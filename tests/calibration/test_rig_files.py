@@ -2,6 +2,7 @@
 
 import json
 import re
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -287,6 +288,65 @@ def ros_ini(folder):
             f"{rows(values['R' + n])}\n\nprojection\n{rows(values['P' + n])}\n"
         )
     return write(folder, **files)
+
+
+@shape
+def report(folder):
+    """As scripts print arrays for people, with angles beside the rotation."""
+
+    def printed(value):
+        with np.printoptions(precision=17):
+            return str(value)
+
+    text = "=== RESULTS ===\n\nChessboard size: 9 x 6\nIMAGE SIZE (width x height):\n640 480\n\n-----\n"
+    text += "Rotation angles (Roll, Pitch, Yaw) [degrees]: 0.57, -1.15, 0.34\n\n"
+    for eye, k, d in (("LEFT", K1, D1), ("RIGHT", K2, D2)):
+        text += f"{eye} CAMERA MATRIX:\n{printed(k)}\n\n{eye} DISTORTION:\n{printed(d)}\n\n"
+    text += f"ROTATION MATRIX (R):\n{printed(R)}\n\nTRANSLATION VECTOR (T) [mm]:\n{printed(T[:, None] * 1000)}\n"
+    return write(folder, report_txt=text)
+
+
+@shape
+def numbered(folder):
+    """As surgical robots keep a rig."""
+    text = ""
+    for eye, k, d in (("Left", K1, D1), ("Right", K2, D2)):
+        values = dict(zip(("fc_x", "fc_y", "cc_x", "cc_y"), vector(k), strict=True)) | {"res_x": 640, "res_y": 480}
+        values |= {f"kc_{n}": value for n, value in enumerate([*d, 0, 0, 0])}
+        if eye == "Right":
+            values |= {f"R_{n}": value for n, value in enumerate(R.ravel())}
+            values |= {f"T_{n}": value * 1000 for n, value in enumerate(T)}
+        text += f"[Stereo{eye}]\n" + "".join(f"{name}={float(value)!r}\n" for name, value in values.items())
+    return write(folder, calibration_ini=text)
+
+
+@shape
+def from_right_to_left(folder):
+    back = np.linalg.inv(POSE)
+    values = {"K_left": K1, "D_left": D1, "K_right": K2, "D_right": D2, "size": SIZE}
+    return write(folder, rig_json=values | {"R_right_to_left": back[:3, :3], "T_right_to_left": back[:3, 3]})
+
+
+@shape
+def tabs_and_a_board(folder):
+    names = "left_K", "left_D", "right_K", "right_D", "stereo_R", "stereo_T"
+    rows = [f"{name}:\t{value.tolist()}\t\t# measured" for name, value in zip(names, RAW.values(), strict=True)]
+    board = "board:\n  cols: 9\n  rows: 6\n  size: [9, 6]\n"
+    return write(folder, rig_yaml="\n".join([*rows, "img_shape:\t[640, 480]", board]))
+
+
+def against_a_board(direction):
+    """Each camera's pose against a board, in the direction that the names tell."""
+    cameras = {}
+    for number, k, d, body in ((0, K1, D1, BODY_LEFT), (1, K2, D2, BODY_RIGHT)):
+        pose = body if direction == "cam_to_board" else np.linalg.inv(body)
+        names = {f"R_{direction}": pose[:3, :3], f"t_{direction}": pose[:3, 3]}
+        cameras[f"camera_{number}"] = {"camera_matrix": k, "dist": d, "width": 640, "height": 480, **names}
+    return cameras
+
+
+for _direction in ("board_to_cam", "cam_to_board"):
+    SHAPES[_direction] = lambda folder, way=_direction: write(folder, rig_json=against_a_board(way))
 
 
 def kalibr(lens="radtan", coefficients=(D1[:4], D2[:4]), pose=POSE, *, imu=False, size=SIZE):
@@ -667,6 +727,40 @@ def test_two_of_several_cameras_are_chosen(tmp_path):
         read_rigs([path], cameras=("cam0", "cam3"))
 
 
+def test_the_pose_between_the_chosen_cameras_counts(tmp_path):
+    other = np.eye(4)
+    other[0, 3] = -0.7
+    values = {
+        f"cam{n}": {"camera_matrix": vector(k), "distortion_coeffs": d, "resolution": SIZE}
+        for n, k, d in ((0, K2, D2), (1, K1, D1), (2, K2, D2))
+    }
+    (path,) = write(tmp_path, rig_yaml=values | {"T_10": other, "T_21": POSE})
+    check(read_rigs([path], cameras=("cam1", "cam2"))[0])
+    with pytest.raises(ReadError, match=r"no pair"):
+        read_rigs([path], cameras=("cam0", "cam2"))
+
+
+def test_photographs_tell_which_side_of_a_size_is_the_width(tmp_path):
+    path = storage(tmp_path / "rig.json", RAW | {"imageSize": np.array([SIZE[1], SIZE[0]])}, size=False)
+    with pytest.raises(ReadError, match="near that of 640 x 480"):
+        read_rigs([path])
+    for chosen in ({"size": Size(*SIZE)}, {"photographed": Size(*SIZE)}):
+        (rig,) = read_rigs([path], **chosen)
+        check(rig)
+        assert any("taken for height and width" in note for note in rig.notes)
+
+
+def test_projections_of_another_unit_or_baseline_than_the_translation(tmp_path):
+    for unit_m in (1, 0.001):
+        values = RAW | projections() | {"T": T / unit_m}
+        check(read_rigs([storage(tmp_path / "rig.yml", values)])[0])
+    values = RAW | projections()
+    values["P2"] = values["P2"] * [1, 1, 1, 2]
+    (rig,) = read_rigs([storage(tmp_path / "rig.yml", values)])
+    check(rig)
+    assert any(re.match("the cameras are 0.24.* apart by P, and 0.12.* by T", note) for note in rig.notes)
+
+
 def test_names_that_tell_nothing_are_given(tmp_path):
     names = dict(zip(("K1", "D1", "K2", "D2", "R", "T"), ("alpha", "beta", "gamma", "delta", "x", "y"), strict=True))
     values = {f"{name}y": RAW[key] for key, name in names.items()} | {"ours": [*SIZE]}
@@ -821,6 +915,8 @@ def m(old, new):
         (json.dumps(changed(depthai(), "cameraData", 2)), ["the sockets [1, 2] of stereo", "got [0, 1]"]),
         (json.dumps(changed(depthai(), "stereoRectificationData")), ["leftCameraSocket: expected a number"]),
         ("fx: 3\n", ["describes no pair", "fx (a number)"]),
+        (json.dumps({"K": K1.tolist(), "size": {"cols": 640, "rows": 480}}), ["describes no pair", "size.rows"]),
+        ("=== RESULTS ===\n.: 3\n", ["describes no pair"]),
         ("", ["no numbers"]),
         ("[1, 2", ["describes no pair"]),
         ("a: !!python/object:os.system b\n", ["no numbers"]),
@@ -864,6 +960,17 @@ def test_any_bytes_are_read_or_refused(tmp_path_factory, data, extension):
     path.write_bytes(data)
     with pytest.raises(SemisynthError):
         read_rigs([path])
+
+
+@pytest.mark.parametrize("line", ["key{}: {{a: [1, 2], b: word}}", "- {}.5", "1.5 {}", "a = [{}, 2"])
+@pytest.mark.parametrize("extension", ["yaml", "json", "txt"])
+def test_large_files_of_other_things_are_refused_soon(tmp_path, line, extension):
+    path = tmp_path / f"x.{extension}"
+    path.write_text("\n".join(map(line.format, range(1_000_000 // (len(line) + 6)))))
+    start = time.monotonic()
+    with pytest.raises(ReadError):
+        read_rigs([path])
+    assert time.monotonic() - start < 10
 
 
 def test_pickled_arrays_are_not_opened(tmp_path):
