@@ -47,8 +47,9 @@ _HEIGHT_FIRST = ("shape", "hw")
 _BASELINES = ("baseline", "stereobaseline", "b", "bl")
 # Words of sizes of other things: of a board, of a part of the images.
 _OTHER_SIZES = {"board", "pattern", "chessboard", "checkerboard", "chess", "grid", "tag", "marker", "roi", "crop"}
-# Largest difference of the baselines of P and of T, relative.
-_SAME_BASELINE = 0.02
+# Relative differences of the translation's length and the baseline of P: up to the first one both say the same, from
+# the second one on the translation is of something else.
+_SAME_BASELINE, _MOST_BASELINE = 0.02, 0.8
 _LISTED = 40
 
 
@@ -89,7 +90,7 @@ class Finder:
         """
         self._check_windows()
         k, p = self._eyes("K", is_camera_matrix, 3), self._eyes("P", is_projection, 3)
-        size = self._size(*(k or ()), *(p or ()))
+        size = self._size(k, p)
         p = p or self._right_alone()
         rotation, shift = self._stereo_pose()
         if rotation is None and p is None and (plain := self._plain(k)) is not None:
@@ -356,7 +357,7 @@ class Finder:
         factor = self._factor(abs(left - right), noted=moved_m is None)
         baseline_m = abs(left - right) * factor
         length_m = 0.0 if moved_m is None else float(np.linalg.norm(moved_m))
-        if min(baseline_m, length_m) > 0 and abs(length_m - baseline_m) > _SAME_BASELINE * length_m:
+        if _SAME_BASELINE < abs(length_m / (baseline_m or np.inf) - 1) < _MOST_BASELINE:
             self.notes.append(
                 f"the cameras are {baseline_m:.6g} m apart by P, and {length_m:.6g} m by T, which was taken: if P is "
                 "right, leave T out"
@@ -390,11 +391,13 @@ class Finder:
                     "Take whole images; or write 0 here, and subtract the offsets from cx and cy of P"
                 )
 
-    def _size(self, *matrices: Array) -> Size | None:
-        """Return the size of the images, by the principal points of matrices where its sides may be in any order."""
+    def _size(self, k: tuple[Array, Array] | None, p: tuple[Array, Array] | None) -> Size | None:
+        """Return the size of the images, by the principal points of K and P where its sides may be in any order."""
         if "size" in self.given:
             return checked_size(*self.given["size"].ravel()[:2])
-        known = [*dict.fromkeys(self._sizes(matrices))]
+        matrices = [*(k or ()), *(p or ())]
+        of_rectified, of_raw = self._sizes(matrices)
+        known = [*dict.fromkeys((of_raw or of_rectified) if p is None else (of_rectified or of_raw))]
         if len(known) > 1:
             raise FormatError(f"has images of {known[0]} and of {known[1]}: expected one size of both cameras")
         if known and self.user_size == tuple(reversed(known[0])) and _is_turned(known[0], matrices):
@@ -402,8 +405,8 @@ class Finder:
             return self.user_size
         return known[0] if known else None
 
-    def _sizes(self, matrices: Sequence[Array]) -> list[Size]:
-        """Return the sizes that the tree states: of rectified images, or else of raw ones."""
+    def _sizes(self, matrices: Sequence[Array]) -> tuple[list[Size], list[Size]]:
+        """Return the sizes that the tree states of rectified images, and of raw ones."""
         sizes: dict[bool, list[Size | None]] = {True: [], False: []}
         sides: dict[tuple[Name, str], dict[str, float]] = {}
         for entry in self.entries:
@@ -418,7 +421,7 @@ class Finder:
                 sides.setdefault((entry.name[:-1], eye_of(entry.name)), {})[side] = float(entry.value.ravel()[0])
         sizes[False] += [checked_size(found["width"], found["height"]) for found in sides.values() if len(found) == 2]
         rectified, raw = ([size for size in sizes[key] if size is not None] for key in (True, False))
-        return rectified or raw
+        return rectified, raw
 
 
 def _listed_sizes(value: Array, key: str, matrices: Sequence[Array]) -> Iterator[Size | None]:

@@ -32,6 +32,8 @@ _LARGEST_YAML = 128 << 10
 _LARGEST_NUMPY = 256 << 20
 _MOST_VALUES, _MOST_NUMBERS, _DEEPEST = 20_000, 200_000, 40
 _LARGEST_NUMBER = 1e300
+# Name of the only value of a file.
+_WHOLE: Name = ("values",)
 # At most one way to match each text: without alternatives to try, a text that does not match fails fast.
 _NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _NUMBERS = re.compile(rf"[\[({{]*\s*{_NUMBER}(?:[\s,;\[\](){{}}]+{_NUMBER})*[\s,;\])}}]*")
@@ -228,9 +230,9 @@ def _add(tree: Tree, name: Name, node: Any, depth: int) -> None:  # noqa: ANN401
         raise FormatError(f"has more than {_MOST_VALUES} values, or deeper ones than a calibration")
     array = _numbers(node)
     if array is not None:
-        tree[name] = array
+        tree[name or _WHOLE] = array
     elif isinstance(node, str):
-        tree[name] = node
+        tree[name or _WHOLE] = node
     elif isinstance(node, Mapping):
         for key, value in node.items():
             _add(tree, (*name, *([part for part in str(key).split(".") if part] or [str(key)])), value, depth + 1)

@@ -736,6 +736,9 @@ def test_the_pose_between_the_chosen_cameras_counts(tmp_path):
     }
     (path,) = write(tmp_path, rig_yaml=values | {"T_10": other, "T_21": POSE})
     check(read_rigs([path], cameras=("cam1", "cam2"))[0])
+    small = changed(values, "cam1", "resolution", to=[320, 240]) | {"rect1": {"resolution": SIZE}, "T_21": POSE}
+    with pytest.raises(ReadError, match="images of 320 x 240 and of 640 x 480"):
+        read_rigs(write(tmp_path, rig_yaml=small), cameras=("cam1", "cam2"))
     with pytest.raises(ReadError, match=r"no pair"):
         read_rigs([path], cameras=("cam0", "cam2"))
 
@@ -759,6 +762,7 @@ def test_projections_of_another_unit_or_baseline_than_the_translation(tmp_path):
     (rig,) = read_rigs([storage(tmp_path / "rig.yml", values)])
     check(rig)
     assert any(re.match("the cameras are 0.24.* apart by P, and 0.12.* by T", note) for note in rig.notes)
+    check(read_rigs([storage(tmp_path / "rig.yml", RAW | projections() | {"T": T * 1e-9})])[0])
 
 
 def test_names_that_tell_nothing_are_given(tmp_path):
@@ -917,6 +921,8 @@ def m(old, new):
         ("fx: 3\n", ["describes no pair", "fx (a number)"]),
         (json.dumps({"K": K1.tolist(), "size": {"cols": 640, "rows": 480}}), ["describes no pair", "size.rows"]),
         ("=== RESULTS ===\n.: 3\n", ["describes no pair"]),
+        ("[[1, 2], [3, 4]]", ["describes no pair", "values (2 x 2)"]),
+        ("<x>3</x>", ["describes no pair"]),
         ("", ["no numbers"]),
         ("[1, 2", ["describes no pair"]),
         ("a: !!python/object:os.system b\n", ["no numbers"]),
