@@ -93,9 +93,13 @@ class Finder:
         size = self._size(k, p)
         p = p or self._right_alone()
         rotation, shift = self._stereo_pose()
-        if rotation is None and p is None and (plain := self._plain(k)) is not None:
-            p, k = plain, None
-            lenses = self._of("D", is_coefficients, _LENS_WORDS).values()
+        turns = self._eyes("R", is_rotation, 3, rotation=True)
+        # OpenVSLAM's and Stella's K is of the rectified cameras, beside both raw ones and how they were turned.
+        middle = self._one("K", is_camera_matrix)
+        of_rectified = turns is not None and middle is not None and eye_of(middle.name) == ""
+        if rotation is None and p is None and (plain := self._plain(None if of_rectified else k)) is not None:
+            p, k = plain, k if of_rectified else None
+            lenses = () if of_rectified else self._of("D", is_coefficients, _LENS_WORDS).values()
             self.notes += [
                 f"{text_of(e.name)} was left out: with a baseline and without R, images are taken to be rectified"
                 for e in lenses
@@ -107,7 +111,6 @@ class Finder:
             k = self._shared("K", is_camera_matrix)
         if p is None and (k is None or rotation is None or shift is None):
             return None
-        turns = self._eyes("R", is_rotation, 3, rotation=True) if p is not None else None
         coefficients = self._eyes("D", is_coefficients, 1, words=_LENS_WORDS)
         if coefficients is None and k is not None:
             coefficients = self._other_coefficients(shared=k[0] is k[1])
@@ -120,7 +123,7 @@ class Finder:
             if camera is not None:
                 d = None if coefficients is None else coefficients[number]
                 lens = self._lens(eye, number, camera, d, size, required=p is None)
-            turn = None if turns is None else turns[number]
+            turn = None if turns is None or p is None else turns[number]
             eyes.append(EyeArrays(camera, lens.d, lens.model, turn, projection, lens.fault))
         return StereoArrays(source, eyes[0], eyes[1], size, rotation, moved_m, notes=tuple(self.notes))
 
@@ -339,7 +342,7 @@ class Finder:
             if key in _BASELINES or stem is not None or re.fullmatch(r"rows \d+", entry.key):
                 self.unit = self.unit or (None if stem is None else stem if stem in UNITS else "m")
                 return value
-            if key in {"bf", "fb"}:
+            if key in {"bf", "fb", "focalxbaseline"}:
                 return value / fx
         return None
 

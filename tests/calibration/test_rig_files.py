@@ -220,6 +220,16 @@ def orb_slam(folder):
 
 
 @shape
+def stella(folder):
+    values = RAW | projections()
+    (fx, _, cx, _), (_, fy, cy, _), _ = values["P1"].tolist()
+    camera = {"fx": fx, "fy": fy, "cx": cx, "cy": cy, "k1": 0, "k2": 0, "p1": 0, "p2": 0, "k3": 0}
+    camera |= {"cols": SIZE[0], "rows": SIZE[1], "focal_x_baseline": -values["P2"][0, 3]}
+    pairs = {f"{name}_{eye}": values[f"{name}{n}"].ravel() for n, eye in ((1, "left"), (2, "right")) for name in "KDR"}
+    return write(folder, rig_yaml={"Camera": camera, "StereoRectifier": pairs})
+
+
+@shape
 def orb_slam_3(folder):
     text = (
         f'%YAML:1.0\n\nFile.version: "1.0"\nCamera.type: "PinHole"\nCamera.width: {SIZE[0]}\nCamera.height: {SIZE[1]}\n'
