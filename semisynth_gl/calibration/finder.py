@@ -6,6 +6,7 @@ with a translation. Names tell the eye, and which of several arrays of a kind is
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from semisynth_gl.calibration.parts import by_columns, with_parts
 from semisynth_gl.calibration.poses import along_chain, between_eyes, by_name, from_body
 from semisynth_gl.calibration.rig import turned_size_fault
 from semisynth_gl.calibration.tree import Array, FormatError, Name, Tree, text_of
+from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.raw_camera import rotation_of
 
 KEYS = ("K1", "D1", "R1", "P1", "K2", "D2", "R2", "P2", "R", "T", "Q", "size")
@@ -51,6 +53,9 @@ _OTHER_SIZES = {"board", "pattern", "chessboard", "checkerboard", "chess", "grid
 # the second one on the translation is of something else.
 _SAME_BASELINE, _MOST_BASELINE = 0.02, 0.8
 _LISTED = 40
+
+
+_Pair = tuple[Array, Array]
 
 
 class Finder:
@@ -94,37 +99,23 @@ class Finder:
         p = p or self._right_alone()
         rotation, shift = self._stereo_pose()
         turns = self._eyes("R", is_rotation, 3, rotation=True)
-        # OpenVSLAM's and Stella's K is of the rectified cameras, beside both raw ones and how they were turned.
-        middle = self._one("K", is_camera_matrix)
-        of_rectified = turns is not None and middle is not None and eye_of(middle.name) == ""
-        if rotation is None and p is None and (plain := self._plain(None if of_rectified else k)) is not None:
-            p, k = plain, k if of_rectified else None
-            lenses = () if of_rectified else self._of("D", is_coefficients, _LENS_WORDS).values()
-            self.notes += [
-                f"{text_of(e.name)} was left out: with a baseline and without R, images are taken to be rectified"
-                for e in lenses
-                if e.value.any()
-            ]
-        if p is None and (q := self._one("Q", is_reprojection)) is not None and rotation is None:
-            p = _from_q(q.value.reshape(4, 4))
+        if p is None and rotation is None:
+            p, k = self._projections(k, turns)
         if p is None and k is None and rotation is not None:
             k = self._shared("K", is_camera_matrix)
         if p is None and (k is None or rotation is None or shift is None):
             return None
-        coefficients = self._eyes("D", is_coefficients, 1, words=_LENS_WORDS)
-        if coefficients is None and k is not None:
-            coefficients = self._other_coefficients(shared=k[0] is k[1])
         moved_m, p = self._in_metres(shift, p)
-        eyes = []
-        for number, eye in enumerate(("left", "right")):
-            camera = None if k is None else k[number]
-            projection = None if p is None else p[number]
-            lens = EyeArrays()
-            if camera is not None:
-                d = None if coefficients is None else coefficients[number]
-                lens = self._lens(eye, number, camera, d, size, required=p is None)
-            turn = None if turns is None or p is None else turns[number]
-            eyes.append(EyeArrays(camera, lens.d, lens.model, turn, projection, lens.fault))
+        lenses = self._lenses(k, size, required=p is None)
+        eyes = [
+            replace(
+                lens,
+                k=None if k is None else k[number],
+                r=None if turns is None or p is None else turns[number],
+                p=None if p is None else p[number],
+            )
+            for number, lens in enumerate(lenses)
+        ]
         return StereoArrays(source, eyes[0], eyes[1], size, rotation, moved_m, notes=tuple(self.notes))
 
     def check_lenses(self) -> None:
@@ -146,18 +137,40 @@ class Finder:
                 return entry.value
         raise FormatError(f"has no {name}, which {key} was to be: it has {self.listing()}")
 
-    def _lens(
-        self, eye: str, number: int, k: Array, d: Array | None, size: Size | None, *, required: bool
-    ) -> EyeArrays:
-        try:
-            coefficients, model, note = lens_of(d, self._lens_names(eye, number), k, size or self.user_size)
-        except FormatError as error:
-            if required:
-                raise
-            return EyeArrays(fault=str(error))
-        if note is not None and note not in self.notes:
-            self.notes.append(note)
-        return EyeArrays(d=coefficients, model=model)
+    def _projections(self, k: _Pair | None, turns: _Pair | None) -> tuple[_Pair | None, _Pair | None]:
+        """Return the projections that follow from a baseline or from Q, and the raw cameras' matrices beside them."""
+        # OpenVSLAM's and Stella's K is of the rectified cameras, beside both raw ones and how they were turned.
+        middle = self._one("K", is_camera_matrix)
+        if turns is not None and middle is not None and eye_of(middle.name) == "":
+            return self._plain(None), k
+        if (plain := self._plain(k)) is not None:
+            self.notes += [
+                f"{text_of(e.name)} was left out: with a baseline and without R, images are taken to be rectified"
+                for e in self._of("D", is_coefficients, _LENS_WORDS).values()
+                if e.value.any()
+            ]
+            return plain, None
+        q = self._one("Q", is_reprojection)
+        return (None if q is None else _from_q(q.value.reshape(4, 4))), k
+
+    def _lenses(self, k: _Pair | None, size: Size | None, *, required: bool) -> list[EyeArrays]:
+        """Return both eyes with their lenses, or with what is wrong with these; raises FormatError if ``required``."""
+        if k is None:
+            return [EyeArrays(), EyeArrays()]
+        found = self._eyes("D", is_coefficients, 1, words=_LENS_WORDS)
+        found = found or self._other_coefficients(shared=k[0] is k[1])
+        eyes = []
+        for number, (own, stated) in enumerate(zip(k, found or (None, None), strict=True)):
+            try:
+                d, model, note = lens_of(stated, self._lens_names(EYES[number], number), own, size or self.user_size)
+            except FormatError as error:
+                if required:
+                    raise
+                eyes.append(EyeArrays(fault=str(error)))
+                continue
+            self.notes += [note] if note and note not in self.notes else []
+            eyes.append(EyeArrays(d=d, model=model))
+        return eyes
 
     def _lens_names(self, eye: str, number: int) -> Iterator[str]:
         """Yield what the tree calls the lens of an eye, and the model that the names of its values tell."""
@@ -166,7 +179,8 @@ class Finder:
         for name, value in self.tree.items():
             if isinstance(value, str) and kind & set(words_of(name[-1:])) and eye_of(name) in {"", eye, labels[number]}:
                 yield value
-            if "fisheye" in words_of(name) or "equidistant" in words_of(name):
+            is_switch = isinstance(value, str) or value.size == 1
+            if not is_switch and {"fisheye", "equidistant"} & set(words_of(name)):
                 yield "fisheye"
         for entry in self.entries:
             if entry.key in {"radtan", "equidistant"} and eye_of(entry.name) in {"", eye, labels[number]}:
@@ -195,7 +209,7 @@ class Finder:
         words: Sequence[str] = (),
         *,
         rotation: bool = False,
-    ) -> tuple[Array, Array] | None:
+    ) -> _Pair | None:
         """Return the arrays of a kind of the left and of the right eye, of so many rows; None where one is missing."""
         given = [self.given.get(f"{key}{number}") for number in "12"]
         found = self._of(key, fits, words, rotation=rotation)
@@ -217,7 +231,7 @@ class Finder:
         numbered = sorted((int(label), entry) for label, entry in found.items() if label.isdigit())
         if len(numbered) > 2 and key in {"K", "P"}:
             names = ", ".join(text_of(entry.name) for _, entry in numbered)
-            raise FormatError(f"has {len(numbered)} cameras ({names}): choose the left and the right one by pair")
+            raise FormatError(f"has {len(numbered)} cameras ({names}): choose two, --pair LEFT,RIGHT or cameras")
         return (numbered[0][1], numbered[1][1]) if len(numbered) >= 2 else None
 
     def _by_word(self, name: str, found: Mapping[str, Entry]) -> Entry | None:
@@ -284,7 +298,7 @@ class Finder:
                 found.setdefault(eye_of(entry.name), Entry(entry.name, entry.value.ravel()))
         return found
 
-    def _shared(self, key: str, fits: Callable[[Array], bool], words: Sequence[str] = ()) -> tuple[Array, Array] | None:
+    def _shared(self, key: str, fits: Callable[[Array], bool], words: Sequence[str] = ()) -> _Pair | None:
         """Return the only array of a kind for both eyes."""
         found = self._of(key, fits, words)
         if len(found) != 1:
@@ -294,7 +308,7 @@ class Finder:
         value = entry.value.reshape(3, 3) if key == "K" else entry.value.ravel()
         return value, value
 
-    def _other_coefficients(self, *, shared: bool) -> tuple[Array, Array] | None:
+    def _other_coefficients(self, *, shared: bool) -> _Pair | None:
         """Return the coefficients that both eyes share; raises FormatError where they are of one eye, or too few."""
         named = [e for e in self.entries if starts(e.words, _LENS_WORDS) and e.value.size > 1]
         if not named:
@@ -307,7 +321,7 @@ class Finder:
             f"{', '.join(f'{entry.value.size} in {text_of(entry.name)}' for entry in named[:2])}"
         )
 
-    def _right_alone(self) -> tuple[Array, Array] | None:
+    def _right_alone(self) -> _Pair | None:
         """Return the projections where only the right eye's is stated, which holds the baseline."""
         entries = [entry for entry in self.entries if is_projection(entry.value)]
         found = [entry.value.reshape(3, 4) for entry in entries]
@@ -318,7 +332,7 @@ class Finder:
         left[:, 3] = 0
         return left, found[0]
 
-    def _plain(self, k: tuple[Array, Array] | None) -> tuple[Array, Array] | None:
+    def _plain(self, k: _Pair | None) -> _Pair | None:
         """Return the projections of rectified cameras of which camera matrix and baseline are stated."""
         if k is None:
             alone = self._one("K", is_camera_matrix)
@@ -346,9 +360,7 @@ class Finder:
                 return value / fx
         return None
 
-    def _in_metres(
-        self, shift: Array | None, p: tuple[Array, Array] | None
-    ) -> tuple[Array | None, tuple[Array, Array] | None]:
+    def _in_metres(self, shift: Array | None, p: _Pair | None) -> tuple[Array | None, _Pair | None]:
         """Return the translation and the projections in metres; where their baselines differ, the translation's counts.
 
         DrivingStereo's small images have projections of twice the baseline.
@@ -376,7 +388,7 @@ class Finder:
         unit = unit_of(length)
         if unit != "m" and noted:
             self.notes.append(
-                f"the cameras are {length:g} apart, which was taken for {unit}: if that is wrong, give the unit"
+                f"the cameras are {length:g} apart, which was taken for {unit}: if that is wrong, give --unit"
             )
         return UNITS[unit]
 
@@ -394,7 +406,7 @@ class Finder:
                     "Take whole images; or write 0 here, and subtract the offsets from cx and cy of P"
                 )
 
-    def _size(self, k: tuple[Array, Array] | None, p: tuple[Array, Array] | None) -> Size | None:
+    def _size(self, k: _Pair | None, p: _Pair | None) -> Size | None:
         """Return the size of the images, by the principal points of K and P where its sides may be in any order."""
         if "size" in self.given:
             return checked_size(*self.given["size"].ravel()[:2])

@@ -36,7 +36,7 @@ def along_chain(poses: Mapping[Name, Array], cameras: tuple[str, str] | None) ->
     if not links:
         return None
     if not all(each.isdigit() for each in cameras or ()):
-        raise FormatError(f"has cameras by number: expected two of cam{min(links) - 1} to cam{max(links)} as the pair")
+        raise FormatError(f"has cameras by number: expected two of cam{min(links) - 1} to cam{max(links)} as --pair")
     first, last = (min(links) - 1, min(links)) if cameras is None else map(int, cameras)
     whole: Array = np.eye(4)
     for number in range(min(first, last) + 1, max(first, last) + 1):

@@ -51,7 +51,9 @@ def read_rigs(
         check_one_of("unit", unit, UNITS)
     for key in keys or {}:
         if key not in KEYS:
-            raise InputError(f"{key}: expected one of {', '.join(KEYS)}, equal to a name in the file", argument="keys")
+            raise InputError(
+                f"{key}: expected one of {', '.join(KEYS)}, equal to a name in the file", argument="calib_keys"
+            )
 
     def arrays_of(names: Sequence[Path], tree: Tree) -> StereoArrays | None:
         source = " and ".join(map(str, names))
@@ -114,7 +116,7 @@ def _nothing_found(paths: Sequence[Path], tree: Tree) -> ReadError:
     return ReadError(
         source,
         "describes no pair of cameras. Expected P of both, or K, D, R and T, or K and a baseline. It has "
-        f"{finder.listing()}. Add the file that has the rest; or say which value is which by keys, such as "
+        f"{finder.listing()}. Add the file that has the rest; or say which value is which (--calib-keys), such as "
         "K1=left.camera_matrix,D1=left.dist,K2=...,R=...,T=...; or give the focal length, the baseline and the size of "
         "rectified images as numbers",
     )

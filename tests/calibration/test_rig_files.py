@@ -725,7 +725,7 @@ def test_two_of_several_cameras_are_chosen(tmp_path):
         "distortion_coeffs": [0] * 4,
     }
     (path,) = write(tmp_path, chain_yaml=chain | {"cam2": third})
-    with pytest.raises(ReadError, match=r"3 cameras \(cam0.*choose the left and the right one by pair"):
+    with pytest.raises(ReadError, match=r"3 cameras \(cam0.*choose two, --pair"):
         read_rigs([path])
     check(read_rigs([path], cameras=("cam0", "cam1"))[0], lens=(D1[:4], D2[:4]))
     (rig,) = read_rigs([path], cameras=("cam1", "cam2"))
