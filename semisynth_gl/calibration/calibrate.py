@@ -134,9 +134,10 @@ def calibrate(
         "alpha": None if alpha is None else to_real("alpha", alpha, 0, 1),
         "fov_deg": None if fov_deg is None else to_real("fov_deg", fov_deg, 10, 170),
     }
+    stated = _size(size)
     photographed = [] if other_camera else photograph_sizes(find_images(image_sources))
     reading = {"unit": unit, "cameras": cameras, "keys": calib_keys, "photographed": _calibrated(photographed, scale)}
-    rigs = _rigs(calib_sources, focal_px, baseline_m, _size(size), reading, view)
+    rigs = _rigs(calib_sources, focal_px, baseline_m, stated, reading, view)
     notes += dict.fromkeys(note for rig in rigs for note in rig.notes)
     if not other_camera:
         rigs = _cropped(rigs, photographed, scale, notes)

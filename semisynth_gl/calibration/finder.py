@@ -20,6 +20,7 @@ from semisynth_gl.calibration.kinds import (
     is_projection,
     is_reprojection,
     is_rotation,
+    is_rotation_vector,
 )
 from semisynth_gl.calibration.names import ROTATION_WORDS, Entry, eye_of, last_word, starts, words_of
 from semisynth_gl.calibration.parts import by_columns, with_parts
@@ -283,9 +284,9 @@ class Finder:
         """Return rotations (3, 3) that do not rectify, by eye: matrices rather than vectors."""
         found: dict[str, Entry] = {}
         for entry in sorted(self.entries, key=lambda e: e.value.size != 9):
-            vector = are_numbers(entry.value, 3) and starts(entry.words, ("r", *ROTATION_WORDS))
-            vector &= bool(np.linalg.norm(entry.value) < 2 * np.pi) and not starts(entry.words, _ANGLE_WORDS)
-            if (is_rotation(entry.value) or vector) and not starts(entry.words, ("rect", "rectif")):
+            named = starts(entry.words, ("r", *ROTATION_WORDS)) and not starts(entry.words, _ANGLE_WORDS)
+            fits = is_rotation(entry.value) or (named and is_rotation_vector(entry.value))
+            if fits and not starts(entry.words, ("rect", "rectif")):
                 turned = Entry(entry.name, _rotation(entry.value))
                 found.setdefault(eye_of(entry.name, rotation=True), turned)
         return found

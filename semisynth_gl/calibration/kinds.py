@@ -28,6 +28,11 @@ def is_rotation(value: Array) -> bool:
     return bool(np.allclose(r @ r.T, np.eye(3), atol=_PRINTED) and np.linalg.det(r) > 0)
 
 
+def is_rotation_vector(value: Array) -> bool:
+    """Return whether three numbers may be a rotation's axis times its angle, less than a full turn."""
+    return are_numbers(value, 3) and bool(np.linalg.norm(value) < 2 * np.pi)
+
+
 def is_projection(value: Array) -> bool:
     """Return whether twelve numbers are the projection matrix of a rectified camera."""
     return are_numbers(value, 12) and is_camera_matrix(value.reshape(3, 4)[:, :3])

@@ -24,21 +24,23 @@ _REPLACES = {
 }
 
 
-def merged(below: Values, above: Mapping[str, Any], changed: set[Key] | None = None, at: Key = ()) -> Values:
+def merged(
+    below: Values, above: Mapping[str, Any], changed: set[Key] | None = None, at: Key = (), *, replacing: bool = True
+) -> Values:
     """Return the values ``above`` over those ``below``, and add the keys that are set or removed to ``changed``.
 
     Mappings are merged key by key; all other values, and mappings with a key ``form``, are replaced whole. ``at`` is
-    the key of both mappings.
+    the key of both mappings. With ``replacing``, a key removes those below that state the same property.
     """
     changed = set() if changed is None else changed
-    replaced = {name for key in above for name in _REPLACES.get(key, ()) if name not in above}
+    replaced = {name for key in above for name in _REPLACES.get(key, ()) if name not in above} if replacing else set()
     changed |= {(*at, key) for key in replaced}
     result = {key: value for key, value in below.items() if key not in replaced}
     for key, value in above.items():
         old = result.get(key)
         # A mapping with a form states all keys of that form; keys of another form must not remain.
         if isinstance(old, dict) and isinstance(value, dict) and "form" not in value:
-            result[key] = merged(old, value, changed, (*at, key))
+            result[key] = merged(old, value, changed, (*at, key), replacing=replacing)
         else:
             result[key] = value
             changed.add((*at, key))
@@ -55,10 +57,10 @@ class Layer:
     values: Values = field(default_factory=dict)
     places: dict[Key, str] = field(default_factory=dict)
 
-    def over(self, below: "Layer") -> "Layer":
-        """Return this layer merged over another one."""
+    def over(self, below: "Layer", *, replacing: bool = True) -> "Layer":
+        """Return this layer merged over another one; see `merged`."""
         changed: set[Key] = set()
-        values = merged(below.values, self.values, changed)
+        values = merged(below.values, self.values, changed, replacing=replacing)
 
         def is_changed(key: Key) -> bool:
             return any(key[:n] in changed for n in range(1, len(key) + 1))

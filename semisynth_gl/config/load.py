@@ -165,7 +165,8 @@ def _parse(text: str, path: Path | Traversable, file: str, parents: tuple[str, .
 
 def _override_layer(overrides: Overrides) -> Layer:
     layers = map(_parse_override, overrides.items() if isinstance(overrides, Mapping) else overrides)
-    return reduce(lambda below, own: own.over(below), layers, Layer())
+    # Overrides stand beside each other: two of one property contradict each other.
+    return reduce(lambda below, own: own.over(below, replacing=False), layers, Layer())
 
 
 def _parse_override(override: object) -> Layer:

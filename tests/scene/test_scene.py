@@ -119,7 +119,7 @@ def test_a_ground_has_one_height(tmp_path):
     assert heights == [None, Range(20, 80)]
     path.write_text("extends: middlebury\nstructures: {ground_height_m: 3, ground_disparity_px: 20}\n")
     with pytest.raises(
-        InputError, match=r"yaml:2: structures: give either ground_height_m or ground_disparity_px, not"
+        InputError, match=r"yaml:2: structures\.\w+: give either ground_height_m or ground_disparity_px, not"
     ):
         load_config(path)
     camera, near = StereoCamera.centred(100, 100, 100.0, 0.1, -10.0), DisparitySection(min_px=20.0, max_px=150.0)
