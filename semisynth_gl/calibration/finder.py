@@ -87,6 +87,7 @@ class Finder:
         self.entries = [*with_parts(by_columns(arrays))]
         self.given = {key: self._named(key, name) for key, name in given.items()}
         self.notes: list[str] = []
+        self.lens_fault: str | None = None
 
     def arrays(self, source: str) -> StereoArrays | None:
         """Return what the tree says of a rig; None where it describes none.
@@ -156,8 +157,8 @@ class Finder:
 
     def _lenses(self, k: _Pair | None, size: Size | None, *, required: bool) -> list[EyeArrays]:
         """Return both eyes with their lenses, or with what is wrong with these; raises FormatError if ``required``."""
-        if k is None:
-            return [EyeArrays(), EyeArrays()]
+        if k is None or self.lens_fault is not None:
+            return [EyeArrays(fault=None if k is None else self.lens_fault)] * 2
         found = self._eyes("D", is_coefficients, 1, words=_LENS_WORDS)
         found = found or self._other_coefficients(shared=k[0] is k[1])
         eyes = []
@@ -413,6 +414,8 @@ class Finder:
             return checked_size(*self.given["size"].ravel()[:2])
         matrices = [*(k or ()), *(p or ())]
         of_rectified, of_raw = self._sizes(matrices)
+        if p is not None and of_rectified and of_raw and of_rectified[0] != of_raw[0]:
+            self.lens_fault = f"expected raw images of {of_rectified[0]}, as rectified ones, got {of_raw[0]}"
         known = [*dict.fromkeys((of_raw or of_rectified) if p is None else (of_rectified or of_raw))]
         if len(known) > 1:
             raise FormatError(f"has images of {known[0]} and of {known[1]}: expected one size of both cameras")

@@ -602,6 +602,18 @@ def test_kittis_own_calibration_counts_as_rectified(tmp_path):
     assert again.camera == rig.camera
 
 
+def test_lenses_of_raw_images_of_another_size_are_not_used(tmp_path):
+    """As in KITTI's recordings, whose rectified images are a part of the raw ones."""
+    text = kitti()
+    for number, k, d in (("02", K1, D1), ("03", K2, D2)):
+        arrays = {"S": (1392, 512), "K": k, "D": d, "R": np.eye(3), "T": np.zeros(3), "R_rect": np.eye(3)}
+        text += "".join(f"{name}_{number}: {' '.join(map(str, np.ravel(each)))}\n" for name, each in arrays.items())
+    (tmp_path / "calib_cam_to_cam.txt").write_text(text)
+    (rig,) = read_rigs([tmp_path / "calib_cam_to_cam.txt"])
+    assert (rig.size, rig.raw) == ((741, 500), None)
+    assert "raw images of 741 x 500, as rectified ones, got 1392 x 512" in str(rig.lens_fault)
+
+
 def test_eth3d_has_no_doffs(tmp_path):
     text = middlebury(StereoCamera(942, 489, 541.764, 0.0599079, 553.869, 553.869, 232.396))
     path = tmp_path / "two_view_training" / "calib.txt"
