@@ -1,6 +1,7 @@
 """A draft as a config: its values as a mapping, and as YAML with comments that say where they come from."""
 
 import math
+import sys
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,6 +10,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
+from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from semisynth_gl.calibration.disparity_range import farthest_px
 from semisynth_gl.calibration.draft import Draft
@@ -71,7 +73,8 @@ def write(draft: Draft) -> str:
     written = config_values(draft)
     values = overridden(written.values, draft.overrides)
     yaml, stream = YAML(), StringIO()
-    yaml.width = _LONGEST_LINE
+    # Escaped names may not be folded: ruamel.yaml adds spaces to some.
+    yaml.width = _LONGEST_LINE if all(map(str.isprintable, draft.images)) else sys.maxsize
     yaml.indent(mapping=2, sequence=4, offset=2)
     tree = _node(values, (), written.beside)
     tree.yaml_set_start_comment(_wrapped(f"{draft.name}: written by semisynth-gl calibrate."))
@@ -295,7 +298,8 @@ def _node(value: Any, key: Key, beside: Mapping[Key, str]) -> Any:  # noqa: ANN4
         if not any(isinstance(each, str | Mapping) for each in value) or key == ("outputs",):
             items.fa.set_flow_style()
         return items
-    return value
+    # Plain, a line break of Unicode in a file's name would be read as a space.
+    return DoubleQuotedScalarString(value) if isinstance(value, str) and not value.isprintable() else value
 
 
 def _wrapped(text: str) -> str:

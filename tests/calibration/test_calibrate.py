@@ -13,7 +13,7 @@ import pytest
 from announcements import without_announcements
 from backends import backend_fault
 from calibration_files import CAMERA, KITTI, MIDDLEBURY, kitti, middlebury, opencv
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 from shared_material import SHARED, needs_shared
@@ -711,6 +711,8 @@ def test_names_follow_files():
 
 
 @settings(max_examples=25, deadline=None)
+@example("\x85")
+@example("\u2028 a  b")
 @given(name=st.text(st.characters(exclude_characters="/\x00", exclude_categories=("Cs",)), min_size=1, max_size=20))
 def test_whatever_files_are_called_the_yaml_is_read_back(tmp_path_factory, name):
     folder = tmp_path_factory.mktemp("names")
