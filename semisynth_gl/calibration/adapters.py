@@ -31,6 +31,7 @@ _ZED_SIZES = {
     "SVGA": Size(960, 600),
     "VGA": Size(672, 376),
 }
+_ZED_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 # DepthAI's types of a camera, and the number of coefficients that count.
 _DEPTHAI_LENSES = {0: ("radtan", 14), 1: ("fisheye", 4)}
 
@@ -88,10 +89,11 @@ def zed(tree: Tree, wish: Wish) -> StereoArrays | None:
     mode = _chosen({mode: size for mode in modes if (size := _ZED_SIZES.get(mode)) is not None}, wish)
     eyes = []
     for eye in ("LEFT", "RIGHT"):
-        values = {name[-1]: float(value) for name, value in tree.items() if name[0] == f"{eye}_CAM_{mode}"}
+        section = f"{eye}_CAM_{mode}"
+        values = {name[-1]: _number(tree, *name) for name in tree if name[0] == section and name[-1] in _ZED_NAMES}
         if not {"fx", "fy", "cx", "cy"} <= values.keys():
             raise FormatError(f"{eye}_CAM_{mode}: expected fx, fy, cx and cy")
-        names = ("k1", "k2", "p1", "p2", "k3", *(("k4", "k5", "k6") if "k4" in values else ()))
+        names = _ZED_NAMES[4:] if "k4" in values else _ZED_NAMES[4:9]
         d = np.array([values.get(name, 0.0) for name in names])
         eyes.append(_eye(values["fx"], values["fy"], values["cx"], values["cy"], d, ["radtan"], None))
     x, y, z = (_number(tree, "STEREO", f"{axis}_{mode}", missing=0.0) for axis in ("RX", "CV", "RZ"))
@@ -135,13 +137,16 @@ def mrcal(tree: Tree, wish: Wish) -> StereoArrays | None:
 
 def depthai(tree: Tree, wish: Wish) -> StereoArrays | None:
     """Read what DepthAI's eepromToJsonFile writes of an OAK: cameras by socket, linked by poses in cm."""
-    cameras: dict[int, Tree] = {}
+    listed: dict[str, Tree] = {}
     for name, value in tree.items():
-        if name[:1] == ("cameraData",) and name[2:] == ("0",):
-            own = {each[3:]: v for each, v in tree.items() if each[:3] == (*name[:2], "1")}
-            cameras[int(np.asarray(value, np.float64))] = own
-    if not cameras:
+        if name[0] == "cameraData" and len(name) > 2:
+            listed.setdefault(name[1], {})[name[2:]] = value
+    if not listed:
         return None
+    cameras = {
+        int(_number(pair, "0")): {name[1:]: value for name, value in pair.items() if name[0] == "1"}
+        for pair in listed.values()
+    }
     keys = [("stereoRectificationData", f"{eye}CameraSocket") for eye in ("left", "right")]
     sockets = [int(_number(tree, *key)) for key in keys]
     if not set(sockets) <= cameras.keys():

@@ -148,11 +148,6 @@ class StereoArrays:
         return self.left.p is not None and self.right.p is not None
 
     @property
-    def is_raw(self) -> bool:
-        """Whether the calibration has both cameras before rectification, and how they stand."""
-        return all(each is not None for each in (self.left.k, self.right.k, self.r, self.t_m))
-
-    @property
     def lens_fault(self) -> str | None:
         """Why the lenses that the calibration states cannot be used; None where they can, or there are none."""
         models = {self.left.model, self.right.model} - {None}

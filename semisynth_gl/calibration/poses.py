@@ -32,7 +32,8 @@ def along_chain(poses: Mapping[Name, Array], cameras: tuple[str, str] | None) ->
     Raises:
         FormatError: where the chain has a gap.
     """
-    links = {int(eye_of(name[:-1])): pose for name, pose in poses.items() if name[-1] == "T_cn_cnm1"}
+    chain = {eye_of(name[:-1]): pose for name, pose in poses.items() if name[-1] == "T_cn_cnm1"}
+    links = {int(number): pose for number, pose in chain.items() if number.isdigit()}
     if not links:
         return None
     if not all(each.isdigit() for each in cameras or ()):

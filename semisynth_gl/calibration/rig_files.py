@@ -9,7 +9,7 @@ from semisynth_gl.calibration.arrays import UNITS, Size, StereoArrays
 from semisynth_gl.calibration.finder import KEYS, Finder
 from semisynth_gl.calibration.rig import Rig, rectified
 from semisynth_gl.calibration.stereo_rectify import stereo_rectify
-from semisynth_gl.calibration.tree import EXTENSIONS, FormatError, Tree, read_tree
+from semisynth_gl.calibration.tree import EXTENSIONS, FormatError, Tree, joined, prefixes_of, read_tree
 from semisynth_gl.inputs.arguments import check_one_of
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.inputs.user_files import expanded
@@ -63,13 +63,14 @@ def read_rigs(
         except FormatError as error:
             raise ReadError(Path(source), str(error)) from None
 
-    trees = [read_tree([path]) for path in paths]
+    trees = [read_tree(path) for path in paths]
     found = [arrays_of([path], tree) for path, tree in zip(paths, trees, strict=True)] if len(paths) > 1 else [None]
     rigs = [each for each in found if each is not None]
     if len(rigs) < len(paths):
-        whole = read_tree(paths)
-        numbered = {(str(k), *name): value for k, tree in enumerate(trees, 1) for name, value in tree.items()}
-        rig = arrays_of(paths, whole) or (arrays_of(paths, numbered) if len(paths) > 1 else None)
+        whole = trees[0] if len(paths) == 1 else joined(trees, prefixes_of(paths))
+        rig = arrays_of(paths, whole)
+        if rig is None and len(paths) > 1:  # no name tells the eyes: the left camera's file comes first
+            rig = arrays_of(paths, joined(trees, [(str(number),) for number in range(1, len(paths) + 1)]))
         if rig is None:
             raise _nothing_found(paths, whole)
         rigs = [rig]

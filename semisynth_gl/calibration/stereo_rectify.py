@@ -21,7 +21,7 @@ def stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None, fov_de
     """Return a calibration with R1, R2, P1 and P2, which follow from K, D, R and T, with equal principal points.
 
     Args:
-        arrays: a calibration with both cameras before rectification, see `StereoArrays.is_raw`.
+        arrays: a calibration with K of both cameras, R and T.
         size: of the raw and of the rectified images.
         alpha: from 0, for images without borders, to 1, for as much of the raw images as they can show; None for
             OpenCV's default. A fisheye's is OpenCV's ``balance``.

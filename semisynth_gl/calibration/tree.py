@@ -4,8 +4,10 @@ import io
 import json
 import re
 import zipfile
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 from xml.etree import ElementTree as ET
 
@@ -16,6 +18,7 @@ from ruamel.yaml.error import YAMLError
 
 from semisynth_gl.codecs import read_bytes
 from semisynth_gl.inputs.errors import ReadError
+from semisynth_gl.scene.rig import rotation_from_quaternion
 
 Array = NDArray[np.float64]
 Name = tuple[str, ...]
@@ -46,35 +49,42 @@ class FormatError(Exception):
     """A file breaks its format, as the message says without naming the file."""
 
 
-def read_tree(paths: Sequence[Path]) -> Tree:
-    """Return the values of one or more files; names of several files begin with as much of the path as tells them.
+def read_tree(path: Path) -> Tree:
+    """Return the values of a file.
 
     Raises:
-        ReadError: where a file cannot be read, or has no format that holds names and numbers.
+        ReadError: where it cannot be read, or has no format that holds names and numbers.
     """
     tree: Tree = {}
-    for path, prefix in zip(paths, _prefixes(paths), strict=True):
-        try:
-            _add(tree, prefix, _parsed(path), 0)
-        except FormatError as error:
-            raise ReadError(path, str(error)) from None
-        except RecursionError:
-            raise ReadError(path, "its values are nested too deeply") from None
+    try:
+        _add(tree, (), _parsed(path), 0)
+    except FormatError as error:
+        raise ReadError(path, str(error)) from None
+    except RecursionError:
+        raise ReadError(path, "its values are nested too deeply") from None
     return tree
+
+
+def joined(trees: Sequence[Tree], prefixes: Sequence[Name]) -> Tree:
+    """Return the values of several files as one tree, in which each file's names begin with its prefix."""
+    return {
+        (*prefix, *(() if name == _WHOLE else name)): value
+        for tree, prefix in zip(trees, prefixes, strict=True)
+        for name, value in tree.items()
+    }
+
+
+def prefixes_of(paths: Sequence[Path]) -> list[Name]:
+    """Return as much of each path as tells several files apart."""
+    stems = [path.stem for path in paths]
+    if len(set(stems)) == len(stems):
+        return [(stem,) for stem in stems]
+    return [(path.absolute().parent.name, path.stem) for path in paths]
 
 
 def text_of(name: Name) -> str:
     """Return a name as messages and users write it."""
     return ".".join(name)
-
-
-def _prefixes(paths: Sequence[Path]) -> list[Name]:
-    if len(paths) == 1:
-        return [(paths[0].stem,) if paths[0].suffix.lower() == ".npy" else ()]
-    stems = [path.stem for path in paths]
-    if len(set(stems)) == len(stems):
-        return [(stem,) for stem in stems]
-    return [(path.absolute().parent.name, path.stem) for path in paths]
 
 
 def _parsed(path: Path) -> Any:  # noqa: ANN401 - any nested value
@@ -106,8 +116,9 @@ def _parsed(path: Path) -> Any:  # noqa: ANN401 - any nested value
 def _array(data: bytes) -> Any:  # noqa: ANN401 - any array
     try:
         return np.load(io.BytesIO(data), allow_pickle=False)
-    except (ValueError, EOFError, OSError, SyntaxError):
-        return None  # pickled objects, which may run code
+    # NumPy evaluates an array's header, and a damaged one raises whatever that finds wrong.
+    except (ValueError, EOFError, OSError, SyntaxError, TokenError, TypeError, MemoryError, OverflowError):
+        return None  # or pickled objects, which may run code
 
 
 def _npz(data: bytes) -> dict[str, Any]:
@@ -116,7 +127,7 @@ def _npz(data: bytes) -> dict[str, Any]:
             if sum(each.file_size for each in archive.infolist()) > _LARGEST_NUMPY:
                 raise FormatError(f"expected arrays of at most {_LARGEST_NUMPY >> 20} MiB in total")
             return {each.removesuffix(".npy"): _array(archive.read(each)) for each in archive.namelist()}
-    except (zipfile.BadZipFile, OSError, RuntimeError, NotImplementedError) as error:
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, RuntimeError) as error:
         raise FormatError(f"is no .npz: {error}") from None
 
 
@@ -287,7 +298,7 @@ def _text_numbers(text: str) -> Array | None:
         return np.array(float(text))
     except ValueError:
         pass
-    if len(text) > _LARGEST_BYTES or not _NUMBERS.fullmatch(text):
+    if not _NUMBERS.fullmatch(text):
         return None
     rows = [re.findall(_NUMBER, row) for row in text.split(";")]
     rows = [row for row in rows if row]
@@ -302,8 +313,10 @@ def _mapping_numbers(node: Mapping[Any, Any]) -> Array | None:
         data, shape = _numbers(node["data"]), [_numbers(node.get(key)) for key in ("rows", "cols")]
         if data is None:
             return None
-        rows, columns = (0 if each is None or each.size != 1 else int(each) for each in shape)
-        return data.reshape(rows, columns) if rows * columns == data.size else data.ravel()
+        # A shape that does not fit is no shape.
+        sides = [float(each) if each is not None and each.ndim == 0 else 0.0 for each in shape]
+        fits = min(sides) >= 1 and sides[0] * sides[1] == data.size
+        return data.reshape(int(sides[0]), int(sides[1])) if fits else data.ravel()
     for axes in (("x", "y", "z"), ("qx", "qy", "qz", "qw"), ("x", "y", "z", "w")):
         if node.keys() == set(axes):
             values = [_numbers(node[axis]) for axis in axes]
@@ -322,11 +335,6 @@ def _mapping_numbers(node: Mapping[Any, Any]) -> Array | None:
 def _turn(quaternion: Array) -> Array:
     """Return the rotation (3, 3) of a quaternion x y z w of any length; nan where it has none."""
     length = np.linalg.norm(quaternion)
-    x, y, z, w = quaternion / length if length else np.full(4, np.nan)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    unit = quaternion / length if length else np.full(4, np.nan)
+    turn: Array = rotation_from_quaternion(unit[None])[0]
+    return turn

@@ -4,6 +4,7 @@ import json
 import re
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -1055,3 +1056,25 @@ def test_lenses_of_two_models_are_not_used(tmp_path):
     (rig,) = read_rigs(write(tmp_path, left_yaml=left, right_yaml=right))
     assert rig.raw is None
     assert "lenses of one model" in str(rig.lens_fault)
+
+
+# What damages a number or a name: other values, other names, and nothing.
+DAMAGES = (b"nan", b".inf", b"-1", b"0", b"1e400", b'"x"', b"null", b"[]", b"true", b"-12", b"[[1],[2,3]]", b"~", b"")
+
+
+@settings(max_examples=150, deadline=None)
+@given(data=st.data())
+def test_damaged_calibrations_are_read_or_refused(tmp_path_factory, data):
+    make = data.draw(st.sampled_from([*SHAPES.values(), *FOUR.values()]))
+    paths = make(tmp_path_factory.mktemp("damaged"))
+    for _ in range(data.draw(st.integers(1, 3))):
+        path = data.draw(st.sampled_from(paths))
+        content = path.read_bytes()
+        parts = [each.span() for each in re.finditer(rb"-?\d+\.?\d*(?:e-?\d+)?|[A-Za-z_]\w+|\n", content)]
+        begin, end = data.draw(st.sampled_from(parts))
+        other = data.draw(st.sampled_from(parts))
+        by = data.draw(st.sampled_from([*DAMAGES, content[other[0] : other[1]]]))
+        path.write_bytes(content[:begin] + by + content[end:])
+    cameras = data.draw(st.sampled_from([None, ("cam0", "cam1"), ("left", "right"), ("a", "b")]))
+    with suppress(SemisynthError):
+        read_rigs(paths, photographed=Size(*SIZE), cameras=cameras)
