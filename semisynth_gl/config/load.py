@@ -57,15 +57,6 @@ def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
     return _validated(_over(_read(_find_config(str(name_or_path)), ()), _override_layer(overrides)))
 
 
-def parse_config(text: str, file: str) -> Config:
-    """Read a config from its YAML text.
-
-    Messages name ``file`` as the source, and relative paths in the text count from its folder; ``file`` need not exist.
-    Raises InputError as `load_config` does.
-    """
-    return _validated(_parse(text, Path(file), file, ()))
-
-
 def parse_values(values: Values, file: str, overrides: Overrides = ()) -> Config:
     """Return the config of values as YAML has them, and of overrides; messages name ``file`` as the values' source.
 

@@ -52,25 +52,12 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int]]:
     Keys of mappings stay texts as they are written. Raises YamlError where the text is not valid, has several
     documents, or exceeds a limit of this module.
     """
-    values, lines = _read(text, several=False)
-    return values[0] if values else None, lines
-
-
-def read_documents(text: str) -> list[Any]:
-    """Return the values of a text's documents, separated by lines of ``---``; an empty document is None.
-
-    Raises YamlError as `read_yaml` does.
-    """
-    return _read(text, several=True)[0]
-
-
-def _read(text: str, *, several: bool) -> tuple[list[Any], dict[Key, int]]:
     # A character takes at least a byte, so a text that is too long need not be encoded to count its bytes.
     if len(text) > MOST_BYTES or len(text.encode(errors="surrogatepass")) > MOST_BYTES:
         raise YamlError(None, (), f"has more than {MOST_BYTES} bytes, the most that YAML may have here")
     reader = _Reader(text)
     try:
-        return reader.documents(several=several), reader.lines
+        return reader.document(), reader.lines
     except YamlError:
         raise
     except MarkedYAMLError as error:
@@ -104,14 +91,14 @@ class _Reader:
         self._resolver = VersionedResolver(version=(1, 2))
         self._values = self._keys = 0
 
-    def documents(self, *, several: bool) -> list[Any]:
+    def document(self) -> Any:  # noqa: ANN401 - any value
         values: list[Any] = []
         for event in self._events:
             if isinstance(event, DocumentStartEvent):
-                if values and not several:
+                if values:
                     self._refuse(event, (), "not valid YAML: expected a single document")
                 values.append(self._value(next(self._events), (), 0))
-        return values
+        return values[0] if values else None
 
     def _value(self, event: Event, key: Key, depth: int) -> Any:  # noqa: ANN401 - any value
         self._values += 1

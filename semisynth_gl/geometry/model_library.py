@@ -64,11 +64,6 @@ class ModelLibrary:
     skipped: tuple[Skipped, ...]
     user_count: int
 
-    @property
-    def user_share(self) -> float:
-        """The share of the particles whose models are the user's."""
-        return float(self.chances[: self.user_count].sum())
-
 
 def build_library(section: ModelsSection, particles: ParticlesSection, split: Split) -> ModelLibrary:
     """Build the models that a config asks for in a split, or load them from the cache.

@@ -13,6 +13,7 @@ import pytest
 from announcements import without_announcements
 from backends import backend_fault
 from calibration_files import CAMERA, KITTI, MIDDLEBURY, kitti, middlebury, opencv
+from config_texts import parse_config
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -41,7 +42,6 @@ from semisynth_gl.calibration.write import write as write_draft
 from semisynth_gl.cli import main
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.config import Range, load_config
-from semisynth_gl.config.load import parse_config
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.raw_camera import RawCamera
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation
@@ -177,7 +177,7 @@ def test_a_config_gets_both_focal_lengths(tmp_path, text):
     assert rig.scaled(0.5).camera.focal_y_px == pytest.approx(2265.30 / 2)
     assert rig.cropped(Size(1024, 512)).camera.focal_y_px == pytest.approx(2265.30)
     known = facts([rig.scaled(0.5)], chosen_range(2, 60))
-    camera = parse_config(write_draft(known), "x.yaml").camera
+    camera = parse_config(write_draft(known)).camera
     assert camera.fy_over_fx == pytest.approx(CITYSCAPES.fy_over_fx, rel=1e-9)
     assert camera.focal_px == Range(1131.26, 1131.26)
 
@@ -355,7 +355,7 @@ def test_images_are_darker_where_the_place_has_less_contrast(contrast, stops):
     assert fitted_style(RECIPES, tried, side(contrast=(48, 3), luminance=(130, 1)), 1.0).exposure_stops == 0
     found = facts([plain_rig(700, 0.1, Size(640, 480))], chosen_range(2, 90))
     draft = replace(found, tried=style)
-    config = parse_config(write_draft(draft), "x.yaml")
+    config = parse_config(write_draft(draft))
     assert config == make_config(draft)
     assert config.imperfections.exposure_stops == Range(style.exposure_stops, style.exposure_stops)
 
@@ -370,7 +370,7 @@ def test_every_kind_of_scene_has_recipes_that_a_config_takes():
     found = measured_range(Histogram.from_counts((19.4, 62), [1.0]))
     for baseline_m, kinds in ((0.1, {"room"}), (0.4, {"room", "street"}), (4, {"street"})):
         known = facts([plain_rig(1000, baseline_m, Size(640, 480))], found)
-        config = parse_config(write_draft(known), "x.yaml")
+        config = parse_config(write_draft(known))
         recipes = config.recipes()
         assert sum(recipe.share for recipe in recipes) == pytest.approx(1)
         of_kind = {
@@ -571,7 +571,7 @@ def test_nothing_of_a_config_lies_beyond_infinity(doffs_px, wider_px, beyond_px,
         known = facts([Rig(camera, "x") for camera in cameras], found)
         # The recipes' numbers are looked at below: a config takes much longer to read with them.
         text = write_draft(replace(known, tried=untried_style(known.recipes[-1:])))
-        config = parse_config(text, "x.yaml")
+        config = parse_config(text)
         assert farthest < config.disparity.min_px < low + span
         if config.background.plane:
             planes = config.background.plane_disparity_px
@@ -593,7 +593,7 @@ def test_the_far_plane_of_a_negative_doffs_is_before_infinity():
     text = write_draft(known)
     assert found.min_px == 6
     assert "plane_disparity_px: [5.1, 5.7]" in text
-    camera = parse_config(text, "x.yaml").camera
+    camera = parse_config(text).camera
     assert camera.doffs_px == Range(-5, 2)
     assert chosen_range(None, 55, -5.0).min_px == 6
     # 5.2 would be right of 5.15 in two digits and lose what is before infinity.

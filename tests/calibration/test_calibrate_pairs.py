@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from config_texts import parse_config
 from PIL import Image
 from shared_material import SHARED, needs_shared
 from skimage.data import stereo_motorcycle
@@ -25,7 +26,6 @@ from semisynth_gl.calibration.write import write
 from semisynth_gl.cli.calibrate import calibrate
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.config import Range
-from semisynth_gl.config.load import parse_config
 from semisynth_gl.frame.camera import Deviation, StereoCamera
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures.atlas import to_grey
@@ -240,7 +240,7 @@ def test_a_config_gets_the_section_rig(tmp_path, monkeypatch):
     assert "focal_ratio" not in text
     assert "points that both views of 2 of 2 pairs show" in text
     assert "2 of 2 pairs matched: right_y_px" in gathered.rectification.summary()
-    rig = parse_config(text, "lab.yaml").rig
+    rig = parse_config(text).rig
     assert (rig.right_y_px, rig.right_roll_deg, rig.focal_ratio) == (Range(1, 2), Range(0.5, 0.5), Range(1, 1))
 
 
@@ -330,7 +330,7 @@ def test_grey_photographs_make_grey_cameras(tmp_path):
     gathered = facts(tmp_path)
     assert "colour:" not in written(gathered)
     text = written(replace(gathered, grey=True))
-    assert parse_config(text, "lab.yaml").camera.colour == "grey"
+    assert parse_config(text).camera.colour == "grey"
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from config_texts import parse_config
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
@@ -14,7 +15,7 @@ from semisynth_gl.calibration import calibrate as calibrating
 from semisynth_gl.calibration.calibrate import calibrate
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.cli.calibrate import calibrate as command
-from semisynth_gl.config.load import load_config, parse_config
+from semisynth_gl.config.load import load_config
 from semisynth_gl.frame.raw_camera import RawCamera, rotation_of, vector_of
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.lens.chain import LensChain
@@ -129,7 +130,7 @@ def opencvs(place, side):
 
 def test_raw_photographs_become_a_dataset_with_their_borders(place):
     calibration = made(place)
-    config = parse_config(calibration.text, "rig.yaml")
+    config = parse_config(calibration.text)
     assert config == calibration.config
     frame = render_pair(config, 0)
     for side in ("left", "right"):

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from config_texts import parse_config
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
 from semisynth_gl.config import Config, Range, load_config, packaged_configs
 from semisynth_gl.config.explain import explain, summaries
-from semisynth_gl.config.load import parse_config
 from semisynth_gl.inputs.errors import InputError
 
 CAMERA = "camera: {width_px: 64, height_px: 48, focal_px: 50, baseline_m: 0.1}\n"
@@ -398,13 +398,6 @@ def test_faults_of_targets_name_keys_that_users_wrote(tmp_path, target, said):
     assert any(line.startswith(f"override {said[2:]}") for line in lines), lines
 
 
-def test_a_text_is_read_as_a_file_would_be(tmp_path):
-    text = "name: m\n" + CAMERA + DISPARITY
-    assert parse_config(text, "lab.yaml") == load_config(written(tmp_path, text))
-    with pytest.raises(InputError, match=r"^lab\.yaml:3: disparity.max_px: expected min_px < max_px"):
-        parse_config(text.replace("max_px: 20", "max_px: 0.5"), "lab.yaml")
-
-
 def test_a_later_focal_length_takes_back_the_earlier():
     config = load_config("middlebury", ["camera.focal_mm=4", "camera.sensor_width_mm=6"])
     assert (config.camera.focal_px, config.camera.sensor_width_mm) == (None, 6)
@@ -429,7 +422,7 @@ def test_digests_follow_values_not_spelling(tmp_path):
 @pytest.mark.parametrize("name", packaged_configs())
 def test_a_config_in_full_is_the_same_config_and_explains_every_key(name):
     text, config = explain(name), load_config(name)
-    assert parse_config(text, "full.yaml").digest() == config.digest()
+    assert parse_config(text).digest() == config.digest()
     blocks = [block.splitlines() for block in text.strip().split("\n\n")]
     assert len(blocks) == len(Config.model_fields)
     for key, lines in zip(Config.model_fields, blocks, strict=True):

@@ -20,10 +20,7 @@ from semisynth_gl.config import Config, Range, load_config
 from semisynth_gl.config.distributions import read_histogram
 from semisynth_gl.config.yaml_values import (
     MOST_BYTES,
-    MOST_KEYS,
-    MOST_VALUES,
     YamlError,
-    read_documents,
     read_yaml,
 )
 from semisynth_gl.dataset.plan import make_plan
@@ -135,15 +132,6 @@ def test_any_text_is_a_value_or_an_error(text):
 )
 def test_plain_yaml_is_read(text, value):
     assert read_yaml(text)[0] == value
-    assert read_documents(text) == ([] if text == "" else [value])
-
-
-def test_documents_are_read_one_by_one_within_limits_of_all():
-    text = "a: 1\n---\n[b]\n---\n"
-    assert read_documents(text) == [{"a": 1}, ["b"], None]
-    for many in ("---\n" * (MOST_VALUES + 1), "a: 1\n---\n" * (MOST_KEYS + 1)):
-        with pytest.raises(YamlError, match="more than"):
-            read_documents(many)
 
 
 def test_configs_that_extend_each_other_without_end(tmp_path):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from config_texts import parse_config
 from PIL import Image
 
 from semisynth_gl.calibration.rig_files import read_rigs
@@ -14,7 +15,6 @@ from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.config.distributions import read_histogram
-from semisynth_gl.config.load import parse_config
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.geometry.model_files import load_models
 from semisynth_gl.inputs.errors import InputError, SemisynthError
@@ -36,7 +36,7 @@ def test_a_file_is_read_up_to_a_size(tmp_path):
 # Each reads one path that a user, a config or a dataset names.
 READERS = {
     "config": load_config,
-    "extends": lambda path: parse_config(f"extends: '{path}'\n", str(path.parent / "mine.yaml")),
+    "extends": lambda path: parse_config(f"extends: '{path}'\n"),
     "target": lambda path: load_config("kitti", {"disparity.target": {"form": "file", "path": str(path)}}),
     "histogram": read_histogram,
     "image": read_image,

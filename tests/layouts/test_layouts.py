@@ -13,6 +13,7 @@ from pathlib import Path, PurePosixPath
 import cv2
 import numpy as np
 import pytest
+from config_texts import parse_config
 from hand_made_pairs import CAMERA, INF, PAIRS, decode, encode, encoded, make_frame, make_provenance, write_tree
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -23,7 +24,6 @@ from semisynth_gl.codecs.calib import KITTI_CALIB
 from semisynth_gl.codecs.png import GREY8, RGB8
 from semisynth_gl.config import load_config, packaged_configs
 from semisynth_gl.config.dataset_sections import LAYOUTS
-from semisynth_gl.config.load import parse_config
 from semisynth_gl.dataset.sample import decode_file
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTPUTS, OUTSIDE, ROLES, VISIBLE, View
@@ -214,7 +214,7 @@ def test_what_loaders_replace_in_paths_stands_there_once():
 def test_a_layout_that_is_none_is_refused_with_its_key_and_line():
     assert {config.layout for config in map(load_config, packaged_configs())} <= {None, *LAYOUTS}
     with pytest.raises(InputError, match=r"lab.yaml:2: layout: .*did you mean kitti\?"):
-        parse_config("extends: kitti\nlayout: kiti\n", "lab.yaml")
+        parse_config("extends: kitti\nlayout: kiti\n")
 
 
 # What the layouts make of a frame

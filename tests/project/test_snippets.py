@@ -12,6 +12,7 @@ import pytest
 from announcements import without_announcements
 from backends import backend_fault
 from click.testing import CliRunner
+from config_texts import parse_config
 from heavy import heavy
 from PIL import Image
 from snippets import PAGES, blocks
@@ -20,7 +21,6 @@ from tiny_datasets import cheap
 from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.config import load_config, packaged_configs
-from semisynth_gl.config.load import parse_config
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.plan import make_plan
 
@@ -184,7 +184,7 @@ def test_every_block_that_could_run_runs_or_says_why_not():
 
 @pytest.mark.parametrize("block", [block for block in CONFIGS if not block.mark], ids=lambda block: block.place)
 def test_blocks_of_yaml_are_configs_that_generate_takes(block):
-    config = parse_config(block.text, block.place)
+    config = parse_config(block.text)
     make_plan(config, 0, config.layout or "middlebury", {"train": 1})
 
 

@@ -589,7 +589,6 @@ def test_a_few_models_of_the_users_are_a_few_of_all(monkeypatch, count, weights,
     section = load_config("middlebury", {f"models.{key}": value for key, value in keys.items()}).models
     library = build_library(section, ParticlesSection(), Split(0))
     assert library.user_count == count == sum(mesh.name.endswith(".obj") for mesh in library.models)
-    assert library.user_share == pytest.approx(share)
     assert library.chances[:count] == pytest.approx([share / count] * count)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from backends import backend_fault
 from click.testing import CliRunner
+from config_texts import parse_config
 from hypothesis import given
 from hypothesis import strategies as st
 from tiny_datasets import CLUTTER_ALONE, cheap, findings
@@ -16,7 +17,6 @@ from tiny_datasets import CLUTTER_ALONE, cheap, findings
 from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.config.explain import explain
-from semisynth_gl.config.load import parse_config
 from semisynth_gl.config.model import Recipe
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset, read_index
@@ -192,7 +192,7 @@ def test_a_mix_in_full_is_the_same_mix(tmp_path):
     (tmp_path / "mix.yaml").write_text(text)
     full = explain(str(tmp_path / "mix.yaml"))
     assert "  - recipe: a\n    weight: 1.0\n    camera: {doffs_px: 50.0}\n    particles: {density: 400.0}\n" in full
-    assert parse_config(full, "full.yaml").digest() == load_config(tmp_path / "mix.yaml").digest()
+    assert parse_config(full).digest() == load_config(tmp_path / "mix.yaml").digest()
 
 
 def test_a_target_of_a_recipe_may_come_from_a_file(tmp_path):
