@@ -93,8 +93,8 @@ def _file_cost(row: Mapping[str, Any]) -> tuple[str, str]:
 _Cells = Callable[[Mapping[str, Any]], tuple[str, ...]]
 _ERROR_HEAD = ("median, px", "p99.9, px", "worst, px")
 _FILE_HEAD = ("ms to read", "kB a pair")
-# By section, the heads of its own columns and a function that returns their cells. All tables also have columns for the
-# name, the time and the description; the first head stands over the names.
+# For each section: the heads of its columns, and a function that returns a row's cells. All tables also have columns
+# for the name, the time and the description; the first head stands over the names.
 _COLUMNS: Mapping[str, tuple[tuple[str, ...], _Cells]] = {
     "get": (("to get disparity", *_ERROR_HEAD), lambda row: errors_text(row["error"])),
     "store": (

@@ -26,7 +26,7 @@ def keys_list() -> str:
     lines = list[str]()
     for number, (sections, items) in enumerate(lists):
         if items in [earlier for _, earlier in lists[:number]]:
-            continue  # such as lens.right, whose keys are those of lens.left
+            continue  # lens.right has the keys of lens.left, which the page lists
         names = ", ".join(f"`{each[0].dotted}`" for each, same in lists if each and same == items)
         lines += ["", *(_wrapped(f"**{names}**: {_text(sections[0])}", "") if sections else []), "", *items]
     return "\n".join(lines[1:]) + "\n\n"

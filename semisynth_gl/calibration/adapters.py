@@ -41,7 +41,7 @@ class Wish(NamedTuple):
 
     Attributes:
         source: name of the file or files.
-        size: size of the images; None where neither the user nor the photographs tell it.
+        size: size of the images, from the user or the photographs; None if both say nothing.
         cameras: the left and the right camera, by name or number; None for the only two.
     """
 
@@ -194,7 +194,7 @@ def _along(cameras: Mapping[int, Tree], start: int, end: int) -> Array:
 
 
 def _chosen(sizes: Mapping[str, Size], wish: Wish) -> str:
-    """Return the mode of the wished size; raises FormatError where there is none."""
+    """Return the mode whose images have the wished size. Raises FormatError where no mode has it."""
     fitting = [mode for mode, size in sizes.items() if size == wish.size]
     if fitting:
         return fitting[0]

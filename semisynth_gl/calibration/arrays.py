@@ -108,7 +108,7 @@ class EyeArrays:
     fault: str | None = None
 
     def camera(self, size: Size) -> RawCamera | None:
-        """Return the camera before rectification, whose images have a size; None where the calibration lacks it."""
+        """Return the camera before rectification; its images have ``size``. None where K, D or R is missing."""
         if self.k is None or self.d is None or self.model is None or self.r is None:
             return None
         (fx, _, cx), (_, fy, cy), _ = self.k.tolist()
@@ -149,14 +149,14 @@ class StereoArrays:
 
     @property
     def lens_fault(self) -> str | None:
-        """Why the lenses that the calibration states cannot be used; None where they can, or there are none."""
+        """Why the stated lenses cannot be used. None where they can, and where no lens is stated."""
         models = {self.left.model, self.right.model} - {None}
         if len(models) > 1:
             return f"expected lenses of one model, got {self.left.model} left and {self.right.model} right"
         return self.left.fault or self.right.fault
 
     def raw_cameras(self, size: Size) -> Mapping[Eye, RawCamera] | None:
-        """Return both eyes' cameras before rectification; None where the calibration lacks one."""
+        """Return both cameras before rectification; None where one of them is missing."""
         if self.lens_fault is not None:
             return None
         cameras = {eye: arrays.camera(size) for eye, arrays in zip(EYES, (self.left, self.right), strict=True)}
@@ -197,8 +197,8 @@ def lens_of(
     if model is None and len(coefficients) == COEFFICIENTS["fisheye"][0] and coefficients.any():
         if k is not None and size is not None and size.width_px > _WIDE * k[0, 0]:
             raise FormatError(
-                "4 coefficients are of a radial-tangential lens or of a fisheye: add `distortion_model: fisheye`, or "
-                "radtan, to the file, or as a file of its own"
+                "a wide lens with 4 coefficients may be radial-tangential or a fisheye: add the value "
+                "distortion_model, fisheye or radtan, to the file"
             )
         note = "4 coefficients were taken for a radial-tangential lens; for a fisheye, add `distortion_model: fisheye`"
     model = model or "radial-tangential"

@@ -25,7 +25,7 @@ from semisynth_gl.calibration.kinds import (
 from semisynth_gl.calibration.names import ROTATION_WORDS, Entry, eye_of, last_word, starts, words_of
 from semisynth_gl.calibration.parts import by_columns, with_parts
 from semisynth_gl.calibration.poses import along_chain, between_eyes, by_name, from_body
-from semisynth_gl.calibration.rig import turned_size_fault
+from semisynth_gl.calibration.sizes import is_turned, stated_sizes
 from semisynth_gl.calibration.tree import Array, FormatError, Name, Tree, text_of
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.raw_camera import rotation_of
@@ -39,17 +39,7 @@ _SHIFT_WORDS = ("t", "tr", "trans", "trns", "tvec", "shift", "position")
 # Words of angles about axes, which are no rotation vector.
 _ANGLE_WORDS = ("angle", "euler", "rpy", "roll", "deg")
 _LENS_WORDS = ("d", "dist", "coef", "kc", "radtan", "equidistant")
-# Names of a size, letters only.
-_WIDTHS = ("width", "imagewidth", "imgwidth", "imagew", "w", "cols", "resx")
-_HEIGHTS = ("height", "imageheight", "imgheight", "imageh", "h", "rows", "resy")
-_SIZES = (
-    *("size", "imagesize", "imgsize", "imsize", "imagersize", "framesize", "resolution", "imageresolution"),
-    *("srect", "s", "wh", "dimensions", "shape", "imageshape", "imgshape", "hw"),
-)
-_HEIGHT_FIRST = ("shape", "hw")
 _BASELINES = ("baseline", "stereobaseline", "b", "bl")
-# Words of sizes of other things: of a board, of a part of the images.
-_OTHER_SIZES = {"board", "pattern", "chessboard", "checkerboard", "chess", "grid", "tag", "marker", "roi", "crop"}
 # Relative differences of the translation's length and the baseline of P: up to the first one both say the same, from
 # the second one on the translation is of something else.
 _SAME_BASELINE, _MOST_BASELINE = 0.02, 0.8
@@ -90,7 +80,7 @@ class Finder:
         self.lens_fault: str | None = None
 
     def arrays(self, source: str) -> StereoArrays | None:
-        """Return what the tree says of a rig; None where it describes none.
+        """Return the arrays that the tree has of a rig; None where they make no rig.
 
         Raises:
             FormatError: where there are more than two cameras, or what is there contradicts itself.
@@ -212,7 +202,7 @@ class Finder:
         *,
         rotation: bool = False,
     ) -> _Pair | None:
-        """Return the arrays of a kind of the left and of the right eye, of so many rows; None where one is missing."""
+        """Return the left and the right eye's array of a kind, each with ``rows`` rows; None where one is missing."""
         given = [self.given.get(f"{key}{number}") for number in "12"]
         found = self._of(key, fits, words, rotation=rotation)
         pair = self._pair(found, key)
@@ -413,48 +403,16 @@ class Finder:
         if "size" in self.given:
             return checked_size(*self.given["size"].ravel()[:2])
         matrices = [*(k or ()), *(p or ())]
-        of_rectified, of_raw = self._sizes(matrices)
+        of_rectified, of_raw = stated_sizes(self.entries, self.cameras, matrices)
         if p is not None and of_rectified and of_raw and of_rectified[0] != of_raw[0]:
             self.lens_fault = f"expected raw images of {of_rectified[0]}, as rectified ones, got {of_raw[0]}"
         known = [*dict.fromkeys((of_raw or of_rectified) if p is None else (of_rectified or of_raw))]
         if len(known) > 1:
             raise FormatError(f"has images of {known[0]} and of {known[1]}: expected one size of both cameras")
-        if known and self.user_size == tuple(reversed(known[0])) and _is_turned(known[0], matrices):
+        if known and self.user_size == tuple(reversed(known[0])) and is_turned(known[0], matrices):
             self.notes.append(f"its size, {known[0]}, was taken for height and width, as the photographs are")
             return self.user_size
         return known[0] if known else None
-
-    def _sizes(self, matrices: Sequence[Array]) -> tuple[list[Size], list[Size]]:
-        """Return the sizes that the tree states of rectified images, and of raw ones."""
-        sizes: dict[bool, list[Size | None]] = {True: [], False: []}
-        sides: dict[tuple[Name, str], dict[str, float]] = {}
-        for entry in self.entries:
-            key = re.sub(r"\(.*?\)|[^a-z]", "", entry.key.lower())
-            of_rig = self.cameras is None or eye_of(entry.name) in {"", *self.cameras}
-            if not of_rig or _OTHER_SIZES & set(entry.words) or not are_numbers(entry.value, 1, 2, 3, 4):
-                continue
-            if entry.value.size > 1 and key in _SIZES:
-                sizes["rect" in entry.words] += _listed_sizes(entry.value, key, matrices)
-            elif entry.value.size == 1 and key in (*_WIDTHS, *_HEIGHTS):
-                side = "width" if key in _WIDTHS else "height"
-                sides.setdefault((entry.name[:-1], eye_of(entry.name)), {})[side] = float(entry.value.ravel()[0])
-        sizes[False] += [checked_size(found["width"], found["height"]) for found in sides.values() if len(found) == 2]
-        rectified, raw = ([size for size in sizes[key] if size is not None] for key in (True, False))
-        return rectified, raw
-
-
-def _listed_sizes(value: Array, key: str, matrices: Sequence[Array]) -> Iterator[Size | None]:
-    """Yield the size that a list states, or those of both cameras, as Basalt lists them."""
-    # NumPy's shape begins with the height, unless a script wrote shape[::-1], and ends with the number of channels.
-    shape = any(key.endswith(each) for each in _HEIGHT_FIRST)
-    for first, second in (value if value.shape == (2, 2) else value.reshape(1, -1))[:, :2].tolist():
-        size = checked_size(second, first) if shape else checked_size(first, second)
-        yield Size(*reversed(size)) if shape and size is not None and _is_turned(size, matrices) else size
-
-
-def _is_turned(size: Size, matrices: Sequence[Array]) -> bool:
-    """Return whether the principal points of camera matrices say that a size is height and width."""
-    return bool(matrices) and turned_size_fault(size, *matrices) is not None
 
 
 def _rotation(value: Array) -> Array:

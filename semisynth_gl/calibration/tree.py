@@ -239,6 +239,8 @@ def _keyed(line: str) -> tuple[str, str]:
 def _add(tree: Tree, name: Name, node: Any, depth: int) -> None:  # noqa: ANN401 - any nested value
     if len(tree) > _MOST_VALUES or depth > _DEEPEST:
         raise FormatError(f"has more than {_MOST_VALUES} values, or deeper ones than a calibration")
+    if isinstance(node, np.ndarray) and node.dtype.kind == "U" and node.size == 1:
+        node = str(node.item())
     array = _numbers(node)
     if array is not None:
         tree[name or _WHOLE] = array

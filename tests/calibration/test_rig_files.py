@@ -809,6 +809,28 @@ def test_one_matrix_is_of_both_cameras_with_a_note(tmp_path):
     assert any("K was taken for both cameras" in note for note in rig.notes)
 
 
+@pytest.mark.parametrize("extension", ["json", "yml", "xml", "npz"])
+def test_a_file_names_its_lens(tmp_path, extension):
+    path, wide = tmp_path / f"rig.{extension}", np.diag([0.3, 0.3, 1]) @ K1
+    values = {"K1": wide, "D1": FISHEYE, "K2": wide, "D2": FISHEYE, "R": R, "T": T}
+
+    def stored(**more):
+        if extension == "npz":
+            np.savez(path, **values, **more)
+            return path
+        file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+        for name, value in (values | more).items():
+            file.write(name, value)
+        file.release()
+        return path
+
+    with pytest.raises(ReadError, match="a wide lens with 4 coefficients may be"):
+        read_rigs([stored()], size=Size(*SIZE))
+    for name, model in (("fisheye", "fisheye"), ("radtan", "radial-tangential")):
+        (rig,) = read_rigs([stored(distortion_model=name)], size=Size(*SIZE), alpha=0)
+        assert rig.raw["left"].model == model
+
+
 def test_a_lens_beside_a_baseline_is_left_out_with_a_note(tmp_path):
     (path,) = write(
         tmp_path, rig_json={"K": [[500, 0, 320], [0, 500, 240], [0, 0, 1]], "D": D1, "baseline": 0.2, "imageSize": SIZE}
