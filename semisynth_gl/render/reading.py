@@ -27,8 +27,7 @@ class Reading:
     def find_visibility(self, pair: DrawnPair) -> None:
         """Run the visibility pass on a rectified pair; in other pairs, `read` finds visibility by correspondences."""
         if self._visibility is not None and pair.placed.scene.camera.rectified:
-            for eye in self._wanted.truth_eyes:
-                self._visibility.draw(pair, eye)
+            self._visibility.draw(pair, self._wanted.truth_eyes)
 
     def read(self, pair: DrawnPair, motions: Mapping[str, Motion | None]) -> None:
         """Add the channels that are missing to the pair's views.

@@ -6,7 +6,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.frame.camera import Eye
+from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.listed_steps import groups_of
@@ -19,7 +19,7 @@ from semisynth_gl.render.structs import BLOCKS, RUN
 # Most triangles of a run. A group of invocations works through one run after another; a run has a single instance.
 _RUN_TRIANGLES = 512
 # Bindings of the lists, and the bytes of an entry and of the header, four words of which the first counts the entries.
-_NARROW, _CUTS = 6, 7
+_LISTS = _NARROW, _CUTS = 6, 7
 _ENTRY = _HEADER = 16
 _FEWEST_ENTRIES = 1 << 16
 # Length of the lists for each triangle, more than most scenes need; the steps run again where a list was too short.
@@ -81,16 +81,19 @@ class SliverPass:
         self._gl = context.gl
         self._steps = [link_compute(context, "slivers.comp", {"STEP": step}) for step in range(3)]
         self._runs = context.gl.buffer(reserve=RUN.itemsize, dynamic=True)
-        self._lists = {
-            binding: context.gl.buffer(reserve=_HEADER + _ENTRY * _FEWEST_ENTRIES) for binding in (_NARROW, _CUTS)
-        }
+        self._lists = {binding: context.gl.buffer(reserve=_HEADER + _ENTRY * _FEWEST_ENTRIES) for binding in _LISTS}
+        # NVIDIA's driver moves a buffer that the processor reads or writes out of the GPU's memory, where atomic
+        # counters are slow. So the processor does not touch the lists: zeros are copied into their headers, and the
+        # headers into a buffer that is read once both eyes are drawn.
+        self._zeros = context.gl.buffer(bytes(_HEADER))
+        self._headers = context.gl.buffer(bytes(len(EYES) * len(_LISTS) * _HEADER))
         self._groups = groups_of(context)
 
     def draw(self, placed: Placed, other: Eye, points: OpenPoints) -> None:
         """Mark points of one eye's view as occluded that lie behind slivers in the ``other`` eye's view.
 
         Both eyes' disparities, the visibility to complete, the triangles and the constants must be bound as for
-        visibility.comp.
+        visibility.comp. Some marks are missing where `lengthen` says so.
         """
         runs = self._runs_of(placed, other)
         if not len(runs):
@@ -99,30 +102,32 @@ class SliverPass:
         self._runs.bind_to_storage_buffer(BLOCKS["Runs"].binding)
         points.bind()
         self._steps[0]["run_count"] = len(runs)
-        self._make_room({binding: int(runs["triangles"].sum() * _ENTRIES_OF_TRIANGLE) for binding in self._lists})
-        # Which entries a full list holds depends on chance, so all steps run again; marking a point twice does no harm.
-        while self._make_room(self._run()):
-            pass
-
-    def _run(self) -> dict[int, int]:
-        """Run all steps; return how many entries each list has, or would have if it were longer."""
         for binding, entries in self._lists.items():
-            entries.write(bytes(_HEADER))
+            self._make_room(binding, int(runs["triangles"].sum() * _ENTRIES_OF_TRIANGLE))
+            self._gl.copy_buffer(entries, self._zeros, _HEADER)
             entries.bind_to_storage_buffer(binding)
         for step in self._steps:
             step.run(self._groups)
             self._gl.memory_barrier()
-        return {binding: int(np.frombuffer(entries.read(4), "<u4")[0]) for binding, entries in self._lists.items()}
+        for number, entries in enumerate(self._lists.values(), len(_LISTS) * EYES.index(other)):
+            self._gl.copy_buffer(self._headers, entries, _HEADER, write_offset=number * _HEADER)
 
-    def _make_room(self, counts: dict[int, int]) -> bool:
-        """Lengthen the lists that have no room for these numbers of entries; return whether any was lengthened."""
-        grown = False
-        for binding, count in counts.items():
-            size = _HEADER + _ENTRY * count
-            if size > self._lists[binding].size:
-                self._lists[binding].orphan(size + size // 4)
-                grown = True
-        return grown
+    def lengthen(self) -> bool:
+        """Lengthen the lists that were too short in the latest `draw` of either eye; return whether any was.
+
+        Which entries a full list holds depends on chance, so both eyes must then be drawn again.
+        """
+        counts = np.frombuffer(self._headers.read(), "<u4").reshape(len(EYES), len(_LISTS), -1)[:, :, 0].max(axis=0)
+        grown = [self._make_room(binding, count) for binding, count in zip(_LISTS, counts.tolist(), strict=True)]
+        return any(grown)
+
+    def _make_room(self, binding: int, entries: int) -> bool:
+        """Lengthen a list that has no room for so many entries; return whether it had none."""
+        size = _HEADER + _ENTRY * entries
+        if size <= self._lists[binding].size:
+            return False
+        self._lists[binding].orphan(size + size // 4)
+        return True
 
     def _runs_of(self, placed: Placed, eye: Eye) -> NDArray[np.void]:
         """Return the triangles of the instances that an eye may see, run by run: (R,) of `RUN`."""

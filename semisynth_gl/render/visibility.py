@@ -1,5 +1,7 @@
 """The visibility pass: marks the pixels of one eye's image that the other eye sees too."""
 
+from collections.abc import Collection
+
 from semisynth_gl.frame.camera import OTHER_EYE, Eye
 from semisynth_gl.frame.channels import VISIBLE
 from semisynth_gl.render.listed_steps import ListedSteps
@@ -20,8 +22,14 @@ class VisibilityPass:
         self._slivers = SliverPass(loaded)
         self._steps = ListedSteps(loaded.context, "visibility.comp", 4, _TILE_PX, _ENTRIES)
 
-    def draw(self, pair: DrawnPair, eye: Eye) -> None:
-        """Fill the visibility of one eye's view, or a crop of it, from both eyes' disparities and surfaces."""
+    def draw(self, pair: DrawnPair, eyes: Collection[Eye]) -> None:
+        """Fill the visibility of these eyes' views, or a crop of it, from both eyes' disparities and surfaces."""
+        for eye in eyes:
+            self._draw(pair, eye)
+        if self._slivers.lengthen():
+            self.draw(pair, eyes)
+
+    def _draw(self, pair: DrawnPair, eye: Eye) -> None:
         visibility, points = pair.eyes[eye].visibility, pair.sized.open_points
         if visibility is None or points is None:
             raise RuntimeError("these targets were made without visibility")
