@@ -65,14 +65,12 @@ class PairTimes(NamedTuple):
 
     Attributes:
         costs: the costs of each stage, each finished before the next began.
-        seconds: the time of the whole pair, without waits between stages.
         passes: the time of each pass that ran.
         queries: whether the GPU's timer queries timed the passes, or else the processor's clock did.
         facts: `Renderer.facts`.
     """
 
     costs: Mapping[str, Costs]
-    seconds: float
     passes: PassSeconds
     queries: bool
     facts: dict[str, str]
@@ -93,10 +91,8 @@ class _StageClock(Listener):
 
 
 def time_pair(job: Job, renderer: PairRenderer, shard: Shard) -> PairTimes:
-    """Time the pair of a shard: as a whole, then its stages, then its passes; passed to `measure_pairs`."""
-    start = time.perf_counter()
-    _write(job, renderer, shard, Listener())
-    seconds = time.perf_counter() - start
+    """Time the stages of a shard's pair, then its passes; passed to `measure_pairs`."""
+    # The first time that the pair is made, since the sampler keeps the latest scene.
     renderer.listener = clock = _StageClock()
     array_bytes, file_bytes = _write(job, renderer, shard, clock)
     renderer.listener = None
@@ -105,7 +101,7 @@ def time_pair(job: Job, renderer: PairRenderer, shard: Shard) -> PairTimes:
     passes = renderer.clock.stop()
     sizes = {"readback": array_bytes, "encode": file_bytes, "write": file_bytes}
     costs = {stage: Costs(clock.seconds[stage], clock.cpu_seconds[stage], sizes.get(stage)) for stage in STAGES}
-    return PairTimes(costs, seconds, passes, renderer.clock.queries, renderer.facts)
+    return PairTimes(costs, passes, renderer.clock.queries, renderer.facts)
 
 
 def _write(job: Job, renderer: PairRenderer, shard: Shard, listener: Listener) -> tuple[int, int]:

@@ -89,8 +89,7 @@ def measure_workers(
     Returns:
         Four sections of the report, and `Renderer.facts`. The sections are
 
-        - "stages": in "rows" the `stage_rows` of pairs in one process with one thread, and in "pair_seconds" the mean
-          time of such a pair without waits between stages,
+        - "stages": in "rows" the `stage_rows` of pairs in one process with one thread,
         - "passes": in "rows" the `pass_rows` of the same pairs, and in "queries" whether timer queries timed them,
         - "limit": the `speed_limit` of the largest number of "workers",
         - "workers": in "rows" a row for one single-threaded worker, and then one for each number of workers. "threads"
@@ -131,7 +130,7 @@ def measure_workers(
     most = max(rows, key=lambda row: row["workers"])
     shares = np.divide(rates[most["name"]], limits).tolist()
     sections = {
-        "stages": {"pair_seconds": float(np.mean([pair.seconds for pair in times])), "rows": stages},
+        "stages": {"rows": stages},
         "passes": {"queries": times[0].queries, "rows": pass_rows([pair.passes for pair in times])},
         "limit": {"workers": most["workers"]} | speed_limit(stages, cores(), most["pairs_per_second"], shares),
         "workers": {"rows": rows},
