@@ -100,8 +100,8 @@ PARTS: Mapping[str, Part] = {
         report=(readback.headline, readback.table),
     ),
     "speed": Part(
-        "Stages and passes, workers to disk",
-        (*_CLI, "bench", "speed", "--pairs", "64"),
+        "Stages, and workers to disk",
+        (*_CLI, "bench", "speed", "--pairs", "64", "--repeats", "1"),
         ("--set", "scale=0.1", "--pairs", "1", "--repeats", "1", "--workers", "1"),
         at_most=0.4,
         report=(speed.headline, speed.table),

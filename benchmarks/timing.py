@@ -1,13 +1,11 @@
 """Alternatives beside each other: timed in turns, so that other work on the machine affects all alike, and weighed."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from semisynth_gl.bench.workers import turns
 
 
 class Timing(NamedTuple):
@@ -20,6 +18,13 @@ class Timing(NamedTuple):
 
     seconds: float
     ratio: float
+
+
+def turns(names: Sequence[str], rounds: int) -> Iterator[tuple[int, str]]:
+    """Yield (round, name) for all names in each round; each round begins one name later than the round before."""
+    for number in range(rounds):
+        for k in range(len(names)):
+            yield number, names[(number + k) % len(names)]
 
 
 def alternated(

@@ -112,15 +112,15 @@ def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[i
 @option(
     "--pairs", type=COUNT, default=8, help="Pairs in a round of each number of workers; at least 4 for each worker."
 )
-@option("--repeats", type=COUNT, default=3, help="How often each number of workers is timed, times two.")
+@option("--repeats", type=COUNT, default=2, help="How often the stages and each number of workers are timed.")
 @option(
     "--workers", callback=_numbers, metavar="N,N", help="Numbers of workers.  [default: powers of two up to all cores]"
 )
 def speed(options: _BenchOptions, json_file: Path | None, pairs: int, repeats: int, workers: tuple[int, ...]) -> None:
     """Measure pairs per second, and what limits them.
 
-    Measures each stage of a pair; each drawing pass, by the GPU's own clock where a GPU draws; and whole runs with
-    several numbers of workers. Let the machine do nothing else meanwhile.
+    Measures each stage of a pair, and whole runs with several numbers of workers. Let the machine do nothing else
+    meanwhile.
     """
     from semisynth_gl.bench import speed as benchmark  # noqa: PLC0415 - other commands need no renderer
 

@@ -28,7 +28,6 @@ from semisynth_gl.pairs.checks import OPEN, Closed, faults
 from semisynth_gl.plugins import plugin_records
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.devices import check_libraries
-from semisynth_gl.render.pass_clock import PassClock
 from semisynth_gl.render.readers import Reader, read_array
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.render.shared_left import SharedLeft
@@ -194,11 +193,6 @@ class PairRenderer:
     @listener.setter
     def listener(self, listener: Listener | None) -> None:
         self._renderer.listener = listener
-
-    @property
-    def clock(self) -> PassClock:
-        """The clock that times the passes of pairs, for measurements; see `Renderer`."""
-        return self._renderer.clock
 
     @property
     def renderer_name(self) -> str:

@@ -14,7 +14,6 @@ from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.backends import BACKENDS, Backend, is_software
 from semisynth_gl.render.load_order import load_before_driver
 from semisynth_gl.render.osmesa import OSMesaContext
-from semisynth_gl.render.pass_clock import PassClock
 from semisynth_gl.render.unbound import UnboundCalls
 from semisynth_gl.render.vector_width import separate_compiled_shaders
 
@@ -43,7 +42,6 @@ class GraphicsContext:
     Attributes:
         gl: the context.
         unbound: calls that moderngl lacks.
-        clock: times the passes that are drawn in the context, while it runs.
         backend: the backend that opened the context, "egl" or "osmesa".
         renderer: the driver's name for itself (GL_RENDERER), for the provenance of every pair.
         process: id of the process that opened the context.
@@ -52,7 +50,6 @@ class GraphicsContext:
 
     gl: moderngl.Context
     unbound: UnboundCalls
-    clock: PassClock
     backend: Backend
     renderer: str
     process: int
@@ -157,5 +154,4 @@ def _set_up(raw: Any, backend: Backend) -> GraphicsContext:  # noqa: ANN401 - ei
     unbound.set_up()
     # moderngl asks for limits that some drivers do not know, which leaves errors behind.
     gl.clear_errors()
-    clock = PassClock(gl, queries=not is_software(renderer))
-    return GraphicsContext(gl, unbound, clock, backend, renderer, os.getpid(), get_ident())
+    return GraphicsContext(gl, unbound, backend, renderer, os.getpid(), get_ident())

@@ -37,8 +37,7 @@ class CorrespondencePass:
         pair.eyes[other].bind(depth=2, surface=3)
         targets.bind_to_images(correspondence=0, disparity=1, visibility=2)
         self._loaded.constants.write(scene, other)
-        with self._loaded.context.clock.timed("correspondence", eye):
-            self._steps.run(pair.area)
+        self._steps.run(pair.area)
         return targets
 
 

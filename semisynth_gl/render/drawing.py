@@ -32,7 +32,7 @@ class Drawing:
 
     def __init__(self, loaded: Loaded) -> None:
         self._loaded, self._wanted = loaded, loaded.wanted
-        self._gl, self._clock = loaded.context.gl, loaded.context.clock
+        self._gl = loaded.context.gl
         drawn, antialias = self._wanted.drawn_by("drawing"), self._wanted.antialias
         self._triangle_readers = frozenset(channel.attachment for channel in drawn if channel.reads_triangles)
         self._occlusion = Occlusion(loaded) if loaded.context.software else None
@@ -84,8 +84,7 @@ class Drawing:
         targets.limit(None)
         self._draw_once(placed, eye, None, targets, filled)
         self._smooth(placed, eye, targets, None)
-        with self._clock.timed("read", eye):
-            image: NDArray[np.uint8] = targets.read("colour")
+        image: NDArray[np.uint8] = targets.read("colour")
         return image
 
     def _find_light(self, placed: Placed) -> None:
@@ -113,10 +112,9 @@ class Drawing:
         self._loaded.constants.write(scene, "left")
         targets.bind(inverse_depth=0)
         targets.disparity.limit(part)
-        with self._clock.timed("draw", "left"):
-            targets.disparity.framebuffer.use()
-            self._gl.enable_only(moderngl.NOTHING)
-            self._disparity_pass.render(moderngl.TRIANGLES, 3)
+        targets.disparity.framebuffer.use()
+        self._gl.enable_only(moderngl.NOTHING)
+        self._disparity_pass.render(moderngl.TRIANGLES, 3)
 
     def _programs(self, names: tuple[str, ...], *, lit: bool = False) -> list[moderngl.Program]:
         """Return the programs that draw to some attachments, one for each atlas; link those that are missing."""
@@ -177,11 +175,10 @@ class Drawing:
     ) -> Sequence[Filled]:
         """Draw a part of one eye's view with one sample a pixel; return the instances that were not found hidden."""
         seen = filled
-        with self._clock.timed("draw", eye):
-            if self._occlusion is not None:
-                seen = self._occlusion.without_hidden(placed, eye, part, targets, filled)
-            targets.clear(depth=seen is filled)
-            self._draw_models(targets.names, seen, placed.scene, eye, targets.framebuffer.width)
+        if self._occlusion is not None:
+            seen = self._occlusion.without_hidden(placed, eye, part, targets, filled)
+        targets.clear(depth=seen is filled)
+        self._draw_models(targets.names, seen, placed.scene, eye, targets.framebuffer.width)
         return seen
 
     def _smooth(self, placed: Placed, eye: Eye, targets: EyeTargets, part: Crop | None) -> None:
@@ -195,14 +192,11 @@ class Drawing:
     ) -> NDArray[np.uint8]:
         """Draw one eye's colour, or a crop of it, with several samples a pixel; return the image."""
         targets.limit(crop)
-        with self._clock.timed("samples", eye):
-            targets.fine.use()
-            targets.fine.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
-            self._draw_models(COLOUR, filled, placed.scene, eye, targets.fine.width)
-        with self._clock.timed("resolve", eye):
-            targets.resolve()
-        with self._clock.timed("read", eye):
-            return targets.read_colour(crop)
+        targets.fine.use()
+        targets.fine.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
+        self._draw_models(COLOUR, filled, placed.scene, eye, targets.fine.width)
+        targets.resolve()
+        return targets.read_colour(crop)
 
     def _draw_models(
         self, names: tuple[str, ...], filled: Sequence[Filled], scene: Scene, eye: Eye, width_px: int

@@ -31,7 +31,7 @@ class EdgePass:
     def __init__(self, loaded: Loaded) -> None:
         context, models, self._patches = loaded.context, loaded.models, loaded.patches
         gl = context.gl
-        self._gl, self._clock, self._vertices = gl, context.clock, models.vertices
+        self._gl, self._vertices = gl, models.vertices
         self._anisotropies = np.array(loaded.anisotropies)
         self._outlines = Outlines(models.meshes, models.vertex_number)
         size, limit = self._vertices.size, int(gl.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
@@ -69,9 +69,8 @@ class EdgePass:
         self._gl.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
         for atlas in range(len(self._patches.ends)):
             self._patches.use(atlas, atlas)
-        with self._clock.timed("edges", eye):
-            targets.blending.use(part, _DRAWN)
-            self._vaos[lit].render(moderngl.POINTS, len(strips))
+        targets.blending.use(part, _DRAWN)
+        self._vaos[lit].render(moderngl.POINTS, len(strips))
 
     def _worn(self, placed: Placed, eye: Eye) -> NDArray[np.void]:
         """Return the numbers that edges.geom looks up for each instance, (N,) of `WEARER`."""

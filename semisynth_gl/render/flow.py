@@ -88,10 +88,9 @@ class FlowPass:
         context.gl.enable_only(moderngl.DEPTH_TEST)
         context.gl.depth_func = ">"
         constants.write(moved.then.scene, eye)
-        with context.clock.timed("moment", eye):
-            then.clear()
-            for part in filled:
-                models.draw(self._draw_program, part)
+        then.clear()
+        for part in filled:
+            models.draw(self._draw_program, part)
 
         moves = moved.moves.copy()
         moves["centre"][:, 0] -= scene.offset_m(eye).astype(np.float32)
@@ -107,6 +106,5 @@ class FlowPass:
         then.bind(depth=2, surface=3)
         targets.bind_to_images(flow=0, disparity_change=1, flow_visibility=2)
         constants.write(scene, eye)
-        with context.clock.timed("flow", eye):
-            self._steps.run(pair.area)
+        self._steps.run(pair.area)
         return targets

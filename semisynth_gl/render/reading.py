@@ -19,7 +19,7 @@ class Reading:
 
     def __init__(self, loaded: Loaded, placing: Placing) -> None:
         wanted = loaded.wanted
-        self._clock, self._placing, self._wanted = loaded.context.clock, placing, wanted
+        self._placing, self._wanted = placing, wanted
         self._visibility = VisibilityPass(loaded) if wanted.visibility else None
         self._correspondence = CorrespondencePass(loaded) if wanted.corresponds else None
         self._flow = FlowPass(loaded) if wanted.flow else None
@@ -46,14 +46,13 @@ class Reading:
         """Read one eye's channels of the drawing pass and the visibility pass."""
         targets, view = pair.eyes[eye], pair.views[eye]
         image, rectified = CHANNELS["image"], pair.placed.scene.camera.rectified
-        with self._clock.timed("read", eye):
-            for channel in self._wanted.drawn_by("drawing"):
-                drawn = eye in self._wanted.truth_eyes and (rectified or channel.name not in CORRESPONDENCE)
-                if channel.name not in view and (channel is image or drawn):
-                    view[channel.name] = targets.read(channel.attachment, pair.crop)
-            if targets.visibility is not None and rectified:
-                for channel in self._wanted.drawn_by("visibility"):
-                    view[channel.name] = targets.visibility.read(channel.attachment, pair.crop)
+        for channel in self._wanted.drawn_by("drawing"):
+            drawn = eye in self._wanted.truth_eyes and (rectified or channel.name not in CORRESPONDENCE)
+            if channel.name not in view and (channel is image or drawn):
+                view[channel.name] = targets.read(channel.attachment, pair.crop)
+        if targets.visibility is not None and rectified:
+            for channel in self._wanted.drawn_by("visibility"):
+                view[channel.name] = targets.visibility.read(channel.attachment, pair.crop)
 
     def _read_correspondence(self, correspondence: CorrespondencePass, pair: DrawnPair) -> None:
         """Find and read the correspondences and, for a pair that deviates, disparities and masks."""
@@ -62,9 +61,8 @@ class Reading:
             found = self._wanted.drawn_by("correspondence")
         for eye in self._wanted.truth_eyes:
             compared = correspondence.draw(pair, eye)
-            with self._clock.timed("read", eye):
-                for channel in found:
-                    pair.views[eye][channel.name] = compared.read(channel.attachment, pair.crop)
+            for channel in found:
+                pair.views[eye][channel.name] = compared.read(channel.attachment, pair.crop)
 
     def _read_flow(self, flow_pass: FlowPass, pair: DrawnPair, motion: Motion, moment: Moment) -> None:
         """Find the flow to another moment, and read its channels."""
@@ -75,6 +73,5 @@ class Reading:
             if not channels:
                 continue
             targets = flow_pass.draw(pair, moved, eye)
-            with self._clock.timed("read", eye):
-                for channel in channels:
-                    pair.views[eye][channel.name] = targets.read(channel.attachment, pair.crop)
+            for channel in channels:
+                pair.views[eye][channel.name] = targets.read(channel.attachment, pair.crop)

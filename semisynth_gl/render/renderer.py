@@ -30,7 +30,6 @@ from semisynth_gl.render.drawing import Drawing
 from semisynth_gl.render.kept_targets import KeptTargets
 from semisynth_gl.render.loaded import Loaded
 from semisynth_gl.render.model_buffers import ModelBuffers
-from semisynth_gl.render.pass_clock import PassClock
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.placing import Placing
 from semisynth_gl.render.readers import Reader, read_array
@@ -160,11 +159,6 @@ class Renderer:
     def facts(self) -> dict[str, str]:
         """The "backend", the "renderer" (the driver's name for itself), and the driver's version of "opengl"."""
         return self._context.facts
-
-    @property
-    def clock(self) -> PassClock:
-        """For measurements: the clock that times each pass from its start to its stop."""
-        return self._context.clock
 
     def count_objects(self) -> dict[str, int]:
         """Count the objects that the driver holds for this renderer, by kind such as "Texture", to find leaks."""

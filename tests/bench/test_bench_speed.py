@@ -1,7 +1,6 @@
 """`bench speed` tells what it measured; how fast anything is, no test asks."""
 
 import json
-import os
 import sys
 
 import numpy as np
@@ -11,15 +10,12 @@ from recorder import Recorder
 from tiny_datasets import CLUTTER_ALONE, SCENES
 
 from semisynth_gl.bench.shards import LAYOUT
-from semisynth_gl.bench.speed import Effort, limit_text, measure, table, usual_workers
-from semisynth_gl.bench.stages import PASS_TEXTS, STAGES, Costs, pass_rows, speed_limit, stage_rows
-from semisynth_gl.bench.workers import worker_threads
+from semisynth_gl.bench.speed import STAGES, Costs, Effort, measure, stage_rows, table, usual_workers
 from semisynth_gl.cli import main
 from semisynth_gl.config import load_config
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.pairs.pipeline import PAIR_STAGES
 from semisynth_gl.render.backends import is_software
-from semisynth_gl.render.pass_clock import PASSES
 
 SMALL = (
     *CLUTTER_ALONE,
@@ -46,25 +42,16 @@ def config():
 
 @pytest.fixture(scope="module")
 def report(config):
-    return measure(config, 3, "auto", Effort(pairs=PAIRS, repeats=1, workers=(2,)))
-
-
-def names(part):
-    return [row["name"] for row in part["rows"]]
+    return measure(config, 3, "auto", Effort(pairs=PAIRS, repeats=1, workers=(2, 1)))
 
 
 def test_the_report_is_whole_and_json(report):
     assert json.loads(json.dumps(report, allow_nan=False)) == report
-    assert names(report["stages"]) == [*STAGES, "processor"]
-    assert [(row["workers"], row["name"]) for row in report["workers"]["rows"]] == [(1, "1, one thread"), (2, "2")]
-    assert [(row["name"], row["eye"]) for row in report["passes"]["rows"]] == [
-        (name, eye) for name in ("draw", "masks", "read") for eye in ("left", "right")
-    ]
-    assert report["workers"]["rows"][0]["threads"] == 0
-    assert report["workers"]["rows"][0]["ratio"] == 1
-    assert [row["pairs"] for row in report["workers"]["rows"]] == [4, 8]
-    assert all(row["seconds"] > 0 for part in ("stages", "passes") for row in report[part]["rows"])
-    assert report["passes"]["queries"] != is_software(report["machine"]["renderer"])
+    assert [row["name"] for row in report["stages"]] == [*STAGES, "processor"]
+    assert all(row["seconds"] > 0 for row in report["stages"])
+    assert [row["workers"] for row in report["workers"]] == [1, 2]
+    assert report["workers"][0]["ratio"] == 1
+    assert all(row["pairs_per_second"] > 0 for row in report["workers"])
     assert {"renderer", "opengl", "backend", "processor", "versions", "usable_cores"} <= set(report["machine"])
 
 
@@ -73,7 +60,7 @@ def test_bytes_are_those_of_the_files(report, config, tmp_path):
     generate(config, tmp_path, pairs, 3, layout=LAYOUT)
     scenes = sorted((tmp_path / SCENES).iterdir())
     sizes = [sum(path.stat().st_size for path in scene.iterdir()) for scene in scenes]
-    rows = {row["name"]: row for row in report["stages"]["rows"]}
+    rows = {row["name"]: row for row in report["stages"]}
     # The first pair is drawn before the others are timed.
     assert rows["write"]["bytes_per_pair"] == rows["encode"]["bytes_per_pair"] == np.mean(sizes[1:])
     # Two images of three bytes, two disparities of four, two masks of one.
@@ -81,68 +68,31 @@ def test_bytes_are_those_of_the_files(report, config, tmp_path):
     assert rows["draw"]["bytes_per_pair"] is None
 
 
-def test_the_table_has_every_row(report):
-    text = table(report)
-    for name in (*names(report["stages"]), *names(report["workers"])):
-        assert f" {name} " in text
-    assert "| masks, right |" in text
-    assert ("timer queries of software" in text) != report["passes"]["queries"]
-    # The report has one round, which tells no share of the limit.
-    assert "% of the limit" not in text
-    assert "--repeats 3" in text
-
-
 def costs(**seconds):
     return {stage: Costs(2 * seconds.get(stage, 0.0), seconds.get(stage, 0.0), None) for stage in STAGES}
 
 
-def test_passes_are_averaged_over_all_pairs():
-    """A pair without a pass spends no time on it."""
-    pairs = [{("draw", "right"): 0.2, ("edges", "left"): 0.1}, {("draw", "right"): 0.4}]
-    assert [(row["name"], row["eye"], row["seconds"]) for row in pass_rows(pairs)] == [
-        ("draw", "right", pytest.approx(0.3)),
-        ("edges", "left", pytest.approx(0.05)),
-    ]
-    assert PASS_TEXTS.keys() == set(PASSES)
-
-
-def test_the_speed_limit_made_up_stages():
+def test_the_limit_is_the_least_that_stages_and_processor_allow(report):
     pairs = [costs(draw=0.1, encode=0.05), costs(draw=0.3, encode=0.05, write=0.1)]
-    rows = {row["name"]: row for row in stage_rows(pairs, 4, software=True)}
+    stages = stage_rows(pairs, 4, software=True)
+    rows = {row["name"]: row for row in stages}
     assert rows["draw"]["allows_per_second"] == pytest.approx(4 / 0.2)
     assert rows["draw"]["share"] == pytest.approx(0.2 / 0.3)
     assert rows["processor"]["allows_per_second"] == pytest.approx(4 / 0.3)
-    limit = speed_limit(list(rows.values()), 4, 12.0, [0.8, 0.9, 1.0])
-    assert (limit["narrowest_stage"], limit["by"], limit["share"]) == ("draw", "processor", 0.9)
-    assert limit["narrowest_allows_per_second"] == pytest.approx(20)
-    assert limit["allows_per_second"] == pytest.approx(4 / 0.3)
-    text = limit_text({"limit": {"workers": 4} | limit})
-    assert "narrowest stage is draw" in text
-    assert "90 % of the limit (median of 3 rounds, from 80 to 100 %)" in text
+    assert "The processor allows 13.3 pairs/s" in table(report | {"stages": stages})
 
 
-def test_on_a_gpu_drawing_is_not_shared_out_to_cores():
-    rows = {row["name"]: row for row in stage_rows([costs(draw=0.1, encode=0.05)], 8, software=False)}
+def test_on_a_gpu_drawing_is_not_shared_out_to_cores(report):
+    stages = stage_rows([costs(draw=0.1, encode=0.05)], 8, software=False)
+    rows = {row["name"]: row for row in stages}
     assert rows["draw"]["allows_per_second"] == pytest.approx(1 / 0.2)
     assert rows["encode"]["allows_per_second"] == pytest.approx(8 / 0.05)
-    limit = speed_limit(list(rows.values()), 8, 4.0, [0.8])
-    assert (limit["narrowest_stage"], limit["by"]) == ("draw", "draw")
+    assert "The draw allows 5 pairs/s" in table(report | {"stages": stages})
 
 
 def test_software_renderers_are_known():
     assert is_software("llvmpipe (LLVM 15.0.6, 256 bits)")
     assert not is_software("NVIDIA H100 80GB HBM3/PCIe/SSE2")
-
-
-def test_threads_are_given_back(monkeypatch):
-    monkeypatch.setenv("LP_NUM_THREADS", "3")
-    with worker_threads("0"):
-        assert os.environ["LP_NUM_THREADS"] == "0"
-    assert os.environ["LP_NUM_THREADS"] == "3"
-    monkeypatch.delenv("LP_NUM_THREADS")
-    with worker_threads("0"), worker_threads(None):
-        assert os.environ["LP_NUM_THREADS"] == "0"
-    assert "LP_NUM_THREADS" not in os.environ
 
 
 def test_usual_workers_end_with_all_cores(monkeypatch):
