@@ -72,7 +72,6 @@ def maker(config_name: str, settings: Sequence[str], folder: Path) -> Iterator[C
     from semisynth_gl.dataset.make import encode, open_renderer  # noqa: PLC0415
     from semisynth_gl.dataset.root import open_root  # noqa: PLC0415
     from semisynth_gl.dataset.shard import write_shard  # noqa: PLC0415
-    from semisynth_gl.pairs import pipeline  # noqa: PLC0415
 
     keep_freed_memory()
     clock = Clock()
@@ -84,7 +83,6 @@ def maker(config_name: str, settings: Sequence[str], folder: Path) -> Iterator[C
     Png.encode = by_kind(Png.encode)
     Pfm.encode = clock.inside("encode: disparities", Pfm.encode)
     type(JSON_OBJECT).encode = clock.inside("encode: provenance", type(JSON_OBJECT).encode)
-    pipeline.with_imperfections = clock.inside("imperfections", pipeline.with_imperfections)
     job = shard_job(load_config(config_name, settings), 0, "auto", MOST_PAIRS, 1, folder)
     plan, root, shards = job.plan, open_root(job.address), job.plan.shards
     with open_renderer(job, SPLIT) as renderer:

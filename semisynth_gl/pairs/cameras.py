@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.random import Generator
 from numpy.typing import NDArray
 
 from semisynth_gl.config import Config
@@ -15,7 +15,7 @@ from semisynth_gl.lens.borders import with_borders
 from semisynth_gl.lens.chain import LensChain, scaled_camera
 from semisynth_gl.lens.lenses import Lenses
 from semisynth_gl.pairs.exposure import exposed, moments
-from semisynth_gl.pairs.imperfections import with_imperfections
+from semisynth_gl.pairs.imperfections import apply_imperfections, draw_imperfections, recorded
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sampler import SampledScene
@@ -61,19 +61,20 @@ class Cameras:
         self._config, self._seed, self._renderer, self._sampler = config, seed, renderer, sampler
         self._lenses = None if config.lens is None else Lenses(config.lens, self._lens_rng)
 
-    def take(self, frame: Frame, sampled: SampledScene, number: int, view: int, eyes: Sequence[Eye]) -> Taken:
+    def take(
+        self, frame: Frame, sampled: SampledScene, number: int, left: dict[str, NDArray[Any]] | None = None
+    ) -> Taken:
         """Take the images of a drawn frame.
 
-        What the left eye draws at random belongs to the scene, what the right eye draws to the pair. The first right
-        eye's noise follows the left eye's in one generator, so the first pair must take both.
+        What the left eye draws at random depends on the scene, what the right eye draws on the scene and the view.
 
         Args:
             frame: the drawn pair.
             sampled: its scene, as its right view sees it.
             number: of the scene.
-            view: number of the right view.
-            eyes: whose images to take.
+            left: what this method gave of the left view with another right view of the scene, if it did.
         """
+        eyes: Sequence[Eye] = EYES if left is None else ("right",)
         section, camera, chains = self._config.imperfections, sampled.scene.camera, None
         records: dict[str, Any] = {}
         if self._lenses is not None:
@@ -97,12 +98,13 @@ class Cameras:
             images = {eye: chains[eye].raw_image(image, densities[eye]) for eye, image in images.items()}
             points = {eye: (chain.raw.cx_px, chain.raw.cy_px) for eye, chain in chains.items()}
         if not section.none():
-            images, drawn = self._imperfect(images, points, number, view)
+            images, drawn = self._imperfect(images, points, number, sampled.view)
             blurred = {"motion_blur": motion_blur} if motion_blur > 0 else {}
             records["imperfections"] = {eye: values | blurred for eye, values in drawn.items()}
-        if chains is None:
-            return Taken({eye: {"image": image} for eye, image in images.items()}, None, records)
-        return Taken({eye: self._rectified(chains[eye], image) for eye, image in images.items()}, chains, records)
+        views = {
+            eye: self._rectified(chains[eye], image) if chains else {"image": image} for eye, image in images.items()
+        }
+        return Taken(views if left is None else views | {"left": left}, chains, records)
 
     def _exposed(
         self, frame: Frame, scene: Scene, moved: Sequence[Scene], density: float, eyes: Sequence[Eye]
@@ -128,22 +130,21 @@ class Cameras:
         return channels
 
     def _imperfect(
-        self,
-        images: Images,
-        points: dict[Eye, tuple[float, float]],
-        number: int,
-        view: int,
+        self, images: Images, points: Mapping[Eye, tuple[float, float]], number: int, view: int
     ) -> tuple[Images, dict[Eye, dict[str, Any]]]:
-        """Apply the imperfections of one right view of scene ``number``; see `with_imperfections`."""
+        """Return images with imperfections, and both eyes' values as the provenance has them."""
+        section = self._config.imperfections
+        finished: Images = {}
+        records: dict[Eye, dict[str, Any]] = {}
+        for eye in EYES:
+            # All right views share the left eye's.
+            of_eye = partial(generator, self._seed, Purpose.IMPERFECTIONS, number, eye, 0 if eye == "left" else view)
+            rng = of_eye()
+            drawn = draw_imperfections(section, rng, of_eye)
+            records[eye] = recorded(drawn, section)
+            if eye in images:
+                finished[eye] = apply_imperfections(images[eye], drawn, rng, points[eye])
+        return finished, records
 
-        def of_scene(*keys: int | str) -> Generator:
-            return generator(self._seed, Purpose.IMPERFECTIONS, number, *keys)
-
-        def further(key: str, eye: Eye) -> Generator:
-            return of_scene(*((view,) if eye == "right" and view else ()), key, eye)
-
-        right_rng = of_scene(view) if view else None
-        return with_imperfections(images, points, self._config.imperfections, of_scene(), further, right_rng)
-
-    def _lens_rng(self, sequence: int, eye: Eye) -> Generator:
+    def _lens_rng(self, sequence: int, eye: Eye) -> np.random.Generator:
         return generator(self._seed, Purpose.LENS, sequence, eye)

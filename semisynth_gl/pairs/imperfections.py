@@ -17,7 +17,6 @@ from PIL import Image, ImageFilter
 
 from semisynth_gl.config import Range
 from semisynth_gl.config.dataset_sections import ImperfectionsSection
-from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.frame import through_levels
 
 # Number of values that are processed at a time.
@@ -194,55 +193,37 @@ def _channels(image: NDArray[np.uint8]) -> int:
     return 1 if image.ndim == 2 else image.shape[2]
 
 
-def with_imperfections(
-    images: Mapping[Eye, NDArray[np.uint8]],
-    principal_points_px: Mapping[Eye, tuple[float, float]],
-    section: ImperfectionsSection,
-    rng: np.random.Generator,
-    further: Callable[[str, Eye], np.random.Generator],
-    right_rng: np.random.Generator | None = None,
-) -> tuple[dict[Eye, NDArray[np.uint8]], dict[Eye, dict[str, Any]]]:
-    """Apply imperfections to both images of a pair, except motion blur.
-
-    A scene may have several pairs, which share the left image.
+def draw_imperfections(
+    section: ImperfectionsSection, rng: np.random.Generator, further: Callable[[str], np.random.Generator]
+) -> Imperfections:
+    """Draw the imperfections of one eye's view, except motion blur.
 
     Args:
-        images: both images, or the right one where the left image of another pair of the scene is finished.
-        principal_points_px: x and y of the centre of vignetting.
         section: the ranges from which imperfections are drawn.
-        rng: the scene's generator. It draws lens blur, exposure, noise and gamma, and the noise of the pixels, for the
-            left eye and the scene's first right eye.
-        further: returns the generator of any other key for an eye. So no draw of a key changes that of another key.
-        right_rng: the pair's generator, which replaces ``rng`` for the right eye in all pairs of a scene but the first.
-
-    Returns:
-        The given images with imperfections, and each eye's values of `Imperfections` in JSON's types. Of
-        ``white_balance``, ``vignetting``, ``sharpening`` and ``jpeg_quality``, it leaves out what the config leaves at
-        the default.
+        rng: draws lens blur, exposure, noise and gamma.
+        further: returns the generator of any other key. So no draw of a key changes that of another key.
     """
+    values = {key: getattr(section, key).draw(rng) for key in _FIRST}
+    for key in _given(section):
+        values[key] = _FURTHER[key](getattr(section, key), further(key))
+    return Imperfections(**values)
+
+
+def recorded(drawn: Imperfections, section: ImperfectionsSection) -> dict[str, Any]:
+    """Return drawn values in JSON's types.
+
+    Of ``white_balance``, ``vignetting``, ``sharpening`` and ``jpeg_quality``, those are left out that the config leaves
+    at the default.
+    """
+    given = _given(section)
+    return {
+        key: list(value) if isinstance(value, tuple) else value
+        for key, value in asdict(drawn).items()
+        if key not in _FURTHER or key in given
+    }
+
+
+def _given(section: ImperfectionsSection) -> list[str]:
+    """Return the further keys that the config does not leave at the default."""
     given = section.model_dump(include=set(_FURTHER), exclude_defaults=True)
-
-    def draw(eye: Eye, of_first: np.random.Generator) -> Imperfections:
-        values: dict[str, Any] = {key: getattr(section, key).draw(of_first) for key in _FIRST}
-        values |= {
-            key: draw_key(getattr(section, key), further(key, eye))
-            for key, draw_key in _FURTHER.items()
-            if key in given
-        }
-        return Imperfections(**values)
-
-    drawn = {eye: draw(eye, rng) for eye in EYES}
-    if right_rng is not None:
-        drawn["right"] = draw("right", right_rng)
-    finished: dict[Eye, NDArray[np.uint8]] = {}
-    records: dict[Eye, dict[str, Any]] = {}
-    for eye, imperfections in drawn.items():
-        if eye in images:
-            own_rng = rng if eye == "left" or right_rng is None else right_rng
-            finished[eye] = apply_imperfections(images[eye], imperfections, own_rng, principal_points_px[eye])
-        records[eye] = {
-            key: list(value) if isinstance(value, tuple) else value
-            for key, value in asdict(imperfections).items()
-            if key not in _FURTHER or key in given
-        }
-    return finished, records
+    return [key for key in _FURTHER if key in given]

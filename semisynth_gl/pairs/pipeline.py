@@ -9,14 +9,13 @@ config -> scene    `MixSampler`: the objects of pair i, from (config, seed, i) a
 The first two steps are here; `semisynth_gl.dataset.generate` does the others.
 """  # noqa: D415 - the drawing is the summary
 
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any, Self
 
-from numpy.typing import NDArray
-
 from semisynth_gl.config import Config
-from semisynth_gl.frame.camera import EYES, Crop, Eye
+from semisynth_gl.frame.camera import Crop
 from semisynth_gl.frame.channels import DRAWN_OUTPUTS, FUTURE_OUTPUTS, PAST_OUTPUTS
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.histogram import Histogram
@@ -30,10 +29,8 @@ from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.devices import check_libraries
 from semisynth_gl.render.readers import Reader, read_array
 from semisynth_gl.render.renderer import Renderer
-from semisynth_gl.render.shared_left import SharedLeft
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sampler import SampledScene
-from semisynth_gl.scene.scene import Motion
 from semisynth_gl.scene.sources import Sources, prepare_sources
 from semisynth_gl.seeds.seeds import LARGEST_NUMBER
 from semisynth_gl.seeds.splits import Split
@@ -58,37 +55,25 @@ class Pair:
 
 
 @dataclass(frozen=True, slots=True)
-class _Settled:
+class _Attempt:
     """The attempt whose scenes a sequence takes, and the faults of each attempt before it."""
 
     sequence: int
-    attempt: int
-    redrawn: list[str]
+    number: int = 0
+    redrawn: tuple[str, ...] = ()
 
 
-@dataclass(slots=True, eq=False)
-class _Shown:
-    """A scene whose pairs are asked for, and ``crop``, the part of the images that is drawn; None for all."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Latest:
+    """The pairs of the latest scene that has several."""
 
     number: int
-    sampled: SampledScene
     crop: Crop | None
-    # Draws the scene's pairs if there are several.
-    shared: SharedLeft | None
-    # Frames that were made for the checks and not asked for yet, each with what the provenance says of its cameras, by
-    # the number of the right view.
-    frames: dict[int, tuple[Frame, dict[str, Any]]] = field(default_factory=dict)
-    # What the left camera gives, by channel, once a pair of the scene has been made.
-    left_channels: dict[str, NDArray[Any]] | None = None
+    pairs: list[Pair]
 
-    def shows(self, number: int, attempt: int, crop: Crop | None) -> bool:
-        """Return whether this is the scene of an attempt, and can still give pairs with a crop.
 
-        It can if whole frames wait, which can be cut, or if its pairs share a left view of the same crop.
-        """
-        waits = self.crop is None and bool(self.frames)
-        shares = self.shared is not None and self.crop == crop
-        return (self.number, self.sampled.attempt) == (number, attempt) and (waits or shares)
+_Frames = list[tuple[Frame, dict[str, Any]]]
+"""Frames of a scene's right views, each with what the provenance says of its cameras."""
 
 
 def renderer_options(config: Config) -> dict[str, Any]:
@@ -156,8 +141,8 @@ class PairRenderer:
             **renderer_options(config),
         )
         self._cameras = Cameras(config, split.seed, self._renderer, self.sampler)
-        self._settled: _Settled | None = None
-        self._shown: _Shown | None = None
+        self._attempt = _Attempt(sequence=-1)
+        self._latest: _Latest | None = None
         plugins = plugin_records(config.used_plugins().values())
         self._made_by = {
             "program": "semisynth-gl",
@@ -213,123 +198,152 @@ class PairRenderer:
         return self._renderer.count_objects()
 
     def render(self, index: int, *, crop: Crop | None = None, checked: bool = True) -> Pair:
-        """Render pair ``index``, 0 or more.
+        """Render pair ``index``, 0 or more: scene ``index // views`` with right view ``index % views``.
 
-        A sequence whose first frame fails its checks is drawn again from the next sub-seed.
+        Where scenes have several pairs, those of the latest scene are kept, since checks need all of them.
 
         Args:
             index: the pair's number.
+            crop: see `render_scene`.
+            checked: see `render_scene`. Without checks, only this pair of its scene is drawn.
+
+        Raises:
+            InputError: as `render_scene` does.
+        """
+        index = to_whole("index", index, 0, LARGEST_NUMBER)
+        number, view = divmod(index, self.config.views)
+        if not checked:
+            return self._pairs(number, crop, _Attempt(number // self.config.sequence.length), [view])[0]
+        if self.config.views == 1:
+            return self.render_scene(number, crop=crop)[0]
+        if self._latest is None or (self._latest.number, self._latest.crop) != (number, crop):
+            self._latest = None
+            self._latest = _Latest(number, crop, self.render_scene(number, crop=crop))
+        return self._latest.pairs[view]
+
+    def render_scene(self, number: int, *, crop: Crop | None = None, checked: bool = True) -> list[Pair]:
+        """Render the pairs of scene ``number``, 0 or more: one for each right view. They share the left view's arrays.
+
+        A sequence whose first frame fails its checks with any right view is drawn again from the next sub-seed.
+
+        Args:
+            number: the scene's number.
             crop: the part of both images to return; None for all. Checks need whole images, so the first frame of a
                 sequence is drawn whole and cut afterwards. All other frames, and without checks all frames, are drawn
                 and read back only as far as the crop needs, unless the config has a lens or imperfections.
-            checked: whether to check pairs. Without checks, a pair with faults is returned, where the dataset has
+            checked: whether to check pairs. Without checks, pairs with faults are returned, where the dataset has
                 another attempt.
 
         Raises:
-            InputError: where the index is negative, the config's ranges leave no scene for it, or all attempts fail the
-                checks.
+            InputError: where the number is negative, the config's ranges leave no scene for it, or all attempts fail
+                the checks.
         """
-        index = to_whole("index", index, 0, LARGEST_NUMBER)
-        if crop == Crop(0, 0, self.config.camera.width_px, self.config.camera.height_px):
-            crop = None
-        number, view = divmod(index, self.config.views)
-        sequence = number // self.config.sequence.length
-        settled = self._settled if checked else _Settled(sequence, 0, [])
-        # Where scenes have several pairs, asking for one of them does not draw them all for the checks again.
-        judged = checked and self.config.views == 1 and number % self.config.sequence.length == 0
-        if settled is None or settled.sequence != sequence or judged:
-            settled = self._settle(sequence)
-        # Lenses and imperfections need whole images.
-        shown = self._show(number, settled.attempt, crop if self.config.images_as_drawn else None)
-        sampled = shown.sampled.seen_by(view)
-        if view in shown.frames:
-            frame, records = shown.frames.pop(view)
-        else:
-            frame, records = self._through_cameras(self._draw(shown, view), shown, view)
-        provenance = {"pair": index} | self._made_by | self.sampler.provenance(sampled)
-        if settled.redrawn:
-            provenance["redrawn"] = settled.redrawn
-        if "instances" in self.config.outputs:
-            provenance["instances"] = self.sampler.instance_table(sampled)
-        provenance |= records
-        if crop is not None and frame.camera == sampled.scene.camera:  # it was drawn whole
-            frame = frame.cropped(crop)
-        self._report("check")
-        return Pair(index, frame, provenance)
+        number = to_whole("number", number, 0, LARGEST_NUMBER // self.config.views)
+        views, (sequence, moment) = range(self.config.views), divmod(number, self.config.sequence.length)
+        if not checked:
+            return self._pairs(number, crop, _Attempt(sequence), views)
+        if self._attempt.sequence != sequence:
+            first = self._settle(sequence, crop)
+            if moment == 0:
+                return first
+        return self._pairs(number, crop, self._attempt, views)
 
-    def _show(self, number: int, attempt: int, crop: Crop | None) -> _Shown:
-        """Return the scene of a number and attempt: the latest one if it still serves, or else sample it."""
-        latest = self._shown
-        if latest is not None and latest.shows(number, attempt, crop):
-            return latest
-        sampled = self.sampler.sample(number * self.config.views, attempt)
-        self._report("sample")
-        shared = None
-        if self.config.views > 1:
-            shared = self._renderer.share_left(sampled.scene, sampled.views, crop, **self._motions(sampled))
-        self._shown = _Shown(number, sampled, crop, shared)
-        return self._shown
-
-    def _motions(self, sampled: SampledScene) -> dict[str, Motion | None]:
-        """Return the motions of a scene that the outputs need, as keyword arguments of `Renderer.render`."""
-        outputs = self.config.outputs
-        return {
-            "future": self.sampler.motion(sampled, +1) if FUTURE_OUTPUTS.intersection(outputs) else None,
-            "past": self.sampler.motion(sampled, -1) if PAST_OUTPUTS.intersection(outputs) else None,
-        }
-
-    def _draw(self, shown: _Shown, view: int) -> Frame:
-        """Draw the frame of a scene with one of its right views, and with the motion that outputs need."""
-        if shown.shared is not None:
-            return shown.shared.render(view)
-        return self._renderer.render(shown.sampled.scene, shown.crop, **self._motions(shown.sampled))
-
-    def _settle(self, sequence: int) -> _Settled:
-        """Return a sequence's first attempt whose first frame passes the checks with all its right views.
+    def _settle(self, sequence: int, crop: Crop | None) -> list[Pair]:
+        """Return the first scene of a sequence in the first attempt that passes the checks; keep the attempt.
 
         Checks judge the drawn frames and, where lenses or imperfections change them, the frames that cameras give.
-        These are kept until they are asked for.
         """
         redrawn: list[str] = []
+        number, views = sequence * self.config.sequence.length, range(self.config.views)
         for attempt in range(self.config.checks.attempts):
-            self._shown = None
-            shown = self._show(sequence * self.config.sequence.length, attempt, None)
-            clauses: list[str] = []
-            for view in range(self.config.views):
-                frame = self._draw(shown, view)
-                clauses = faults(frame, self.config, Closed.of(shown.sampled.seen_by(view), self.config))
-                if not clauses:
-                    shown.frames[view] = self._through_cameras(frame, shown, view)
-                    # The drawn frame is judged too, since noise hides that a scene is flat.
-                    if not self.config.images_as_drawn:
-                        seen = faults(shown.frames[view][0], self.config, OPEN)
-                        clauses = [f"{clause}, after lens and imperfections" for clause in seen]
-                self._report("check")
-                if clauses:
-                    break
+            sampled = self._sample(number, attempt)
+            drawn = self._draw(sampled, None, views)
+            clauses = self._faults(sampled, drawn, Closed.of)
             if not clauses:
-                self._settled = _Settled(sequence, attempt, redrawn)
-                return self._settled
+                taken = self._through_cameras(drawn, sampled, number, views)
+                # The drawn frames are judged too, since noise hides that a scene is flat.
+                if not self.config.images_as_drawn:
+                    seen = self._faults(sampled, [frame for frame, _ in taken], lambda *_: OPEN)
+                    clauses = [f"{clause}, after lens and imperfections" for clause in seen]
+            self._report("check")
+            if not clauses:
+                self._attempt = _Attempt(sequence, attempt, tuple(redrawn))
+                return self._told(taken, sampled, number, crop, self._attempt, views)
             redrawn.append("; ".join(clauses))
         raise InputError(
             f"sequence {sequence} failed its checks in {counted(len(redrawn), 'attempt')}. Fault of the last one: "
             f"{redrawn[-1]}. Change images, scene, lens or imperfections, or lower the limit in the section checks"
         )
 
-    def _through_cameras(self, frame: Frame, shown: _Shown, view: int) -> tuple[Frame, dict[str, Any]]:
-        """Return a frame with the images that the rig's cameras give, and what the provenance says of them."""
+    def _faults(
+        self, sampled: SampledScene, frames: Sequence[Frame], known: Callable[[SampledScene, Config], Closed]
+    ) -> list[str]:
+        """Return the faults of the first frame that has any; ``known`` says what holds of the scene a frame shows."""
+        for view, frame in enumerate(frames):
+            if clauses := faults(frame, self.config, known(sampled.seen_by(view), self.config)):
+                return clauses
+        return []
+
+    def _pairs(self, number: int, crop: Crop | None, attempt: _Attempt, views: Sequence[int]) -> list[Pair]:
+        """Return the pairs of some views of a scene, which are not checked."""
+        sampled = self._sample(number, attempt.number)
+        # Lenses and imperfections need whole images.
+        drawn = self._draw(sampled, crop if self.config.images_as_drawn else None, views)
+        taken = self._through_cameras(drawn, sampled, number, views)
+        return self._told(taken, sampled, number, crop, attempt, views)
+
+    def _sample(self, number: int, attempt: int) -> SampledScene:
+        sampled = self.sampler.sample(number * self.config.views, attempt)
+        self._report("sample")
+        return sampled
+
+    def _draw(self, sampled: SampledScene, crop: Crop | None, views: Sequence[int]) -> list[Frame]:
+        """Draw the frames of some views of a scene, with the motions that outputs need."""
+        outputs = self.config.outputs
+        future = self.sampler.motion(sampled, +1) if FUTURE_OUTPUTS.intersection(outputs) else None
+        past = self.sampler.motion(sampled, -1) if PAST_OUTPUTS.intersection(outputs) else None
+        cameras = [sampled.views[view] for view in views]
+        return self._renderer.render_rig(sampled.scene, cameras, crop, future=future, past=past)
+
+    def _through_cameras(
+        self, frames: Sequence[Frame], sampled: SampledScene, number: int, views: Sequence[int]
+    ) -> _Frames:
+        """Return frames with the images that the rig's cameras give, and what the provenance says of them."""
         if self.config.images_as_drawn:
-            return frame, {}
-        left = shown.left_channels if view else None
-        eyes: tuple[Eye, ...] = EYES if left is None else ("right",)
-        taken = self._cameras.take(frame, shown.sampled.seen_by(view), shown.number, view, eyes)
-        if left is not None:
-            taken = taken._replace(views={**taken.views, "left": left})
-        elif shown.shared is not None:
-            shown.left_channels = taken.views["left"]
-            for array in shown.left_channels.values():
+            return [(frame, {}) for frame in frames]
+        result, left = [], None
+        for view, frame in zip(views, frames, strict=True):
+            taken = self._cameras.take(frame, sampled.seen_by(view), number, left)
+            left = taken.views["left"]
+            result.append((taken.frame(frame, self.config), taken.records))
+        if len(frames) > 1:
+            for array in (left or {}).values():
                 array.flags.writeable = False
-        return taken.frame(frame, self.config), taken.records
+        return result
+
+    def _told(
+        self,
+        frames: _Frames,
+        sampled: SampledScene,
+        number: int,
+        crop: Crop | None,
+        attempt: _Attempt,
+        views: Sequence[int],
+    ) -> list[Pair]:
+        """Return the pairs of some views of a scene, cut to the crop, with their provenance."""
+        pairs = []
+        for view, (frame, records) in zip(views, frames, strict=True):
+            seen = sampled.seen_by(view)
+            index = number * self.config.views + view
+            provenance = {"pair": index} | self._made_by | self.sampler.provenance(seen)
+            if attempt.redrawn:
+                provenance["redrawn"] = list(attempt.redrawn)
+            if "instances" in self.config.outputs:
+                provenance["instances"] = self.sampler.instance_table(seen)
+            drawn_whole = frame.camera == seen.scene.camera
+            pairs.append(Pair(index, frame.cropped(crop) if crop and drawn_whole else frame, provenance | records))
+        self._report("check")
+        return pairs
 
     def _report(self, stage: str) -> None:
         if self.listener is not None:

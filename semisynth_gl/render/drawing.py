@@ -1,14 +1,16 @@
 """The drawing pass, which draws each eye's view of a scene; antialiased colour may take a separate pass."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from math import ceil
+from typing import Any
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Crop, Eye
+from semisynth_gl.frame.channels import CHANNELS
 from semisynth_gl.render.antialias import ColourTargets
 from semisynth_gl.render.edges import EdgePass
 from semisynth_gl.render.loaded import Loaded
@@ -18,7 +20,6 @@ from semisynth_gl.render.pair_targets import COLOUR, DrawnPair, ImageTargets, Pa
 from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.programs import link_meshes, link_program
 from semisynth_gl.render.projector_light import ProjectorLight
-from semisynth_gl.render.shared_left import SharedLeft
 from semisynth_gl.render.targets import EyeTargets
 from semisynth_gl.scene.scene import Scene
 
@@ -43,35 +44,35 @@ class Drawing:
             self._programs(names)
         self._edges = EdgePass(loaded) if antialias.kind == "edges" else None
 
-    def draw(self, placed: Placed, crop: Crop | None, sized: PairTargets, shared: SharedLeft | None) -> DrawnPair:
-        """Draw the parts of both views that a crop needs; without a crop, draw all of them.
+    def draw(self, placed: Sequence[Placed], crop: Crop | None, sized: PairTargets) -> Iterator[DrawnPair]:
+        """Draw the pairs of a scene with one or more cameras, or the parts of them that a crop needs.
+
+        The left view of several pairs is drawn once, with 1 / Z in place of the disparity.
 
         Args:
-            placed: the scene's instances.
+            placed: the scene's instances, with each of the cameras.
             crop: the part of both images that the caller wants, or None.
             sized: the targets of the image size.
-            shared: the left view, if several pairs share it. It is drawn for the first of these pairs only.
 
-        Returns:
-            The pair. Its views hold the antialiased image, if that takes a separate pass, and the channels of the
-            shared left view that an earlier pair has read.
+        Yields:
+            Each pair, to be read before the next one is asked for. Its views hold the antialiased image, if that takes
+            a separate pass, and the channels of the left view that an earlier pair has read.
         """
-        self._find_light(placed)
-        scenes = [placed.scene] if shared is None else shared.scenes
-        parts = {eye: self._part(scenes, eye, crop) for eye in EYES}
-        pair = DrawnPair(placed, crop, sized, dict(sized.eyes), {"left": {}, "right": {}})
-        if shared is None:
-            self._draw(pair, "left", parts["left"])
-        else:
-            assert sized.shared is not None  # noqa: S101 - `PairTargets` were made with it
-            pair.eyes["left"] = sized.shared
-            if sized.shared_left is not shared:
+        parts = {eye: self._part([each.scene for each in placed], eye, crop) for eye in EYES}
+        left = sized.eyes["left"] if len(placed) == 1 else sized.shared
+        assert left is not None  # noqa: S101 - `PairTargets` were made for the number of cameras
+        seen: dict[str, Any] = {}
+        for each in placed:
+            self._find_light(each)
+            eyes: dict[Eye, EyeTargets] = {"left": left, "right": sized.eyes["right"]}
+            pair = DrawnPair(each, crop, sized, eyes, {"left": seen, "right": {}})
+            if each is placed[0]:
                 self._draw(pair, "left", parts["left"])
-                sized.shared_left = shared
-            self._draw_disparity(placed.scene, sized.shared, parts["left"])
-            pair.views["left"].update(shared.channels)
-        self._draw(pair, "right", parts["right"])
-        return pair
+            if left is sized.shared:
+                self._draw_disparity(each.scene, left, parts["left"])
+            self._draw(pair, "right", parts["right"])
+            yield pair
+            seen = {name: read for name, read in seen.items() if CHANNELS[name].of_own_view}
 
     def draw_image(self, placed: Placed, eye: Eye, sized: ImageTargets) -> NDArray[np.uint8]:
         """Draw only one eye's image; return it as the reader does, by default (H, W, 3) uint8 RGB or (H, W) grey."""

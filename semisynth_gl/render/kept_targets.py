@@ -53,11 +53,6 @@ class KeptTargets:
         self._images = [*(each for each in self._images if each is not outgrown), made]
         return made
 
-    def forget_shared_left(self) -> None:
-        """Have the next pair draw its shared left view anew."""
-        if self._pairs is not None:
-            self._pairs.shared_left = None
-
     def _made(self, make: Callable[[], _Targets], outgrown: _Targets | None) -> _Targets:
         gl = self._loaded.context.gl
         gl.gc_mode = "auto"

@@ -10,7 +10,6 @@ from semisynth_gl.frame.camera import EYES, Crop, Eye
 from semisynth_gl.render.antialias import ColourTargets
 from semisynth_gl.render.loaded import Loaded
 from semisynth_gl.render.placing import Placed
-from semisynth_gl.render.shared_left import SharedLeft
 from semisynth_gl.render.slivers import OpenPoints
 from semisynth_gl.render.targets import CORRESPONDENCE, FLOW, EyeTargets, Targets
 
@@ -79,12 +78,11 @@ class PairTargets(ImageTargets):
     Args:
         loaded: the renderer's context, and what it is to draw.
         size: width and height, px.
-        shared: whether pairs share left views; see `SharedLeft`.
+        shared: whether pairs share left views; see `Renderer.render_rig`.
 
     Attributes:
         eyes: targets of each eye's drawing pass and visibility pass.
         shared: targets of the same passes for shared left views, with 1 / Z in the place of the disparity.
-        shared_left: the left view that `shared` holds.
         open_points: the points that the visibility pass leaves open.
         correspondence: targets of the correspondence pass.
         then: targets to which the flow pass draws the other moment.
@@ -103,7 +101,6 @@ class PairTargets(ImageTargets):
         for eye in EYES:
             self.eyes[eye] = self._drawn_to(wanted.attachments(eye), visibility=visible[eye])
         self.shared: EyeTargets | None = None
-        self.shared_left: SharedLeft | None = None
         if shared:
             names = ("inverse_depth" if name == "disparity" else name for name in wanted.attachments("left"))
             self.shared = self._drawn_to(tuple(names), visibility=visible["left"])

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import EYES, Crop, Eye, StereoCamera
-from semisynth_gl.frame.channels import DEFAULT_OUTPUTS, TruthViews, View
+from semisynth_gl.frame.channels import CHANNELS, DEFAULT_OUTPUTS, TruthViews, View
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.geometry.mesh import Mesh, centred
 from semisynth_gl.inputs.arguments import to_whole
@@ -34,7 +34,6 @@ from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.placing import Placing
 from semisynth_gl.render.readers import Reader, read_array
 from semisynth_gl.render.reading import Reading
-from semisynth_gl.render.shared_left import SharedLeft
 from semisynth_gl.render.wanted import Wanted
 from semisynth_gl.scene.scene import Motion, Scene
 
@@ -188,12 +187,9 @@ class Renderer:
             BackendError: where the image is larger than the driver allows, or drawing failed.
             ContextLostError: where the driver took the context away; another renderer may still be opened.
         """
-        self._check_open()
-        motions = {"future": future, "past": past}
-        self._check_request(scene, motions)
-        return self._draw_pair(scene, crop, motions)
+        return self.render_rig(scene, [scene.camera], crop, future=future, past=past)[0]
 
-    def share_left(
+    def render_rig(
         self,
         scene: Scene,
         cameras: Sequence[StereoCamera],
@@ -201,8 +197,8 @@ class Renderer:
         *,
         future: Motion | None = None,
         past: Motion | None = None,
-    ) -> SharedLeft:
-        """Prepare the pairs of a scene with several cameras that differ only in the right eye.
+    ) -> list[Frame]:
+        """Draw the pairs of a scene with several cameras that differ only in the right eye; draw the left view once.
 
         Args:
             scene: the scene; see `render`.
@@ -212,29 +208,45 @@ class Renderer:
             past: the motion to the previous frame, with the scene's own camera; see `render`.
 
         Returns:
-            An object whose `SharedLeft.render` draws the pair of each camera; the left view is drawn once for all
-            pairs.
+            The pair of each camera, as `render` draws it of the scene with that camera, bit for bit. Channels that all
+            left views have in common are the same read-only array in all of them. Where there are several cameras, the
+            renderer's reader must return new arrays.
 
         Raises:
-            InputError: where a camera differs in the left eye, and as `render` does.
-            BackendError: where the renderer was released.
+            InputError: where there is no camera, or one differs in the left eye, and as `render` does.
+            BackendError: as `render` does.
         """
         self._check_open()
-        self._check_request(scene, {"future": future, "past": past})
-        shared = SharedLeft(self._draw_of_shared, scene, cameras, crop, future, past)
-        for shown in shared.scenes:
+        if not cameras:
+            raise InputError("expected at least one, got none", argument="cameras")
+        for camera in cameras:
+            if camera.left_alone != scene.camera.left_alone:
+                raise InputError(
+                    f"cameras: expected cameras that differ from the scene's in the right eye alone, {scene.camera}, "
+                    f"got {camera}"
+                )
+        motions = {"future": future, "past": past}
+        self._check_request(scene, motions)
+        scenes = [replace(scene, camera=camera) for camera in cameras]
+        for shown in scenes:
             self._check(shown)
-        return shared
-
-    def _draw_of_shared(self, shared: SharedLeft, number: int) -> Frame:
-        """Draw one pair of a shared left view."""
-        self._check_open()
-        scene = shared.scenes[number]
-        seen = {
-            name: motion and replace(motion, scene=replace(motion.scene, camera=scene.camera))
-            for name, motion in shared.motions.items()
-        }
-        return self._draw_pair(scene, shared.crop, seen, shared)
+        frames = []
+        with self._current():
+            sized = self._targets.for_pairs(scene.camera, shared=len(scenes) > 1)
+            placed = [self._placing.place(shown) for shown in scenes]
+            for pair in self._drawing.draw(placed, crop, sized):
+                self._finish("draw")
+                self._reading.find_visibility(pair)
+                self._finish("visibility")
+                camera = pair.placed.scene.camera
+                self._reading.read(pair, {name: motion and motion.seen_by(camera) for name, motion in motions.items()})
+                self._finish("readback")
+                shown_camera = camera if crop is None else camera.cropped(crop)
+                frames.append(Frame(shown_camera, View(pair.views["left"]), View(pair.views["right"])))
+        for name, array in frames[0].left.items() if len(frames) > 1 else ():
+            if CHANNELS[name].of_own_view:
+                array.flags.writeable = False
+        return frames
 
     def _check_request(self, scene: Scene, motions: Mapping[str, Motion | None]) -> None:
         """Raise InputError where the scene cannot be drawn, or a motion is missing that an output needs."""
@@ -269,36 +281,11 @@ class Renderer:
             placed = self._placing.place(scene)
             return {eye: self._drawing.draw_image(placed, eye, sized) for eye in eyes}
 
-    def _draw_pair(
-        self,
-        scene: Scene,
-        crop: Crop | None,
-        motions: Mapping[str, Motion | None],
-        shared: SharedLeft | None = None,
-    ) -> Frame:
-        """Draw one pair; raise an error where the driver reports one."""
-        camera = scene.camera if crop is None else scene.camera.cropped(crop)
-
-        def finish(stage: RenderStage) -> None:
-            if self.listener is not None:
-                self._gl.finish()
-                self.listener.on_stage(stage)
-
-        with self._current():
-            sized = self._targets.for_pairs(scene.camera, shared=shared is not None)
-            pair = self._drawing.draw(self._placing.place(scene), crop, sized, shared)
-            finish("draw")
-            self._reading.find_visibility(pair)
-            finish("visibility")
-            self._reading.read(pair, motions)
-            finish("readback")
-            frame = Frame(camera, View(pair.views["left"]), View(pair.views["right"]))
-        if shared is not None:
-            shared.keep(frame.left)
-            if self._wanted.antialias.redraws and "image" not in shared.channels:
-                # The left eye's antialiased colour is gone: the right eye's was drawn over it.
-                sized.shared_left = None
-        return frame
+    def _finish(self, stage: RenderStage) -> None:
+        """Tell the listener, if there is one, of the end of a stage, which the driver finishes first."""
+        if self.listener is not None:
+            self._gl.finish()
+            self.listener.on_stage(stage)
 
     @contextmanager
     def _current(self) -> Iterator[None]:
@@ -322,8 +309,7 @@ class Renderer:
         self._context.check_owner()
 
     def _fault(self, error: str) -> BackendError:
-        """Return the error to raise for a drawing that failed, and forget the shared left view."""
-        self._targets.forget_shared_left()
+        """Return the error to raise for a drawing that failed."""
         # moderngl knows all errors of a context that works; an unknown error means that the context is lost.
         if self._context.unbound.is_lost() or _UNKNOWN_ERROR in (self._gl.error, error):
             return ContextLostError(f"{self.renderer_name} lost its context while it drew a pair: was the GPU reset?")

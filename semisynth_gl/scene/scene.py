@@ -170,6 +170,10 @@ class Motion:
             raise InputError(f"instance must be -1 to {then - 1}, got {low} to {high}", argument="motion")
         check_magnitudes("motion: world_from_model", self.world_from_model)
 
+    def seen_by(self, camera: StereoCamera) -> "Motion":
+        """Return the same motion before another camera."""
+        return replace(self, scene=replace(self.scene, camera=camera))
+
 
 def placed_vertices(mesh: Mesh, target_from_model: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a model's vertices, (V, 3) float64, in the target frame of a pose (4, 4)."""

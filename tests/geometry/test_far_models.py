@@ -108,11 +108,10 @@ def test_far_models_before_cameras_that_share_the_left_view_and_deviate(open_ren
     there = replace(scene, world_from_model=brought_back(scene.world_from_model))
     cameras = [scene.camera, replace(scene.camera, deviation=Deviation(roll_rad=0.02, y_px=1.5))]
     near, far = (
-        open_renderer(meshes, noise_layers(1, 32), rectified=False).share_left(shown, cameras)
+        open_renderer(meshes, noise_layers(1, 32), rectified=False).render_rig(shown, cameras)
         for meshes, shown in ((models, scene), ([far_away(mesh) for mesh in models], there))
     )
-    for number in range(len(cameras)):
-        expected, found = near.render(number), far.render(number)
+    for expected, found in zip(near, far, strict=True):
         for eye in EYES:
             known = np.isfinite(expected.view(eye).disparity) & np.isfinite(found.view(eye).disparity)
             error = np.abs(expected.view(eye).disparity - found.view(eye).disparity)[known]

@@ -2,6 +2,7 @@
 
 import io
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,12 +12,12 @@ from PIL import Image
 from tiny_datasets import EYE, cheap, with_lens
 
 from semisynth_gl.config import Config, load_config
-from semisynth_gl.frame.camera import EYES, Deviation, StereoCamera
+from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs import pipeline
 from semisynth_gl.pairs.checks import OPEN, Closed, faults
-from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections, with_imperfections
+from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections, draw_imperfections, recorded
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.crops import least_texture
@@ -173,24 +174,27 @@ FURTHER = {
 }
 
 
-def test_recorded_values_make_the_image_again_from_the_clean_one():
+@pytest.mark.parametrize("rig", [{}, {"right_y_px": 5.0}])
+def test_recorded_values_make_the_image_again_from_the_clean_one(rig):
+    """Light falls about each eye's own principal point, which a deviating right eye has elsewhere."""
     keys = {"noise": [2, 6], "exposure_stops": [-0.5, 0.5], "blur_px": [0, 1], "gamma": [0.8, 1.2]}
-    clean, marred = cheap(), cheap(imperfections=keys | {key: FURTHER[key] for key in FURTHER if key != "motion_blur"})
+    imperfections = keys | {key: FURTHER[key] for key in FURTHER if key != "motion_blur"}
+    clean, marred = cheap(rig=rig), cheap(rig=rig, imperfections=imperfections)
     with PairRenderer(clean, 2) as before, PairRenderer(marred, 2) as after:
         sharp, pair = before.render(3).frame, after.render(3)
     drawn = pair.provenance["imperfections"]
     assert json.loads(json.dumps(drawn)) == drawn
-    rng = generator(2, Purpose.IMPERFECTIONS, 3)
-    rng.random(8)
     seen = set()
     for eye in EYES:
+        rng = generator(2, Purpose.IMPERFECTIONS, 3, eye, 0)
+        rng.random(4)
         assert [marred.imperfections.white_balance.low <= end <= 0.2 for end in drawn[eye]["white_balance"]] == [
             True
         ] * 2
         seen |= {*drawn[eye]["white_balance"], drawn[eye]["vignetting"], drawn[eye]["sharpening"]}
         assert drawn[eye]["jpeg_quality"] in range(60, 96)
         values = Imperfections(**drawn[eye] | {"white_balance": tuple(drawn[eye]["white_balance"])})
-        point = (sharp.camera.cx_px(eye), sharp.camera.cy_px)
+        point = sharp.camera.lens_px(eye)[:2]
         again = apply_imperfections(sharp.view(eye).image, values, rng, point)
         np.testing.assert_array_equal(pair.frame.view(eye).image, again)
         np.testing.assert_array_equal(pair.frame.view(eye).disparity, sharp.view(eye).disparity)
@@ -198,34 +202,18 @@ def test_recorded_values_make_the_image_again_from_the_clean_one():
 
 
 def test_a_further_key_shifts_no_other_draw():
-    keys, frame = {"noise": [2, 6], "exposure_stops": [-0.5, 0.5]}, render_pair(cheap(), 1)
-    images = {eye: frame.view(eye).image for eye in EYES}
-    points = {eye: frame.camera.lens_px(eye)[:2] for eye in EYES}
+    keys = {"noise": [2, 6], "exposure_stops": [-0.5, 0.5]}
 
     def drawn(values):
         section = cheap(imperfections=keys | values).imperfections
-        rng = generator(0, 7, 1)
-        return with_imperfections(images, points, section, rng, lambda *names: generator(0, 7, 1, *names))[1]
+        return recorded(draw_imperfections(section, generator(0, 7, 1), partial(generator, 0, 7, 1)), section)
 
     first = drawn({})
+    assert list(first) == ["blur_px", "exposure_stops", "noise", "gamma"]
     for key in FURTHER.keys() - {"motion_blur"}:
         one, all_ = drawn({key: FURTHER[key]}), drawn(FURTHER)
-        for eye in EYES:
-            assert list(first[eye]) == ["blur_px", "exposure_stops", "noise", "gamma"]
-            assert one[eye].keys() - first[eye].keys() == {key}
-            assert first[eye].items() <= one[eye].items() <= all_[eye].items()
-        assert one["left"][key] != one["right"][key]
-
-
-def test_light_falls_about_each_eyes_own_principal_point():
-    camera = StereoCamera(161, 121, 120.0, 0.1, 60.0, 90.0, 50.0, Deviation(y_px=20.0))
-    white = dict.fromkeys(EYES, np.full((121, 161, 3), 255, np.uint8))
-    points = {eye: camera.lens_px(eye)[:2] for eye in EYES}
-    section = cheap(imperfections={"vignetting": 0.9}).imperfections
-    images, _ = with_imperfections(white, points, section, generator(0, 7), lambda *names: generator(0, 7, *names))
-    for eye, point in (("left", (60, 50)), ("right", (90, 70))):
-        y, x = np.nonzero((images[eye] == 255).all(axis=2))
-        assert (x.mean(), y.mean()) == point
+        assert one.keys() - first.keys() == {key}
+        assert first.items() <= one.items() <= all_.items()
 
 
 def test_keys_that_say_nothing_leave_the_images_alone():

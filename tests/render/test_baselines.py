@@ -19,17 +19,14 @@ from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.channels import DRAWN_OUTPUTS
-from semisynth_gl.inputs.errors import ContextLostError, InputError
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.findings import Verdict
 from semisynth_gl.judge.verify import verify_dataset
 from semisynth_gl.judge.views import check_lefts
 from semisynth_gl.layouts import Key
 from semisynth_gl.pairs import pipeline
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.render.drawing import Drawing
-from semisynth_gl.render.readers import read_array
 from semisynth_gl.render.renderer import Renderer
-from semisynth_gl.render.unbound import UnboundCalls
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import draw_camera, draw_views
 from semisynth_gl.scene.scene import make_scene
@@ -146,6 +143,10 @@ def test_imperfections_of_the_left_eye_belong_to_the_scene_and_of_the_right_one_
     with PairRenderer(config, SEED, backend) as pairs, PairRenderer(config, SEED, backend) as others:
         made = [pairs.render(index) for index in range(6)]
         assert_same(others.render(4).frame, made[4].frame)
+        assert_same(others.render(2, checked=False).frame, made[2].frame)
+        for pair, expected in zip(others.render_scene(1), made[3:], strict=True):
+            assert pair.provenance == expected.provenance
+            assert_same(pair.frame, expected.frame)
         assert_same(others.render(4, crop=Crop(3, 2, 20, 10)).frame, made[4].frame.cropped(Crop(3, 2, 20, 10)))
     drawn = [pair.provenance["imperfections"] for pair in made]
     for first in (0, 3):
@@ -165,53 +166,21 @@ def test_cameras_that_differ_in_the_left_eye_share_no_view(open_renderer, square
     scene = make_scene(camera, model=[0], world_from_model=[np.eye(4)], layer=[0])
     for changed in ({"focal_px": 31.0}, {"cx_left_px": 3.0}, {"cy_px": 1.0}, {"width_px": 31}):
         with pytest.raises(InputError, match="differ from the scene's in the right eye alone"):
-            renderer.share_left(scene, [camera, replace(camera, **changed)])
+            renderer.render_rig(scene, [camera, replace(camera, **changed)])
     with pytest.raises(InputError, match="expected at least one, got none"):
-        renderer.share_left(scene, [])
-    shared = renderer.share_left(scene, [camera, replace(camera, baseline_m=0.2, cx_right_px=3.0)])
-    with pytest.raises(InputError, match="expected 0 to 1, got 2"):
-        shared.render(2)
+        renderer.render_rig(scene, [])
 
 
-def pairs_of_a_square(open_renderer, square, **options):
-    """A renderer, and the scenes of two cameras before a square, of either depth."""
+@pytest.mark.parametrize("antialias", ["none", "ssaa2"])
+def test_a_rig_is_drawn_as_its_cameras_alone(open_renderer, square, antialias):
     camera = StereoCamera.centred(32, 24, 30.0, 0.1)
-    layers = noise_layers(1, 16)
-    renderer = open_renderer([square], layers, outputs=("visibility",), **options)
-    near, far = (
-        make_scene(camera, model=[0], world_from_model=[facing(camera, 5, 4, 17, 15, depth_m)], layer=[0])
-        for depth_m in (1.0, 1.5)
-    )
-    return renderer, [renderer.share_left(scene, [camera, replace(camera, baseline_m=0.2)]) for scene in (near, far)]
-
-
-def test_what_is_drawn_in_between_leaves_a_shared_left_view_alone(open_renderer, square):
-    renderer, (near, far) = pairs_of_a_square(open_renderer, square)
-    expected = [[renderer.render(scene) for scene in shared.scenes] for shared in (near, far)]
-    assert_same(near.render(0), expected[0][0])
-    renderer.render(far.scenes[1])
-    assert_same(near.render(1), expected[0][1])
-    assert_same(far.render(0), expected[1][0])
-    assert_same(near.render(0), expected[0][0])
-
-
-def test_a_left_image_that_no_array_keeps_is_drawn_for_each_pair(open_renderer, square):
-    """Samples are averaged in targets that both eyes have."""
-    renderer, (shared, _) = pairs_of_a_square(
-        open_renderer, square, antialias="ssaa2", read=lambda *a: [read_array(*a)]
-    )
-    for number, scene in enumerate(shared.scenes):
-        np.testing.assert_array_equal(shared.render(number).left.image, renderer.render(scene).left.image)
-
-
-def test_a_left_view_whose_drawing_failed_is_drawn_again(open_renderer, square, monkeypatch):
-    renderer, (shared, _) = pairs_of_a_square(open_renderer, square)
-    with monkeypatch.context() as patch:
-        patch.setattr(Drawing, "_draw_models", lambda *_: None)
-        patch.setattr(UnboundCalls, "is_lost", lambda _: True)
-        with pytest.raises(ContextLostError):
-            shared.render(0)
-    assert_same(shared.render(0), renderer.render(shared.scenes[0]))
+    renderer = open_renderer([square], noise_layers(1, 16), outputs=("visibility",), antialias=antialias)
+    cameras = [camera, replace(camera, baseline_m=0.2), replace(camera, baseline_m=0.05, cx_right_px=3.0)]
+    for depth_m in (1.0, 1.5):
+        poses = [facing(camera, 5, 4, 17, 15, depth_m)]
+        scene = make_scene(camera, model=[0], world_from_model=poses, layer=[0])
+        for shown, frame in zip(cameras, renderer.render_rig(scene, cameras), strict=True):
+            assert_same(frame, renderer.render(replace(scene, camera=shown)))
 
 
 # Scenes

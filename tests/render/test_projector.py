@@ -278,9 +278,8 @@ def test_crops_images_alone_and_shared_left_views_have_the_same_light():
         assert_equal(renderer.render(scene, crop), whole, crop)
         images = renderer.render_images(scene)
         cameras = [CAMERA, replace(CAMERA, baseline_m=0.2)]
-        shared = renderer.share_left(scene, cameras)
-        for number, camera in enumerate(cameras):
-            assert_equal(shared.render(number), renderer.render(replace(scene, camera=camera)), Crop(0, 0, 160, 120))
+        for camera, frame in zip(cameras, renderer.render_rig(scene, cameras), strict=True):
+            assert_equal(frame, renderer.render(replace(scene, camera=camera)), Crop(0, 0, 160, 120))
     for eye, image in images.items():
         np.testing.assert_array_equal(image, whole.view(eye).image)
 

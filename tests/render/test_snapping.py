@@ -51,7 +51,7 @@ def draw(backend, square, monkeypatch):
         ) as renderer:
             if not shared:
                 return renderer.render(scene)
-            return renderer.share_left(scene, [camera, replace(camera, baseline_m=camera.baseline_m / 2)]).render(0)
+            return renderer.render_rig(scene, [camera, replace(camera, baseline_m=camera.baseline_m / 2)])[0]
 
     return drawn
 

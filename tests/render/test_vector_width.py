@@ -21,7 +21,7 @@ DRAWING = {
         "render/test_render_exactness.py::test_a_patch_at_one_texel_per_pixel_comes_out_bit_for_bit",
         "render/test_signed.py::test_crops_are_those_of_the_whole_image",
         "render/test_signed.py::test_the_sky_has_no_parallax_and_turns_with_the_camera",
-        "render/test_baselines.py::test_what_is_drawn_in_between_leaves_a_shared_left_view_alone",
+        "render/test_baselines.py::test_a_rig_is_drawn_as_its_cameras_alone",
     ],
     "flow": [
         "render/test_flow.py::test_a_plane_that_moves_sideways_and_away_has_the_flow_of_the_formula",
