@@ -14,8 +14,8 @@ from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import open_context
+from semisynth_gl.render.instance_transforms import TransformComposer
 from semisynth_gl.render.model_buffers import ModelBuffers, refill
-from semisynth_gl.render.placing import Placing
 from semisynth_gl.render.programs import link_meshes, link_program
 from semisynth_gl.render.projection import clip_from_view
 from semisynth_gl.render.structs import BLOCKS, Block
@@ -80,7 +80,7 @@ class DisparityVariants:
         self._constants = ConstantsBuffer(self._gl)
         self._camera_64 = self._gl.buffer(reserve=CAMERA_64.itemsize)
         drawn = [centred(model) for model in models]
-        self._placing = Placing(drawn)
+        self._composer = TransformComposer(drawn)
         self._models = ModelBuffers(self._gl, [each.mesh for each in drawn], np.array([_ANY_PATCH]), traced=True)
         self._poses = self._gl.buffer(reserve=1)
         self._targets: EyeTargets | None = None
@@ -149,13 +149,13 @@ class DisparityVariants:
             self._from_depth_vao.render(moderngl.TRIANGLES, 3)
             return np.asarray(targets.read("disparity"))
         if variant == "plane64":
-            refill(self._poses, self._placing.place(scene).rows(eye))
+            refill(self._poses, self._composer.compose(scene).rows(eye))
             self._poses.bind_to_storage_buffer(_POSES)
             constants = (camera.cx_px(eye), camera.cy_px), camera.focal_px, camera.focal_baseline, camera.doffs_px, 0.0
             self._camera_64.write(np.array(constants, CAMERA_64))
             self._camera_64.bind_to_uniform_block(BLOCKS["Camera64"].binding)
         if variant in ("plane", "plane64"):
-            self._models.bind_triangles(self._placing.place(scene), eye)
+            self._models.bind_triangles(self._composer.compose(scene), eye)
         targets.clear()
         self._draw(scene, eye, program)
         return np.asarray(targets.read("disparity"))
@@ -187,7 +187,7 @@ class DisparityVariants:
         self, scene: Scene, eye: Eye, program: moderngl.Program, *, projection: NDArray[np.float64] | None = None
     ) -> None:
         """Draw one eye into the framebuffer in use; with a projection that is handed in, depth grows with distance."""
-        filled = self._models.fill(self._placing.place(scene), eye)
+        filled = self._models.fill(self._composer.compose(scene), eye)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">" if projection is None else "<"
         self._constants.write(scene, eye, projection=projection)

@@ -125,7 +125,7 @@ def _times_away(points: Vertices) -> float:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Centred:
+class CentredMesh:
     """A mesh as it is drawn, in float32 and near its origin, and where its origins lie in the original mesh.
 
     Attributes:
@@ -139,7 +139,7 @@ class Centred:
     uv_origin: Floats
 
 
-def centred(mesh: Mesh) -> Centred:
+def centred(mesh: Mesh) -> CentredMesh:
     """Move a mesh to its origin where it lies far away, and do the same with its UV.
 
     Raises InputError where positions or UV lie so far away that float64 does not hold their shape.
@@ -151,7 +151,7 @@ def centred(mesh: Mesh) -> Centred:
                 "float64 does not hold their shape there"
             )
     (positions, origin), (uv, uv_origin) = _moved(mesh.positions), _moved(mesh.uv)
-    return Centred(replace(mesh, positions=positions, uv=uv), origin, uv_origin)
+    return CentredMesh(replace(mesh, positions=positions, uv=uv), origin, uv_origin)
 
 
 def _moved(points: Vertices) -> tuple[NDArray[np.float32], Floats]:

@@ -25,7 +25,7 @@ from semisynth_gl.seeds.seeds import Purpose, generator
 Images = dict[Eye, NDArray[np.uint8]]
 
 
-class Taken(NamedTuple):
+class CameraImages(NamedTuple):
     """The images of a pair as its cameras give them.
 
     Attributes:
@@ -63,7 +63,7 @@ class Cameras:
 
     def take(
         self, frame: Frame, sampled: SampledScene, number: int, left: dict[str, NDArray[Any]] | None = None
-    ) -> Taken:
+    ) -> CameraImages:
         """Take the images of a drawn frame.
 
         What the left eye draws at random depends on the scene, what the right eye draws on the scene and the view.
@@ -104,7 +104,7 @@ class Cameras:
         views = {
             eye: self._rectified(chains[eye], image) if chains else {"image": image} for eye, image in images.items()
         }
-        return Taken(views if left is None else views | {"left": left}, chains, records)
+        return CameraImages(views if left is None else views | {"left": left}, chains, records)
 
     def _exposed(
         self, frame: Frame, scene: Scene, moved: Sequence[Scene], density: float, eyes: Sequence[Eye]

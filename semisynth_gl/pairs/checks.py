@@ -24,7 +24,7 @@ _FAR_BELOW = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Closed:
+class SceneGuarantees:
     """The disparities that a scene guarantees.
 
     Attributes:
@@ -36,7 +36,7 @@ class Closed:
     least_px: float
 
     @classmethod
-    def of(cls, sampled: SampledScene, config: Config) -> "Closed":
+    def of(cls, sampled: SampledScene, config: Config) -> "SceneGuarantees":
         """Return what the scene of a pair guarantees.
 
         The sky has no disparity, and neither has a point that a right camera's deviation shifts to the left. Signed
@@ -48,14 +48,14 @@ class Closed:
         return cls(not sampled.scene.sky.any(), _FAR_BELOW * float(camera.disparity_px(sampled.farthest_m)))
 
 
-OPEN = Closed(everywhere=False, least_px=-np.inf)
+OPEN = SceneGuarantees(everywhere=False, least_px=-np.inf)
 """What a scene guarantees of a frame with borders: nothing."""
 
 
-def faults(frame: Frame, config: Config, closed: Closed) -> list[str]:
+def faults(frame: Frame, config: Config, guarantees: SceneGuarantees) -> list[str]:
     """Return the faults of a pair, without repetition, such as "too dark: mean 3.0 levels, at least 8 wanted".
 
-    ``closed`` is what the pair's scene guarantees. The limits are those of the config's section checks.
+    ``guarantees`` is what the pair's scene guarantees. The limits are those of the config's section checks.
     """
     section, clauses, images = config.checks, [], (frame.left.image, frame.right.image)
     if not all(_surely_bright(image, section.min_brightness) for image in images):
@@ -69,12 +69,12 @@ def faults(frame: Frame, config: Config, closed: Closed) -> list[str]:
     for view in (frame.left, frame.right):
         disparity = view.get("disparity")
         if disparity is not None:
-            clauses += _disparity_faults(disparity, config, closed, _near_plane_px(frame, config))
+            clauses += _disparity_faults(disparity, config, guarantees, _near_plane_px(frame, config))
     return list(dict.fromkeys(clauses))
 
 
 def _disparity_faults(
-    disparity: NDArray[np.float32], config: Config, closed: Closed, near_plane_px: float
+    disparity: NDArray[np.float32], config: Config, guarantees: SceneGuarantees, near_plane_px: float
 ) -> list[str]:
     """Return the first fault of a view's disparity, or an empty list."""
     valid, smallest, largest = finite_range(disparity)
@@ -84,10 +84,10 @@ def _disparity_faults(
         return [f"too few pixels with truth: {share:.3f}, at least {least:g} wanted"]
     if valid and largest > near_plane_px:
         return [f"cut by the near plane: disparity {largest:.3f} px of {config.disparity.max_px:g}"]
-    if missing and closed.everywhere:
+    if missing and guarantees.everywhere:
         return [f"too deep: no disparity for {missing} pixels in view"]
-    if valid and smallest < closed.least_px:
-        return [f"too deep: disparity {smallest:.3f} px in a room, at least {closed.least_px:.3f} wanted"]
+    if valid and smallest < guarantees.least_px:
+        return [f"too deep: disparity {smallest:.3f} px in a room, at least {guarantees.least_px:.3f} wanted"]
     return []
 
 

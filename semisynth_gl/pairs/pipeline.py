@@ -23,7 +23,7 @@ from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.cameras import Cameras
-from semisynth_gl.pairs.checks import OPEN, Closed, faults
+from semisynth_gl.pairs.checks import OPEN, SceneGuarantees, faults
 from semisynth_gl.plugins import plugin_records
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.devices import check_libraries
@@ -258,7 +258,7 @@ class PairRenderer:
         for attempt in range(self.config.checks.attempts):
             sampled = self._sample(number, attempt)
             drawn = self._draw(sampled, None, views)
-            clauses = self._faults(sampled, drawn, Closed.of)
+            clauses = self._faults(sampled, drawn, SceneGuarantees.of)
             if not clauses:
                 taken = self._through_cameras(drawn, sampled, number, views)
                 # The drawn frames are judged too, since noise hides that a scene is flat.
@@ -276,7 +276,7 @@ class PairRenderer:
         )
 
     def _faults(
-        self, sampled: SampledScene, frames: Sequence[Frame], known: Callable[[SampledScene, Config], Closed]
+        self, sampled: SampledScene, frames: Sequence[Frame], known: Callable[[SampledScene, Config], SceneGuarantees]
     ) -> list[str]:
         """Return the faults of the first frame that has any; ``known`` says what holds of the scene a frame shows."""
         for view, frame in enumerate(frames):

@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Crop
 from semisynth_gl.inputs.errors import BackendError
-from semisynth_gl.render.loaded import Loaded
 from semisynth_gl.render.programs import link_program
+from semisynth_gl.render.state import RenderState
 from semisynth_gl.render.targets import window
 
 
@@ -15,7 +15,7 @@ class ColourTargets:
     """The framebuffers in which images of one size are drawn with "ssaa", one eye after the other.
 
     Args:
-        loaded: the renderer's context, and what it is to draw.
+        state: the renderer's context, and what it is to draw.
         image_size: width and height, px.
 
     Attributes:
@@ -25,10 +25,10 @@ class ColourTargets:
         BackendError: where the driver has no images as large as needed.
     """
 
-    def __init__(self, loaded: Loaded, image_size: tuple[int, int]) -> None:
-        context, factor = loaded.context, loaded.wanted.antialias.factor
+    def __init__(self, state: RenderState, image_size: tuple[int, int]) -> None:
+        context, factor = state.context, state.options.antialias.factor
         gl = context.gl
-        self._gl, self._read, self._factor = gl, loaded.read, factor
+        self._gl, self._read, self._factor = gl, state.read, factor
         size = image_size[0] * factor, image_size[1] * factor
         if max(size) > int(gl.info["GL_MAX_TEXTURE_SIZE"]):
             raise BackendError(
@@ -36,7 +36,7 @@ class ColourTargets:
                 f"{gl.info['GL_MAX_TEXTURE_SIZE']}: lower the factor or the image size"
             )
         # Not every driver can draw into formats of three components.
-        stored, self._components = (1, 1) if loaded.patches.grey else (4, 3)
+        stored, self._components = (1, 1) if state.patches.grey else (4, 3)
         self._colour = gl.texture(size, stored)
         self._depth_buffer = gl.depth_renderbuffer(size)
         context.unbound.make_depth_float32(self._depth_buffer.glo, *size)

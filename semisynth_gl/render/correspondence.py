@@ -4,18 +4,18 @@ import numpy as np
 
 from semisynth_gl.frame.camera import OTHER_EYE, Eye, StereoCamera
 from semisynth_gl.render.listed_steps import ListedSteps
-from semisynth_gl.render.loaded import Loaded
 from semisynth_gl.render.pair_targets import DrawnPair
+from semisynth_gl.render.state import RenderState
 from semisynth_gl.render.targets import Targets
 
 
 class CorrespondencePass:
     """Compares both eyes' depths and surfaces in two compute steps; see flow.comp."""
 
-    def __init__(self, loaded: Loaded) -> None:
-        self._loaded = loaded
+    def __init__(self, state: RenderState) -> None:
+        self._state = state
         # Tiles are single pixels, and there is one list of them.
-        self._steps = ListedSteps(loaded.context, "flow.comp", 2, tile_px=1, entries=1, defines={"OTHER_EYE": 1})
+        self._steps = ListedSteps(state.context, "flow.comp", 2, tile_px=1, entries=1, defines={"OTHER_EYE": 1})
 
     def draw(self, pair: DrawnPair, eye: Eye) -> Targets:
         """Find the correspondences of one eye's view; return the targets that hold them until the next call.
@@ -26,17 +26,17 @@ class CorrespondencePass:
         targets = pair.sized.correspondence
         if targets is None:
             raise RuntimeError("these targets were made without correspondences")
-        scene, camera, other = pair.placed.scene, pair.placed.scene.camera, OTHER_EYE[eye]
+        scene, camera, other = pair.transforms.scene, pair.transforms.scene.camera, OTHER_EYE[eye]
         self._steps.set("rectified", camera.rectified)
         self._steps.set("turn_and_shift", _turn_and_shift(camera, eye))
         own_lens, lens = np.array(camera.lens_px(eye)), np.array(camera.lens_px(other))
         self._steps.set("own_lens", tuple(own_lens))
         self._steps.set("lens_change", tuple(lens - own_lens))
-        self._loaded.models.bind_triangles(pair.placed, other)
+        self._state.models.bind_triangles(pair.transforms, other)
         pair.eyes[eye].bind(depth=0, surface=1, disparity=6)
         pair.eyes[other].bind(depth=2, surface=3)
         targets.bind_to_images(correspondence=0, disparity=1, visibility=2)
-        self._loaded.constants.write(scene, other)
+        self._state.constants.write(scene, other)
         self._steps.run(pair.area)
         return targets
 

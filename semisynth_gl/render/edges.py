@@ -6,11 +6,11 @@ from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Crop, Eye
 from semisynth_gl.inputs.errors import BackendError
-from semisynth_gl.render.loaded import Loaded
+from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.model_buffers import refill
 from semisynth_gl.render.outlines import Outlines
-from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.programs import link_program
+from semisynth_gl.render.state import RenderState
 from semisynth_gl.render.structs import BLOCKS, WEARER
 from semisynth_gl.render.targets import EyeTargets
 
@@ -28,11 +28,11 @@ class EdgePass:
         BackendError: where the driver does not let shaders look up a buffer that holds all vertices.
     """
 
-    def __init__(self, loaded: Loaded) -> None:
-        context, models, self._patches = loaded.context, loaded.models, loaded.patches
+    def __init__(self, state: RenderState) -> None:
+        context, models, self._patches = state.context, state.models, state.patches
         gl = context.gl
         self._gl, self._vertices = gl, models.vertices
-        self._anisotropies = np.array(loaded.anisotropies)
+        self._anisotropies = np.array(state.anisotropies)
         self._outlines = Outlines(models.meshes, models.vertex_number)
         size, limit = self._vertices.size, int(gl.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
         if size > limit:
@@ -41,7 +41,7 @@ class EdgePass:
                 f"{limit}: use fewer or smaller models, or another antialiasing"
             )
         defines = {"LARGE": 1} if len(self._patches.ends) > 1 else {}
-        lights = [{}] if loaded.pattern is None else [{}, {"LIT": 1}]
+        lights = [{}] if state.pattern is None else [{}, {"LIT": 1}]
         self._vaos = [
             gl.vertex_array(link_program(context, "edges.vert", "edges.frag", defines | lit, "edges.geom"), [])
             for lit in lights
@@ -49,18 +49,20 @@ class EdgePass:
         self._wearers = gl.buffer(reserve=_FEWEST_INSTANCES * WEARER.itemsize, dynamic=True)
         self._strips = gl.buffer(reserve=_FEWEST_STRIPS * 16, dynamic=True)
 
-    def draw(self, placed: Placed, eye: Eye, targets: EyeTargets, part: Crop | None, *, lit: bool) -> None:
+    def draw(
+        self, transforms: InstanceTransforms, eye: Eye, targets: EyeTargets, part: Crop | None, *, lit: bool
+    ) -> None:
         """Smooth the colour of one eye's targets, or a part of it; their depth must be that of the drawing pass.
 
         ``lit`` is whether a projector's light is bound for this eye; see `ProjectorLight.use`.
         """
         if targets.blending is None:
             raise RuntimeError("these targets were made without blending")
-        strips = self._outlines.find(placed, eye)
+        strips = self._outlines.find(transforms, eye)
         if not len(strips):
             return
         refill(self._strips, strips)
-        refill(self._wearers, self._worn(placed, eye))
+        refill(self._wearers, self._worn(transforms, eye))
         self._vertices.bind_to_storage_buffer(_VERTICES)
         self._wearers.bind_to_storage_buffer(BLOCKS["Wearers"].binding)
         self._strips.bind_to_storage_buffer(_STRIPS)
@@ -72,12 +74,12 @@ class EdgePass:
         targets.blending.use(part, _DRAWN)
         self._vaos[lit].render(moderngl.POINTS, len(strips))
 
-    def _worn(self, placed: Placed, eye: Eye) -> NDArray[np.void]:
+    def _worn(self, transforms: InstanceTransforms, eye: Eye) -> NDArray[np.void]:
         """Return the numbers that edges.geom looks up for each instance, (N,) of `WEARER`."""
-        scene, ends = placed.scene, self._patches.ends
+        scene, ends = transforms.scene, self._patches.ends
         wearers = np.zeros(len(scene), WEARER)
-        wearers["view_from_model"] = placed.rows(eye)
-        wearers["patch_from_uv"] = placed.patch_from_uv
+        wearers["view_from_model"] = transforms.rows(eye)
+        wearers["patch_from_uv"] = transforms.patch_from_uv
         atlas = np.searchsorted(ends, scene.layer, side="right")
         wearers["worn"][:, 0] = scene.layer - np.concatenate([[0], ends])[atlas]
         wearers["worn"][:, 1] = atlas

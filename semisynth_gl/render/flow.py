@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.inputs.errors import InputError, counted
+from semisynth_gl.render.instance_transforms import InstanceTransforms, TransformComposer
 from semisynth_gl.render.listed_steps import ListedSteps
-from semisynth_gl.render.loaded import Loaded
 from semisynth_gl.render.model_buffers import refill
 from semisynth_gl.render.pair_targets import DrawnPair
-from semisynth_gl.render.placing import Placed, Placing
 from semisynth_gl.render.programs import link_meshes
+from semisynth_gl.render.state import RenderState
 from semisynth_gl.render.structs import BLOCKS, MOVE
 from semisynth_gl.render.targets import Targets
 from semisynth_gl.scene.scene import Motion
@@ -25,65 +25,63 @@ _LARGEST_TURN = 1e30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moved:
+class MotionTransforms:
     """The motion of a scene's N instances to another moment, as the left eye sees it."""
 
-    then: Placed  # the instances that are drawn at the other moment
+    then: InstanceTransforms  # the instances that are drawn at the other moment
     moves: NDArray[np.void]  # (N,) of `MOVE`, how each of the scene's instances moves
 
 
-def place_moved(placed: Placed, motion: Motion, placing: Placing) -> Moved:
+def place_moved(transforms: InstanceTransforms, motion: Motion, composer: TransformComposer) -> MotionTransforms:
     """Place the other moment's instances, and compose how each instance moves.
 
     Raises:
-        InputError: where the motion is not that of the scene's instances, or has another camera.
+        InputError: where the motion is not that of the scene's instances.
     """
-    now, then = placed.scene, motion.scene
+    now, then = transforms.scene, motion.scene
     if len(motion.instance) != len(now):
         raise InputError(
             f"motion: expected {counted(len(now), 'instance')}, those of the scene, got {len(motion.instance)}"
         )
-    if then.camera != now.camera:
-        raise InputError(f"expected the scene's camera, {now.camera}, got {then.camera}", argument="motion")
-    view_from_model = placing.view_from_model(
+    view_from_model = composer.view_from_model(
         replace(now, camera_from_world=then.camera_from_world, world_from_model=motion.world_from_model)
     )
     moves = np.zeros(len(now), MOVE)
     # Use the pseudo-inverse, since the matrix of a flat model may flatten it.
-    turn = view_from_model[:, :3, :3] @ np.linalg.pinv(placed.view_from_model[:, :3, :3]) - np.eye(3)
+    turn = view_from_model[:, :3, :3] @ np.linalg.pinv(transforms.view_from_model[:, :3, :3]) - np.eye(3)
     # The flow of an instance that stays is exactly 0, without rounding errors.
-    turn[(view_from_model[:, :3, :3] == placed.view_from_model[:, :3, :3]).all(axis=(1, 2))] = 0
+    turn[(view_from_model[:, :3, :3] == transforms.view_from_model[:, :3, :3]).all(axis=(1, 2))] = 0
     if now.sky.any():
         # The sky moves by directions, which span three dimensions even for a flat instance: points have no position at
         # infinity.
-        before, after = placed.view_from_model[now.sky, :3], view_from_model[now.sky, :3]
+        before, after = transforms.view_from_model[now.sky, :3], view_from_model[now.sky, :3]
         still = (before == after).all(axis=(1, 2))[:, None, None]
         turn[now.sky] = np.where(still, 0.0, after @ np.linalg.pinv(before) - np.eye(3))
-    centre = placed.view_from_model[:, :3, 3]
+    centre = transforms.view_from_model[:, :3, 3]
     moves["turn_and_shift"][:, :, :3] = np.clip(turn, -_LARGEST_TURN, _LARGEST_TURN)
     moves["turn_and_shift"][:, :, 3] = view_from_model[:, :3, 3] - centre
     moves["centre"] = centre
     moves["then"] = motion.instance.astype(np.uint32)  # -1 becomes GONE
-    return Moved(placing.place(then), moves)
+    return MotionTransforms(composer.compose(then), moves)
 
 
 class FlowPass:
     """Draws the depth and surfaces of another moment, and compares them with the pair's in two steps; see flow.comp."""
 
-    def __init__(self, loaded: Loaded) -> None:
-        self._loaded, context = loaded, loaded.context
+    def __init__(self, state: RenderState) -> None:
+        self._state, context = state, state.context
         self._draw_program = link_meshes(context, {"DEPTH": 0, "SURFACE": 1})
         # Tiles are single pixels, and there is one list of them.
         self._steps = ListedSteps(context, "flow.comp", 2, tile_px=1, entries=1)
         self._moves = context.gl.buffer(reserve=_FEWEST_MOVES * MOVE.itemsize, dynamic=True)
 
-    def draw(self, pair: DrawnPair, moved: Moved, eye: Eye) -> Targets:
+    def draw(self, pair: DrawnPair, moved: MotionTransforms, eye: Eye) -> Targets:
         """Find the flow of one eye's view; return the targets of `FLOW` that hold it until the next call."""
         then, targets = pair.sized.then, pair.sized.flow
         if then is None or targets is None:
             raise RuntimeError("these targets were made without flow")
-        context, models, constants = self._loaded.context, self._loaded.models, self._loaded.constants
-        scene = pair.placed.scene
+        context, models, constants = self._state.context, self._state.models, self._state.constants
+        scene = pair.transforms.scene
         filled = models.fill(moved.then, eye)
         context.gl.enable_only(moderngl.DEPTH_TEST)
         context.gl.depth_func = ">"

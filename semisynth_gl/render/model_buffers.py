@@ -13,7 +13,7 @@ from semisynth_gl.frame.camera import Crop, Eye
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.topology import NO_NEIGHBOUR, neighbours
 from semisynth_gl.inputs.errors import BackendError
-from semisynth_gl.render.placing import Placed
+from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.structs import COMMAND, DRAWN_INSTANCE, VERTEX, check_attributes, members
 
 _FEWEST_INSTANCES = 256
@@ -24,7 +24,7 @@ _TEXELS = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Filled:
+class DrawRange:
     """A run of instances to draw that wear patches of one atlas."""
 
     atlas: int  # number of the atlas
@@ -88,24 +88,24 @@ class ModelBuffers:
     def __len__(self) -> int:
         return len(self._model_commands)
 
-    def fill(self, placed: Placed, eye: Eye, part: Crop | None = None) -> list[Filled]:
+    def fill(self, transforms: InstanceTransforms, eye: Eye, part: Crop | None = None) -> list[DrawRange]:
         """Upload the instances that one eye may see in a part of its image, or all of it; return runs to draw in order.
 
         Atlases follow each other, with large patches last, since walls hide least. Within an atlas, instances that show
         only fronts come before the others, and near instances before far ones, so that hidden surfaces are not shaded.
         """
-        scene, view_from_model = placed.scene, placed.rows(eye)
+        scene, view_from_model = transforms.scene, transforms.rows(eye)
         # The sky is never too near, so it is always uploaded.
-        seen = np.flatnonzero(placed.in_view(eye, part) | scene.sky)
-        fronts_only = placed.fronts_only(eye)[seen]
+        seen = np.flatnonzero(transforms.in_view(eye, part) | scene.sky)
+        fronts_only = transforms.fronts_only(eye)[seen]
         atlas = np.searchsorted(self._atlas_ends, scene.layer[seen], side="right")
-        farthest_m = np.where(scene.sky[seen], np.inf, view_from_model[seen, 2, 3] + placed.radius_m[seen])
+        farthest_m = np.where(scene.sky[seen], np.inf, view_from_model[seen, 2, 3] + transforms.radius_m[seen])
         order = np.lexsort((farthest_m, ~fronts_only, atlas))
         seen, atlas, fronts_only = seen[order], atlas[order], fronts_only[order]
         begin = np.concatenate([[0], self._atlas_ends])[atlas]
         instances = np.zeros(len(seen), DRAWN_INSTANCE)
         instances["view_from_model"] = view_from_model[seen]
-        instances["patch_from_uv"] = placed.patch_from_uv[seen]
+        instances["patch_from_uv"] = transforms.patch_from_uv[seen]
         instances["layer"] = scene.layer[seen] - begin
         instances["instance"] = seen
         instances["sky"] = scene.sky[seen]
@@ -118,17 +118,17 @@ class ModelBuffers:
         first, filled = 0, []
         for number in np.unique(atlas):
             count, fronts = int((atlas == number).sum()), int((fronts_only & (atlas == number)).sum())
-            filled.append(Filled(int(number), first, fronts, count - fronts))
+            filled.append(DrawRange(int(number), first, fronts, count - fronts))
             first += count
         return filled
 
     def select(
         self,
-        filled: Sequence[Filled],
+        filled: Sequence[DrawRange],
         numbers: NDArray[np.int64],
         first_triangle: NDArray[np.int64] | None = None,
         triangles: NDArray[np.int64] | None = None,
-    ) -> list[Filled]:
+    ) -> list[DrawRange]:
         """Choose from the instances that `fill` has uploaded, until it is called again; return what to draw instead.
 
         Args:
@@ -146,10 +146,10 @@ class ModelBuffers:
         for own in filled:
             ends = own.first, own.first + own.fronts, own.first + own.fronts + own.both_sides
             first, middle, last = np.searchsorted(numbers, ends).tolist()
-            selected.append(Filled(own.atlas, first, middle - first, last - middle))
+            selected.append(DrawRange(own.atlas, first, middle - first, last - middle))
         return selected
 
-    def draw(self, program: moderngl.Program, filled: Filled) -> None:
+    def draw(self, program: moderngl.Program, filled: DrawRange) -> None:
         """Draw a run of uploaded instances into the framebuffer in use."""
         if filled.fronts:
             self._gl.enable(moderngl.CULL_FACE)
@@ -167,12 +167,12 @@ class ModelBuffers:
         commands = self._model_commands[model]
         return commands["first_index"].astype(np.int64) // 3, commands["count"].astype(np.int64) // 3
 
-    def bind_triangles(self, placed: Placed, eye: Eye) -> None:
+    def bind_triangles(self, transforms: InstanceTransforms, eye: Eye) -> None:
         """Bind the textures of common_triangles.glsl: all models' triangles, and all instances relative to one eye."""
         if self._triangles is None:
             raise RuntimeError("these models were uploaded without their neighbours")
-        scene = placed.scene
-        texels = placed.rows(eye).astype("<f4").view("<u4").reshape(-1, 4 * _TEXELS)
+        scene = transforms.scene
+        texels = transforms.rows(eye).astype("<f4").view("<u4").reshape(-1, 4 * _TEXELS)
         rows = max(1, ceil(len(scene) / _PER_ROW))
         if self._traced is None or self._traced.height < rows:
             if self._traced is not None:

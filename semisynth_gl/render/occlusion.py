@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Crop, Eye
-from semisynth_gl.render.loaded import Loaded
-from semisynth_gl.render.model_buffers import Filled
-from semisynth_gl.render.placing import Placed
+from semisynth_gl.render.instance_transforms import InstanceTransforms
+from semisynth_gl.render.model_buffers import DrawRange
 from semisynth_gl.render.programs import link_program
+from semisynth_gl.render.state import RenderState
 from semisynth_gl.render.targets import EyeTargets, window
 
 # Fewest triangles in view for which finding hidden ones takes less time than drawing them.
@@ -57,9 +57,9 @@ class _Runs:
 class Occlusion:
     """Finds instances and triangles that are hidden."""
 
-    def __init__(self, loaded: Loaded) -> None:
-        context, models = loaded.context, loaded.models.meshes
-        self._gl, self._unbound, self._models = context.gl, context.unbound, loaded.models
+    def __init__(self, state: RenderState) -> None:
+        context, models = state.context, state.models.meshes
+        self._gl, self._unbound, self._models = context.gl, context.unbound, state.models
         self._triangles = np.array([len(mesh.triangles) for mesh in models])
         self._corners = np.stack([_corners(mesh.positions.min(axis=0), mesh.positions.max(axis=0)) for mesh in models])
         self._program = link_program(context, "mesh.vert", "mesh.frag", {})
@@ -82,21 +82,26 @@ class Occlusion:
         return _Runs(*parts, np.cumsum(count) - count, count)
 
     def without_hidden(
-        self, placed: Placed, eye: Eye, part: Crop | None, targets: EyeTargets, filled: Sequence[Filled]
-    ) -> Sequence[Filled]:
+        self,
+        transforms: InstanceTransforms,
+        eye: Eye,
+        part: Crop | None,
+        targets: EyeTargets,
+        filled: Sequence[DrawRange],
+    ) -> Sequence[DrawRange]:
         """Leave hidden instances and triangles out of the runs ``filled`` that `ModelBuffers.fill` returned.
 
         The constants of the eye's drawing pass must be bound. The depth of its targets is overwritten, unless there are
         so few triangles that ``filled`` itself is returned.
         """
         shown = self._models.filled
-        model = placed.scene.model[shown]
+        model = transforms.scene.model[shown]
         triangles = self._triangles[model]
         if triangles.sum() < _FEWEST_TRIANGLES:
             return filled
-        rows = placed.rows(eye)[shown]
-        boxes = _boxes(placed, eye, part, rows, self._corners[model])
-        sky = placed.scene.sky[shown]
+        rows = transforms.rows(eye)[shown]
+        boxes = _boxes(transforms, eye, part, rows, self._corners[model])
+        sky = transforms.scene.sky[shown]
         size = window(part, targets.framebuffer.size)[2:]
         hiding = _most_area(boxes, size, triangles) & ~sky
         every = np.arange(len(shown))
@@ -107,7 +112,7 @@ class Occlusion:
         count = runs.count[own]
         number = visible.repeat(count)
         run = np.arange(count.sum()) + (runs.first[own] - (np.cumsum(count) - count)).repeat(count)
-        boxes = _boxes(placed, eye, part, rows[number], runs.corners[run])
+        boxes = _boxes(transforms, eye, part, rows[number], runs.corners[run])
         seen = ~_hidden(farthest, size, boxes) | sky[number]
         number, run = number[seen], run[seen]
         # Runs that follow each other are drawn as one.
@@ -115,7 +120,7 @@ class Occlusion:
         drawn = np.add.reduceat(runs.triangles[run], begin) if len(begin) else runs.triangles[:0]
         return self._models.select(filled, number[begin], runs.first_triangle[run[begin]], drawn)
 
-    def _draw_depth(self, targets: EyeTargets, part: Crop | None, filled: Sequence[Filled]) -> None:
+    def _draw_depth(self, targets: EyeTargets, part: Crop | None, filled: Sequence[DrawRange]) -> None:
         targets.use_depth(part)
         self._unbound.clear_depth(0.0)
         self._gl.enable_only(moderngl.DEPTH_TEST)
@@ -134,12 +139,12 @@ def _corners(low: NDArray[np.float32], high: NDArray[np.float32]) -> NDArray[np.
 
 
 def _boxes(
-    placed: Placed, eye: Eye, part: Crop | None, rows: NDArray[np.float64], corners: NDArray[np.float64]
+    transforms: InstanceTransforms, eye: Eye, part: Crop | None, rows: NDArray[np.float64], corners: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return bounds, in an eye's image, of the content of N boxes.
 
     Args:
-        placed: the scene's instances.
+        transforms: the scene's instances.
         eye: the eye.
         part: the part of the image that is drawn; None for all of it.
         rows: (N, 3, 4) rows of view_from_model.
@@ -149,7 +154,7 @@ def _boxes(
         (5, N): left, top, right and bottom, px of the part, and the largest depth (near / Z), which is infinite where
         the near plane cuts a box open.
     """
-    scene = placed.scene
+    scene = transforms.scene
     camera = scene.camera if part is None else scene.camera.cropped(part)
     x, y, z = (np.matmul(corners, rows[:, :, :3].transpose(0, 2, 1)) + rows[:, None, :, 3]).transpose(2, 0, 1)
     nearest = z.min(axis=1)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.geometry.edges import MeshEdges, find_edges
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.render.placing import Placed
+from semisynth_gl.render.instance_transforms import InstanceTransforms
 
 # Largest number of edges of instances that are tested at once, to bound memory.
 _MOST_AT_ONCE = 2**22
@@ -30,19 +30,19 @@ class Outlines:
         # Edges are found at a model's first use, since many libraries have models that no scene uses.
         self._edges: dict[int, MeshEdges] = {}
 
-    def find(self, placed: Placed, eye: Eye) -> NDArray[np.uint32]:
+    def find(self, transforms: InstanceTransforms, eye: Eye) -> NDArray[np.uint32]:
         """Find the outlines that one eye may see, far instances first.
 
         Returns:
             (N, 4) uint32: the instance, and three vertices of the triangle in front of the edge: the edge's begin, its
             end, and the opposite corner.
         """
-        scene, rows = placed.scene, placed.rows(eye)
+        scene, rows = transforms.scene, transforms.rows(eye)
         # The sky has no outlines: there is nothing beyond it.
-        seen = np.flatnonzero(placed.in_view(eye) & ~scene.sky)
+        seen = np.flatnonzero(transforms.in_view(eye) & ~scene.sky)
         # Outlines in front must cover outlines behind. The order, as in the drawing, follows the far ends of instances.
-        seen = seen[np.argsort(-(rows[seen, 2, 3] + placed.radius_m[seen]), kind="stable")]
-        eyes, solid, model = _eyes(rows[seen]), placed.solid[seen], scene.model[seen]
+        seen = seen[np.argsort(-(rows[seen, 2, 3] + transforms.radius_m[seen]), kind="stable")]
+        eyes, solid, model = _eyes(rows[seen]), transforms.solid[seen], scene.model[seen]
         parts, places = [np.zeros((0, 4), np.uint32)], [np.zeros(0, np.int64)]
         for shown in np.unique(model):
             alike, edges = np.flatnonzero(model == shown), self._edges_of(int(shown))

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from semisynth_gl.frame.camera import Eye, StereoCamera
 from semisynth_gl.inputs.arguments import LEAST
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.render.loaded import Loaded
-from semisynth_gl.render.placing import Placed
+from semisynth_gl.render.instance_transforms import InstanceTransforms
+from semisynth_gl.render.state import RenderState
 from semisynth_gl.render.structs import BLOCKS, PROJECTOR
 from semisynth_gl.render.targets import EyeTargets
 from semisynth_gl.scene.scene import Projector
@@ -25,7 +25,7 @@ class ProjectorLight:
     """The light of the projectors that throw one pattern.
 
     Args:
-        loaded: the renderer's context.
+        state: the renderer's context.
         pattern: (H, W) uint8.
 
     Raises:
@@ -33,30 +33,30 @@ class ProjectorLight:
         BackendError: where the driver has no images of its size.
     """
 
-    def __init__(self, loaded: Loaded, pattern: NDArray[np.uint8]) -> None:
+    def __init__(self, state: RenderState, pattern: NDArray[np.uint8]) -> None:
         if not (isinstance(pattern, np.ndarray) and pattern.ndim == 2 and pattern.dtype == np.uint8 and pattern.size):
             raise InputError(f"pattern must be (H, W) uint8, got {np.shape(pattern)} {getattr(pattern, 'dtype', '')}")
-        gl = loaded.context.gl
+        gl = state.context.gl
         self._size = pattern.shape[1], pattern.shape[0]
-        self._targets = EyeTargets(loaded.context, self._size, ("depth",), visibility=False)
+        self._targets = EyeTargets(state.context, self._size, ("depth",), visibility=False)
         self._pattern = gl.texture(self._size, 1, np.ascontiguousarray(pattern), alignment=1)
         self._pattern.repeat_x = self._pattern.repeat_y = False
         self._buffer = gl.buffer(reserve=PROJECTOR.itemsize, dynamic=True)
         self._buffer.bind_to_uniform_block(BLOCKS["ProjectedLight"].binding)
-        self._reached: Placed | None = None
+        self._reached: InstanceTransforms | None = None
 
-    def reach(self, placed: Placed, draw: Callable[[Placed, EyeTargets], object]) -> None:
+    def reach(self, transforms: InstanceTransforms, draw: Callable[[InstanceTransforms, EyeTargets], object]) -> None:
         """Find what the projector of a scene reaches; nothing is done for the scene of the call before.
 
         Args:
-            placed: the scene's instances.
+            transforms: the scene's instances.
             draw: draws the left eye's view of instances to targets.
         """
-        projector = placed.scene.projector
-        if projector is None or placed is self._reached:
+        projector = transforms.scene.projector
+        if projector is None or transforms is self._reached:
             return
-        draw(_seen_by(projector, placed, self._size), self._targets)
-        self._reached = placed
+        draw(_seen_by(projector, transforms, self._size), self._targets)
+        self._reached = transforms
 
     def use(self, projector: Projector, camera: StereoCamera, eye: Eye, width_px: int) -> None:
         """Bind all that mesh.frag needs for one eye's image, drawn ``width_px`` wide."""
@@ -71,10 +71,10 @@ class ProjectorLight:
         self._targets.bind(depth=_REACHED)
 
 
-def _seen_by(projector: Projector, placed: Placed, size: tuple[int, int]) -> Placed:
+def _seen_by(projector: Projector, transforms: InstanceTransforms, size: tuple[int, int]) -> InstanceTransforms:
     """Return instances as a left eye at the projector's place sees them."""
-    scene, turned = placed.scene, projector.projector_from_camera
-    view_from_model = turned @ placed.view_from_model
+    scene, turned = transforms.scene, projector.projector_from_camera
+    view_from_model = turned @ transforms.view_from_model
     sky = scene.sky
     view_from_model[sky, :3, 3] -= turned[:3, 3]  # infinitely far away from there, too
     # The baseline is of no account: only the left eye is drawn.
@@ -82,7 +82,7 @@ def _seen_by(projector: Projector, placed: Placed, size: tuple[int, int]) -> Pla
     near_m = max(scene.near_m * _NEARER, LEAST)
     pose = turned @ scene.camera_from_world
     seen = replace(scene, camera=camera, near_m=near_m, camera_from_world=pose, projector=None)
-    return replace(placed, scene=seen, view_from_model=view_from_model)
+    return replace(transforms, scene=seen, view_from_model=view_from_model)
 
 
 def _projector_from_window(projector: Projector, camera: StereoCamera, eye: Eye, width_px: int) -> NDArray[np.float64]:

@@ -1,9 +1,9 @@
 """The renderer: models and patches go to the GPU once, then any number of scenes are drawn from them.
 
-A pair takes three steps: the drawing pass of each eye (`Drawing`: colour, disparity and other outputs), the visibility
+A pair takes three steps: the drawing pass of each eye (`DrawPass`: colour, disparity and other outputs), the visibility
 pass of each eye, and the copy of the results into arrays, with the passes that compare moments, or views in other ways
-(`Reading`). `Wanted` says what is made. This module checks the caller's arguments and the errors that the driver
-reports.
+(`ReadbackPass`). `RenderOptions` says what is made. This module checks the caller's arguments and the errors that the
+driver reports.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -26,15 +26,15 @@ from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import open_context
-from semisynth_gl.render.drawing import Drawing
-from semisynth_gl.render.kept_targets import KeptTargets
-from semisynth_gl.render.loaded import Loaded
+from semisynth_gl.render.draw_pass import DrawPass
+from semisynth_gl.render.instance_transforms import TransformComposer
 from semisynth_gl.render.model_buffers import ModelBuffers
+from semisynth_gl.render.options import RenderOptions
+from semisynth_gl.render.pair_targets import TargetCache
 from semisynth_gl.render.patches import PatchTextures
-from semisynth_gl.render.placing import Placing
+from semisynth_gl.render.readback_pass import ReadbackPass
 from semisynth_gl.render.readers import Reader, read_array
-from semisynth_gl.render.reading import Reading
-from semisynth_gl.render.wanted import Wanted
+from semisynth_gl.render.state import RenderState
 from semisynth_gl.scene.scene import Motion, Scene
 
 Wrap = Literal["mirror", "repeat"]
@@ -102,7 +102,7 @@ class Renderer:
             raise InputError("a renderer needs at least one model, got none")
         atlases = {"layers": layers} | ({} if large_layers is None else {"large_layers": large_layers})
         _check_atlases(atlases)
-        self._wanted = Wanted.of(outputs, truth, antialias, rectified=rectified, signed=signed)
+        self._options = RenderOptions.of(outputs, truth, antialias, rectified=rectified, signed=signed)
         for name, most in (("anisotropy", anisotropy), ("large_anisotropy", large_anisotropy)):
             if most not in range(1, 17):
                 raise InputError(f"{name} must be a whole number from 1 to 16, got {most}")
@@ -115,17 +115,17 @@ class Renderer:
             with self._gl:
                 patches = PatchTextures(self._context, tuple(atlases.values()), mirrored=wrap == "mirror")
                 drawn = [centred(model) for model in models]
-                self._placing = Placing(drawn)
+                self._composer = TransformComposer(drawn)
                 meshes = [model.mesh for model in drawn]
-                buffers = ModelBuffers(self._gl, meshes, patches.ends, traced=self._wanted.reads_triangles)
+                buffers = ModelBuffers(self._gl, meshes, patches.ends, traced=self._options.reads_triangles)
                 anisotropies = (anisotropy, large_anisotropy)[: len(atlases)]
                 constants = ConstantsBuffer(self._gl, signed=signed)
-                self._loaded = Loaded(
-                    self._context, buffers, patches, anisotropies, constants, self._wanted, read, pattern
+                self._state = RenderState(
+                    self._context, buffers, patches, anisotropies, constants, self._options, read, pattern
                 )
-                self._targets = KeptTargets(self._loaded)
-                self._drawing = Drawing(self._loaded)
-                self._reading = Reading(self._loaded, self._placing)
+                self._targets = TargetCache(self._state)
+                self._drawing = DrawPass(self._state)
+                self._reading = ReadbackPass(self._state, self._composer)
                 reported = self._gl.error
         except BaseException:
             self._context.release()
@@ -233,12 +233,12 @@ class Renderer:
         frames = []
         with self._current():
             sized = self._targets.for_pairs(scene.camera, shared=len(scenes) > 1)
-            placed = [self._placing.place(shown) for shown in scenes]
-            for pair in self._drawing.draw(placed, crop, sized):
+            transforms = [self._composer.compose(shown) for shown in scenes]
+            for pair in self._drawing.draw(transforms, crop, sized):
                 self._finish("draw")
                 self._reading.find_visibility(pair)
                 self._finish("visibility")
-                camera = pair.placed.scene.camera
+                camera = pair.transforms.scene.camera
                 self._reading.read(pair, {name: motion and motion.seen_by(camera) for name, motion in motions.items()})
                 self._finish("readback")
                 shown_camera = camera if crop is None else camera.cropped(crop)
@@ -249,13 +249,17 @@ class Renderer:
         return frames
 
     def _check_request(self, scene: Scene, motions: Mapping[str, Motion | None]) -> None:
-        """Raise InputError where the scene cannot be drawn, or a motion is missing that an output needs."""
+        """Raise InputError where the scene cannot be drawn, or an output's motion is missing or has another camera."""
         for shown in (scene, *(motion.scene for motion in motions.values() if motion is not None)):
             self._check(shown)
         for name, motion in motions.items():
-            wanted = self._wanted.needing(name)
-            if wanted and motion is None:
-                raise InputError(f"the output {wanted[0]} needs the scene's motion: render(scene, {name}=Motion(...))")
+            outputs = self._options.needing(name)
+            if outputs and motion is None:
+                raise InputError(f"the output {outputs[0]} needs the scene's motion: render(scene, {name}=Motion(...))")
+            if motion is not None and motion.scene.camera != scene.camera:
+                raise InputError(
+                    f"expected the scene's camera, {scene.camera}, got {motion.scene.camera}", argument=name
+                )
 
     def render_images(self, scene: Scene, eyes: Collection[Eye] = EYES) -> dict[Eye, NDArray[np.uint8]]:
         """Draw only the images of a pair, as `render` draws them, without its truth.
@@ -278,8 +282,8 @@ class Renderer:
             raise InputError(f"expected some of {', '.join(EYES)}, got {eyes!r}", argument="eyes")
         with self._current():
             sized = self._targets.for_images(scene.camera)
-            placed = self._placing.place(scene)
-            return {eye: self._drawing.draw_image(placed, eye, sized) for eye in eyes}
+            transforms = self._composer.compose(scene)
+            return {eye: self._drawing.draw_image(transforms, eye, sized) for eye in eyes}
 
     def _finish(self, stage: RenderStage) -> None:
         """Tell the listener, if there is one, of the end of a stage, which the driver finishes first."""
@@ -320,19 +324,19 @@ class Renderer:
         self._free()
 
     def _check(self, scene: Scene) -> None:
-        if self._wanted.rectified and not scene.camera.rectified:
+        if self._options.rectified and not scene.camera.rectified:
             raise InputError(
                 f"scene: its right camera deviates ({scene.camera.deviation}), which takes Renderer(rectified=False)"
             )
-        if scene.projector is not None and self._loaded.pattern is None:
+        if scene.projector is not None and self._state.pattern is None:
             raise InputError("its projector throws a pattern, which takes Renderer(pattern=...)", argument="scene")
-        ranges = (("model", scene.model, len(self._loaded.models)), ("layer", scene.layer, len(self._loaded.patches)))
+        ranges = (("model", scene.model, len(self._state.models)), ("layer", scene.layer, len(self._state.patches)))
         for name, index, count in ranges:
             if len(index) and (int(index.min()) < 0 or int(index.max()) >= count):
                 raise InputError(
                     f"scene: {name} must be 0 to {count - 1}, got {int(index.min())} to {int(index.max())}"
                 )
-        if "instances" in self._wanted.outputs and len(scene) > _MOST_INSTANCE_IDS:
+        if "instances" in self._options.outputs and len(scene) > _MOST_INSTANCE_IDS:
             raise InputError(
                 f"a scene of {len(scene)} instances was asked for with the output instances, but 16-bit ids count up "
                 f"to {_MOST_INSTANCE_IDS}: leave that output out"

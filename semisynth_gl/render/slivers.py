@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.context import GraphicsContext
+from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.listed_steps import groups_of
-from semisynth_gl.render.loaded import Loaded
 from semisynth_gl.render.model_buffers import refill
-from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.programs import link_compute
+from semisynth_gl.render.state import RenderState
 from semisynth_gl.render.structs import BLOCKS, RUN
 
 # Most triangles of a run. A group of invocations works through one run after another; a run has a single instance.
@@ -76,8 +76,8 @@ class OpenPoints:
 class SliverPass:
     """Three compute steps that cut the narrow triangles of the other eye's view along rows; see slivers.comp."""
 
-    def __init__(self, loaded: Loaded) -> None:
-        context, self._models = loaded.context, loaded.models
+    def __init__(self, state: RenderState) -> None:
+        context, self._models = state.context, state.models
         self._gl = context.gl
         self._steps = [link_compute(context, "slivers.comp", {"STEP": step}) for step in range(3)]
         self._runs = context.gl.buffer(reserve=RUN.itemsize, dynamic=True)
@@ -89,13 +89,13 @@ class SliverPass:
         self._headers = context.gl.buffer(bytes(len(EYES) * len(_LISTS) * _HEADER))
         self._groups = groups_of(context)
 
-    def draw(self, placed: Placed, other: Eye, points: OpenPoints) -> None:
+    def draw(self, transforms: InstanceTransforms, other: Eye, points: OpenPoints) -> None:
         """Mark points of one eye's view as occluded that lie behind slivers in the ``other`` eye's view.
 
         Both eyes' disparities, the visibility to complete, the triangles and the constants must be bound as for
         visibility.comp. Some marks are missing where `lengthen` says so.
         """
-        runs = self._runs_of(placed, other)
+        runs = self._runs_of(transforms, other)
         if not len(runs):
             return
         refill(self._runs, runs)
@@ -129,11 +129,11 @@ class SliverPass:
         self._lists[binding].orphan(size + size // 4)
         return True
 
-    def _runs_of(self, placed: Placed, eye: Eye) -> NDArray[np.void]:
+    def _runs_of(self, transforms: InstanceTransforms, eye: Eye) -> NDArray[np.void]:
         """Return the triangles of the instances that an eye may see, run by run: (R,) of `RUN`."""
         # The sky hides nothing.
-        shown = np.flatnonzero(placed.in_view(eye) & ~placed.scene.sky)
-        first, triangles = self._models.triangles_of(placed.scene.model[shown])
+        shown = np.flatnonzero(transforms.in_view(eye) & ~transforms.scene.sky)
+        first, triangles = self._models.triangles_of(transforms.scene.model[shown])
         count = -(-triangles // _RUN_TRIANGLES)
         number = np.arange(len(shown)).repeat(count)
         begin = _RUN_TRIANGLES * (np.arange(len(number)) - (np.cumsum(count) - count).repeat(count))
@@ -141,5 +141,5 @@ class SliverPass:
         runs["instance"] = shown[number]
         runs["first_triangle"] = first[number] + begin
         runs["triangles"] = np.minimum(triangles[number] - begin, _RUN_TRIANGLES)
-        runs["fronts_only"] = placed.fronts_only(eye)[shown[number]]
+        runs["fronts_only"] = transforms.fronts_only(eye)[shown[number]]
         return runs

@@ -14,7 +14,7 @@ from semisynth_gl.geometry.mesh import centred, make_mesh
 from semisynth_gl.geometry.model_files import load_models
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.geometry.topology import is_solid, marked_solid, neighbours
-from semisynth_gl.render.placing import Placing
+from semisynth_gl.render.instance_transforms import TransformComposer
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import make_scene, move
@@ -148,12 +148,12 @@ def test_patches_of_sampled_scenes_lie_where_scenes_say():
     section = load_config("kitti")
     library = build_library(section.models, section.particles, Split(0))
     sampler = SceneSampler(section, 0, library, tuple(Patch("", 0, 0, 256, k, 1, 9.0) for k in range(4)))
-    placing = Placing([centred(mesh) for mesh in sampler.models])
+    composer = TransformComposer([centred(mesh) for mesh in sampler.models])
     for index in range(6):
         scene = sampler.sample(index).scene
-        placed = placing.place(scene)
-        np.testing.assert_array_equal(placed.patch_from_uv, np.c_[scene.uv_scale, scene.uv_offset])
-        np.testing.assert_array_equal(placed.view_from_model, scene.view_from_model())
+        transforms = composer.compose(scene)
+        np.testing.assert_array_equal(transforms.patch_from_uv, np.c_[scene.uv_scale, scene.uv_offset])
+        np.testing.assert_array_equal(transforms.view_from_model, scene.view_from_model())
 
 
 def test_models_of_files_lose_nothing_far_from_their_origin(tmp_path):

@@ -16,7 +16,7 @@ from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs import pipeline
-from semisynth_gl.pairs.checks import OPEN, Closed, faults
+from semisynth_gl.pairs.checks import OPEN, SceneGuarantees, faults
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections, draw_imperfections, recorded
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
 from semisynth_gl.seeds.seeds import Purpose, generator
@@ -414,7 +414,7 @@ def test_faults_are_those_of_all_pixels():
             disparity[0, 0] = rng.choice([disparity[0, 0], config.disparity.max_px])
             arrays[f"disparity_{eye}"] = disparity
         frame = Frame.from_arrays(camera, arrays)
-        closed = Closed(bool(rng.random() < 0.5), float(rng.choice([-np.inf, 1.5])))
+        closed = SceneGuarantees(bool(rng.random() < 0.5), float(rng.choice([-np.inf, 1.5])))
         expected = list(dict.fromkeys(stated_faults(frame, config, closed)))
         assert faults(frame, config, closed) == expected
         kinds |= {" ".join(clause.split()[:3]) for clause in expected} or {"none"}
@@ -425,7 +425,7 @@ def test_faults_are_those_of_all_pixels():
 def test_faults_are_found():
     config = cheap()
     good = render_pair(config, 0)
-    closed = Closed(everywhere=True, least_px=0.0)
+    closed = SceneGuarantees(everywhere=True, least_px=0.0)
     assert faults(good, config, closed) == []
 
     def with_arrays(**arrays):

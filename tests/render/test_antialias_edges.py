@@ -13,8 +13,8 @@ from semisynth_gl.geometry.edges import find_edges
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.topology import is_solid, marked_solid
+from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.outlines import Outlines
-from semisynth_gl.render.placing import Placed
 from semisynth_gl.scene.scene import make_scene
 
 CAMERA = StereoCamera.centred(160, 120, 200.0, 0.05)
@@ -213,7 +213,7 @@ def test_outlines_of_many_instances_are_those_of_each(monkeypatch):
     places = np.tile(np.eye(4), (7, 1, 1))
     places[:, :3, 3] = np.random.default_rng(1).uniform([-1, -1, 4], [1, 1, 9], (7, 3))
     scene = make_scene(CAMERA, model=[0] * 7, world_from_model=places, layer=[0] * 7)
-    placed = Placed(scene, scene.world_from_model, np.ones(7), np.zeros(7, bool), np.ones((7, 4)))
+    placed = InstanceTransforms(scene, scene.world_from_model, np.ones(7), np.zeros(7, bool), np.ones((7, 4)))
     together = outlines_of(mesh).find(placed, "left")
     # Two instances at once, of seven.
     monkeypatch.setattr("semisynth_gl.render.outlines._MOST_AT_ONCE", 3 * len(mesh.triangles))
@@ -259,7 +259,9 @@ def outlined(mesh, eye, *, solid=True, mirrored=False):
     if mirrored:
         world_from_model = world_from_model @ np.diag([-1.0, 1, 1, 1])
     scene = make_scene(CAMERA, model=[0], world_from_model=[world_from_model], layer=[0])
-    placed = Placed(scene, scene.world_from_model, np.array([9.0]), np.array([solid and not mirrored]), np.ones((1, 4)))
+    placed = InstanceTransforms(
+        scene, scene.world_from_model, np.array([9.0]), np.array([solid and not mirrored]), np.ones((1, 4))
+    )
     found = outlines_of(mesh).find(placed, "left")
     assert (found[:, 0] == 0).all()
     if placed.solid[0]:

@@ -21,7 +21,7 @@ from semisynth_gl.frame.channels import DRAWN_OUTPUTS, FLOW_OUTPUTS
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.render import devices, kept_targets
+from semisynth_gl.render import devices, pair_targets
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.devices import context_facts, egl_devices
 from semisynth_gl.render.model_buffers import ModelBuffers
@@ -103,7 +103,7 @@ def test_targets_are_made_once_for_pairs_and_once_for_denser_images(open_rendere
     made = []
     for kind in (ImageTargets, PairTargets):
         monkeypatch.setattr(
-            kept_targets, kind.__name__, Mock(side_effect=lambda *a, kind=kind, **k: made.append(kind) or kind(*a, **k))
+            pair_targets, kind.__name__, Mock(side_effect=lambda *a, kind=kind, **k: made.append(kind) or kind(*a, **k))
         )
     camera, denser = StereoCamera.centred(60, 40, 40.0, 0.1), StereoCamera.centred(90, 60, 60.0, 0.1)
     scene, dense = busy_scene(camera), busy_scene(denser)

@@ -57,7 +57,7 @@ class Antialias:
 
 
 @dataclass(frozen=True)
-class Wanted:
+class RenderOptions:
     """The options of a renderer; the arguments of `Renderer` say what each attribute means."""
 
     outputs: frozenset[str]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Crop, Eye
-from semisynth_gl.geometry.mesh import Centred
+from semisynth_gl.geometry.mesh import CentredMesh
 from semisynth_gl.inputs.arguments import LEAST, MOST, OTHER_UNITS
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render.projection import in_view
@@ -25,7 +25,7 @@ _LEAST_M = LEAST**2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Placed:
+class InstanceTransforms:
     """A scene's N instances as both eyes see them.
 
     Attributes:
@@ -59,14 +59,14 @@ class Placed:
         return self.solid & (self.rows(eye)[:, 2, 3] - self.radius_m > self.scene.near_of(eye))
 
 
-class Placing:
+class TransformComposer:
     """Places the instances of scenes that are made of these models, which are centred for drawing.
 
     Raises:
         InputError: where a model is too small or too large for float32.
     """
 
-    def __init__(self, models: Sequence[Centred]) -> None:
+    def __init__(self, models: Sequence[CentredMesh]) -> None:
         self._origin = np.array([model.origin for model in models])
         self._uv_origin = np.array([model.uv_origin for model in models])
         self._moved = np.abs(self._origin).max(axis=1) > 0
@@ -79,7 +79,7 @@ class Placing:
                     f"{OTHER_UNITS}"
                 )
 
-    def place(self, scene: Scene) -> Placed:
+    def compose(self, scene: Scene) -> InstanceTransforms:
         """Compose the poses of a scene's instances, for both eyes.
 
         Raises:
@@ -99,7 +99,7 @@ class Placing:
         # The radius of a tiny instance may be 0, because squares of small numbers are.
         extended = (np.abs(linear).max(axis=(1, 2), initial=0.0) > 0) & (self._radius[scene.model] > 0)
         _refuse(radius_m, extended & (radius_m < _LEAST_M), "is smaller")
-        return Placed(scene, view_from_model, radius_m, solid, self._patch_from_uv(scene))
+        return InstanceTransforms(scene, view_from_model, radius_m, solid, self._patch_from_uv(scene))
 
     def view_from_model(self, scene: Scene) -> NDArray[np.float64]:
         """Return the poses of a scene's instances, with centred models, relative to the left eye, (N, 4, 4) float64."""

@@ -1,4 +1,4 @@
-"""The state that a renderer's passes share: what is loaded into its context, and what its caller wants."""
+"""What a renderer's passes share: its context, the models and patches in it, and its options."""
 
 from dataclasses import dataclass
 
@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.model_buffers import ModelBuffers
+from semisynth_gl.render.options import RenderOptions
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.readers import Reader
-from semisynth_gl.render.wanted import Wanted
 
 
 @dataclass(frozen=True, slots=True)
-class Loaded:
+class RenderState:
     """A renderer's context with its models, patches and constants, and its options."""
 
     context: GraphicsContext
@@ -22,6 +22,6 @@ class Loaded:
     patches: PatchTextures
     anisotropies: tuple[int, ...]  # most samples of a patch for one pixel, for each atlas
     constants: ConstantsBuffer
-    wanted: Wanted
+    options: RenderOptions
     read: Reader  # takes the pixels that were drawn
     pattern: NDArray[np.uint8] | None = None  # (H, W), of the scenes' projectors

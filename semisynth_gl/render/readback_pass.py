@@ -6,28 +6,28 @@ from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.channels import CHANNELS, Moment
 from semisynth_gl.render.correspondence import CorrespondencePass
 from semisynth_gl.render.flow import FlowPass, place_moved
-from semisynth_gl.render.loaded import Loaded
+from semisynth_gl.render.instance_transforms import TransformComposer
 from semisynth_gl.render.pair_targets import DrawnPair
-from semisynth_gl.render.placing import Placing
+from semisynth_gl.render.state import RenderState
 from semisynth_gl.render.targets import CORRESPONDENCE
 from semisynth_gl.render.visibility import VisibilityPass
 from semisynth_gl.scene.scene import Motion
 
 
-class Reading:
+class ReadbackPass:
     """Runs the visibility, correspondence and flow passes, and reads the channels of a pair."""
 
-    def __init__(self, loaded: Loaded, placing: Placing) -> None:
-        wanted = loaded.wanted
-        self._placing, self._wanted = placing, wanted
-        self._visibility = VisibilityPass(loaded) if wanted.visibility else None
-        self._correspondence = CorrespondencePass(loaded) if wanted.corresponds else None
-        self._flow = FlowPass(loaded) if wanted.flow else None
+    def __init__(self, state: RenderState, composer: TransformComposer) -> None:
+        options = state.options
+        self._composer, self._options = composer, options
+        self._visibility = VisibilityPass(state) if options.visibility else None
+        self._correspondence = CorrespondencePass(state) if options.corresponds else None
+        self._flow = FlowPass(state) if options.flow else None
 
     def find_visibility(self, pair: DrawnPair) -> None:
         """Run the visibility pass on a rectified pair; in other pairs, `read` finds visibility by correspondences."""
-        if self._visibility is not None and pair.placed.scene.camera.rectified:
-            self._visibility.draw(pair, self._wanted.truth_eyes)
+        if self._visibility is not None and pair.transforms.scene.camera.rectified:
+            self._visibility.draw(pair, self._options.truth_eyes)
 
     def read(self, pair: DrawnPair, motions: Mapping[str, Motion | None]) -> None:
         """Add the channels that are missing to the pair's views.
@@ -39,36 +39,36 @@ class Reading:
         if self._correspondence is not None:
             self._read_correspondence(self._correspondence, pair)
         for name, motion in motions.items():
-            if self._flow is not None and motion is not None and self._wanted.needing(name):
+            if self._flow is not None and motion is not None and self._options.needing(name):
                 self._read_flow(self._flow, pair, motion, "next" if name == "future" else "previous")
 
     def _read_drawn(self, pair: DrawnPair, eye: Eye) -> None:
         """Read one eye's channels of the drawing pass and the visibility pass."""
         targets, view = pair.eyes[eye], pair.views[eye]
-        image, rectified = CHANNELS["image"], pair.placed.scene.camera.rectified
-        for channel in self._wanted.drawn_by("drawing"):
-            drawn = eye in self._wanted.truth_eyes and (rectified or channel.name not in CORRESPONDENCE)
+        image, rectified = CHANNELS["image"], pair.transforms.scene.camera.rectified
+        for channel in self._options.drawn_by("drawing"):
+            drawn = eye in self._options.truth_eyes and (rectified or channel.name not in CORRESPONDENCE)
             if channel.name not in view and (channel is image or drawn):
                 view[channel.name] = targets.read(channel.attachment, pair.crop)
         if targets.visibility is not None and rectified:
-            for channel in self._wanted.drawn_by("visibility"):
+            for channel in self._options.drawn_by("visibility"):
                 view[channel.name] = targets.visibility.read(channel.attachment, pair.crop)
 
     def _read_correspondence(self, correspondence: CorrespondencePass, pair: DrawnPair) -> None:
         """Find and read the correspondences and, for a pair that deviates, disparities and masks."""
-        found = [channel for channel in self._wanted.channels if channel.attachment in CORRESPONDENCE]
-        if pair.placed.scene.camera.rectified:
-            found = self._wanted.drawn_by("correspondence")
-        for eye in self._wanted.truth_eyes:
+        found = [channel for channel in self._options.channels if channel.attachment in CORRESPONDENCE]
+        if pair.transforms.scene.camera.rectified:
+            found = self._options.drawn_by("correspondence")
+        for eye in self._options.truth_eyes:
             compared = correspondence.draw(pair, eye)
             for channel in found:
                 pair.views[eye][channel.name] = compared.read(channel.attachment, pair.crop)
 
     def _read_flow(self, flow_pass: FlowPass, pair: DrawnPair, motion: Motion, moment: Moment) -> None:
         """Find the flow to another moment, and read its channels."""
-        moved = place_moved(pair.placed, motion, self._placing)
-        of_moment = [row for row in self._wanted.drawn_by("flow") if row.moment == moment]
-        for eye in self._wanted.truth_eyes:
+        moved = place_moved(pair.transforms, motion, self._composer)
+        of_moment = [row for row in self._options.drawn_by("flow") if row.moment == moment]
+        for eye in self._options.truth_eyes:
             channels = [row for row in of_moment if row.name not in pair.views[eye]]
             if not channels:
                 continue

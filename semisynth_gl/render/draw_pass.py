@@ -13,44 +13,46 @@ from semisynth_gl.frame.camera import EYES, OTHER_EYE, Crop, Eye
 from semisynth_gl.frame.channels import CHANNELS
 from semisynth_gl.render.antialias import ColourTargets
 from semisynth_gl.render.edges import EdgePass
-from semisynth_gl.render.loaded import Loaded
-from semisynth_gl.render.model_buffers import Filled
+from semisynth_gl.render.instance_transforms import InstanceTransforms
+from semisynth_gl.render.model_buffers import DrawRange
 from semisynth_gl.render.occlusion import Occlusion
 from semisynth_gl.render.pair_targets import COLOUR, DrawnPair, ImageTargets, PairTargets
-from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.programs import link_meshes, link_program
 from semisynth_gl.render.projector_light import ProjectorLight
+from semisynth_gl.render.state import RenderState
 from semisynth_gl.render.targets import EyeTargets
 from semisynth_gl.scene.scene import Scene
 
 
-class Drawing:
+class DrawPass:
     """Draws both eyes' views.
 
     Raises:
         BackendError: where the driver refuses a program, or cannot hold the buffers of antialiasing.
     """
 
-    def __init__(self, loaded: Loaded) -> None:
-        self._loaded, self._wanted = loaded, loaded.wanted
-        self._gl = loaded.context.gl
-        drawn, antialias = self._wanted.drawn_by("drawing"), self._wanted.antialias
+    def __init__(self, state: RenderState) -> None:
+        self._state, self._options = state, state.options
+        self._gl = state.context.gl
+        drawn, antialias = self._options.drawn_by("drawing"), self._options.antialias
         self._triangle_readers = frozenset(channel.attachment for channel in drawn if channel.reads_triangles)
-        self._occlusion = Occlusion(loaded) if loaded.context.software else None
-        self._light = None if loaded.pattern is None else ProjectorLight(loaded, loaded.pattern)
+        self._occlusion = Occlusion(state) if state.context.software else None
+        self._light = None if state.pattern is None else ProjectorLight(state, state.pattern)
         # Programs by attachments, anisotropy, and whether a projector lights what they draw.
         self._linked: dict[tuple[tuple[str, ...], int, bool], moderngl.Program] = {}
-        for names in (*map(self._wanted.attachments, EYES), *([COLOUR] if antialias.redraws else [])):
+        for names in (*map(self._options.attachments, EYES), *([COLOUR] if antialias.redraws else [])):
             self._programs(names)
-        self._edges = EdgePass(loaded) if antialias.kind == "edges" else None
+        self._edges = EdgePass(state) if antialias.kind == "edges" else None
 
-    def draw(self, placed: Sequence[Placed], crop: Crop | None, sized: PairTargets) -> Iterator[DrawnPair]:
+    def draw(
+        self, transforms: Sequence[InstanceTransforms], crop: Crop | None, sized: PairTargets
+    ) -> Iterator[DrawnPair]:
         """Draw the pairs of a scene with one or more cameras, or the parts of them that a crop needs.
 
         The left view of several pairs is drawn once, with 1 / Z in place of the disparity.
 
         Args:
-            placed: the scene's instances, with each of the cameras.
+            transforms: the scene's instances, with each of the cameras.
             crop: the part of both images that the caller wants, or None.
             sized: the targets of the image size.
 
@@ -58,15 +60,15 @@ class Drawing:
             Each pair, to be read before the next one is asked for. Its views hold the antialiased image, if that takes
             a separate pass, and the channels of the left view that an earlier pair has read.
         """
-        parts = {eye: self._part([each.scene for each in placed], eye, crop) for eye in EYES}
-        left = sized.eyes["left"] if len(placed) == 1 else sized.shared
+        parts = {eye: self._part([each.scene for each in transforms], eye, crop) for eye in EYES}
+        left = sized.eyes["left"] if len(transforms) == 1 else sized.shared
         assert left is not None  # noqa: S101 - `PairTargets` were made for the number of cameras
         seen: dict[str, Any] = {}
-        for each in placed:
+        for each in transforms:
             self._find_light(each)
             eyes: dict[Eye, EyeTargets] = {"left": left, "right": sized.eyes["right"]}
             pair = DrawnPair(each, crop, sized, eyes, {"left": seen, "right": {}})
-            if each is placed[0]:
+            if each is transforms[0]:
                 self._draw(pair, "left", parts["left"])
             if left is sized.shared:
                 self._draw_disparity(each.scene, left, parts["left"])
@@ -74,34 +76,34 @@ class Drawing:
             yield pair
             seen = {name: read for name, read in seen.items() if CHANNELS[name].of_own_view}
 
-    def draw_image(self, placed: Placed, eye: Eye, sized: ImageTargets) -> NDArray[np.uint8]:
+    def draw_image(self, transforms: InstanceTransforms, eye: Eye, sized: ImageTargets) -> NDArray[np.uint8]:
         """Draw only one eye's image; return it as the reader does, by default (H, W, 3) uint8 RGB or (H, W) grey."""
-        self._find_light(placed)
-        filled = self._loaded.models.fill(placed, eye)
-        self._loaded.constants.write(placed.scene, eye)
+        self._find_light(transforms)
+        filled = self._state.models.fill(transforms, eye)
+        self._state.constants.write(transforms.scene, eye)
         if sized.samples is not None:
-            return self._draw_samples(placed, eye, None, sized.samples, filled)
+            return self._draw_samples(transforms, eye, None, sized.samples, filled)
         targets = sized.image
         targets.limit(None)
-        self._draw_once(placed, eye, None, targets, filled)
-        self._smooth(placed, eye, targets, None)
+        self._draw_once(transforms, eye, None, targets, filled)
+        self._smooth(transforms, eye, targets, None)
         image: NDArray[np.uint8] = targets.read("colour")
         return image
 
-    def _find_light(self, placed: Placed) -> None:
+    def _find_light(self, transforms: InstanceTransforms) -> None:
         """Draw what the scene's projector reaches, if it has one."""
         if self._light is not None:
-            self._light.reach(placed, self._draw_reached)
+            self._light.reach(transforms, self._draw_reached)
 
-    def _draw_reached(self, placed: Placed, targets: EyeTargets) -> None:
-        filled = self._loaded.models.fill(placed, "left")
-        self._loaded.constants.write(placed.scene, "left")
+    def _draw_reached(self, transforms: InstanceTransforms, targets: EyeTargets) -> None:
+        filled = self._state.models.fill(transforms, "left")
+        self._state.constants.write(transforms.scene, "left")
         targets.limit(None)
-        self._draw_once(placed, "left", None, targets, filled)
+        self._draw_once(transforms, "left", None, targets, filled)
 
     @cached_property
     def _disparity_pass(self) -> moderngl.VertexArray:
-        return self._gl.vertex_array(link_program(self._loaded.context, "whole_image.vert", "disparity.frag", {}), [])
+        return self._gl.vertex_array(link_program(self._state.context, "whole_image.vert", "disparity.frag", {}), [])
 
     def _draw_disparity(self, scene: Scene, targets: EyeTargets, part: Crop | None) -> None:
         """Work out the disparity of a shared left view, or a part of it, for the scene's camera.
@@ -110,7 +112,7 @@ class Drawing:
         """
         if targets.disparity is None:
             raise RuntimeError("these targets were made without 1 / Z")
-        self._loaded.constants.write(scene, "left")
+        self._state.constants.write(scene, "left")
         targets.bind(inverse_depth=0)
         targets.disparity.limit(part)
         targets.disparity.framebuffer.use()
@@ -119,21 +121,21 @@ class Drawing:
 
     def _programs(self, names: tuple[str, ...], *, lit: bool = False) -> list[moderngl.Program]:
         """Return the programs that draw to some attachments, one for each atlas; link those that are missing."""
-        for anisotropy in self._loaded.anisotropies:
+        for anisotropy in self._state.anisotropies:
             if (names, anisotropy, lit) not in self._linked:
                 self._linked[names, anisotropy, lit] = self._link(names, anisotropy, lit=lit)
-        return [self._linked[names, anisotropy, lit] for anisotropy in self._loaded.anisotropies]
+        return [self._linked[names, anisotropy, lit] for anisotropy in self._state.anisotropies]
 
     def _link(self, names: tuple[str, ...], anisotropy: int, *, lit: bool) -> moderngl.Program:
         defines = {name.upper(): number for number, name in enumerate(names)}
-        if self._loaded.patches.grey and "colour" in names:
+        if self._state.patches.grey and "colour" in names:
             defines["GREY"] = 1
         if lit:
             defines["LIT"] = 1
         anisotropic = anisotropy > 1 and "colour" in names
         if anisotropic:
             defines["ANISOTROPIC"] = 1
-        program = link_meshes(self._loaded.context, defines)
+        program = link_meshes(self._state.context, defines)
         if anisotropic:
             program["most_samples"] = float(anisotropy)
         return program
@@ -143,11 +145,11 @@ class Drawing:
         # Where a camera deviates, other rows are looked up, too.
         if crop is None or not all(scene.camera.rectified for scene in scenes):
             return None
-        looked_up = self._wanted.visibility and OTHER_EYE[eye] in self._wanted.truth_eyes
+        looked_up = self._options.visibility and OTHER_EYE[eye] in self._options.truth_eyes
         # Pixels along edges take on colours of adjacent pixels.
         border_px = 0 if self._edges is None else 1
         parts = [
-            _drawn_part(scene, eye, crop, looked_up=looked_up, border_px=border_px, signed=self._wanted.signed)
+            _drawn_part(scene, eye, crop, looked_up=looked_up, border_px=border_px, signed=self._options.signed)
             for scene in scenes
         ]
         x, y = min(part.x_px for part in parts), min(part.y_px for part in parts)
@@ -155,52 +157,62 @@ class Drawing:
 
     def _draw(self, pair: DrawnPair, eye: Eye, part: Crop | None) -> None:
         """Draw a part of one eye's view, or all of it; draw and read the image, too, if it takes a separate pass."""
-        placed, targets, samples = pair.placed, pair.eyes[eye], pair.sized.samples
-        filled = self._loaded.models.fill(placed, eye, part)
-        seen: Sequence[Filled] = filled
-        self._loaded.constants.write(placed.scene, eye)
+        transforms, targets, samples = pair.transforms, pair.eyes[eye], pair.sized.samples
+        filled = self._state.models.fill(transforms, eye, part)
+        seen: Sequence[DrawRange] = filled
+        self._state.constants.write(transforms.scene, eye)
         if targets.names:
             targets.limit(part)
             if self._triangle_readers.intersection(targets.names):
-                self._loaded.models.bind_triangles(placed, eye)
-            seen = self._draw_once(placed, eye, part, targets, filled)
-            self._smooth(placed, eye, targets, pair.crop)
+                self._state.models.bind_triangles(transforms, eye)
+            seen = self._draw_once(transforms, eye, part, targets, filled)
+            self._smooth(transforms, eye, targets, pair.crop)
         if samples is not None:
             if seen is not filled:
                 # Instances that are hidden at the centres of pixels may show between them.
-                filled = self._loaded.models.fill(placed, eye, part)
-            pair.views[eye]["image"] = self._draw_samples(placed, eye, pair.crop, samples, filled)
+                filled = self._state.models.fill(transforms, eye, part)
+            pair.views[eye]["image"] = self._draw_samples(transforms, eye, pair.crop, samples, filled)
 
     def _draw_once(
-        self, placed: Placed, eye: Eye, part: Crop | None, targets: EyeTargets, filled: Sequence[Filled]
-    ) -> Sequence[Filled]:
+        self,
+        transforms: InstanceTransforms,
+        eye: Eye,
+        part: Crop | None,
+        targets: EyeTargets,
+        filled: Sequence[DrawRange],
+    ) -> Sequence[DrawRange]:
         """Draw a part of one eye's view with one sample a pixel; return the instances that were not found hidden."""
         seen = filled
         if self._occlusion is not None:
-            seen = self._occlusion.without_hidden(placed, eye, part, targets, filled)
+            seen = self._occlusion.without_hidden(transforms, eye, part, targets, filled)
         targets.clear(depth=seen is filled)
-        self._draw_models(targets.names, seen, placed.scene, eye, targets.framebuffer.width)
+        self._draw_models(targets.names, seen, transforms.scene, eye, targets.framebuffer.width)
         return seen
 
-    def _smooth(self, placed: Placed, eye: Eye, targets: EyeTargets, part: Crop | None) -> None:
+    def _smooth(self, transforms: InstanceTransforms, eye: Eye, targets: EyeTargets, part: Crop | None) -> None:
         """Antialias what was just drawn along outlines, or a part of it, if the caller wants that."""
         if self._edges is not None:
             # The light is still bound.
-            self._edges.draw(placed, eye, targets, part, lit=placed.scene.projector is not None)
+            self._edges.draw(transforms, eye, targets, part, lit=transforms.scene.projector is not None)
 
     def _draw_samples(
-        self, placed: Placed, eye: Eye, crop: Crop | None, targets: ColourTargets, filled: Sequence[Filled]
+        self,
+        transforms: InstanceTransforms,
+        eye: Eye,
+        crop: Crop | None,
+        targets: ColourTargets,
+        filled: Sequence[DrawRange],
     ) -> NDArray[np.uint8]:
         """Draw one eye's colour, or a crop of it, with several samples a pixel; return the image."""
         targets.limit(crop)
         targets.fine.use()
         targets.fine.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
-        self._draw_models(COLOUR, filled, placed.scene, eye, targets.fine.width)
+        self._draw_models(COLOUR, filled, transforms.scene, eye, targets.fine.width)
         targets.resolve()
         return targets.read_colour(crop)
 
     def _draw_models(
-        self, names: tuple[str, ...], filled: Sequence[Filled], scene: Scene, eye: Eye, width_px: int
+        self, names: tuple[str, ...], filled: Sequence[DrawRange], scene: Scene, eye: Eye, width_px: int
     ) -> None:
         """Draw runs of instances to attachments that are ``width_px`` wide."""
         projector = scene.projector if "colour" in names else None
@@ -210,8 +222,8 @@ class Drawing:
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">"
         for part in filled:
-            self._loaded.patches.use(part.atlas)
-            self._loaded.models.draw(programs[part.atlas], part)
+            self._state.patches.use(part.atlas)
+            self._state.models.draw(programs[part.atlas], part)
 
 
 def _drawn_part(scene: Scene, eye: Eye, crop: Crop, *, looked_up: bool, border_px: int, signed: bool) -> Crop:
