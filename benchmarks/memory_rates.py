@@ -36,7 +36,8 @@ try:
     import torch
     from torch.utils.data import DataLoader
 
-    from semisynth_gl.torch import Hardware, Selection, StereoStream
+    from semisynth_gl.torch import StereoStream
+    from semisynth_gl.torch.stream import TensorDevice
 except ImportError as fault:
     NO_TORCH: str | None = str(fault).splitlines()[0]
 else:
@@ -70,7 +71,7 @@ class Way:
     name: str
     workers: int
     checked: bool
-    device: str | None
+    device: TensorDevice | None
 
     @contextmanager
     def pairs(self, config: Config, seed: int, count: int) -> Iterator[Iterator[tuple[int, Callable[[], Arrays]]]]:
@@ -79,8 +80,7 @@ class Way:
             with PairRenderer(config, seed) as renderer:
                 yield ((i, renderer.render(i, checked=self.checked).frame.arrays) for i in range(count))
             return
-        hardware, selection = Hardware(device=self.device), Selection(pairs=count)
-        stream = StereoStream(config, seed, selection, checked=self.checked, hardware=hardware)
+        stream = StereoStream(config, seed, count, checked=self.checked, device=self.device)
         # Forked processes have no OpenGL once this one has used it or CUDA.
         context, timeout = ("spawn", _TIMEOUT_S) if self.workers else (None, 0)
         loader = DataLoader(

@@ -1,7 +1,7 @@
-"""Networks of the package stereo-matching (MIT, tried: 0.2.0), as `train_network.py` takes them.
+"""Networks of the package stereo-matching (MIT, tried: 0.2.0), as `train.py` takes them.
 
     pip install stereo-matching timm
-    python examples/train_network.py --network public_networks:stereo_matching --argument model=raft-stereo-realtime ...
+    python examples/train.py --network public_networks:stereo_matching --argument model=raft-stereo-realtime ...
 
 Its networks take images that ImageNet's mean and deviation normalise, and give disparities of the left view: one in
 evaluation, a list in training. The package has no weights. Wrap networks of other packages likewise: a callable that

@@ -176,6 +176,29 @@ class StereoNetwork(nn.Module):
         return Estimates([estimate[:, :height, :width] for estimate in estimates], scores)
 
 
+def cross_entropy_loss(found: Estimates, truth: Tensor, valid: Tensor) -> Tensor:
+    """Compare scores with the truth, which counts for the levels on both its sides.
+
+    A mean over levels teaches slowly: where it is wrong, it does not say which level is the right one.
+
+    Args:
+        found: of the network.
+        truth: (B, H, W), px.
+        valid: (B, H, W) bool, the pixels that count.
+    """
+    # The pixel next to the middle of each square: a mean would mix what lies before and behind an edge.
+    step = found.step_px
+    truth, valid = (each[:, step // 2 :: step, step // 2 :: step] for each in (truth, valid))
+    height, width = truth.shape[1:]
+    shares = found.scores[..., :height, :width].float().log_softmax(1)
+    level = (torch.where(valid, truth, 0) / step).clamp(max=shares.shape[1] - 1)
+    low = level.floor().long()
+    high = (low + 1).clamp(max=shares.shape[1] - 1)
+    found_low, found_high = (shares.gather(1, each[:, None])[:, 0] for each in (low, high))
+    missed = -torch.lerp(found_low, found_high, level - low)
+    return torch.where(valid, missed, 0).sum() / valid.sum().clamp(min=1)
+
+
 def correlated(views: Sequence[Tensor], levels: int, groups: int) -> Tensor:
     """Compare each feature of the left view with those of the right view to its left.
 

@@ -27,8 +27,7 @@ from mc_cnn.model.mc_cnn_fast import FastMcCnn
 from patch_costs import Costs, Penalties, census_costs, learnt_costs, smoothed, winner
 from patch_network import PatchBudget
 from patch_report import FOUR, FOUR_PAIRS, headline, table
-from real_pairs import judge, read_pairs
-from stereo_evaluation import View
+from real_pairs import RealPair, judge, read_pairs
 from trainer import of_judges
 
 from semisynth_gl.bench.summary import machine_facts
@@ -49,7 +48,7 @@ _CHOOSE_BY = 4
 _GRID = tuple(Penalties(small, small * ratio) for small, ratio in product((0.03, 0.1, 0.3), (2.0, 5.0, 15.0)))
 _REFUSED = 2
 
-Matcher = Callable[[View], Costs]
+Matcher = Callable[[RealPair], Costs]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +62,8 @@ class Pairs:
     """
 
     sources: Sources
-    real: Mapping[str, View]
-    choosing: Mapping[str, View]
+    real: Mapping[str, RealPair]
+    choosing: Mapping[str, RealPair]
 
     def learnt_from(self, name: str, budget: PatchBudget) -> list[Frame]:
         """Return the pairs of a set; four real ones give as many points as a whole dataset."""
@@ -73,30 +72,30 @@ class Pairs:
         return list(islice(open_dataset(self.sources.write(name, BUDGETS["cpu"])), budget.pairs))
 
 
-def held_out(sources: Sources, budget: PatchBudget) -> dict[str, View]:
+def held_out(sources: Sources, budget: PatchBudget) -> dict[str, RealPair]:
     """Return rendered pairs that no training uses, with their truth where both eyes see it."""
     written = open_dataset(sources.write(RENDERED[0], BUDGETS["cpu"]))
     frames = islice(written, budget.pairs, budget.pairs + _CHOOSE_BY)
     return {
-        str(number): View(
+        str(number): RealPair(
             frame.left.image, frame.right.image, Truth(frame.left.disparity, frame.left.visibility == VISIBLE)
         )
         for number, frame in enumerate(frames)
     }
 
 
-def census(view: View) -> Costs:
+def census(pair: RealPair) -> Costs:
     """Match a pair by census."""
-    return census_costs(to_grey(view.left), to_grey(view.right), _MAX_DISPARITY_PX + 1)
+    return census_costs(to_grey(pair.left), to_grey(pair.right), _MAX_DISPARITY_PX + 1)
 
 
-def learnt(network: FastMcCnn, view: View) -> Costs:
+def learnt(network: FastMcCnn, pair: RealPair) -> Costs:
     """Match a pair by a network."""
-    left, right = (patch_network.features(network, image) for image in (view.left, view.right))
+    left, right = (patch_network.features(network, image) for image in (pair.left, pair.right))
     return learnt_costs(left, right, _MAX_DISPARITY_PX + 1)
 
 
-def choose_penalties(choosing: Mapping[str, View], costs: Mapping[str, Costs]) -> Penalties:
+def choose_penalties(choosing: Mapping[str, RealPair], costs: Mapping[str, Costs]) -> Penalties:
     """Return the penalties of a grid with which semi-global matching is best on rendered pairs."""
 
     def error(penalties: Penalties) -> float:
@@ -107,8 +106,8 @@ def choose_penalties(choosing: Mapping[str, View], costs: Mapping[str, Costs]) -
 
 def judged(pairs: Pairs, match: Matcher) -> dict[str, Any]:
     """Judge by real pairs: the least cost alone, and after semi-global matching."""
-    penalties = choose_penalties(pairs.choosing, {name: match(view) for name, view in pairs.choosing.items()})
-    costs = {name: match(view) for name, view in pairs.real.items()}
+    penalties = choose_penalties(pairs.choosing, {name: match(pair) for name, pair in pairs.choosing.items()})
+    costs = {name: match(pair) for name, pair in pairs.real.items()}
     smooth = {name: smoothed(each, penalties) for name, each in costs.items()}
     return {
         "winner": _judged(pairs.real, costs),
@@ -117,9 +116,9 @@ def judged(pairs: Pairs, match: Matcher) -> dict[str, Any]:
     }
 
 
-def _judged(views: Mapping[str, View], costs: Mapping[str, Costs]) -> dict[str, Any]:
-    names = {id(view): name for name, view in views.items()}
-    by_pair, mean = judge(views, lambda view: winner(costs[names[id(view)]]))
+def _judged(real: Mapping[str, RealPair], costs: Mapping[str, Costs]) -> dict[str, Any]:
+    names = {id(pair): name for name, pair in real.items()}
+    by_pair, mean = judge(real, lambda pair: winner(costs[names[id(pair)]]))
     return {"mean": mean, "pairs": by_pair}
 
 

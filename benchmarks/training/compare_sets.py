@@ -20,9 +20,7 @@ from typing import Any
 import click
 import torch
 from matching_network import MatchingNetwork
-from network_form import find_device
-from real_pairs import judge, judge_without_truth, plainness, read_pairs, semi_global
-from stereo_evaluation import View
+from real_pairs import RealPair, judge, judge_without_truth, plainness, read_pairs, semi_global
 from trainer import (
     Budget,
     Hardware,
@@ -30,7 +28,7 @@ from trainer import (
     TimeUpError,
     crops,
     find_precision,
-    of_judges,
+    frames_of,
     predictor,
     read_dataset,
     rendered,
@@ -65,13 +63,13 @@ class Sources:
     Attributes:
         images: photographs of the place; may be empty.
         folder: where datasets are kept.
-        views: the real pairs.
+        real: the real pairs.
         workers: processes that render.
     """
 
     images: tuple[str, ...]
     folder: Path
-    views: Mapping[str, View]
+    real: Mapping[str, RealPair]
     workers: int
 
     def write(self, name: str, budget: Budget) -> Path:
@@ -85,7 +83,7 @@ class Sources:
 
     def pairs(self, name: str, budget: Budget) -> list[Frame]:
         """Read the pairs of a set that is not rendered while it trains."""
-        return of_judges(self.views) if name == REAL else read_dataset(self.write(name, budget), budget.factor)
+        return frames_of(self.real) if name == REAL else read_dataset(self.write(name, budget), budget.factor)
 
     def batches(self, name: str, budget: Budget, seed: int) -> Iterator[Sample]:
         """Yield the batches of a run."""
@@ -157,8 +155,8 @@ def compare(
             missing.append(f"{name}, seed {seed}")
             continue
         predict = predictor(network, hardware)
-        pairs, mean = judge(sources.views, predict)
-        unconfirmed = judge_without_truth(sources.views, predict)
+        pairs, mean = judge(sources.real, predict)
+        unconfirmed = judge_without_truth(sources.real, predict)
         seconds = time.perf_counter() - start
         kept.append({
             "set": name, "seed": seed, "mean": mean, "pairs": pairs, "unconfirmed": unconfirmed, "seconds": seconds
@@ -224,7 +222,7 @@ def kept_runs(path: Path, setup: Mapping[str, Any]) -> list[dict[str, Any]]:
     help="Folder of the datasets; what is there already is not rendered again.",
 )
 @click.option("--workers", type=click.IntRange(0), default=0, show_default=True, help="Processes that render.")
-@click.option("--device", type=click.Choice(("auto", "cpu", "cuda")), default="auto", show_default=True)
+@click.option("--device", default="cuda" if torch.cuda.is_available() else "cpu", show_default=True)
 @click.option(
     "--json", "out", type=click.Path(path_type=Path, dir_okay=False), help="Write everything here, run by run."
 )
@@ -264,20 +262,20 @@ def run(
         raise InputError(f"--pairs: --budget {budget_name} renders new pairs all the time: leave --pairs out")
     own = {"steps": steps, "pairs": pairs, "minutes": minutes}
     budget = replace(budget, **{key: value for key, value in own.items() if value is not None})
-    on = find_device(device)
+    on = torch.device(device)
     hardware = Hardware(on, find_precision(on))
-    views = read_pairs(folders, budget.factor, budget.max_disparity_px)
+    real = read_pairs(folders, budget.factor, budget.max_disparity_px)
     chosen, left_out = choose_sets(names, images, budget)
     if go_on and (out is None or not out.is_file()):
         raise InputError("--go-on: expected --json with the file of an earlier command")
     setup = {
         "budget": json.loads(json.dumps(asdict(replace(budget, minutes=None)))),
         "images": list(images),
-        "pairs": list(views),
-        "plainness": {name: plainness(view) for name, view in views.items()},
+        "pairs": list(real),
+        "plainness": {name: plainness(pair) for name, pair in real.items()},
     }
     runs = kept_runs(out, setup) if go_on and out is not None else []
-    by_pair, mean = judge(views, semi_global(budget.max_disparity_px))
+    by_pair, mean = judge(real, semi_global(budget.max_disparity_px))
     report = {
         "command": shlex.join(["python", *sys.argv]),
         "machine": {
@@ -301,7 +299,7 @@ def run(
         if out is not None:
             out.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
 
-    sources = Sources(images, data, views, workers)
+    sources = Sources(images, data, real, workers)
     missing = compare(sources, chosen, seeds, budget, hardware, kept=runs, save=save)
     report["left_out"] += [f"{each} (no time was left)" for each in missing]
     save()

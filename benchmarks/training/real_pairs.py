@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,7 @@ from semisynth_gl.judge.truth import Truth
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "examples"))
 
-import stereo_evaluation
-from stereo_evaluation import View
+import judged_pairs
 
 FIGURE = "bad-1"
 _PROTOCOL = "middlebury"
@@ -27,32 +26,49 @@ _ONE_SURFACE_PX = 1.0
 """Pixels whose disparities differ by no more than this lie on one surface."""
 _SGBM_BLOCK = 5
 
-Predictor = Callable[[View], NDArray[np.float32]]
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RealPair:
+    """A pair to judge a network by.
+
+    Attributes:
+        left: (H, W, 3) uint8.
+        right: (H, W, 3) uint8.
+        truth: of the left pair.
+    """
+
+    left: NDArray[np.uint8]
+    right: NDArray[np.uint8]
+    truth: Truth
 
 
-def read_pairs(folders: Sequence[Path], least_factor: int, max_disparity: float) -> dict[str, View]:
+Predictor = Callable[[RealPair], NDArray[np.float32]]
+
+
+def read_pairs(folders: Sequence[Path], least_factor: int, max_disparity: float) -> dict[str, RealPair]:
     """Read the Motorcycle that scikit-image ships, and all scenes of folders in Middlebury's layout.
 
     Args:
-        folders: as `stereo_evaluation.folder` takes them.
+        folders: as `judged_pairs.folder` takes them.
         least_factor: by which all are shrunk.
         max_disparity: px; pairs that show more are shrunk further, by the least whole factor that will do.
 
     Raises:
         InputError: where a folder has no scenes, or two scenes have one name.
     """
-    pairs: dict[str, View] = {}
-    for judges in (stereo_evaluation.motorcycle(), *map(stereo_evaluation.folder, folders)):
-        for name, read in judges.views.items():
+    pairs: dict[str, RealPair] = {}
+    for judged in (judged_pairs.motorcycle(), *map(judged_pairs.folder, folders)):
+        for number in range(len(judged)):
+            item = judged[number]
+            name, truth = item["name"], item["truth"]
             if name in pairs:
-                raise InputError(f"{judges.title}: {name} is there twice: leave one of them out")
-            view = read()
-            disparity, seen = view.truth.disparity, view.truth.visible
-            if seen is None:
-                view = replace(view, truth=Truth(disparity, seen_by_both(disparity)))
-            largest_px = float(disparity[np.isfinite(disparity)].max(initial=0))
+                raise InputError(f"{judged.title}: {name} is there twice: leave one of them out")
+            if truth.visible is None:
+                truth = Truth(truth.disparity, seen_by_both(truth.disparity))
+            pair = RealPair(*(item[eye].numpy().transpose(1, 2, 0) for eye in ("left", "right")), truth)
+            largest_px = float(truth.disparity[np.isfinite(truth.disparity)].max(initial=0))
             factor = max(least_factor, ceil(largest_px / max_disparity))
-            pairs[name] = view if factor == 1 else shrunk(view, factor)
+            pairs[name] = pair if factor == 1 else shrunk(pair, factor)
     return pairs
 
 
@@ -88,14 +104,14 @@ def shrunk_disparity(disparity: NDArray[np.float32], factor: int) -> NDArray[np.
     return np.where(one, means, np.inf).astype(np.float32)
 
 
-def shrunk(view: View, factor: int) -> View:
+def shrunk(pair: RealPair, factor: int) -> RealPair:
     """Shrink a pair with its truth. A square counts as seen by both eyes where all of its pixels do."""
-    visible = view.truth.visible
+    visible = pair.truth.visible
     truth = Truth(
-        shrunk_disparity(view.truth.disparity, factor),
+        shrunk_disparity(pair.truth.disparity, factor),
         None if visible is None else _squares(visible, factor).all((1, 3)),
     )
-    return View(shrunk_image(view.left, factor), shrunk_image(view.right, factor), truth)
+    return RealPair(shrunk_image(pair.left, factor), shrunk_image(pair.right, factor), truth)
 
 
 def _squares(values: NDArray[Any], factor: int) -> NDArray[Any]:
@@ -103,27 +119,27 @@ def _squares(values: NDArray[Any], factor: int) -> NDArray[Any]:
     return values[: factor * height, : factor * width].reshape(height, factor, width, factor, *values.shape[2:])
 
 
-def judge(pairs: Mapping[str, View], predict: Predictor) -> tuple[dict[str, float], float]:
+def judge(pairs: Mapping[str, RealPair], predict: Predictor) -> tuple[dict[str, float], float]:
     """Predict pairs, and return the figure of each in %, and that of all as the benchmark averages them."""
     scores: dict[str, Score] = {}
-    for name, view in pairs.items():
-        scores[name] = score(predict(view), view.truth.disparity, _PROTOCOL, mask=view.truth.visible)
+    for name, pair in pairs.items():
+        scores[name] = score(predict(pair), pair.truth.disparity, _PROTOCOL, mask=pair.truth.visible)
     return {name: each.figures()[FIGURE] for name, each in scores.items()}, mean_figures(scores)[FIGURE]
 
 
-def mirrored(view: View) -> View:
+def mirrored(pair: RealPair) -> RealPair:
     """Swap the eyes of a pair and mirror both: a network's disparities of it are the right view's, mirrored."""
-    return replace(view, left=view.right[:, ::-1], right=view.left[:, ::-1])
+    return replace(pair, left=pair.right[:, ::-1], right=pair.left[:, ::-1])
 
 
-def judge_without_truth(pairs: Mapping[str, View], predict: Predictor) -> dict[str, float]:
+def judge_without_truth(pairs: Mapping[str, RealPair], predict: Predictor) -> dict[str, float]:
     """Return what share of each pair's pixels the predictions of its other view do not confirm, %."""
-    return {name: unconfirmed(predict(view), predict(mirrored(view))[:, ::-1]) for name, view in pairs.items()}
+    return {name: unconfirmed(predict(pair), predict(mirrored(pair))[:, ::-1]) for name, pair in pairs.items()}
 
 
-def plainness(view: View) -> float:
+def plainness(pair: RealPair) -> float:
     """Return the share of the left image, in %, whose 9 x 9 windows vary by less than 4 levels."""
-    grey = view.left.astype(np.float64).mean(axis=2)
+    grey = pair.left.astype(np.float64).mean(axis=2)
     mean, square = (cv2.blur(values, (9, 9)) for values in (grey, grey**2))
     return float(100 * np.mean(np.sqrt(np.maximum(square - mean**2, 0)) < 4))
 
@@ -144,10 +160,10 @@ def semi_global(max_disparity: int) -> Predictor:
         mode=cv2.STEREO_SGBM_MODE_HH,
     )
 
-    def predict(view: View) -> NDArray[np.float32]:
+    def predict(pair: RealPair) -> NDArray[np.float32]:
         # The columns on the left, for which the search would leave the image, are matched against its edge.
         beside = ((0, 0), (matcher.getNumDisparities(), 0), (0, 0))
-        left, right = (np.pad(image, beside, mode="edge") for image in (view.left, view.right))
+        left, right = (np.pad(image, beside, mode="edge") for image in (pair.left, pair.right))
         found = matcher.compute(left, right)[:, matcher.getNumDisparities() :].astype(np.float32) / 16
         return _filled(np.where(found > 0, found, np.inf))
 

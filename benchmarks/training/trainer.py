@@ -1,6 +1,5 @@
 """A training of the benchmark: crops of pairs in memory or of a stream, steps, predictions."""
 
-import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ import numpy as np
 import torch
 from matching_network import MatchingNetwork, matching_loss
 from numpy.typing import NDArray
-from real_pairs import Predictor, shrunk_disparity, shrunk_image
+from real_pairs import Predictor, RealPair, shrunk_disparity, shrunk_image
 from torch import Tensor, nn
 from torch.utils.data import DataLoader
 
@@ -22,13 +21,8 @@ from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.channels import View
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError, SemisynthError
-from semisynth_gl.torch import Selection, StereoStream
-from semisynth_gl.torch.cutting import Cutting
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / "examples"))
-
-from network_data import needed
-from stereo_evaluation import View as RealView
+from semisynth_gl.torch import StereoStream
+from semisynth_gl.torch.sample_maker import SampleMaker
 
 Sample = dict[str, Tensor]
 _LEARNING_RATE = 3e-3
@@ -88,6 +82,11 @@ def find_precision(device: torch.device) -> torch.dtype:
     return torch.bfloat16
 
 
+def needed(sample: Sample) -> Sample:
+    """Drop what a sample has beside what is learnt from."""
+    return {name: sample[name] for name in ("left", "right", "disparity_left")}
+
+
 def frame_of(left: NDArray[np.uint8], right: NDArray[np.uint8], disparity: NDArray[np.float32]) -> Frame:
     """Return a pair of images (H, W, 3) and the left disparity (H, W) px. Its camera is a stand-in that nobody asks."""
     height, width = disparity.shape
@@ -106,9 +105,9 @@ def read_dataset(folder: Path, factor: int) -> list[Frame]:
     ]
 
 
-def of_judges(views: Mapping[str, RealView]) -> list[Frame]:
+def frames_of(real: Mapping[str, RealPair]) -> list[Frame]:
     """Turn real pairs into what is trained on."""
-    return [frame_of(view.left, view.right, view.truth.disparity) for view in views.values()]
+    return [frame_of(pair.left, pair.right, pair.truth.disparity) for pair in real.values()]
 
 
 def crops(pairs: Sequence[Frame], budget: Budget, augmentation: Augmentation, seed: int) -> Iterator[Sample]:
@@ -118,16 +117,12 @@ def crops(pairs: Sequence[Frame], budget: Budget, augmentation: Augmentation, se
         InputError: where a pair is too small for a crop and its changes.
     """
     sides = [(frame.camera.height_px, frame.camera.width_px) for frame in pairs]
-    cuttings = {size: Cutting(budget.crop_px, augmentation, size, "a pair") for size in set(sides)}
+    makers = {size: SampleMaker(size, "a pair", budget.crop_px, augmentation, needed) for size in set(sides)}
     rng = np.random.default_rng(seed)
     for first in count(0, budget.batch):
-        drawn = []
-        for number, pair in enumerate(rng.choice(len(pairs), budget.batch), first):
-            cutting = cuttings[sides[pair]]
-            place, change = cutting.draw(seed, number)
-            frame = pairs[pair] if place is None else pairs[pair].cropped(place)
-            drawn.append(needed(cutting.sample(frame, change, seed, number)))
-        yield {name: torch.stack([each[name] for each in drawn]) for name in drawn[0]}
+        chosen = enumerate(rng.choice(len(pairs), budget.batch), first)
+        samples = [makers[sides[pair]].make(number, number, seed, pairs[pair].cropped) for number, pair in chosen]
+        yield {name: torch.stack([each[name] for each in samples]) for name in samples[0]}
 
 
 def rendered(config: Config, budget: Budget, augmentation: Augmentation, seed: int, workers: int) -> Iterator[Sample]:
@@ -138,12 +133,10 @@ def rendered(config: Config, budget: Budget, augmentation: Augmentation, seed: i
     """
     if budget.factor != 1:
         raise InputError("pairs that are rendered while a network trains are not shrunk: expected a factor of 1")
-    selection = Selection(pairs=budget.steps * budget.batch)
     stream = StereoStream(
         config,
         seed,
-        selection,
-        batch_size=budget.batch,
+        budget.steps * budget.batch,
         crop=budget.crop_px,
         augmentation=augmentation,
         checked=False,
@@ -215,8 +208,8 @@ def predictor(network: MatchingNetwork, hardware: Hardware) -> Predictor:
     """Return what predicts with a network, in full precision."""
     network.eval()
 
-    def predict(view: RealView) -> NDArray[np.float32]:
-        images = (torch.from_numpy(np.ascontiguousarray(each.transpose(2, 0, 1))) for each in (view.left, view.right))
+    def predict(pair: RealPair) -> NDArray[np.float32]:
+        images = (torch.from_numpy(np.ascontiguousarray(each.transpose(2, 0, 1))) for each in (pair.left, pair.right))
         with torch.inference_mode():
             left, right = (image[None].to(hardware.device).float() / 255 for image in images)
             found: NDArray[np.float32] = network(left, right).final[0].cpu().numpy()

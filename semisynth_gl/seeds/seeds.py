@@ -29,7 +29,6 @@ class Purpose(IntEnum):
     CROP = 13
     PICTURES = 14
     RECIPES = 15
-    MIX = 16
     LARGE_PATCHES = 17
     RESTING = 18
     RIG = 19

@@ -1,4 +1,4 @@
-"""Pairs for PyTorch: `StereoStream` renders them, `StereoDataset` reads them from files, `StereoMix` mixes sources.
+"""Pairs for PyTorch, as map-style datasets: `StereoDataset` reads them from files, `StereoStream` renders them.
 
 No other subpackage imports torch.
 """
@@ -12,20 +12,14 @@ except ModuleNotFoundError as error:
 
 from semisynth_gl.augmentation import PRESETS, Augmentation
 from semisynth_gl.torch.dataset import StereoDataset
-from semisynth_gl.torch.dealing import Selection, TrainingProcess
-from semisynth_gl.torch.mix import StereoMix
 from semisynth_gl.torch.samples import Sample, collate
-from semisynth_gl.torch.stream import Hardware, StereoStream
+from semisynth_gl.torch.stream import StereoStream
 
 __all__ = [
     "PRESETS",
     "Augmentation",
-    "Hardware",
     "Sample",
-    "Selection",
     "StereoDataset",
-    "StereoMix",
     "StereoStream",
-    "TrainingProcess",
     "collate",
 ]

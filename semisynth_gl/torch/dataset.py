@@ -1,7 +1,5 @@
-"""Written pairs for a training loop: `StereoDataset`, a map-style dataset that reads any layout."""
+"""Written pairs for a training loop: `StereoDataset`, which reads any layout."""
 
-from collections.abc import Callable, Mapping
-from copy import copy
 from os import PathLike
 from typing import Any
 
@@ -9,15 +7,15 @@ from torch.utils.data import Dataset
 
 from semisynth_gl.augmentation import Augmentation
 from semisynth_gl.dataset.reader import open_dataset
+from semisynth_gl.frame.camera import Crop
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.seeds.splits import Split, SplitName
-from semisynth_gl.torch.cutting import Cutting
-from semisynth_gl.torch.samples import Sample, check_transform
+from semisynth_gl.torch.sample_maker import SampleMaker, Transform
 
 
 class StereoDataset(Dataset[Any]):
-    """The pairs of a written dataset, in any layout: ``dataset[i]`` is a sample as `StereoStream` would yield it.
+    """The pairs of a written dataset, in any layout: ``dataset[i]`` equals the sample of a `StereoStream`.
 
     A sample is a dictionary, see `to_sample`. Files are read when a sample is asked for, and no file stays open, so the
     dataset can be pickled, and workers may be forked or spawned. It needs no OpenGL.
@@ -34,8 +32,6 @@ class StereoDataset(Dataset[Any]):
 
     Attributes:
         pairs: the dataset as `open_dataset` opens it: ``dataset.pairs[i].provenance`` says how a pair was made.
-        identity: everything that decides the content of the samples, in JSON's types; the dataset's address is not
-            part of it.
 
     Raises:
         InputError: where the address has no dataset, the dataset is not finished or has no such split, or an argument
@@ -52,27 +48,17 @@ class StereoDataset(Dataset[Any]):
         crop: tuple[int, int] | None = None,
         seed: int | None = None,
         augmentation: Augmentation | None = None,
-        transform: Callable[[Sample], Any] | None = None,
+        transform: Transform | None = None,
     ) -> None:
-        check_transform(transform)
         self.pairs = open_dataset(address, split)
         about = self.pairs.about
         self._seed = about.plan.seed if seed is None else to_whole("seed", seed, least=0)
-        self._together = about.plan.config.sequence.length * about.plan.views
-        self._transform, self._epoch = transform, 0
+        self._pairs_in_sequence = about.plan.config.sequence.length * about.plan.views
         sides = (0, 0)
         if crop is not None or augmentation is not None:
             camera = self.pairs[0].camera
             sides = camera.height_px, camera.width_px
-        self._cutting = Cutting(crop, augmentation, sides, about.address)
-        made = ("version", "config", "config_sha256", "seed", "layout", "pairs", "sources", "plugins")
-        self.identity: Mapping[str, Any] = {
-            # Without plug-ins there is no such key.
-            "dataset": {name: value for name, value in about.plan.values().items() if name in made},
-            "split": split,
-            **self._cutting.identity,
-            "crop_seed": self._seed,
-        }
+        self._maker = SampleMaker(sides, about.address, crop, augmentation, transform)
 
     def __len__(self) -> int:
         return len(self.pairs)
@@ -87,20 +73,20 @@ class StereoDataset(Dataset[Any]):
         """
         number = to_whole("number", number)
         split, index = self.pairs.pair(number)
-        frame: Frame = self.pairs[number]
-        sequence, seed = index // self._together, Split(self._seed, split).seed
-        place, drawn = self._cutting.draw(seed, sequence, self._epoch)
-        if place is not None:
-            frame = frame.cropped(place)
-        sample = self._cutting.sample(frame, drawn, seed, index, self._epoch)
-        return sample if self._transform is None else self._transform(sample)
 
-    def at_epoch(self, epoch: int) -> "StereoDataset":
-        """Return a copy of this dataset with the crops and changes of an epoch, counted from 0; each epoch has others.
+        def read(crop: Crop | None) -> Frame:
+            frame = self.pairs[number]
+            return frame if crop is None else frame.cropped(crop)
+
+        return self._maker.make(index, index // self._pairs_in_sequence, Split(self._seed, split).seed, read)
+
+    def set_epoch(self, epoch: int) -> None:
+        """Choose the crops and changes of an epoch; call it before each epoch. Running workers follow too.
+
+        Args:
+            epoch: from 0, with which a dataset begins.
 
         Raises:
             InputError: where the epoch is not a whole number of 0 or more.
         """
-        other = copy(self)
-        other._epoch = to_whole("epoch", epoch, least=0)  # noqa: SLF001 - its own
-        return other
+        self._maker.set_epoch(epoch)

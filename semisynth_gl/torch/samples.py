@@ -10,7 +10,7 @@ from torch.utils.data import default_collate
 
 from semisynth_gl.frame.channels import ROLES
 from semisynth_gl.frame.frame import Frame
-from semisynth_gl.inputs.errors import InputError, shown
+from semisynth_gl.inputs.errors import InputError
 
 Sample = dict[str, Any]
 """A pair as `StereoStream` and `StereoDataset` make it, before `transform`: see `to_sample`."""
@@ -70,12 +70,6 @@ def collate(samples: Sequence[Sample]) -> Sample:
         for name in samples[0]
         if all(name in sample for sample in samples)
     }
-
-
-def check_transform(transform: object) -> None:
-    """Check that a transform is a function or None; otherwise raise InputError."""
-    if transform is not None and not callable(transform):
-        raise InputError(f"transform must be a function of a sample, got {shown(transform)}")
 
 
 def _tensor(array: Any) -> torch.Tensor:  # noqa: ANN401 - an array, or what a reader has made instead

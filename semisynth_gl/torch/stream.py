@@ -1,83 +1,55 @@
-"""Pairs rendered while a network trains: `StereoStream`, an IterableDataset without files.
-
-The samples of a stream are the pairs of the dataset that the same config and seed give, whichever process renders them.
-`Dealing` decides which process gets which samples, so workers and training processes share only the stream's arguments.
-"""
+"""Pairs rendered while a network trains: `StereoStream`, a dataset without files."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, nullcontext
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any, Literal, get_args
 
 import torch
-from torch.utils.data import get_worker_info
+from torch.utils.data import Dataset, get_worker_info
 
 from semisynth_gl.augmentation import Augmentation
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.engines import THREADS, threads_each
+from semisynth_gl.frame.camera import Crop
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import check_one_of, check_type, to_whole
-from semisynth_gl.inputs.errors import BackendError, InputError
+from semisynth_gl.inputs.errors import BackendError, InputError, shown
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.plugins import plugin_records
 from semisynth_gl.render.backends import BACKENDS, Backend
 from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.render.readers import read_array
-from semisynth_gl.scene.sources import Sources, prepare_sources
-from semisynth_gl.torch.cutting import Cutting
-from semisynth_gl.torch.dealing import Dealing, Selection, TrainingProcess, Worker
-from semisynth_gl.torch.interop import CudaReader
-from semisynth_gl.torch.iteration import DealtDataset
-from semisynth_gl.torch.samples import Sample, check_transform
+from semisynth_gl.seeds.seeds import LARGEST_NUMBER
+from semisynth_gl.seeds.splits import SPLITS, SplitName
+from semisynth_gl.torch.cuda_reader import CudaReader
+from semisynth_gl.torch.sample_maker import SampleMaker, Transform
 
 TensorDevice = Literal["cpu", "cuda"]
 
 
-@dataclass(frozen=True, slots=True)
-class Hardware:
-    """The hardware that draws, and the device of the tensors.
+class StereoStream(Dataset[Any]):
+    """The pairs of a config, rendered when they are asked for: ``stream[i]`` is pair i of the dataset it would make.
 
-    Attributes:
-        backend: "auto", "egl" or "osmesa".
-        gpus: numbers, as CUDA counts, of the GPUs that workers use in turn; empty for EGL's first device, or, with
-            device "cuda", for torch's current one.
-        device: "cpu", or "cuda" for tensors that never leave the GPU; "cuda" needs a DataLoader without workers.
-
-    Raises:
-        InputError: where a value cannot be used.
-    """
-
-    backend: Backend = "auto"
-    gpus: Sequence[int] = ()
-    device: TensorDevice = "cpu"
-
-    def __post_init__(self) -> None:
-        for number in self.gpus:
-            to_whole("gpus", number, least=0)
-        check_one_of("backend", self.backend, BACKENDS)
-        check_one_of("device", self.device, get_args(TensorDevice))
-
-
-class StereoStream(DealtDataset):
-    """Renders pairs one after the other, in the DataLoader's workers if it has any, and writes no files.
-
-    Samples are numbered from 0 and never repeat within an iteration; each iteration begins at ``selection.first``.
-    Without ``selection.frames``, sample n is pair n. A sample is a dictionary, see `to_sample`. Each process that
-    iterates opens a renderer when it begins and releases it when it ends.
+    A sample is a dictionary, see `to_sample`. Each process that asks for samples opens a renderer for the first one and
+    keeps it, so workers must be spawned; `close` releases it. Samples may be asked for in any order. Pairs of one scene
+    or sequence render faster one after the other.
 
     Args:
         config: the config of the pairs.
         seed: decides, with the config, the content of all pairs; 0 or more.
-        selection: the samples to yield; by default all pairs of ``train``, without end.
-        crop: height and width, px: yield a crop of each pair, at a place that follows from the seed and the pair's
-            sequence; None for whole images.
-        augmentation: changes of each pair, before the transform; the seed and the pair's sequence decide them.
-        checked: whether pairs that fail the config's checks are drawn again, as in a dataset. Without checks, crops are
-            much faster, and the few pairs that would have failed differ from the dataset's pairs.
-        transform: a function that gets the sample and returns the object to yield instead.
-        batch_size: the DataLoader's batch size, with which batches consist of successive samples and come in order.
-        process: this training process; by default as torch.distributed numbers it.
-        hardware: the hardware that draws, and the device of the tensors; see `Hardware` for the defaults.
+        pairs: number of pairs, ``len(stream)``.
+        split: the split whose pairs they are.
+        splits: names of all splits of the dataset; photographs are held out for each of them.
+        crop: height and width, px: cut a crop out of each pair, at a place that follows from the seed, the pair's
+            sequence and the epoch; None for whole images.
+        augmentation: changes of each pair, before the transform; the seed, the pair's sequence and the epoch decide
+            them.
+        checked: whether pairs that fail the config's checks are rendered again, as in a dataset. Without checks, crops
+            are much faster, and the few pairs that would have failed differ from the dataset's pairs.
+        transform: a function that gets the sample and returns the object to use instead.
+        backend: "auto", "egl" or "osmesa".
+        gpus: numbers, as CUDA counts, of the GPUs that workers use in turn; empty for EGL's first device, or, with
+            device "cuda", for torch's current one.
+        device: "cpu", or "cuda" for tensors that never leave the GPU; "cuda" needs a DataLoader without workers.
 
     Raises:
         InputError: where an argument cannot be used.
@@ -86,133 +58,120 @@ class StereoStream(DealtDataset):
     def __init__(
         self,
         config: Config,
-        seed: int = 0,
-        selection: Selection | None = None,
+        seed: int,
+        pairs: int,
         *,
+        split: SplitName = "train",
+        splits: Sequence[SplitName] = ("train",),
         crop: tuple[int, int] | None = None,
         augmentation: Augmentation | None = None,
         checked: bool = True,
-        transform: Callable[[Sample], Any] | None = None,
-        batch_size: int = 1,
-        process: TrainingProcess | None = None,
-        hardware: Hardware | None = None,
+        transform: Transform | None = None,
+        backend: Backend = "auto",
+        gpus: Sequence[int] = (),
+        device: TensorDevice = "cpu",
     ) -> None:
         check_type("config", config, Config, "load_config(NAME_OR_PATH) reads one")
         seed = to_whole("seed", seed, least=0)
-        batch_size = to_whole("batch_size", batch_size, least=1)
-        selection = selection or Selection()
-        source = RenderedPairs(config, seed, selection, hardware or Hardware(), crop, augmentation, checked, transform)
-        super().__init__(source, Dealing(selection.first, selection.pairs, batch_size, source.together), process)
+        self._pairs = to_whole("pairs", pairs, 1, LARGEST_NUMBER)
+        self._config, self._checked = config, checked
+        if split not in splits or not all(each in SPLITS for each in splits):
+            raise InputError(
+                f"split: expected one of splits, and as splits the dataset's own among {', '.join(SPLITS)}, got "
+                f"split={shown(split)} and splits={shown(splits)}"
+            )
+        self._split = config.splits.split(split, splits, seed)
+        self._gpus = tuple(to_whole("gpus", number, least=0) for number in gpus)
+        check_one_of("backend", backend, BACKENDS)
+        check_one_of("device", device, get_args(TensorDevice))
+        self._backend, self._device = backend, device
+        if device == "cuda":
+            self._check_cuda(augmentation)
+        self._renderer: PairRenderer | None = None
+        self._reader: CudaReader | None = None
+        self._process = os.getpid()
+        sides = config.camera.height_px, config.camera.width_px
+        self._maker = SampleMaker(sides, "the config's camera", crop, augmentation, transform)
 
+    def __len__(self) -> int:
+        return self._pairs
 
-@dataclass(eq=False)
-class RenderedPairs:
-    """The pairs of a config and a seed as a `Source`, rendered when they are asked for; see `StereoStream`."""
+    def __getitem__(self, number: int) -> Any:  # noqa: ANN401 - what the transform returns
+        """Render a sample; its ``index`` is the pair's number in its split.
 
-    config: Config
-    seed: int
-    selection: Selection
-    hardware: Hardware
-    crop: tuple[int, int] | None
-    augmentation: Augmentation | None
-    checked: bool
-    transform: Callable[[Sample], Any] | None
+        Raises:
+            InputError: where the number is not a whole number, photographs or models cannot be used, or all attempts at
+                the pair fail its checks.
+            IndexError: where the stream has fewer pairs.
+            BackendError: where OpenGL cannot be used.
+        """
+        index = range(self._pairs)[to_whole("number", number)]
+        sequence = index // (self._config.sequence.length * self._config.views)
 
-    def __post_init__(self) -> None:
-        self._split = self.config.splits.split(self.selection.split, self.selection.splits, self.seed)
-        self._frames = self.selection.frames_in(self.config.sequence.length)
-        self._check()
-        sides = self.config.camera.height_px, self.config.camera.width_px
-        self._cutting = Cutting(self.crop, self.augmentation, sides, "the config's camera")
-        self.together = len(self._frames) * self.config.views
-        self._sources: Sources | None = None
-        self._digests: Mapping[str, str] | None = None
+        def render(crop: Crop | None) -> Frame:
+            return self._opened().render(index, crop=crop, checked=self._checked).frame
+
+        return self._maker.make(index, sequence, self._split.seed, render)
 
     def __getstate__(self) -> dict[str, Any]:
-        # Workers load patches and models from the cache: an atlas of up to 134 MB would be slow to pickle.
-        return self.__dict__ | {"_sources": None, "_digests": None}
+        # Workers open renderers of their own.
+        return self.__dict__ | {"_renderer": None, "_reader": None}
 
-    @property
-    def identity(self) -> Mapping[str, Any]:
-        """Everything that decides the content of the samples, in JSON's types.
+    def set_epoch(self, epoch: int) -> None:
+        """Choose the crops and changes of an epoch; call it before each epoch. Running workers follow too.
 
-        This includes arguments, digests of patches and models, and versions of plug-ins.
+        Args:
+            epoch: from 0, with which a stream begins.
+
+        Raises:
+            InputError: where the epoch is not a whole number of 0 or more.
         """
-        if self._digests is None:
-            self._digests = self._prepared().digests()
-        return {
-            "config": self.config.name,
-            "config_sha256": self.config.digest(),
-            "seed": self.seed,
-            "split": self.selection.split,
-            "splits": list(self.selection.splits),
-            "frames": list(self._frames),
-            **self._cutting.identity,
-            "checked": self.checked,
-            "sources": self._digests,
-            "plugins": plugin_records(self.config.used_plugins().values()),
-        }
+        self._maker.set_epoch(epoch)
 
-    @contextmanager
-    def open(self, worker: Worker) -> Iterator[Callable[[int], Any]]:
-        """Open a worker's renderer; yield a function that renders a sample by its number."""
-        name = "the stream"
-        if get_worker_info() is not None:
-            if self.hardware.device == "cuda":
+    def close(self) -> None:
+        """Release this process's renderer; the next sample opens another one."""
+        if self._process == os.getpid():
+            if self._reader is not None:
+                self._reader.close()
+            if self._renderer is not None:
+                self._renderer.release()
+        self._renderer = self._reader = None
+
+    def _opened(self) -> PairRenderer:
+        """Return this process's renderer; open it where there is none."""
+        if self._renderer is None or self._process != os.getpid():
+            self._renderer = self._open()
+            self._process = os.getpid()
+        return self._renderer
+
+    def _open(self) -> PairRenderer:
+        worker, number, name = get_worker_info(), 0, "the stream"
+        if worker is not None:
+            if self._device == "cuda":
                 raise InputError("device='cuda' needs num_workers=0, since tensors on a GPU do not leave their process")
-            name = f"worker {worker.number} of {worker.total}"
-            os.environ.setdefault(THREADS, str(threads_each(worker.total)))
-        gpus, backend = self.hardware.gpus, self.hardware.backend
-        reader: CudaReader | None = None
-        if self.hardware.device == "cuda":
+            number, name = worker.id, f"worker {worker.id} of {worker.num_workers}"
+            os.environ.setdefault(THREADS, str(threads_each(worker.num_workers)))
+        gpus = self._gpus
+        if self._device == "cuda":
             gpus = gpus or (torch.cuda.current_device(),)
-            reader = CudaReader(torch.device("cuda", gpus[0]))
-        device_index = egl_index_of_worker(tuple(gpus), worker.number)
+            self._reader = CudaReader(torch.device("cuda", gpus[0]))
+        device_index, read = egl_index_of_worker(gpus, number), self._reader or read_array
         try:
-            renderer = PairRenderer(
-                self.config, self._split, backend, device_index, reader or read_array, self._prepared()
-            )
+            renderer = PairRenderer(self._config, self._split, self._backend, device_index, read)
         except BackendError as error:
             raise BackendError(f"{name} cannot render: {error}") from error
         renderer.forget_pixels()
-        if get_worker_info() is not None:
-            self._sources = None  # each of many workers would hold its own copy of the pixels
-        try:
-            with renderer, nullcontext() if reader is None else closing(reader):
-                yield lambda number: self._render(renderer, number)
-        finally:
-            self._sources = None
+        return renderer
 
-    def _prepared(self) -> Sources:
-        """Return patches and models; they are kept from the first call to the end of an iteration."""
-        if self._sources is None:
-            self._sources = prepare_sources(self.config, self._split)
-            self._digests = None  # files may have changed since
-        return self._sources
-
-    def _render(self, renderer: PairRenderer, number: int) -> Any:  # noqa: ANN401 - what the transform returns
-        sequence, rest = divmod(number, self.together)
-        frame, view = divmod(rest, self.config.views)
-        index = (sequence * self.config.sequence.length + self._frames[frame]) * self.config.views + view
-        seed = self._split.seed
-        place, drawn = self._cutting.draw(seed, sequence)
-        pair = renderer.render(index, crop=place, checked=self.checked)
-        sample = self._cutting.sample(pair.frame, drawn, seed, pair.index)
-        return sample if self.transform is None else self.transform(sample)
-
-    def _check(self) -> None:
-        hardware = self.hardware
-        check_transform(self.transform)
-        if hardware.device == "cpu":
-            return
-        if self.checked or self.augmentation is not None or not self.config.images_as_drawn:
+    def _check_cuda(self, augmentation: Augmentation | None) -> None:
+        if self._checked or augmentation is not None or not self._config.images_as_drawn:
             raise InputError(
                 "device='cuda' needs checked=False and a config without a lens, imperfections or augmentation, since "
                 "these work on arrays in the computer's memory: change that, or leave device out and let the loader "
                 "pin memory (pin_memory=True)"
             )
-        if hardware.backend == "osmesa" or not torch.cuda.is_available():
+        if self._backend == "osmesa" or not torch.cuda.is_available():
             raise InputError(
-                f"device='cuda' needs EGL and a GPU that torch finds, got backend={hardware.backend!r} and "
+                f"device='cuda' needs EGL and a GPU that torch finds, got backend={self._backend!r} and "
                 f"torch.cuda.is_available() {torch.cuda.is_available()}: leave device out"
             )

@@ -10,15 +10,14 @@ if not torch.cuda.is_available():
 pytestmark = pytest.mark.heavy
 
 from semisynth_gl.frame.channels import DRAWN_OUTPUTS  # noqa: E402
-from semisynth_gl.torch import Hardware, Selection, StereoStream  # noqa: E402
+from semisynth_gl.torch import StereoStream  # noqa: E402
 
 
 @pytest.mark.parametrize("crop", [None, (20, 30)])
 def test_tensors_are_those_of_main_memory(crop):
     config = cheap(outputs=DRAWN_OUTPUTS, sequence={"length": 2})
     through_memory, on_gpu = (
-        list(StereoStream(config, 3, Selection(pairs=6), crop=crop, checked=False, hardware=Hardware(device=device)))
-        for device in ("cpu", "cuda")
+        list(StereoStream(config, 3, 6, crop=crop, checked=False, device=device)) for device in ("cpu", "cuda")
     )
     assert len(on_gpu) == 6
     for expected, found in zip(through_memory, on_gpu, strict=True):

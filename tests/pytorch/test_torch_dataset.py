@@ -23,8 +23,8 @@ pytestmark = pytest.mark.heavy
 
 from torch.utils.data import ConcatDataset, DataLoader, Subset, get_worker_info  # noqa: E402 - torch is optional
 
-from semisynth_gl.torch import Hardware, Selection, StereoDataset, StereoStream, collate  # noqa: E402
-from semisynth_gl.torch.cutting import Cutting  # noqa: E402
+from semisynth_gl.torch import StereoDataset, StereoStream, collate  # noqa: E402
+from semisynth_gl.torch.sample_maker import SampleMaker  # noqa: E402
 
 TIMEOUT_S = 120
 SEED = 3
@@ -58,7 +58,7 @@ def moving():
 def streamed(moving):
     """What the stream yields, by split and crop."""
     return {
-        (split, crop): list(StereoStream(moving, SEED, Selection(split, tuple(SPLITS), pairs=pairs), crop=crop))
+        (split, crop): list(StereoStream(moving, SEED, pairs, split=split, splits=tuple(SPLITS), crop=crop))
         for split, pairs in SPLITS.items()
         for crop in ((None, CROP) if split == "train" else (CROP,))
     }
@@ -99,22 +99,20 @@ def test_a_dataset_has_the_samples_of_the_stream(backend, moving, streamed, layo
 
 
 @pytest.mark.parametrize("backend", ["egl"], indirect=True)
-def test_pairs_of_one_scene_stay_together_and_share_their_crop(backend, tmp_path):
+def test_pairs_of_one_scene_share_their_crop_and_no_tensor(backend, tmp_path):
     camera = {"baseline_m": None, "baselines": [0.4, 1.0, 0.7], "sway_m": 0.05}
     config = cheap(sequence={"length": 2}, camera=camera, outputs=["visibility", "flow"])
-    selection = Selection(frames=(1,), pairs=5)
-    streamed = list(StereoStream(config, SEED, selection, crop=CROP))
-    assert [sample["index"] for sample in streamed] == [3, 4, 5, 9, 10]
+    stream = StereoStream(config, SEED, 11, crop=CROP)
+    order = [3, 4, 5, 9, 10, 4]
+    streamed = [stream[index] for index in order]
+    assert [sample["index"] for sample in streamed] == order
     assert torch.equal(streamed[0]["left"], streamed[1]["left"])
     streamed[0]["left"] += 1  # what a transform does to one stays there
     assert not torch.equal(streamed[0]["left"], streamed[1]["left"])
     streamed[0]["left"] -= 1
     generate(config, tmp_path / "set", 11, SEED, layout="webdataset", backend=backend)
     stored = StereoDataset(tmp_path / "set", crop=CROP)
-    for sample in streamed:
-        other = stored[sample["index"]]
-        assert other["camera"] == sample["camera"]
-        assert all(torch.equal(other[role], sample[role]) for role in ROLES if role in sample)
+    assert [same(sample, stored[sample["index"]]) for sample in streamed] == [True] * 6
     assert [stored.pairs[index].provenance["view"] for index in range(7)] == [0, 1, 2, 0, 1, 2, 0]
 
 
@@ -160,8 +158,11 @@ def place_of(sample, whole):
 def test_a_crop_of_tensors_has_the_masks_of_a_crop_of_arrays():
     pair = make_frame(2).cropped(Crop(5, 3, CROP[1], CROP[0]))
     tensors = [{name: torch.from_numpy(array) for name, array in pair.view(eye).items()} for eye in EYES]
-    cutting = Cutting(CROP, None, (32, 48), "a pair")
-    samples = [cutting.sample(each, None, 0, 2) for each in (pair, Frame(pair.camera, *map(View, tensors)))]
+    maker = SampleMaker((32, 48), "a pair", CROP, None, None)
+    samples = [
+        maker.make(2, 2, SEED, lambda _: pair),
+        maker.make(2, 2, SEED, lambda _: Frame(pair.camera, *map(View, tensors))),
+    ]
     assert same(*samples)
     assert not torch.equal(samples[0]["visibility_left"], torch.from_numpy(pair.left.visibility))
 
@@ -178,12 +179,14 @@ def test_crops_are_parts_that_the_seed_and_the_epoch_choose(hand_made):
             found = sample[role].numpy()
             np.testing.assert_array_equal(found.transpose(1, 2, 0) if found.ndim == 3 else found, array)
     assert len(set(first)) == 7
-    assert places(crops) == places(crops.at_epoch(0)) == places(StereoDataset(hand_made, crop=CROP, seed=SEED)) == first
-    others = [places(crops.at_epoch(epoch)) for epoch in (1, 2)]
-    others += [places(StereoDataset(hand_made, crop=CROP, seed=SEED + 1))]
-    others += [places(StereoDataset(hand_made, crop=CROP, seed=SEED + 1).at_epoch(1))]
+    assert places(crops) == places(StereoDataset(hand_made, crop=CROP, seed=SEED)) == first
+    others, reseeded = [], StereoDataset(hand_made, crop=CROP, seed=SEED + 1)
+    for dataset, epoch in ((crops, 1), (crops, 2), (reseeded, 0), (reseeded, 1)):
+        dataset.set_epoch(epoch)
+        others.append(places(dataset))
     assert len({*map(tuple, [first, *others])}) == 5
-    assert places(crops) == first  # at_epoch made another dataset
+    crops.set_epoch(0)
+    assert places(crops) == first
     test = StereoDataset(hand_made, "test", crop=CROP)
     assert [place_of(*both) for both in zip(test, StereoDataset(hand_made, "test"), strict=True)] != first[:3]
 
@@ -198,7 +201,7 @@ def by_worker(sample):
 @pytest.mark.parametrize(("way", "workers"), [("fork", 3), ("spawn", 2)])
 def test_workers_read_what_this_process_reads(backend, hand_made, way, workers):
     # Forked from a process that has drawn: a dataset needs no OpenGL.
-    next(iter(StereoStream(cheap(), hardware=Hardware(backend))))
+    assert len(StereoStream(cheap(), SEED, 1, backend=backend)[0]["left"]) == 3
     here = StereoDataset(hand_made, None, crop=CROP)
     wanted = list(here)
     dataset = StereoDataset(hand_made, None, crop=CROP, transform=by_worker)
@@ -215,8 +218,20 @@ def test_workers_read_what_this_process_reads(backend, hand_made, way, workers):
     assert seen == set(range(workers))
 
 
-def test_a_dataset_travels(hand_made):
-    dataset = StereoDataset(hand_made, crop=CROP).at_epoch(3)
+@pytest.mark.parametrize("way", ["fork", "spawn"])
+def test_workers_that_stay_follow_the_epoch(hand_made, way):
+    dataset = StereoDataset(hand_made, crop=CROP)
+    loader = DataLoader(
+        dataset, None, num_workers=1, multiprocessing_context=way, persistent_workers=True, timeout=TIMEOUT_S
+    )
+    for epoch in range(3):
+        dataset.set_epoch(epoch)
+        assert [same(*both) for both in zip(loader, dataset, strict=True)] == [True] * 7
+
+
+def test_a_dataset_can_be_pickled(hand_made):
+    dataset = StereoDataset(hand_made, crop=CROP)
+    dataset.set_epoch(3)
     dataset[0]
     for travelled in (pickle.loads(pickle.dumps(dataset)), Subset(dataset, range(7))):  # noqa: S301 - pickled here
         assert all(same(sample, other) for sample, other in zip(dataset, travelled, strict=True))
@@ -282,8 +297,8 @@ def test_what_is_no_dataset_pair_or_sample_is_refused(hand_made, tmp_path):
     for number in ("0", 1.0, slice(2)):
         with pytest.raises(InputError, match="number: must be a whole number"):
             dataset[number]
-    with pytest.raises(InputError, match="epoch: must be 0 or more"):
-        dataset.at_epoch(-1)
+    with pytest.raises(InputError, match="epoch: must be from 0"):
+        dataset.set_epoch(-1)
     with pytest.raises(InputError, match="expected one or more"):
         collate([])
 

@@ -479,11 +479,11 @@ def test_layouts_whose_files_have_no_negative_disparities_are_refused():
 @pytest.mark.heavy
 def test_the_stream_and_written_datasets_give_the_same_tensors(tmp_path):
     torch = heavy("torch")
-    from semisynth_gl.torch import Selection, StereoDataset, StereoStream, collate
+    from semisynth_gl.torch import StereoDataset, StereoStream, collate
 
     config = open_scenes(6.5, 1.0, outputs=("sky", "visibility"))
     generate(config, tmp_path / "data", 2, SEED, layout="webdataset")
-    streamed = list(StereoStream(config, SEED, Selection(pairs=2)))
+    streamed = list(StereoStream(config, SEED, 2))
     for sample, read in zip(streamed, StereoDataset(tmp_path / "data"), strict=True):
         assert list(sample) == list(read)
         for name in ("disparity_left", "disparity_right", "sky_left", "sky_right", "visibility_left"):

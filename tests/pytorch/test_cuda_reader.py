@@ -11,6 +11,7 @@ import pytest
 from heavy import heavy
 from tiny_datasets import cheap
 
+from semisynth_gl.augmentation import Augmentation
 from semisynth_gl.frame.camera import Crop
 from semisynth_gl.frame.channels import DRAWN_OUTPUTS
 from semisynth_gl.inputs.errors import BackendError, InputError
@@ -20,8 +21,8 @@ from semisynth_gl.render.readers import PixelBuffers
 torch = heavy("torch")
 pytestmark = pytest.mark.heavy
 
-from semisynth_gl.torch import Hardware, Selection, StereoStream, stream  # noqa: E402
-from semisynth_gl.torch.interop import CudaReader  # noqa: E402
+from semisynth_gl.torch import StereoStream, stream  # noqa: E402
+from semisynth_gl.torch.cuda_reader import CudaReader  # noqa: E402
 
 SEED = 3
 # The stand-in's pointers are the processor's, so tensors are too.
@@ -219,27 +220,32 @@ def gpu(monkeypatch, runtime):
 
 
 def test_a_stream_on_a_gpu_yields_the_same(gpu):
-    options = {"selection": Selection(pairs=3), "crop": (20, 30), "checked": False}
+    options = {"crop": (20, 30), "checked": False}
     # Taken in turns: the reader of one stream is not the other's.
-    there = iter(StereoStream(cheap(), SEED, hardware=Hardware(device="cuda"), **options))
-    here = iter(StereoStream(cheap(), SEED, **options))
+    there, here = (StereoStream(cheap(), SEED, 3, device=device, **options) for device in ("cuda", "cpu"))
     for on_gpu, sample in zip(there, here, strict=True):
         assert on_gpu["instances_left"].dtype == torch.int32
         for name, tensor in sample.items():
             assert name in ("index", "camera") or torch.equal(on_gpu[name], tensor), name
     assert gpu.calls.count("map") == 3 * 10
+    assert gpu.registered
+    there.close()
     assert not gpu.registered
 
 
 @pytest.mark.usefixtures("gpu")
 def test_tensors_on_a_gpu_do_not_come_from_workers():
-    one = StereoStream(cheap(), SEED, hardware=Hardware(device="cuda"), checked=False)
+    one = StereoStream(cheap(), SEED, 1, device="cuda", checked=False)
     loaded = torch.utils.data.DataLoader(one, num_workers=1, multiprocessing_context="fork")
     with pytest.raises(InputError, match="needs num_workers=0"):
         next(iter(loaded))
 
 
 @pytest.mark.usefixtures("gpu")
-def test_pairs_with_imperfections_are_not_for_a_gpu():
-    with pytest.raises(InputError, match="config without a lens, imperfections"):
-        StereoStream(cheap(imperfections={"noise": [1, 2]}), hardware=Hardware(device="cuda"), checked=False)
+@pytest.mark.parametrize(
+    ("config", "options"),
+    [({"imperfections": {"noise": [1, 2]}}, {}), ({}, {"augmentation": Augmentation()}), ({}, {"checked": True})],
+)
+def test_what_works_on_arrays_in_memory_is_not_for_a_gpu(config, options):
+    with pytest.raises(InputError, match="needs checked=False and a config without a lens, imperfections"):
+        StereoStream(cheap(**config), SEED, 1, **({"device": "cuda", "checked": False} | options))
