@@ -84,7 +84,7 @@ def folder(path: Path) -> JudgedPairs:
     else:
         read_images = [partial(_photographed, Path(pair.source).parent) for pair in found.pairs]
     pairs = [(pair.name, read, pair.read) for pair, read in zip(found.pairs, read_images, strict=True)]
-    return JudgedPairs(path.name, found.protocol, pairs)
+    return JudgedPairs(str(path), found.protocol, pairs)
 
 
 def _rendered(frames: Any, number: int) -> Images:  # noqa: ANN401 - a dataset as open_dataset opens it

@@ -1,6 +1,6 @@
 """Train a stereo network on pairs of this program, and judge it by real pairs.
 
-    pip install lightning tensorboard torchdata
+    pip install lightning tensorboard
     python examples/train.py                                       # a small network; pairs rendered as it trains
     python examples/train.py --data out/rooms                      # on a dataset
     python examples/train.py --network my_module:make --loss sequence --pretrained theirs.pth
@@ -12,9 +12,10 @@ docs/training.md has what comes out.
 import importlib
 import inspect
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any
 
 import click
@@ -23,33 +24,29 @@ import torch
 from judged_pairs import COLUMNS, folder, motorcycle, picture
 from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.loggers import TensorBoardLogger
-from ruamel.yaml import YAML
+from lightning.pytorch.utilities.exceptions import MisconfigurationException
+from ruamel.yaml import YAML, YAMLError
 from stereo_network import cross_entropy_loss
 from torch import Tensor, nn
 from torch.nn import functional
 from torch.utils.data import ConcatDataset, DataLoader, WeightedRandomSampler
-from torchdata.stateful_dataloader import StatefulDataLoader
 
 from semisynth_gl.config import load_config
 from semisynth_gl.inputs.errors import InputError, SemisynthError
 from semisynth_gl.judge import score
 from semisynth_gl.torch import PRESETS, Augmentation, Sample, StereoDataset, StereoStream
 
-CHECKPOINT = "checkpoint"
+CONTEXT = {"help_option_names": ["-h", "--help"], "show_default": True, "max_content_width": 100}
 CONFIG = Path(__file__).with_name("small-rooms.yaml")
 _FILE = click.Path(path_type=Path, exists=True)
 _MULTIPLE_PX = 32
 """Whole images are padded to multiples of this, px, which published networks need."""
-_MEAN, _DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+_MEAN, _DEVIATION = [[[0.485]], [[0.456]], [[0.406]]], [[[0.229]], [[0.224]], [[0.225]]]
 LEVELS: Mapping[str, Callable[[Tensor], Tensor]] = {
     "unit": lambda images: images / 255,
     "byte": lambda images: images,
-    "imagenet": lambda images: (images / 255 - _channels(_MEAN, images)) / _channels(_DEVIATION, images),
+    "imagenet": lambda images: (images / 255 - images.new_tensor(_MEAN)) / images.new_tensor(_DEVIATION),
 }
-
-
-def _channels(values: Sequence[float], like: Tensor) -> Tensor:
-    return like.new_tensor(values).view(1, 3, 1, 1)
 
 
 def needed(sample: Sample) -> Sample:
@@ -73,8 +70,7 @@ def _weighted(
     error: Callable[..., Tensor], several: list[Tensor], weights: list[float], truth: Tensor, valid: Tensor
 ) -> Tensor:
     losses = [error(each.float()[valid], truth[valid], reduction="sum") for each in several]
-    sums = [weight * loss for weight, loss in zip(weights, losses, strict=True)]
-    return torch.stack(sums).sum() / valid.sum().clamp(min=1)
+    return truth.new_tensor(weights) @ torch.stack(losses) / valid.sum().clamp(min=1)
 
 
 def sequence_loss(output: Any, truth: Tensor, valid: Tensor) -> Tensor:  # noqa: ANN401 - as estimates takes it
@@ -114,6 +110,7 @@ class StereoModule(lightning.LightningModule):
         loss: str = "smooth-l1",
         learning_rate: float = 2e-3,
         steps: int = 1,
+        seed: int = 0,
         *,
         fixed_norms: bool = False,
     ) -> None:
@@ -121,7 +118,8 @@ class StereoModule(lightning.LightningModule):
         self.save_hyperparameters()
         self.network = _made(network, arguments, max_disparity)
         self._levels, self._loss, self._max_disparity = LEVELS[levels], LOSSES[loss], max_disparity
-        self._learning_rate, self._steps, self._fixed_norms = learning_rate, steps, fixed_norms
+        self._learning_rate, self._steps, self._seed, self._fixed_norms = learning_rate, steps, seed, fixed_norms
+        self.train()  # Lightning does not call it
 
     def train(self, mode: bool = True) -> "StereoModule":  # noqa: FBT001, FBT002 - PyTorch's signature
         """Switch between training and evaluation; fixed norms stay in evaluation."""
@@ -147,15 +145,17 @@ class StereoModule(lightning.LightningModule):
         """Move tensors; real pairs have more beside them."""
         return {name: each.to(device) if isinstance(each, Tensor) else each for name, each in batch.items()}
 
+    def on_train_batch_start(self, *_: object) -> None:
+        """Seed what networks draw, such as dropout, by the step: a resumed training draws the same."""
+        torch.manual_seed((self._seed << 32) + self.global_step * self.trainer.world_size + self.global_rank)
+
     def training_step(self, batch: Sample, _: int) -> Tensor:
         """Return the loss of a batch."""
         truth = batch["disparity_left"]
         valid = torch.isfinite(truth) & (truth > 0) & (truth < self._max_disparity)
         loss = self._loss(self(batch["left"], batch["right"]), truth, valid)
         if not torch.isfinite(loss):
-            raise SemisynthError(
-                f"step {self.global_step}: the loss is {loss.item()}: lower --learning-rate, or take more precision"
-            )
+            raise SemisynthError(f"step {self.global_step}: the loss is {loss}: lower --learning-rate")
         self.log("loss", loss, prog_bar=True)
         return loss
 
@@ -164,7 +164,7 @@ class StereoModule(lightning.LightningModule):
         found = self.predict_disparity(pair["left"], pair["right"]).cpu().numpy()
         figures = score(found, pair["truth"].disparity, pair["protocol"], limits=pair["truth"].limits).figures()
         for name in COLUMNS:
-            self.log(f"{pair['set']}: {name}", figures[name], batch_size=1, add_dataloader_idx=False)
+            self.log(f"{pair['set']}: {name}", figures[name], batch_size=1, sync_dist=True, add_dataloader_idx=False)
         if number == dataloader_idx == 0 and isinstance(self.logger, TensorBoardLogger):
             self.logger.experiment.add_figure(pair["name"], picture(pair, found), self.global_step)
 
@@ -190,83 +190,110 @@ def _made(address: str, arguments: Sequence[str], max_disparity: int) -> nn.Modu
         sys.path.append(str(Path.cwd()))
     try:
         made_by = getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise InputError(f"--network {address}: expected module:callable: {error}") from error
-    values = {key: YAML(typ="safe").load(value) for key, _, value in (each.partition("=") for each in arguments)}
-    if "max_disparity" in inspect.signature(made_by).parameters:
-        values.setdefault("max_disparity", max_disparity)
+        values = {key: YAML(typ="safe").load(value) for key, _, value in (each.partition("=") for each in arguments)}
+        signature = inspect.signature(made_by)
+        if "max_disparity" in signature.parameters:
+            values.setdefault("max_disparity", max_disparity)
+        signature.bind(**values)
+    except (ImportError, AttributeError, TypeError, ValueError, YAMLError) as error:
+        raise InputError(f"--network {address}: expected module:callable and its --arguments: {error}") from error
     network: nn.Module = made_by(**values)
     return network
 
 
-def load_weights(module: StereoModule, path: Path) -> None:
-    """Give a network weights that were learnt before, from a checkpoint of this script or a file of torch.save.
-
-    Raises:
-        InputError: where they are those of another network.
-    """
-    state = torch.load(path, map_location="cpu", weights_only=True)
-    state = next((state[key] for key in ("state_dict", "network", "model") if key in state), state)
-    named = {name.removeprefix("module.").removeprefix("network."): each for name, each in state.items()}
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """Read a dictionary from a file of torch.save, but run no code that the file may have."""
     try:
-        module.network.load_state_dict(named)
+        state = torch.load(path, map_location="cpu", weights_only=True)
+    except (UnpicklingError, EOFError, RuntimeError):
+        state = None
+    if not isinstance(state, dict):
+        raise InputError(f"{path}: expected a file of torch.save that has a dictionary of tensors, and no code")
+    return state
+
+
+def load_weights(network: nn.Module, path: Path) -> None:
+    """Give a network weights that it learnt before, from a checkpoint of this script or a file of torch.save."""
+    state, own = read_checkpoint(path), network.state_dict()
+    state = next((state[key] for key in ("state_dict", "network", "model") if key in state), state)
+    short = {name: name.removeprefix("module.").removeprefix("network.") for name in state}
+    try:
+        network.load_state_dict({name if name in own else short[name]: each for name, each in state.items()})
     except RuntimeError as error:
-        raise InputError(f"{path}: expected weights of this very network: {error}") from None
+        raise InputError(f"{path}: expected weights of this very network: {' '.join(str(error).split())}") from None
 
 
 def read_augmentation(value: str) -> Augmentation:
     """Return a preset by its name, or the keys of a YAML file."""
     if value in PRESETS:
         return PRESETS[value]
-    path = Path(value)
-    if not path.is_file():
-        raise InputError(f"--augment {value}: expected {', '.join(PRESETS)}, or a YAML file with keys of Augmentation")
-    values = YAML(typ="safe").load(path)
-    known = [each.name for each in fields(Augmentation)]
-    if not isinstance(values, dict) or not set(values) <= set(known):
-        raise InputError(f"{path}: expected keys among {', '.join(known)}, got {values}")
-    return Augmentation(**{key: tuple(each) if isinstance(each, list) else each for key, each in values.items()})
+    try:
+        return Augmentation(**YAML(typ="safe").load(Path(value)))
+    except (OSError, TypeError, YAMLError, InputError) as error:
+        known = f"expected {', '.join(PRESETS)}, or a YAML file with keys of Augmentation"
+        raise InputError(f"--augment {value}: {known}: {error}") from None
 
 
 def open_source(value: str, pairs: int, seed: int, options: dict[str, Any]) -> tuple[Part, float]:
     """Open ``CONFIG|DIR[=SHARE]`` as a stream of so many pairs, or a dataset; return it with its share."""
-    name, given, share = value.rpartition("=")
-    if not given:
-        name, share = value, "1"
+    name, _, share = value.rpartition("=") if "=" in value else (value, "", "1")
+    if not share.replace(".", "", 1).isdecimal() or float(share) == 0:
+        raise InputError(f"--data {value}: expected a share above 0 after =, got {share}")
     if Path(name).is_dir():
         return StereoDataset(name, seed=seed, **options), float(share)
     return StereoStream(load_config(name), seed, pairs, checked=False, **options), float(share)
 
 
-def make_loader(sources: Sequence[tuple[Part, float]], seed: int, **options: Any) -> StatefulDataLoader[Sample]:  # noqa: ANN401 - the loader's
-    """Mix sources in shares. An epoch has as many samples as take no source more than once, on average."""
-    total = sum(share for _, share in sources)
-    weights = torch.cat([torch.full((len(part),), share / total / len(part)) for part, share in sources])
-    samples = int(min(len(part) * total / share for part, share in sources))
-    generator = torch.Generator().manual_seed(seed)
-    sampler = WeightedRandomSampler(weights, samples, replacement=len(sources) > 1, generator=generator)
-    mix = ConcatDataset([part for part, _ in sources])
-    return StatefulDataLoader(mix, sampler=sampler, drop_last=True, **options)
+class TrainingOrder(WeightedRandomSampler):
+    """The samples of an epoch at random, sources in shares; each device takes a part of them.
 
+    The seed and the trainer's step decide them, and tell the sources the epoch: a resumed training goes on in its
+    epoch. An epoch is as long as it takes no source more than once, on average.
+    """
 
-class Epochs(lightning.Callback):
-    """Gives each epoch other crops and changes."""
+    def __init__(
+        self, sources: Sequence[tuple[Part, float]], batch: int, seed: int, trainer: lightning.Trainer
+    ) -> None:
+        total = sum(share for _, share in sources)
+        weights = torch.cat([torch.full((len(part),), share / total / len(part)) for part, share in sources])
+        samples = int(min(len(part) * total / share for part, share in sources))
+        super().__init__(weights, samples, replacement=len(sources) > 1, generator=torch.Generator())
+        self._parts, self._batch, self._seed, self._trainer = [part for part, _ in sources], batch, seed, trainer
+        self._steps = samples // (batch * trainer.world_size)
+        if not self._steps:
+            raise InputError(f"--data: {samples} pairs are fewer than --batch {batch} for each device")
 
-    def __init__(self, parts: Sequence[Part]) -> None:
-        self._parts = parts
+    def __len__(self) -> int:
+        return self._steps * self._batch
 
-    def on_train_epoch_start(self, trainer: lightning.Trainer, _: lightning.LightningModule) -> None:
-        """Tell the sources the epoch."""
+    def __iter__(self) -> Iterator[int]:
+        epoch, step = divmod(self._trainer.global_step, self._steps)
         for part in self._parts:
-            part.set_epoch(trainer.current_epoch)
+            part.set_epoch(epoch)
+        self.generator.manual_seed(self._seed + epoch)
+        own = [*super().__iter__()][self._trainer.global_rank :: self._trainer.world_size]
+        return iter(own[step * self._batch : len(self)])
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "show_default": True, "max_content_width": 100})
+class Command(click.Command):
+    """A command whose foreseen errors are one message, without a traceback, and exit code 2."""
+
+    def invoke(self, ctx: click.Context) -> None:
+        """Run the command."""
+        try:
+            super().invoke(ctx)
+        except (SemisynthError, MisconfigurationException, OSError, RuntimeError) as error:
+            # A worker's error may come as another type, with its traceback before the message.
+            _, by_worker, text = str(error).rpartition("semisynth_gl.inputs.errors.")
+            if isinstance(error, RuntimeError) and not by_worker:
+                raise
+            raise click.UsageError(text) from error
+
+
+@click.command(cls=Command, context_settings=CONTEXT)
 @click.option("--network", default="stereo_network:StereoNetwork", help="module:callable that returns the network.")
 @click.option("--argument", "arguments", multiple=True, help="name=value of that callable, in YAML. May be repeated.")
-@click.option(
-    "--levels", type=click.Choice(list(LEVELS)), default="unit", help="Of images: [0, 1], [0, 255], ImageNet's."
-)
+@click.option("--levels", type=click.Choice(list(LEVELS)), default="unit", help="[0, 1], [0, 255], or ImageNet's.")
 @click.option("--pretrained", type=_FILE, help="Begin with the weights of this file of torch.save.")
 @click.option("--data", "sources", multiple=True, default=(str(CONFIG),), help="CONFIG|DIR[=SHARE]. May be repeated.")
 @click.option("--augment", default="semisynth", help=f"{', '.join(PRESETS)}, or a YAML file with keys of Augmentation.")
@@ -274,29 +301,18 @@ class Epochs(lightning.Callback):
 @click.option("--steps", type=click.IntRange(1), default=800, help="Batches to learn from.")
 @click.option("--crop", type=click.IntRange(16), nargs=2, default=(160, 320), help="Height and width, px.")
 @click.option("--batch", type=click.IntRange(1), default=2, help="Crops in a step of each device.")
-@click.option(
-    "--max-disparity", type=click.IntRange(16), default=80, help="Larger disparities are not learnt from, px."
-)
-@click.option("--learning-rate", type=float, default=2e-3, help="AdamW's, at its highest.")
-@click.option("--precision", default="32-true", help="Lightning's: 32-true, bf16-mixed, 16-mixed.")
+@click.option("--max-disparity", type=click.IntRange(16), default=80, help="Larger ones are not learnt from, px.")
+@click.option("--learning-rate", type=click.FloatRange(0), default=2e-3, help="AdamW's, at its highest.")
+@click.option("--precision", type=click.Choice(["32-true", "bf16-mixed", "16-mixed"]), default="32-true")
 @click.option("--fixed-norms", is_flag=True, help="Batch normalisation keeps its running means.")
 @click.option("--devices", type=click.IntRange(1), default=1, help="GPUs, or processes on a CPU.")
 @click.option("--workers", type=click.IntRange(0), default=1, help="Processes that read or render, for each device.")
-@click.option("--seed", type=click.IntRange(0), default=0, help="Of pairs, crops, changes and first weights.")
+@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, help="Of pairs, crops, changes and weights.")
 @click.option("--evaluate", "folders", type=_FILE, multiple=True, help="Real scenes, or a dataset. May be repeated.")
 @click.option("--every", type=click.IntRange(1), default=200, help="Steps between checkpoints and judgements.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out/network"), help="For checkpoint and logs.")
 @click.option("--resume", is_flag=True, help="Go on from the checkpoint in --out.")
-def main(**options: Any) -> None:  # noqa: ANN401 - as many types as options
-    """Train a stereo network, and judge it by real pairs before, on the way and after."""
-    try:
-        run(**options)
-    except SemisynthError as error:
-        click.echo(f"Error: {error}", err=True)
-        sys.exit(2)
-
-
-def run(
+def main(
     *,
     sources: tuple[str, ...],
     folders: tuple[Path, ...],
@@ -314,47 +330,50 @@ def run(
     resume: bool,
     **network: Any,  # noqa: ANN401 - the module's own
 ) -> None:
-    """Do what the options say; see ``--help``."""
-    path = out / f"{CHECKPOINT}.ckpt"
+    """Train a stereo network, and judge it by real pairs before, on the way and after."""
+    path = out / "checkpoint.ckpt"
     if path.exists() != resume:
         raise InputError(f"{path}: expected it {'there, with' if resume else 'not to be there, without'} --resume")
     judged = [motorcycle(), *map(folder, folders)]
     changes = {"crop": crop, "augmentation": read_augmentation(augment), "transform": needed}
     parts = [open_source(source, steps * batch * devices, seed, changes) for source in sources]
     lightning.seed_everything(seed)
-    module = StereoModule(steps=steps, **network)
+    module = StereoModule(steps=steps, seed=seed, **network)
     if pretrained is not None:
-        load_weights(module, pretrained)
-    loader = {"batch_size": batch, "num_workers": workers, "persistent_workers": workers > 0}
-    if workers:
-        loader["multiprocessing_context"] = "spawn"
+        load_weights(module.network, pretrained)
     if resume:
-        epoch = torch.load(path, map_location="cpu", weights_only=True)["epoch"]
-        for part, _ in parts:
-            part.set_epoch(epoch)
-    saved = ModelCheckpoint(out, CHECKPOINT, every_n_train_steps=every, enable_version_counter=False)
+        trained = read_checkpoint(path).get("hyper_parameters", {})
+        if changed := [name for name, value in module.hparams.items() if trained.get(name) != value]:
+            raise InputError(f"{path}: was trained with another {', '.join(changed)}: give --resume the same options")
+        warnings.filterwarnings("ignore", "You're resuming")  # TrainingOrder can
+    saved = ModelCheckpoint(out, path.stem, every_n_train_steps=every, enable_version_counter=False)
     trainer = lightning.Trainer(
         default_root_dir=out,
         logger=TensorBoardLogger(out, name="logs"),
-        callbacks=[saved, Epochs([part for part, _ in parts])],
+        callbacks=[saved],
         max_steps=steps,
         val_check_interval=every,
         check_val_every_n_epoch=None,
         devices=devices,
         strategy="ddp_find_unused_parameters_true" if devices > 1 else "auto",
+        use_distributed_sampler=False,
         precision=precision,
         gradient_clip_val=1.0,
         num_sanity_val_steps=0,
         log_every_n_steps=10,
     )
+    mix, order = ConcatDataset([part for part, _ in parts]), TrainingOrder(parts, batch, seed, trainer)
+    lasting = {"multiprocessing_context": "spawn", "persistent_workers": True} if workers else {}
+    loader = DataLoader(mix, batch, sampler=order, num_workers=workers, **lasting)
     real = [DataLoader(pairs, batch_size=None) for pairs in judged]
     if not resume:
         trainer.validate(module, real, verbose=False)
-    trainer.fit(module, make_loader(parts, seed, **loader), real, ckpt_path=path if resume else None, weights_only=True)
+    trainer.fit(module, loader, real, ckpt_path=path if resume else None, weights_only=True)
     if steps % every:
         trainer.validate(module, real, verbose=False)
-    trainer.save_checkpoint(path)
-    click.echo(f"weights are in {path}; for curves and pictures: tensorboard --logdir {out}")
+    trainer.save_checkpoint(path, weights_only=False)
+    if trainer.is_global_zero:
+        click.echo(f"weights are in {path}; for curves and pictures: tensorboard --logdir {out}")
 
 
 if __name__ == "__main__":

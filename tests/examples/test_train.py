@@ -1,0 +1,533 @@
+"""The example that trains, and the one that predicts: network, losses, order of samples, and both commands."""
+
+import hashlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from backends import backend_fault
+from click.testing import CliRunner
+from heavy import heavy
+from PIL import Image
+from snippets import blocks
+
+torch = heavy("torch")
+for package in ("lightning", "tensorboard"):
+    heavy(package)
+pytestmark = pytest.mark.heavy
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "examples"))
+
+import judged_pairs  # noqa: E402 - found by the line above
+import predict  # noqa: E402
+import train  # noqa: E402
+from stereo_network import Estimates, StereoNetwork, correlated, cross_entropy_loss, warped  # noqa: E402
+
+from semisynth_gl.codecs.pfm import PFM  # noqa: E402
+from semisynth_gl.config import load_config  # noqa: E402
+from semisynth_gl.dataset.generate import generate  # noqa: E402
+from semisynth_gl.dataset.reader import open_dataset  # noqa: E402
+from semisynth_gl.inputs.errors import InputError  # noqa: E402
+from semisynth_gl.judge.truth import Truth  # noqa: E402
+from semisynth_gl.torch import PRESETS, Augmentation  # noqa: E402
+
+SMALL = (
+    "camera.width_px=96 camera.height_px=64 camera.focal_px=100 disparity.max_px=30 particles.size_px=[10,40] "
+    "models.complex=0 textures.source=procedural textures.max_patches=16"
+)
+CROP = ("--crop", 48, 64, "--max-disparity", 32, "--batch", 2, "--workers", 0)
+LEARNT = ("--network", "their_networks:Learnt", "--loss", "sequence")
+NETWORKS = """
+import hashlib, os, time
+from pathlib import Path
+import torch
+
+
+class Learnt(torch.nn.Module):
+    # Learns one number, beside layers that training and evaluation run differently.
+    def __init__(self, start=3.0):
+        super().__init__()
+        self.number = torch.nn.Parameter(torch.tensor(start))
+        self.norm, self.dropout = torch.nn.BatchNorm2d(6), torch.nn.Dropout(0.5)
+
+    def forward(self, left, right):
+        if not self.training:
+            return self.number.expand(left[:, 0].shape)
+        if "SEEN" in os.environ:
+            seen = Path(os.environ["SEEN"] + os.environ.get("LOCAL_RANK", "0"))
+            with seen.open("a") as lines:
+                lines.writelines(hashlib.sha256(each.numpy().tobytes()).hexdigest() + "\\n" for each in left)
+            if len(seen.read_text().split()) > int(os.environ.get("HANGS_AFTER", 1000)):
+                seen.with_suffix(".hangs").touch()
+                time.sleep(600)
+        return self.number + self.dropout(self.norm(torch.cat([left, right], 1))).mean(1)
+
+
+class Seen(torch.nn.Module):
+    def forward(self, left, right):
+        self.asked = left, right
+        return left[:, :1]
+"""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _alone(one_thread, tmp_path_factory):
+    """One thread and no GPU, here and in processes that tests start; all find the networks above."""
+    folder = tmp_path_factory.mktemp("networks")
+    (folder / "their_networks.py").write_text(NETWORKS)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder)
+        patch.setenv("PYTHONPATH", f"{ROOT}{os.pathsep}{folder}")
+        patch.setenv("OMP_NUM_THREADS", "1")
+        patch.setenv("CUDA_VISIBLE_DEVICES", "")
+        patch.setattr(torch.cuda, "device_count", lambda: 0)
+        yield one_thread
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    folder = tmp_path_factory.mktemp("train") / "pairs"
+    generate(load_config(ROOT / "examples" / "small-rooms.yaml", SMALL.split()), folder, 6, 0)
+    return folder
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _small_motorcycle():
+    """Motorcycle at a fifth of its size, which is faster."""
+    pair = judged_pairs.motorcycle()[0]
+    images = [pair[eye].numpy().transpose(1, 2, 0)[::5, ::5] for eye in ("left", "right")]
+    truth = Truth(np.ascontiguousarray(pair["truth"].disparity[::5, ::5] / 5))
+    small = judged_pairs.JudgedPairs("Motorcycle", "middlebury", [("Motorcycle", lambda: images, lambda: truth)])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(train, "motorcycle", lambda: small)
+        yield
+
+
+def noise(*shape, seed=0):
+    return torch.rand(shape, generator=torch.Generator().manual_seed(seed))
+
+
+def module_of(network, *arguments, levels="unit", **options):
+    return train.StereoModule(network, arguments, levels, 32, **options)
+
+
+def run(*arguments, command=train.main):
+    return CliRunner().invoke(command, [str(each) for each in arguments])
+
+
+def checked(done):
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def refused(done, words):
+    """A sentence at the end, without a traceback."""
+    said = done.output.rpartition("Error: ")[2]
+    return (done.exit_code, words in said, "Traceback" in done.output) == (2, True, False)
+
+
+def started(*arguments, **environment):
+    """Start the command in a process of its own."""
+    words = [sys.executable, train.__file__, *map(str, arguments)]
+    return subprocess.Popen(words, env=os.environ | environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+
+
+def left_in(folder):
+    return torch.load(folder / "checkpoint.ckpt", weights_only=True)
+
+
+# --- what the documentation says ---
+
+
+def test_the_documented_augmentation_is_the_preset(tmp_path):
+    [block] = [block for block in blocks("training") if block.language == "yaml"]
+    (tmp_path / "own.yaml").write_text(block.text)
+    assert train.read_augmentation(str(tmp_path / "own.yaml")) == PRESETS["semisynth"]
+
+
+def test_the_documented_network_learns_by_the_documented_command(dataset, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    [written] = [block for block in blocks("training") if "def make(" in block.text]
+    Path("my_network.py").write_text(written.text)
+    [command] = [words for each in blocks("training") for words in each.commands if "my_network:make" in words]
+    given = [str(dataset) if word == "place.yaml" else word for word in command[2:]]
+    output = checked(run(*given, *CROP, "--steps", 30, "--evaluate", dataset, "--out", "out"))
+    before, after = (float(line.split()[-2]) for line in output.splitlines() if f"{dataset}: avgerr" in line)
+    assert after < 0.8 * before
+    assert sorted(each.name for each in Path("out").iterdir()) == ["checkpoint.ckpt", "logs"]
+    assert [*Path("out/logs").rglob("events.out.tfevents.*")]
+
+
+# --- the network and its losses ---
+
+
+@pytest.mark.parametrize("size", [(48, 64), (37, 51), (16, 130)])
+def test_images_of_any_size_give_disparities_of_that_size(size):
+    with torch.inference_mode():
+        found = StereoNetwork(32)(noise(1, 3, *size), noise(1, 3, *size, seed=1))
+    assert [each.shape for each in found.disparities] == [(1, *size)] * 3
+    assert all(torch.isfinite(each).all() and (each >= 0).all() for each in found.disparities)
+
+
+def test_the_cost_volume_finds_a_shift_and_warping_undoes_it():
+    left = noise(1, 16, 3, 20) - 0.5
+    right = torch.roll(left, -4, dims=-1)
+    volume = correlated((left, right), levels=8, groups=4)
+    assert volume.shape == (1, 4, 8, 3, 20)
+    assert (volume.mean(1).argmax(1)[..., 4:] == 4).all()
+    assert (volume[:, :, 5, :, :5] == 0).all()
+    assert torch.allclose(warped(right, torch.full((1, 3, 20), 4.0))[..., 4:], left[..., 4:], atol=1e-5)
+
+
+@pytest.mark.filterwarnings("ignore:You are trying to `self.log")
+@pytest.mark.parametrize("loss", train.LOSSES)
+@pytest.mark.parametrize("invalid", [torch.inf, torch.nan, 0.0, 32.0, 500.0])
+def test_pixels_without_a_usable_truth_do_not_count(loss, invalid):
+    module = module_of("stereo_network:StereoNetwork", loss=loss)
+    found = module(255 * noise(1, 3, 16, 32), 255 * noise(1, 3, 16, 32, seed=1))
+    module.forward = lambda *_: found
+
+    def loss_of(truth, columns=slice(0)):
+        for each in found.disparities:
+            each.data[:, :, columns] += 100
+        return module.training_step({"left": truth, "right": truth, "disparity_left": truth}, 0)
+
+    truth = torch.full((1, 16, 32), 8.0)
+    truth[:, :, 20:] = invalid
+    first = loss_of(truth)
+    first.backward(retain_graph=True)
+    assert all(torch.isfinite(each.grad).all() for each in module.parameters() if each.grad is not None)
+    assert loss_of(truth, slice(20, None)) == first
+    assert loss_of(truth, slice(20)) > first + 90
+    assert loss_of(torch.full((1, 16, 32), torch.inf)) == 0
+
+
+def test_scores_of_the_true_level_cost_least():
+    truth = torch.full((1, 8, 8), 10.0)  # between the levels 2 and 3
+    losses = []
+    for levels in ([2, 3], [2], [6]):
+        scores = torch.full((1, 8, 2, 2), -9.0)
+        scores[:, levels] = 9.0
+        losses.append(cross_entropy_loss(Estimates([truth], scores), truth, truth > 0).item())
+    assert losses == sorted(losses)
+    assert losses[0] == pytest.approx(np.log(2), abs=1e-3)
+
+
+def test_estimates_weigh_as_their_authors_have_it():
+    truth = torch.full((1, 4, 4), 10.0)
+
+    def of(loss, *errors):
+        return loss([truth + error for error in errors], truth, truth > 0).item()
+
+    # The first of n estimates weighs 0.9 ** 15 in RAFT-Stereo, for any n.
+    for count in (2, 5, 16):
+        assert of(train.sequence_loss, 4, *[0] * (count - 1)) == pytest.approx(4 * 0.9**15, rel=1e-5)
+    assert of(train.sequence_loss, 4) == of(train.sequence_loss, 0, 4) == 4
+    for errors, weight in (((4, 0, 0, 0), 0.5), ((4, 0, 0), 0.5), ((0, 4, 0), 0.7), ((0, 0, 4), 1), ((4,), 1)):
+        assert of(train.smooth_l1_loss, *errors) == pytest.approx(weight * 3.5)
+
+
+def test_disparities_are_found_in_what_networks_give():
+    flat = noise(2, 4, 6)
+    for output in (flat, flat[:, None], [flat], (flat[:, None], flat), Estimates([flat], flat)):
+        assert torch.equal(train.estimates(output)[-1], flat)
+
+
+def test_levels_and_padding_are_those_that_networks_take():
+    for levels, expected in (("unit", [1] * 3), ("byte", [255] * 3), ("imagenet", [2.2489, 2.4286, 2.6400])):
+        for channels in (3, 1):  # grey cameras have one
+            module = module_of("their_networks:Seen", levels=levels)
+            module.predict_disparity(*torch.full((2, channels, 2, 2), 255, dtype=torch.uint8))
+            assert module.network.asked[0][0, :, 0, 0].tolist() == pytest.approx(expected, abs=1e-4)
+    left, right = (255 * noise(2, 3, 9, 35)).byte()
+    module = module_of("their_networks:Seen", levels="byte")
+    assert torch.equal(module.predict_disparity(left, right), left[0].float())
+    assert module.network.asked[1].shape == (1, 3, 32, 64)
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3, 20, 30])
+def test_the_learning_rate_falls_to_nothing_in_any_number_of_steps(steps):
+    found = module_of("their_networks:Learnt", steps=steps).configure_optimizers()
+    for _ in range(steps - 1):
+        found["optimizer"].step()
+        found["lr_scheduler"]["scheduler"].step()
+    assert 0 <= found["optimizer"].param_groups[0]["lr"] < 1e-4
+
+
+# --- data ---
+
+
+class Part(list):
+    def set_epoch(self, epoch):
+        self.epoch = epoch
+
+
+def order(*sizes_and_shares, step=0, rank=0, world=1, seed=0):
+    """The numbers that an epoch takes from a step on, and the epochs that the sources are told."""
+    sources = [(Part(range(size)), share) for size, share in sizes_and_shares]
+    trainer = SimpleNamespace(global_step=step, global_rank=rank, world_size=world)
+    return [*train.TrainingOrder(sources, 2, seed, trainer)], [part.epoch for part, _ in sources]
+
+
+def test_the_step_decides_which_pairs_are_taken():
+    first, second = (order((12, 1.0), step=6 * epoch) for epoch in range(2))
+    assert (sorted(first[0]), first[1]) == (sorted(second[0]), [0]) == ([*range(12)], [0])
+    assert (first[0] != second[0], second[1]) == (True, [1])
+    assert order((12, 1.0), seed=5)[0] not in (first[0], second[0])
+    assert order((12, 1.0), step=8) == (second[0][4:], [1])
+    # Three devices take different pairs; an odd one is left out.
+    numbers = [number for rank in range(3) for number in order((13, 1.0), step=4, rank=rank, world=3)[0]]
+    assert len({*numbers}) == len(numbers) == 12
+    assert [len(order((13, 1.0), step=5, rank=rank, world=3)[0]) for rank in range(3)] == [2, 2, 2]
+
+
+def test_two_sources_come_in_their_shares():
+    numbers, told = order((600, 3.0), (1000, 1.0), step=400)
+    assert (len(numbers), told) == (800, [1, 1])
+    assert 0.7 < np.mean(np.array(numbers) < 600) < 0.8
+
+
+def test_augmentations_are_read(tmp_path):
+    own = tmp_path / "own.yaml"
+    own.write_text("noise: [0, 3]\nmirrored: 0.5\n")
+    assert train.read_augmentation(str(own)) == Augmentation(noise=(0, 3), mirrored=0.5)
+    for text, words in (
+        ("mirorred: 0.5", "unexpected keyword argument 'mirorred'"),
+        ("jpeg: 2", "jpeg: expected a share"),
+    ):
+        own.write_text(text)
+        with pytest.raises(InputError, match=f"--augment .*: expected raft-stereo, .*{words}"):
+            train.read_augmentation(str(own))
+
+
+# --- weights ---
+
+
+def test_weights_are_found_in_files_of_other_trainings(tmp_path):
+    path, state = tmp_path / "weights.pth", module_of("their_networks:Learnt", "start=5.0").network.state_dict()
+    for prefix, key in (("", None), ("module.", None), ("network.", "state_dict"), ("module.", "model")):
+        named = {prefix + name: each for name, each in state.items()}
+        torch.save({key: named} if key else named, path)
+        network = module_of("their_networks:Learnt").network
+        train.load_weights(network, path)
+        assert network.number == 5
+    for wrong in ({**state, "more": state["number"]}, {**state, "number": torch.zeros(4)}, {}):
+        torch.save(wrong, path)
+        with pytest.raises(InputError, match=r"weights\.pth: expected weights of this very network: .*(more|number)"):
+            train.load_weights(network, path)
+
+
+class Evil:
+    def __reduce__(self):
+        return os.mkdir, (self.path,)
+
+
+def test_code_in_a_checkpoint_is_not_run(dataset, tmp_path):
+    path, Evil.path = tmp_path / "evil.ckpt", str(tmp_path / "evil")
+    torch.save({"state_dict": Evil(), "hyper_parameters": {"network": Evil()}}, path)
+    images = ("--left", dataset, "--right", dataset, "--out", tmp_path / "out")
+    for done in (
+        run(*LEARNT, *CROP, "--data", dataset, "--pretrained", path, "--out", tmp_path / "out"),
+        run(path, *images, command=predict.main),
+    ):
+        assert refused(done, "evil.ckpt: expected a file of torch.save that has a dictionary of tensors, and no code")
+    assert not Path(Evil.path).exists()
+
+
+# --- the command ---
+
+
+def scene(folder, image=(6, 8)):
+    folder.mkdir(parents=True)
+    (folder / "disp0GT.pfm").write_bytes(PFM.encode(np.full((6, 8), 3, np.float32)))
+    for name in ("im0.png", "im1.png"):
+        Image.fromarray(np.zeros(image, np.uint8)).save(folder / name)
+
+
+def test_the_command_trains_judges_tunes_and_resumes(dataset, tmp_path):
+    scene(tmp_path / "scenes" / "Vase")
+    options = (*LEARNT, *CROP, "--data", dataset, "--every", 2, "--steps", 3, "--fixed-norms")
+    options += ("--evaluate", tmp_path / "scenes", "--evaluate", dataset, "--out")
+    output = checked(run(*options, tmp_path / "out", "--learning-rate", 0))
+    # The network says 3 px everywhere, which is the truth of the scene.
+    assert all(f"step {step}: {tmp_path / 'scenes'}: avgerr 0.00 px" in output for step in (0, 2, 3))
+    truths = [frame.left.disparity for frame in open_dataset(dataset)]
+    mean = np.mean([np.abs(truth[np.isfinite(truth)] - 3).mean() for truth in truths])
+    assert f"step 0: {dataset}: avgerr {mean:.2f} px" in output
+    norm = {name: each for name, each in left_in(tmp_path / "out")["state_dict"].items() if "norm" in name}
+    assert (norm["network.norm.running_mean"] == 0).all()
+    assert norm["network.norm.num_batches_tracked"] == 0
+    tuned = tmp_path / "tuned"
+    checked(run(*options, tuned, "--pretrained", tmp_path / "out" / "checkpoint.ckpt"))
+    assert left_in(tuned)["state_dict"]["network.number"] != 3
+    assert refused(run(*options, tuned), "expected it not to be there, without --resume")
+    again = (*options, tuned, "--resume")
+    assert refused(run(*again, "--levels", "byte"), "another levels: give --resume the same options")
+    checked(run(*again))
+    assert left_in(tuned)["global_step"] == 3
+
+
+@pytest.fixture(scope="module")
+def undisturbed(dataset, tmp_path_factory):
+    """What 8 steps in epochs of 3 see and leave, with a process that reads."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    options = (*LEARNT, *CROP, "--data", dataset, "--steps", 8)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SEEN", str(folder / "seen"))
+        checked(run(*options, "--workers", 1, "--every", 8, "--out", folder))
+    return options, (folder / "seen0").read_text().split(), left_in(folder)
+
+
+@pytest.mark.parametrize("every", [3, 4])  # at the end of an epoch, and in the middle of the second one
+def test_a_killed_training_goes_on_as_if_nothing_had_happened(every, undisturbed, tmp_path, monkeypatch):
+    options, seen, whole = undisturbed
+    assert len({*seen}) == 16  # each epoch has other crops and changes
+    options += ("--every", every, "--out", tmp_path)
+    with started(*options, SEEN=str(tmp_path / "killed"), HANGS_AFTER="10") as begun:
+        while begun.poll() is None and not (tmp_path / "killed0.hangs").exists():
+            time.sleep(0.02)
+        begun.send_signal(signal.SIGKILL)
+    assert (begun.returncode, left_in(tmp_path)["global_step"]) == (-signal.SIGKILL, every)
+    monkeypatch.setenv("SEEN", str(tmp_path / "resumed"))
+    checked(run(*options, "--resume"))
+    # It takes the samples that it would have taken, and draws, learns and schedules the same, to the last bit.
+    assert (tmp_path / "resumed0").read_text().split() == seen[2 * every :]
+    resumed = left_in(tmp_path)
+    assert resumed["global_step"] == whole["global_step"] == 8
+    assert resumed["lr_schedulers"] == whole["lr_schedulers"]
+    assert all(torch.equal(value, resumed["state_dict"][name]) for name, value in whole["state_dict"].items())
+
+
+def test_two_devices_share_the_samples_of_an_epoch(dataset, tmp_path):
+    whole = ("--crop", 64, 96, "--augment", "psmnet", "--batch", 1, "--workers", 0, "--devices", 2, "--steps", 6)
+    with started(*LEARNT, *whole, "--data", dataset, "--out", tmp_path, SEEN=str(tmp_path / "seen")) as begun:
+        output = begun.communicate()[0].decode()
+    assert begun.returncode == 0, output
+    assert output.count("step 6: Motorcycle: avgerr") == output.count("weights are in") == 1
+    first, second = ((tmp_path / f"seen{rank}").read_text().split() for rank in range(2))
+    images = [torch.tensor(np.moveaxis(frame.left.image, -1, 0)) / 255 for frame in open_dataset(dataset)]
+    known = sorted(hashlib.sha256(image.numpy().tobytes()).hexdigest() for image in images)
+    assert sorted(first[:3] + second[:3]) == sorted(first[3:] + second[3:]) == known
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--data", "absent"), "no such config: absent; expected a YAML file, or one of: ablation-"),
+        (("--data", "kitti=much"), "--data kitti=much: expected a share above 0 after =, got much"),
+        (("--data", "kitti=0"), "expected a share above 0 after =, got 0"),
+        (("--batch", 7), "--data: 6 pairs are fewer than --batch 7 for each device"),
+        (("--crop", 80, 64), "crop: expected (height, width), whole numbers of up to (64, 96) px, the image size of"),
+        (("--augment", "fog"), "--augment fog: expected raft-stereo, semisynth, psmnet, or a YAML file"),
+        (("--network", "absent:Network"), "--network absent:Network: expected module:callable and its --arguments: No"),
+        (("--network", "their_networks:Absent"), "has no attribute 'Absent'"),
+        (("--argument", "width=7"), "got an unexpected keyword argument 'width'"),
+        (("--argument", "start=.nan"), "step 0: the loss is nan: lower --learning-rate"),
+        (("--loss", "cross-entropy"), "the network gives no scores: take --loss smooth-l1 or sequence"),
+        (("--resume",), "checkpoint.ckpt: expected it there, with --resume"),
+        (("--evaluate", "."), "no true disparities there"),
+        (("--seed", 2**32), "Invalid value for '--seed'"),
+    ],
+)
+def test_what_cannot_be_followed_is_refused_in_a_sentence(arguments, words, dataset, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    data = () if "--data" in arguments else ("--data", dataset)
+    done = run(*LEARNT, *CROP, "--steps", 1, *data, *arguments)
+    assert refused(done, words), done.output
+
+
+def test_errors_of_workers_are_sentences_too(dataset, tmp_path):
+    (tmp_path / "own.yaml").write_text("mirrored: 1")
+    shutil.copytree(dataset, tmp_path / "broken")
+    for image in (tmp_path / "broken").rglob("im0.png"):
+        image.write_bytes(image.read_bytes()[:100])
+    options = (*LEARNT, *CROP, "--steps", 1, "--workers", 1, "--out", tmp_path / "out")
+    for more, words in (
+        (("--data", dataset, "--augment", tmp_path / "own.yaml"), "mirrored: expected truth of both views"),
+        (("--data", tmp_path / "broken", "--augment", "psmnet"), "im0.png: "),
+    ):
+        done = run(*options, *more)
+        assert refused(done, words), done.output
+
+
+# --- real pairs ---
+
+
+def test_scenes_that_cannot_be_judged_are_refused(tmp_path):
+    scene(tmp_path / "sizes" / "Vase", image=(6, 9))
+    with pytest.raises(InputError, match="Vase: expected images and truth of one size"):
+        judged_pairs.folder(tmp_path / "sizes")[0]
+    (tmp_path / "sizes" / "Vase" / "im1.png").unlink()
+    with pytest.raises(InputError, match=r"expected im0\.png and im1\.png"):
+        judged_pairs.folder(tmp_path / "sizes")[0]
+
+
+def test_motorcycle_is_as_documented():
+    [pair] = judged_pairs.motorcycle()
+    left, right = (pair[eye].numpy().transpose(1, 2, 0).astype(float) for eye in ("left", "right"))
+    assert left.shape == right.shape == (500, 741, 3)
+    y, x = np.nonzero(np.isfinite(pair["truth"].disparity))
+    disparity = pair["truth"].disparity[y, x]
+    assert 7 < disparity.min() < disparity.max() < 60
+    # The disparity is that of the left view: what it points at looks alike.
+    assert np.abs(left[y, x] - right[y, np.clip(np.rint(x - disparity).astype(int), 0, 740)]).mean() < 10
+
+
+# --- predictions ---
+
+
+def test_the_trained_network_predicts_pairs(dataset, tmp_path):
+    checked(run(*CROP, "--data", dataset, "--steps", 1, "--out", tmp_path))
+    weights, scenes, found = tmp_path / "checkpoint.ckpt", tmp_path / "scenes", tmp_path / "found"
+    frame = open_dataset(dataset)[0]
+    for name, rows in (("one", 40), ("two", 64)):
+        (scenes / name).mkdir(parents=True)
+        for eye, view in (("im0", frame.left), ("im1", frame.right)):
+            Image.fromarray(view.image[:rows]).save(scenes / name / f"{eye}.png")
+
+    def predicted(*options, left="*/im0.png"):
+        given = ("--left", scenes / left, "--right", scenes / "*/im1.png", "--out", found, "--device", "cpu", *options)
+        return run(weights, *given, command=predict.main)
+
+    checked(predicted("--right-out", tmp_path / "right"))
+    module = predict.load(weights, "stereo_network:StereoNetwork")
+    left, right = (torch.tensor(view.image).permute(2, 0, 1) for view in (frame.left, frame.right))
+    with torch.inference_mode():
+        expected = module.predict_disparity(left, right)
+        mirrored = module.predict_disparity(right.flip(-1), left.flip(-1)).flip(-1)
+    for folder, disparity in ((found, expected), (tmp_path / "right", mirrored)):
+        np.testing.assert_array_equal(PFM.decode((folder / "two.pfm").read_bytes(), folder), disparity)
+    assert PFM.decode((found / "one.pfm").read_bytes(), found).shape == (40, 96)
+    Image.fromarray(frame.left.image[:50]).save(scenes / "two" / "im0.png")
+    assert refused(predicted(), "two/im1.png: has (64, 96) px, ")
+    assert refused(predicted(left="one/im0.png"), "expected as many images of each, got 1 and 2")
+    assert refused(predicted(left="absent"), "no image matches")
+    assert refused(predicted("--network", "their_networks:Learnt"), "was trained with --network stereo_network:Stereo")
+    torch.save(module.network.state_dict(), weights)
+    assert refused(predicted(), "expected a checkpoint of train.py")
+
+
+@pytest.mark.filterwarnings("ignore:You are trying to `self.log")
+@pytest.mark.parametrize("model", ["raft-stereo-realtime", "igev-stereo"])
+def test_networks_of_the_package_can_be_trained(model):
+    for package in ("stereo_matching", *(["torchvision"] if model == "igev-stereo" else [])):
+        pytest.importorskip(package, reason="needs pip install stereo-matching timm")
+    address = "public_networks:stereo_matching"
+    module = module_of(address, f"model={model}", "num_iters=2", levels="imagenet", loss="sequence")
+    # Narrower images vanish in the pyramids of their correlations.
+    images = (255 * noise(2, 3, 64, 160)).byte()
+    batch = {"left": images[:1], "right": images[1:], "disparity_left": torch.full((1, 64, 160), 5.0)}
+    assert torch.isfinite(module.training_step(batch, 0))
+    assert module.eval().predict_disparity(*images).shape == (64, 160)
+    for arguments, words in (((f"model={model}", "fog=1"), "fog: .* has the settings"), (("model=a",), "got 'a'")):
+        with pytest.raises(InputError, match=words):
+            module_of(address, *arguments)
