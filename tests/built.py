@@ -33,10 +33,10 @@ from semisynth_gl.scene import pilots
 from semisynth_gl.scene.pilots import draw_pilots
 from semisynth_gl.scene.structures import take_stock
 from semisynth_gl.seeds.splits import Split
-from semisynth_gl.textures import drawn, prepare, sources, subjects
+from semisynth_gl.textures import drawn, prepare, sources
 from semisynth_gl.textures.prepare import prepare_atlas
 
-BUILDERS = {"atlas": prepare, "models": model_library, "pilots": pilots, "subjects": subjects}
+BUILDERS = {"atlas": prepare, "models": model_library, "pilots": pilots}
 """The module of each kind of entry, which has its VERSION."""
 
 RECORDED = Path(__file__).with_name("built.json")
@@ -97,8 +97,8 @@ def built(folder: Path) -> dict[str, Numbers]:
     for number in range(4):
         _photograph(number).save(photographs / f"{number}.png")
     wide = _photograph(9)  # both views of one scene
-    for number, left in enumerate((0, 12)):
-        wide.crop((left, 0, left + 220, 180)).save(photographs / f"view-{number}.png")
+    for name, left in (("left", 12), ("right", 0)):
+        wide.crop((left, 0, left + 220, 180)).save(photographs / f"{name}.png")
     (folder / "models").mkdir()
     (folder / "models/box.obj").write_text(_BOX)
     own = {"source": "images", "images": (str(photographs),), "patch_px": 32}

@@ -142,21 +142,6 @@ def read_image(path: Path) -> NDArray[np.uint8]:
         return pixels
 
 
-def read_reduced(path: Path, least_sides: tuple[int, int]) -> NDArray[np.uint8]:
-    """Read an image file upright; a JPEG is reduced while it is decoded, which is much faster.
-
-    Returns the luminance of a JPEG in grey or RGB, (H, W) uint8, at a size that before EXIF orientation is at least
-    ``least_sides``, (width, height), or the full size; for other images, what `read_image` returns. Raises the same
-    errors.
-    """
-    with _opened(path) as image:
-        if image.format in {"JPEG", "MPO"} and image.mode in {"L", "RGB"}:
-            image.draft("L", least_sides)
-            ImageOps.exif_transpose(image, in_place=True)
-            return np.array(image.convert("L"))
-    return read_image(path)
-
-
 def _strips(image: Image.Image) -> Iterator[tuple[int, Image.Image]]:
     """Yield successive strips of an image, each with the number of its first row."""
     rows = max(1, _STRIP_PIXELS // image.width)

@@ -23,10 +23,9 @@ from semisynth_gl.textures.pictures import Picture, TextureImage
 from semisynth_gl.textures.procedural import procedural_atlas
 from semisynth_gl.textures.selection import build_atlas
 from semisynth_gl.textures.sources import describe_source, open_source
-from semisynth_gl.textures.subjects import photographed_subjects
-from semisynth_gl.textures.view_names import groups_by_name
+from semisynth_gl.textures.subjects import photographed_subjects, subject_numbers
 
-VERSION = 5
+VERSION = 6
 """Increase this when the same inputs give other patches or pictures; see `semisynth_gl.cache`."""
 
 _LOG = logging.getLogger(__name__)
@@ -64,7 +63,7 @@ def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path]
             "images": list(relative_names(images).values()),
             "files": file_states(images),
             # Names of folders above the folder that all images share tell subjects apart, too.
-            "subjects": groups_by_name(images),
+            "subjects": subject_numbers(images),
             "versions": package_versions("numpy", "Pillow"),
             # A plug-in may use any other package.
             "plugin": source.plugin and [source.plugin.record, source.plugin.code_sha256, installed_packages()],

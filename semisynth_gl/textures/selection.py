@@ -26,7 +26,7 @@ from semisynth_gl.textures.crop_report import JudgedClip, JudgedCrop, TextureRep
 from semisynth_gl.textures.crops import DuplicateFinder
 from semisynth_gl.textures.image_files import relative_names
 from semisynth_gl.textures.pictures import Picture
-from semisynth_gl.textures.subjects import SubjectFinder
+from semisynth_gl.textures.subjects import subject_numbers
 
 PATCHES_PER_SUBJECT = 4
 """Once the atlas is full and no subject has more patches than this, no further image is opened. A smaller number would
@@ -50,8 +50,8 @@ def build_atlas(
     Images are opened one at a time in random order. Each offers its good crops in random order, with scales taking
     turns. A crop that hardly differs from an earlier good crop of any image is rejected as a duplicate. When there are
     more patches than wanted, the subject with most patches gives one up, from its image with most patches. So no
-    subject or scale crowds out the others, and other subjects fill the place of a subject with few crops. A
-    `SubjectFinder` tells which files show one subject. Once the atlas is full and no subject has more than
+    subject or scale crowds out the others, and other subjects fill the place of a subject with few crops. Files are of
+    one subject where `subject_numbers` says so. Once the atlas is full and no subject has more than
     `PATCHES_PER_SUBJECT`, the remaining images are not opened. Memory holds one decoded image, those of its crops that
     may be kept, and the patches of the atlas.
 
@@ -83,8 +83,7 @@ def build_atlas(
     skipped: list[Skipped] = []
     if section.sequence:
         clips, skipped = cut_clips(images, section, limits, alone=pictures is None)
-    finder = SubjectFinder(() if section.sequence else images)
-    selection = _Selection(section, limits, rng, finder)
+    selection = _Selection(section, limits, rng, [] if section.sequence else subject_numbers(images))
     pending = {int(i): clips[i] for i in rng.permutation(len(clips))}
     drawn: dict[str, str] = {}
     numbered = enumerate(pictures or (), start=len(clips))
@@ -94,8 +93,6 @@ def build_atlas(
             survey = survey_picture(image, section)
         else:
             survey = survey_clip(pending.pop(index), names, section)
-            if survey.still is not None and not section.sequence:
-                finder.add(index, survey.still)
         skipped += survey.skipped
         selection.add(index, survey)
         del survey, image  # frees the pixels before the next image is read or drawn
@@ -136,16 +133,22 @@ def _described(chosen: Sequence[PatchFrames], subjects: Mapping[str, str]) -> tu
 
 
 class _Selection:
-    """The patches chosen among the crops of all images opened so far, and what became of the other crops."""
+    """The patches chosen among the crops of all images opened so far, and what became of the other crops.
+
+    ``subjects`` has the subject of each of the first images; each image beyond them is a subject.
+    """
 
     def __init__(
-        self, section: TexturesSection, limits: AtlasLimits, rng: np.random.Generator, finder: SubjectFinder
+        self, section: TexturesSection, limits: AtlasLimits, rng: np.random.Generator, subjects: Sequence[int]
     ) -> None:
-        self._section, self._rng, self._finder = section, rng, finder
-        self._quota = _Quota(min(section.max_patches, limits.layers), finder.subject)
+        self._section, self._rng, self._subjects = section, rng, subjects
+        self._quota = _Quota(min(section.max_patches, limits.layers), self._subject)
         self._duplicates = DuplicateFinder(section.min_difference)
         self._judged: dict[int, JudgedClip] = {}
         self._too_small: list[str] = []
+
+    def _subject(self, index: int) -> int:
+        return self._subjects[index] if index < len(self._subjects) else index
 
     @property
     def settled(self) -> bool:
@@ -201,7 +204,7 @@ class _Selection:
         by_subject: dict[int, list[str]] = defaultdict(list)
         for index, clip in sorted(self._judged.items()):
             if clip.source in sources:
-                by_subject[self._finder.subject(index)].append(clip.source)
+                by_subject[self._subject(index)].append(clip.source)
         return {source: names[0] for names in by_subject.values() if len(names) > 1 for source in names}
 
 
@@ -210,7 +213,7 @@ class _Quota:
 
     That subject's clip with most patches gives up its last patch. Because the largest share only ever shrinks, a patch
     that is given up would never be needed again, so giving up early has the same result as collecting everything and
-    giving up at the end. The exception is two subjects that turn out to be one: together they have more than a share.
+    giving up at the end.
     """
 
     def __init__(self, limit: int, subject: Callable[[int], int]) -> None:

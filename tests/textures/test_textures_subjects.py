@@ -1,6 +1,5 @@
-"""Photographs of one subject: told by name and content, in one split, with one say."""
+"""Photographs of one subject: told by their names, in one split, with one say."""
 
-import io
 from collections import Counter
 from itertools import chain, combinations
 from pathlib import Path
@@ -10,19 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
-from shared_material import SHARED, needs_shared
 
 from semisynth_gl.config.dataset_sections import SplitsSection
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.seeds.splits import SPLITS, Split
-from semisynth_gl.textures import cloths, images, subjects
-from semisynth_gl.textures.image_files import builtin_photographs, find_images
+from semisynth_gl.textures.image_files import builtin_photographs
 from semisynth_gl.textures.prepare import prepare_atlas, share_photographs, split_images
-from semisynth_gl.textures.subjects import SubjectFinder, of_subjects, photographed_subjects
+from semisynth_gl.textures.subjects import of_subjects, photographed_subjects, subject_numbers
 from semisynth_gl.textures.view_names import groups_by_name
 
-CLOTHS = (cloths.flowered, cloths.knitting, cloths.rug, cloths.tartan)
 HELD_OUT = {"validation": 0.1, "test": 0.1}
 
 
@@ -53,14 +49,6 @@ def save(folder, **pixels):
     for name, each in pixels.items():
         Image.fromarray(each).save(folder / f"{name}.png")
     return folder
-
-
-def grouped(*pixels):
-    """The subjects of photographs whose names tell nothing."""
-    finder = SubjectFinder()
-    for number, each in enumerate(pixels):
-        finder.add(number, each)
-    return [finder.subject(number) for number in range(len(pixels))]
 
 
 ONE_SUBJECT = [
@@ -123,90 +111,20 @@ def test_a_folder_for_each_scene_is_told_by_equal_names():
     assert groups_by_name([Path(name) for name in (*names, "scenes/door/front.jpg")]) == [[0, 1], [2, 3], [4, 5]]
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_content_tells_views_of_one_subject(seed):
-    left, right = views(seed)
-    other = scene(seed + 100)
-    assert grouped(left, other, right) == [0, 1, 0]
-    darker, brighter = left // 6, np.minimum(right * 1.6, 255).astype(np.uint8)
-    small = np.asarray(Image.fromarray(right).resize((80, 60), Image.Resampling.BICUBIC))
-    packed = io.BytesIO()
-    Image.fromarray(left).save(packed, "JPEG", quality=8)
-    noisy = np.clip(left + np.random.default_rng(0).normal(0, 30, left.shape), 0, 255).astype(np.uint8)
-    for changed in (darker, brighter, small, np.asarray(Image.open(packed)), noisy, left[..., 1]):
-        assert grouped(left, other, changed) == [0, 1, 0]
-
-
-def test_content_tells_similar_things_apart():
-    drawn = [draw(np.random.default_rng(seed)) for draw in CLOTHS for seed in (0, 1)]
-    down, right = np.mgrid[-1 : 1 : drawn[0].shape[0] * 1j, -1 : 1 : drawn[0].shape[1] * 1j]
-    light = (1.2 - 0.4 * (down**2 + right**2) - 0.3 * right)[..., None]
-    lit = [np.clip(each * light, 0, 255).astype(np.uint8) for each in drawn]
-    for each in (drawn, lit):
-        assert grouped(*each) == list(range(len(each)))
-    # Without any structure there is nothing to tell by.
-    plain = np.full((90, 90, 3), 128, np.uint8)
-    assert grouped(plain, plain, plain // 2) == [0, 1, 2]
+def test_groups_that_share_a_photograph_are_one_subject():
+    names = [f"{scene}/{side}.jpg" for scene in "abc" for side in ("left", "right")]
+    names += [f"{scene}/detail.jpg" for scene in "abc"]
+    assert subject_numbers([Path(name) for name in names]) == [0, 0, 2, 2, 4, 4, 0, 2, 4]
+    assert subject_numbers([Path("x.jpg"), Path("a/im0.png"), Path("y.jpg"), Path("a/im1.png")]) == [0, 1, 2, 1]
+    assert photographed_subjects([Path("a/1L.png"), Path("x.png"), Path("a/1R.png")]) == [
+        [Path("a/1L.png"), Path("a/1R.png")],
+        [Path("x.png")],
+    ]
 
 
 def test_the_photographs_that_come_with_the_program_are_of_different_subjects():
     files = builtin_photographs()
     assert photographed_subjects(files) == [[path] for path in files]
-
-
-@needs_shared
-def test_content_tells_real_pairs_from_other_photographs(tmp_path):
-    found = find_images([SHARED / "real", SHARED / "textures"])
-    for number, path in enumerate(found):
-        (tmp_path / f"{number:03d}{path.suffix}").symlink_to(path)
-    of_one = [
-        [int(path.stem) for path in each] for each in photographed_subjects(find_images([tmp_path])) if len(each) > 1
-    ]
-    wanted = [[found.index(path), found.index(path.with_name("im1.png"))] for path in found if path.name == "im0.png"]
-    assert len(wanted) >= 8
-    assert of_one == wanted
-
-
-def test_subjects_are_joined_by_names_and_content(tmp_path):
-    (left, right), (hall, _) = views(0), views(1)
-    save(tmp_path / "day", im0=left, im1=hall)  # two views by their names
-    save(tmp_path / "copies", im_a=right, other=scene(2))
-    (tmp_path / "copies/broken.png").write_bytes(b"")
-    photographs = find_images([tmp_path])
-    names = [[path.relative_to(tmp_path).as_posix() for path in each] for each in photographed_subjects(photographs)]
-    assert names == [["copies/broken.png"], ["copies/im_a.png", "day/im0.png", "day/im1.png"], ["copies/other.png"]]
-    finder = SubjectFinder(photographs)
-    for number in (4, 3, 1, 2):  # in any order
-        finder.add(number, images.read_image(photographs[number]))
-    assert [finder.subject(number) for number in range(5)] == [0, 1, 2, 1, 1]
-
-
-def test_photographs_are_compared_once(tmp_path, monkeypatch):
-    monkeypatch.setenv("SEMISYNTH_GL_CACHE", str(tmp_path / "cache"))
-    opened, read = [], subjects.read_reduced
-    monkeypatch.setattr(subjects, "read_reduced", lambda *arguments: opened.append(arguments) or read(*arguments))
-    left, right = views(0)
-    folder = save(tmp_path / "photos", a=left, b=right, c=scene(1))
-    photographs = find_images([folder])
-    for _ in range(2):
-        assert list(map(len, photographed_subjects(photographs))) == [2, 1]
-    assert len(opened) == 3
-    save(folder, b=scene(2))
-    assert list(map(len, photographed_subjects(photographs))) == [1, 1, 1]
-    assert len(opened) == 6
-
-
-def test_a_jpeg_is_read_reduced_and_upright(tmp_path):
-    turned = Image.Exif()
-    turned[0x0112] = 6
-    Image.fromarray(scene(0, 960, 1280)).save(tmp_path / "a.jpg", exif=turned)
-    reduced, whole = images.read_reduced(tmp_path / "a.jpg", (128, 128)), images.read_image(tmp_path / "a.jpg")
-    assert whole.shape == (1280, 960, 3)
-    assert 128 <= min(reduced.shape) < 960
-    assert reduced.shape[0] / reduced.shape[1] == pytest.approx(4 / 3)
-    assert grouped(whole, reduced) == [0, 0]
-    with pytest.raises(images.ImageError, match="does not exist"):
-        images.read_reduced(tmp_path / "b.jpg", (128, 128))
 
 
 @given(st.lists(st.integers(1, 5), min_size=3, max_size=40), st.integers(0, 2**32), st.booleans())
@@ -234,17 +152,12 @@ def pairs_in(folder, scenes):
 
 
 def test_both_views_of_a_pair_are_in_one_split(tmp_path):
-    pairs_in(tmp_path / "named", 6)
-    for number in range(6):
-        left, right = views(number)
-        save(tmp_path / "unnamed", **{f"{number}-a": left, f"b{number}": right})
-    for folder, key in (("named", lambda path: path.parent.name), ("unnamed", lambda path: path.stem.strip("-ab"))):
-        section = TexturesSection(source="images", images=(str(tmp_path / folder),))
-        for seed in range(8):
-            taken = [split_images(section, SplitsSection().split(name, SPLITS, seed)) for name in SPLITS]
-            assert list(map(len, taken)) == [8, 2, 2]
-            for one, other in combinations(taken, 2):
-                assert {*map(key, one)}.isdisjoint(map(key, other))
+    section = TexturesSection(source="images", images=(str(pairs_in(tmp_path, 6)),))
+    for seed in range(8):
+        taken = [split_images(section, SplitsSection().split(name, SPLITS, seed)) for name in SPLITS]
+        assert list(map(len, taken)) == [8, 2, 2]
+        for one, other in combinations(taken, 2):
+            assert {path.parent for path in one}.isdisjoint(path.parent for path in other)
 
 
 def test_both_views_of_image_sequences_are_in_one_split(tmp_path):
