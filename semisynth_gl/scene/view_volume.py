@@ -231,12 +231,16 @@ def _clipped(polygon: Floats, normal: Floats, least: float) -> Floats:
     if not len(polygon):
         return polygon
     inner = polygon @ normal - least
-    if (inner >= 0).all():
+    inside = inner >= 0
+    if inside.all():
         return polygon
-    following, beyond = np.roll(polygon, -1, axis=0), np.roll(inner, -1)
-    crosses = (inner >= 0) != (beyond >= 0)
+    if not inside.any():
+        return polygon[:0]
+    following, beyond = (np.concatenate([each[1:], each[:1]]) for each in (polygon, inner))
     with np.errstate(divide="ignore", invalid="ignore"):
         crossing = polygon + (inner / (inner - beyond))[:, None] * (following - polygon)
     # Each corner that stays, followed by the crossing on the side that begins at the corner.
-    both = np.stack([polygon, crossing], axis=1).reshape(-1, 3)
-    return np.asarray(both[np.stack([inner >= 0, crosses], axis=1).ravel()])
+    both, kept = np.empty((2 * len(polygon), 3)), np.empty(2 * len(polygon), bool)
+    both[::2], both[1::2] = polygon, crossing
+    kept[::2], kept[1::2] = inside, inside != (beyond >= 0)
+    return both[kept]
