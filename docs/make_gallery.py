@@ -138,7 +138,7 @@ def draw_models(folder: Path, kinds: Iterable[str]) -> Iterator[str]:
             yield figure(name, f"`{name}`", f"models/{name}.jpg")
 
 
-def draw_imperfections(folder: Path) -> Iterator[str]:
+def sample_imperfections(folder: Path) -> Iterator[str]:
     """Draw a part of one image without any imperfection, and with each of them alone."""
     settings = [(key, value) for key in ImperfectionsSection.model_fields for value in IMPERFECTIONS[key]]
     for number, (key, value) in enumerate([("", 0.0), *settings]):
@@ -209,7 +209,7 @@ SECTIONS: dict[str, Callable[[Path], Iterator[str]]] = {
     "configs": draw_configs,
     "complex-models": partial(draw_models, kinds=COMPLEX_KINDS),
     "simple-models": partial(draw_models, kinds=SIMPLE_KINDS),
-    "imperfections": draw_imperfections,
+    "imperfections": sample_imperfections,
     "outputs": draw_outputs,
 }
 

@@ -166,7 +166,7 @@ def draw_lenses(path: Path) -> None:
     strip([view.raw, view.image, np.repeat(view.visibility[:, :, None], 3, axis=2)], path)
 
 
-def draw_projector(path: Path) -> None:
+def sample_projector(path: Path) -> None:
     """Draw a pair under dots, and its disparity."""
     with PairRenderer(load_config("active-infrared", {"projector": {"power": 14, "ambient": 0.5}}), 0) as renderer:
         frame = renderer.render(3).frame
@@ -183,7 +183,7 @@ DRAWN: dict[str, Callable[[Path], None]] = {
     "rigs-grey.jpg": draw_grey,
     "rigs-calibration.jpg": draw_calibration,
     "rigs-lenses.jpg": draw_lenses,
-    "rigs-projector.jpg": draw_projector,
+    "rigs-projector.jpg": sample_projector,
 }
 """What draws each picture, by the picture's name."""
 

@@ -30,7 +30,7 @@ from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection, 
 from semisynth_gl.geometry import model_library
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene import pilots
-from semisynth_gl.scene.pilots import draw_pilots
+from semisynth_gl.scene.pilots import sample_pilots
 from semisynth_gl.scene.structures import take_stock
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import drawn, prepare, sources
@@ -120,7 +120,7 @@ def built(folder: Path) -> dict[str, Numbers]:
     for name, scene in _SCENES.items():
         values = {"name": name, "camera": _CAMERA, "disparity": {"min_px": 1, "max_px": 20}}
         config = Config.model_validate(values | scene)
-        cases[name] = lambda config=config: draw_pilots(config, 0, take_stock(all_kinds()))
+        cases[name] = lambda config=config: sample_pilots(config, 0, take_stock(all_kinds()))
     return {
         f"{kind}/{name}": numbers for name, build in cases.items() for kind, numbers in _kept(folder, build).items()
     }

@@ -115,7 +115,7 @@ def write_training_files(pairs: Sequence[Frame], budget: PatchBudget, seed: int,
 
 def _changed(pair: Frame, seed: int, number: int, exposure: int) -> list[NDArray[np.float32]]:
     sides = pair.camera.height_px, pair.camera.width_px
-    drawn = AUGMENTATION.draw(None, sides, seed, number, exposure)
+    drawn = AUGMENTATION.sample(None, sides, seed, number, exposure)
     changed, _ = drawn.applied(pair, AUGMENTATION.noise_rng(seed, number, exposure))
     return [normalised(view.image) for view in (changed.left, changed.right)]
 

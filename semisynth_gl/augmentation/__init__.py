@@ -3,7 +3,7 @@
 It needs no PyTorch; `semisynth_gl.torch` applies it to samples.
 """
 
-from semisynth_gl.augmentation.augmentation import Augmentation, Drawn
+from semisynth_gl.augmentation.augmentation import Augmentation, Changes
 from semisynth_gl.augmentation.presets import PRESETS
 
-__all__ = ["PRESETS", "Augmentation", "Drawn"]
+__all__ = ["PRESETS", "Augmentation", "Changes"]

@@ -129,7 +129,7 @@ class Augmentation:
                 f"{sides[0]} px"
             )
 
-    def draw(self, crop: Sides | None, sides: Sides, seed: int, sequence: int, epoch: int = 0) -> "Drawn":
+    def sample(self, crop: Sides | None, sides: Sides, seed: int, sequence: int, epoch: int = 0) -> "Changes":
         """Draw the changes of a sequence's pairs.
 
         A scale is at least so large that the crop can be made of the image.
@@ -163,7 +163,9 @@ class Augmentation:
             camera = Imperfections(blur_px=further[0], noise=further[1], gamma=tone.camera.gamma, jpeg_quality=quality)
             colours[eye] = replace(tone, camera=camera)
         rectangles = self._rectangles(rng, size) if shares[3] < self.occluded else ()
-        return Drawn(warp, **flips, colours=MappingProxyType(colours), rectangles=rectangles, size=crop, margin=margin)
+        return Changes(
+            warp, **flips, colours=MappingProxyType(colours), rectangles=rectangles, size=crop, margin=margin
+        )
 
     def noise_rng(self, seed: int, index: int, epoch: int = 0) -> np.random.Generator:
         """Return the generator of a pair's noise."""
@@ -211,7 +213,7 @@ class Augmentation:
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
+class Changes:
     """The changes of a sequence's pairs.
 
     Attributes:

@@ -65,7 +65,7 @@ def _try(draft: Draft, pairs: int, listener: Listener) -> Trial:
             # Expected shares do not depend on texels.
             r, k = cells[str(recipe.name)]
             if k == 0 and recipe.config.particles.layers is not None:
-                shares[r] = sampler.population.expected().rebinned(target.edges_px).shares
+                shares[r] = sampler.disparity_solver.expected().rebinned(target.edges_px).shares
         for number in range(total):
             # Unchecked: a trial is not a dataset, and scenes drawn again would be of the same sort.
             pair = renderer.render(number, checked=False)

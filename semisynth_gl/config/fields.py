@@ -109,16 +109,16 @@ class Range:
         """The middle of the interval."""
         return (self.low + self.high) / 2
 
-    def draw(self, rng: np.random.Generator) -> float:
-        """Draw uniformly. A draw always takes one random number, so fixing a value does not shift later draws."""
+    def sample(self, rng: np.random.Generator) -> float:
+        """Sample uniformly. A draw always takes one random number, so fixing a value does not shift later draws."""
         return self.low + (self.high - self.low) * float(rng.random())
 
-    def draw_log(self, rng: np.random.Generator, size: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """Draw (size,) float64 log-uniformly. The interval must be positive."""
+    def sample_log(self, rng: np.random.Generator, size: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        """Sample (size,) float64 log-uniformly. The interval must be positive."""
         return self.low * np.power(self.high / self.low, rng.random(size))
 
-    def draw_many(self, rng: np.random.Generator, size: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """Draw (size,) float64 uniformly."""
+    def sample_many(self, rng: np.random.Generator, size: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        """Sample (size,) float64 uniformly."""
         return self.low + (self.high - self.low) * rng.random(size)
 
 

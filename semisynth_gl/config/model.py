@@ -294,7 +294,7 @@ class Config(Section):
                 yield number, fault
 
     @property
-    def images_as_drawn(self) -> bool:
+    def images_as_rendered(self) -> bool:
         """Whether images stay as they are drawn: no lens and no imperfections change them."""
         return self.lens is None and self.imperfections.none()
 
@@ -372,7 +372,7 @@ class Config(Section):
         ratios = self.camera.baseline_ratios()
         if len(ratios) == 1:
             return longest
-        # Without a stated cx_right, doffs is in proportion to the baseline, as disparity is; see `draw_views`.
+        # Without a stated cx_right, doffs is in proportion to the baseline, as disparity is; see `sample_views`.
         doffs_px = 0.0 if self.camera.cx_right_px is None else self.camera.mean_doffs_px
         parts = [(share, longest.seen_from(ratio, doffs_px)) for share, ratio in ratios]
         lowest = float(min(part.edges_px[0] for _, part in parts))

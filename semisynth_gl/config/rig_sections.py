@@ -243,19 +243,21 @@ class LensSection(Section):
                 text = f"{self.model} has {expected} coefficients, got {len(eye.distortion)}"
                 yield ConfigError(text, (f"{name}.distortion", "model"))
 
-    def draw(self, eye: Eye, rng: np.random.Generator) -> RawCamera:
-        """Draw one eye's camera: every range once, always in the same order."""
+    def sample(self, eye: Eye, rng: np.random.Generator) -> RawCamera:
+        """Sample one eye's camera: every range once, always in the same order."""
         values: RawEyeSection = getattr(self, eye)
 
-        def draw(key: Range | None, default: float) -> float:
-            return (key or Range(default, default)).draw(rng)
+        def sample(key: Range | None, default: float) -> float:
+            return (key or Range(default, default)).sample(rng)
 
         size = self.raw_width_px, self.raw_height_px
-        fx_px = values.fx_px.draw(rng)
-        fy_px = draw(values.fy_px, fx_px)
-        cx_px, cy_px = (draw(key, (side - 1) / 2) for key, side in zip((values.cx_px, values.cy_px), size, strict=True))
-        distortion = tuple(each.draw(rng) for each in values.distortion)
-        x, y, z = (radians(each.draw(rng)) for each in values.rotation_deg)
+        fx_px = values.fx_px.sample(rng)
+        fy_px = sample(values.fy_px, fx_px)
+        cx_px, cy_px = (
+            sample(key, (side - 1) / 2) for key, side in zip((values.cx_px, values.cy_px), size, strict=True)
+        )
+        distortion = tuple(each.sample(rng) for each in values.distortion)
+        x, y, z = (radians(each.sample(rng)) for each in values.rotation_deg)
         return RawCamera(*size, fx_px, fy_px, cx_px, cy_px, self.model, distortion, rotation_of((x, y, z)))
 
     def view_faults(self, camera: CameraSection) -> Iterator[ConfigError]:
@@ -267,7 +269,7 @@ class LensSection(Section):
             rng, pinhole = np.random.default_rng(0), camera.middle_pinhole(eye)
             most = 0.0
             for _ in range(_LENSES):
-                density = _raw_density(self.draw(eye, rng), pinhole, (camera.width_px, camera.height_px))
+                density = _raw_density(self.sample(eye, rng), pinhole, (camera.width_px, camera.height_px))
                 most = max(most, density)
                 if most * _COARSEST >= 1:
                     break

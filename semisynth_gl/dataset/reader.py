@@ -61,7 +61,7 @@ class StoredIndex:
     @property
     def imperfect(self) -> bool:
         """Whether a lens or imperfections of a rig change the images, differently in the two views."""
-        return not self.plan.config.images_as_drawn
+        return not self.plan.config.images_as_rendered
 
 
 class DamagedIndexError(InputError):

@@ -41,7 +41,7 @@ def mean_silhouette(
     heights, weights = [], []
     views = views_each(len(models))
     for mesh, chance in zip(models, chances, strict=True):
-        for scale in draw_scales(section, views, rng):
+        for scale in sample_scales(section, views, rng):
             axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
             relief = height_map(mesh, scale[:, None] * axes, _CELLS)
             relief = relief[np.isfinite(relief)]
@@ -62,10 +62,10 @@ def views_each(models: int) -> int:
     return max(_LEAST_VIEWS, -(-_VIEWS // models))
 
 
-def draw_scales(section: ParticlesSection, count: int, rng: np.random.Generator) -> Floats:
-    """Draw factors by which models are stretched along their own axes, (count, 3); the largest factor of each is 1."""
-    scales = section.stretch.draw_many(rng, 3 * count).reshape(count, 3)
-    scales[:, 2] *= section.thinness.draw_log(rng, count)
+def sample_scales(section: ParticlesSection, count: int, rng: np.random.Generator) -> Floats:
+    """Sample factors by which models are stretched along their axes, (count, 3); the largest factor of each is 1."""
+    scales = section.stretch.sample_many(rng, 3 * count).reshape(count, 3)
+    scales[:, 2] *= section.thinness.sample_log(rng, count)
     return np.asarray(scales / scales.max(axis=1, keepdims=True))
 
 

@@ -28,7 +28,7 @@ class Lenses:
             InputError: where OpenCV is missing, or a lens cannot be inverted over the rectified image.
         """
         for eye in EYES:
-            raw = self._section.draw(eye, self._rng_of(sequence, eye))
+            raw = self._section.sample(eye, self._rng_of(sequence, eye))
             size = camera.width_px, camera.height_px
             latest = self._latest.get(eye)
             same = (

@@ -15,7 +15,7 @@ from semisynth_gl.lens.borders import with_borders
 from semisynth_gl.lens.chain import LensChain, scaled_camera
 from semisynth_gl.lens.lenses import Lenses
 from semisynth_gl.pairs.exposure import exposed, moments
-from semisynth_gl.pairs.imperfections import apply_imperfections, draw_imperfections, recorded
+from semisynth_gl.pairs.imperfections import apply_imperfections, recorded, sample_imperfections
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sampler import SampledScene
@@ -83,7 +83,7 @@ class Cameras:
             if self._config.lens is not None and not self._config.lens.border_disparity:
                 records["lens"]["border_disparity"] = False
         # All eyes expose at the same time, so motion blur is drawn once for a scene.
-        motion_blur = section.motion_blur.draw(generator(self._seed, Purpose.IMPERFECTIONS, number, "motion_blur"))
+        motion_blur = section.motion_blur.sample(generator(self._seed, Purpose.IMPERFECTIONS, number, "motion_blur"))
         moved: list[Scene] = []
         if motion_blur > 0:
             moved = [self._sampler.moment(sampled, frames) for frames in moments(motion_blur, section.sub_frames)]
@@ -140,7 +140,7 @@ class Cameras:
             # All right views share the left eye's.
             of_eye = partial(generator, self._seed, Purpose.IMPERFECTIONS, number, eye, 0 if eye == "left" else view)
             rng = of_eye()
-            drawn = draw_imperfections(section, rng, of_eye)
+            drawn = sample_imperfections(section, rng, of_eye)
             records[eye] = recorded(drawn, section)
             if eye in images:
                 finished[eye] = apply_imperfections(images[eye], drawn, rng, points[eye])

@@ -31,10 +31,10 @@ _NEAR, _FAR, _ALL = np.float32(4 / 6), np.float32(1 / 6), np.float32(16 / 6)
 _FIRST = ("blur_px", "exposure_stops", "noise", "gamma")
 # Functions that draw the further keys, each of which has its own generator, and is drawn only if it is not the default.
 _FURTHER: Mapping[str, Callable[[Range, np.random.Generator], Any]] = {
-    "vignetting": Range.draw,
-    "white_balance": lambda values, rng: (values.draw(rng), values.draw(rng)),
-    "sharpening": Range.draw,
-    "jpeg_quality": lambda values, rng: round(values.draw(rng)),
+    "vignetting": Range.sample,
+    "white_balance": lambda values, rng: (values.sample(rng), values.sample(rng)),
+    "sharpening": Range.sample,
+    "jpeg_quality": lambda values, rng: round(values.sample(rng)),
 }
 
 
@@ -193,17 +193,17 @@ def _channels(image: NDArray[np.uint8]) -> int:
     return 1 if image.ndim == 2 else image.shape[2]
 
 
-def draw_imperfections(
+def sample_imperfections(
     section: ImperfectionsSection, rng: np.random.Generator, further: Callable[[str], np.random.Generator]
 ) -> Imperfections:
-    """Draw the imperfections of one eye's view, except motion blur.
+    """Sample the imperfections of one eye's view, except motion blur.
 
     Args:
         section: the ranges from which imperfections are drawn.
         rng: draws lens blur, exposure, noise and gamma.
         further: returns the generator of any other key. So no draw of a key changes that of another key.
     """
-    values = {key: getattr(section, key).draw(rng) for key in _FIRST}
+    values = {key: getattr(section, key).sample(rng) for key in _FIRST}
     for key in _given(section):
         values[key] = _FURTHER[key](getattr(section, key), further(key))
     return Imperfections(**values)

@@ -262,7 +262,7 @@ class PairRenderer:
             if not clauses:
                 taken = self._through_cameras(drawn, sampled, number, views)
                 # The drawn frames are judged too, since noise hides that a scene is flat.
-                if not self.config.images_as_drawn:
+                if not self.config.images_as_rendered:
                     seen = self._faults(sampled, [frame for frame, _ in taken], lambda *_: OPEN)
                     clauses = [f"{clause}, after lens and imperfections" for clause in seen]
             self._report("check")
@@ -288,7 +288,7 @@ class PairRenderer:
         """Return the pairs of some views of a scene, which are not checked."""
         sampled = self._sample(number, attempt.number)
         # Lenses and imperfections need whole images.
-        drawn = self._draw(sampled, crop if self.config.images_as_drawn else None, views)
+        drawn = self._draw(sampled, crop if self.config.images_as_rendered else None, views)
         taken = self._through_cameras(drawn, sampled, number, views)
         return self._told(taken, sampled, number, crop, attempt, views)
 
@@ -309,7 +309,7 @@ class PairRenderer:
         self, frames: Sequence[Frame], sampled: SampledScene, number: int, views: Sequence[int]
     ) -> _Frames:
         """Return frames with the images that the rig's cameras give, and what the provenance says of them."""
-        if self.config.images_as_drawn:
+        if self.config.images_as_rendered:
             return [(frame, {}) for frame in frames]
         result, left = [], None
         for view, frame in zip(views, frames, strict=True):

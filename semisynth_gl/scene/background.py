@@ -75,14 +75,14 @@ class Background:
 Kind = Literal["cuboid", "plane", "room", "street"]
 
 
-def draw_kind(section: BackgroundSection, rng: np.random.Generator) -> Kind:
-    """Draw the kind of one sequence's background by the config's weights."""
+def sample_kind(section: BackgroundSection, rng: np.random.Generator) -> Kind:
+    """Sample the kind of one sequence's background by the config's weights."""
     kinds: tuple[Kind, ...] = get_args(Kind)
     weights = np.cumsum([getattr(section, kind) for kind in kinds])
     return kinds[int(np.searchsorted(weights, rng.random() * weights[-1], side="right"))]
 
 
-def draw_plane(
+def sample_plane(
     section: BackgroundSection,
     disparity: DisparitySection,
     camera: StereoCamera,
@@ -91,14 +91,14 @@ def draw_plane(
     *,
     sky: bool = False,
 ) -> Background:
-    """Draw a far plane that fills both views at any moment of the sway.
+    """Sample a far plane that fills both views at any moment of the sway.
 
     As ``sky`` the plane is infinitely far away; its depth is where its texture lies and where a ground before it ends.
 
     Raises:
         InputError: where the drawn disparity lies beyond infinity, or the plane would have to be endless.
     """
-    disparity_px = section.plane_disparity_px.draw(rng)
+    disparity_px = section.plane_disparity_px.sample(rng)
     check_reachable(camera, disparity_px, "background.plane_disparity_px")
     depth = float(camera.depth_m(disparity_px))
     ahead = np.array([[0.0, 0.0, 1.0]])
@@ -145,14 +145,14 @@ def _widest_rad(camera: StereoCamera, sway: Sway) -> float:
     return widest
 
 
-def draw_cuboid(
+def sample_cuboid(
     section: BackgroundSection,
     disparity: DisparitySection,
     camera: StereoCamera,
     rng: np.random.Generator,
     sway: Sway = STILL,
 ) -> Background:
-    """Draw a cuboid that holds both cameras at any moment of the sway.
+    """Sample a cuboid that holds both cameras at any moment of the sway.
 
     No wall comes nearer than the depth of ``disparity.max_px`` in either view.
 
@@ -162,12 +162,12 @@ def draw_cuboid(
     turn = np.deg2rad(section.wall_turn_deg)
     angles = rng.uniform(-turn, turn, 3)
     wall_px = section.wall_disparity_px or Range(disparity.min_px, disparity.min_px)
-    drawn_px = wall_px.draw(rng)
+    drawn_px = wall_px.sample(rng)
     check_reachable(camera, drawn_px, "background.wall_disparity_px")
     wall_depth = float(camera.depth_m(drawn_px))
     near = near_depth_m(camera, disparity)
     farthest = float(camera.depth_m(disparity.min_px))
-    fraction = _SIDE_WALL.draw_many(rng, 4)
+    fraction = _SIDE_WALL.sample_many(rng, 4)
     centre_ray = camera.rays("left", np.array((camera.width_px - 1) / 2), np.array((camera.height_px - 1) / 2))
     for share in TURNED_BACK:
         # Columns are the room's axes in the camera frame.

@@ -91,13 +91,13 @@ def furnish(room: Arrangement, section: RoomSection, walls: tuple[Wall, ...]) ->
     tops: list[int] = []
     if rng.random() < section.rug:
         _add_rug(room, walls[0])
-    for _ in range(round(section.pillars.draw(rng))):
+    for _ in range(round(section.pillars.sample(rng))):
         _add_pillar(room, walls)
-    for _ in range(round(section.furniture.draw(rng))):
+    for _ in range(round(section.furniture.sample(rng))):
         placed = _add_standing(room, walls)
         if placed is not None:
             tops.append(placed)
-    for _ in range(round(section.small.draw(rng))):
+    for _ in range(round(section.small.sample(rng))):
         picked = room.pick(_SMALL)
         if picked is None:
             break
@@ -106,7 +106,7 @@ def furnish(room: Arrangement, section: RoomSection, walls: tuple[Wall, ...]) ->
         room.stand(picked, (*_on_floor(room, walls), 0) if top is None else top, yaw)
     if rng.random() < section.curtain:
         _hang_curtain(room, walls[int(rng.integers(len(walls)))])
-    for _ in range(round(section.pictures.draw(rng))):
+    for _ in range(round(section.pictures.sample(rng))):
         _hang(room, walls)
 
 

@@ -13,7 +13,7 @@ from semisynth_gl.histogram import Histogram, mix_histograms
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Ints
 from semisynth_gl.scene.depth_layers import merge_bins
-from semisynth_gl.scene.population import InView
+from semisynth_gl.scene.disparity_solver import InView
 from semisynth_gl.scene.sampler import SampledScene, SceneSampler
 from semisynth_gl.scene.scene import Motion, Scene
 from semisynth_gl.seeds.seeds import Purpose, generator
@@ -115,7 +115,7 @@ class MixSampler:
     def expected(self) -> Histogram:
         """Return the mean distribution of the disparities of the dataset's pairs.
 
-        It covers all baselines (see `Config.across_baselines`), where `Population.expected` covers the longest one.
+        It covers all baselines, see `Config.across_baselines`; `DisparitySolver.expected` covers the longest one.
         """
         both = zip(self.recipes, self.samplers, strict=True)
         parts = [(recipe.share, recipe.config.across_baselines(self._expected(sampler))) for recipe, sampler in both]
@@ -135,16 +135,16 @@ class MixSampler:
         return sorted(list(dict.fromkeys([*chosen, *range(pairs)]))[:pairs])
 
     def in_view(self) -> list[InView]:
-        """Return what the left views of each recipe show on average; see `Population.in_view`."""
+        """Return what the left views of each recipe show on average; see `DisparitySolver.in_view`."""
         seen = []
         for sampler in self.samplers:
             with _named(sampler.recipe):
-                seen.append(sampler.population.in_view())
+                seen.append(sampler.disparity_solver.in_view())
         return seen
 
     def _expected(self, sampler: SceneSampler) -> Histogram:
         with _named(sampler.recipe):
-            return sampler.population.expected()
+            return sampler.disparity_solver.expected()
 
     def _rest(self, others: Mapping[str | None, SceneSampler]) -> Histogram:
         """Return the part of the mix's target that other recipes leave open."""

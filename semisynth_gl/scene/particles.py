@@ -17,7 +17,7 @@ import numpy as np
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import DepthLayerSection, ParticlesSection
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.geometry.silhouette import draw_scales
+from semisynth_gl.geometry.silhouette import sample_scales
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene import Bools, Floats, Ints
 from semisynth_gl.scene.rig import STILL, Sway, rotation_about_axis, rotation_from_quaternion
@@ -121,7 +121,7 @@ class StatedLayer:
 
     def batch(self, rng: np.random.Generator) -> Batch:
         """Return the layer's particles, with a number drawn from its range and rounded."""
-        return Batch(self.disparity_px.low, self.disparity_px.high, round(self.count.draw(rng)), self.sizes)
+        return Batch(self.disparity_px.low, self.disparity_px.high, round(self.count.sample(rng)), self.sizes)
 
 
 def stated_layers(
@@ -177,7 +177,7 @@ def path_px(camera: StereoCamera, radius_px: Floats) -> Floats:
     return np.asarray((view.bottom - view.top) * camera.focal_px + sum(view.secants) * radius_px)
 
 
-def draw_slots(
+def sample_slots(
     camera: StereoCamera,
     section: ParticlesSection,
     batches: Sequence[Batch],
@@ -186,7 +186,7 @@ def draw_slots(
     sway: Sway = STILL,
     relief_px: float = np.inf,
 ) -> Slots:
-    """Draw the slots of one sequence, one for each particle of the batches.
+    """Sample the slots of one sequence, one for each particle of the batches.
 
     Batches of more than ``section.most`` particles together are cut in proportion. ``near_m`` is the depth of the near
     plane, which the models keep clear of at any moment of the sway; ``relief_px`` is the largest radius of a model
@@ -204,7 +204,7 @@ def draw_slots(
     for batch, count, end in zip(batches, counts, np.cumsum(counts), strict=True):
         rows = slice(end - count, end)
         radius[rows] = batch.sizes.radius_px(camera, disparity[rows], quantile[rows])
-    speed = section.fall_m_s.draw_many(rng, total)
+    speed = section.fall_m_s.sample_many(rng, total)
     phase = rng.random(total)
     depth = camera.depth_m(disparity)
     radius_m, view = radius * depth / camera.focal_px, height_of_view(camera, sway)
@@ -217,8 +217,8 @@ def draw_slots(
     return Slots(depth, disparity, radius, flatness, path / speed, phase, path, room, view)
 
 
-def draw_release(camera: StereoCamera, section: ParticlesSection, slots: Slots, rng: np.random.Generator) -> Release:
-    """Draw the release of every slot's model of one generation."""
+def sample_release(camera: StereoCamera, section: ParticlesSection, slots: Slots, rng: np.random.Generator) -> Release:
+    """Sample the release of every slot's model of one generation."""
     total = len(slots)
     width = _release_width_px(camera, slots.disparity_px, slots.radius_px)
     # Particles of negative disparity enter the right view from the left.
@@ -227,10 +227,10 @@ def draw_release(camera: StereoCamera, section: ParticlesSection, slots: Slots, 
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
     axis = rng.normal(size=(total, 3))
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    spin = np.deg2rad(section.spin_deg_s.draw_many(rng, total))
+    spin = np.deg2rad(section.spin_deg_s.sample_many(rng, total))
     heading = rng.uniform(0, 2 * np.pi, total)
-    drift = section.drift.draw_many(rng, total)[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
-    scale = draw_scales(section, total, rng)
+    drift = section.drift.sample_many(rng, total)[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    scale = sample_scales(section, total, rng)
     return Release(start, quaternion, axis, spin, drift, scale)
 
 

@@ -15,12 +15,12 @@ from semisynth_gl.config.model import Config
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.scene import Floats
 from semisynth_gl.scene.arrangement import Catalogue
-from semisynth_gl.scene.structures import draw_stage
+from semisynth_gl.scene.structures import sample_static_scene
 from semisynth_gl.seeds.seeds import Purpose, generator
 
 _PILOTS = 32
 _KEYS = (Purpose.CAMERA, Purpose.BACKGROUND, Purpose.STRUCTURES, Purpose.SWAY, Purpose.RIG, Purpose.SKY)
-# The sections that `draw_stage` reads.
+# The sections that `sample_static_scene` reads.
 _SECTIONS = {"camera", "rig", "disparity", "background", "room", "street", "structures"}
 VERSION = 1
 """To be raised by each change of the code that changes pilot scenes; see `semisynth_gl.cache`."""
@@ -33,8 +33,8 @@ class Pilot(NamedTuple):
     bare_px: Floats  # (R,) finite disparities on a coarse grid over the left view, without particles
 
 
-def draw_pilots(config: Config, seed: int, catalogue: Catalogue) -> list[Pilot]:
-    """Draw the 32 pilot scenes of a recipe, or load them from the cache.
+def sample_pilots(config: Config, seed: int, catalogue: Catalogue) -> list[Pilot]:
+    """Sample the 32 pilot scenes of a recipe, or load them from the cache.
 
     Raises:
         InputError: where a disparity of the config lies beyond infinity, or a far plane would have to be endless.
@@ -49,15 +49,15 @@ def draw_pilots(config: Config, seed: int, catalogue: Catalogue) -> list[Pilot]:
         }
 
     def build() -> list[Pilot]:
-        return [_draw_pilot(config, seed, number, catalogue) for number in range(_PILOTS)]
+        return [_sample_pilot(config, seed, number, catalogue) for number in range(_PILOTS)]
 
     return cached("pilots", VERSION, key, build=build, pack=_packed, unpack=_unpacked)
 
 
-def _draw_pilot(config: Config, seed: int, number: int, catalogue: Catalogue) -> Pilot:
+def _sample_pilot(config: Config, seed: int, number: int, catalogue: Catalogue) -> Pilot:
     generators = {use: generator(seed, Purpose.PILOTS, number, key) for key, use in enumerate(_KEYS)}
-    stage = draw_stage(config, catalogue, generators.__getitem__)
-    return Pilot(stage.camera, stage.still.disparity_px)
+    static = sample_static_scene(config, catalogue, generators.__getitem__)
+    return Pilot(static.camera, static.still.disparity_px)
 
 
 def _digest(catalogue: Catalogue) -> str:

@@ -15,14 +15,14 @@ from semisynth_gl.textures.atlas import to_grey
 from semisynth_gl.textures.images import ImageError, check_opaque, read_image
 
 
-def draw_projector(section: ProjectorSection, rng: np.random.Generator) -> Projector | None:
-    """Draw the projector of a sequence; return None for a sequence in which it is off."""
+def sample_projector(section: ProjectorSection, rng: np.random.Generator) -> Projector | None:
+    """Sample the projector of a sequence; return None for a sequence in which it is off."""
     if rng.random() >= section.share:
         return None
-    width_rad = math.radians(section.field_of_view_deg.draw(rng))
-    position_m = np.array([each.draw(rng) for each in section.position_m])
-    turn_rad = np.deg2rad([each.draw(rng) for each in section.turn_deg])
-    power, ambient = section.power.draw(rng), section.ambient.draw(rng)
+    width_rad = math.radians(section.field_of_view_deg.sample(rng))
+    position_m = np.array([each.sample(rng) for each in section.position_m])
+    turn_rad = np.deg2rad([each.sample(rng) for each in section.turn_deg])
+    power, ambient = section.power.sample(rng), section.ambient.sample(rng)
     return Projector(
         own_from_outer(position_m, turn_rad), section.pattern_width_px / 2 / math.tan(width_rad / 2), power, ambient
     )

@@ -29,22 +29,22 @@ BEYOND_NEAR = 1.01
 """Smallest depth of walls, in units of the near plane's, so that rounding never puts a disparity above max_px."""
 
 
-def draw_camera(section: CameraSection, rng: np.random.Generator) -> StereoCamera:
-    """Draw a camera: every range of the section once, always in the same order, and only the first of the baselines."""
+def sample_camera(section: CameraSection, rng: np.random.Generator) -> StereoCamera:
+    """Sample a camera: every range of the section once, always in the same order, and the first baseline only."""
 
-    def draw(key: Range | None, default: float) -> float:
-        return (key or Range(default, default)).draw(rng)
+    def sample(key: Range | None, default: float) -> float:
+        return (key or Range(default, default)).sample(rng)
 
     if section.focal_px is not None:
-        focal_px = section.focal_px.draw(rng)
+        focal_px = section.focal_px.sample(rng)
     else:
         assert section.focal_mm is not None and section.sensor_width_mm is not None  # noqa: S101, PT018 - CameraSection
-        focal_px = section.focal_mm.draw(rng) / section.sensor_width_mm * section.width_px
-    baseline_m = section.baseline_ranges_m[0].draw(rng)
-    doffs_px = draw(section.doffs_px, 0.0)
-    cx_left_px = draw(section.cx_left_px, (section.width_px - 1) / 2 - doffs_px / 2)
-    cx_right_px = draw(section.cx_right_px, cx_left_px + doffs_px)
-    cy_px = draw(section.cy_px, (section.height_px - 1) / 2)
+        focal_px = section.focal_mm.sample(rng) / section.sensor_width_mm * section.width_px
+    baseline_m = section.baseline_ranges_m[0].sample(rng)
+    doffs_px = sample(section.doffs_px, 0.0)
+    cx_left_px = sample(section.cx_left_px, (section.width_px - 1) / 2 - doffs_px / 2)
+    cx_right_px = sample(section.cx_right_px, cx_left_px + doffs_px)
+    cy_px = sample(section.cy_px, (section.height_px - 1) / 2)
     sides = section.width_px, section.height_px
     points = cx_left_px, cx_right_px, cy_px
     return StereoCamera(*sides, focal_px, baseline_m, *points, fy_over_fx=section.fy_over_fx)
@@ -86,37 +86,39 @@ STILL = Sway(np.zeros(3), np.zeros(3), np.ones(6), np.zeros(6))
 """The sway of a camera that stands still."""
 
 
-def draw_rig(
+def sample_rig(
     config: Config, generator_for: Callable[[Purpose], np.random.Generator]
 ) -> tuple[tuple[StereoCamera, ...], Sway]:
-    """Draw the camera of each right view, and the sway that they share.
+    """Sample the camera of each right view, and the sway that they share.
 
     ``generator_for`` returns the generator for CAMERA, RIG (where right cameras deviate) and SWAY. Where the config
     asks for twins, each deviating camera is followed by its rectified twin.
     """
     rng = generator_for(Purpose.CAMERA)
-    views = draw_views(config.camera, draw_camera(config.camera, rng), rng)
+    views = sample_views(config.camera, sample_camera(config.camera, rng), rng)
     if not config.rig.none():
-        deviation = _draw_deviation(config.rig, generator_for(Purpose.RIG))
+        deviation = _sample_deviation(config.rig, generator_for(Purpose.RIG))
         twins = (deviation, RECTIFIED) if config.rig.twin else (deviation,)
         views = tuple(replace(view, deviation=each) for view in views for each in twins)
-    return views, draw_sway(config.camera, generator_for(Purpose.SWAY))
+    return views, sample_sway(config.camera, generator_for(Purpose.SWAY))
 
 
-def _draw_deviation(section: RigSection, rng: np.random.Generator) -> Deviation:
-    """Draw a deviation: every range of the section once, always in the same order."""
-    roll, pitch = (np.deg2rad(range_.draw(rng)).item() for range_ in (section.right_roll_deg, section.right_pitch_deg))
-    return Deviation(roll, pitch, section.right_y_px.draw(rng), section.focal_ratio.draw(rng))
+def _sample_deviation(section: RigSection, rng: np.random.Generator) -> Deviation:
+    """Sample a deviation: every range of the section once, always in the same order."""
+    roll, pitch = (
+        np.deg2rad(range_.sample(rng)).item() for range_ in (section.right_roll_deg, section.right_pitch_deg)
+    )
+    return Deviation(roll, pitch, section.right_y_px.sample(rng), section.focal_ratio.sample(rng))
 
 
-def draw_views(section: CameraSection, camera: StereoCamera, rng: np.random.Generator) -> tuple[StereoCamera, ...]:
+def sample_views(section: CameraSection, camera: StereoCamera, rng: np.random.Generator) -> tuple[StereoCamera, ...]:
     """Return the camera of each right view of a scene; the cameras differ only in the right eye.
 
-    ``camera`` comes from `draw_camera` with the same generator, and has the first baseline. Its doffs is that of the
+    ``camera`` comes from `sample_camera` with the same generator, and has the first baseline. Its doffs is that of the
     longest baseline. Shorter baselines have a doffs in proportion, unless the config states the right principal point.
     Disparities are then in proportion, too, so that a surface with a valid disparity in one view has one in all views.
     """
-    baselines_m = [camera.baseline_m, *(range_m.draw(rng) for range_m in section.baseline_ranges_m[1:])]
+    baselines_m = [camera.baseline_m, *(range_m.sample(rng) for range_m in section.baseline_ranges_m[1:])]
 
     def centre_px(baseline_m: float) -> float:
         if baseline_m == max(baselines_m) or section.cx_right_px is not None:
@@ -207,12 +209,12 @@ def check_reachable(camera: StereoCamera, disparity_px: float, key: str) -> None
         )
 
 
-def draw_sway(section: CameraSection, rng: np.random.Generator) -> Sway:
-    """Draw a sway: an amplitude of the shift and of the turn for each axis, and each oscillation's period and phase."""
+def sample_sway(section: CameraSection, rng: np.random.Generator) -> Sway:
+    """Sample a sway: amplitudes of the shift and of the turn for each axis, and each oscillation's period and phase."""
     return Sway(
-        section.sway_m.draw_many(rng, 3),
-        np.deg2rad(section.sway_deg.draw_many(rng, 3)),
-        section.sway_s.draw_many(rng, 6),
+        section.sway_m.sample_many(rng, 3),
+        np.deg2rad(section.sway_deg.sample_many(rng, 3)),
+        section.sway_s.sample_many(rng, 6),
         rng.uniform(0, 2 * np.pi, 6),
     )
 

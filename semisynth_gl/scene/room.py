@@ -67,28 +67,28 @@ DOORWAYS: Final = tuple(_pierced(*_hole(k, _DOORWAY_ROWS), "wall with a doorway"
 NICHES: Final = tuple(_pierced(*_hole(k, _NICHE_ROWS), "wall with a niche") for k in range(len(_HOLES)))
 
 
-def draw_room(
+def sample_room(
     config: Config, camera: StereoCamera, catalogue: Catalogue, rng: np.random.Generator, sway: Sway
 ) -> Arrangement:
-    """Draw a room with everything in it; nothing comes nearer than the depth of ``disparity.max_px``.
+    """Sample a room with everything in it; nothing comes nearer than the depth of ``disparity.max_px``.
 
     Raises:
         InputError: where the drawn disparity of the wall lies beyond infinity.
     """
     section, background, disparity = config.room, config.background, config.disparity
-    wall_px = (background.wall_disparity_px or Range(disparity.min_px, disparity.min_px)).draw(rng)
+    wall_px = (background.wall_disparity_px or Range(disparity.min_px, disparity.min_px)).sample(rng)
     check_reachable(camera, wall_px, "background.wall_disparity_px")
     wall_m, near_m = float(camera.depth_m(wall_px)), near_depth_m(camera, disparity)
     # Walls must keep clear of the near plane, even if a large doffs leaves hardly any depths between min_px and max_px.
     farthest_m = max(float(camera.depth_m(min(wall_px, disparity.min_px))), BEYOND_NEAR * near_m)
     metre = wall_m / float(np.clip(wall_m, _TRUE.low, _TRUE.high))
-    height = section.camera_height_m.draw(rng) * metre
-    row = section.floor_row.draw(rng) * camera.height_px - 0.5
+    height = section.camera_height_m.sample(rng) * metre
+    row = section.floor_row.sample(rng) * camera.height_px - 0.5
     pitch = float(np.clip(np.arctan2(height, wall_m) - np.arctan2(row - camera.cy_px, camera.focal_y_px), -0.35, 0.9))
     turn = np.deg2rad(background.wall_turn_deg)
     yaw, roll = rng.uniform(-2, 2) * turn, rng.normal() * np.deg2rad(section.roll_deg)
     aside = rng.uniform(0.25, 1.15, 2)
-    above = max(_HEIGHT.draw(rng) * metre - height, 0.3 * metre)
+    above = max(_HEIGHT.sample(rng) * metre - height, 0.3 * metre)
     for share in TURNED_BACK:
         angles = share * yaw, share * pitch, share * roll
         view = FloorView.over_floor(camera, near_m, height, *angles)

@@ -12,14 +12,14 @@ from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene import Bools, Floats, Ints
+from semisynth_gl.scene.disparity_solver import DisparitySolver
 from semisynth_gl.scene.mapping import Surfaces, map_patches, wears_large
-from semisynth_gl.scene.particles import Particles, Release, Slots, draw_release, draw_slots, particles_at
-from semisynth_gl.scene.population import Population
-from semisynth_gl.scene.projector import draw_projector, projector_record
+from semisynth_gl.scene.particles import Particles, Release, Slots, particles_at, sample_release, sample_slots
+from semisynth_gl.scene.projector import projector_record, sample_projector
 from semisynth_gl.scene.resting import come_to_rest, triangles_of
 from semisynth_gl.scene.rig import near_depth_m, relief_px
 from semisynth_gl.scene.scene import Motion, Projector, Scene
-from semisynth_gl.scene.structures import STILL_MODELS, Stage, draw_stage, take_stock
+from semisynth_gl.scene.structures import STILL_MODELS, StaticScene, sample_static_scene, take_stock
 from semisynth_gl.scene.view_volume import clear_depth_m
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
@@ -35,7 +35,7 @@ _BEFORE = 2**30
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledScene:
-    """A scene with the camera of one right view, and the origin of its N instances; those of the stage come first."""
+    """A scene with one right view's camera, and the origin of its N instances; the static scene's come first."""
 
     scene: Scene
     views: tuple[StereoCamera, ...]  # the camera of each right view; the cameras differ only in the right eye
@@ -48,8 +48,8 @@ class SampledScene:
     attempt: int  # number of earlier attempts at the sequence, which failed
     patch_px: Ints  # (N,) side of the patch that each instance wears
     patch: Ints  # (N,) the patch that each instance wears; a patch of video frames has an atlas layer per frame
-    slot: Ints  # (N,) the particles' slot that each instance comes from; -1 for the stage's things
-    generation: Ints  # (N,) number of the model in its slot; -1 for the stage's things
+    slot: Ints  # (N,) the particles' slot that each instance comes from; -1 for the static scene's things
+    generation: Ints  # (N,) number of the model in its slot; -1 for the static scene's things
     resting: Bools  # (N,) whether each instance is a particle at rest
 
     @property
@@ -98,7 +98,7 @@ class _Sequence(NamedTuple):
     """The state that all frames of a sequence share."""
 
     draw: _Draw
-    stage: Stage
+    static: StaticScene
     near_m: float  # depth of the near plane
     slots: Slots
     projector: Projector | None
@@ -137,7 +137,7 @@ class SceneSampler:
         self._catalogue = take_stock(library)
         # The models that `Scene.model` refers to: the models of still things, then the library.
         self.models = self._catalogue.models
-        self.population = Population(config, seed, library.silhouette, self._catalogue, wanted)
+        self.disparity_solver = DisparitySolver(config, seed, library.silhouette, self._catalogue, wanted)
         self._patches = patches
         self._small = sum(not patch.large for patch in patches)
         # Cumulative chances of the small patches, and of the large ones.
@@ -156,7 +156,8 @@ class SceneSampler:
         """Sample the scene of pair ``index``, 0 or more; each ``attempt`` draws the pair's whole sequence anew.
 
         Raises:
-            InputError: where the config's disparities cannot be met; see `draw_stage` and `Population.draw`.
+            InputError: where the config's disparities cannot be met, see `sample_static_scene` and
+                `DisparitySolver.sample`.
         """
         scene, view = divmod(index, self._config.views)
         number, frame = divmod(scene, self._config.sequence.length)
@@ -169,7 +170,7 @@ class SceneSampler:
         """
         sequence = self._sequence(sampled.sequence, sampled.attempt)
         target = self._sample_frame(sequence, sampled.frame + frames, sampled.view)
-        still = len(sequence.stage.still)
+        still = len(sequence.static.still)
         # A slot shows one model at a time.
         instance_of_slot = np.full(len(sequence.slots), -1)
         instance_of_slot[target.slot[still:]] = np.arange(still, len(target.slot))
@@ -186,7 +187,7 @@ class SceneSampler:
         frame = sampled.frame + frames
         return replace(
             sampled.scene,
-            camera_from_world=sequence.stage.sway.camera_from_world(frame * self._config.sequence.frame_s),
+            camera_from_world=sequence.static.sway.camera_from_world(frame * self._config.sequence.frame_s),
             world_from_model=self._moved(sequence, sampled, frame),
         )
 
@@ -233,59 +234,61 @@ class SceneSampler:
         """Draw the state that all frames of a sequence share; the latest sequence is kept for the next call."""
         draw = _Draw(self._seed, number, attempt)
         if self._latest is None or self._latest.draw != draw:
-            stage = draw_stage(self._config, self._catalogue, draw.generator)
+            static = sample_static_scene(self._config, self._catalogue, draw.generator)
             rng = draw.generator(Purpose.PARTICLES, 0)
             # A sequence that is drawn again gets a number that no other sequence has.
-            batches = self.population.draw(number + _REDRAWN * attempt, stage.camera, stage.still.disparity_px, rng)
-            near_m = near_depth_m(stage.camera, self._config.disparity)
-            most_px = relief_px(stage.camera, self._config.disparity.min_px, near_m)
-            slots = draw_slots(stage.camera, self._config.particles, batches, rng, near_m, stage.sway, most_px)
+            batches = self.disparity_solver.sample(
+                number + _REDRAWN * attempt, static.camera, static.still.disparity_px, rng
+            )
+            near_m = near_depth_m(static.camera, self._config.disparity)
+            most_px = relief_px(static.camera, self._config.disparity.min_px, near_m)
+            slots = sample_slots(static.camera, self._config.particles, batches, rng, near_m, static.sway, most_px)
             section = self._config.projector
-            projector = None if section is None else draw_projector(section, draw.generator(Purpose.PROJECTOR))
-            falling = _Sequence(draw, stage, near_m, slots, projector)
+            projector = None if section is None else sample_projector(section, draw.generator(Purpose.PROJECTOR))
+            falling = _Sequence(draw, static, near_m, slots, projector)
             self._latest = falling._replace(slots=replace(slots, resting=self._resting(falling)))
         return self._latest
 
     def _resting(self, sequence: _Sequence) -> dict[int, Floats]:
         """Lower the models of some slots onto the surfaces below them; return their poses (4, 4) by slot."""
-        draw, stage, near_m, slots, _ = sequence
+        draw, static, near_m, slots, _ = sequence
         chance = draw.generator(Purpose.RESTING).random(len(slots))
         chosen = np.flatnonzero(chance < self._config.particles.resting)
         if not len(chosen):
             return {}
-        first, camera, still = np.zeros(len(slots), np.int64), stage.camera, stage.still
+        first, camera, still = np.zeros(len(slots), np.int64), static.camera, static.still
         particles = self._particles(sequence, 0.0, first)
-        meshes = [self._model_library.models[number] for number in self._drawn_models(draw, first[chosen], chosen)]
+        meshes = [self._model_library.models[number] for number in self._sampled_models(draw, first[chosen], chosen)]
         ground = ~still.sky
         corners = triangles_of(self.models, still.model[ground], still.world_from_model[ground])
-        rested = come_to_rest(particles.world_from_model[chosen], meshes, corners, stage.up)
+        rested = come_to_rest(particles.world_from_model[chosen], meshes, corners, static.up)
         resting = {}
         for number, pose in rested.items():
             slot = int(chosen[number])
             x, y, z = pose[:3, 3]
             row = camera.cy_px + camera.focal_y_px * y / z
             radius_m = particles.radius_m[slot] * slots.flatness[slot]
-            clear_m = clear_depth_m(near_m, radius_m, np.hypot(x, y), stage.sway)
+            clear_m = clear_depth_m(near_m, radius_m, np.hypot(x, y), static.sway)
             if z > clear_m and -0.5 < row < camera.height_px - 0.5:
                 resting[slot] = pose
         return resting
 
     def _sample_frame(self, sequence: _Sequence, frame: int, view: int) -> SampledScene:
         """Sample the scene of any frame of a sequence, as the right view of a number sees it."""
-        draw, stage, near_m, slots, projector = sequence
-        config, still = self._config, stage.still
+        draw, static, near_m, slots, projector = sequence
+        config, still = self._config, static.still
         particles = self._particles(sequence, frame)
         # The near plane is in front of both cameras, so no model can swallow a camera.
         kept = np.flatnonzero(slots.shown)
         generations = particles.generation[kept]
-        drawn = self._drawn_models(draw, generations, kept)
+        drawn = self._sampled_models(draw, generations, kept)
         patch, scale, offset = self._textures(sequence, particles, kept, drawn)
         # Each instance starts its video at a random frame, and repeats it.
         count = self._layer_count[patch]
         scene = Scene(
-            camera=stage.views[view],
+            camera=static.views[view],
             near_m=near_m,
-            camera_from_world=stage.sway.camera_from_world(frame * config.sequence.frame_s),
+            camera_from_world=static.sway.camera_from_world(frame * config.sequence.frame_s),
             model=np.concatenate([still.model, len(STILL_MODELS) + drawn]),
             world_from_model=np.concatenate([still.world_from_model, particles.world_from_model[kept]]),
             layer=self._first_layer[patch] + ((patch * 7919 + draw.sequence) % count + frame) % count,
@@ -297,11 +300,11 @@ class SceneSampler:
         slot, generation = (np.concatenate([np.full(len(still), -1), numbers]) for numbers in (kept, generations))
         return SampledScene(
             scene=scene,
-            views=stage.views,
+            views=static.views,
             view=view,
             recipe=self.recipe,
-            background=stage.background,
-            farthest_m=stage.farthest_m,
+            background=static.background,
+            farthest_m=static.farthest_m,
             sequence=draw.sequence,
             frame=frame,
             attempt=draw.attempt,
@@ -314,7 +317,7 @@ class SceneSampler:
 
     def _moved(self, sequence: _Sequence, sampled: SampledScene, frame: float) -> Floats:
         """Return the poses (N, 4, 4) of a scene's instances at another frame, in which they need not be drawn."""
-        still = len(sequence.stage.still)
+        still = len(sequence.static.still)
         world_from_model = sampled.scene.world_from_model.copy()
         slots, generation = sampled.slot[still:], np.zeros(len(sequence.slots), np.int64)
         generation[slots] = sampled.generation[still:]
@@ -323,15 +326,15 @@ class SceneSampler:
 
     def _particles(self, sequence: _Sequence, frame: float, generation: Ints | None = None) -> Particles:
         """Place the models of all slots at a frame: those of given generations (S,), or those that are shown then."""
-        camera, slots = sequence.stage.camera, sequence.slots
+        camera, slots = sequence.static.camera, sequence.slots
 
         def release(number: int) -> Release:
             rng = sequence.draw.generator(Purpose.PARTICLES, 1 + _generation_key(number))
-            return draw_release(camera, self._config.particles, slots, rng)
+            return sample_release(camera, self._config.particles, slots, rng)
 
         return particles_at(camera, slots, release, frame * self._config.sequence.frame_s, generation)
 
-    def _drawn_models(self, draw: _Draw, generation: Ints, slot: NDArray[np.intp]) -> Ints:
+    def _sampled_models(self, draw: _Draw, generation: Ints, slot: NDArray[np.intp]) -> Ints:
         """Return the number, (N,), of the library's model that each of N slots shows in its generation."""
         chance = draw.per_slot(Purpose.SHAPE, generation, slot, 1)[:, 0]
         return self._model_library.drawn[_drawn(self._cumulative, chance)]
@@ -340,8 +343,8 @@ class SceneSampler:
         self, sequence: _Sequence, particles: Particles, slot: NDArray[np.intp], model: Ints
     ) -> tuple[Ints, Floats, Floats]:
         """Return each instance's patch (N,), patches per UV unit (N, 2), and UV offset in patches (N, 2)."""
-        draw, stage, _, slots, _ = sequence
-        section, still = self._config.textures, stage.still
+        draw, static, _, slots, _ = sequence
+        section, still = self._config.textures, static.still
         of_still = draw.generator(Purpose.TEXTURE, 0).random((len(still), 4))
         of_slots = draw.per_slot(Purpose.TEXTURE, particles.generation[slot], slot, 4, first_key=1)
         drawn = np.concatenate([of_still[still.wears], of_slots])
@@ -359,7 +362,7 @@ class SceneSampler:
         )
         patch, large = _drawn(self._ends[0], drawn[:, 0]), np.zeros(len(texels), bool)
         if self._small < len(self._patches):
-            large = wears_large(surfaces, stage.camera, section, texels)
+            large = wears_large(surfaces, static.camera, section, texels)
             wearing = np.flatnonzero(large[: len(still)])
             # The large patches are spread over the still things, so that few things wear the same patch. Each side of a
             # box shows another part of its patch.
@@ -367,4 +370,4 @@ class SceneSampler:
             drawn[wearing, 0] = (of_still[0, 0] + order * _GOLDEN) % 1.0
             drawn[wearing, 1:3] = of_still[wearing, 1:3]
             patch[large] = self._small + _drawn(self._ends[1], drawn[large, 0])
-        return patch, *map_patches(surfaces, stage.camera, section, texels, drawn[:, 1:3], large)
+        return patch, *map_patches(surfaces, static.camera, section, texels, drawn[:, 1:3], large)

@@ -9,7 +9,7 @@ from semisynth_gl.config.scene_sections import StreetSection
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import cross
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue, Diameters, FloorView
-from semisynth_gl.scene.background import FACE, GROUND, draw_plane, lay_ground
+from semisynth_gl.scene.background import FACE, GROUND, lay_ground, sample_plane
 from semisynth_gl.scene.rig import Sway, near_depth_m
 from semisynth_gl.scene.view_volume import smallest_offsets
 
@@ -50,7 +50,7 @@ _Span = tuple[float, float]
 """Begin and end of an interval, metres."""
 
 
-def draw_street(
+def sample_street(
     config: Config,
     camera: StereoCamera,
     catalogue: Catalogue,
@@ -59,19 +59,19 @@ def draw_street(
     *,
     sky: bool = False,
 ) -> Arrangement:
-    """Draw a street; nothing comes nearer than the depth of ``disparity.max_px``.
+    """Sample a street; nothing comes nearer than the depth of ``disparity.max_px``.
 
     The first thing of the arrangement is the backdrop: a far plane or, with ``sky``, the sky.
 
     Raises:
-        InputError: see `draw_plane`.
+        InputError: see `sample_plane`.
     """
     section, disparity = config.street, config.disparity
-    backdrop = draw_plane(config.background, disparity, camera, rng, sway, sky=sky)
+    backdrop = sample_plane(config.background, disparity, camera, rng, sway, sky=sky)
     backdrop_m, near_m = float(backdrop.offset_m[0]), near_depth_m(camera, disparity)
     metre = min(1.0, backdrop_m / _TRUE_REACH_M)
     yaw, pitch, roll = np.deg2rad(rng.normal(size=3) * (section.yaw_deg, section.tilt_deg, section.tilt_deg))
-    height = section.camera_height_m.draw(rng) * metre
+    height = section.camera_height_m.sample(rng) * metre
     view = FloorView.over_floor(camera, near_m, height, yaw, pitch, roll)
     down = -view.camera_from_floor[:3, 2]
     least = float(smallest_offsets(camera, down[None], near_m, sway)[0])
@@ -84,20 +84,20 @@ def draw_street(
     street.add(catalogue.number(FACE), floor_from_backdrop, (float(wide), float(high)))
     _add_ground(street, Range(near_m, backdrop_m), height)
     ahead_m = near_m, min(backdrop_m, _FARTHEST * metre)
-    road = section.road_width_m.draw(rng) * metre / 2
+    road = section.road_width_m.sample(rng) * metre / 2
     pavement = rng.uniform(1.5, 4) * metre
     middle = rng.uniform(-0.5, 0.5) * road
     for side in (-1, 1):
         if rng.random() < section.pavement:
             _add_pavement(street, middle + side * road, side, pavement, ahead_m)
         _add_row(street, section, middle + side * (road + pavement), side, ahead_m)
-    for _ in range(round(section.vehicles.draw(rng))):
+    for _ in range(round(section.vehicles.sample(rng))):
         lane = rng.uniform(0.3, 0.85) if rng.random() < 0.8 else rng.uniform(-0.2, 0.2)
         x = middle + (road * lane) * rng.choice((-1, 1))
         facing = rng.normal() * 0.06 + np.pi * int(rng.integers(2))
         _stand(street, _VEHICLES, (x, x), ahead_m, facing)
     for sizes, count in ((_TALL, section.tall), (_LOW, section.low)):
-        for _ in range(round(count.draw(rng))):
+        for _ in range(round(count.sample(rng))):
             side = rng.choice((-1, 1))
             span = sorted((middle + side * road, middle + side * (road + pavement)))
             _stand(street, sizes, (span[0], span[1]), ahead_m)

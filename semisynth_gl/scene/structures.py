@@ -1,4 +1,4 @@
-"""The stage of a sequence: its camera, and its background with structures (ground plane, panels) or furniture."""
+"""The static scene of a sequence: its camera, and its background with structures (ground, panels) or furniture."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -14,13 +14,22 @@ from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.scene import Bools, Floats, Ints
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue
-from semisynth_gl.scene.background import FACE, GROUND, Background, Kind, draw_cuboid, draw_kind, draw_plane, lay_ground
+from semisynth_gl.scene.background import (
+    FACE,
+    GROUND,
+    Background,
+    Kind,
+    lay_ground,
+    sample_cuboid,
+    sample_kind,
+    sample_plane,
+)
 from semisynth_gl.scene.glance import glance
 from semisynth_gl.scene.mapping import Surfaces
-from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway, check_reachable, draw_rig, near_depth_m
-from semisynth_gl.scene.room import DOORWAYS, NICHES, draw_room
+from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway, check_reachable, near_depth_m, sample_rig
+from semisynth_gl.scene.room import DOORWAYS, NICHES, sample_room
 from semisynth_gl.scene.scene import Scene, make_scene, placed_vertices
-from semisynth_gl.scene.street import draw_street
+from semisynth_gl.scene.street import sample_street
 from semisynth_gl.scene.view_volume import smallest_offsets
 from semisynth_gl.seeds.seeds import Purpose
 
@@ -67,11 +76,11 @@ class Surroundings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stage:
+class StaticScene:
     """The camera of one sequence, and the still things that it sees."""
 
     camera: StereoCamera  # the camera of the longest baseline, for which the scenes are composed
-    views: tuple[StereoCamera, ...]  # the camera of each right view, see `draw_views`
+    views: tuple[StereoCamera, ...]  # the camera of each right view, see `sample_views`
     sway: Sway
     background: Kind
     still: Surroundings  # background, structures and furniture
@@ -89,34 +98,36 @@ def take_stock(library: ModelLibrary) -> Catalogue:
     return Catalogue(models, by_name, boxes[:, 0], boxes[:, 1])
 
 
-def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Purpose], np.random.Generator]) -> Stage:
-    """Draw the stage of one sequence.
+def sample_static_scene(
+    config: Config, catalogue: Catalogue, generator_for: Callable[[Purpose], np.random.Generator]
+) -> StaticScene:
+    """Sample the static scene of one sequence.
 
     ``generator_for`` returns the generator for CAMERA, RIG, SWAY, BACKGROUND, STRUCTURES and SKY.
 
     Raises:
         InputError: where a disparity of the config lies beyond infinity, or a far plane would have to be endless.
     """
-    views, sway = draw_rig(config, generator_for)
+    views, sway = sample_rig(config, generator_for)
     camera = max(views, key=lambda view: view.baseline_m)
     rng = generator_for(Purpose.BACKGROUND)
-    kind = draw_kind(config.background, rng)
+    kind = sample_kind(config.background, rng)
     may_be_sky = kind in ("plane", "street") and config.background.sky > 0
     sky = may_be_sky and bool(generator_for(Purpose.SKY).random() < config.background.sky)
     if kind == "room":
-        things = draw_room(config, camera, catalogue, rng, sway)
+        things = sample_room(config, camera, catalogue, rng, sway)
     elif kind == "street":
-        things = draw_street(config, camera, catalogue, rng, sway, sky=sky)
+        things = sample_street(config, camera, catalogue, rng, sway, sky=sky)
     else:
         if kind == "plane":
-            background = draw_plane(config.background, config.disparity, camera, rng, sway, sky=sky)
+            background = sample_plane(config.background, config.disparity, camera, rng, sway, sky=sky)
         else:
-            background = draw_cuboid(config.background, config.disparity, camera, rng, sway)
+            background = sample_cuboid(config.background, config.disparity, camera, rng, sway)
         rng = generator_for(Purpose.STRUCTURES)
-        still = draw_surroundings(config.structures, config.disparity, camera, background, rng, sway)
-        return Stage(camera, views, sway, kind, still, np.array([0.0, -1.0, 0.0]))
+        still = sample_surroundings(config.structures, config.disparity, camera, background, rng, sway)
+        return StaticScene(camera, views, sway, kind, still, np.array([0.0, -1.0, 0.0]))
     up = things.view.camera_from_floor[:3, 2]
-    return Stage(camera, views, sway, kind, _surroundings(things, sky=sky), up, things.farthest_m)
+    return StaticScene(camera, views, sway, kind, _surroundings(things, sky=sky), up, things.farthest_m)
 
 
 def _surroundings(things: Arrangement, *, sky: bool) -> Surroundings:
@@ -164,7 +175,7 @@ def _measured(
     )
 
 
-def draw_surroundings(
+def sample_surroundings(
     section: StructuresSection,
     disparity: DisparitySection,
     camera: StereoCamera,
@@ -172,7 +183,7 @@ def draw_surroundings(
     rng: np.random.Generator,
     sway: Sway = STILL,
 ) -> Surroundings:
-    """Draw structures in front of a background, and measure how the left view shows both.
+    """Sample structures in front of a background, and measure how the left view shows both.
 
     No structure comes nearer than the depth of ``disparity.max_px`` in either view. Where the camera sways, only the
     ground keeps this distance, and the near plane cuts off panels that come too near.
@@ -187,7 +198,7 @@ def draw_surroundings(
     structures = list[tuple[int, Floats]]()
     if rng.random() < section.ground:
         structures.append((_GROUND, _place_ground(section, camera, Range(near_m, farthest_m), rng, sway)))
-    for _ in range(round(section.panels.draw(rng))):
+    for _ in range(round(section.panels.sample(rng))):
         structures.append(_place_panel(section, disparity, camera, near_m, rng))
     # The UV of a ground goes along its x and z.
     sizes = [np.linalg.norm(matrix[:3, [0, 2 if number == _GROUND else 1]], axis=0) for number, matrix in structures]
@@ -227,8 +238,8 @@ def _place_ground(
 
 def _ground_height_m(section: StructuresSection, camera: StereoCamera, rng: np.random.Generator) -> float:
     if section.ground_disparity_px is None:
-        return section.ground_height_m.draw(rng)
-    drawn_px = section.ground_disparity_px.draw(rng)
+        return section.ground_height_m.sample(rng)
+    drawn_px = section.ground_disparity_px.sample(rng)
     check_reachable(camera, drawn_px, "structures.ground_disparity_px")
     below = (camera.height_px - 0.5 - camera.cy_px) / camera.focal_y_px
     return float(camera.depth_m(drawn_px)) * below
@@ -255,10 +266,10 @@ def _place_panel(
     number = _CURVED if curved else _FACE
     where = section.panel_disparity_px or _farther_half(disparity, camera)
     check_reachable(camera, where.low, "structures.panel_disparity_px")
-    depth = float(camera.depth_m(where.draw(rng)))
-    size = section.panel_size_px.draw_many(rng, 2) * depth / camera.focal_px
+    depth = float(camera.depth_m(where.sample(rng)))
+    size = section.panel_size_px.sample_many(rng, 2) * depth / camera.focal_px
     x, y = rng.random(2) * (camera.width_px, camera.height_px) - 0.5
-    slant = np.deg2rad(section.panel_slant_deg.draw(rng))
+    slant = np.deg2rad(section.panel_slant_deg.sample(rng))
     towards, turn = rng.uniform(0, 2 * np.pi, 2)
     facing = bool(rng.random() < 0.5)
     normal = np.array([np.sin(slant) * np.cos(towards), np.sin(slant) * np.sin(towards), np.cos(slant)])

@@ -74,7 +74,7 @@ class SampleMaker:
         """
         epoch, changes, size = int(self._epoch), None, self._crop
         if self._augmentation is not None:
-            changes = self._augmentation.draw(self._crop, self._sides, seed, sequence, epoch)
+            changes = self._augmentation.sample(self._crop, self._sides, seed, sequence, epoch)
             size = changes.source
         frame = pair(None if size is None else choose_crop(size, self._sides, seed, sequence, epoch))
         if self._augmentation is None or changes is None:

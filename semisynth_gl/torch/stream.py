@@ -164,7 +164,7 @@ class StereoStream(Dataset[Any]):
         return renderer
 
     def _check_cuda(self, augmentation: Augmentation | None) -> None:
-        if self._checked or augmentation is not None or not self._config.images_as_drawn:
+        if self._checked or augmentation is not None or not self._config.images_as_rendered:
             raise InputError(
                 "device='cuda' needs checked=False and a config without a lens, imperfections or augmentation, since "
                 "these work on arrays in the computer's memory: change that, or leave device out and let the loader "

@@ -25,13 +25,13 @@ STRONG = replace(
 
 
 def many(augmentation, count=400):
-    return [augmentation.draw(CROP, SIDES, 7, sequence) for sequence in range(count)]
+    return [augmentation.sample(CROP, SIDES, 7, sequence) for sequence in range(count)]
 
 
 def test_equal_arguments_give_equal_changes_and_others_give_others():
-    first = STRONG.draw(CROP, SIDES, 7, 3, 1)
-    assert first == STRONG.draw(CROP, SIDES, 7, 3, 1)
-    others = [STRONG.draw(CROP, SIDES, *key) for key in ((8, 3, 1), (7, 4, 1), (7, 3, 2))]
+    first = STRONG.sample(CROP, SIDES, 7, 3, 1)
+    assert first == STRONG.sample(CROP, SIDES, 7, 3, 1)
+    others = [STRONG.sample(CROP, SIDES, *key) for key in ((8, 3, 1), (7, 4, 1), (7, 3, 2))]
     assert all(first.warp != other.warp for other in others)
     noise = [STRONG.noise_rng(*key).random() for key in ((7, 3, 1), (7, 3, 1), (7, 4, 1), (7, 3, 2), (8, 3, 1))]
     assert noise[0] == noise[1]
@@ -73,7 +73,7 @@ def test_a_scale_is_raised_until_the_crop_fits():
     small = Augmentation(scale=(0.1, 1), right_y_px=(-3, 3))
     sides, crop = (400, 600), (250, 400)
     for sequence in range(50):
-        drawn = small.draw(crop, sides, 0, sequence)
+        drawn = small.sample(crop, sides, 0, sequence)
         height, width = drawn.source
         assert height <= sides[0]
         assert width <= sides[1]
@@ -88,7 +88,7 @@ def test_a_scale_is_raised_until_the_crop_fits():
 
 def test_the_default_changes_nothing():
     pair = make_frame(1)
-    drawn = Augmentation().draw(None, (32, 48), 0, 0)
+    drawn = Augmentation().sample(None, (32, 48), 0, 0)
     changed = drawn.applied(pair, np.random.default_rng(0))
     assert changed.camera == pair.camera
     for role, array in changed.arrays().items():
@@ -102,7 +102,7 @@ def test_masks_are_those_of_the_changed_pair():
     pair = make_frame(3)
     changes = replace(STRONG, right_y_px=(0, 0), right_roll_deg=(0, 0), occluded=0)
     for sequence in range(5):
-        drawn = changes.draw((20, 30), (32, 48), 0, sequence)
+        drawn = changes.sample((20, 30), (32, 48), 0, sequence)
         changed = drawn.applied(_source(changes, pair, sequence), np.random.default_rng(0))
         for role, array in changed.with_own_masks().arrays().items():
             np.testing.assert_array_equal(changed.arrays()[role], array, err_msg=role)
@@ -114,7 +114,9 @@ def test_the_truth_does_not_depend_on_the_colours():
     grey = replace(plain, brightness=(1, 1), saturation=(0, 0), noise=(0, 0), blur_px=(0, 0), jpeg=0)
     for sequence in range(5):
         one, other = (
-            each.draw((20, 30), (32, 48), 0, sequence).applied(_source(each, pair, sequence), np.random.default_rng(0))
+            each.sample((20, 30), (32, 48), 0, sequence).applied(
+                _source(each, pair, sequence), np.random.default_rng(0)
+            )
             for each in (plain, grey)
         )
         assert (one.left.image != other.left.image).any()
@@ -124,12 +126,12 @@ def test_the_truth_does_not_depend_on_the_colours():
 
 
 def _source(augmentation, pair, sequence):
-    height, width = augmentation.draw((20, 30), (32, 48), 0, sequence).source
+    height, width = augmentation.sample((20, 30), (32, 48), 0, sequence).source
     return pair.cropped(Crop(0, 0, width, height))
 
 
 def test_a_record_says_what_was_drawn():
-    drawn = STRONG.draw(CROP, SIDES, 7, 3)
+    drawn = STRONG.sample(CROP, SIDES, 7, 3)
     record = json.loads(drawn.record())
     assert record["warp"]["scale_x"] == drawn.warp.scale_x
     assert record["mirrored"] is drawn.mirrored
@@ -178,7 +180,7 @@ def test_changes_that_are_alike_leave_equal_pixels_equal(brightness, contrast, s
     right[::2] //= 2  # the right image is darker
     camera = StereoCamera.centred(30, 20, 20.0, 0.1)
     pair = Frame(camera, View({"image": left}), View({"image": right}))
-    changed = alike.draw(None, (20, 30), 0, 0).applied(pair, np.random.default_rng(0))
+    changed = alike.sample(None, (20, 30), 0, 0).applied(pair, np.random.default_rng(0))
     np.testing.assert_array_equal(changed.left.image[1::2], changed.right.image[1::2])
 
 

@@ -131,14 +131,14 @@ def test_models_that_are_found_equal_those_that_were_built(own, built):
 
 def test_pilot_scenes_that_are_found_equal_those_that_were_drawn(monkeypatch):
     drawn = []
-    draw = pilots.draw_stage
-    monkeypatch.setattr(pilots, "draw_stage", lambda *arguments: drawn.append(arguments) or draw(*arguments))
+    draw = pilots.sample_static_scene
+    monkeypatch.setattr(pilots, "sample_static_scene", lambda *arguments: drawn.append(arguments) or draw(*arguments))
     monkeypatch.setattr(pilots, "_PILOTS", 3)
 
     def found(seed=0, **changes):
         config = cheap(**{"background": {"cuboid": 0, "room": 1}} | changes)
         (library,) = recipe_libraries(config, Split(0))
-        return pilots.draw_pilots(config, seed, take_stock(library))
+        return pilots.sample_pilots(config, seed, take_stock(library))
 
     first, again = found(), found()
     assert len(drawn) == 3

@@ -23,7 +23,7 @@ class Renderer:
     def __init__(self, config, _):
         self.recipes = config.recipes()
         expected = Histogram.from_counts((0.0, 1000.0), [1.0])
-        sampler = SimpleNamespace(population=SimpleNamespace(expected=lambda: expected))
+        sampler = SimpleNamespace(disparity_solver=SimpleNamespace(expected=lambda: expected))
         self.sampler = SimpleNamespace(recipes=self.recipes, samplers=[sampler] * len(self.recipes))
 
     def __enter__(self):

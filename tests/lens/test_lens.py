@@ -347,7 +347,7 @@ def test_a_lens_is_refused_where_it_sees_next_to_nothing(rotation_deg, fx_px, mo
     section = CameraSection(width_px=160, height_px=120, focal_px=150, baseline_m=0.1, cx_left_px=78, cy_px=58.5)
     refused = [str(fault).split()[0] for fault in lens.view_faults(section)]
     try:
-        share = LensChain(lens.draw("left", np.random.default_rng(0)), CAMERA, "left", "black").valid.mean()
+        share = LensChain(lens.sample("left", np.random.default_rng(0)), CAMERA, "left", "black").valid.mean()
     except InputError:  # the lens bends two directions to one pixel
         return
     # The view is tried at 13 x 9 points.

@@ -17,7 +17,7 @@ from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs import pipeline
 from semisynth_gl.pairs.checks import OPEN, SceneGuarantees, faults
-from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections, draw_imperfections, recorded
+from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections, recorded, sample_imperfections
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.crops import least_texture
@@ -206,7 +206,7 @@ def test_a_further_key_shifts_no_other_draw():
 
     def drawn(values):
         section = cheap(imperfections=keys | values).imperfections
-        return recorded(draw_imperfections(section, generator(0, 7, 1), partial(generator, 0, 7, 1)), section)
+        return recorded(sample_imperfections(section, generator(0, 7, 1), partial(generator, 0, 7, 1)), section)
 
     first = drawn({})
     assert list(first) == ["blur_px", "exposure_stops", "noise", "gamma"]

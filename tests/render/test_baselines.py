@@ -28,7 +28,7 @@ from semisynth_gl.pairs import pipeline
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.rig import draw_camera, draw_views
+from semisynth_gl.scene.rig import sample_camera, sample_views
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.seeds.seeds import Purpose, generator
 
@@ -190,10 +190,10 @@ def test_scenes_are_made_for_their_longest_baseline():
     section = CameraSection(width_px=64, height_px=48, focal_px=Range(60, 80), baseline_m=Range(0.1, 0.5), baselines=4)
     plain = section.model_copy(update={"baselines": 1})
     for number in range(20):
-        camera = draw_camera(section, generator(0, Purpose.CAMERA, number))
-        assert camera == draw_camera(plain, generator(0, Purpose.CAMERA, number))
+        camera = sample_camera(section, generator(0, Purpose.CAMERA, number))
+        assert camera == sample_camera(plain, generator(0, Purpose.CAMERA, number))
         rng = generator(0, Purpose.CAMERA, number)
-        views = draw_views(section, draw_camera(section, rng), rng)
+        views = sample_views(section, sample_camera(section, rng), rng)
         assert views[0].baseline_m == camera.baseline_m
         assert len({view.baseline_m for view in views}) == 4
         assert all(0.1 <= view.baseline_m <= 0.5 and view.left_alone == camera.left_alone for view in views)
@@ -203,7 +203,7 @@ def test_doffs_is_the_longest_baselines_unless_the_right_principal_point_is_stat
     base = {"width_px": 64, "height_px": 48, "focal_px": 60, "cx_left_px": 30, "baselines": [0.1, 0.4, 0.2]}
     for keys, expected in (({"doffs_px": 8}, [2, 8, 4]), ({"cx_right_px": 38}, [8, 8, 8])):
         section, rng = CameraSection.model_validate({**base, **keys}), np.random.default_rng(0)
-        views = draw_views(section, draw_camera(section, rng), rng)
+        views = sample_views(section, sample_camera(section, rng), rng)
         assert [view.doffs_px for view in views] == pytest.approx(expected)
         far_m = [view.depth_m(0.0) for view in views]
         assert (max(far_m) == pytest.approx(min(far_m))) == ("doffs_px" in keys)
@@ -218,7 +218,7 @@ def test_pairs_are_expected_to_show_what_their_baselines_make_of_the_target(base
     rng, shown = np.random.default_rng(0), []
     wanted = config.wanted_histogram()
     for _ in range(6_000):
-        drawn = np.array([each.draw(rng) for each in config.camera.baseline_ranges_m])
+        drawn = np.array([each.sample(rng) for each in config.camera.baseline_ranges_m])
         longest_px = wanted.quantile(rng.random())
         shown.append(drawn / drawn.max() * (longest_px + doffs_px) - doffs_px)
     shown = np.concatenate(shown)

@@ -18,11 +18,11 @@ from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render import listed_steps
-from semisynth_gl.scene.background import draw_cuboid, draw_kind, draw_plane
+from semisynth_gl.scene.background import sample_cuboid, sample_kind, sample_plane
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.rig import STILL, draw_sway, near_depth_m, rotation_about_axis
+from semisynth_gl.scene.rig import STILL, near_depth_m, rotation_about_axis, sample_sway
 from semisynth_gl.scene.scene import Motion, make_scene, move
-from semisynth_gl.scene.structures import STILL_MODELS, draw_surroundings
+from semisynth_gl.scene.structures import STILL_MODELS, sample_surroundings
 
 CAMERA = StereoCamera(200, 150, 220.0, 0.2, 95.0, 103.0, 70.0)
 FLOWS = ("flow", "flow_backward", "disparity_change")
@@ -336,10 +336,10 @@ def test_walls_keep_clear_of_a_camera_that_sways(seed, shift, turn, plane, doffs
     section_camera = CameraSection(width_px=60, height_px=40, focal_px=Range(60, 60), baseline_m=Range(0.2, 0.2))
     section_camera = section_camera.model_copy(update={"sway_m": Range(0, shift), "sway_deg": Range(0, turn)})
     rng = np.random.default_rng(seed)
-    sway = draw_sway(section_camera, rng)
-    draw_background = {"cuboid": draw_cuboid, "plane": draw_plane}[draw_kind(section, rng)]
+    sway = sample_sway(section_camera, rng)
+    draw_background = {"cuboid": sample_cuboid, "plane": sample_plane}[sample_kind(section, rng)]
     background = draw_background(section, disparity, camera, rng, sway)
-    still = draw_surroundings(StructuresSection(), disparity, camera, background, rng, sway)
+    still = sample_surroundings(StructuresSection(), disparity, camera, background, rng, sway)
     x, y = (each.ravel() for each in np.meshgrid(np.linspace(-0.49, 59.47, 9), np.linspace(-0.48, 39.49, 7)))
     for time_s in (0.0, 0.31, 7.9):
         scene = make_scene(
@@ -366,7 +366,7 @@ def test_a_sway_is_smooth_bounded_and_comes_back():
         sway_deg=Range(1, 5),
         sway_s=Range(2.0, 2.0),
     )
-    sway = draw_sway(section, np.random.default_rng(0))
+    sway = sample_sway(section, np.random.default_rng(0))
     times = np.linspace(0, 4, 400)
     poses = np.array([sway.camera_from_world(time) for time in times])
     np.testing.assert_allclose(poses[0], sway.camera_from_world(2.0), atol=1e-12)
@@ -390,9 +390,9 @@ def test_a_sway_too_wide_for_a_far_plane_is_refused():
     )
     background = BackgroundSection(cuboid=0.0, plane=1.0)
     rng = np.random.default_rng(0)
-    sway = draw_sway(section, rng)
+    sway = sample_sway(section, rng)
     with pytest.raises(InputError, match=r"camera\.sway_deg turns views by up to 69 degrees"):
-        draw_plane(background, DisparitySection(min_px=1.0, max_px=64.0), camera, rng, sway)
+        sample_plane(background, DisparitySection(min_px=1.0, max_px=64.0), camera, rng, sway)
 
 
 @pytest.mark.one_backend

@@ -23,9 +23,9 @@ from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render.backends import is_software
 from semisynth_gl.render.renderer import Renderer
-from semisynth_gl.scene.background import FACE, draw_cuboid, draw_kind
+from semisynth_gl.scene.background import FACE, sample_cuboid, sample_kind
 from semisynth_gl.scene.raycast import Hits, cast_rays
-from semisynth_gl.scene.rig import draw_camera
+from semisynth_gl.scene.rig import sample_camera
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.seeds.seeds import Purpose, generator
@@ -533,10 +533,10 @@ def test_packaged_configs_at_full_size_agree_with_the_oracle(backend, name, reci
 def test_walls_leave_no_gap_where_they_meet(open_renderer, index):
     """Two scenes with a pixel within 3e-6 of an edge of the room, where walls that only met showed what is behind."""
     config = load_config("sceneflow")
-    camera = draw_camera(config.camera, generator(1, Purpose.CAMERA, index))
+    camera = sample_camera(config.camera, generator(1, Purpose.CAMERA, index))
     rng = generator(1, Purpose.BACKGROUND, index)
-    assert draw_kind(config.background, rng) == "cuboid"
-    room = draw_cuboid(config.background, config.disparity, camera, rng)
+    assert sample_kind(config.background, rng) == "cuboid"
+    room = sample_cuboid(config.background, config.disparity, camera, rng)
     scene = make_scene(camera, model=[0] * 6, world_from_model=room.world_from_face, layer=[0] * 6)
     frame = open_renderer([FACE], noise_layers(1, 16)).render(scene)
     assert np.isfinite(frame.left.disparity).all()

@@ -20,7 +20,7 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.mix import MixSampler
-from semisynth_gl.scene.projector import draw_projector, find_pattern
+from semisynth_gl.scene.projector import find_pattern, sample_projector
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import rotation_about_axis
 from semisynth_gl.scene.scene import Projector, make_scene, placed_vertices
@@ -394,7 +394,7 @@ def test_the_place_of_a_projector_is_the_configs():
     section = ProjectorSection(
         power=2, ambient=0.5, position_m=(0.1, -0.2, 0.05), turn_deg=(0, 90, 0), field_of_view_deg=90
     )
-    drawn_once = draw_projector(section, np.random.default_rng(0))
+    drawn_once = sample_projector(section, np.random.default_rng(0))
     pose = drawn_once.projector_from_camera
     np.testing.assert_allclose(pose @ [0.1, -0.2, 0.05, 1], [0, 0, 0, 1], atol=1e-12)
     # Turned by a right angle about y (down), the projector looks to the right.

@@ -24,7 +24,7 @@ from semisynth_gl.judge.verify import verify_dataset
 from semisynth_gl.layouts import LAYOUTS
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.background import FACE
-from semisynth_gl.scene.particles import Slots, draw_release
+from semisynth_gl.scene.particles import Slots, sample_release
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import rotation_about_axis
 from semisynth_gl.scene.scene import make_scene, move
@@ -336,7 +336,7 @@ def test_particles_come_into_both_views_at_any_disparity():
     slots = Slots(
         *(np.full(4000, value) for value in (1.0, -30.0, 5.0, 1.0, 1.0, 0.5, 1.0, 1.0)), height_of_view(camera)
     )
-    start = draw_release(camera, ParticlesSection(), slots, np.random.default_rng(0)).start_px
+    start = sample_release(camera, ParticlesSection(), slots, np.random.default_rng(0)).start_px
     assert start.min() == pytest.approx(-30 - 5 - 0.5, abs=0.3)
     assert start.max() == pytest.approx(100 + 5 - 0.5, abs=0.3)
 

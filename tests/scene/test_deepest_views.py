@@ -16,7 +16,7 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import BEYOND_NEAR, near_depth_m
 from semisynth_gl.scene.scene import make_scene
-from semisynth_gl.scene.structures import Stage, draw_stage, take_stock
+from semisynth_gl.scene.structures import StaticScene, sample_static_scene, take_stock
 from semisynth_gl.seeds.seeds import generator
 from semisynth_gl.seeds.splits import Split
 
@@ -38,14 +38,14 @@ def catalogue():
     return take_stock(build_library(config.models, config.particles, Split(0)))
 
 
-def stage_of(config: Config, seed: int) -> Stage:
-    return draw_stage(config, catalogue(), lambda purpose: generator(seed, purpose))
+def static_scene_of(config: Config, seed: int) -> StaticScene:
+    return sample_static_scene(config, catalogue(), lambda purpose: generator(seed, purpose))
 
 
-def seen_px(stage: Stage, config: Config, camera: StereoCamera, time_s: float = 0.0) -> np.ndarray:
+def seen_px(static: StaticScene, config: Config, camera: StereoCamera, time_s: float = 0.0) -> np.ndarray:
     """Disparities of still things on a grid over both views that reaches to their borders."""
     still, x_px, y_px = (
-        stage.still,
+        static.still,
         *np.meshgrid(
             np.linspace(-0.4971, camera.width_px - 0.5013, 27), np.linspace(-0.4937, camera.height_px - 0.5029, 21)
         ),
@@ -55,8 +55,8 @@ def seen_px(stage: Stage, config: Config, camera: StereoCamera, time_s: float = 
         model=still.model,
         world_from_model=still.world_from_model,
         layer=np.zeros(len(still), np.int64),
-        near_m=near_depth_m(stage.camera, config.disparity),
-        camera_from_world=stage.sway.camera_from_world(time_s),
+        near_m=near_depth_m(static.camera, config.disparity),
+        camera_from_world=static.sway.camera_from_world(time_s),
     )
     hits = [cast_rays(scene, catalogue().models, eye, x_px.ravel(), y_px.ravel()) for eye in EYES]
     return np.concatenate([oracle.disparity_px(camera, each) for each in hits])
@@ -92,18 +92,18 @@ def test_every_pixel_has_a_disparity_and_rooms_keep_to_their_range(rig, kind, se
         with pytest.raises(
             InputError, match=r"disparity\.max_px: every surface lies at least 1% beyond the near plane"
         ):
-            stage_of(config, seed)
+            static_scene_of(config, seed)
         return
-    stage = stage_of(config, seed)
-    for time_s in (0.0, 0.6, 1.9) if stage.sway.moves else (0.0,):
-        for camera in stage.views:
-            px = seen_px(stage, config, camera, time_s)
+    static = static_scene_of(config, seed)
+    for time_s in (0.0, 0.6, 1.9) if static.sway.moves else (0.0,):
+        for camera in static.views:
+            px = seen_px(static, config, camera, time_s)
             assert np.isfinite(px).all()
             assert px.min() > 0
             if kind == "room":
                 # A large doffs may leave less between the range's two ends than walls keep from the near plane.
-                clear_m = BEYOND_NEAR * near_depth_m(stage.camera, config.disparity)
-                farthest_m = max(stage.camera.depth_m(config.disparity.min_px), clear_m)
+                clear_m = BEYOND_NEAR * near_depth_m(static.camera, config.disparity)
+                farthest_m = max(static.camera.depth_m(config.disparity.min_px), clear_m)
                 assert px.min() >= camera.disparity_px(farthest_m) - 1e-6
 
 
@@ -112,9 +112,9 @@ def test_a_range_that_the_margin_of_the_near_plane_takes_whole_is_refused():
     rig += ["disparity.target={form: uniform}"]
     config = load_config("middlebury", [*CLUTTER_ALONE, *rig, "disparity.max_px=0.37"])
     with pytest.raises(InputError, match=r"doffs = 38 px nothing is left of 0\.37 px there: expected more than 0\.38"):
-        stage_of(config, 0)
+        static_scene_of(config, 0)
     raised = load_config("middlebury", [*CLUTTER_ALONE, *rig, "disparity.max_px=0.39"])
-    assert seen_px(stage_of(raised, 0), raised, stage_of(raised, 0).camera).min() > 0
+    assert seen_px(static_scene_of(raised, 0), raised, static_scene_of(raised, 0).camera).min() > 0
 
 
 def test_a_pair_that_is_too_deep_is_drawn_again_and_refused_at_last():

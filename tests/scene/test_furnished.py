@@ -23,12 +23,12 @@ from semisynth_gl.scene.glance import glance
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import STILL, near_depth_m
-from semisynth_gl.scene.room import DOORWAYS, NICHES, draw_room
+from semisynth_gl.scene.room import DOORWAYS, NICHES, sample_room
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import Scene, make_scene
 from semisynth_gl.scene.sources import recipe_libraries
-from semisynth_gl.scene.street import draw_street
-from semisynth_gl.scene.structures import STILL_MODELS, Stage, draw_stage, take_stock
+from semisynth_gl.scene.street import sample_street
+from semisynth_gl.scene.structures import STILL_MODELS, StaticScene, sample_static_scene, take_stock
 from semisynth_gl.seeds.seeds import generator
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch
@@ -52,14 +52,14 @@ def catalogue():
     return take_stock(build_library(config.models, config.particles, Split(0)))
 
 
-def stage_of(config: Config, seed: int) -> Stage:
-    return draw_stage(config, catalogue(), lambda purpose: generator(seed, purpose))
+def static_scene_of(config: Config, seed: int) -> StaticScene:
+    return sample_static_scene(config, catalogue(), lambda purpose: generator(seed, purpose))
 
 
-def scene_of(stage: Stage, near_m: float) -> Scene:
-    still = stage.still
+def scene_of(static: StaticScene, near_m: float) -> Scene:
+    still = static.still
     matrices, layers = still.world_from_model, np.zeros(len(still), np.int64)
-    return make_scene(stage.camera, model=still.model, world_from_model=matrices, layer=layers, near_m=near_m)
+    return make_scene(static.camera, model=still.model, world_from_model=matrices, layer=layers, near_m=near_m)
 
 
 @pytest.mark.parametrize("rig", RIGS)
@@ -67,10 +67,10 @@ def scene_of(stage: Stage, near_m: float) -> Scene:
 @pytest.mark.parametrize("seed", range(2))
 def test_every_ray_of_both_eyes_hits_something_within_the_limits(rig: str, kind: str, seed: int) -> None:
     config = furnished(rig, kind)
-    stage = stage_of(config, seed)
-    camera, near_m = stage.camera, near_depth_m(stage.camera, config.disparity)
+    static = static_scene_of(config, seed)
+    camera, near_m = static.camera, near_depth_m(static.camera, config.disparity)
     # Nothing is cut off: the near plane of this scene is far before that of the dataset.
-    scene = scene_of(stage, 0.01 * near_m)
+    scene = scene_of(static, 0.01 * near_m)
     x, y = np.meshgrid(np.linspace(-0.37, camera.width_px - 0.61, 23), np.linspace(-0.41, camera.height_px - 0.57, 17))
     for eye in EYES:
         hits = cast_rays(scene, catalogue().models, eye, x.ravel(), y.ravel())
@@ -86,10 +86,10 @@ def test_a_scene_holds_things_of_many_kinds(kind: str) -> None:
     rig = "kitti" if kind == "street" else "middlebury"
     names, sizes = set(), []
     for seed in range(4):
-        stage = stage_of(furnished(rig, kind), seed)
-        names |= {catalogue().models[number].name for number in stage.still.model}
-        sizes.append(len(stage.still))
-        assert stage.background == kind
+        static = static_scene_of(furnished(rig, kind), seed)
+        names |= {catalogue().models[number].name for number in static.still.model}
+        sizes.append(len(static.still))
+        assert static.background == kind
     assert min(sizes) > 12
     assert {"room": {"face"}, "street": {"face", "ground", "house", "car"}}[kind] <= names
     assert kind == "street" or len(names & {"table", "chair", "bookcase", "shelf", "bench", "lamp", "cushion"}) >= 2
@@ -100,11 +100,11 @@ def test_a_scene_holds_things_of_many_kinds(kind: str) -> None:
 def test_walls_and_ground_are_in_view_behind_things(rig: str, kind: str) -> None:
     config, seen = furnished(rig, kind), []
     for seed in range(4):
-        stage = stage_of(config, seed)
-        scene = scene_of(stage, near_depth_m(stage.camera, config.disparity))
+        static = static_scene_of(config, seed)
+        scene = scene_of(static, near_depth_m(static.camera, config.disparity))
         instance = glance(scene, catalogue().models).instance
         assert (instance >= 0).all()
-        model = stage.still.model[instance]
+        model = static.still.model[instance]
         # The floor of a room is its first rectangle.
         floor = instance == 0 if kind == "room" else model == STILL_MODELS.index(GROUND)
         seen.append([(model < len(STILL_MODELS)).mean(), floor.mean(), len(np.unique(instance))])
@@ -130,7 +130,7 @@ def drawn(rig: str, kind: str, seed: int, **keys: object) -> Arrangement:
     """The things of a scene, of a section with other values of some keys."""
     sections = {"room": RoomSection, "street": StreetSection}
     config = furnished(rig, kind).model_copy(update={kind: sections[kind].model_validate(keys)})
-    draw = draw_room if kind == "room" else draw_street
+    draw = sample_room if kind == "room" else sample_street
     return draw(config, CAMERAS[rig], catalogue(), rng(seed), STILL)
 
 
@@ -252,7 +252,7 @@ def test_drawing_the_same_again_gives_the_same(seed: int, rig: str, kind: str) -
     config = furnished(rig, kind)
 
     def draw() -> Arrangement:
-        draw_things = draw_room if kind == "room" else draw_street
+        draw_things = sample_room if kind == "room" else sample_street
         return draw_things(config, CAMERAS[rig], catalogue(), rng(seed), STILL)
 
     first, second = draw(), draw()
@@ -267,15 +267,15 @@ def test_drawing_the_same_again_gives_the_same(seed: int, rig: str, kind: str) -
 @pytest.mark.parametrize(("rig", "kind"), [("middlebury", "room"), ("kitti", "street")])
 def test_a_glance_sees_what_the_ray_caster_sees(rig: str, kind: str) -> None:
     config = furnished(rig, kind)
-    stage = stage_of(config, 3)
-    scene = scene_of(stage, near_depth_m(stage.camera, config.disparity))
+    static = static_scene_of(config, 3)
+    scene = scene_of(static, near_depth_m(static.camera, config.disparity))
     seen, models = glance(scene, catalogue().models), catalogue().models
-    hits = cast_rays(scene, models, "left", *grid_px(stage.camera))
+    hits = cast_rays(scene, models, "left", *grid_px(static.camera))
     np.testing.assert_allclose(seen.depth_m, hits.depth_m, rtol=1e-9)
     same = seen.instance == hits.instance
     assert same.mean() > 0.999  # touching surfaces may come out either way
     # UV is linear over each triangle.
-    points = stage.camera.rays("left", *grid_px(stage.camera)) * hits.depth_m[:, None]
+    points = static.camera.rays("left", *grid_px(static.camera)) * hits.depth_m[:, None]
     for ray in np.flatnonzero(same)[::7]:
         mesh, matrix = models[scene.model[hits.instance[ray]]], scene.world_from_model[hits.instance[ray]]
         triangle = mesh.triangles[hits.triangle[ray]]

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import ParticlesSection
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.scene.particles import Batch, draw_release, draw_slots, particles_at, stated_sizes
+from semisynth_gl.scene.particles import Batch, particles_at, sample_release, sample_slots, stated_sizes
 from semisynth_gl.scene.rig import STILL, Sway
 
 COUNT = 40
@@ -33,9 +33,9 @@ def test_nothing_in_view_appears_or_disappears(rig, drift, size, relief_px, seed
     (camera, near_m, sway), rng = rig, np.random.default_rng(seed)
     section = ParticlesSection(drift=Range(drift, 2 * drift), size_px=Range(5, 5 + size * camera.width_px))
     batches = [Batch(1.0, 0.5 * camera.width_px, COUNT, stated_sizes(section))]
-    slots = draw_slots(camera, section, batches, rng, near_m, sway, relief_px)
+    slots = sample_slots(camera, section, batches, rng, near_m, sway, relief_px)
     assert (slots.flatness * slots.radius_px <= relief_px * (1 + 1e-9)).all()
-    release = draw_release(camera, section, slots, rng)
+    release = sample_release(camera, section, slots, rng)
 
     def seen(age, time_s):
         """Points (S, 300, 3) of the spheres around all models that are shown, in the swaying left camera's frame."""
@@ -64,15 +64,15 @@ def test_models_whose_drift_would_take_them_too_near_are_still_shown():
     camera = StereoCamera.centred(300, 200, 300.0, 0.3)
     section = ParticlesSection(drift=Range(1, 1), size_px=Range(20, 20))
     near_m = float(camera.depth_m(150.0))
-    slots = draw_slots(
+    slots = sample_slots(
         camera, section, [Batch(135.0, 135.0, 50, stated_sizes(section))], np.random.default_rng(0), near_m
     )
-    release = draw_release(camera, section, slots, np.random.default_rng(0))
+    release = sample_release(camera, section, slots, np.random.default_rng(0))
     assert slots.shown.all()
     # A free path of this length would pass the near plane.
     assert (slots.depth_m - 0.5 * slots.path_m < near_m).all()
     assert np.abs(release.drift[:, 1]).max() > 0.9
-    no_room = draw_slots(
+    no_room = sample_slots(
         camera, section, [Batch(149.0, 149.0, 5, stated_sizes(section))], np.random.default_rng(0), near_m
     )
     assert not no_room.shown.any()

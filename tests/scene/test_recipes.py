@@ -358,7 +358,7 @@ def test_a_dataset_of_several_recipes_comes_to_its_target():
         expected, count = pairs.expected_histogram(), PixelCount(target.edges_px)
         for index in range(60):
             count.add(pairs.render(index, checked=False).frame.left.disparity)
-        shown = {sampler.recipe: sampler.population.expected() for sampler in pairs.sampler.samplers}
+        shown = {sampler.recipe: sampler.disparity_solver.expected() for sampler in pairs.sampler.samplers}
     assert min(total_variation(target, shown[name]) for name in ("far", "near")) > 0.25
     assert total_variation(target, expected) < 0.05
     assert total_variation(expected, count.histogram) < 0.06

@@ -14,20 +14,20 @@ from semisynth_gl.config.scene_sections import BackgroundSection, ParticlesSecti
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.scene.background import FACE, OVERLAP, draw_cuboid, draw_plane
+from semisynth_gl.scene.background import FACE, OVERLAP, sample_cuboid, sample_plane
 from semisynth_gl.scene.particles import (
     Batch,
     Sizes,
-    draw_release,
-    draw_slots,
     particles_at,
+    sample_release,
+    sample_slots,
     stated_sizes,
 )
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.rig import draw_camera, near_depth_m, rotation_about_axis, rotation_from_quaternion
+from semisynth_gl.scene.rig import near_depth_m, rotation_about_axis, rotation_from_quaternion, sample_camera
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import make_scene
-from semisynth_gl.scene.structures import STILL_MODELS, draw_surroundings
+from semisynth_gl.scene.structures import STILL_MODELS, sample_surroundings
 from semisynth_gl.scene.view_volume import height_of_view
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
@@ -52,7 +52,7 @@ def library():
 
 def test_cameras_are_drawn_within_their_ranges():
     section = load_config("middlebury").camera
-    cameras = [draw_camera(section, generator(1, Purpose.CAMERA, i)) for i in range(200)]
+    cameras = [sample_camera(section, generator(1, Purpose.CAMERA, i)) for i in range(200)]
     for name, low, high in (("focal_px", 1164, 2700), ("baseline_m", 0.16, 0.38), ("doffs_px", 40, 200)):
         values = np.array([getattr(camera, name) for camera in cameras])
         assert (values >= low).all()
@@ -64,7 +64,7 @@ def test_cameras_are_drawn_within_their_ranges():
 
 def test_focal_length_in_millimetres():
     section = small("camera.focal_mm=4", "camera.sensor_width_mm=6").camera
-    assert draw_camera(section, generator(0, Purpose.CAMERA)).focal_px == pytest.approx(4 / 6 * 150)
+    assert sample_camera(section, generator(0, Purpose.CAMERA)).focal_px == pytest.approx(4 / 6 * 150)
 
 
 def test_doffs_beyond_the_largest_disparity_are_refused():
@@ -99,9 +99,9 @@ def test_what_would_stand_nearer_than_allowed_is_refused(setting):
 @pytest.mark.parametrize(("drawn_px", "fy_over_fx"), [(7.0, 1.0), (60.0, 1.0), (60.0, 1.2)])
 def test_a_ground_has_the_disparity_that_is_asked_for_whatever_the_rig(baseline_m, drawn_px, fy_over_fx):
     camera = replace(CAMERA, baseline_m=baseline_m, fy_over_fx=fy_over_fx)
-    background = draw_plane(BackgroundSection(), DISPARITY, camera, np.random.default_rng(0))
+    background = sample_plane(BackgroundSection(), DISPARITY, camera, np.random.default_rng(0))
     section = StructuresSection(ground=1, ground_tilt_deg=0, ground_disparity_px=Range(drawn_px, drawn_px))
-    still = draw_surroundings(section, DISPARITY, camera, background, np.random.default_rng(0))
+    still = sample_surroundings(section, DISPARITY, camera, background, np.random.default_rng(0))
     scene = make_scene(camera, model=still.model, world_from_model=still.world_from_model, layer=[0, 0])
     hits = cast_rays(scene, STILL_MODELS, "left", np.array([299.5, 0, 299.5]), np.array([399.5, 399.5, 0]))
     assert hits.instance.tolist() == [1, 1, 0]
@@ -123,10 +123,10 @@ def test_a_ground_has_one_height(tmp_path):
     ):
         load_config(path)
     camera, near = StereoCamera.centred(100, 100, 100.0, 0.1, -10.0), DisparitySection(min_px=20.0, max_px=150.0)
-    background = draw_cuboid(BackgroundSection(), near, camera, np.random.default_rng(0))
+    background = sample_cuboid(BackgroundSection(), near, camera, np.random.default_rng(0))
     section = StructuresSection(ground=1, ground_disparity_px=Range(7, 7))
     with pytest.raises(InputError, match=r"structures\.ground_disparity_px: 7 px lies beyond infinity"):
-        draw_surroundings(section, near, camera, background, np.random.default_rng(0))
+        sample_surroundings(section, near, camera, background, np.random.default_rng(0))
 
 
 def test_every_attempt_draws_everything_anew(library):
@@ -162,7 +162,7 @@ def test_walls_show_their_patches_near_one_texel_per_pixel(library):
 def test_no_wall_comes_nearer_than_the_largest_disparity(seed, turn, focal, doffs):
     camera = StereoCamera.centred(600, 400, focal, 0.2, doffs)
     section = BackgroundSection(wall_disparity_px=Range(6, 40), wall_turn_deg=turn)
-    background = draw_cuboid(section, DISPARITY, camera, np.random.default_rng(seed))
+    background = sample_cuboid(section, DISPARITY, camera, np.random.default_rng(seed))
     y, x = np.mgrid[-0.5:399.6:40, -0.5:599.6:60]
     for eye in EYES:
         origin = background.offset_m - background.normal[:, 0] * camera.offset_m(eye)
@@ -177,7 +177,7 @@ def test_no_wall_comes_nearer_than_the_largest_disparity(seed, turn, focal, doff
 @given(st.integers(0, 2**31))
 def test_faces_lie_in_their_planes_and_close_the_cuboid(seed):
     section = BackgroundSection(wall_disparity_px=Range(6, 40))
-    background = draw_cuboid(section, DISPARITY, CAMERA, np.random.default_rng(seed))
+    background = sample_cuboid(section, DISPARITY, CAMERA, np.random.default_rng(seed))
     points = background.world_from_face @ np.c_[FACE.positions, np.ones(len(FACE.positions))].T
     for face in range(6):
         np.testing.assert_allclose(background.normal[face] @ points[face, :3], background.offset_m[face], atol=1e-9)
@@ -193,7 +193,7 @@ def test_faces_lie_in_their_planes_and_close_the_cuboid(seed):
 def test_far_planes_cover_both_views_and_are_valid():
     section = BackgroundSection(cuboid=0.0, plane=1.0, plane_disparity_px=Range(0.2, 0.2))
     camera = StereoCamera.centred(600, 400, 700.0, 0.2)
-    background = draw_plane(section, DISPARITY, camera, np.random.default_rng(0))
+    background = sample_plane(section, DISPARITY, camera, np.random.default_rng(0))
     assert len(background.size_m) == 1
     assert camera.disparity_px(background.offset_m)[0] == pytest.approx(0.2)
     low = background.world_from_face[0, :2, 3]
@@ -219,8 +219,8 @@ def test_rotations_are_rotations():
 def stream(count=40, **options):
     section = ParticlesSection(**options)
     batches = [Batch(low, high, count, stated_sizes(section)) for low, high in ((20.0, 30.0), (60.0, 90.0))]
-    slots = draw_slots(CAMERA, section, batches, np.random.default_rng(2))
-    return section, slots, lambda g: draw_release(CAMERA, section, slots, np.random.default_rng([3, g]))
+    slots = sample_slots(CAMERA, section, batches, np.random.default_rng(2))
+    return section, slots, lambda g: sample_release(CAMERA, section, slots, np.random.default_rng([3, g]))
 
 
 def test_particles_fall_at_constant_speed_and_are_released_anew():
@@ -274,7 +274,7 @@ def test_the_number_of_particles_has_a_limit():
     section = ParticlesSection(most=50)
     sizes = Sizes(40.0, 300.0)
     batches = [Batch(20.0, 30.0, 400, sizes), Batch(60.0, 90.0, 100, sizes)]
-    slots = draw_slots(CAMERA, section, batches, np.random.default_rng(2))
+    slots = sample_slots(CAMERA, section, batches, np.random.default_rng(2))
     assert 48 <= len(slots) <= 50
     assert (slots.disparity_px < 31).sum() == 40
 

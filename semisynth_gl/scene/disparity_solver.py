@@ -20,7 +20,7 @@ from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.arrangement import Catalogue
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, merge_bins, solve_coverage
 from semisynth_gl.scene.particles import Batch, Sizes, expected_cover, expected_in_view, stated_layers, stated_sizes
-from semisynth_gl.scene.pilots import Pilot, draw_pilots
+from semisynth_gl.scene.pilots import Pilot, sample_pilots
 from semisynth_gl.scene.rig import check_reachable, near_depth_m, relief_px
 from semisynth_gl.seeds.seeds import Purpose, generator
 
@@ -81,7 +81,7 @@ class _Aim(NamedTuple):
         return _Aim(shares, achieved, self.sizes.scaled((other.sizes.low / self.sizes.low) ** share))
 
 
-class Population:
+class DisparitySolver:
     """Numbers of particles for the scenes of one dataset.
 
     Args:
@@ -113,8 +113,8 @@ class Population:
         # A quantile for each layer; the last one is for the density.
         self._first_quantile = generator(seed, Purpose.COUNTS).random(len(self._layers) + 1)
 
-    def draw(self, sequence: int, camera: StereoCamera, bare_px: Floats, rng: np.random.Generator) -> list[Batch]:
-        """Draw the numbers of particles of one scene.
+    def sample(self, sequence: int, camera: StereoCamera, bare_px: Floats, rng: np.random.Generator) -> list[Batch]:
+        """Sample the numbers of particles of one scene.
 
         The numbers of each layer are spread evenly over successive scenes, so that a dataset reaches its target with
         fewer pairs than independent draws would need.
@@ -140,7 +140,7 @@ class Population:
         aim = self._aim(float(quantile[-1]))
         views = self._views([(camera, bare_px)], aim.sizes)
         mean = (self._coverage(aim.shares, views) / views.cover)[0]
-        # `draw_slots` cuts the number to particles.most in any case.
+        # `sample_slots` cuts the number to particles.most in any case.
         mean *= min(1.0, _BEYOND_MOST * self._config.particles.most / max(float(mean.sum()), 1.0))
         counts = poisson_counts(mean, quantile[:-1])
         layers = zip(self._layers.low_px, self._layers.high_px, counts, strict=True)
@@ -307,7 +307,7 @@ class Population:
 
     @cached_property
     def _pilots(self) -> list[Pilot]:
-        return draw_pilots(self._config, self._seed, self._catalogue)
+        return sample_pilots(self._config, self._seed, self._catalogue)
 
     def _views(self, pilots: Sequence[tuple[StereoCamera, Floats]], sizes: Sizes) -> _Views:
         """Work out the effect of particles on views, each given by a camera and its disparities without particles."""

@@ -23,10 +23,10 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, solve_coverage
+from semisynth_gl.scene.disparity_solver import DisparitySolver, poisson_counts
 from semisynth_gl.scene.glance import glance
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.particles import Sizes, expected_cover, stated_layers
-from semisynth_gl.scene.population import Population, poisson_counts
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.structures import CURVED_PANEL, GROUND, STILL_MODELS, take_stock
@@ -169,9 +169,9 @@ def test_depths_beyond_infinity_have_no_distribution():
 def test_narrow_bins_are_merged_for_layers():
     config = tiny(disparity={"target": {"form": "histogram", "bin_px": 0.1, "shares": [0.0] * 20 + [1.0] * 340}})
     library = build_library(config.models, config.particles, Split(0))
-    population = Population(config, 0, library.silhouette, take_stock(library))
-    assert len(population.target.shares) <= 48
-    assert total_variation(population.target, population.expected()) < 0.06
+    solver = DisparitySolver(config, 0, library.silhouette, take_stock(library))
+    assert len(solver.target.shares) <= 48
+    assert total_variation(solver.target, solver.expected()) < 0.06
 
 
 def test_particles_grow_where_more_of_them_would_be_needed_than_allowed():
@@ -180,7 +180,7 @@ def test_particles_grow_where_more_of_them_would_be_needed_than_allowed():
     sampler = SceneSampler(config, 0, library, PATCH)
     counts = [(sampler.sample(index).slot >= 0).sum() for index in range(8)]
     assert 150 < np.mean(counts) <= 300
-    assert total_variation(sampler.population.target, sampler.population.expected()) < 0.06
+    assert total_variation(sampler.disparity_solver.target, sampler.disparity_solver.expected()) < 0.06
 
 
 def test_more_particles_than_allowed_are_refused_where_no_size_helps():
@@ -207,7 +207,7 @@ def test_narrow_ranges_meet_their_target(magnitude, width, doffs):
         background={"wall_disparity_px": least, "wall_turn_deg": 0},
     )
     sampler = SceneSampler(config, 0, build_library(config.models, config.particles, Split(0)), PATCH)
-    assert total_variation(sampler.population.target, sampler.population.expected()) < 0.1
+    assert total_variation(sampler.disparity_solver.target, sampler.disparity_solver.expected()) < 0.1
     scene = sampler.sample(0)
     assert 0 < (scene.slot >= 0).sum() <= config.particles.most
 
@@ -395,7 +395,7 @@ def test_a_mix_says_how_many_objects_and_how_much_background_it_shows(background
         if index % 4 == 0:
             instance = glance(scene, sampler.models).instance
             still.append((scene.model[instance] < len(STILL_MODELS)).mean())
-    expected = sampler.population.in_view()
+    expected = sampler.disparity_solver.in_view()
     assert expected.objects == pytest.approx(np.mean(counts), rel=0.15)
     assert expected.still == pytest.approx(np.mean(still), abs=0.07)
     assert MixSampler(config, 0, [library], PATCH).in_view() == [expected]
@@ -409,7 +409,7 @@ def test_density_shares_the_area_out_to_more_or_fewer(density):
     plain = np.mean(objects_in_view(tiny(), library, 20))
     wanted = density if isinstance(density, float) else plain * {"sparse": 1 / 3, "dense": 3}[density]
     assert np.mean(objects_in_view(config, library, 20)) == pytest.approx(wanted, rel=0.2)
-    aim = Population(config, 0, library.silhouette, take_stock(library))
+    aim = DisparitySolver(config, 0, library.silhouette, take_stock(library))
     assert total_variation(aim.target, aim.expected()) < 0.05
 
 
@@ -422,8 +422,8 @@ def test_a_range_of_densities_gives_each_sequence_a_number_of_its_own():
     low, high = np.quantile(counts, [0.1, 0.9])
     assert low < 100
     assert high > 200
-    population = Population(config, 0, library.silhouette, take_stock(library))
-    assert total_variation(population.target, population.expected()) < 0.05
+    solver = DisparitySolver(config, 0, library.silhouette, take_stock(library))
+    assert total_variation(solver.target, solver.expected()) < 0.05
 
 
 def test_a_range_of_one_density_is_that_density():
@@ -455,8 +455,8 @@ def test_clutter_is_counted_in_what_the_target_asks_for():
     clutter = [{"disparity_px": [4, 6], "count": 60, "size_px": [6, 12]}]
     config = tiny(particles={"clutter": clutter})
     library = build_library(config.models, config.particles, Split(0))
-    population = Population(config, 0, library.silhouette, take_stock(library))
-    assert total_variation(population.target, population.expected()) < 0.02
+    solver = DisparitySolver(config, 0, library.silhouette, take_stock(library))
+    assert total_variation(solver.target, solver.expected()) < 0.02
     slots = SceneSampler(config, 0, library, PATCH).sample(0).scene
     plain = SceneSampler(tiny(), 0, library, PATCH).sample(0).scene
     assert len(slots) > len(plain)
