@@ -1,20 +1,25 @@
 """Calibrations whose structure names alone do not tell: each adapter returns the arrays of a tree that is its own."""
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from semisynth_gl.calibration.arrays import DisparityBounds, EyeArrays, Size, StereoArrays, lens_of
+from semisynth_gl.calibration.arrays import (
+    DisparityBounds,
+    EyeArrays,
+    Size,
+    StereoArrays,
+    camera_matrix,
+    lens_of,
+    projections,
+)
 from semisynth_gl.calibration.kinds import checked_size, is_camera_matrix, is_rotation
 from semisynth_gl.calibration.names import eye_of
+from semisynth_gl.calibration.poses import Link, along, pose_of
 from semisynth_gl.calibration.tree import Array, FormatError, Tree
 from semisynth_gl.frame.raw_camera import rotation_of
 from semisynth_gl.inputs.errors import abbreviate, shown
 
-# First part of the name of a folder that ETH3D's archives have.
-_ETH3D = "two_view_"
 _SAME_DOFFS_PX = 0.02
 # Largest number of characters of a matrix in a message.
 _SHOWN = 200
@@ -36,21 +41,7 @@ _ZED_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", 
 _DEPTHAI_LENSES = {0: ("radtan", 14), 1: ("fisheye", 4)}
 
 
-class Wish(NamedTuple):
-    """What the user says of a calibration.
-
-    Attributes:
-        source: name of the file or files.
-        size: size of the images, from the user or the photographs; None if both say nothing.
-        cameras: the left and the right camera, by name or number; None for the only two.
-    """
-
-    source: str
-    size: Size | None
-    cameras: tuple[str, str] | None
-
-
-def middlebury(tree: Tree, wish: Wish) -> StereoArrays | None:
+def middlebury(tree: Tree, _size: Size | None) -> StereoArrays | None:
     """Read calib.txt of Middlebury and ETH3D: cam0, cam1, and the baseline in mm."""
     names = ("cam0",), ("cam1",), ("baseline",)
     if not tree.keys() >= set(names):
@@ -58,8 +49,8 @@ def middlebury(tree: Tree, wish: Wish) -> StereoArrays | None:
     for name in names[:2]:
         if not is_camera_matrix(_array(tree, *name)):
             raise FormatError(f"{name[0]}: expected [fx 0 cx; 0 fy cy; 0 0 1], got {shown(tree[name], _SHOWN)}")
-    left, right = (np.hstack([_array(tree, name).reshape(3, 3), np.zeros((3, 1))]) for name in ("cam0", "cam1"))
-    right[0, 3] = -right[0, 0] * _number(tree, "baseline") / 1000
+    k = [_array(tree, *name).reshape(3, 3) for name in names[:2]]
+    left, right = projections(k[0], k[1], _number(tree, "baseline") / 1000)
     doffs_px = right[0, 2] - left[0, 2]
     if ("doffs",) in tree and abs(_number(tree, "doffs") - doffs_px) > _SAME_DOFFS_PX:
         raise FormatError(
@@ -69,10 +60,7 @@ def middlebury(tree: Tree, wish: Wish) -> StereoArrays | None:
     size = None
     if {("width",), ("height",)} <= tree.keys():
         size = checked_size(_number(tree, "width"), _number(tree, "height"))
-    # ETH3D's files have the same form as Middlebury's, but lie in folders such as two_view_training or two_view_test.
-    of_eth3d = any(part.startswith(_ETH3D) for part in Path(wish.source).absolute().parts)
-    layout = "eth3d" if of_eth3d else "middlebury"
-    return StereoArrays(wish.source, EyeArrays(p=left), EyeArrays(p=right), size, bounds=bounds, layout=layout)
+    return StereoArrays(EyeArrays(p=left), EyeArrays(p=right), size, bounds=bounds, layout="middlebury")
 
 
 def kitti_cameras(tree: Tree) -> tuple[str, str] | None:
@@ -81,12 +69,12 @@ def kitti_cameras(tree: Tree) -> tuple[str, str] | None:
     return next((pair for pair in _KITTI_PAIRS for form in _KITTI_FORMS if {form + n for n in pair} <= names), None)
 
 
-def zed(tree: Tree, wish: Wish) -> StereoArrays | None:
+def zed(tree: Tree, size: Size | None) -> StereoArrays | None:
     """Read ZED's SN*.conf: cameras for each mode, the translation in mm, the turn as a rotation vector."""
     modes = [name[0].removeprefix("LEFT_CAM_") for name in tree if name[0].startswith("LEFT_CAM_") and name[-1] == "fx"]
     if not modes or ("STEREO", "Baseline") not in tree:
         return None
-    mode = _chosen({mode: size for mode in modes if (size := _ZED_SIZES.get(mode)) is not None}, wish)
+    mode = _chosen({mode: _ZED_SIZES[mode] for mode in modes if mode in _ZED_SIZES}, size)
     eyes = []
     for eye in ("LEFT", "RIGHT"):
         section = f"{eye}_CAM_{mode}"
@@ -95,29 +83,28 @@ def zed(tree: Tree, wish: Wish) -> StereoArrays | None:
             raise FormatError(f"{eye}_CAM_{mode}: expected fx, fy, cx and cy")
         names = _ZED_NAMES[4:] if "k4" in values else _ZED_NAMES[4:9]
         d = np.array([values.get(name, 0.0) for name in names])
-        eyes.append(_eye(values["fx"], values["fy"], values["cx"], values["cy"], d, ["radtan"], None))
+        eyes.append(_eye(camera_matrix(*(values[name] for name in _ZED_NAMES[:4])), d, "radtan"))
     x, y, z = (_number(tree, "STEREO", f"{axis}_{mode}", missing=0.0) for axis in ("RX", "CV", "RZ"))
     shift = [-abs(_number(tree, "STEREO", "Baseline"))]
     shift += [_number(tree, "STEREO", name, missing=0.0) for name in ("TY", "TZ")]
     turn = np.array(rotation_of((x, y, z)))
-    return StereoArrays(wish.source, eyes[0], eyes[1], _ZED_SIZES[mode], turn, np.array(shift) / 1000)
+    return StereoArrays(eyes[0], eyes[1], _ZED_SIZES[mode], turn, np.array(shift) / 1000)
 
 
-def realsense(tree: Tree, wish: Wish) -> StereoArrays | None:
+def realsense(tree: Tree, size: Size | None) -> StereoArrays | None:
     """Read the calibration that RealSense's viewer saves: rectified cameras for each size, the baseline in mm."""
     numbers = [name[1] for name in tree if name[0] == "rectified" and name[-1] == "fx"]
     if not numbers or ("baseline",) not in tree:
         return None
     sizes = {n: Size(*(int(_number(tree, "rectified", n, side)) for side in ("width", "height"))) for n in numbers}
-    number = _chosen({n: size for n, size in sizes.items() if min(size) > 0}, wish)
+    number = _chosen({n: own for n, own in sizes.items() if min(own) > 0}, size)
     fx, fy, cx, cy = (_number(tree, "rectified", number, key) for key in ("fx", "fy", "ppx", "ppy"))
-    left = np.array([[fx, 0, cx, 0], [0, fy, cy, 0], [0, 0, 1, 0]])
-    right = left.copy()
-    right[0, 3] = -fx * abs(_number(tree, "baseline")) / 1000
-    return StereoArrays(wish.source, EyeArrays(p=left), EyeArrays(p=right), sizes[number])
+    k = camera_matrix(fx, fy, cx, cy)
+    left, right = projections(k, k, abs(_number(tree, "baseline")) / 1000)
+    return StereoArrays(EyeArrays(p=left), EyeArrays(p=right), sizes[number])
 
 
-def mrcal(tree: Tree, wish: Wish) -> StereoArrays | None:
+def mrcal(tree: Tree, _size: Size | None) -> StereoArrays | None:
     """Read two .cameramodel files of mrcal: K and D in one list, and the camera's pose as rotation and translation."""
     files = [name[:-1] for name in tree if name[-1] == "lensmodel"]
     if len(files) != 2:
@@ -128,14 +115,14 @@ def mrcal(tree: Tree, wish: Wish) -> StereoArrays | None:
         fx, fy, cx, cy, *d = _vector(tree, *name, "intrinsics").tolist()
         width, height = _vector(tree, *name, "imagersize").tolist()
         sizes.append(Size(int(width), int(height)))
-        eyes.append(_eye(fx, fy, cx, cy, np.array(d), [str(tree[*name, "lensmodel"])], sizes[-1]))
+        eyes.append(_eye(camera_matrix(fx, fy, cx, cy), np.array(d), str(tree[*name, "lensmodel"]), sizes[-1]))
         x, y, z, *shift = _vector(tree, *name, "extrinsics").tolist()
-        poses.append(_pose(np.array(rotation_of((x, y, z))), np.array(shift)))
+        poses.append(pose_of(np.array(rotation_of((x, y, z))), np.array(shift)))
     whole = poses[1] @ np.linalg.inv(poses[0])
-    return StereoArrays(wish.source, eyes[0], eyes[1], _one(sizes), whole[:3, :3], whole[:3, 3])
+    return StereoArrays(eyes[0], eyes[1], _one(sizes), whole[:3, :3], whole[:3, 3])
 
 
-def depthai(tree: Tree, wish: Wish) -> StereoArrays | None:
+def depthai(tree: Tree, _size: Size | None) -> StereoArrays | None:
     """Read what DepthAI's eepromToJsonFile writes of an OAK: cameras by socket, linked by poses in cm."""
     listed: dict[str, Tree] = {}
     for name, value in tree.items():
@@ -160,69 +147,52 @@ def depthai(tree: Tree, wish: Wish) -> StereoArrays | None:
         k, d = _array(camera, "intrinsicMatrix"), _array(camera, "distortionCoeff")
         if kind not in _DEPTHAI_LENSES or not is_camera_matrix(k):
             raise FormatError(f"{where}expected a calibrated camera of cameraType 0 (perspective) or 1 (fisheye)")
-        (fx, _, cx), (_, fy, cy), _ = k.reshape(3, 3).tolist()
         model, count = _DEPTHAI_LENSES[kind]
         sizes.append(Size(*(int(_number(camera, side)) for side in ("width", "height"))))
-        eyes.append(_eye(fx, fy, cx, cy, d.ravel()[:count], [model], sizes[-1]))
-    whole = _along(cameras, *sockets)
-    return StereoArrays(wish.source, eyes[0], eyes[1], _one(sizes), whole[:3, :3], whole[:3, 3] / 100)
-
-
-Adapter = Callable[[Tree, Wish], StereoArrays | None]
-ADAPTERS: tuple[Adapter, ...] = (middlebury, zed, realsense, mrcal, depthai)
-
-
-def _along(cameras: Mapping[int, Tree], start: int, end: int) -> Array:
-    """Return the pose (4, 4), cm, from one camera's frame to another's, along the links of the cameras."""
+        eyes.append(_eye(k.reshape(3, 3), d.ravel()[:count], model, sizes[-1]))
     links = []
     for socket, camera in cameras.items():
         # The last camera of a chain leads to -1, with an empty rotation or one of zeros.
         there = int(_number(camera, "extrinsics", "toCameraSocket", missing=-1))
         turn, shift = (_array(camera, "extrinsics", key) for key in ("rotationMatrix", "translation"))
         if there in cameras and is_rotation(turn) and shift.size == 3:
-            links.append((socket, there, _pose(turn.reshape(3, 3), shift)))
-    ways = {start: np.eye(4)}
-    for _ in links:
-        for here, there, pose in links:
-            if here in ways:
-                ways.setdefault(there, pose @ ways[here])
-            elif there in ways:
-                ways[here] = np.linalg.inv(pose) @ ways[there]
-    if end not in ways:
-        raise FormatError(f"cameraData: expected extrinsics that lead from socket {start} to socket {end}, got none")
-    return ways[end]
+            links.append(Link(str(there), str(socket), pose_of(turn.reshape(3, 3), shift)))
+    whole = along(links, *map(str, sockets))
+    if whole is None:
+        raise FormatError(
+            f"cameraData: expected extrinsics that lead from socket {sockets[0]} to socket {sockets[1]}, got none"
+        )
+    return StereoArrays(eyes[0], eyes[1], _one(sizes), whole[:3, :3], whole[:3, 3] / 100)
 
 
-def _chosen(sizes: Mapping[str, Size], wish: Wish) -> str:
-    """Return the mode whose images have the wished size. Raises FormatError where no mode has it."""
-    fitting = [mode for mode, size in sizes.items() if size == wish.size]
+Adapter = Callable[[Tree, Size | None], StereoArrays | None]
+"""Reads a tree of one format, None for others; the size is the user's or the photographs', None if both are silent."""
+ADAPTERS: tuple[Adapter, ...] = (middlebury, zed, realsense, mrcal, depthai)
+
+
+def _chosen(sizes: Mapping[str, Size], size: Size | None) -> str:
+    """Return the mode whose images have a size. Raises FormatError where no mode has it."""
+    fitting = [mode for mode, own in sizes.items() if own == size]
     if fitting:
         return fitting[0]
-    if wish.size is None and len(sizes) == 1:
+    if size is None and len(sizes) == 1:
         return next(iter(sizes))
-    listed = abbreviate([str(size) for size in sizes.values()])
-    got = "" if wish.size is None else f", got {wish.size}"
+    listed = abbreviate([str(own) for own in sizes.values()])
+    got = "" if size is None else f", got {size}"
     raise FormatError(f"is for images of {listed}: give the size of yours{got}")
 
 
-def _eye(fx: float, fy: float, cx: float, cy: float, d: Array, names: list[str], size: Size | None) -> EyeArrays:
-    k = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+def _eye(k: Array, d: Array, model: str, size: Size | None = None) -> EyeArrays:
     if not is_camera_matrix(k):
         raise FormatError(f"expected focal lengths above 1 px and finite numbers, got {k.tolist()}")
-    coefficients, model, _ = lens_of(d, names, k, size)
-    return EyeArrays(k, coefficients, model)
+    coefficients, lens, _ = lens_of(d, [model], k, size)
+    return EyeArrays(k, coefficients, lens)
 
 
 def _one(sizes: list[Size]) -> Size:
     if sizes[0] != sizes[1]:
         raise FormatError(f"has images of {sizes[0]} and of {sizes[1]}: expected one size of both cameras")
     return sizes[0]
-
-
-def _pose(turn: Array, shift: Array) -> Array:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = turn, shift.ravel()
-    return pose
 
 
 def _array(tree: Tree, *name: str) -> Array:

@@ -121,7 +121,6 @@ class StereoArrays:
     """What a calibration says of a rig; None for what it does not say.
 
     Attributes:
-        source: name of the file or files, for messages.
         left: arrays of the left eye.
         right: arrays of the right eye.
         size: size of the images.
@@ -130,9 +129,9 @@ class StereoArrays:
         bounds: bounds of disparity.
         layout: layout of the benchmark whose calibration this is; None for any other.
         notes: sentences on what was concluded and not read.
+        source: name of the file or files, for messages.
     """
 
-    source: str
     left: EyeArrays
     right: EyeArrays
     size: Size | None = None
@@ -141,6 +140,7 @@ class StereoArrays:
     bounds: DisparityBounds = NO_BOUNDS
     layout: str | None = None
     notes: tuple[str, ...] = ()
+    source: str = ""
 
     @property
     def is_rectified(self) -> bool:
@@ -162,6 +162,17 @@ class StereoArrays:
         cameras = {eye: arrays.camera(size) for eye, arrays in zip(EYES, (self.left, self.right), strict=True)}
         known = {eye: camera for eye, camera in cameras.items() if camera is not None}
         return known if len(known) == len(EYES) else None
+
+
+def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> Array:
+    """Return K (3, 3) of focal lengths and a principal point, px."""
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
+
+
+def projections(left: Array, right: Array, baseline: float) -> tuple[Array, Array]:
+    """Return P (3, 4) of both rectified cameras from K (3, 3) of each and their distance."""
+    shift = np.array([[-right[0, 0] * baseline], [0], [0]])
+    return np.hstack([left, np.zeros((3, 1))]), np.hstack([right, shift])
 
 
 def lens_of(

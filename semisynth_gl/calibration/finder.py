@@ -5,12 +5,21 @@ with a translation. Names tell the eye, and which of several arrays of a kind is
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from semisynth_gl.calibration.arrays import UNITS, EyeArrays, Size, StereoArrays, lens_of, unit_of
+from semisynth_gl.calibration.arrays import (
+    UNITS,
+    EyeArrays,
+    Size,
+    StereoArrays,
+    camera_matrix,
+    lens_of,
+    projections,
+    unit_of,
+)
 from semisynth_gl.calibration.kinds import (
     are_numbers,
     checked_size,
@@ -22,29 +31,36 @@ from semisynth_gl.calibration.kinds import (
     is_rotation,
     is_rotation_vector,
 )
-from semisynth_gl.calibration.names import ROTATION_WORDS, Entry, eye_of, last_word, starts, words_of
+from semisynth_gl.calibration.names import ROTATION_WORDS, Entry, eye_of, label_of, starts, words_of
 from semisynth_gl.calibration.parts import by_columns, with_parts
-from semisynth_gl.calibration.poses import along_chain, between_eyes, by_name, from_body
+from semisynth_gl.calibration.poses import leads_to_left, pose_of, right_from_left
 from semisynth_gl.calibration.sizes import is_turned, stated_sizes
-from semisynth_gl.calibration.tree import Array, FormatError, Name, Tree, text_of
+from semisynth_gl.calibration.tree import Array, FormatError, Tree, text_of
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.raw_camera import rotation_of
 
 KEYS = ("K1", "D1", "R1", "P1", "K2", "D2", "R2", "P2", "R", "T", "Q", "size")
 """Names that a user can give to values of a file: OpenCV's, and the size of the images."""
 
+_SHIFT_WORDS = ("t", "tr", "trans", "trns", "tvec", "shift", "position")
+_LENS_WORDS = ("d", "dist", "coef", "kc", "radtan", "equidistant")
+# What arrays of a kind are: a test of their numbers, beginnings of words of which their names have one, and a shape.
+_KINDS = {
+    "K": (is_camera_matrix, (), (3, 3)),
+    "D": (is_coefficients, _LENS_WORDS, (-1,)),
+    "R": (is_rotation, (), (3, 3)),
+    "P": (is_projection, (), (3, 4)),
+    "Q": (is_reprojection, (), (4, 4)),
+}
 # Words of arrays that stand beside the ones meant: a matrix of the rectified images, an optimal one.
 _REDERIVED = {"new", "optimal", "opt", "rect", "rectified", "rectification", "undistorted", "roi", "virtual"}
-_SHIFT_WORDS = ("t", "tr", "trans", "trns", "tvec", "shift", "position")
 # Words of angles about axes, which are no rotation vector.
 _ANGLE_WORDS = ("angle", "euler", "rpy", "roll", "deg")
-_LENS_WORDS = ("d", "dist", "coef", "kc", "radtan", "equidistant")
 _BASELINES = ("baseline", "stereobaseline", "b", "bl")
 # Relative differences of the translation's length and the baseline of P: up to the first one both say the same, from
 # the second one on the translation is of something else.
 _SAME_BASELINE, _MOST_BASELINE = 0.02, 0.8
 _LISTED = 40
-
 
 _Pair = tuple[Array, Array]
 
@@ -63,10 +79,10 @@ class Finder:
     def __init__(
         self,
         tree: Tree,
-        given: Mapping[str, str],
-        cameras: tuple[str, str] | None,
-        unit: str | None,
-        size: Size | None,
+        given: Mapping[str, str] | None = None,
+        cameras: tuple[str, str] | None = None,
+        unit: str | None = None,
+        size: Size | None = None,
     ) -> None:
         self.tree, self.unit, self.user_size = tree, unit, size
         self.cameras: tuple[str, str] | None = None
@@ -75,31 +91,31 @@ class Finder:
             self.cameras = left, right
         arrays = [Entry(name, value) for name, value in tree.items() if isinstance(value, np.ndarray)]
         self.entries = [*with_parts(by_columns(arrays))]
-        self.given = {key: self._named(key, name) for key, name in given.items()}
+        self.given = {key: self._named(key, name) for key, name in (given or {}).items()}
         self.notes: list[str] = []
         self.lens_fault: str | None = None
 
-    def arrays(self, source: str) -> StereoArrays | None:
+    def arrays(self) -> StereoArrays | None:
         """Return the arrays that the tree has of a rig; None where they make no rig.
 
         Raises:
             FormatError: where there are more than two cameras, or what is there contradicts itself.
         """
         self._check_windows()
-        k, p = self._eyes("K", is_camera_matrix, 3), self._eyes("P", is_projection, 3)
+        k, p = self._eyes("K"), self._eyes("P")
         size = self._size(k, p)
         p = p or self._right_alone()
         rotation, shift = self._stereo_pose()
-        turns = self._eyes("R", is_rotation, 3, rotation=True)
+        turns = self._eyes("R")
         if p is None and rotation is None:
             p, k = self._projections(k, turns)
         if p is None and k is None and rotation is not None:
-            k = self._shared("K", is_camera_matrix)
+            k = self._shared("K")
         if p is None and (k is None or rotation is None or shift is None):
             return None
         moved_m, p = self._in_metres(shift, p)
         lenses = self._lenses(k, size, required=p is None)
-        eyes = [
+        left, right = (
             replace(
                 lens,
                 k=None if k is None else k[number],
@@ -107,12 +123,8 @@ class Finder:
                 p=None if p is None else p[number],
             )
             for number, lens in enumerate(lenses)
-        ]
-        return StereoArrays(source, eyes[0], eyes[1], size, rotation, moved_m, notes=tuple(self.notes))
-
-    def check_lenses(self) -> None:
-        """Raise FormatError where the tree names a lens that is not read."""
-        lens_of(None, (value for value in self.tree.values() if isinstance(value, str)))
+        )
+        return StereoArrays(left, right, size, rotation, moved_m, notes=tuple(self.notes))
 
     def listing(self) -> str:
         """Return the arrays of the tree with their shapes, as text for a message."""
@@ -126,116 +138,67 @@ class Finder:
     def _named(self, key: str, name: str) -> Array:
         for entry in self.entries:
             if text_of(entry.name) == name:
+                kind = None if key == "R" else _KINDS.get(key.rstrip("12"))
+                if kind is not None and not kind[0](entry.value):
+                    raise FormatError(f"{name} is no {key}: it is {entry.value.tolist()}")
                 return entry.value
         raise FormatError(f"has no {name}, which {key} was to be: it has {self.listing()}")
 
-    def _projections(self, k: _Pair | None, turns: _Pair | None) -> tuple[_Pair | None, _Pair | None]:
-        """Return the projections that follow from a baseline or from Q, and the raw cameras' matrices beside them."""
-        # OpenVSLAM's and Stella's K is of the rectified cameras, beside both raw ones and how they were turned.
-        middle = self._one("K", is_camera_matrix)
-        if turns is not None and middle is not None and eye_of(middle.name) == "":
-            return self._plain(None), k
-        if (plain := self._plain(k)) is not None:
-            self.notes += [
-                f"{text_of(e.name)} was left out: with a baseline and without R, images are taken to be rectified"
-                for e in self._of("D", is_coefficients, _LENS_WORDS).values()
-                if e.value.any()
-            ]
-            return plain, None
-        q = self._one("Q", is_reprojection)
-        return (None if q is None else _from_q(q.value.reshape(4, 4))), k
+    # --- arrays of both eyes ---
 
-    def _lenses(self, k: _Pair | None, size: Size | None, *, required: bool) -> list[EyeArrays]:
-        """Return both eyes with their lenses, or with what is wrong with these; raises FormatError if ``required``."""
-        if k is None or self.lens_fault is not None:
-            return [EyeArrays(fault=None if k is None else self.lens_fault)] * 2
-        found = self._eyes("D", is_coefficients, 1, words=_LENS_WORDS)
-        found = found or self._other_coefficients(shared=k[0] is k[1])
-        eyes = []
-        for number, (own, stated) in enumerate(zip(k, found or (None, None), strict=True)):
-            try:
-                d, model, note = lens_of(stated, self._lens_names(EYES[number], number), own, size or self.user_size)
-            except FormatError as error:
-                if required:
-                    raise
-                eyes.append(EyeArrays(fault=str(error)))
-                continue
-            self.notes += [note] if note and note not in self.notes else []
-            eyes.append(EyeArrays(d=d, model=model))
-        return eyes
+    def _fitting(self, key: str) -> list[Entry]:
+        fits, words, shape = _KINDS[key]
+        found = [e for e in self.entries if fits(e.value) and (not words or starts(e.words, words))]
+        return [Entry(e.name, e.value.reshape(shape)) for e in found]
 
-    def _lens_names(self, eye: str, number: int) -> Iterator[str]:
-        """Yield what the tree calls the lens of an eye, and the model that the names of its values tell."""
-        kind = {"model", "type", "lens", "lensmodel", "distortion", "projection"}
-        labels = self._labels(("left", "right")) if self.cameras is None else self.cameras
-        for name, value in self.tree.items():
-            if isinstance(value, str) and kind & set(words_of(name[-1:])) and eye_of(name) in {"", eye, labels[number]}:
-                yield value
-            is_switch = isinstance(value, str) or value.size == 1
-            if not is_switch and {"fisheye", "equidistant"} & set(words_of(name)):
-                yield "fisheye"
-        for entry in self.entries:
-            if entry.key in {"radtan", "equidistant"} and eye_of(entry.name) in {"", eye, labels[number]}:
-                yield entry.key
-
-    def _labels(self, default: tuple[str, str]) -> tuple[str, str]:
-        """Return what the tree calls its two cameras."""
-        numbers = sorted({int(eye) for e in self.entries if e.value.size > 1 and (eye := eye_of(e.name)).isdigit()})
-        return (str(numbers[0]), str(numbers[1])) if len(numbers) >= 2 else default
-
-    def _of(
-        self, key: str, fits: Callable[[Array], bool], words: Sequence[str] = (), *, rotation: bool = False
-    ) -> dict[str, Entry]:
+    def _of(self, key: str) -> dict[str, Entry]:
         """Return the entries of a kind by eye or number of the camera, the likeliest of each."""
         found: dict[str, Entry] = {}
-        fitting = [e for e in self.entries if fits(e.value) and (not words or starts(e.words, words))]
-        for entry in sorted(fitting, key=lambda e: (bool(_REDERIVED & set(e.words)) == (key in "KD"), len(e.name))):
-            found.setdefault(eye_of(entry.name, rotation=rotation), entry)
+        for entry in sorted(self._fitting(key), key=lambda e: (_is_rederived(e) == (key in "KD"), len(e.name))):
+            found.setdefault(label_of(entry.name, self.cameras, rotation=key == "R"), entry)
         return found
 
-    def _eyes(
-        self,
-        key: str,
-        fits: Callable[[Array], bool],
-        rows: int,
-        words: Sequence[str] = (),
-        *,
-        rotation: bool = False,
-    ) -> _Pair | None:
-        """Return the left and the right eye's array of a kind, each with ``rows`` rows; None where one is missing."""
-        given = [self.given.get(f"{key}{number}") for number in "12"]
-        found = self._of(key, fits, words, rotation=rotation)
-        pair = self._pair(found, key)
+    def _eyes(self, key: str) -> _Pair | None:
+        """Return the left and the right eye's array of a kind; None where one is missing."""
+        pair = self._pair(self._of(key), key)
         arrays = []
-        for own, entry in zip(given, pair or (None, None), strict=True):
-            value = own if own is not None else None if entry is None else entry.value
-            if value is None:
-                return None
-            arrays.append(value.ravel() if rows == 1 else value.reshape(rows, -1))
-        return arrays[0], arrays[1]
+        for number, entry in zip("12", pair or (None, None), strict=True):
+            if f"{key}{number}" in self.given:
+                arrays.append(self.given[f"{key}{number}"].reshape(_KINDS[key][2]))
+            elif entry is not None:
+                arrays.append(entry.value)
+        return (arrays[0], arrays[1]) if len(arrays) == len(EYES) else None
 
     def _pair(self, found: Mapping[str, Entry], key: str) -> tuple[Entry, Entry] | None:
+        numbered = sorted(int(label) for label in found if label.isdigit())
         if self.cameras is not None:
-            left, right = (found.get(each) or self._by_word(each, found) for each in self.cameras)
-            return None if left is None or right is None else (left, right)
-        if {"left", "right"} <= found.keys():
-            return found["left"], found["right"]
-        numbered = sorted((int(label), entry) for label, entry in found.items() if label.isdigit())
-        if len(numbered) > 2 and key in {"K", "P"}:
-            names = ", ".join(text_of(entry.name) for _, entry in numbered)
+            labels = self.cameras
+        elif {"left", "right"} <= found.keys() or len(numbered) < len(EYES):
+            labels = ("left", "right")
+        elif len(numbered) > len(EYES) and key in {"K", "P"}:
+            names = ", ".join(text_of(found[str(number)].name) for number in numbered)
             raise FormatError(f"has {len(numbered)} cameras ({names}): choose two, --pair LEFT,RIGHT or cameras")
-        return (numbered[0][1], numbered[1][1]) if len(numbered) >= 2 else None
+        else:
+            labels = str(numbered[0]), str(numbered[1])
+        return (found[labels[0]], found[labels[1]]) if set(labels) <= found.keys() else None
 
-    def _by_word(self, name: str, found: Mapping[str, Entry]) -> Entry | None:
-        return next((entry for entry in found.values() if name.lower() in map(str.lower, entry.name)), None)
-
-    def _one(self, key: str, fits: Callable[[Array], bool], words: Sequence[str] = ()) -> Entry | None:
+    def _one(self, key: str) -> Entry | None:
         """Return the entry of a kind that is of both eyes."""
         if key in self.given:
-            return Entry((key,), self.given[key])
-        fitting = [e for e in self.entries if fits(e.value) and (not words or starts(e.words, words))]
-        unlabelled = [e for e in fitting if eye_of(e.name, rotation=key == "R") == ""]
+            return Entry((key,), self.given[key].reshape(_KINDS[key][2]))
+        fitting = self._fitting(key)
+        unlabelled = [e for e in fitting if eye_of(e.name) == ""]
         return min(unlabelled or fitting, key=lambda e: len(e.name), default=None)
+
+    def _shared(self, key: str) -> _Pair | None:
+        """Return the only array of a kind for both eyes."""
+        found = [*self._of(key).values()]
+        if len(found) != 1:
+            return None
+        self.notes.append(f"{text_of(found[0].name)} was taken for both cameras, since no other {key} was found")
+        return found[0].value, found[0].value
+
+    # --- how the cameras stand ---
 
     def _stereo_pose(self) -> tuple[Array | None, Array | None]:
         """Return R (3, 3) and T (3,), right_from_left, in the file's unit; None for what is not there."""
@@ -245,27 +208,18 @@ class Finder:
             t = self.given.get("T", moved[""].value if "" in moved else None)
             return None if r is None else _rotation(r), None if t is None else t.ravel()
         if "" in turned and "" in moved:
-            return by_name(moved[""].name, turned[""].value, moved[""].value)
-        poses = {e.name: e.value.reshape(-1, 4)[:3] for e in self.entries if is_pose(e.value)}
-        if (found := along_chain(poses, self.cameras) or between_eyes(poses, self.cameras)) is not None:
-            return found
-        return self._against_others(poses, turned, moved)
-
-    def _against_others(
-        self, poses: Mapping[Name, Array], turned: Mapping[str, Entry], moved: Mapping[str, Entry]
-    ) -> tuple[Array | None, Array | None]:
-        """Return R and T, right_from_left, from poses, or rotations and translations, against a body or a camera."""
-        groups: dict[str, dict[str, Entry]] = {}
-        for name, pose in poses.items():
-            groups.setdefault(_stem(name), {}).setdefault(eye_of(name), Entry(name, pose))
-        labels = [label for label in moved if label in turned]
-        groups["R and T"] = {
-            label: Entry(moved[label].name, np.hstack([turned[label].value, moved[label].value[:, None]]))
-            for label in labels
+            r, t = turned[""].value, moved[""].value
+            return (r.T, -r.T @ t) if leads_to_left(moved[""].name) else (r, t)
+        poses = {
+            e.name: pose_of(e.value.reshape(-1, 4)[:3, :3], e.value.reshape(-1, 4)[:3, 3])
+            for e in self.entries
+            if is_pose(e.value)
         }
-        for group in groups.values():
-            if (pair := self._pair(group, "pose")) is not None:
-                return from_body(*pair)
+        labels = [label for label in moved if label in turned]
+        if len(labels) > 1:
+            poses |= {moved[each].name: pose_of(turned[each].value, moved[each].value) for each in labels}
+        if (pose := right_from_left(poses, self.cameras)) is not None:
+            return pose[:3, :3], pose[:3, 3]
         # Calibrations of one camera against the other keep R and T beside the second camera; "rotation (R)" is no eye.
         if not labels and len(turned) == len(moved) == 1 and "" in moved:
             return next(iter(turned.values())).value, moved[""].value
@@ -279,7 +233,7 @@ class Finder:
             fits = is_rotation(entry.value) or (named and is_rotation_vector(entry.value))
             if fits and not starts(entry.words, ("rect", "rectif")):
                 turned = Entry(entry.name, _rotation(entry.value))
-                found.setdefault(eye_of(entry.name, rotation=True), turned)
+                found.setdefault(label_of(entry.name, self.cameras, rotation=True), turned)
         return found
 
     def _shifts(self) -> dict[str, Entry]:
@@ -287,56 +241,43 @@ class Finder:
         found: dict[str, Entry] = {}
         for entry in (e for e in self.entries if are_numbers(e.value, 3)):
             if starts(entry.words, _SHIFT_WORDS) and not starts(entry.words, ROTATION_WORDS):
-                found.setdefault(eye_of(entry.name), Entry(entry.name, entry.value.ravel()))
+                found.setdefault(label_of(entry.name, self.cameras), Entry(entry.name, entry.value.ravel()))
         return found
 
-    def _shared(self, key: str, fits: Callable[[Array], bool], words: Sequence[str] = ()) -> _Pair | None:
-        """Return the only array of a kind for both eyes."""
-        found = self._of(key, fits, words)
-        if len(found) != 1:
-            return None
-        ((_, entry),) = found.items()
-        self.notes.append(f"{text_of(entry.name)} was taken for both cameras, since no other {key} was found")
-        value = entry.value.reshape(3, 3) if key == "K" else entry.value.ravel()
-        return value, value
-
-    def _other_coefficients(self, *, shared: bool) -> _Pair | None:
-        """Return the coefficients that both eyes share; raises FormatError where they are of one eye, or too few."""
-        named = [e for e in self.entries if starts(e.words, _LENS_WORDS) and e.value.size > 1]
-        if not named:
-            self.notes.append("no coefficients of lenses were found: the cameras are taken for pinholes")
-            return None
-        if shared or {eye_of(entry.name) for entry in named} == {""}:
-            return self._shared("D", is_coefficients, _LENS_WORDS)
-        raise FormatError(
-            f"{text_of(named[-1].name)}: expected 4, 5, 8, 12 or 14 coefficients of both lenses, got "
-            f"{', '.join(f'{entry.value.size} in {text_of(entry.name)}' for entry in named[:2])}"
-        )
+    # --- projections of rectified images ---
 
     def _right_alone(self) -> _Pair | None:
         """Return the projections where only the right eye's is stated, which holds the baseline."""
-        entries = [entry for entry in self.entries if is_projection(entry.value)]
-        found = [entry.value.reshape(3, 4) for entry in entries]
+        found = self._fitting("P")
         lefts = {"left"} if self.cameras is None else {self.cameras[0]}
-        if len(found) != 1 or found[0][0, 3] == 0 or eye_of(entries[0].name) in lefts:
+        if len(found) != 1 or found[0].value[0, 3] == 0 or label_of(found[0].name, self.cameras) in lefts:
             return None
-        left = found[0].copy()
+        left = found[0].value.copy()
         left[:, 3] = 0
-        return left, found[0]
+        return left, found[0].value
 
-    def _plain(self, k: _Pair | None) -> _Pair | None:
+    def _projections(self, k: _Pair | None, turns: _Pair | None) -> tuple[_Pair | None, _Pair | None]:
+        """Return the projections that follow from a baseline or from Q, and the raw cameras' matrices beside them."""
+        # OpenVSLAM's and Stella's K is of the rectified cameras, beside both raw ones and how they were turned.
+        middle = self._one("K")
+        if turns is not None and middle is not None and eye_of(middle.name) == "":
+            return self._plain(middle, None), k
+        if (plain := self._plain(middle, k)) is not None:
+            self.notes += [
+                f"{text_of(e.name)} was left out: with a baseline and without R, images are taken to be rectified"
+                for e in self._of("D").values()
+                if e.value.any()
+            ]
+            return plain, None
+        q = self._one("Q")
+        return (None if q is None else _from_q(q.value)), k
+
+    def _plain(self, alone: Entry | None, k: _Pair | None) -> _Pair | None:
         """Return the projections of rectified cameras of which camera matrix and baseline are stated."""
-        if k is None:
-            alone = self._one("K", is_camera_matrix)
-            if alone is None:
-                return None
-            k = alone.value.reshape(3, 3), alone.value.reshape(3, 3)
-        baseline = self._baseline(float(k[0][0, 0]))
-        if baseline is None:
-            return None
-        left, right = (np.hstack([each, np.zeros((3, 1))]) for each in k)
-        right[0, 3] = -right[0, 0] * baseline
-        return left, right
+        if k is None and alone is not None:
+            k = alone.value, alone.value
+        baseline = None if k is None else self._baseline(float(k[0][0, 0]))
+        return None if k is None or baseline is None else projections(*k, baseline)
 
     def _baseline(self, fx: float) -> float | None:
         """Return the baseline in the file's unit, by its name, or as the only number beside a matrix of bare rows."""
@@ -357,7 +298,7 @@ class Finder:
 
         DrivingStereo's small images have projections of twice the baseline.
         """
-        moved_m = None if shift is None else shift.ravel() * self._factor(float(np.linalg.norm(shift)))
+        moved_m = None if shift is None else shift * self._factor(float(np.linalg.norm(shift)))
         if p is None:
             return moved_m, None
         left, right = (each[0, 3] / each[0, 0] for each in p)
@@ -375,14 +316,63 @@ class Finder:
 
     def _factor(self, length: float, *, noted: bool = True) -> float:
         """Return metres per unit of a length."""
-        if self.unit is not None:
-            return UNITS[self.unit]
-        unit = unit_of(length)
-        if unit != "m" and noted:
+        unit = self.unit or unit_of(length)
+        if self.unit is None and unit != "m" and noted:
             self.notes.append(
                 f"the cameras are {length:g} apart, which was taken for {unit}: if that is wrong, give --unit"
             )
         return UNITS[unit]
+
+    # --- lenses ---
+
+    def _lenses(self, k: _Pair | None, size: Size | None, *, required: bool) -> list[EyeArrays]:
+        """Return both eyes with their lenses, or with what is wrong with these; raises FormatError if ``required``."""
+        if k is None or self.lens_fault is not None:
+            return [EyeArrays(fault=None if k is None else self.lens_fault)] * 2
+        found = self._eyes("D") or self._other_coefficients(shared=k[0] is k[1])
+        eyes = []
+        for number, (own, stated) in enumerate(zip(k, found or (None, None), strict=True)):
+            try:
+                d, model, note = lens_of(stated, self._lens_names(number), own, size or self.user_size)
+            except FormatError as error:
+                if required:
+                    raise
+                eyes.append(EyeArrays(fault=str(error)))
+                continue
+            self.notes += [note] if note and note not in self.notes else []
+            eyes.append(EyeArrays(d=d, model=model))
+        return eyes
+
+    def _lens_names(self, number: int) -> Iterator[str]:
+        """Yield what the tree calls the lens of an eye, and the model that the names of its values tell."""
+        kind = {"model", "type", "lens", "lensmodel", "distortion", "projection"}
+        numbers = sorted({int(eye) for e in self.entries if e.value.size > 1 and (eye := eye_of(e.name)).isdigit()})
+        labels: Sequence[object] = self.cameras or (numbers if len(numbers) >= len(EYES) else EYES)
+        own = {"", EYES[number], str(labels[number])}
+        for name, value in self.tree.items():
+            if isinstance(value, str) and kind & set(words_of(name[-1:])) and label_of(name, self.cameras) in own:
+                yield value
+            is_switch = isinstance(value, str) or value.size == 1
+            if not is_switch and {"fisheye", "equidistant"} & set(words_of(name)):
+                yield "fisheye"
+        for entry in self.entries:
+            if entry.key in {"radtan", "equidistant"} and label_of(entry.name, self.cameras) in own:
+                yield entry.key
+
+    def _other_coefficients(self, *, shared: bool) -> _Pair | None:
+        """Return the coefficients that both eyes share; raises FormatError where they are of one eye, or too few."""
+        named = [e for e in self.entries if starts(e.words, _LENS_WORDS) and e.value.size > 1]
+        if not named:
+            self.notes.append("no coefficients of lenses were found: the cameras are taken for pinholes")
+            return None
+        if shared or {eye_of(entry.name) for entry in named} == {""}:
+            return self._shared("D")
+        raise FormatError(
+            f"{text_of(named[-1].name)}: expected 4, 5, 8, 12 or 14 coefficients of both lenses, got "
+            f"{', '.join(f'{entry.value.size} in {text_of(entry.name)}' for entry in named[:2])}"
+        )
+
+    # --- images ---
 
     def _check_windows(self) -> None:
         """Refuse messages of ROS whose images are binned, or a window of the calibrated images."""
@@ -415,6 +405,10 @@ class Finder:
         return known[0] if known else None
 
 
+def _is_rederived(entry: Entry) -> bool:
+    return bool(_REDERIVED & set(entry.words))
+
+
 def _rotation(value: Array) -> Array:
     """Return a rotation (3, 3) from nine numbers, or from a vector of three."""
     if value.size == 9:
@@ -423,17 +417,8 @@ def _rotation(value: Array) -> Array:
     return np.array(rotation_of((x, y, z)))
 
 
-def _stem(name: Name) -> str:
-    """Return the last word of a name without its eye, so that the names of both eyes' arrays give the same."""
-    return re.sub(r"\d+|left|right", "", last_word(name).lower())
-
-
 def _from_q(q: Array) -> tuple[Array, Array]:
     """Return the projections that OpenCV's Q (4, 4) inverts."""
-    focal, baseline = q[2, 3], abs(1 / q[3, 2])
-    left = np.array([[focal, 0, -q[0, 3], 0], [0, focal, -q[1, 3], 0], [0, 0, 1, 0]])
-    right = left.copy()
     # Q's last row ends in -1 / Tx and (cx - cx') / Tx.
-    right[0, 2] += q[3, 3] / q[3, 2]
-    right[0, 3] = -focal * baseline
-    return left, right
+    k = [camera_matrix(q[2, 3], q[2, 3], cx, -q[1, 3]) for cx in (-q[0, 3], q[3, 3] / q[3, 2] - q[0, 3])]
+    return projections(k[0], k[1], abs(1 / q[3, 2]))

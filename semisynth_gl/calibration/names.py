@@ -59,6 +59,12 @@ def eye_of(name: Name, *, rotation: bool = False) -> str:
     return ""
 
 
+def label_of(name: Name, cameras: tuple[str, str] | None, *, rotation: bool = False) -> str:
+    """Return which camera a name is of: one of two chosen by a name of their own, else what `eye_of` says."""
+    named = (each for each in cameras or () if not each.isdigit() and each.lower() in map(str.lower, name))
+    return next(named, None) or eye_of(name, rotation=rotation)
+
+
 def starts(words: Iterable[str], beginnings: Sequence[str]) -> bool:
     """Return whether a word is one of those of one letter or two, or begins with a longer one."""
     return any(word == each or (len(each) > 2 and word.startswith(each)) for word in words for each in beginnings)

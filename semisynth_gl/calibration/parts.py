@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
+from semisynth_gl.calibration.arrays import camera_matrix
 from semisynth_gl.calibration.kinds import are_numbers, is_camera_matrix
 from semisynth_gl.calibration.names import LEFT, RIGHT, Entry, words_of
 from semisynth_gl.calibration.tree import Name
@@ -68,8 +69,7 @@ def with_parts(entries: Sequence[Entry]) -> Iterator[Entry]:
             named = eyes.get("", {}) | eyes[eye]
             own = (*name, eye) if eye else name
             if {"fx", "cx", "cy"} <= named.keys():
-                fx, fy = named["fx"], named.get("fy", named["fx"])
-                k = np.array([[fx, 0, named["cx"]], [0, fy, named["cy"]], [0, 0, 1]])
+                k = camera_matrix(named["fx"], named.get("fy", named["fx"]), named["cx"], named["cy"])
                 yield Entry((*own, "K"), k)
             yield from _coefficients(own, named)
 

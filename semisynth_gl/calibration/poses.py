@@ -1,15 +1,16 @@
-"""How two cameras stand to each other, from poses between them, along a chain, or against a body."""
+"""How one camera stands to another: a way between them along the poses that a calibration states."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from semisynth_gl.calibration.names import Entry, eye_of, last_word, words_of
-from semisynth_gl.calibration.tree import Array, FormatError, Name
+from semisynth_gl.calibration.names import label_of, last_word, words_of
+from semisynth_gl.calibration.tree import Array, Name
 
 # What stands for a camera in the name of a pose; anything else is a body, an IMU or the world.
-_EYES = {"cam", "camera", "c", "s", "sensor", "left", "right", "l", "r", "cn", "cnm"}
+_EYES = {"cam", "camera", "c", "s", "sensor", "left", "right", "l", "r"}
 # Names of poses: two frames, the one that the pose leads to first, but in the last.
 _BACKWARDS = re.compile(r"(.+?)(?:_to_|To|2)(.+)")
 _FRAMES = (
@@ -22,113 +23,96 @@ _FRAMES = (
 )
 
 
-def along_chain(poses: Mapping[Name, Array], cameras: tuple[str, str] | None) -> tuple[Array, Array] | None:
-    """Return R and T along Kalibr's chain, in which each camera's pose leads from the camera before it.
+class Link(NamedTuple):
+    """A pose to_from_start, (4, 4), between two frames by their labels."""
+
+    to: str
+    start: str
+    pose: Array
+
+    def inverse(self) -> "Link":
+        """Return the link walked the other way."""
+        return Link(self.start, self.to, np.asarray(np.linalg.inv(self.pose), np.float64))
+
+
+def along(links: Sequence[Link], start: str, end: str) -> Array | None:
+    """Return the pose end_from_start, (4, 4), along the fewest links, walked either way; None where no way leads."""
+    either = [*links, *(link.inverse() for link in links)]
+    ways: dict[str, Array] = {start: np.eye(4)}
+    waiting = [start]
+    for here in waiting:
+        for link in either:
+            if link.start == here and link.to not in ways:
+                ways[link.to] = link.pose @ ways[here]
+                waiting.append(link.to)
+    return ways.get(end)
+
+
+def pose_of(turn: Array, shift: Array) -> Array:
+    """Return the pose (4, 4) of a rotation (3, 3) and a translation of three numbers."""
+    pose: Array = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn, shift.ravel()
+    return pose
+
+
+def right_from_left(poses: Mapping[Name, Array], cameras: tuple[str, str] | None) -> Array | None:
+    """Return the pose (4, 4) from the left camera's frame to the right one's; None where no way leads.
+
+    Where names do not tell a pose's direction, it is the one that puts the right camera more to the right.
 
     Args:
-        poses: poses (3, 4) or (4, 4) by name.
-        cameras: numbers of the left and the right camera; None for the first two.
-
-    Raises:
-        FormatError: where the chain has a gap.
+        poses: poses (4, 4) by name: between cameras, along Kalibr's chain, or against a body.
+        cameras: labels of the left and the right camera; None for left and right, or the first two numbers.
     """
-    chain = {eye_of(name[:-1]): pose for name, pose in poses.items() if name[-1] == "T_cn_cnm1"}
-    links = {int(number): pose for number, pose in chain.items() if number.isdigit()}
-    if not links:
-        return None
-    if not all(each.isdigit() for each in cameras or ()):
-        raise FormatError(f"has cameras by number: expected two of cam{min(links) - 1} to cam{max(links)} as --pair")
-    first, last = (min(links) - 1, min(links)) if cameras is None else map(int, cameras)
-    whole: Array = np.eye(4)
-    for number in range(min(first, last) + 1, max(first, last) + 1):
-        if number not in links:
-            raise FormatError(f"cam{number}.T_cn_cnm1: missing: expected how cam{number} stands to cam{number - 1}")
-        whole = _whole(links[number]) @ whole
-    return _parts(_inverse(whole) if last < first else whole)
-
-
-def between_eyes(poses: Mapping[Name, Array], cameras: tuple[str, str] | None) -> tuple[Array, Array] | None:
-    """Return R (3, 3) and T (3,), right_from_left, of a pose from one eye to the other; None where there is none.
-
-    Args:
-        poses: poses (3, 4) or (4, 4) by name.
-        cameras: the left and the right camera by number or name; None for any two.
-    """
+    sure, unsure = list[Link](), list[Link]()
     for name, pose in poses.items():
-        frames = _frames(name)
-        if frames is None or not all(map(_is_eye, frames)):
-            continue
-        to, start = (eye_of((each,)) for each in frames)
-        if cameras is not None:
-            if {to, start} != set(cameras):
-                continue
-            backwards = to == cameras[0]
-        elif {to, start} == {"left", "right"}:
-            backwards = to == "left"
-        elif to.isdigit() and start.isdigit():
-            backwards = int(to) < int(start)
+        frames = _frames(name, cameras)
+        if frames is None:
+            # The pose of a camera against whatever all poses of this name are against.
+            stem = re.sub(r"\d+|left|right", "", last_word(name).lower())
+            unsure.append(Link(label_of(name, cameras), f"against {stem}", pose))
         else:
-            continue
-        return _parts(_inverse(pose) if backwards else pose)
-    if len(poses) == 1:
-        ((name, pose),) = poses.items()
-        frames = _frames(name)
-        if frames is not None and (cameras is not None or not all(map(_is_eye, frames))):
-            return None  # where one camera stands on a body, or how other cameras stand
-        return _likelier(_whole(pose), _inverse(pose))
-    return None
+            sure.append(Link(*frames, pose))
+    labels = {label for link in (*sure, *unsure) for label in link[:2]}
+    numbers = sorted(int(label) for label in labels if label.isdigit())
+    if cameras is None:
+        words = len(numbers) < 2 or {"left", "right"} <= labels
+        cameras = ("left", "right") if words else (str(numbers[0]), str(numbers[1]))
+    turned = [link.inverse() for link in unsure]
+    ways = [along([*sure, *others], *cameras) for others in (unsure, turned)]
+    if ways[0] is None and len(poses) == len(unsure) == 1:  # the only pose leads from one eye to the other
+        ways = [unsure[0].pose, turned[0].pose]
+    found = [way for way in ways if way is not None]
+    return max(found, key=_leftwards) if found else None
 
 
-def by_name(name: Name, turn: Array, shift: Array) -> tuple[Array, Array]:
-    """Return R and T, right_from_left, turned round where the translation's name leads from right to left."""
-    frames = _frames(name)
-    if frames is not None and [eye_of((each,)) for each in frames] == ["left", "right"]:
-        return turn.T, -turn.T @ shift
-    return turn, shift
+def leads_to_left(name: Name) -> bool:
+    """Return whether the name of a translation says that it leads from the right camera to the left one."""
+    return _frames(name, None) == ("left", "right")
 
 
-def from_body(left: Entry, right: Entry) -> tuple[Array, Array]:
-    """Return R and T, right_from_left, from the poses of both cameras to a body, or from it."""
-    left_pose, right_pose = (_whole(each.value.reshape(-1, 4)) for each in (left, right))
-    to_body, out_of_body = _inverse(right_pose) @ left_pose, right_pose @ _inverse(left_pose)
-    frames = _frames(left.name)
-    if frames is not None and _is_eye(frames[0]) != _is_eye(frames[1]):
-        return _parts(out_of_body if _is_eye(frames[0]) else to_body)
-    return _likelier(out_of_body, to_body)
+def _leftwards(pose: Array) -> float:
+    """Return the share of a translation that moves points to the left, as a camera farther to the right sees them."""
+    length = np.linalg.norm(pose[:3, 3])
+    return float(-pose[0, 3] / length) if length else 0.0
 
 
-def _likelier(first: Array, second: Array) -> tuple[Array, Array]:
-    """Return R and T of the pose, of two (4, 4), that has the right camera more to the right."""
+def _frames(name: Name, cameras: tuple[str, str] | None) -> tuple[str, str] | None:
+    """Return the labels of the frames that a pose leads to and from; None where its name does not tell.
 
-    def leftwards(pose: Array) -> float:
-        length = np.linalg.norm(pose[:3, 3])
-        return float(-pose[0, 3] / length) if length else 0.0
-
-    return _parts(first if leftwards(first) >= leftwards(second) else second)
-
-
-def _frames(name: Name) -> tuple[str, str] | None:
-    """Return the frames that a pose leads to and from, as its name tells: ``T_cam_imu`` leads from imu to cam."""
+    ``T_cam_imu`` in the section of cam1 leads from imu to 1.
+    """
     key = last_word(name)
-    for pattern in _FRAMES:
-        if found := pattern.fullmatch(key):
-            return found[1], found[2]
-    found = _BACKWARDS.fullmatch(key)
-    return None if found is None else (found[2], found[1])
-
-
-def _is_eye(frame: str) -> bool:
-    return frame.isdigit() or bool(_EYES & set(words_of((frame,))))
-
-
-def _whole(pose: Array) -> Array:
-    whole: Array = np.vstack([pose[:3], [0, 0, 0, 1]])
-    return whole
-
-
-def _inverse(pose: Array) -> Array:
-    return np.asarray(np.linalg.inv(_whole(pose)), np.float64)
-
-
-def _parts(pose: Array) -> tuple[Array, Array]:
-    return pose[:3, :3], pose[:3, 3]
+    if key == "T_cn_cnm1":
+        number = label_of(name[: name.index(key)], None)
+        return (number, str(int(number) - 1)) if number.isdigit() else None
+    found = next((found.groups() for pattern in _FRAMES if (found := pattern.fullmatch(key))), None)
+    if found is None and (backwards := _BACKWARDS.fullmatch(key)):
+        found = backwards[2], backwards[1]
+    eyes = [frame for frame in found or () if frame.isdigit() or _EYES & set(words_of((frame,)))]
+    if found is None or not eyes:
+        return None
+    to, start = (
+        (label_of((frame,), cameras) or label_of(name, cameras)) if frame in eyes else frame.lower() for frame in found
+    )
+    return None if to == start else (to, start)

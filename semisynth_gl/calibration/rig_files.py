@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from semisynth_gl.calibration.adapters import ADAPTERS, Wish, kitti_cameras
-from semisynth_gl.calibration.arrays import UNITS, Size, StereoArrays
+from semisynth_gl.calibration.adapters import ADAPTERS, kitti_cameras
+from semisynth_gl.calibration.arrays import UNITS, Size, StereoArrays, lens_of
 from semisynth_gl.calibration.finder import KEYS, Finder
 from semisynth_gl.calibration.rig import Rig, rectified
 from semisynth_gl.calibration.stereo_rectify import stereo_rectify
@@ -14,6 +14,9 @@ from semisynth_gl.inputs.arguments import check_one_of
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.textures.image_files import find_files
+
+# First part of the name of a folder that ETH3D's archives have.
+_ETH3D = "two_view_"
 
 
 def read_rigs(
@@ -57,11 +60,16 @@ def read_rigs(
 
     def arrays_of(names: Sequence[Path], tree: Tree) -> StereoArrays | None:
         source = " and ".join(map(str, names))
-        wish = Wish(source, size or photographed, cameras)
         try:
-            return _arrays(tree, wish, unit, keys or {})
+            arrays = _arrays(tree, size or photographed, cameras, unit, keys or {})
         except FormatError as error:
             raise ReadError(Path(source), str(error)) from None
+        if arrays is None:
+            return None
+        # ETH3D's files have the same form as Middlebury's, but lie in folders such as two_view_training.
+        of_eth3d = any(part.startswith(_ETH3D) for part in names[0].absolute().parts)
+        layout = "eth3d" if arrays.layout == "middlebury" and of_eth3d else arrays.layout
+        return replace(arrays, source=source, layout=layout)
 
     trees = [read_tree(path) for path in paths]
     found = [arrays_of([path], tree) for path, tree in zip(paths, trees, strict=True)] if len(paths) > 1 else [None]
@@ -72,7 +80,7 @@ def read_rigs(
         if rig is None and len(paths) > 1:  # no name tells the eyes: the left camera's file comes first
             rig = arrays_of(paths, joined(trees, [(str(number),) for number in range(1, len(paths) + 1)]))
         if rig is None:
-            raise _nothing_found(paths, whole)
+            raise _nothing_found(paths, whole, cameras)
         rigs = [rig]
     return [_rig(each, size, photographed, alpha, fov_deg) for each in rigs]
 
@@ -94,32 +102,34 @@ def _found(sources: Sequence[str | Path]) -> list[Path]:
     return [*paths]
 
 
-def _arrays(tree: Tree, wish: Wish, unit: str | None, keys: Mapping[str, str]) -> StereoArrays | None:
+def _arrays(
+    tree: Tree, size: Size | None, cameras: tuple[str, str] | None, unit: str | None, keys: Mapping[str, str]
+) -> StereoArrays | None:
     if not keys:
         for adapter in ADAPTERS:
-            arrays = adapter(tree, wish)
+            arrays = adapter(tree, size)
             if arrays is not None:
                 if unit is not None:
                     raise FormatError("its format states the unit: leave the unit out")
                 return arrays
     kitti = kitti_cameras(tree)
-    cameras = wish.cameras or kitti
-    arrays = Finder(tree, keys, cameras, unit, wish.size).arrays(wish.source)
+    arrays = Finder(tree, keys, cameras or kitti, unit, size).arrays()
     return arrays if arrays is None or kitti is None else replace(arrays, layout="kitti")
 
 
-def _nothing_found(paths: Sequence[Path], tree: Tree) -> ReadError:
-    finder, source = Finder(tree, {}, None, None, None), Path(" and ".join(map(str, paths)))
+def _nothing_found(paths: Sequence[Path], tree: Tree, cameras: tuple[str, str] | None) -> ReadError:
+    source = Path(" and ".join(map(str, paths)))
     try:
-        finder.check_lenses()
+        lens_of(None, (value for value in tree.values() if isinstance(value, str)))
     except FormatError as error:
         return ReadError(source, str(error))
+    chosen = "" if cameras is None else f" {' and '.join(cameras)}"
     return ReadError(
         source,
-        "describes no pair of cameras. Expected P of both, or K, D, R and T, or K and a baseline. It has "
-        f"{finder.listing()}. Add the file that has the rest; or say which value is which (--calib-keys), such as "
-        "K1=left.camera_matrix,D1=left.dist,K2=...,R=...,T=...; or give the focal length, the baseline and the size of "
-        "rectified images as numbers",
+        f"describes no pair of cameras{chosen}. Expected P of both, or K, D, R and T, or K and a baseline. It has "
+        f"{Finder(tree).listing()}. Add the file that has the rest; or say which value is which (--calib-keys), such "
+        "as K1=left.camera_matrix,D1=left.dist,K2=...,R=...,T=...; or give the focal length, the baseline and the size "
+        "of rectified images as numbers",
     )
 
 

@@ -746,7 +746,7 @@ def test_two_of_several_cameras_are_chosen(tmp_path):
     np.testing.assert_allclose(rig.raw["left"].matrix, K2)
     (rig,) = read_rigs([path], cameras=("cam0", "cam2"))
     assert rig.camera.baseline_m == pytest.approx(np.linalg.norm((pose @ POSE)[:3, 3]))
-    with pytest.raises(ReadError, match=r"cam3\.T_cn_cnm1: missing"):
+    with pytest.raises(ReadError, match="no pair of cameras cam0 and cam3"):
         read_rigs([path], cameras=("cam0", "cam3"))
 
 
@@ -994,7 +994,7 @@ def test_a_vertical_rig_is_named(tmp_path, lens):
     left, right = matrices()
     right[0, 3], right[1, 3] = 0, -100
     with pytest.raises(InputError, match=r"vertical rig: the right camera stands 0\.100505 m below"):
-        rectified(StereoArrays("x", EyeArrays(p=left), EyeArrays(p=right), Size(741, 500)), None)
+        rectified(StereoArrays(EyeArrays(p=left), EyeArrays(p=right), Size(741, 500)), None)
 
 
 def test_alpha_is_refused_where_it_decides_nothing(tmp_path):
@@ -1045,11 +1045,11 @@ def test_a_size_whose_sides_changed_places_is_noticed(size, off):
     left_x, right_x = (size.width_px * (0.5 + each) for each in off[:2])
     camera = StereoCamera(*size, 500, 0.1, left_x, right_x, size.height_px * (0.5 + off[2]))
     left, right = (EyeArrays(p=p) for p in matrices(camera))
-    assert rectified(StereoArrays("x", left, right, size), None).size == size
+    assert rectified(StereoArrays(left, right, size), None).size == size
     turned = Size(*reversed(size))
     for stated, users in ((turned, None), (None, turned)):
         with pytest.raises(InputError, match=f"near that of {size}: the size is probably written as height, width"):
-            rectified(StereoArrays("x", left, right, stated), users)
+            rectified(StereoArrays(left, right, stated), users)
 
 
 # --- rectified rigs whose lens cannot be used ---
