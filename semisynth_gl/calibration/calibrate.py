@@ -119,42 +119,51 @@ def calibrate(
         ReadError: where a file cannot be read.
         BackendError: where OpenGL is missing, and ``trials`` is above 0.
     """
-    image_sources, calib_sources = names_of(images), names_of(calib)
-    kind = "depth" if depth else "disparity"
-    map_sources = names_of(depth or disparity)
+    kind, image_sources = "depth" if depth else "disparity", names_of(images)
     trials = to_whole("trials", trials, least=0)
     scale = None if scale is None else to_real("scale", scale, least=LEAST)
     png_scale = to_real("png_scale", png_scale, least=LEAST)
-    range_px = None if range_px is None else _two_numbers("range_px", range_px)
-    range_m = None if range_m is None else _two_numbers("range_m", range_m)
-    _check_one_of({"range_px": range_px, "range_m": range_m, "disparity": disparity, "depth": depth})
-    _check_pairs(pairs)
+    range_px, range_m = _two_numbers("range_px", range_px), _two_numbers("range_m", range_m)
+    _check_one(
+        "states the disparities", range_px=range_px, range_m=range_m, disparity=disparity or None, depth=depth or None
+    )
+    _check_one("chooses the view", alpha=alpha, fov_deg=fov_deg)
+    for argument, value in {"rectify_to": rectify_to, "pairs": pairs}.items():
+        if other_camera and value:
+            raise InputError("needs photographs of the rig, but other_camera is set", argument=argument)
+    given = _given_pairs(pairs)
     notes: list[str] = []
-    view = {
+    photographed = [] if other_camera else photograph_sizes(find_images(image_sources))
+    reading = {
         "alpha": None if alpha is None else to_real("alpha", alpha, 0, 1),
         "fov_deg": None if fov_deg is None else to_real("fov_deg", fov_deg, 10, 170),
+        "unit": unit,
+        "cameras": cameras,
+        "keys": calib_keys,
+        "photographed": _calibrated(photographed, scale),
     }
-    stated = _size(size)
-    photographed = [] if other_camera else photograph_sizes(find_images(image_sources))
-    reading = {"unit": unit, "cameras": cameras, "keys": calib_keys, "photographed": _calibrated(photographed, scale)}
-    rigs = _rigs(calib_sources, focal_px, baseline_m, stated, reading, view)
+    rigs = _rigs(names_of(calib), focal_px, baseline_m, _size(size), reading)
     notes += dict.fromkeys(note for rig in rigs for note in rig.notes)
-    if not other_camera:
-        rigs = _cropped(rigs, photographed, scale, notes)
-    found = map_files(map_sources, kind)
+    if crop := centre_crop(photographed, [rig.size for rig in rigs], scale):
+        notes.append(
+            f"the photographs are taken for the centre, {crop}, of the calibrated images, {rigs[0].size}: principal "
+            "points were moved with it. If they show another part, give the calibration of such images"
+        )
+        rigs = [rig.cropped(crop) for rig in rigs]
+    maps = map_files(names_of(depth or disparity), kind)
     scaled = rigs if scale is None else [rig.scaled(scale) for rig in rigs]
     if rectify_to is not None:
-        if other_camera:
-            raise InputError("needs photographs of the rig, but other_camera is set", argument="rectify_to")
-        image_sources, pairs = _rectified(image_sources, pairs, scaled, expanded(fspath(rectify_to)), notes)
+        folder = expanded(fspath(rectify_to))
+        given = _rectified(image_sources, given, scaled, folder, notes)
+        image_sources = [str(folder)]
     draft = describe(
         name,
         rigs,
         image_sources,
-        DisparitySource(one_of_each_scene(found), png_scale, range_px, kind == "depth", range_m),
+        DisparitySource(one_of_each_scene(maps), png_scale, range_px, kind == "depth", range_m),
         scale=scale,
         other_camera=other_camera,
-        pairs=_pairs(pairs, image_sources, scaled, other_camera, notes),
+        pairs=[] if other_camera else _matched_pairs(given, image_sources, scaled, notes),
         lenses=_lenses(scaled, notes),
         overrides=overrides,
     )
@@ -171,27 +180,29 @@ def calibrate(
     report = prepare_atlas(config.textures, Split(0)).report
     place = None
     if trials:
-        width_px = working_width(draft.size.width_px)
         depths_of = scaled[0].camera if kind == "depth" else None
-        place = measure_place(find_place(find_images(image_sources), found, png_scale, depths_of), width_px)
+        files = find_place(find_images(image_sources), maps, png_scale, depths_of)
+        place = measure_place(files, working_width(draft.size.width_px))
         draft = _fitted(draft, place, trials, listener or Listener())
     config = make_config(draft)
     expected = [_expectation(config)] if trials else []
     summary = [*rig_summary(draft, report), *style_summary(draft.style, place), *expected]
-    skipped = left_out(find_files(image_sources, image_extensions()), found)
+    skipped = left_out(find_files(image_sources, image_extensions()), maps)
     unrectified = raw_note(draft, place) if rectify_to is None else None
     narrowed = view_note(draft) if alpha is None and fov_deg is None else None
     notes += filter(None, [narrowed, baseline_note(draft.ranges["baseline_m"]), skipped, unrectified])
     return Calibration(config, write(draft), summary, notes)
 
 
-def _check_one_of(sources: Mapping[str, object]) -> None:
-    given = [argument for argument, value in sources.items() if value]
+def _check_one(effect: str, **sources: object) -> None:
+    given = [argument for argument, value in sources.items() if value is not None]
     if len(given) > 1:
-        raise InputError(f"{given[0]} also states the disparities: give only one of them", argument=given[1])
+        raise InputError(f"{given[0]} also {effect}: give only one of them", argument=given[1])
 
 
-def _two_numbers(name: str, values: Sequence[float]) -> tuple[float, float]:
+def _two_numbers(name: str, values: Sequence[float] | None) -> tuple[float, float] | None:
+    if values is None:
+        return None
     if len(values) != 2:
         raise InputError(f"expected two numbers, got {shown(values)}", argument=name)
     return to_real(name, values[0]), to_real(name, values[1])
@@ -205,32 +216,32 @@ def _size(size: tuple[int, int] | None) -> Size | None:
     return Size(*(to_whole("size", side, least=1) for side in size))
 
 
+def _given_pairs(pairs: Sequence[tuple[str | PathLike[str], str | PathLike[str]]]) -> list[tuple[Path, Path]]:
+    for pair in pairs:
+        if isinstance(pair, str) or not isinstance(pair, Sequence) or len(pair) != 2:
+            raise InputError(f"expected pairs of a left and a right photograph, got {shown(pair)}", argument="pairs")
+    return [pair for left, right in pairs for pair in given_pairs(fspath(left), fspath(right))]
+
+
 def _rigs(
     calib: Sequence[str],
     focal_px: float | None,
     baseline_m: float | None,
     size: Size | None,
     reading: Mapping[str, Any],
-    view: Mapping[str, Any],
 ) -> list[Rig]:
-    """Read or make the rigs.
-
-    ``reading`` has what tells a calibration file's meaning, ``view`` has ``alpha`` and ``fov_deg``, which choose how
-    lenses are rectified.
-    """
-    chosen = [name for name, value in view.items() if value is not None]
-    if len(chosen) > 1:
-        raise InputError("alpha also chooses the view: give only one of them", argument="fov_deg")
+    """Read the rigs, or make one of plain numbers; ``reading`` has the other arguments of `read_rigs`."""
     plain = {"focal_px": focal_px, "baseline_m": baseline_m}
-    given = [name for name, value in plain.items() if value is not None]
     if calib:
-        if given:
-            raise InputError("the calibration states the same: give one or the other", argument=given[0])
-        return read_rigs(calib, size=size, **reading, **view)
-    if chosen:
-        raise InputError("is for the lenses of a calibration: give one, or leave this out", argument=chosen[0])
-    if focal_px is None or baseline_m is None or size is None:
-        missing = [name for name, value in (plain | {"size": size}).items() if value is None]
+        for argument, value in plain.items():
+            if value is not None:
+                raise InputError("the calibration states the same: give one or the other", argument=argument)
+        return read_rigs(calib, size=size, **reading)
+    for argument in ("alpha", "fov_deg"):
+        if reading[argument] is not None:
+            raise InputError("is for the lenses of a calibration: give one, or leave this out", argument=argument)
+    missing = [argument for argument, value in (plain | {"size": size}).items() if value is None]
+    if missing or size is None:
         raise InputError("missing: give a calibration, or focal length, baseline and size", argument=missing[0])
     return [plain_rig(to_real("focal_px", focal_px), to_real("baseline_m", baseline_m), size)]
 
@@ -243,48 +254,20 @@ def _calibrated(photographs: Sequence[Size], scale: float | None) -> Size | None
     return size.scaled(1 / (scale or 1)) if 2 * count > len(photographs) else None
 
 
-def _cropped(rigs: list[Rig], photographs: Sequence[Size], scale: float | None, notes: list[str]) -> list[Rig]:
-    """Return the rigs of a cropped mode, with a note, where photographs show the centre of the calibrated images."""
-    size = centre_crop(photographs, [rig.size for rig in rigs], scale)
-    if size is None:
-        return rigs
-    notes.append(
-        f"the photographs are taken for the centre, {size}, of the calibrated images, {rigs[0].size}: principal points "
-        "were moved with it. If they show another part, give the calibration of such images"
-    )
-    return [rig.cropped(size) for rig in rigs]
-
-
-def _check_pairs(pairs: Sequence[tuple[str | PathLike[str], str | PathLike[str]]]) -> None:
-    for pair in pairs:
-        if isinstance(pair, str) or not isinstance(pair, Sequence) or len(pair) != 2:
-            raise InputError(f"expected pairs of a left and a right photograph, got {shown(pair)}", argument="pairs")
-
-
-def _pairs(
-    pairs: Sequence[tuple[str | PathLike[str], str | PathLike[str]]],
-    images: Sequence[str],
-    rigs: Sequence[Rig],
-    other_camera: bool,  # noqa: FBT001 - as `calibrate` was given it
-    notes: list[str],
+def _matched_pairs(
+    given: list[tuple[Path, Path]], images: Sequence[str], rigs: Sequence[Rig], notes: list[str]
 ) -> list[tuple[Path, Path]]:
-    """Return the pairs to match: the given pairs, or those among the photographs.
-
-    Where OpenCV is missing, photographs are not matched, and a note says so.
-    """
+    """Return the pairs to match: the given pairs, or those among the photographs, which need OpenCV or get a note."""
+    pairs = given or fitting_pairs(pairs_among(find_images(images)), rigs)
     if pairs:
-        if other_camera:
-            raise InputError("needs photographs of the rig, but other_camera is set", argument="pairs")
-        open_matcher()
-        return [pair for left, right in pairs for pair in given_pairs(fspath(left), fspath(right))]
-    found = [] if other_camera else fitting_pairs(pairs_among(find_images(images)), rigs)
-    if found:
         try:
             open_matcher()
         except InputError as error:
-            notes.append(f"the deviation of rows in {counted(len(found), 'pair')} was not measured: {error}")
+            if given:
+                raise
+            notes.append(f"the deviation of rows in {counted(len(pairs), 'pair')} was not measured: {error}")
             return []
-    return found
+    return pairs
 
 
 def _lenses(rigs: Sequence[Rig], notes: list[str]) -> Mapping[Eye, LensChain] | None:
@@ -303,27 +286,20 @@ def _lenses(rigs: Sequence[Rig], notes: list[str]) -> Mapping[Eye, LensChain] | 
 
 
 def _rectified(
-    images: Sequence[str],
-    pairs: Sequence[tuple[str | PathLike[str], str | PathLike[str]]],
-    rigs: Sequence[Rig],
-    folder: Path,
-    notes: list[str],
-) -> tuple[list[str], list[tuple[Path, Path]]]:
-    """Rectify photographs into a folder; return it as the only source, and the pairs that were given."""
+    images: Sequence[str], given: list[tuple[Path, Path]], rigs: Sequence[Rig], folder: Path, notes: list[str]
+) -> list[tuple[Path, Path]]:
+    """Rectify photographs into a folder; return the rectified ones of the given pairs."""
     if len(rigs) > 1 or rigs[0].raw is None:
         fault = next((f"; {rig.source}: {rig.lens_fault}" for rig in rigs if rig.lens_fault), "")
         raise InputError(
             "expected the calibration of one rig with its cameras before rectification (K and D of both, with R1 and "
-            "R2 or R and T): give it, or rectified photographs"
-            f"{fault}",
+            f"R2 or R and T): give it, or rectified photographs{fault}",
             argument="rectify_to",
         )
-    given = [pair for left, right in pairs for pair in given_pairs(fspath(left), fspath(right))]
     photographs = find_images(images)
-    known = given or pairs_among(photographs)
-    written, told = rectify_photographs(photographs, known, images, rigs[0], folder)
+    written, told = rectify_photographs(photographs, given or pairs_among(photographs), images, rigs[0], folder)
     notes += told
-    return [str(folder)], [(written[left], written[right]) for left, right in given if {left, right} <= written.keys()]
+    return [(written[left], written[right]) for left, right in given if {left, right} <= written.keys()]
 
 
 def _fitted(draft: Draft, place: MeasuredPlace, trials: int, listener: Listener) -> Draft:

@@ -10,7 +10,7 @@ import numpy as np
 from semisynth_gl.calibration.arrays import Size
 from semisynth_gl.calibration.matching import MOST_PAIRS, match_pair
 from semisynth_gl.calibration.rig import Rig, median_size
-from semisynth_gl.calibration.vertical import FEWEST, MATCHING_PX, FittedDeviation, Matches, agree, deviation_ranges
+from semisynth_gl.calibration.vertical import MATCHING_PX, FittedDeviation, deviation_ranges, fit_deviation
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.seeds.spread import spread
@@ -20,6 +20,8 @@ from semisynth_gl.textures.images import stored_size
 _SAME_SHAPE = 0.02
 # How far below infinity's disparity, px, errors of calibration and matching may push far points.
 _BEYOND_PX = 3.0
+# A pair is used if this many of its matches, and this share of them, fit one deviation.
+_FEWEST, _LEAST_SHARE = 40, 0.5
 # Deviations larger than a knock or heat causes: shift of rows as a share of the width, turn in degrees, focal ratio.
 _LARGE_SHIFT, _LARGE_TURN_DEG, _LARGE_RATIO = 0.01, 1.5, 0.02
 
@@ -31,8 +33,7 @@ class Rectification:
     Attributes:
         ranges: least and largest value by key of the section ``rig``; empty where matching cannot tell the pairs from
             rectified ones.
-        deviations: deviation of each pair that could be used: its matches `agree`, so at least `FEWEST` of them, and
-            half of all, fit one deviation.
+        deviations: deviation of each pair that could be used: at least 40 of its matches, and half of all, fit it.
         points: number of matches in these pairs.
         pairs: number of pairs that were matched, whether they could be used or not.
     """
@@ -67,7 +68,7 @@ class Rectification:
         """Return the result in a line."""
         used = f"{len(self.deviations)} of {counted(self.pairs, 'pair')} matched"
         if not self.deviations:
-            return f"unknown: none of {counted(self.pairs, 'pair')} has enough fitting matches ({FEWEST}, half of all)"
+            return f"unknown: none of {counted(self.pairs, 'pair')} has enough fitting matches ({_FEWEST}, half of all)"
         if not self.ranges:
             return f"{used}: rectified within the accuracy of matching, {MATCHING_PX:g} px"
         shown = {
@@ -95,27 +96,23 @@ def measure_rectification(pairs: Sequence[tuple[Path, Path]], rigs: Sequence[Rig
     views seem to have changed places, or OpenCV is not installed.
     """
     chosen = [pairs[number] for number in spread(len(pairs), MOST_PAIRS)]
-    matched, points = [], 0
+    matched = []
     for left, right in chosen:
         matches, size = match_pair(left, right)
-        camera = _camera_of(Size(*size), rigs, left)
-        if agree(matches, camera):
-            _check_sides(matches, camera, left, right)
-            matched.append((matches, camera))
-            points += len(matches.left)
+        camera, count = _camera_of(Size(*size), rigs, left), len(matches.left)
+        share = fit_deviation(matches, camera, pitch=False).share if count >= _FEWEST else 0.0
+        if share < _LEAST_SHARE or share * count < _FEWEST:
+            continue
+        beyond_px = float(np.median(matches.left[:, 0] - matches.right[:, 0])) + camera.doffs_px
+        if beyond_px < -_BEYOND_PX:
+            raise InputError(
+                f"{left} {right}: half of the points have disparities {-beyond_px:.1f} px or more below infinity's: "
+                "expected the left view, then the right one, both rectified",
+                argument="pairs",
+            )
+        matched.append((matches, camera))
     ranges, deviations = deviation_ranges(matched, median_size(rigs).width_px)
-    return Rectification(ranges, deviations, points, len(chosen))
-
-
-def _check_sides(matches: Matches, camera: StereoCamera, left: Path, right: Path) -> None:
-    """Check that most points lie in front of the cameras, as they do not where the two views have changed places."""
-    beyond_px = float(np.median(matches.left[:, 0] - matches.right[:, 0])) + camera.doffs_px
-    if beyond_px < -_BEYOND_PX:
-        raise InputError(
-            f"{left} {right}: half of the points have disparities {-beyond_px:.1f} px or more below infinity's: "
-            "expected the left view, then the right one, both rectified",
-            argument="pairs",
-        )
+    return Rectification(ranges, deviations, sum(len(each.left) for each, _ in matched), len(chosen))
 
 
 def _camera_of(size: Size, rigs: Sequence[Rig], path: Path) -> StereoCamera:

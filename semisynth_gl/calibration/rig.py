@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -56,19 +55,18 @@ class Rig:
                 f"{self.source}: images of {self.size}: expected sides of at most {WIDEST_PX} and at most "
                 f"{MOST_PIXELS:,} pixels"
             )
-        for name, value in (("focal length", camera.focal_px), ("baseline", camera.baseline_m)):
-            if not SMALLEST <= value <= LARGEST:
-                raise InputError(f"{self.source}: the {name} is {value:g}: expected {SMALLEST:g} to {LARGEST:g}")
-        values = {"cx of the left camera": camera.cx_left_px, "cx of the right camera": camera.cx_right_px}
-        values |= {"cy": camera.cy_px, **{name: px for name, px in self.bounds._asdict().items() if px is not None}}
-        for name, value in values.items():
-            if not -LARGEST <= value <= LARGEST:
-                raise InputError(f"{self.source}: {name} is {value:g}: expected {-LARGEST:g} to {LARGEST:g}")
-        if not 1 / MOST_FY_OVER_FX <= camera.fy_over_fx <= MOST_FY_OVER_FX:
-            raise InputError(
-                f"{self.source}: fx is {camera.focal_px:g} and fy is {camera.focal_y_px:g}: expected a ratio of "
-                f"{1 / MOST_FY_OVER_FX:g} to {MOST_FY_OVER_FX:g}"
-            )
+        limits = {
+            "the focal length": (camera.focal_px, SMALLEST, LARGEST),
+            "the baseline": (camera.baseline_m, SMALLEST, LARGEST),
+            "cx of the left camera": (camera.cx_left_px, -LARGEST, LARGEST),
+            "cx of the right camera": (camera.cx_right_px, -LARGEST, LARGEST),
+            "cy": (camera.cy_px, -LARGEST, LARGEST),
+            "fy / fx": (camera.fy_over_fx, 1 / MOST_FY_OVER_FX, MOST_FY_OVER_FX),
+        }
+        limits |= {name: (px, -LARGEST, LARGEST) for name, px in self.bounds._asdict().items() if px is not None}
+        for name, (value, least, most) in limits.items():
+            if not least <= value <= most:
+                raise InputError(f"{self.source}: {name} is {value:g}: expected {least:g} to {most:g}")
 
     @property
     def size(self) -> Size:
@@ -83,14 +81,24 @@ class Rig:
     def cropped(self, size: Size) -> "Rig":
         """Return the rig of the images' centre, a window of ``size``."""
         across, down = ((whole - part) / 2 for whole, part in zip(self.size, size, strict=True))
-        sides: dict[str, Any] = {"width_px": size.width_px, "height_px": size.height_px}
-        camera = self.camera
-        points: dict[str, Any] = {name: getattr(camera, name) - across for name in ("cx_left_px", "cx_right_px")}
+        camera = replace(
+            self.camera,
+            width_px=size.width_px,
+            height_px=size.height_px,
+            cx_left_px=self.camera.cx_left_px - across,
+            cx_right_px=self.camera.cx_right_px - across,
+            cy_px=self.camera.cy_px - down,
+        )
         raw = self.raw and {
-            eye: replace(each, **sides, cx_px=each.cx_px - across, cy_px=each.cy_px - down)
+            eye: replace(
+                each,
+                width_px=size.width_px,
+                height_px=size.height_px,
+                cx_px=each.cx_px - across,
+                cy_px=each.cy_px - down,
+            )
             for eye, each in self.raw.items()
         }
-        camera = replace(camera, **sides, **points, cy_px=camera.cy_px - down)
         return replace(self, camera=camera, raw=raw, source=f"{self.source}, the centre of {size}")
 
     def scaled(self, scale: float) -> "Rig":
@@ -127,16 +135,38 @@ def rectified(arrays: StereoArrays, size: Size | None) -> Rig:
     left, right, source = arrays.left.p, arrays.right.p, arrays.source
     if left is None or right is None:
         raise _not_rectified(source, "it has no projection matrices")
+    baseline_m = _baseline_m(source, left, right)
+    if arrays.size is not None and size is not None and arrays.size != size:
+        raise InputError(
+            f"{source} is for images of {arrays.size}, not {size}: leave the size out, or give the scale if your "
+            "images are reduced",
+            argument="size",
+        )
+    size = arrays.size or size
+    if size is None:
+        raise InputError(f"{source}: does not say how large the images are: give the size, width and height")
+    # The principal points of cameras that were turned a lot lie anywhere once they are rectified.
+    raw_matrices = [each.k for each in (arrays.left, arrays.right) if each.k is not None]
+    if (fault := turned_size_fault(size, *(raw_matrices or (left, right)))) is not None:
+        raise InputError(f"{source}: {fault}")
+    (fx, _, cx_left, _), (_, fy, cy, _), _ = left.tolist()
+    camera = StereoCamera(*size, fx, baseline_m, cx_left, float(right[0, 2]), cy, fy_over_fx=fy / fx)
+    raw = arrays.raw_cameras(size)
+    if raw is not None and all(each.is_pinhole(camera, eye) for eye, each in raw.items()):
+        raw = None
+    return Rig(camera, source, arrays.bounds, arrays.layout, raw, arrays.lens_fault, arrays.notes)
+
+
+def _baseline_m(source: str, left: Array, right: Array) -> float:
+    """Return the baseline of two projection matrices; raises InputError where they are of no rectified pair."""
     for name, matrix in (("left", left), ("right", right)):
         _check_pinhole(source, name, matrix)
     for axis, name in enumerate(("fx", "fy")):
         own, other = float(left[axis, axis]), float(right[axis, axis])
         if abs(own - other) > _SAME_FOCAL * own:
             raise _not_rectified(source, f"focal lengths differ: {name} is {own:g} px left, {other:g} right")
-    focal_px, fy_over_fx = float(left[0, 0]), float(left[1, 1] / left[0, 0])
-    cy_px, right_cy_px = float(left[1, 2]), float(right[1, 2])
-    if abs(cy_px - right_cy_px) > _SAME_CY_PX:
-        raise _not_rectified(source, f"cy differs: {cy_px:g} px left, {right_cy_px:g} px right")
+    if abs(left[1, 2] - right[1, 2]) > _SAME_CY_PX:
+        raise _not_rectified(source, f"cy differs: {left[1, 2]:g} px left, {right[1, 2]:g} px right")
     # Translations t, metres, from P = K [I | t]; their difference places the right camera in the left one's frame.
     left_m, right_m = (np.linalg.solve(matrix[:, :3], matrix[:, 3]) for matrix in (left, right))
     baseline_m, down_m, forward_m = map(float, left_m - right_m)
@@ -153,29 +183,7 @@ def rectified(arrays: StereoArrays, size: Size | None) -> Rig:
             f"{source}: the baseline is {baseline_m:g} m: expected the right camera to the right of the left one; "
             "swap left and right, in the calibration and in your images"
         )
-    size = _size_of(arrays, left, right, size)
-    points = float(left[0, 2]), float(right[0, 2]), cy_px
-    camera = StereoCamera(*size, focal_px, baseline_m, *points, fy_over_fx=fy_over_fx)
-    raw = _bending(arrays.raw_cameras(size), camera)
-    return Rig(camera, source, arrays.bounds, arrays.layout, raw, arrays.lens_fault, arrays.notes)
-
-
-def _size_of(arrays: StereoArrays, left: Array, right: Array, size: Size | None) -> Size:
-    source = arrays.source
-    if arrays.size is not None and size is not None and arrays.size != size:
-        raise InputError(
-            f"{source} is for images of {arrays.size}, not {size}: leave the size out, or give the scale if your "
-            "images are reduced",
-            argument="size",
-        )
-    size = arrays.size or size
-    if size is None:
-        raise InputError(f"{source}: does not say how large the images are: give the size, width and height")
-    # The principal points of cameras that were turned a lot lie anywhere once they are rectified.
-    raw = [each.k for each in (arrays.left, arrays.right) if each.k is not None]
-    if (fault := turned_size_fault(size, *(raw or (left, right)))) is not None:
-        raise InputError(f"{source}: {fault}")
-    return size
+    return baseline_m
 
 
 def vertical_fault(right_m: float, down_m: float) -> str | None:
@@ -210,12 +218,6 @@ def turned_size_fault(size: Size, *matrices: Array) -> str | None:
         f"the principal point ({cx_px:.6g}, {cy_px:.6g}) is far from the centre of images of {size}, and near that of "
         f"{turned}: the size is probably written as height, width: expected width, then height"
     )
-
-
-def _bending(raw: Mapping[Eye, RawCamera] | None, camera: StereoCamera) -> Mapping[Eye, RawCamera] | None:
-    if raw is None or all(each.is_pinhole(camera, eye) for eye, each in raw.items()):
-        return None
-    return raw
 
 
 def median_size(rigs: Sequence[Rig]) -> Size:

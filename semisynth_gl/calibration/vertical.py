@@ -22,8 +22,6 @@ KEYS = ("right_y_px", "right_roll_deg", "focal_ratio", "right_pitch_deg")
 MATCHING_PX = 0.2
 """Accuracy of matching: a deviation that moves no row by more than this may come from errors of matches.
 docs/calibrate.md names the rectified photographs on which it was measured."""
-FEWEST = 40
-"""Least number of matches that must fit for a pair to be used."""
 
 Values = NDArray[np.float64]
 
@@ -37,11 +35,8 @@ _LEAST_SIGMA_PX = 0.02
 _TUKEY = 4.685
 # A pitch is sure if it is larger than this many of its standard deviations.
 _SURE_DEVIATIONS = 4.0
-# Least share of a pair's matches that must fit for the pair to be used.
-_LEAST_SHARE = 0.5
-_NONE = np.array([0.0, 0.0, 1.0, 0.0])
 # Steps of the numbers for numerical derivatives: px, radians, a ratio, radians.
-_STEPS = np.array([1e-3, 1e-6, 1e-6, 1e-6])
+_STEPS = np.diag([1e-3, 1e-6, 1e-6, 1e-6])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,43 +74,25 @@ class FittedDeviation:
         return self.y_px * scale, float(np.rad2deg(self.roll_rad)), self.focal_ratio, float(np.rad2deg(self.pitch_rad))
 
 
-def agree(matches: Matches, camera: StereoCamera) -> bool:
-    """Return whether enough of a pair's matches fit one deviation: at least `FEWEST`, and at least half of all.
-
-    ``camera`` is the rectified camera of the pair's images.
-    """
-    if len(matches.left) < FEWEST:
-        return False
-    share = fit_deviation(matches, camera, pitch=False).share
-    return share >= _LEAST_SHARE and share * len(matches.left) >= FEWEST
-
-
 def deviation_ranges(
     pairs: Sequence[tuple[Matches, StereoCamera]], width_px: int
 ) -> tuple[dict[str, tuple[float, float]], tuple[FittedDeviation, ...]]:
     """Return the ranges of the section ``rig`` over pairs, for images ``width_px`` wide, and each pair's deviation.
 
-    Each pair consists of matches that `agree` and the rectified camera of its images. The ranges are the least and the
+    Each pair consists of matches and the rectified camera of its images. The ranges are the least and the
     largest value by key of `KEYS`. A key is left out if it moves rows by no more than `MATCHING_PX` (root mean square
     over pairs, of the rows that it moves most), since that could come from errors of matches. Pitch moves upper and
     lower rows more than those in the middle; only a wide view can tell it from ``right_y_px``.
     """
     if not pairs:
         return {}, ()
-    cameras = [camera for _, camera in pairs]
-    full = [fit_deviation(matches, camera, pitch=True) for matches, camera in pairs]
-    sure = [abs(each.pitch_rad) > _SURE_DEVIATIONS * each.pitch_error_rad for each in full]
-    moved = np.array([_most_px(*both) for both in zip(full, cameras, strict=True)])
-    if _rms(moved[:, 3]) <= MATCHING_PX or np.mean(sure) <= 0.5:
-        full = [fit_deviation(matches, camera, pitch=False) for matches, camera in pairs]
-        moved = np.array([_most_px(*both) for both in zip(full, cameras, strict=True)])
-    ranges = {}
-    for number, key in enumerate(KEYS):
-        if _rms(moved[:, number]) > MATCHING_PX:
-            both = zip(full, cameras, strict=True)
-            values = [each.numbers(width_px / camera.width_px)[number] for each, camera in both]
-            ranges[key] = min(values), max(values)
-    return ranges, tuple(full)
+    fits = [fit_deviation(matches, camera, pitch=True) for matches, camera in pairs]
+    sure = [abs(fit.pitch_rad) > _SURE_DEVIATIONS * fit.pitch_error_rad for fit in fits]
+    if _moved_px(fits, pairs)[3] <= MATCHING_PX or np.mean(sure) <= 0.5:
+        fits = [fit_deviation(matches, camera, pitch=False) for matches, camera in pairs]
+    values = [fit.numbers(width_px / camera.width_px) for fit, (_, camera) in zip(fits, pairs, strict=True)]
+    both = zip(KEYS, zip(*values, strict=True), _moved_px(fits, pairs), strict=True)
+    return {key: (min(each), max(each)) for key, each, moved_px in both if moved_px > MATCHING_PX}, tuple(fits)
 
 
 def fit_deviation(matches: Matches, camera: StereoCamera, *, pitch: bool) -> FittedDeviation:
@@ -128,10 +105,9 @@ def fit_deviation(matches: Matches, camera: StereoCamera, *, pitch: bool) -> Fit
     difference = matches.right[:, 1] - rows
     near = np.abs(difference - np.median(difference)) < _MOST_OF_HEIGHT * camera.height_px
     left, right = matches.left[near], matches.right[near]
-    fitted = range(4 if pitch else 3)
-    numbers = _NONE.copy()
-    numbers[0] = float(np.median(right[:, 1] - left[:, 1]))
-    inverse, sigma, weight = np.zeros((len(fitted), len(fitted))), 1.0, np.ones(len(left))
+    count = 4 if pitch else 3
+    numbers = np.array([np.median(right[:, 1] - left[:, 1]), 0.0, 1.0, 0.0])
+    inverse, sigma, weight = np.zeros((count, count)), 1.0, np.ones(len(left))
     for iteration in range(_ITERATIONS):
         residual = rectified_rows(right, camera, numbers) - left[:, 1]
         sigma = max(1.4826 * float(np.median(np.abs(residual))), _LEAST_SIGMA_PX)
@@ -140,12 +116,13 @@ def fit_deviation(matches: Matches, camera: StereoCamera, *, pitch: bool) -> Fit
             weight = 1 / np.maximum(np.abs(residual), sigma)
         else:
             weight = np.maximum(1 - (residual / (_TUKEY * sigma)) ** 2, 0) ** 2
-        slopes = np.stack([_slope(right, camera, numbers, number) for number in fitted], axis=1)
+        ends = [[rectified_rows(right, camera, numbers + sign * step) for sign in (1, -1)] for step in _STEPS[:count]]
+        slopes = np.stack([(up - down) / (2 * step.sum()) for (up, down), step in zip(ends, _STEPS, strict=False)], 1)
         # Scale the columns to length 1, so that the sums are well conditioned.
         unit = np.maximum(np.sqrt((weight[:, None] * slopes**2).sum(axis=0)), 1e-12)
         scaled = slopes / unit
         inverse = np.linalg.pinv((weight[:, None] * scaled).T @ scaled, rcond=1e-9) / np.outer(unit, unit)
-        numbers[: len(fitted)] -= inverse @ (slopes.T @ (weight * residual))
+        numbers[:count] -= inverse @ (slopes.T @ (weight * residual))
     fits = weight > 0
     spread_px = float(residual[fits].std()) if fits.any() else float("inf")
     error = spread_px * float(np.sqrt(inverse[3, 3])) if pitch else float("inf")
@@ -168,21 +145,15 @@ def rectified_rows(right: Values, camera: StereoCamera, numbers: Values) -> Valu
     return row
 
 
-def _slope(right: Values, camera: StereoCamera, numbers: Values, number: int) -> Values:
-    """Return the derivatives (N,) of the rows by the number at index ``number``."""
-    step = np.zeros(4)
-    step[number] = _STEPS[number]
-    ends = (rectified_rows(right, camera, numbers + sign * step) for sign in (1, -1))
-    slope: Values = np.subtract(*ends) / (2 * _STEPS[number])
-    return slope
+def _moved_px(fits: Sequence[FittedDeviation], pairs: Sequence[tuple[Matches, StereoCamera]]) -> Values:
+    """Return how far each number moves the rows that it moves most, (4,): root mean squares over pairs.
 
-
-def _most_px(deviation: FittedDeviation, camera: StereoCamera) -> tuple[float, float, float, float]:
-    """Return how far, px, each number moves the row that it moves most; for pitch, relative to the middle rows."""
-    across, down = (camera.width_px - 1) / 2, (camera.height_px - 1) / 2
-    bend_px = deviation.pitch_rad * down**2 / camera.focal_y_px
-    return deviation.y_px, deviation.roll_rad * across, (deviation.focal_ratio - 1) * down, bend_px
-
-
-def _rms(values: Values) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    A pitch counts relative to the middle rows.
+    """
+    moved = []
+    for fit, (_, camera) in zip(fits, pairs, strict=True):
+        across, down = (camera.width_px - 1) / 2, (camera.height_px - 1) / 2
+        bend_px = fit.pitch_rad * down**2 / camera.focal_y_px
+        moved.append((fit.y_px, fit.roll_rad * across, (fit.focal_ratio - 1) * down, bend_px))
+    rms: Values = np.sqrt(np.mean(np.square(moved), axis=0))
+    return rms

@@ -931,7 +931,7 @@ def m(old, new):
         (m("279; 0 994.978 254.877", "279; 0 994.978 255.9"), ["cy differs", "254.877", "255.9"]),
         (m("994.978 0 311.193", "994.978 3 311.193"), ["not rectified", "has rotation or skew"]),
         (m("279; 0 994.978", "279; 0 990.1"), ["not rectified", "fy is 994.978 px left, 990.1 right"]),
-        (m("0 994.978 254.877", "0 2500 254.877"), ["fy is 2500: expected a ratio of 0.5 to 2"]),
+        (m("0 994.978 254.877", "0 2500 254.877"), ["fy / fx is 2.51262: expected 0.5 to 2"]),
         (m("0 994.978 254.877", "3 994.978 254.877"), ["cam0: expected [fx 0 cx", "994.978"]),
         (m("baseline=193.001", "baseline=0"), ["baseline is 0 m"]),
         (m("baseline=193.001", "baseline=wide"), ["baseline: expected a number, got 'wide'"]),
