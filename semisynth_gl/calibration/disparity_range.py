@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.calibration.arrays import Size
-from semisynth_gl.calibration.disparity_maps import measure_maps
 from semisynth_gl.calibration.rig import Rig, median_size
+from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.histogram import Histogram
+from semisynth_gl.histogram import Histogram, PixelCount
 from semisynth_gl.inputs.errors import InputError, abbreviate, counted
+from semisynth_gl.judge.place import disparity_of_depths
 
 # Quantiles between which the range lies: predictions and lidar have a few values that are far off.
 _LOWEST, _HIGHEST = 0.001, 0.999
@@ -32,6 +33,12 @@ _EVEN_PART = 0.25
 _HUMP = 1 / 6
 # Largest number of maps that the sentence on the origin names.
 _NAMED = 3
+# Width of the fine bins: narrow enough for quantiles, and a divisor of all bins of round width from 1 px on.
+_FINE_PX = 1 / 16
+# Largest ratios of a map's shape and width to the rig's; beyond these, the map is hardly one of this rig.
+_MOST_SHAPE, _MOST_SCALE = 1.5, 16.0
+# Share of a map's pixels: a number that more pixels have exactly may be a mark for missing values.
+_MARK = 0.001
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +77,23 @@ class DisparitySource:
     range_m: tuple[float, float] | None = None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredMaps:
+    """The disparities of several maps, each with the same weight whatever its number of values.
+
+    Attributes:
+        histogram: distribution of disparity in fine bins, px at the rigs' median width.
+        pixels: number of pixels of all maps.
+        valid: number of pixels with a disparity.
+        scaled: sizes of the maps whose disparities were scaled to the rigs' median width.
+    """
+
+    histogram: Histogram
+    pixels: int
+    valid: int
+    scaled: tuple[Size, ...] = ()
+
+
 def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRange:
     """Return the range and the histogram of disparity, with their origin.
 
@@ -78,56 +102,49 @@ def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRa
     """
     least_doffs_px = min(rig.camera.doffs_px for rig in rigs)
     if source.maps:
-        if source.depths and len(rigs) > 1:
-            raise InputError(
-                f"expected the maps and the calibration of one rig, got {len(rigs)} calibrations", argument="depth"
-            )
         measured = measure_maps(source.maps, rigs, source.png_scale, depths=source.depths)
-        maps = counted(len(source.maps), f"{'depth' if source.depths else 'disparity'} map")
-        names = abbreviate([str(path) for path in source.maps], _NAMED)
-        low, high = (measured.histogram.quantile(share) for share in (_LOWEST, _HIGHEST))
-        origin = (
-            f"Measured from {maps}, each counting the same: "
-            f"{names}; {measured.pixels} pixels, {measured.valid / measured.pixels:.1%} with a disparity, all but a "
-            f"thousandth of them above {low:.4g} px and below {high:.4g} px. max_px leaves a tenth of room above that."
-            f"{_scaled_maps(measured.scaled, median_size(rigs))}"
-        )
-        return replace(measured_range(measured.histogram, least_doffs_px), origin=origin)
-    ends_px: tuple[float | None, float]
+        return replace(measured_range(measured.histogram, least_doffs_px), origin=_origin(source, measured, rigs))
+    low_px: float | None
     if source.range_px is not None:
-        ends_px, origin = source.range_px, "The range is the one given"
+        (low_px, high_px), origin = source.range_px, "The range is the one given"
     elif source.range_m is not None:
         near_m, far_m = source.range_m
         if not 0 < near_m < far_m:
             raise InputError(
                 f"expected two distances above 0, the nearer one first, got {near_m:g} {far_m:g}", argument="range_m"
             )
-        cameras = [rig.camera for rig in rigs]
-        ends_px = (
-            min(camera.focal_baseline / far_m - camera.doffs_px for camera in cameras),
-            max(camera.focal_baseline / near_m - camera.doffs_px for camera in cameras),
-        )
+        low_px = min(rig.camera.focal_baseline / far_m - rig.camera.doffs_px for rig in rigs)
+        high_px = max(rig.camera.focal_baseline / near_m - rig.camera.doffs_px for rig in rigs)
         origin = f"The range is that of distances from {near_m:g} to {far_m:g} m, as given"
     else:
-        ends_px, origin = _calibrated_bounds(rigs, least_doffs_px)
+        low_px, high_px, origin = _calibrated_bounds(rigs, least_doffs_px)
     smooth = "the histogram is chosen, not measured: wide and smooth; with disparity maps it would be measured."
-    return replace(chosen_range(*ends_px, least_doffs_px), origin=f"{origin}; {smooth}")
+    return replace(chosen_range(low_px, high_px, least_doffs_px), origin=f"{origin}; {smooth}")
 
 
-def _scaled_maps(sizes: Sequence[Size], rig: Size) -> str:
-    """Return a sentence, with a space before it, on maps whose size is not the rig's; "" without such maps."""
-    if not sizes:
-        return ""
-    least, most = min(sizes), max(sizes)
-    size = f"{least}" if least == most else f"{least} to {most}"
-    return (
-        f" Disparities of the {len(sizes)} of other sizes ({size}) are scaled to a width of {rig.width_px} px by the "
-        "ratio of the widths, which is right for one view at several resolutions."
+def _origin(source: DisparitySource, measured: MeasuredMaps, rigs: Sequence[Rig]) -> str:
+    """Return the sentences on the origin of a measured range."""
+    maps = counted(len(source.maps), f"{'depth' if source.depths else 'disparity'} map")
+    names = abbreviate([str(path) for path in source.maps], _NAMED)
+    low, high = (measured.histogram.quantile(share) for share in (_LOWEST, _HIGHEST))
+    text = (
+        f"Measured from {maps}, each counting the same: {names}; {measured.pixels} pixels, "
+        f"{measured.valid / measured.pixels:.1%} with a disparity, all but a thousandth of them above {low:.4g} px and "
+        f"below {high:.4g} px. max_px leaves a tenth of room above that."
     )
+    if measured.scaled:
+        least, most = min(measured.scaled), max(measured.scaled)
+        size = f"{least}" if least == most else f"{least} to {most}"
+        text += (
+            f" Disparities of the {len(measured.scaled)} of other sizes ({size}) are scaled to a width of "
+            f"{median_size(rigs).width_px} px by the ratio of the widths, which is right for one view at several "
+            "resolutions."
+        )
+    return text
 
 
-def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[tuple[float | None, float], str]:
-    """Return the range of disparity that calibrations state, and its origin; an unknown lower end is None."""
+def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[float | None, float, str]:
+    """Return both ends of the range of disparity that calibrations state, and their origin; an unknown low is None."""
     largest = []
     for rig in rigs:
         bounds = {"ndisp": rig.bounds.ndisp, "vmax": rig.bounds.vmax_px}
@@ -153,7 +170,97 @@ def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[tupl
     if low_px is None:
         lower = "a fiftieth of "
         lower += f"the way there from -doffs, {-least_doffs_px:g} px" if least_doffs_px < 0 else "that"
-    return (low_px, high_px), f"max_px is {upper}, min_px {lower}"
+    return low_px, high_px, f"max_px is {upper}, min_px {lower}"
+
+
+def measure_maps(
+    paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = KITTI_DISPARITY.steps, *, depths: bool = False
+) -> MeasuredMaps:
+    """Measure the disparities of one or more maps; `read_values` says which numbers mark missing values.
+
+    Disparities are in proportion to the width of the image. If a map's size is not that of any rig, its disparities are
+    multiplied by the ratio of the rigs' median width to the map's width. ``png_scale`` is the number of levels per
+    pixel of disparity in a 16-bit PNG. With ``depths``, the maps hold depths of the first rig instead. Raises
+    InputError where a map does not fit the rigs or has no value, and ReadError where it cannot be read.
+    """
+    if depths and len(rigs) > 1:
+        raise InputError(
+            f"expected the maps and the calibration of one rig, got {len(rigs)} calibrations", argument="depth"
+        )
+    sizes, median = {rig.size for rig in rigs}, median_size(rigs)
+    widest = max(width for width, _ in sizes)
+    # Bins begin at 0, or at infinity's disparity where that is below 0.
+    first_px = -max(0.0, *(rig.camera.doffs_px for rig in rigs))
+    edges = np.arange(math.floor(first_px / _FINE_PX), round(widest / _FINE_PX) + 1) * _FINE_PX
+    shares = np.zeros(len(edges) - 1)
+    pixels = valid = 0
+    scaled = list[Size]()
+    for path in paths:
+        disparity = disparity_of_depths(path, rigs[0].camera) if depths else read_values(path, rigs, png_scale)
+        size = Size(*disparity.shape[::-1])
+        has_value = np.isfinite(disparity)
+        count = int(has_value.sum())
+        if count == 0:
+            raise InputError(f"{path}: holds no disparity: all of its {size} values are 0 or below, inf or nan")
+        largest = float(disparity[has_value].max())
+        if largest > size.width_px:
+            raise InputError(
+                f"{path}: holds disparities up to {largest:g} px in an image {size.width_px} px wide: expected "
+                f"disparities up to the width. If a PNG has not {png_scale:g} levels per pixel, give its "
+                "scale; if the map holds depths, give it as a depth map"
+            )
+        if size not in sizes:
+            disparity = disparity * np.float32(_scale_to(median, size, path))
+            scaled.append(size)
+        counted = PixelCount(edges)
+        counted.add(disparity)
+        shares += counted.histogram.shares
+        pixels += disparity.size
+        valid += count
+    return MeasuredMaps(Histogram.from_counts(edges, shares), pixels, valid, tuple(scaled))
+
+
+def read_values(path: Path, rigs: Sequence[Rig], png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np.float32]:
+    """Read a disparity map of one of several rigs: (H, W) float32, px, nan where a value is missing.
+
+    In 16-bit grey .png, 0 marks a missing value; there ``png_scale`` is the number of levels per pixel of disparity. In
+    .pfm and .npy, inf and nan mark missing values. If no rig has a positive doffs, so do 0 and all negative numbers.
+
+    With a positive doffs, far points have disparities between -doffs and 0. Then all numbers at or below -doffs are
+    missing values. 0 and the map's least number, if negative, also mark them where more than a thousandth of the pixels
+    have exactly that number.
+
+    Raises ReadError where the file has another format, or not one value per pixel.
+    """
+    values = read_disparity_map(path, png_scale)
+    # The disparity of infinity, at the map's resolution.
+    infinity_px = -max(rig.camera.doffs_px * values.shape[1] / rig.size.width_px for rig in rigs)
+    finite = np.isfinite(values)
+    known = finite & (values > min(infinity_px, 0.0))
+    if infinity_px < 0 and finite.any():
+        for mark in {np.float32(0), values[finite].min()}:
+            marked = values == mark
+            if mark <= 0 and np.mean(marked) > _MARK:
+                known &= ~marked
+    return np.where(known, values, np.float32(np.nan))
+
+
+def _scale_to(rig: Size, size: Size, path: Path) -> float:
+    """Return the factor that scales a map's disparities; raises InputError where shape or width differ too much."""
+    scale = rig.width_px / size.width_px
+    shape = (rig.width_px / rig.height_px) / (size.width_px / size.height_px)
+    if not 1 / _MOST_SHAPE <= shape <= _MOST_SHAPE:
+        problem = (
+            f"its shape differs by a factor of {max(shape, 1 / shape):.3g}, and at most {_MOST_SHAPE:g} is expected"
+        )
+    elif not 1 / _MOST_SCALE <= scale <= _MOST_SCALE:
+        problem = f"its width by a factor of {max(scale, 1 / scale):.3g}, and at most {_MOST_SCALE:g} is expected"
+    else:
+        return scale
+    raise InputError(
+        f"{path}: has {size} pixels, but the images of the calibration have {rig}: {problem}. Disparities are scaled "
+        "by the ratio of the widths, which is right for one view at several resolutions: give maps of this rig"
+    )
 
 
 def farthest_px(least_doffs_px: float, *, signed: bool = False) -> float:
@@ -169,8 +276,7 @@ def measured_range(histogram: Histogram, least_doffs_px: float = 0.0) -> Dispari
     lie beyond infinity.
     """
     low, high = histogram.quantile(_LOWEST), histogram.quantile(_HIGHEST)
-    advice = "give disparity maps of these rigs, depth maps, or calibrate rigs with different doffs separately"
-    _check_before_infinity(low, least_doffs_px, "a thousandth of the measured disparities lies below", advice)
+    _check_before_infinity(low, least_doffs_px, "a thousandth of the measured disparities lies below")
     first = _rounded_down(low, farthest_px(least_doffs_px, signed=low <= 0))
     edges, bin_px = _bins(first, max(high * _HEADROOM, high + (_HEADROOM - 1) * (high - first)))
     return DisparityRange(first, float(edges[-1]), bin_px, histogram.rebinned(edges))
@@ -184,14 +290,12 @@ def chosen_range(low_px: float | None, high_px: float, least_doffs_px: float = 0
     """
     farthest = farthest_px(least_doffs_px)
     if farthest > 0:
-        advice = "give the range of this rig, low and high, in pixels"
-        _check_before_infinity(high_px, least_doffs_px, "the range of disparity ends at", advice)
+        _check_before_infinity(high_px, least_doffs_px, "the range of disparity ends at")
     low = farthest + _LOW_OF_HIGH * (high_px - farthest) if low_px is None else low_px
     if not (low < high_px < math.inf and (low > 0 or least_doffs_px > 0)):
         above = "" if least_doffs_px > 0 else ", both above 0"
         raise InputError(f"the range of disparity is {low:g} to {high_px:g} px: expected low < high{above}")
-    advice = "give a range that begins above it"
-    _check_before_infinity(low, least_doffs_px, "the range of disparity begins at", advice)
+    _check_before_infinity(low, least_doffs_px, "the range of disparity begins at")
     edges, bin_px = _bins(low, high_px)
     inside = np.clip((np.clip(edges, low, high_px) - low) / (high_px - low), 0, 1)
     # The integral of x exp(-x / h), a gamma distribution of shape 2.
@@ -213,11 +317,11 @@ def _bins(low: float, high: float) -> tuple[NDArray[np.float64], float]:
     return np.round(low + np.arange(math.ceil((high - low) / bin_px) + 1) * bin_px, 9), bin_px
 
 
-def _check_before_infinity(low_px: float, least_doffs_px: float, what: str, advice: str) -> None:
+def _check_before_infinity(low_px: float, least_doffs_px: float, what: str) -> None:
     if low_px + least_doffs_px <= 0:
         raise InputError(
             f"{what} {low_px:g} px, but with doffs = {least_doffs_px:g} px (cx_right - cx_left) the disparity of "
-            f"infinity is {-least_doffs_px:g} px: expected larger disparities; {advice}"
+            f"infinity is {-least_doffs_px:g} px: expected larger disparities, of this rig alone"
         )
 
 

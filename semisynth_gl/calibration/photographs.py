@@ -8,7 +8,7 @@ from pathlib import Path
 from semisynth_gl.calibration.arrays import Size
 from semisynth_gl.config.dataset_sections import SplitsSection
 from semisynth_gl.config.scene_sections import TexturesSection
-from semisynth_gl.inputs.errors import InputError, counted
+from semisynth_gl.inputs.errors import InputError, abbreviate, counted
 from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.textures.images import ImageError, read_image, stored_size
 from semisynth_gl.textures.prepare import share_photographs
@@ -49,8 +49,7 @@ def check_sizes(photographs: Sequence[Size], calibrated: Sequence[Size], scale: 
 
     Raises InputError, with advice, where there are photographs but none of them has such a size.
     """
-    sizes = Counter(photographs)
-    wanted = [size if scale is None else size.scaled(scale) for size in calibrated]
+    sizes, wanted = Counter(photographs), [size.scaled(scale or 1) for size in calibrated]
     fitting = sum(count for size, count in sizes.items() if size in wanted)
     if fitting or not sizes:
         return fitting
@@ -63,8 +62,8 @@ def check_sizes(photographs: Sequence[Size], calibrated: Sequence[Size], scale: 
         advice = f"if the photographs are the rig's images reduced or enlarged, give the scale {better:.6g}; if"
     of_scale = "" if scale is None else f" times {scale:g}"
     raise InputError(
-        f"the calibration is for images of {_listed(Counter(wanted))}{of_scale}, but of "
-        f"{counted(sizes.total(), 'photograph')} none has that size: they have {_listed(sizes)}; {advice} "
+        f"the calibration is for images of {_listed(wanted)}{of_scale}, but of "
+        f"{counted(sizes.total(), 'photograph')} none has that size: they have {_listed(photographs)}; {advice} "
         "they were taken with another camera, say so (other_camera)"
     )
 
@@ -76,19 +75,18 @@ def centre_crop(photographs: Sequence[Size], calibrated: Sequence[Size], scale: 
     other direction. ``scale`` multiplies calibrated sizes.
     """
     whole, *others = set(calibrated)
-    if others or not photographs:
-        return None
     seen = whole.scaled(scale or 1)
-    part, count = Counter(photographs).most_common(1)[0]
-    ratios = sorted(ours / all_px for ours, all_px in zip(part, seen, strict=True))
-    if seen in photographs or 2 * count <= len(photographs) or not (_LEAST_OF_SIDE <= ratios[0] < ratios[1] == 1):
+    if others or not photographs or seen in photographs:
         return None
-    crop = Size(
-        *(
-            side if ours == all_px else round(ours / (scale or 1))
-            for side, ours, all_px in zip(whole, part, seen, strict=True)
-        )
+    part, count = Counter(photographs).most_common(1)[0]
+    shares = sorted(own / side for own, side in zip(part, seen, strict=True))
+    if 2 * count <= len(photographs) or not _LEAST_OF_SIDE <= shares[0] < shares[1] == 1:
+        return None
+    sides = (
+        side if own == all_px else round(own / (scale or 1))
+        for side, own, all_px in zip(whole, part, seen, strict=True)
     )
+    crop = Size(*sides)
     return crop if crop.scaled(scale or 1) == part else None
 
 
@@ -122,19 +120,12 @@ def impossible_splits(subjects: int) -> list[str]:
 
 
 def _scale_that_fits(sizes: Counter[Size], calibrated: Sequence[Size]) -> float | None:
-    """Return the scale at which the most photographs have a calibrated size; None if fewer than half of them do."""
-    candidates = {1.0, *_ROUND_SCALES, *(size[0] / rig_size[0] for size in sizes for rig_size in calibrated)}
-    fitting = {
-        scale: sum(sizes[size] for size in {rig_size.scaled(scale) for rig_size in calibrated}) for scale in candidates
-    }
-    # Among equally good scales, a round one is preferred: since sizes are rounded, many scales fit.
-    best = max(
-        fitting, key=lambda scale: (fitting[scale], scale == 1 or scale in _ROUND_SCALES, -len(f"{scale:.6g}"), scale)
-    )
-    return best if 2 * fitting[best] >= sizes.total() else None
+    """Return a scale at which half of the photographs have a calibrated size, preferably a round one; None without."""
+    for scale in (1.0, *_ROUND_SCALES, *(size[0] / rig_size[0] for size in sizes for rig_size in calibrated)):
+        if 2 * sum(sizes[size] for size in {rig_size.scaled(scale) for rig_size in calibrated}) >= sizes.total():
+            return scale
+    return None
 
 
-def _listed(sizes: Counter[Size]) -> str:
-    shown = [str(size) for size, _ in sizes.most_common(_SIZES_SHOWN)]
-    more = f" and {counted(len(sizes) - len(shown), 'other size')}" if len(sizes) > len(shown) else ""
-    return ", ".join(shown) + more
+def _listed(sizes: Sequence[Size]) -> str:
+    return abbreviate([str(size) for size, _ in Counter(sizes).most_common()], _SIZES_SHOWN)

@@ -1,7 +1,7 @@
 """Photographs as raw cameras take them: rectified by the rig's calibration, and written for `generate` to cut."""
 
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -72,31 +72,28 @@ def rectify_photographs(
         path: "right" if path in right or (path not in left and is_right(path.relative_to(top))) else "left"
         for path in taken
     }
-    fitting, sizes = _of_raw_size(eyes, chains)
     raw = chains["left"].raw
-    expected = Size(raw.width_px, raw.height_px)
+    expected, sizes = Size(raw.width_px, raw.height_px), {path: Size(*stored_size(path)[::-1]) for path in taken}
+    fitting = [path for path, size in sizes.items() if size == expected]
     if not fitting:
+        others = ", ".join(map(str, sorted({*sizes.values()})[:_NAMED]))
         raise InputError(
             f"{rig.source}: the raw images have {expected}, but of {counted(len(taken), 'photograph')} none has that "
-            f"size: they have {', '.join(map(str, sizes[:_NAMED]))}: give photographs as the cameras take them, or "
-            "the scale if they are reduced"
+            f"size: they have {others}: give photographs as the cameras take them, or the scale if they are reduced"
         )
-    written = _names(fitting, top, folder)
-    _check_folder(written.values(), folder)
+    written = {path: folder / path.relative_to(top).with_suffix(".png") for path in fitting}
+    _check_files(written, folder)
     for path, file in written.items():
         image = read_image(path)
         if image.shape[:2] != (raw.height_px, raw.width_px):
             raise InputError(f"{path}: is turned by its EXIF orientation: expected the image as the sensor sees it")
         rectified = chains[eyes[path]].rectify(image)
-        if file.exists():
-            # Configs cut their patches from these files, and others' photographs may have the same names.
-            if not np.array_equal(read_image(file), rectified):
-                raise InputError(
-                    f"{folder} has a {file.name} with other pixels: name a new folder", argument="rectify_to"
-                )
-            continue
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(RGB8.encode(rectified))
+        # Configs cut their patches from these files, and others' photographs may have the same names.
+        if file.exists() and not np.array_equal(read_image(file), rectified):
+            raise InputError(f"{folder} has a {file.name} with other pixels: name a new folder", argument="rectify_to")
+        if not file.exists():
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(RGB8.encode(rectified))
     rights = [path.relative_to(top).as_posix() for path in written if eyes[path] == "right"]
     named = f" ({abbreviate(rights, _NAMED)})" if rights else ""
     sides = f"{len(written) - len(rights)} of the left camera, {len(rights)} of the right one{named}"
@@ -107,46 +104,24 @@ def rectify_photographs(
     return {path: written[whole] for path, whole in given.items() if whole in written}, notes
 
 
-def _of_raw_size(eyes: Mapping[Path, Eye], chains: Mapping[Eye, LensChain]) -> tuple[list[Path], list[Size]]:
-    """Return the photographs of their camera's size, and the sizes of all others."""
-    fitting, others = [], set[Size]()
-    for path, eye in eyes.items():
-        height, width = stored_size(path)
-        if (width, height) == (chains[eye].raw.width_px, chains[eye].raw.height_px):
-            fitting.append(path)
-        else:
-            others.add(Size(width, height))
-    return fitting, sorted(others)
-
-
 def _whole(path: Path) -> Path:
     """Return a path from the root, without ``..``."""
     return Path(os.path.abspath(path))  # noqa: PTH100 - resolve() follows links, whose names may tell sides
 
 
-def _names(photographs: Sequence[Path], top: Path, folder: Path) -> dict[Path, Path]:
-    """Return the file of each rectified photograph, by the raw one, whose path begins with ``top``."""
-    raw_files = {os.path.realpath(path) for path in photographs}
-    files = {path: folder / path.relative_to(top).with_suffix(".png") for path in photographs}
+def _check_files(written: Mapping[Path, Path], folder: Path) -> None:
+    """Refuse two photographs for one file, and a folder with other images: they would become textures, too."""
     raw_by_file: dict[Path, Path] = {}
-    for path, file in files.items():
-        if os.path.realpath(file) in raw_files:
-            raise InputError(f"{folder}: would replace the photograph {path}: name another", argument="rectify_to")
-        if file in raw_by_file:
+    for path, file in written.items():
+        if raw_by_file.setdefault(file, path) != path:
             raise InputError(
                 f"{path} and {raw_by_file[file]}: both would be rectified to {file}: expected names that differ in "
                 "more than their endings"
             )
-        raw_by_file[file] = path
-    return files
-
-
-def _check_folder(files: Collection[Path], folder: Path) -> None:
-    """Refuse a folder with images that would not be written: they would become textures, too."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file: name a new folder", argument="rectify_to")
     found = find_files([folder], image_extensions()) if folder.exists() else []
-    others = [path for path in found if path not in files]
+    others = [path for path in found if path not in raw_by_file]
     if others:
         raise InputError(
             f"{folder} holds {counted(len(others), 'other image')}, such as {others[0].name}: name a new folder",

@@ -22,8 +22,13 @@ from skimage.data import stereo_motorcycle
 
 from semisynth_gl.calibration import write as writing
 from semisynth_gl.calibration.calibrate import calibrate
-from semisynth_gl.calibration.disparity_maps import measure_maps
-from semisynth_gl.calibration.disparity_range import DisparitySource, chosen_range, disparity_range, measured_range
+from semisynth_gl.calibration.disparity_range import (
+    DisparitySource,
+    chosen_range,
+    disparity_range,
+    measure_maps,
+    measured_range,
+)
 from semisynth_gl.calibration.draft import Draft, config_name, describe
 from semisynth_gl.calibration.photographs import centre_crop, check_sizes, impossible_splits, photograph_sizes
 from semisynth_gl.calibration.recipes import SceneRecipe
@@ -604,7 +609,7 @@ def test_what_lies_beyond_infinity_is_refused_with_its_numbers(call, tmp_path):
     with pytest.raises(InputError) as error:
         measured_range(Histogram.from_counts([4.0, 46.0], [1.0]), -5.0)
     refused(error, "a thousandth of the measured disparities lies below 4.042 px", "doffs = -5 px", "infinity is 5 px")
-    with pytest.raises(InputError, match=r"range of disparity begins at 5 px, but with doffs = -5 px .*above it"):
+    with pytest.raises(InputError, match=r"range of disparity begins at 5 px, but with doffs = -5 px "):
         chosen_range(5.0, 46.0, -5.0)
     with pytest.raises(InputError, match=r"range of disparity ends at 4 px, but with doffs = -5 px"):
         chosen_range(None, 4.0, -5.0)

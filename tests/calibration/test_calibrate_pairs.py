@@ -14,8 +14,7 @@ from skimage.data import stereo_motorcycle
 
 from semisynth_gl.calibration import rectification
 from semisynth_gl.calibration.arrays import DisparityBounds, Size
-from semisynth_gl.calibration.disparity_maps import read_values
-from semisynth_gl.calibration.disparity_range import DisparitySource, chosen_range, disparity_range
+from semisynth_gl.calibration.disparity_range import DisparitySource, chosen_range, disparity_range, read_values
 from semisynth_gl.calibration.draft import describe
 from semisynth_gl.calibration.matching import given_pairs, match_images, match_pair, open_matcher, pairs_among
 from semisynth_gl.calibration.photographs import are_grey
