@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from semisynth_gl.calibration.adapters import ADAPTERS, kitti_cameras
+from semisynth_gl.calibration.adapters import ADAPTERS, Format
 from semisynth_gl.calibration.arrays import UNITS, Size, StereoArrays, lens_of
 from semisynth_gl.calibration.finder import KEYS, Finder
 from semisynth_gl.calibration.rig import Rig, rectified
@@ -105,16 +105,12 @@ def _found(sources: Sequence[str | Path]) -> list[Path]:
 def _arrays(
     tree: Tree, size: Size | None, cameras: tuple[str, str] | None, unit: str | None, keys: Mapping[str, str]
 ) -> StereoArrays | None:
-    if not keys:
-        for adapter in ADAPTERS:
-            arrays = adapter(tree, size)
-            if arrays is not None:
-                if unit is not None:
-                    raise FormatError("its format states the unit: leave the unit out")
-                return arrays
-    kitti = kitti_cameras(tree)
-    arrays = Finder(tree, keys, cameras or kitti, unit, size).arrays()
-    return arrays if arrays is None or kitti is None else replace(arrays, layout="kitti")
+    found = (adapter(tree, size) for adapter in (ADAPTERS if not keys else ()))
+    known = next((each for each in found if each is not None), Format(tree))
+    if known.unit is not None and unit is not None:
+        raise FormatError("its format states the unit: leave the unit out")
+    arrays = Finder(known.tree, keys, cameras or known.cameras, known.unit or unit, size).arrays()
+    return None if arrays is None else replace(arrays, layout=known.layout, bounds=known.bounds)
 
 
 def _nothing_found(paths: Sequence[Path], tree: Tree, cameras: tuple[str, str] | None) -> ReadError:
