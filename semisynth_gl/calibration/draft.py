@@ -29,7 +29,6 @@ _INDOOR_M = 20.0
 _INDOOR_AT_MOST, _OUTDOOR_FROM = 0.005, 0.05
 # Ratio of the largest to the smallest depth up to which a street or an open ground would not fit.
 _DEPTH_OF_FLAT = 3.0
-_USUAL_PATCH_PX = TexturesSection().patch_px
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +67,7 @@ class Draft:
     fitting_count: int = 0
     layout: str | None = None
     lenses: Mapping[Eye, LensChain] | None = None
-    patch_px: int = _USUAL_PATCH_PX
+    patch_px: int = TexturesSection().patch_px
     overrides: Overrides = ()
     tried: Style | None = None
 
@@ -103,40 +102,27 @@ class Draft:
         return abs(self.fy_over_fx - 1) <= _SQUARE
 
     @property
-    def far_share(self) -> float:
-        """Share of the wanted pixels that are farther than 20 m, for the middle of the rigs' ranges."""
-        ranges = self.ranges
+    def doffs_px(self) -> float:
+        """The middle of the rigs' cx_right - cx_left."""
+        return sum(self.ranges["doffs_px"]) / 2
+
+    @property
+    def scenes(self) -> tuple[tuple[str, ...], str]:
+        """The kinds of scenes that suit the wanted pixels, ``indoor``, ``outdoor`` or both, and the reason."""
+        disparity, ranges, doffs_px = self.disparity, self.ranges, self.doffs_px
+        if disparity.max_px + doffs_px < _DEPTH_OF_FLAT * (disparity.min_px + doffs_px):
+            # The view ends so soon behind the nearest things that a wall has to close it, even outdoors.
+            return ("indoor",), f"the farthest pixels are less than {_DEPTH_OF_FLAT:g} times as far as the nearest"
         focal_px, baseline_m = (math.sqrt(math.prod(ranges[key])) for key in ("focal_px", "baseline_m"))
-        far_px = focal_px * baseline_m / _INDOOR_M - sum(ranges["doffs_px"]) / 2
-        return float(self.disparity.target.cumulative(far_px))
-
-    @property
-    def flat(self) -> bool:
-        """Whether the view ends so soon behind the nearest things that a wall has to close it, even outdoors."""
-        disparity, doffs_px = self.disparity, sum(self.ranges["doffs_px"]) / 2
-        return disparity.max_px + doffs_px < _DEPTH_OF_FLAT * (disparity.min_px + doffs_px)
-
-    @property
-    def scenes_origin(self) -> str:
-        """The reason for the kinds of scenes."""
-        if self.flat:
-            return f"the farthest pixels are less than {_DEPTH_OF_FLAT:g} times as far as the nearest"
-        return f"{self.far_share:.1%} of the wanted pixels are farther than {_INDOOR_M:g} m"
-
-    @property
-    def scenes(self) -> tuple[str, ...]:
-        """The kinds of scenes that suit `far_share` and `flat`: ``indoor``, ``outdoor`` or both."""
-        suitable = {
-            "indoor": self.far_share <= _OUTDOOR_FROM or self.flat,
-            "outdoor": self.far_share > _INDOOR_AT_MOST and not self.flat,
-        }
-        return tuple(kind for kind in suitable if suitable[kind])
+        share = float(disparity.target.cumulative(focal_px * baseline_m / _INDOOR_M - doffs_px))
+        kinds = {"indoor": share <= _OUTDOOR_FROM, "outdoor": share > _INDOOR_AT_MOST}
+        reason = f"{share:.1%} of the wanted pixels are farther than {_INDOOR_M:g} m"
+        return tuple(kind for kind, suits in kinds.items() if suits), reason
 
     @property
     def recipes(self) -> tuple[SceneRecipe, ...]:
         """The recipes that suit the scenes."""
-        doffs_px = sum(self.ranges["doffs_px"]) / 2
-        return suitable_recipes(self.scenes, self.disparity, self.size.width_px, doffs_px)
+        return suitable_recipes(self.scenes[0], self.disparity, self.size.width_px, self.doffs_px)
 
 
 def describe(
@@ -151,7 +137,7 @@ def describe(
     lenses: Mapping[Eye, LensChain] | None = None,
     overrides: Overrides = (),
 ) -> Draft:
-    """Gather what a config is written from, and check that it fits together.
+    """Gather what a config is written from, and check that it fits together; see `Draft`.
 
     Args:
         name: any text, such as a file's stem; see `config_name`.

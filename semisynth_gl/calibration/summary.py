@@ -31,6 +31,7 @@ def rig_summary(draft: Draft, report: TextureReport) -> list[str]:
     if not draft.square:
         focal_px += f" (fy {draft.fy_over_fx:.6g} times that)"
     far_m, near_m = (_distance_m(draft, *end) for end in ((disparity.min_px, max), (disparity.max_px, min)))
+    scenes, reason = draft.scenes
     patches = counted(report.total("kept"), "patch")
     lines = [
         f"layout           {draft.layout or 'middlebury, and webdataset from 10,000 pairs on'}",
@@ -41,7 +42,7 @@ def rig_summary(draft: Draft, report: TextureReport) -> list[str]:
         f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {disparity.target.mean_px:.2f} px",
         f"                 {disparity.origin}",
         f"distance         {near_m} to {far_m} m",
-        f"scenes           {' and '.join(draft.scenes)} ({draft.scenes_origin})",
+        f"scenes           {' and '.join(scenes)} ({reason})",
         f"photographs      {draft.photographs}{', all grey' * draft.grey}, which give {patches}",
     ]
     if 0 < draft.fitting_count < count:

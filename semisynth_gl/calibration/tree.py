@@ -2,6 +2,7 @@
 
 import io
 import json
+import math
 import re
 import zipfile
 import zlib
@@ -37,6 +38,8 @@ _MOST_VALUES, _MOST_NUMBERS, _DEEPEST = 20_000, 200_000, 40
 _LARGEST_NUMBER = 1e300
 # Name of the only value of a file.
 _WHOLE: Name = ("values",)
+# Axes of a translation, of quaternions, and of a pose.
+_VECTORS = [tuple(axes.split()) for axes in ("x y z", "qx qy qz qw", "x y z w", "px py pz qx qy qz qw")]
 # At most one way to match each text: without alternatives to try, a text that does not match fails fast.
 _NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _NUMBERS = re.compile(rf"[\[({{]*\s*{_NUMBER}(?:[\s,;\[\](){{}}]+{_NUMBER})*[\s,;\])}}]*")
@@ -172,22 +175,8 @@ def _yaml(text: str) -> tuple[list[Mapping[str, Any]], str]:
     if not all(isinstance(each, Mapping) for each in documents):
         return [], ""
     # `ros2 topic echo` without --once prints a camera's message again and again until it is stopped.
-    distinct: list[Mapping[str, Any]] = []
-    for each in documents:
-        if not any(_same_message(each, other) for other in distinct):
-            distinct.append(each)
-    return distinct, ""
-
-
-def _same_message(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Return whether two messages of ROS differ only in their time."""
-
-    def untimed(values: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
-        header = values.get("header")
-        frame = header.get("frame_id") if isinstance(header, Mapping) else None
-        return frame, {key: value for key, value in values.items() if key != "header"}
-
-    return untimed(one) == untimed(other)
+    untimed = [{key: value for key, value in each.items() if key != "header"} for each in documents]
+    return [each for number, each in enumerate(documents) if untimed[number] not in untimed[:number]], ""
 
 
 def _lines(text: str) -> dict[str, Any]:
@@ -312,26 +301,22 @@ def _text_numbers(text: str) -> Array | None:
 def _mapping_numbers(node: Mapping[Any, Any]) -> Array | None:
     """Return the array of a mapping that is one: a matrix of OpenCV's, a vector, quaternion or pose by its axes."""
     if "data" in node:
-        data, shape = _numbers(node["data"]), [_numbers(node.get(key)) for key in ("rows", "cols")]
+        data, *sides = (_numbers(node.get(key)) for key in ("data", "rows", "cols"))
         if data is None:
             return None
         # A shape that does not fit is no shape.
-        sides = [float(each) if each is not None and each.ndim == 0 else 0.0 for each in shape]
-        fits = min(sides) >= 1 and sides[0] * sides[1] == data.size
-        return data.reshape(int(sides[0]), int(sides[1])) if fits else data.ravel()
-    for axes in (("x", "y", "z"), ("qx", "qy", "qz", "qw"), ("x", "y", "z", "w")):
-        if node.keys() == set(axes):
-            values = [_numbers(node[axis]) for axis in axes]
-            if any(value is None or value.size != 1 for value in values):
-                return None
-            numbers: Array = np.array([float(value) for value in values if value is not None])
-            return numbers if "w" not in axes[-1] else _turn(numbers)
-    of_pose = ("px", "py", "pz", "qx", "qy", "qz", "qw")
-    if node.keys() >= set(of_pose) and (vector := _numbers([node[axis] for axis in of_pose])) is not None:
-        pose: Array = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = _turn(vector[3:]), vector[:3]
-        return pose
-    return None
+        shape = [int(each) for each in sides if each is not None and each.ndim == 0 and each >= 1]
+        return data.reshape(shape) if len(shape) == 2 and math.prod(shape) == data.size else data.ravel()
+    vector = next((axes for axes in _VECTORS if node.keys() == set(axes)), ())
+    numbers = _numbers([node[axis] for axis in vector])
+    if numbers is None or not vector or numbers.ndim != 1:
+        return None
+    if len(vector) == 3:
+        return numbers
+    turn = _turn(numbers[-4:])
+    if len(vector) == 4:
+        return turn
+    return np.vstack([np.column_stack([turn, numbers[:3]]), [0, 0, 0, 1]])
 
 
 def _turn(quaternion: Array) -> Array:

@@ -206,7 +206,8 @@ def _disparity(made: ConfigValues, draft: Draft) -> None:
 
 
 def _background(made: ConfigValues, draft: Draft) -> None:
-    indoor, outdoor = ("indoor" in draft.scenes), ("outdoor" in draft.scenes)
+    scenes, reason = draft.scenes
+    indoor, outdoor = "indoor" in scenes, "outdoor" in scenes
     turn_deg = _turn_deg(draft)
     made.section(
         "background",
@@ -217,7 +218,7 @@ def _background(made: ConfigValues, draft: Draft) -> None:
             "wall_turn_deg": turn_deg if indoor and turn_deg < BackgroundSection().wall_turn_deg else None,
             "plane_disparity_px": _plane_px(draft) if outdoor else None,
         },
-        f"{' and '.join(draft.scenes).capitalize()} scenes: {draft.scenes_origin}.",
+        f"{' and '.join(scenes).capitalize()} scenes: {reason}.",
         wall_disparity_px=f"the back wall: the farthest {_WALL_UP_TO:.0%} of the pixels",
         wall_turn_deg="more would spread a wall over several bins of the target",
         plane_disparity_px="the far plane: between infinity and min_px",
@@ -254,7 +255,7 @@ def _turn_deg(draft: Draft) -> float:
     """
     disparity, ranges = draft.disparity, draft.ranges
     steepest = draft.size.width_px / 2 / ranges["focal_px"][0]
-    far_px = max(disparity.min_px + sum(ranges["doffs_px"]) / 2, disparity.bin_px)
+    far_px = max(disparity.min_px + draft.doffs_px, disparity.bin_px)
     return float(f"{math.degrees(math.atan(disparity.bin_px / far_px / steepest)):.2g}")
 
 
