@@ -3,6 +3,7 @@
 import numpy as np
 
 from semisynth_gl.frame.camera import StereoCamera
+from semisynth_gl.frame.raw_camera import rotation_of
 
 CAMERA = StereoCamera(741, 500, 994.978, 0.193001, 311.193, 342.279, 254.877)
 
@@ -29,6 +30,36 @@ S_rect_03: 1.242000e+03 3.750000e+02
 P_rect_03: 7.215377e+02 0.000000e+00 6.095593e+02 -3.395242e+02 0.000000e+00 7.215377e+02 1.728540e+02 2.199936e+00 \
 0.000000e+00 0.000000e+00 1.000000e+00 2.729905e-03
 """
+# A rig before rectification; FISHEYE are coefficients of another lens.
+SIZE = (640, 480)
+K1 = np.array([[520.0, 0, 322], [0, 522, 236], [0, 0, 1]])
+K2 = np.array([[525.0, 0, 315], [0, 524, 243], [0, 0, 1]])
+D1 = np.array([-0.28, 0.09, 0.0005, -0.0003, 0.01])
+D2 = np.array([-0.29, 0.1, -0.0004, 0.0002, 0.03])
+FISHEYE = np.array([-0.03, 0.01, -0.005, 0.001])
+R = np.array(rotation_of((0.01, -0.02, 0.006)))
+T = np.array([-0.12, 0.001, 0.0005])
+RAW = {"K1": K1, "D1": D1, "K2": K2, "D2": D2, "R": R, "T": T}
+IMAGE = {"image_width": SIZE[0], "image_height": SIZE[1]}
+
+
+def projections(alpha=-1.0):
+    """What stereoRectify returns for the raw rig."""
+    import cv2
+
+    turned = cv2.stereoRectify(K1, D1, K2, D2, SIZE, R, T[:, None], flags=cv2.CALIB_ZERO_DISPARITY, alpha=alpha)
+    return dict(zip(("R1", "R2", "P1", "P2", "Q"), turned[:5], strict=True))
+
+
+def write_storage(path, values):
+    """Write values by OpenCV's own writer."""
+    import cv2
+
+    file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, value in values.items():
+        file.write(name, value if isinstance(value, str | int) else np.asarray(value))
+    file.release()
+    return path
 
 
 def matrices(camera=CAMERA, unit_m=1.0):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from calibration_files import D1, D2, FISHEYE, IMAGE, K1, K2, RAW, SIZE, R, T, projections, write_storage
 from click.testing import CliRunner
 from config_texts import parse_config
 from hypothesis import given
@@ -27,35 +28,6 @@ from semisynth_gl.textures.prepare import prepare_atlas
 from semisynth_gl.textures.view_names import is_right
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV, the extra opencv, is not installed")
-
-SIZE = (640, 480)
-K1 = np.array([[520.0, 0, 322], [0, 522, 236], [0, 0, 1]])
-K2 = np.array([[525.0, 0, 315], [0, 524, 243], [0, 0, 1]])
-D1 = np.array([-0.28, 0.09, 0.0005, -0.0003, 0.01])
-D2 = np.array([-0.29, 0.1, -0.0004, 0.0002, 0.0])
-R = cv2.Rodrigues(np.array([0.01, -0.02, 0.006]))[0]
-T = np.array([[-0.12], [0.001], [0.0005]])
-RAW = {"K1": K1, "D1": D1, "K2": K2, "D2": D2, "R": R, "T": T}
-FISHEYE = np.array([-0.03, 0.01, -0.005, 0.001])
-
-
-def rectified(alpha=-1.0, unit_m=1.0):
-    r1, r2, p1, p2, *_ = cv2.stereoRectify(
-        K1, D1, K2, D2, SIZE, R, T / unit_m, flags=cv2.CALIB_ZERO_DISPARITY, alpha=alpha
-    )
-    return {"R1": r1, "R2": r2, "P1": p1, "P2": p2}
-
-
-def stored(path, values, *, size=True):
-    """Write values by OpenCV's own writer."""
-    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-    for name, value in values.items():
-        storage.write(name, value)
-    if size:
-        storage.write("image_width", SIZE[0])
-        storage.write("image_height", SIZE[1])
-    storage.release()
-    return path
 
 
 @given(st.tuples(*[st.floats(-1.7, 1.7)] * 3))
@@ -108,8 +80,12 @@ def place(tmp_path):
             noise = rng.integers(0, 256, (*SIZE[::-1], 3), dtype=np.uint8)
             image = np.clip(cv2.GaussianBlur(noise, (0, 0), 1.0).astype(int) * 3 - 250, 60, 255).astype(np.uint8)
             Image.fromarray(image).save(folder / side / f"{number:02}.png")
-    stored(tmp_path / "stereo.yml", RAW | rectified(alpha=1))
+    stored(tmp_path / "stereo.yml", RAW | projections(alpha=1))
     return tmp_path
+
+
+def stored(path, values):
+    return write_storage(path, values | IMAGE)
 
 
 def made(place, **arguments):
@@ -119,7 +95,7 @@ def made(place, **arguments):
 
 def opencvs(place, side):
     """The rectified photographs of one eye as a user's program makes them."""
-    values = rectified(alpha=1)
+    values = projections(alpha=1)
     matrix, distortion, number = (K1, D1, "1") if side == "left" else (K2, D2, "2")
     maps = cv2.initUndistortRectifyMap(
         matrix, distortion, values[f"R{number}"], values[f"P{number}"], SIZE, cv2.CV_32FC1
@@ -212,7 +188,7 @@ def test_pairs_show_how_well_the_calibration_fits(place):
     flat = np.random.default_rng(1).integers(60, 256, (480, 640, 3), dtype=np.uint8)
     flat = cv2.GaussianBlur(flat, (0, 0), 1.5)
     flat = np.clip((flat.astype(int) - 157) * 4 + 157, 60, 255).astype(np.uint8)
-    values = rectified(alpha=1)
+    values = projections(alpha=1)
     for side, matrix, distortion, number, down in (("left", K1, D1, "1", 0), ("right", K2, D2, "2", 3)):
         x, y = np.meshgrid(np.arange(640.0), np.arange(480.0))
         points = np.stack([x.ravel(), y.ravel() - down], axis=1)[:, None]
@@ -232,7 +208,7 @@ def test_wrong_photographs_are_refused_before_anything_is_written(place):
         calibrate(place / "photos", calib=place / "stereo.yml", rectify_to=place / "photos" / "out", range_px=(2, 40))
     with pytest.raises(InputError, match="other_camera is set"):
         made(place, other_camera=True)
-    stored(place / "only-p.yml", rectified())
+    stored(place / "only-p.yml", projections())
     with pytest.raises(InputError, match="its cameras before rectification"):
         made(place, calib=place / "only-p.yml")
     with pytest.raises(InputError, match=r"raw images have 320 x 240, but of 12 photographs none.* 640 x 480"):
@@ -275,7 +251,7 @@ def test_photographs_below_another_folder_and_turned_ones(place, monkeypatch):
 def test_a_lens_that_folds_is_left_out_with_a_note(place):
     far = {"K1": np.array([[380.0, 0, 320], [0, 380, 240], [0, 0, 1]]), "D1": np.array([-0.35, 0.12, 0, 0, -0.02])}
     far |= {"K2": far["K1"], "D2": far["D1"]}
-    r1, r2, p1, p2, *_ = cv2.stereoRectify(far["K1"], far["D1"], far["K2"], far["D2"], SIZE, R, T, alpha=1)
+    r1, r2, p1, p2, *_ = cv2.stereoRectify(far["K1"], far["D1"], far["K2"], far["D2"], SIZE, R, T[:, None], alpha=1)
     stored(place / "far.yml", RAW | far | {"R1": r1, "R2": r2, "P1": p1, "P2": p2})
     calibration = calibrate(place / "photos", calib=place / "far.yml", range_px=(2, 40), trials=0)
     assert calibration.config.lens is None
@@ -288,14 +264,14 @@ def test_rectified_photographs_of_another_calibration_are_not_replaced(place):
     made(place)
     files = {path: path.read_bytes() for path in (place / "rectified").rglob("*.png")}
     made(place)  # the same ones
-    stored(place / "other.yml", RAW | {"K1": np.add(K1, [[0, 0, 3], [0, 0, 0], [0, 0, 0]])} | rectified())
+    stored(place / "other.yml", RAW | {"K1": np.add(K1, [[0, 0, 3], [0, 0, 0], [0, 0, 0]])} | projections())
     with pytest.raises(InputError, match="with other pixels: name a new folder"):
         made(place, calib=place / "other.yml")
     assert files == {path: path.read_bytes() for path in (place / "rectified").rglob("*.png")}
 
 
 def test_lenses_of_several_rigs_are_left_out_with_a_note(place):
-    stored(place / "other.yml", RAW | rectified())
+    stored(place / "other.yml", RAW | projections())
     both = [place / "stereo.yml", place / "other.yml"]
     calibration = calibrate(place / "photos", calib=both, range_px=(2, 40), trials=0)
     assert calibration.config.lens is None
@@ -328,7 +304,7 @@ def test_a_narrowed_fisheye_is_noted_with_what_is_lost(place):
 
 
 def test_a_lens_that_cannot_be_used_is_left_out_with_a_note(place):
-    stored(place / "tilted.yml", RAW | rectified() | {"D1": np.arange(14.0)})
+    stored(place / "tilted.yml", RAW | projections() | {"D1": np.arange(14.0)})
     calibration = calibrate(place / "photos", calib=place / "tilted.yml", range_px=(2, 40), trials=0)
     assert calibration.config.lens is None
     assert any("tilted" in note for note in calibration.notes)

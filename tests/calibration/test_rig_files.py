@@ -7,7 +7,28 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from calibration_files import CAMERA, KITTI, MIDDLEBURY, kitti, matrices, matrix, middlebury, opencv
+from calibration_files import (
+    CAMERA,
+    D1,
+    D2,
+    FISHEYE,
+    IMAGE,
+    K1,
+    K2,
+    KITTI,
+    MIDDLEBURY,
+    RAW,
+    SIZE,
+    R,
+    T,
+    kitti,
+    matrices,
+    matrix,
+    middlebury,
+    opencv,
+    projections,
+    write_storage,
+)  # fmt: skip
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shared_material import SHARED, needs_shared
@@ -22,26 +43,11 @@ from semisynth_gl.lens.chain import LensChain
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV, the extra opencv, is not installed")
 
-SIZE = (640, 480)
-K1 = np.array([[520.0, 0, 322], [0, 522, 236], [0, 0, 1]])
-K2 = np.array([[525.0, 0, 315], [0, 524, 243], [0, 0, 1]])
-D1 = np.array([-0.28, 0.09, 0.0005, -0.0003, 0.01])
-D2 = np.array([-0.29, 0.1, -0.0004, 0.0002, 0.03])
-FISHEYE = np.array([-0.03, 0.01, -0.005, 0.001])
-R = cv2.Rodrigues(np.array([0.01, -0.02, 0.006]))[0]
-T = np.array([-0.12, 0.001, 0.0005])
 POSE = np.vstack([np.column_stack([R, T]), [0, 0, 0, 1]])
 # The left camera on a body that looks elsewhere, and the right one where it then stands.
 BODY_LEFT = np.eye(4)
 BODY_LEFT[:3, :3], BODY_LEFT[:3, 3] = cv2.Rodrigues(np.array([0.3, -1.2, 0.4]))[0], (0.02, -0.07, 0.01)
 BODY_RIGHT = BODY_LEFT @ np.linalg.inv(POSE)
-
-
-def projections(alpha=-1.0, unit_m=1.0):
-    turned = cv2.stereoRectify(
-        K1, D1, K2, D2, SIZE, R, T[:, None] / unit_m, flags=cv2.CALIB_ZERO_DISPARITY, alpha=alpha
-    )
-    return dict(zip(("R1", "R2", "P1", "P2", "Q"), turned[:5], strict=True))
 
 
 def check(rig, alpha=-1.0, lens=(D1, D2)):
@@ -68,10 +74,7 @@ def write(folder, files):
         path = folder / name
         path.parent.mkdir(exist_ok=True)
         if isinstance(content, Storage):
-            file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-            for key, value in content.items():
-                file.write(key, value if isinstance(value, str | int) else np.asarray(value))
-            file.release()
+            write_storage(path, content)
         elif path.suffix == ".npy":
             np.save(path, content)
         elif path.suffix == ".npz":
@@ -98,8 +101,6 @@ def vector(k):
     return [k[0, 0].item(), k[1, 1].item(), k[0, 2].item(), k[1, 2].item()]
 
 
-RAW = {"K1": K1, "D1": D1, "K2": K2, "D2": D2, "R": R, "T": T}
-IMAGE = {"image_width": SIZE[0], "image_height": SIZE[1]}
 ALL = RAW | projections()
 EYES_OF_RAW = (("left", K1, D1), ("right", K2, D2))
 NAMES = {
