@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from semisynth_gl.augmentation import PRESETS, Augmentation
-from semisynth_gl.calibration.disparity_range import DisparitySource
+from semisynth_gl.calibration.disparity_range import disparity_range
 from semisynth_gl.calibration.draft import describe
 from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.trial import fit
 from semisynth_gl.calibration.write import write
-from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.judge.comparison import measure_place
@@ -157,8 +156,7 @@ def _calibrated(name: str, trials: int | None, images: tuple[str, ...], base: Co
     camera, wanted = base.camera, base.disparity
     ranges = camera.focal_px, camera.baseline_m, camera.doffs_px
     rigs = [_rig(base, *(each.low for each in ranges)), _rig(base, *(each.high for each in ranges))]
-    source = DisparitySource((), KITTI_DISPARITY.steps, (wanted.min_px, wanted.max_px))
-    draft = describe(name, rigs, images, source, other_camera=True)
+    draft = describe(name, rigs, images, disparity_range(rigs, range_px=(wanted.min_px, wanted.max_px)))
     if trials:
         place = measure_place(find_place(find_images(images), ()), working_width(draft.size.width_px))
         draft = fit(draft, place.side, trials, Listener())

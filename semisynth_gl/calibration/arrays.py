@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from semisynth_gl.calibration.tree import Array, FormatError
-from semisynth_gl.frame.camera import EYES, Eye
+from semisynth_gl.frame.camera import Eye
 from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel, RawCamera
 
 UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
@@ -33,26 +33,15 @@ _LENSES: dict[str, LensModel] = {
     **dict.fromkeys(_RADIAL_TANGENTIAL.split(), "radial-tangential"),
     **dict.fromkeys(_FISHEYE.split(), "fisheye"),
 }
-_KALIBR = "kalibr_calibrate_cameras --models pinhole-radtan or pinhole-equi"
 # Lenses of other models, and how to calibrate with one that is read.
+_KALIBR = "kalibr_calibrate_cameras --models pinhole-radtan or pinhole-equi"
+_BASALT = "Basalt's --cam-types kb4"
 _OTHERS = {
-    "omni": _KALIBR,
-    "omniradtan": _KALIBR,
-    "omninone": _KALIBR,
-    "ds": f"{_KALIBR}, or Basalt's --cam-types kb4",
-    "dsnone": _KALIBR,
-    "doublesphere": f"{_KALIBR}, or Basalt's --cam-types kb4",
-    "eucm": f"{_KALIBR}, or Basalt's --cam-types kb4",
-    "eucmnone": _KALIBR,
-    "ucm": "Basalt's --cam-types kb4",
-    "fov": _KALIBR,
-    "pinholefov": _KALIBR,
-    "atan": _KALIBR,
-    "mei": "camodocal's --camera-model kannala-brandt",
-    "scaramuzza": "camodocal's --camera-model kannala-brandt",
-    "ocam": "camodocal's --camera-model kannala-brandt",
-    "lensmodelcahvor": "mrcal-calibrate-cameras --lensmodel LENSMODEL_OPENCV8",
-    "lensmodelcahvore": "mrcal-calibrate-cameras --lensmodel LENSMODEL_OPENCV8",
+    **dict.fromkeys(("omni", "omniradtan", "omninone", "dsnone", "eucmnone", "fov", "pinholefov", "atan"), _KALIBR),
+    **dict.fromkeys(("ds", "doublesphere", "eucm"), f"{_KALIBR}, or {_BASALT}"),
+    "ucm": _BASALT,
+    **dict.fromkeys(("mei", "scaramuzza", "ocam"), "camodocal's --camera-model kannala-brandt"),
+    **dict.fromkeys(("lensmodelcahvor", "lensmodelcahvore"), "mrcal-calibrate-cameras --lensmodel LENSMODEL_OPENCV8"),
     "lensmodelsplinedstereographic": "mrcal-convert-lensmodel LENSMODEL_OPENCV8",
 }
 # OpenCV's 14 coefficients end with the tilt of a sensor.
@@ -157,11 +146,8 @@ class StereoArrays:
 
     def raw_cameras(self, size: Size) -> Mapping[Eye, RawCamera] | None:
         """Return both cameras before rectification; None where one of them is missing."""
-        if self.lens_fault is not None:
-            return None
-        cameras = {eye: arrays.camera(size) for eye, arrays in zip(EYES, (self.left, self.right), strict=True)}
-        known = {eye: camera for eye, camera in cameras.items() if camera is not None}
-        return known if len(known) == len(EYES) else None
+        left, right = self.left.camera(size), self.right.camera(size)
+        return None if self.lens_fault or left is None or right is None else {"left": left, "right": right}
 
 
 def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> Array:
@@ -215,22 +201,15 @@ def lens_of(
     model = model or "radial-tangential"
     if not len(coefficients):
         coefficients = np.zeros(4 if model == "fisheye" else 5)
-    return _checked_coefficients(coefficients, model), model, note
-
-
-def _checked_coefficients(coefficients: Array, model: LensModel) -> Array:
-    """Return the coefficients of a lens without trailing zeros that its model has no place for."""
-    if model == "fisheye" and len(coefficients) > 4 and not coefficients[4:].any():
-        coefficients = coefficients[:4]
-    if len(coefficients) == _WITH_TILT and not coefficients[_WITHOUT_TILT:].any():
-        coefficients = coefficients[:_WITHOUT_TILT]
+    # Files may end in zeros that the model has no place for.
+    most = 4 if model == "fisheye" else _WITHOUT_TILT
+    if len(coefficients) > most and not coefficients[most:].any():
+        coefficients = coefficients[:most]
     if len(coefficients) not in COEFFICIENTS[model]:
         counts = " or ".join(map(str, COEFFICIENTS[model]))
-        raise FormatError(
-            f"expected {counts} coefficients of a {model} lens, got {len(coefficients)}"
-            + (": the last two, a tilted sensor's, must be 0" if len(coefficients) == _WITH_TILT else "")
-        )
-    return coefficients
+        tilt = ": the last two, a tilted sensor's, must be 0" if len(coefficients) == _WITH_TILT else ""
+        raise FormatError(f"expected {counts} coefficients of a {model} lens, got {len(coefficients)}{tilt}")
+    return coefficients, model, note
 
 
 def unit_of(length: float) -> str:

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from semisynth_gl.calibration.arrays import Size
-from semisynth_gl.calibration.disparity_range import DisparitySource
+from semisynth_gl.calibration.disparity_range import disparity_range
 from semisynth_gl.calibration.draft import Draft, describe
 from semisynth_gl.calibration.matching import given_pairs, open_matcher, pairs_among
-from semisynth_gl.calibration.photographs import centre_crop, photograph_sizes
+from semisynth_gl.calibration.photographs import centre_crop, check_sizes, photograph_sizes
 from semisynth_gl.calibration.raw_photographs import lens_chains, rectify_photographs
-from semisynth_gl.calibration.rectification import fitting_pairs
+from semisynth_gl.calibration.rectification import fitting_pairs, measure_rectification
 from semisynth_gl.calibration.rig import Rig, plain_rig
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.calibration.summary import baseline_note, raw_note, rig_summary, style_summary, view_note
@@ -156,14 +156,22 @@ def calibrate(
         folder = expanded(fspath(rectify_to))
         given = _rectified(image_sources, given, scaled, folder, notes)
         image_sources = [str(folder)]
+    fitting_count = 0
+    if not other_camera:
+        fitting_count = check_sizes(photograph_sizes(find_images(image_sources)), [rig.size for rig in rigs], scale)
+    one_a_scene, depths = one_of_each_scene(maps), kind == "depth"
+    disparity_px = disparity_range(
+        scaled, one_a_scene, png_scale=png_scale, depths=depths, range_px=range_px, range_m=range_m
+    )
+    matched = [] if other_camera else _matched_pairs(given, image_sources, scaled, notes)
     draft = describe(
         name,
-        rigs,
+        scaled,
         image_sources,
-        DisparitySource(one_of_each_scene(maps), png_scale, range_px, kind == "depth", range_m),
+        disparity_px,
         scale=scale,
-        other_camera=other_camera,
-        pairs=[] if other_camera else _matched_pairs(given, image_sources, scaled, notes),
+        fitting_count=fitting_count,
+        rectification=measure_rectification(matched, scaled) if matched else None,
         lenses=_lenses(scaled, notes),
         overrides=overrides,
     )
@@ -180,7 +188,7 @@ def calibrate(
     report = prepare_atlas(config.textures, Split(0)).report
     place = None
     if trials:
-        depths_of = scaled[0].camera if kind == "depth" else None
+        depths_of = scaled[0].camera if depths else None
         files = find_place(find_images(image_sources), maps, png_scale, depths_of)
         place = measure_place(files, working_width(draft.size.width_px))
         draft = _fitted(draft, place, trials, listener or Listener())

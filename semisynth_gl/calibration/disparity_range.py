@@ -61,22 +61,6 @@ class DisparityRange:
         return self.min_px <= 0
 
 
-@dataclass(frozen=True, slots=True)
-class DisparitySource:
-    """The source of the disparities: the user's maps or range, or, without either, the bounds in the calibrations.
-
-    ``maps`` has one map per scene, ``png_scale`` is the number of levels per pixel in 16-bit PNG maps, and ``range_px``
-    has the least and the largest disparity, ``range_m`` the least and the largest distance. With ``depths``, the maps
-    hold depths instead.
-    """
-
-    maps: Sequence[Path] = ()
-    png_scale: float = KITTI_DISPARITY.steps
-    range_px: tuple[float, float] | None = None
-    depths: bool = False
-    range_m: tuple[float, float] | None = None
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredMaps:
     """The disparities of several maps, each with the same weight whatever its number of values.
@@ -94,21 +78,39 @@ class MeasuredMaps:
     scaled: tuple[Size, ...] = ()
 
 
-def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRange:
-    """Return the range and the histogram of disparity, with their origin.
+def disparity_range(
+    rigs: Sequence[Rig],
+    maps: Sequence[Path] = (),
+    *,
+    png_scale: float = KITTI_DISPARITY.steps,
+    depths: bool = False,
+    range_px: tuple[float, float] | None = None,
+    range_m: tuple[float, float] | None = None,
+) -> DisparityRange:
+    """Return the range and the histogram of disparity, with their origin: the bounds in the calibrations by default.
 
-    Raises InputError where no source gives a range or it does not fit the rigs, and ReadError where a map cannot be
-    read.
+    Args:
+        rigs: the rigs.
+        maps: the user's maps, one for each scene.
+        png_scale: number of levels per pixel in 16-bit PNG maps.
+        depths: whether the maps hold depths instead.
+        range_px: least and largest disparity, instead of maps.
+        range_m: least and largest distance, instead of ``range_px``.
+
+    Raises:
+        InputError: where no source gives a range or it does not fit the rigs.
+        ReadError: where a map cannot be read.
     """
     least_doffs_px = min(rig.camera.doffs_px for rig in rigs)
-    if source.maps:
-        measured = measure_maps(source.maps, rigs, source.png_scale, depths=source.depths)
-        return replace(measured_range(measured.histogram, least_doffs_px), origin=_origin(source, measured, rigs))
+    if maps:
+        measured = measure_maps(maps, rigs, png_scale, depths=depths)
+        origin = _origin(maps, measured, rigs, "depth map" if depths else "disparity map")
+        return replace(measured_range(measured.histogram, least_doffs_px), origin=origin)
     low_px: float | None
-    if source.range_px is not None:
-        (low_px, high_px), origin = source.range_px, "The range is the one given"
-    elif source.range_m is not None:
-        near_m, far_m = source.range_m
+    if range_px is not None:
+        (low_px, high_px), origin = range_px, "The range is the one given"
+    elif range_m is not None:
+        near_m, far_m = range_m
         if not 0 < near_m < far_m:
             raise InputError(
                 f"expected two distances above 0, the nearer one first, got {near_m:g} {far_m:g}", argument="range_m"
@@ -122,13 +124,12 @@ def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRa
     return replace(chosen_range(low_px, high_px, least_doffs_px), origin=f"{origin}; {smooth}")
 
 
-def _origin(source: DisparitySource, measured: MeasuredMaps, rigs: Sequence[Rig]) -> str:
+def _origin(maps: Sequence[Path], measured: MeasuredMaps, rigs: Sequence[Rig], kind: str) -> str:
     """Return the sentences on the origin of a measured range."""
-    maps = counted(len(source.maps), f"{'depth' if source.depths else 'disparity'} map")
-    names = abbreviate([str(path) for path in source.maps], _NAMED)
+    names = abbreviate([str(path) for path in maps], _NAMED)
     low, high = (measured.histogram.quantile(share) for share in (_LOWEST, _HIGHEST))
     text = (
-        f"Measured from {maps}, each counting the same: {names}; {measured.pixels} pixels, "
+        f"Measured from {counted(len(maps), kind)}, each counting the same: {names}; {measured.pixels} pixels, "
         f"{measured.valid / measured.pixels:.1%} with a disparity, all but a thousandth of them above {low:.4g} px and "
         f"below {high:.4g} px. max_px leaves a tenth of room above that."
     )

@@ -4,13 +4,13 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
 from semisynth_gl.calibration.arrays import Size
-from semisynth_gl.calibration.disparity_range import DisparityRange, DisparitySource, disparity_range
-from semisynth_gl.calibration.photographs import are_grey, check_sizes, patch_sides, photograph_sizes
+from semisynth_gl.calibration.disparity_range import DisparityRange
+from semisynth_gl.calibration.photographs import are_grey, patch_sides, photograph_sizes
 from semisynth_gl.calibration.recipes import SceneRecipe, suitable_recipes
-from semisynth_gl.calibration.rectification import Rectification, measure_rectification
+from semisynth_gl.calibration.rectification import Rectification
 from semisynth_gl.calibration.rig import Rig, median_size, rig_ranges
 from semisynth_gl.calibration.style import Style, untried_style
 from semisynth_gl.config.load import Overrides
@@ -38,12 +38,12 @@ class Draft:
     Attributes:
         name: the config's name.
         rigs: the rigs, scaled by ``scale`` if that is given.
-        scale: the user's scale of images and maps against the calibrated size.
         disparity: range and wanted histogram of disparity.
         images: the user's sources of photographs, as absolute paths.
         photograph_count: number of photographs.
         subject_count: number of subjects that they show.
         large_px: side of large patches.
+        scale: the user's scale of images and maps against the calibrated size.
         grey: whether all photographs are grey.
         rectification: deviations that were measured in pairs; None without pairs.
         fitting_count: number of photographs with a calibrated size; 0 where sizes were not compared.
@@ -56,12 +56,12 @@ class Draft:
 
     name: str
     rigs: Sequence[Rig]
-    scale: float | None
     disparity: DisparityRange
     images: Sequence[str]
     photograph_count: int
     subject_count: int
     large_px: int
+    scale: float | None = None
     grey: bool = False
     rectification: Rectification | None = None
     fitting_count: int = 0
@@ -129,52 +129,27 @@ def describe(
     name: str,
     rigs: Sequence[Rig],
     images: Sequence[str],
-    disparity: DisparitySource,
-    *,
-    scale: float | None = None,
-    other_camera: bool = False,
-    pairs: Sequence[tuple[Path, Path]] = (),
-    lenses: Mapping[Eye, LensChain] | None = None,
-    overrides: Overrides = (),
+    disparity: DisparityRange,
+    **known: Any,  # noqa: ANN401 - attributes of `Draft`
 ) -> Draft:
-    """Gather what a config is written from, and check that it fits together; see `Draft`.
+    """Describe a config by its rigs, its photographs and what else of a `Draft` is known.
 
-    Args:
-        name: any text, such as a file's stem; see `config_name`.
-        rigs: the rigs as calibrated, before scaling.
-        images: sources of photographs: files, folders and globs.
-        disparity: the source of the range and the histogram of disparity.
-        scale: scale of images and maps against the calibrated size.
-        other_camera: whether another camera took the photographs, so that they may have any size.
-        pairs: left and right photographs of the rig, to match.
-        lenses: each eye's way through its lens, if the config is to have it.
-        overrides: keys that the user sets, as `load_config` takes them.
-
-    Raises:
-        InputError: where something is missing or does not fit together.
-        ReadError: where a map cannot be read.
+    ``name`` is any text, such as a file's stem; see `config_name`. ``images`` are files, folders and globs. Raises
+    InputError where there is no photograph.
     """
     photographs = find_images(images)
-    sizes = photograph_sizes(photographs)
-    fitting_count = 0 if other_camera else check_sizes(sizes, [rig.size for rig in rigs], scale)
-    if scale is not None:
-        rigs = [rig.scaled(scale) for rig in rigs]
-    patch_px, large_px = patch_sides(sizes, median_size(rigs).width_px)
+    patch_px, large_px = patch_sides(photograph_sizes(photographs), median_size(rigs).width_px)
     return Draft(
         config_name(name),
         rigs,
-        scale,
-        disparity_range(disparity, rigs),
+        disparity,
         [str(expanded(path).absolute()) for path in images],
         len(photographs),
         len(photographed_subjects(photographs)),
         large_px,
-        are_grey(photographs),
-        measure_rectification(pairs, rigs) if pairs else None,
-        fitting_count,
-        lenses=lenses,
+        grey=are_grey(photographs),
         patch_px=patch_px,
-        overrides=overrides,
+        **known,
     )
 
 

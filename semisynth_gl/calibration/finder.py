@@ -30,11 +30,12 @@ from semisynth_gl.calibration.kinds import (
     is_reprojection,
     is_rotation,
     is_rotation_vector,
+    is_turned,
+    stated_sizes,
 )
 from semisynth_gl.calibration.names import ROTATION_WORDS, Entry, eye_of, label_of, starts, words_of
 from semisynth_gl.calibration.parts import by_columns, with_parts
 from semisynth_gl.calibration.poses import leads_to_left, pose_of, right_from_left
-from semisynth_gl.calibration.sizes import is_turned, stated_sizes
 from semisynth_gl.calibration.tree import Array, FormatError, Tree, text_of
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.raw_camera import rotation_of

@@ -23,7 +23,6 @@ from skimage.data import stereo_motorcycle
 from semisynth_gl.calibration import write as writing
 from semisynth_gl.calibration.calibrate import calibrate
 from semisynth_gl.calibration.disparity_range import (
-    DisparitySource,
     chosen_range,
     disparity_range,
     measure_maps,
@@ -77,7 +76,7 @@ def photographs(folder, count=1, size=(741, 500), start=0):
 
 
 def facts(rigs, disparity):
-    return Draft("x", rigs, None, disparity, ["a"], 1, 1, 256)
+    return Draft("x", rigs, disparity, ["a"], 1, 1, 256)
 
 
 def refused(error, *words):
@@ -154,7 +153,7 @@ def test_a_range_of_distances_is_that_of_their_disparities(focal_px, baseline_m,
     rigs = [plain_rig(focal_px, length_m, Size(640, 480)) for length_m in (baseline_m, baseline_m * 1.1)]
     cameras = [replace(rig.camera, cx_right_px=rig.camera.cx_left_px + doffs_px) for rig in rigs]
     rigs = [replace(rig, camera=camera) for rig, camera in zip(rigs, cameras, strict=True)]
-    made = disparity_range(DisparitySource(range_m=(near_m, near_m * ratio)), rigs)
+    made = disparity_range(rigs, range_m=(near_m, near_m * ratio))
     ends = [[each.focal_baseline / z - each.doffs_px for z in (near_m * ratio, near_m)] for each in cameras]
     assert made.min_px == pytest.approx(min(low for low, _ in ends), rel=1e-9, abs=1e-9)
     assert made.max_px == pytest.approx(max(high for _, high in ends), rel=1e-9, abs=1e-9)
@@ -492,7 +491,7 @@ def test_depths_that_are_hardly_metres_are_refused(tmp_path):
         measure_maps([tmp_path / "a.npy"], [SMALL], depths=True)
     np.save(tmp_path / "b.npy", np.full((30, 40), 1500))
     with pytest.raises(InputError, match="depth: expected the maps and the calibration of one rig, got 2"):
-        disparity_range(DisparitySource([tmp_path / "b.npy"], depths=True), [SMALL, SMALL])
+        disparity_range([SMALL, SMALL], [tmp_path / "b.npy"], depths=True)
 
 
 def test_maps_of_several_sizes_count_at_the_rigs_width(tmp_path):
@@ -514,9 +513,9 @@ def test_maps_of_several_sizes_count_at_the_rigs_width(tmp_path):
     # A map that has the size of one of several rigs is taken as it is.
     large = plain_rig(60, 0.1, Size(80, 60))
     assert measure_maps(paths[1:2], [SMALL, large]).histogram.mean_px == pytest.approx(0.06 * 80, abs=0.05)
-    said = disparity_range(DisparitySource(paths[:3]), [SMALL]).origin
+    said = disparity_range([SMALL], paths[:3]).origin
     assert "Disparities of the 2 of other sizes (80 x 60 to 100 x 56) are scaled to a width of 40 px" in said
-    assert "scaled" not in disparity_range(DisparitySource(paths[:1]), [SMALL]).origin
+    assert "scaled" not in disparity_range([SMALL], paths[:1]).origin
 
 
 @settings(max_examples=150, deadline=None)
@@ -694,7 +693,7 @@ def test_whatever_files_are_called_the_yaml_is_read_back(tmp_path_factory, name)
     except OSError:
         return
     rig = Rig(StereoCamera.centred(30, 20, 40.0, 0.1), str(photograph))
-    found = describe(name, [rig], [str(photograph)], DisparitySource(range_px=(1, 10)))
+    found = describe(name, [rig], [str(photograph)], disparity_range([rig], range_px=(1, 10)))
     config = load_config(write(folder, "config.yaml", write_draft(found)))
     assert config.textures.images == (str(photograph),)
 

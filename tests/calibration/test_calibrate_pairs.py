@@ -14,7 +14,7 @@ from skimage.data import stereo_motorcycle
 
 from semisynth_gl.calibration import rectification
 from semisynth_gl.calibration.arrays import DisparityBounds, Size
-from semisynth_gl.calibration.disparity_range import DisparitySource, chosen_range, disparity_range, read_values
+from semisynth_gl.calibration.disparity_range import chosen_range, disparity_range, read_values
 from semisynth_gl.calibration.draft import describe
 from semisynth_gl.calibration.matching import given_pairs, match_images, match_pair, open_matcher, pairs_among
 from semisynth_gl.calibration.photographs import are_grey
@@ -222,7 +222,7 @@ def test_without_opencv_the_extra_is_named(monkeypatch):
 def facts(tmp_path, **options):
     rig = Rig(CAMERA, "calib.txt", DisparityBounds(70, 7.0, 60.0))
     save(tmp_path / "photos/im0.png", stereo_motorcycle()[0])
-    return describe("lab", [rig], [str(tmp_path / "photos")], DisparitySource(range_px=(7, 60)), **options)
+    return describe("lab", [rig], [str(tmp_path / "photos")], disparity_range([rig], range_px=(7, 60)), **options)
 
 
 def written(gathered):
@@ -232,7 +232,8 @@ def written(gathered):
 def test_a_config_gets_the_section_rig(tmp_path, monkeypatch):
     matches = iter(correspondences(CAMERA, y_px, 0.5, 1.0, 0.0) for y_px in (1.0, 2.0))
     monkeypatch.setattr(rectification, "match_pair", lambda *_: (next(matches), (741, 500)))
-    gathered = facts(tmp_path, pairs=[(Path("a"), Path("b"))] * 2)
+    found = measure_rectification([(Path("a"), Path("b"))] * 2, [Rig(CAMERA, "calib.txt")])
+    gathered = facts(tmp_path, rectification=found)
     text = written(gathered)
     assert "right_y_px: [1, 2]\n  right_roll_deg: 0.5\n" in text
     assert text.index("camera:") < text.index("\nrig:\n") < text.index("\ndisparity:")
@@ -349,11 +350,11 @@ def test_maps_of_rigs_with_doffs_hold_disparities_below_zero(map_of):
     doffs, none = (Rig(StereoCamera.centred(64, 48, 80.0, 0.2, px), "calib.txt") for px in (12.0, 0.0))
     np.testing.assert_array_equal(np.isfinite(read_values(path, [doffs])), np.isfinite(values))
     np.testing.assert_array_equal(np.isfinite(read_values(path, [none])), np.isfinite(values) & (values > 0))
-    found = disparity_range(DisparitySource(maps=[path]), [doffs])
+    found = disparity_range([doffs], [path])
     assert found.signed
     assert -12 < found.min_px <= -8
     assert found.target.cumulative(0.0) == pytest.approx(8 / 38, abs=0.02)
-    assert not disparity_range(DisparitySource(maps=[path]), [none]).signed
+    assert not disparity_range([none], [path]).signed
     # What is beyond infinity is no disparity.
     assert (
         np.nanmin(
@@ -368,7 +369,7 @@ def test_a_number_that_many_pixels_share_marks_what_has_no_disparity(map_of, mar
     values = np.random.default_rng(0).uniform(5, 30, (48, 64)).astype(np.float32)
     values[:2, :20] = mark
     rig = Rig(StereoCamera.centred(64, 48, 80.0, 0.2, 12.0), "calib.txt")
-    found = disparity_range(DisparitySource(maps=[map_of(values)]), [rig])
+    found = disparity_range([rig], [map_of(values)])
     assert not found.signed
     assert found.min_px == 5
 
@@ -382,10 +383,10 @@ def test_ranges_and_calibrations_may_begin_below_zero(tmp_path):
         chosen_range(-20, 60, 0.0)
     for vmin_px, signed in ((-20.0, True), (0.0, False), (-40.0, False), (7.0, False)):
         rig = Rig(CAMERA, "calib.txt", DisparityBounds(70, vmin_px, 60.0))
-        assert disparity_range(DisparitySource(), [rig]).signed == signed
+        assert disparity_range([rig]).signed == signed
     save(tmp_path / "photos/im0.png", stereo_motorcycle()[0])
     rig = Rig(CAMERA, "calib.txt")
     for range_px, signed in (((7, 60), False), ((-20, 60), True), ((0, 60), True)):
-        text = written(describe("lab", [rig], [str(tmp_path / "photos")], DisparitySource(range_px=range_px)))
+        text = written(describe("lab", [rig], [str(tmp_path / "photos")], disparity_range([rig], range_px=range_px)))
         assert ("\ndisparity:\n  signed: true " in text) == signed
         assert f"\n  min_px: {range_px[0]}\n" in text

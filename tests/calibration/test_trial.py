@@ -51,7 +51,7 @@ def test_each_pair_counts_for_its_recipe_and_texture_scale(monkeypatch):
     monkeypatch.setattr(trial, "_looks", lambda pair, _: np.full(looks, float(pair.value)))
     monkeypatch.setattr(trial, "fitted_style", lambda _, result, *__: found.append(result))
     rig = Rig(StereoCamera.centred(640, 480, 700.0, 0.1, 0.0), "calib.txt")
-    draft = Draft("x", [rig], None, chosen_range(2, 90), ["a"], 1, 1, 256)
+    draft = Draft("x", [rig], chosen_range(2, 90), ["a"], 1, 1, 256)
     heard = []
     listener = Listener()
     monkeypatch.setattr(listener, "on_total", heard.append)
