@@ -63,13 +63,6 @@ def middlebury(tree: Tree, _size: Size | None) -> Format | None:
     return Format(tree | in_metres, "m", layout="middlebury", bounds=bounds)
 
 
-def kitti(tree: Tree, _size: Size | None) -> Format | None:
-    """Read KITTI's files: of several cameras, the colour cameras are meant, or else the grey ones."""
-    names = {name[-1] for name in tree}
-    pair = next((pair for pair in _KITTI_PAIRS for form in _KITTI_FORMS if {form + n for n in pair} <= names), None)
-    return None if pair is None else Format(tree, cameras=pair, layout="kitti")
-
-
 def zed(tree: Tree, size: Size | None) -> Format | None:
     """Read ZED's SN*.conf: cameras for each mode, the translation in mm, the turn as a rotation vector."""
     modes = [name[0].removeprefix("LEFT_CAM_") for name in tree if name[0].startswith("LEFT_CAM_") and name[-1] == "fx"]
@@ -147,9 +140,16 @@ def depthai(tree: Tree, _size: Size | None) -> Format | None:
     return Format(made, "m", (left, right))
 
 
+def kitti(tree: Tree, _size: Size | None) -> Format | None:
+    """Read KITTI's files: of several cameras, the colour cameras are meant, or else the grey ones."""
+    names = {name[-1] for name in tree}
+    pair = next((pair for pair in _KITTI_PAIRS for form in _KITTI_FORMS if {form + n for n in pair} <= names), None)
+    return None if pair is None else Format(tree, cameras=pair, layout="kitti")
+
+
 Adapter = Callable[[Tree, Size | None], Format | None]
 """Reads a tree of one format, None for others; the size is the user's or the photographs', None if both are silent."""
-ADAPTERS: tuple[Adapter, ...] = (middlebury, kitti, zed, realsense, mrcal, depthai)
+ADAPTERS: tuple[Adapter, ...] = (middlebury, zed, realsense, mrcal, depthai, kitti)
 
 
 def _chosen(sizes: Mapping[str, Size], size: Size | None) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from semisynth_gl.calibration.adapters import ADAPTERS, Format
+from semisynth_gl.calibration.adapters import ADAPTERS, Format, kitti
 from semisynth_gl.calibration.arrays import UNITS, Size, StereoArrays, lens_of
 from semisynth_gl.calibration.finder import KEYS, Finder
 from semisynth_gl.calibration.rig import Rig, rectified
@@ -105,7 +105,7 @@ def _found(sources: Sequence[str | Path]) -> list[Path]:
 def _arrays(
     tree: Tree, size: Size | None, cameras: tuple[str, str] | None, unit: str | None, keys: Mapping[str, str]
 ) -> StereoArrays | None:
-    found = (adapter(tree, size) for adapter in (ADAPTERS if not keys else ()))
+    found = (adapter(tree, size) for adapter in ((kitti,) if keys else ADAPTERS))
     known = next((each for each in found if each is not None), Format(tree))
     if known.unit is not None and unit is not None:
         raise FormatError("its format states the unit: leave the unit out")

@@ -129,7 +129,7 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur
     place_means, unit = _wanted(place)
     weights, mix_origin = np.full(len(recipes), 1 / len(recipes)), ""
     # Measures of disparity maps, which do not depend on the look of surfaces.
-    geometry = _mean(trial.means[:, :, 0, 0], axis=1)
+    geometry = mean(trial.means[:, :, 0, 0], axis=1)
     rows = _rows([measure for measure in moved_by(*_OF_MIX) if measure.of_maps], place_means, geometry)
     if rows:
         mixes = _mixes(len(recipes))
@@ -137,7 +137,7 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur
         surplus = np.maximum(mixes @ trial.shares - trial.wanted, 0).sum(axis=1, keepdims=True)
         best = np.argmin(_far(off) + _far(surplus / _SURPLUS) + _EVENNESS * (mixes**2).sum(axis=1))
         weights, mix_origin = mixes[best], f"Weights by {_named(rows)} and the wanted disparities"
-    looks = _mean(trial.means, 0, weights[:, None, None, None, None])
+    looks = mean(trial.means, 0, weights[:, None, None, None, None])
     fine = (BLURS, _FINE_BLURS), (EXPOSURES, _FINE_EXPOSURES)
     for axis, (tried, fine_values) in enumerate(fine, 1):
         looks = _between(looks, axis, tried, fine_values)
@@ -222,7 +222,7 @@ def _mixes(recipes: int) -> NDArray[np.float64]:
     return weights
 
 
-def _mean(
+def mean(
     values: NDArray[np.float64], axis: int | tuple[int, ...], weights: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
     """Return weighted means along axes over the values that are not nan; nan where all values are nan."""

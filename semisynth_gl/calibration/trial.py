@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.calibration.draft import Draft
-from semisynth_gl.calibration.style import BLURS, EXPOSURES, TEXELS, Trial, fitted_style, untried_style
+from semisynth_gl.calibration.style import BLURS, EXPOSURES, TEXELS, Trial, fitted_style, mean, untried_style
 from semisynth_gl.calibration.write import config_values
 from semisynth_gl.config.load import parse_values
 from semisynth_gl.judge.comparison import Side
@@ -20,6 +20,7 @@ from semisynth_gl.pairs.pipeline import Pair, PairRenderer
 from semisynth_gl.seeds.seeds import Purpose, generator
 
 _SEED = 0
+_LOOKS = -1, len(BLURS), len(EXPOSURES), len(MEASURES)
 
 
 def fit(draft: Draft, place: Side, pairs: int, listener: Listener) -> Draft:
@@ -52,9 +53,7 @@ def _try(draft: Draft, pairs: int, listener: Listener) -> Trial:
         replace(recipes[r], name=name, keys={**recipes[r].keys, "textures": {"texels_per_pixel": list(TEXELS[k])}})
         for name, (r, k) in cells.items()
     ]
-    sums = np.zeros((len(recipes), len(TEXELS), len(BLURS), len(EXPOSURES), len(MEASURES)))
-    counts = np.zeros(sums.shape, np.int64)
-    geometry: list[list[NDArray[np.float64]]] = [[] for _ in recipes]
+    looks: list[list[list[NDArray[np.float64]]]] = [[[] for _ in TEXELS] for _ in recipes]
     target = draft.disparity.target
     shares = np.zeros((len(recipes), len(target.shares)))
     total = pairs * len(cells)
@@ -67,17 +66,14 @@ def _try(draft: Draft, pairs: int, listener: Listener) -> Trial:
             if k == 0 and recipe.config.particles.layers is not None:
                 shares[r] = sampler.disparity_solver.expected().rebinned(target.edges_px).shares
         for number in range(total):
-            # Unchecked: a trial is not a dataset, and scenes drawn again would be of the same sort.
+            # Skip the checks: redrawn scenes would have the same statistics.
             pair = renderer.render(number, checked=False)
             r, k = cells[pair.provenance["recipe"]]
-            values = _looks(pair, draft.size.width_px)
-            there = np.isfinite(values)
-            geometry[r].append(values[0, 0])
-            sums[r, k] += np.where(there, values, 0)
-            counts[r, k] += there
+            looks[r][k].append(_looks(pair, draft.size.width_px))
             listener.on_pair(FinishedPair("train", number))
-    means = np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0)
-    return Trial(means, tuple(map(np.array, geometry)), total, shares, target.shares)
+    means = np.array([[mean(np.reshape(each, _LOOKS), axis=0) for each in of_recipe] for of_recipe in looks])
+    geometry = tuple(np.array([values[0, 0] for each in of_recipe for values in each]) for of_recipe in looks)
+    return Trial(means, geometry, total, shares, target.shares)
 
 
 def _looks(pair: Pair, width_px: int) -> NDArray[np.float64]:
