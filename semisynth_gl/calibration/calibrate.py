@@ -131,7 +131,7 @@ def calibrate(
     for argument, value in {"rectify_to": rectify_to, "pairs": pairs}.items():
         if other_camera and value:
             raise InputError("needs photographs of the rig, but other_camera is set", argument=argument)
-    given = _given_pairs(pairs)
+    given, stated = _given_pairs(pairs), _size(size)
     notes: list[str] = []
     photographed = [] if other_camera else photograph_sizes(find_images(image_sources))
     reading = {
@@ -142,7 +142,7 @@ def calibrate(
         "keys": calib_keys,
         "photographed": _calibrated(photographed, scale),
     }
-    rigs = _rigs(names_of(calib), focal_px, baseline_m, _size(size), reading)
+    rigs = _rigs(names_of(calib), focal_px, baseline_m, stated, reading)
     notes += dict.fromkeys(note for rig in rigs for note in rig.notes)
     if crop := centre_crop(photographed, [rig.size for rig in rigs], scale):
         notes.append(
