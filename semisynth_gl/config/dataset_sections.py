@@ -40,18 +40,18 @@ _Licence = Annotated[str, Field(max_length=_LONGEST_LICENCE)]
 
 
 class RigSection(Section):
-    """How the right camera deviates from the rectified one, which ``disparity`` and ``background`` refer to."""
+    """Deviation of the right camera from the rectified one."""
 
     right_roll_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = ZERO
-    """rotation about the viewing direction; positive values turn the image clockwise"""
+    """rotation about the viewing direction; positive turns the image clockwise"""
     right_pitch_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = ZERO
-    """rotation about the x axis; positive values move the image upwards"""
+    """rotation about the x axis; positive moves the image up"""
     right_y_px: RangeField = ZERO
-    """distance by which the right principal point lies below the left one"""
+    """right principal point's distance below the left one"""
     focal_ratio: Annotated[RangeField, at_most(MOST_FOCAL_RATIO), at_least(1 / MOST_FOCAL_RATIO)] = Range(1.0, 1.0)
-    """ratio of the right focal length to the left one"""
+    """right focal length over the left one"""
     twin: bool = False
-    """render each scene with the rectified camera too: pair 2 i deviates, pair 2 i + 1 does not"""
+    """render each scene twice: pair 2 i deviates, pair 2 i + 1 is rectified"""
 
     def _faults(self) -> Iterator[ConfigError]:
         if self.twin and self.model_copy(update={"twin": False}).none():
@@ -64,28 +64,28 @@ class RigSection(Section):
 
 
 class ImperfectionsSection(Section):
-    """Imperfections of a real rig's images, drawn for each image; both eyes share ``motion_blur``."""
+    """Imperfections of real images, sampled per image; both eyes share ``motion_blur``."""
 
     exposure_stops: Annotated[RangeField, at_most(20), at_least(-20)] = ZERO
-    """power of 2 by which the image is multiplied"""
+    """brightness in powers of 2"""
     gamma: Annotated[PositiveRange, at_most(100)] = Range(1.0, 1.0)
     """exponent of the tone curve"""
     noise: Annotated[NotNegativeRange, at_most(255)] = ZERO
-    """standard deviation of the sensor's noise, 8-bit levels"""
+    """standard deviation of the noise, 8-bit levels"""
     blur_px: Annotated[NotNegativeRange, at_most(1000)] = ZERO
     """standard deviation of the lens blur"""
     motion_blur: Annotated[NotNegativeRange, at_most(1)] = ZERO
-    """exposure time as a fraction of the time between frames"""
+    """exposure time over ``sequence.frame_s``"""
     sub_frames: Annotated[int, Field(ge=2, le=64)] = _SUB_FRAMES
-    """number of moments of the exposure whose images are averaged"""
+    """number of images averaged over an exposure"""
     vignetting: Annotated[NotNegativeRange, at_most(0.95)] = ZERO
-    """share of the light that is lost at half an image diagonal from the principal point"""
+    """share of light lost in the corners, half a diagonal from the principal point"""
     white_balance: Annotated[RangeField, at_most(4), at_least(-4)] = ZERO
-    """powers of 2 by which red and blue are multiplied, drawn separately"""
+    """gains of red and of blue, in powers of 2"""
     sharpening: Annotated[NotNegativeRange, at_most(10)] = ZERO
     """amount of the unsharp mask"""
     jpeg_quality: Annotated[RangeField, at_least(1), at_most(100)] | None = None
-    """quality of a JPEG compression, 1 to 100; by default none"""
+    """JPEG quality, 1 to 100; by default no compression"""
 
     def none(self) -> bool:
         """Return whether the section leaves the images as they are rendered."""
@@ -93,23 +93,23 @@ class ImperfectionsSection(Section):
 
 
 class ChecksSection(Section):
-    """Conditions on each pair (of sequences, the first frame), as drawn and as written; else it is redrawn."""
+    """Conditions on each pair (of a sequence, its first frame). A scene that fails is sampled again."""
 
     min_brightness: Annotated[float, Field(ge=0, le=255)] = 8.0
-    """smallest mean of the darker image, 8-bit levels"""
+    """least mean of the darker image, 8-bit levels"""
     min_texture: NotNegative = 1.0
-    """smallest texture of the flatter image, as ``textures.min_texture``"""
+    """least texture of the flatter image, as ``textures.min_texture``"""
     min_valid: Share = 0.5
-    """smallest share of valid disparities in each view"""
+    """least share of valid disparities in each view"""
     attempts: Annotated[int, count(10_000)] = 10
-    """number of attempts at a scene; if all fail, the pair is an error"""
+    """attempts before the run fails"""
 
 
 class SequenceSection(Section):
-    """Sequences: successive frames of one moving scene."""
+    """Successive frames of one moving scene."""
 
     length: Annotated[int, count(100_000)] = 1
-    """number of frames per sequence"""
+    """frames per sequence"""
     frame_s: Positive = 0.04
     """time between two frames"""
 
@@ -126,14 +126,14 @@ class FilesSection(Section):
 
 
 class SplitsSection(Section):
-    """Photographs and models that only validation or test pairs show."""
+    """What only validation or test pairs show."""
 
     validation: Annotated[float, Field(gt=0, lt=1)] = 0.1
-    """share of the photographs' subjects for validation only"""
+    """share of the photographs' subjects"""
     test: Annotated[float, Field(gt=0, lt=1)] = 0.1
-    """share of the photographs' subjects for test only"""
+    """share of the photographs' subjects"""
     models: bool = False
-    """hold out the same shares of each family of models too"""
+    """hold out the same shares of models too"""
 
     def _faults(self) -> Iterator[ConfigError]:
         if self.validation + self.test >= 1:
@@ -151,11 +151,11 @@ class SplitsSection(Section):
 
 
 class LicencesSection(Section):
-    """Licences that the index and the card state."""
+    """Licences that the dataset's index and card state."""
 
     dataset: _Licence = "unknown"
-    """licence of the dataset, by the name that hubs use"""
+    """the dataset's, by the name that hubs use"""
     images: _Licence = "unknown"
-    """licence of your photographs and of a plug-in's pictures"""
+    """that of your photographs and of a plug-in's pictures"""
     models: _Licence = "unknown"
-    """licence of your models and of a plug-in's models"""
+    """that of your models and of a plug-in's models"""

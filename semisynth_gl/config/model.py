@@ -145,10 +145,10 @@ class Config(Section):
     """A config: with a seed and an index, it determines a pair. The class of each section documents its keys."""
 
     name: Name
-    """first part of every sample's name: letters, digits and hyphens"""
+    """start of each pair's name: letters, digits and hyphens"""
     # Excluded from the values and the digest, since it changes no pair.
     layout: Annotated[PluginName | None, Field(exclude=True)] = None
-    """layout without ``--layout``; by default ``middlebury``, from 10,000 pairs on ``webdataset``"""
+    """layout; by default ``middlebury``, from 10,000 pairs on ``webdataset``"""
     camera: CameraSection
     disparity: DisparitySection
     background: BackgroundSection = BackgroundSection()
@@ -159,7 +159,7 @@ class Config(Section):
     models: ModelsSection = ModelsSection()
     textures: TexturesSection = TexturesSection()
     scenes: Annotated[tuple[RecipeSection, ...], FROM_LIST, Field(max_length=_MOST_RECIPES)] = ()
-    """recipes, of which each sequence takes one, by weight"""
+    """list of recipes; each sequence takes one, by weight"""
     rig: RigSection = RigSection()
     lens: LensSection | None = None
     projector: ProjectorSection | None = None
@@ -173,9 +173,9 @@ class Config(Section):
     """outputs besides images and disparities: ``visibility``, ``correspondence``, ``instances``, ``depth``, ``sky``,
     ``normals``, ``flow``, ``flow_backward``, ``disparity_change``; with ``lens``, ``valid``, ``raw``, ``raw_map``"""
     truth: TruthViews = "both"
-    """views that get truth: ``both`` or ``left``; both get images, ``raw`` and ``raw_map``"""
+    """views that get truth: ``both`` or ``left``"""
     antialias: Annotated[str, Field(pattern=ANTIALIAS_PATTERN)] = "none"
-    """antialiasing of colour: ``none``, ``edges``, or ``ssaa2`` to ``ssaa8``"""
+    """antialiasing of images: ``none``, ``edges``, or ``ssaa2`` to ``ssaa8``"""
 
     @model_validator(mode="before")
     @classmethod

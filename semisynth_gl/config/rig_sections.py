@@ -65,25 +65,25 @@ class CameraSection(Section):
     height_px: _Side
     """image height"""
     focal_px: PositiveRange | None = None
-    """focal length; or give ``focal_mm`` and ``sensor_width_mm``"""
+    """focal length"""
     focal_mm: PositiveRange | None = None
-    """focal length, instead of ``focal_px``"""
+    """focal length, with ``sensor_width_mm``, instead of ``focal_px``"""
     sensor_width_mm: Positive | None = None
-    """width of the part of the sensor that the image covers"""
+    """width of the sensor's part that the image covers"""
     fy_over_fx: _FocalRatio = 1.0
-    """focal length in y divided by that in x, which is ``focal_px``; 1 for square pixels, 1.00123 for Cityscapes"""
+    """focal length in y over that in x, ``focal_px``; 1.00123 for Cityscapes"""
     baseline_m: PositiveRange | None = None
     """distance between the cameras"""
     baselines: Baselines = 1
     """number of right cameras per scene, or a list of their distances, metres"""
     cx_left_px: RangeField | None = None
-    """x of the left principal point; by default the two are symmetric about the centre"""
+    """x of the left principal point; by default the two lie symmetrically"""
     cx_right_px: RangeField | None = None
     """x of the right principal point, instead of ``doffs_px``"""
     cy_px: RangeField | None = None
     """y of both principal points; by default the centre, (height - 1) / 2"""
     doffs_px: RangeField | None = None
-    """cx_right - cx_left, by default 0; of the longest baseline"""
+    """cx_right - cx_left at the longest baseline; by default 0"""
     sway_m: NotNegativeRange = ZERO
     """amplitude of the rig's sway along each axis"""
     sway_deg: NotNegativeRange = ZERO
@@ -183,7 +183,7 @@ class DisparitySection(Section):
     signed: bool = False
     """allow disparities of 0 and below"""
     min_px: Finite
-    """smallest disparity of walls and particles; far planes may have smaller ones"""
+    """smallest disparity of walls and particles; far planes may be below"""
     max_px: Finite
     """largest disparity of any pixel; it sets the near plane"""
     target: TargetSection = UniformTarget()
@@ -201,39 +201,39 @@ class DisparitySection(Section):
 
 
 class RawEyeSection(Section):
-    """One eye's camera before rectification, as OpenCV's stereoCalibrate and stereoRectify describe it."""
+    """One camera before rectification, in the terms of OpenCV's stereoCalibrate and stereoRectify."""
 
     fx_px: PositiveRange
     """focal length along x"""
     fy_px: PositiveRange | None = None
     """focal length along y; by default ``fx_px``"""
     cx_px: RangeField | None = None
-    """x of the principal point; by default the centre, (width - 1) / 2"""
+    """x of the principal point; by default (width - 1) / 2"""
     cy_px: RangeField | None = None
-    """y of the principal point; by default the centre"""
+    """y of the principal point; by default (height - 1) / 2"""
     distortion: Annotated[tuple[RangeField, ...], FROM_LIST, Field(max_length=12)]
-    """coefficients in OpenCV's order, k1 k2 p1 p2 ... or for a fisheye k1 to k4"""
+    """coefficients in OpenCV's order: k1, k2, p1, p2 ...; of a fisheye k1 to k4"""
     rotation_deg: Vector = (ZERO, ZERO, ZERO)
-    """rotation vector of the rectifying rotation (R1 or R2), degrees"""
+    """rotation vector of R1 or R2, degrees"""
 
 
 class LensSection(Section):
-    """The cameras before rectification, drawn per sequence: colour goes through them, truth does not."""
+    """The cameras before rectification, sampled per sequence; they change images, not truth."""
 
     model: LensModel = "radial-tangential"
     """OpenCV's ``radial-tangential`` with 4, 5, 8 or 12 coefficients, or ``fisheye`` with 4"""
     raw_width_px: _Side
     """width of the raw images"""
     raw_height_px: _Side
-    """their height"""
+    """height of the raw images"""
     left: RawEyeSection
     """the left camera"""
     right: RawEyeSection
     """the right camera"""
     border: LensBorder = "black"
-    """``black`` or ``replicate`` (the nearest pixels' colours), where the sensor saw nothing"""
+    """where the sensor saw nothing: ``black``, or ``replicate`` for the nearest pixels' colours"""
     border_disparity: bool = True
-    """whether disparities in the borders are kept; else they are inf there"""
+    """keep disparities in the borders; else they are inf there"""
 
     def _faults(self) -> Iterator[ConfigError]:
         known = COEFFICIENTS[self.model]
@@ -309,26 +309,26 @@ def _raw_density(raw: RawCamera, pinhole: NDArray[np.float64], size: tuple[int, 
 
 
 class ProjectorSection(Section):
-    """A projector of a pattern, which moves with the rig; truth does not know of it."""
+    """A projector that moves with the rig; it changes images, not truth."""
 
     pattern: PathText = "dots"
     """``dots``, upright ``stripes``, or the file of a picture"""
     pattern_width_px: Annotated[int, count(_LARGEST_PATTERN_PX)] = 1280
-    """width of the pattern, and of the picture"""
+    """width of the pattern or picture"""
     pattern_height_px: Annotated[int, count(_LARGEST_PATTERN_PX)] = 800
-    """its height"""
+    """height of the pattern or picture"""
     size_px: Annotated[float, Field(ge=1, le=100)] = 2.5
-    """diameter of a dot, or width of a stripe, pixels of the pattern"""
+    """dot's diameter or stripe's width, pixels of the pattern"""
     density: Annotated[float, Field(gt=0, le=0.5)] = 0.05
-    """share of the pattern that is lit; not of a picture"""
+    """lit share of the dots' or stripes' pattern"""
     field_of_view_deg: Annotated[PositiveRange, at_most(_WIDEST_DEG)] = Range(90.0, 90.0)
-    """angle that the pattern's width takes"""
+    """angle across the pattern's width"""
     position_m: Vector = (ZERO, ZERO, ZERO)
     """x, y, z in the left camera's frame"""
     turn_deg: Vector = (ZERO, ZERO, ZERO)
-    """rotation vector against the left camera, degrees"""
+    """rotation vector in that frame, degrees"""
     power: NotNegativeRange
-    """light of a dot on a facing surface at 1 m, in multiples of the light in which photographs were taken"""
+    """light of a dot on a facing surface at 1 m; 1 is the photographs' light"""
     ambient: NotNegativeRange = Range(1.0, 1.0)
     """all other light, in the same unit"""
     share: Share = 1.0

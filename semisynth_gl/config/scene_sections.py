@@ -63,13 +63,13 @@ class BackgroundSection(Section):
     """weight of streets"""
     # Above 0 where the config's disparities are not signed, as all disparities below: `Config` checks that.
     wall_disparity_px: RangeField | None = None
-    """disparity of the back wall at the image centre; by default ``disparity.min_px``"""
+    """disparity of the far wall at the image centre; by default ``disparity.min_px``"""
     wall_turn_deg: Annotated[float, Field(ge=0, le=40)] = 15.0
-    """largest rotation of a bare room about each axis; furnished rooms turn sideways, by up to twice this"""
+    """largest rotation of a bare room about each axis; furnished rooms turn sideways by up to twice this"""
     plane_disparity_px: RangeField = Range(0.2, 1.0)
     """disparity of the far plane or backdrop; under a sky, where the ground ends"""
     sky: Share = 0.0
-    """share of outdoor scenes whose plane or backdrop is infinitely far away"""
+    """share of outdoor scenes with an infinitely distant backdrop"""
 
     def _faults(self) -> Iterator[ConfigError]:
         if self.cuboid + self.plane + self.room + self.street == 0:
@@ -90,12 +90,12 @@ class BackgroundSection(Section):
 
 
 class RoomSection(Section):
-    """Furnished rooms; those whose far wall is nearer than 2.5 m or farther than 9 m are scaled with all contents."""
+    """Furnished rooms. One with its far wall nearer than 2.5 m or beyond 9 m is scaled with its contents."""
 
     camera_height_m: PositiveRange = Range(0.9, 1.7)
     """height of the camera above the floor"""
     floor_row: PositiveRange = Range(0.4, 1.05)
-    """row where the floor meets the far wall, as a fraction of the image's height"""
+    """row where floor and far wall meet, over the image's height"""
     roll_deg: Annotated[float, Field(ge=0, le=20)] = 1.5
     """standard deviation of the camera's roll"""
     furniture: Annotated[NotNegativeRange, at_most(200)] = Range(4.0, 10.0)
@@ -107,7 +107,7 @@ class RoomSection(Section):
     doorway: Share = 0.2
     """share of walls with a doorway into a second room"""
     niche: Share = 0.2
-    """share of walls with a niche for small objects"""
+    """share of walls with a niche"""
     pillars: Annotated[NotNegativeRange, at_most(50)] = Range(0.0, 1.0)
     """number of pillars"""
     rug: Share = 0.4
@@ -117,22 +117,22 @@ class RoomSection(Section):
 
 
 class StreetSection(Section):
-    """Streets: a road, objects along it, and a backdrop; with one nearer than 25 m, all is scaled."""
+    """A road, objects along it, and a backdrop. With one nearer than 25 m, all is scaled."""
 
     camera_height_m: PositiveRange = Range(1.2, 2.0)
     """height of the camera above the ground"""
     yaw_deg: Annotated[float, Field(ge=0, le=60)] = 6.0
-    """standard deviation of the angle between the viewing direction and the road"""
+    """standard deviation of the angle between view and road"""
     tilt_deg: Annotated[float, Field(ge=0, le=20)] = 1.5
     """standard deviation of the camera's pitch and roll"""
     road_width_m: PositiveRange = Range(5.0, 12.0)
     """width of the road"""
     pavement: Share = 0.7
-    """share of roadsides with a raised pavement"""
+    """share of roadsides with a pavement"""
     houses: Share = 0.5
-    """share of plots along the road with a house"""
+    """share of plots with a house"""
     fences: Share = 0.25
-    """share of plots with a fence; the rest is open"""
+    """share of plots with a fence"""
     vehicles: Annotated[NotNegativeRange, at_most(200)] = Range(1.0, 9.0)
     """number of cars and bicycles"""
     tall: Annotated[NotNegativeRange, at_most(200)] = Range(2.0, 12.0)
@@ -149,7 +149,7 @@ class StructuresSection(Section):
     ground_height_m: PositiveRange = Range(1.2, 2.0)
     """height of the camera above the ground"""
     ground_disparity_px: RangeField | None = None
-    """disparity of a level ground at the image's lower border, instead of ``ground_height_m``"""
+    """disparity of level ground at the lower border, instead of ``ground_height_m``"""
     ground_tilt_deg: Annotated[float, Field(ge=0, le=30)] = 2.0
     """largest roll and pitch of the ground"""
     panels: Annotated[NotNegativeRange, at_most(1000)] = ZERO
@@ -185,29 +185,29 @@ class ParticlesSection(Section):
     """The particles: models that fall or float in front of the background."""
 
     layers: Annotated[tuple[DepthLayerSection, ...], FROM_LIST, Field(max_length=_MOST_ITEMS)] | None = None
-    """depth layers, a list as in ``clutter``; by default solved from ``disparity.target``"""
+    """depth layers, as in ``clutter``; by default solved from ``disparity.target``"""
     clutter: Annotated[tuple[DepthLayerSection, ...], FROM_LIST, Field(max_length=_MOST_ITEMS)] = ()
     """further depth layers: a list of ``{disparity_px, count, size_px}``, all ranges"""
     density: Literal["sparse", "default", "dense"] | Annotated[PositiveRange, at_most(_MOST_PARTICLES)] = "default"
-    """``default``, ``sparse`` (a third, larger), ``dense`` (three times, smaller), or the mean number in view"""
+    """mean number in view, or ``default``, ``sparse`` (a third, larger), ``dense`` (three times, smaller)"""
     size_px: PositiveRange = Range(40.0, 300.0)
     """diameter of a model, log-uniform"""
     size_m: PositiveRange | None = None
     """diameter of a model, instead of ``size_px``"""
     stretch: PositiveRange = Range(0.5, 1.0)
-    """scale along each axis of a model, relative to the largest"""
+    """scale along each axis, relative to the largest"""
     thinness: Annotated[PositiveRange, at_most(1)] = Range(1.0, 1.0)
-    """additional scale along one axis, log-uniform; 0.05 makes sheets"""
+    """further scale along one axis, log-uniform; 0.05 makes sheets"""
     fall_m_s: PositiveRange = Range(0.5, 2.0)
     """speed downwards"""
     drift: NotNegativeRange = Range(0.0, 0.3)
-    """speed in a random horizontal direction, relative to ``fall_m_s``"""
+    """horizontal speed over ``fall_m_s``"""
     spin_deg_s: NotNegativeRange = Range(0.0, 180.0)
     """angular speed about a random axis"""
     resting: Share = 0.0
-    """share of particles that lie at rest, where a surface below can carry them"""
+    """share at rest, where a surface can carry them"""
     most: Annotated[int, count(_MOST_PARTICLES)] = 2000
-    """largest number in a scene; where the target takes more, they become larger"""
+    """largest number in a scene; if the target needs more, they become larger"""
 
     def _faults(self) -> Iterator[ConfigError]:
         if self.layers is not None and self.density != "default":
@@ -226,15 +226,15 @@ class ModelsSection(Section):
     complex: Weight = 1.0
     """weight of the complex family (chair, mug, plant, ...)"""
     user: Weight = 1.0
-    """weight of the models in ``folders``; reduced in proportion below 25 models"""
+    """weight of the models in ``folders``; reduced below 25 models"""
     kinds: Annotated[dict[str, Weight], Field(max_length=_MOST_ITEMS)] = Field(default_factory=dict)
-    """weights of kinds within their family, by name; by default 1"""
+    """weights of kinds within their family; by default 1"""
     folders: _Paths = ()
     """folders of model files"""
     variants: Annotated[int, count(100)] = 3
-    """number of models per kind and per plug-in's family"""
+    """models per kind and per plug-in's family"""
     families: Annotated[dict[_FamilyName, Weight], Field(max_length=_MOST_ITEMS)] = Field(default_factory=dict)
-    """weights of plug-ins' families, by the plug-in's name"""
+    """weights of plug-ins' families"""
 
     def _faults(self) -> Iterator[ConfigError]:
         if self.simple + self.complex + self.user + sum(self.families.values()) == 0:
@@ -246,32 +246,32 @@ class TexturesSection(Section):
     """The patches, and how models wear them."""
 
     source: PluginName = "builtin"
-    """``images`` (yours), ``builtin`` (painted, and scikit-image's photographs), ``photographs``, ``procedural``, or a
+    """``images`` (yours), ``builtin`` (painted and scikit-image's photographs), ``photographs``, ``procedural``, or a
     plug-in's name"""
     images: _Paths = ()
     """files, folders and globs of the source ``images``"""
     patch_px: Annotated[int, Field(ge=16, le=8192)] = 256
     """side of a patch in the atlas"""
     scales: Annotated[tuple[_AtLeastOne, ...], FROM_LIST, Field(min_length=1, max_length=100)] = (1.0, 2.0, 4.0)
-    """sides of the squares cut from images, in multiples of ``patch_px``"""
+    """sides of squares in images, in multiples of ``patch_px``"""
     min_texture: NotNegative = 1.0
-    """least texture of a patch: median over 8 x 8 cells of the standard deviation of luminance, 8-bit levels"""
+    """least median over 8 x 8 cells of the standard deviation of luminance, 8-bit levels"""
     min_sharpness: NotNegative = 0.3
-    """least sharpness of a patch: contrast of its finest octave over that of its third"""
+    """least contrast of the finest octave over that of the third"""
     min_difference: Share = 0.04
-    """least difference of two patches: 1 minus the correlation of their gradients; 0 keeps all"""
+    """least 1 minus correlation of two patches' gradients; 0 keeps all"""
     max_patches: Annotated[int, Field(ge=1, le=2048)] = 512
     """largest number of patches"""
     large_px: Annotated[int, Field(ge=0, le=4096)] = 0
-    """side of patches for walls, grounds and other large surfaces; 0 for none"""
+    """side of patches for walls and other large surfaces; 0 for none"""
     texels_per_pixel: PositiveRange = Range(0.8, 1.5)
     """texels of a patch per pixel of the image"""
     anisotropy: Annotated[int, Field(ge=1, le=16)] = 1
-    """largest number of samples per pixel at a grazing angle; 1 blurs"""
+    """most texture samples per pixel at a grazing angle; 1 blurs"""
     large_anisotropy: Annotated[int, Field(ge=1, le=16)] = 4
     """``anisotropy`` of large patches"""
     wrap: Literal["mirror", "repeat"] = "mirror"
-    """continuation of a patch beyond its border: ``mirror`` or ``repeat``"""
+    """continuation beyond a patch's border: ``mirror`` or ``repeat``"""
     sequence: bool = False
     """take a folder's images as successive frames"""
 
