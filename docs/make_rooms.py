@@ -1,4 +1,4 @@
-"""Write the list of rooms into docs/architecture.md, from docs/rooms.toml.
+"""Write the list of rooms into docs/contributing.md, from docs/rooms.toml.
 
 python docs/make_rooms.py
 """
@@ -28,5 +28,5 @@ def page_with_rooms(page: str) -> str:
 
 
 if __name__ == "__main__":
-    path = DOCS / "architecture.md"
+    path = DOCS / "contributing.md"
     path.write_text(page_with_rooms(path.read_text("utf-8")), "utf-8")

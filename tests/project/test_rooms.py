@@ -209,7 +209,7 @@ def test_tests_import_neither_each_other_nor_conftest() -> None:
 
 
 def test_the_page_has_the_table_of_the_rooms() -> None:
-    page = (DOCS / "architecture.md").read_text("utf-8")
+    page = (DOCS / "contributing.md").read_text("utf-8")
     assert page == runpy.run_path(str(DOCS / "make_rooms.py"))["page_with_rooms"](page), "run docs/make_rooms.py"
 
 
