@@ -25,7 +25,7 @@ from semisynth_gl.judge.agreement import (
 from semisynth_gl.judge.findings import Verdict
 from semisynth_gl.judge.images import check_images
 from semisynth_gl.judge.lens import find_flow_borders, find_lost_change
-from semisynth_gl.judge.single_view import LAST_VALID_PX, Allowed, always_valid, count_beyond, neighbours
+from semisynth_gl.judge.single_view import LAST_VALID_PX, always_valid, count_beyond, neighbours
 
 Values = NDArray[np.float32]
 Where = NDArray[np.bool_]
@@ -52,7 +52,7 @@ def flow_bound_px(flow: NDArray[np.floating], encoding_px: float | NDArray[np.fl
     return _FLOW_PX + _FLOW_SHARE * np.sqrt(dot(flow, flow)) + encoding_px
 
 
-def check_flow(frame: StoredFrame, eye: Eye, _: Allowed, verdict: Verdict) -> None:
+def check_flow(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     """Check a view's flow in both directions by itself."""
     for channel in OPPOSITE:
         _check_direction(frame, channel, eye, verdict)
@@ -103,7 +103,7 @@ def _check_outside(
     verdict.add_pixels("flow-mask", name, "is neither 0 nor 128 for flow out of the image", wrong, goal)
 
 
-def check_change(frame: StoredFrame, eye: Eye, allowed: Allowed, verdict: Verdict) -> None:
+def check_change(frame: StoredFrame, eye: Eye, verdict: Verdict, *, largest_px: float | None) -> None:
     """Check a view's change of disparity.
 
     It must be finite exactly where disparity and flow are, and lead to a disparity that rig and config allow.
@@ -120,9 +120,8 @@ def check_change(frame: StoredFrame, eye: Eye, allowed: Allowed, verdict: Verdic
     later = disparity.astype(np.float64) + change
     bound = flow_bound_px(np.where(finite, later, 0)[..., None], frame.rounding_px(disparity))
     least_px = -frame.camera.doffs_px if frame.encodings.signed else 0.0
-    impossible = known & (
-        (later < least_px - bound) | (later > (inf if allowed.largest_px is None else allowed.largest_px) + bound)
-    )
+    most_px = inf if largest_px is None else largest_px
+    impossible = known & ((later < least_px - bound) | (later > most_px + bound))
 
     def step(at: tuple[int, int]) -> str:
         return f", which goes from {disparity[at]:g} to {later[at]:g} px"

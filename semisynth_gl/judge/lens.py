@@ -56,7 +56,7 @@ def find_lost_change(frame: StoredFrame, eye: Eye) -> tuple[NDArray[np.bool_], N
     return find_flow_borders(frame, eye, "flow")
 
 
-def check_lens(frame: StoredFrame, eye: Eye, _: object, verdict: Verdict) -> None:
+def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     """Check a view's ``valid``, ``raw_map`` and ``raw``, where it has them, by the lens of the pair's provenance.
 
     The mask and the map must be where the lens leads into the raw image, and the image must be what a bilinear filter

@@ -1,7 +1,6 @@
 """The strongest check: sample a pair's scene again, and compare some of its pixels with float64 rays."""
 
-from collections.abc import Callable, Iterable, Mapping
-from functools import partial
+from collections.abc import Iterable, Mapping
 from math import degrees
 
 import numpy as np
@@ -82,13 +81,67 @@ class RayJudge:
             height, width = frame.view(eye)["disparity"].shape
             x = rng.integers(0, width, -(-self._pixels // 2)).astype(np.float64)
             y = rng.integers(0, height, -(-self._pixels // 2)).astype(np.float64)
-            cast = partial(self._cast, sampled, eye, frame)
-            beside = partial(oracle.normals_beside, sampled.scene, self._scenes.models, eye)
-            _compare(frame, eye, (x, y), motions, cast, beside, verdict)
+            self._check_view(sampled, frame, eye, motions, x, y, verdict)
+
+    def _check_view(
+        self,
+        sampled: SampledScene,
+        frame: StoredFrame,
+        eye: Eye,
+        motions: Mapping[str, Motion],
+        x: Values,
+        y: Values,
+        verdict: Verdict,
+    ) -> None:
+        """Compare a view's arrays with rays through pixels (x, y); the measures are the largest allowed errors."""
+        rays = self._cast(sampled, eye, frame, motions, x, y)
+        at = y.astype(np.int64), x.astype(np.int64)
+        left_out, lost_change = frame.left_out(eye), find_lost_change(frame, eye)[1]
+        for channel, expected in rays.items():
+            array = frame.view(eye).get(channel)
+            if array is None:
+                continue
+            stored = array[at].reshape(len(x), -1).astype(np.float64)
+            bound = _bound(frame, channel, stored)
+            encodable = _encodable(frame, channel, rays, stored)
+            with np.errstate(invalid="ignore"):
+                # inf agrees with inf.
+                errors = np.where(stored == encodable, 0.0, np.abs(stored - encodable))
+            # The chord of a small angle is the angle in radians; its cosine would round to 1.
+            error = np.linalg.norm(errors, axis=1) if channel == "normals" else errors.max(axis=1)
+            may_lack = (lost_change if channel == "disparity_change" else left_out)[at]
+            error[may_lack & np.isposinf(stored).all(axis=1)] = 0
+            scale, unit, suffix = _SCALES.get(channel, (1.0, "px", " px"))
+            if channel in _MEASURES:
+                measure, largest = _MEASURES[channel], float(error[error <= bound].max(initial=0.0))
+                verdict.measures[measure] = max(verdict.measures.get(measure, 0.0), scale * largest)
+            wrong = np.flatnonzero(~(error <= bound))
+            if wrong.size:
+                needed = {name: motion for name, motion in motions.items() if channel in _MOTIONS[name][1]}
+                around = (
+                    np.add.outer(centre[wrong], step).ravel() for centre, step in zip((x, y), _AROUND, strict=True)
+                )
+                cast = self._cast(sampled, eye, frame, needed, *around)
+                wrong = wrong[~_is_edge(frame, channel, cast, stored[wrong], bound[wrong])]
+            if wrong.size and channel == "normals":
+                beside = oracle.normals_beside(sampled.scene, self._scenes.models, eye, x[wrong], y[wrong], _EDGE_PX)
+                wrong = wrong[~_is_beside(beside, stored[wrong], bound[wrong])]
+            if wrong.size:
+                first = wrong[0]
+                off = (
+                    f"off by more than {scale * bound[first]:.3g} {unit}" if bound[first] else "not what the rays meet"
+                )
+                verdict.add(
+                    "oracle",
+                    f"{channel}_{eye}: {wrong.size} of {len(x)} pixels are {off}; "
+                    f"at ({x[first]:.0f}, {y[first]:.0f}) the ray gives {format_vector(expected[first])}{suffix}, "
+                    f"the file has {format_vector(stored[first])}{suffix}",
+                )
 
     def _cast(
         self, sampled: SampledScene, eye: Eye, frame: StoredFrame, motions: Mapping[str, Motion], x: Values, y: Values
     ) -> dict[str, Values]:
+        """Return the values of rays through points (x, y), with flow for the given motions."""
         scene, models = sampled.scene, self._scenes.models
         view, signed = frame.view(eye), frame.encodings.signed
         hits = cast_rays(scene, models, eye, x, y)
@@ -106,60 +159,6 @@ class RayJudge:
             if name == "flow":
                 values["disparity_change"] = flows.disparity_change_px[:, None]
         return values
-
-
-def _compare(
-    frame: StoredFrame,
-    eye: Eye,
-    pixels: tuple[Values, Values],
-    motions: Mapping[str, Motion],
-    cast: Callable[[Mapping[str, Motion], Values, Values], RayValues],
-    beside: Callable[[Values, Values, float], Iterable[tuple[NDArray[np.intp], Values]]],
-    verdict: Verdict,
-) -> None:
-    """Compare a view's arrays with rays through pixels (x, y).
-
-    ``cast`` returns the values of rays through points x and y, with flow for the given motions, and ``beside`` yields
-    what `oracle.normals_beside` does for such points. Measures are the largest errors within the bounds.
-    """
-    x, y = pixels
-    rays = cast(motions, x, y)
-    left_out, lost_change = frame.left_out(eye), find_lost_change(frame, eye)[1]
-    for channel, expected in rays.items():
-        array = frame.view(eye).get(channel)
-        if array is None:
-            continue
-        stored = array[y.astype(np.int64), x.astype(np.int64)].reshape(len(x), -1).astype(np.float64)
-        bound = _bound(frame, channel, stored)
-        encodable = _encodable(frame, channel, rays, stored)
-        with np.errstate(invalid="ignore"):
-            # inf agrees with inf.
-            errors = np.where(stored == encodable, 0.0, np.abs(stored - encodable))
-        # The chord of a small angle is the angle in radians; its cosine would round to 1.
-        error = np.linalg.norm(errors, axis=1) if channel == "normals" else errors.max(axis=1)
-        may_lack = (lost_change if channel == "disparity_change" else left_out)[y.astype(np.int64), x.astype(np.int64)]
-        error[may_lack & np.isposinf(stored).all(axis=1)] = 0
-        scale, unit, suffix = _SCALES.get(channel, (1.0, "px", " px"))
-        wrong = np.flatnonzero(~(error <= bound))
-        measure = _MEASURES.get(channel)
-        if measure is not None:
-            largest = float(error[error <= bound].max(initial=0.0))
-            verdict.measures[measure] = max(verdict.measures.get(measure, 0.0), scale * largest)
-        if wrong.size:
-            needed = {name: motion for name, motion in motions.items() if channel in _MOTIONS[name][1]}
-            around = (np.add.outer(centre[wrong], step).ravel() for centre, step in zip(pixels, _AROUND, strict=True))
-            wrong = wrong[~_is_edge(frame, channel, cast(needed, *around), stored[wrong], bound[wrong])]
-        if wrong.size and channel == "normals":
-            wrong = wrong[~_is_beside(beside(x[wrong], y[wrong], _EDGE_PX), stored[wrong], bound[wrong])]
-        if wrong.size:
-            first = wrong[0]
-            off = f"off by more than {scale * bound[first]:.3g} {unit}" if bound[first] else "not what the rays meet"
-            verdict.add(
-                "oracle",
-                f"{channel}_{eye}: {wrong.size} of {len(x)} pixels are {off}; "
-                f"at ({x[first]:.0f}, {y[first]:.0f}) the ray gives {format_vector(expected[first])}{suffix}, "
-                f"the file has {format_vector(stored[first])}{suffix}",
-            )
 
 
 def _bound(frame: StoredFrame, channel: str, stored: Values) -> Values:

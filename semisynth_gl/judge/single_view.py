@@ -3,7 +3,6 @@
 Each check takes a pair as it was read, and adds findings and measures to the verdict.
 """
 
-from dataclasses import dataclass
 from math import isclose, isfinite
 from typing import Any
 
@@ -36,24 +35,11 @@ LAST_VALID_PX = 2.0
 """Largest disparity of the last valid pixel of a surface that leaves the valid range, px; it passes through 0."""
 
 
-@dataclass(frozen=True, slots=True)
-class Allowed:
-    """What a dataset's config allows.
-
-    Attributes:
-        largest_px: the largest disparity; None for no limit.
-        imperfect: whether the images have the imperfections of a rig, or a lossy encoding.
-    """
-
-    largest_px: float | None = None
-    imperfect: bool = False
-
-
-def check_disparity(frame: StoredFrame, eye: Eye, allowed: Allowed, verdict: Verdict) -> None:
+def check_disparity(frame: StoredFrame, eye: Eye, verdict: Verdict, *, largest_px: float | None) -> None:
     """Check a view's disparity.
 
-    It may not be NaN, or above the config's limit. It must be positive or, if signed, at least that of infinity. It may
-    be inf only where the rig allows it.
+    It may not be NaN, or above the config's limit, ``largest_px``. It must be positive or, if signed, at least that of
+    infinity. It may be inf only where the rig allows it.
     """
     disparity, name = frame.view(eye).get("disparity"), f"disparity_{eye}"
     if disparity is None:
@@ -71,7 +57,6 @@ def check_disparity(frame: StoredFrame, eye: Eye, allowed: Allowed, verdict: Ver
         fault = f"is below {infinity_px:g}, which is infinitely far away,"
     least = float(disparity.min(where=negative, initial=np.inf))
     verdict.add_pixels("disparity", name, fault, negative, f"; the least is {least:g} px")
-    largest_px = allowed.largest_px
     if largest_px is not None and valid.any():
         largest = float(disparity[valid].max())
         if largest > largest_px + _SIX_DIGITS * abs(largest_px) + float(frame.rounding_px(largest)):
@@ -96,7 +81,7 @@ def _lacking(frame: StoredFrame, eye: Eye, infinite: Where) -> Where | None:
     return None if sky is None else infinite & ~sky
 
 
-def check_sky(frame: StoredFrame, eye: Eye, _: Allowed, verdict: Verdict) -> None:
+def check_sky(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     """Check a view's mask of the sky: its values, and whether instances, depth and disparity agree with it."""
     view, name, doffs_px = frame.view(eye), f"sky_{eye}", frame.camera.doffs_px
     mask = view.get("sky")
@@ -195,7 +180,7 @@ def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:
         verdict.add("calib", f"ndisp {calibration.ndisp} is below the largest disparity, {largest:g} px")
 
 
-def check_depth(frame: StoredFrame, eye: Eye, _: Allowed, verdict: Verdict) -> None:
+def check_depth(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     """Check a view's depth, if any, against Z = f B / (d + doffs), up to the rounding of float32 and the encoding."""
     view, camera = frame.view(eye), frame.camera
     disparity, depth = view.get("disparity"), view.get("depth")
@@ -216,7 +201,7 @@ def check_depth(frame: StoredFrame, eye: Eye, _: Allowed, verdict: Verdict) -> N
     verdict.add_pixels("depth", f"depth_{eye}", "is not that of the disparity", wrong, values)
 
 
-def check_instances(frame: StoredFrame, eye: Eye, _: Allowed, verdict: Verdict) -> None:
+def check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     """Check that instance ids are row numbers, from 1, of pair.json's ``instances``, and 0 only without a disparity."""
     view, name, rows = frame.view(eye), f"instances_{eye}", frame.provenance.get("instances")
     ids, disparity = view.get("instances"), view.get("disparity")
@@ -230,7 +215,7 @@ def check_instances(frame: StoredFrame, eye: Eye, _: Allowed, verdict: Verdict) 
     verdict.add_pixels("instances", name, "is 0 in spite of a disparity", (ids == 0) & np.isfinite(disparity))
 
 
-def check_normals(frame: StoredFrame, eye: Eye, _: Allowed, verdict: Verdict) -> None:
+def check_normals(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     """Check that a view's normals are unit vectors towards the eye, and 0 exactly where nothing is seen.
 
     A disparity, a depth, an instance id or the sky's mask shows that something is seen. Their absence shows that

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from importlib import metadata
 from os import PathLike
 from typing import Any
@@ -20,7 +21,6 @@ from semisynth_gl.judge.flow import check_change, check_flow, check_frames
 from semisynth_gl.judge.lens import check_lens
 from semisynth_gl.judge.rays import RayJudge
 from semisynth_gl.judge.single_view import (
-    Allowed,
     check_calibration,
     check_depth,
     check_disparity,
@@ -35,12 +35,6 @@ from semisynth_gl.seeds.spread import spread
 
 RAYED_PAIRS = 4
 """Default number of pairs with rays."""
-
-VIEW_CHECKS: Sequence[Callable[[StoredFrame, Eye, Allowed, Verdict], None]] = (
-    *(check_disparity, check_depth, check_instances, check_sky, check_normals),
-    *(check_flow, check_change, check_lens, check_correspondence),
-)
-"""The checks of a view by itself."""
 
 # Arrays hold inf or NaN where nothing is known, and no check judges values that are computed from these.
 _UNKNOWN_VALUES = np.errstate(invalid="ignore", divide="ignore")
@@ -111,16 +105,20 @@ def verify(
         rays = to_whole("rays", rays, least=0)
     keys: list[FinishedPair] = []
     no_rays = None
+    found: Iterator[Verdict]
     try:
         index = read_index(dataset)
     except DamagedIndexError as error:
         damaged = Verdict(DATASET)
         for fault in error.faults:
             damaged.add("index", fault)
-        found: Iterator[Verdict] = iter([damaged])
+        found = iter([damaged])
     else:
-        found, no_rays = _with_rays(index, pixels, None if oracle else rays, asked=oracle or rays is not None)
         keys = [FinishedPair(each.split, n) for each in index.plan.shards for n in range(each.first, each.end)]
+        if oracle or rays is not None:
+            found = verify_dataset(index, pixels, None if oracle else rays)
+        else:
+            found, no_rays = _with_rays_if_possible(index, pixels)
     listener.on_total(len(keys))
     verdicts: list[Verdict] = []
     for verdict in found:
@@ -133,12 +131,8 @@ def verify(
     return Verification(len(keys), verdicts, no_rays)
 
 
-def _with_rays(
-    index: StoredIndex, pixels: int, pairs: int | None, *, asked: bool
-) -> tuple[Iterator[Verdict], str | None]:
-    """Return the verdicts on a dataset, and why no rays are cast; unless rays were asked for, they may be left out."""
-    if asked:
-        return verify_dataset(index, pixels, pairs), None
+def _with_rays_if_possible(index: StoredIndex, pixels: int) -> tuple[Iterator[Verdict], str | None]:
+    """Return the verdicts on a dataset, and why no rays are cast; None where they are."""
     if index.plan.version != metadata.version("semisynth-gl"):
         # Another version may sample other scenes.
         return verify_dataset(index), f"version {index.plan.version} made the dataset"
@@ -194,7 +188,7 @@ def _verdicts(index: StoredIndex, judges: Mapping[SplitName, RayJudge], rayed: f
                 if fits:
                     _check_against(frame, recent, index, verdict)
                     recent[number] = frame
-            recent = {at: pair for at, pair in recent.items() if at in _still_needed(number, index)}
+            recent = {at: pair for at, pair in recent.items() if at > number - index.plan.views}
             yield verdict
 
 
@@ -206,40 +200,35 @@ def _check_frame(frame: StoredFrame, index: StoredIndex, verdict: Verdict) -> bo
     if not is_of_one_size(frame):
         # The checks that follow compare pixel with pixel.
         return False
-    # Imperfections make the images of both views differ, as a real rig does.
-    imperfect = index.imperfect or not frame.encodings.image.lossless
-    allowed = Allowed(index.plan.config.disparity.max_px, imperfect)
-    for check in VIEW_CHECKS:
+    largest_px = index.plan.config.disparity.max_px
+    checks: tuple[Callable[[StoredFrame, Eye, Verdict], None], ...] = (
+        partial(check_disparity, largest_px=largest_px),
+        *(check_depth, check_instances, check_sky, check_normals, check_flow),
+        partial(check_change, largest_px=largest_px),
+        *(check_lens, check_correspondence),
+    )
+    for check in checks:
         for eye in EYES:
-            check(frame, eye, allowed, verdict)
-    check_views(frame, allowed, verdict)
+            check(frame, eye, verdict)
+    # Imperfections make the images of both views differ, as a real rig does.
+    check_views(frame, verdict, imperfect=index.imperfect or not frame.encodings.image.lossless)
     return True
-
-
-def _looked_back_at(number: int, index: StoredIndex) -> set[int]:
-    """Return the numbers of the earlier pairs that a pair is compared with.
-
-    These are the same view's pair one frame earlier, and the first pair of the same scene.
-    """
-    scene, view = divmod(number, index.plan.views)
-    before = {number - index.plan.views} if scene % index.plan.config.sequence.length else set()
-    return before | ({number - view} if view else set())
-
-
-def _still_needed(number: int, index: StoredIndex) -> set[int]:
-    """Return the numbers of the pairs with which pairs after ``number`` are yet to be compared."""
-    return {at for later in range(number + 1, number + 1 + index.plan.views) for at in _looked_back_at(later, index)}
 
 
 @_UNKNOWN_VALUES
 def _check_against(frame: StoredFrame, recent: Mapping[int, StoredFrame], index: StoredIndex, verdict: Verdict) -> None:
-    """Compare a pair with earlier pairs of its sequence or scene; pairs of another size are passed over."""
-    sizes = frame.left.image.shape
-    for number in _looked_back_at(frame.index, index):
+    """Compare a pair with the same view's pair one frame earlier, and with the first pair of its own scene.
+
+    Pairs of another size are passed over.
+    """
+    views, sizes = index.plan.views, frame.left.image.shape
+    scene, view = divmod(frame.index, views)
+    before = {frame.index - views} if scene % index.plan.config.sequence.length else set()
+    for number in before | ({frame.index - view} if view else set()):
         other = recent.get(number)
         if other is None or other.split != frame.split or other.left.image.shape != sizes:
             continue
-        if number // index.plan.views == frame.index // index.plan.views:
+        if number // views == scene:
             check_lefts(frame, other, verdict)
         else:
             # A surface point has the same colour in all frames, unless textures or imperfections change it.

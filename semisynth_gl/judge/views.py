@@ -20,7 +20,7 @@ from semisynth_gl.judge.findings import Verdict, count_pixels
 from semisynth_gl.judge.flow import HIDDEN_PX, check_flow_views
 from semisynth_gl.judge.images import check_images
 from semisynth_gl.judge.lens import find_borders
-from semisynth_gl.judge.single_view import DEVIATING_PX, FLOAT32, Allowed
+from semisynth_gl.judge.single_view import DEVIATING_PX, FLOAT32
 
 Where = NDArray[np.bool_]
 
@@ -28,8 +28,11 @@ Where = NDArray[np.bool_]
 _BORDER_PX = 2e-3
 
 
-def check_views(frame: StoredFrame, allowed: Allowed, verdict: Verdict) -> None:
-    """Compare both views by disparity: disparities, masks, flow and images, at the same points."""
+def check_views(frame: StoredFrame, verdict: Verdict, *, imperfect: bool) -> None:
+    """Compare both views by disparity: disparities, masks, flow and images, at the same points.
+
+    ``imperfect`` says whether the images have the imperfections of a rig, or a lossy encoding.
+    """
     if any("disparity" not in frame.view(eye) for eye in EYES):
         return
     ways = {eye: frame.correspondences(eye) for eye in EYES}
@@ -57,7 +60,7 @@ def check_views(frame: StoredFrame, allowed: Allowed, verdict: Verdict) -> None:
                 check_flow_views(frame, points, visible, surface, verdict)
             images = frame.left["image"], frame.right["image"]
             matched = points.select(surface)
-            check_images("images", "disparity_left", "", images, matched, verdict, imperfect=allowed.imperfect)
+            check_images("images", "disparity_left", "", images, matched, verdict, imperfect=imperfect)
 
 
 def _check_mask(
@@ -86,7 +89,7 @@ def _check_mask(
     check_mask_agreement("mask", name, mask, expected, "the disparities", verdict)
 
 
-def check_correspondence(frame: StoredFrame, eye: Eye, _: Allowed, verdict: Verdict) -> None:
+def check_correspondence(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     """Check a view's correspondences: where there are any, and whether they fit the disparities and the camera."""
     view, name = frame.view(eye), f"correspondence_{eye}"
     way, disparity = view.get("correspondence"), view.get("disparity")

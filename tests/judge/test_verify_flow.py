@@ -19,7 +19,6 @@ from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE, View
 from semisynth_gl.judge.findings import Verdict
 from semisynth_gl.judge.flow import check_change
 from semisynth_gl.judge.rays import RayJudge
-from semisynth_gl.judge.single_view import Allowed
 from semisynth_gl.judge.verify import verify_dataset
 
 # Much motion: the camera's own, and of models that fall, drift and spin.
@@ -377,7 +376,7 @@ def test_a_change_may_be_missing_where_disparities_pass_through_0(least, wrong):
     left = View({"image": image, "disparity": disparity, "flow": flow, "disparity_change": change})
     frame = StoredFrame(camera, left, View({"image": image}))
     verdict = Verdict("it")
-    check_change(frame, "left", Allowed(20.0), verdict)
+    check_change(frame, "left", verdict, largest_px=20.0)
     wanted = ["it: change: disparity_change_left is inf in spite of disparity and flow in 1 pixel, the first at (3, 2)"]
     assert [str(finding) for finding in verdict.findings] == (wanted if wrong else [])
 

@@ -20,7 +20,7 @@ from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.channels import View
 from semisynth_gl.judge.findings import Verdict
 from semisynth_gl.judge.rays import RayJudge
-from semisynth_gl.judge.single_view import Allowed, check_normals
+from semisynth_gl.judge.single_view import check_normals
 from semisynth_gl.judge.verify import verify_dataset
 from semisynth_gl.layouts import layout_names
 
@@ -191,6 +191,6 @@ def test_normals_are_zero_where_nothing_is_seen(doffs_px, limited, values, fault
     provenance = {"disparity_beyond": {"left": 1}} if limited else {}
     frame = StoredFrame(camera, View(view), View({}), provenance=provenance, encodings=encodings)
     verdict = Verdict("pair")
-    check_normals(frame, "left", Allowed(), verdict)
+    check_normals(frame, "left", verdict)
     wanted = [] if fault is None else [f"normals_left {fault}, the first at (2, 1)"]
     assert [finding.message for finding in verdict.findings] == wanted
