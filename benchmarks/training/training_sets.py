@@ -19,7 +19,6 @@ from semisynth_gl.config import Config, load_config
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.judge.comparison import measure_place
 from semisynth_gl.judge.measured_view import working_width
-from semisynth_gl.judge.place import find_place
 from semisynth_gl.listener import Listener
 from semisynth_gl.textures.image_files import find_images
 
@@ -158,7 +157,7 @@ def _calibrated(name: str, trials: int | None, images: tuple[str, ...], base: Co
     rigs = [_rig(base, *(each.low for each in ranges)), _rig(base, *(each.high for each in ranges))]
     draft = describe(name, rigs, images, disparity_range(rigs, range_px=(wanted.min_px, wanted.max_px)))
     if trials:
-        place = measure_place(find_place(find_images(images), ()), working_width(draft.size.width_px))
+        place = measure_place(find_images(images), (), working_width(draft.size.width_px))
         draft = fit(draft, place.side, trials, Listener())
     return write(draft)
 

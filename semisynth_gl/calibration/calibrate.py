@@ -28,7 +28,7 @@ from semisynth_gl.inputs.errors import BackendError, InputError, counted, shown
 from semisynth_gl.inputs.user_files import Files, expanded, names_of
 from semisynth_gl.judge.comparison import MeasuredPlace, measure_place
 from semisynth_gl.judge.measured_view import working_width
-from semisynth_gl.judge.place import find_place, left_out, map_files, one_of_each_scene
+from semisynth_gl.judge.place import left_out, map_files, one_of_each_scene
 from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.listener import Listener
 from semisynth_gl.seeds.splits import Split
@@ -188,9 +188,9 @@ def calibrate(
     report = prepare_atlas(config.textures, Split(0)).report
     place = None
     if trials:
+        width_px = working_width(draft.size.width_px)
         depths_of = scaled[0].camera if depths else None
-        files = find_place(find_images(image_sources), maps, png_scale, depths_of)
-        place = measure_place(files, working_width(draft.size.width_px))
+        place = measure_place(find_images(image_sources), maps, width_px, png_scale, depths_of)
         draft = _fitted(draft, place, trials, listener or Listener())
     config = make_config(draft)
     expected = [_expectation(config)] if trials else []

@@ -1,18 +1,23 @@
 """A dataset's pairs beside the place that they are made for: how far each measure is off, and what to change."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.dataset.sample import StoredFrame
+from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.errors import InputError, Skipped, counted
 from semisynth_gl.judge.advice import advice
 from semisynth_gl.judge.measured_view import WORKING_WIDTH, MeasuredView, make_view
 from semisynth_gl.judge.measures import MEASURES, Measure
-from semisynth_gl.judge.place import PlaceFiles, map_views, photograph_views
+from semisynth_gl.judge.place import map_view, one_of_each_scene
+from semisynth_gl.textures.image_files import beside_photographs
+from semisynth_gl.textures.images import ImageError, read_image
 from semisynth_gl.textures.subjects import of_subjects, photographed_subjects
 
 FEWEST = 4
@@ -280,50 +285,58 @@ def frame_view(frame: StoredFrame, width_px: int = WORKING_WIDTH) -> MeasuredVie
     return make_view(frame.name, width_px, image=frame.left.image, disparity=frame.left.disparity, signed=signed)
 
 
-@dataclass(slots=True)
-class _Counts:
-    """How many views have a property; the views themselves would fill the memory."""
-
-    views: int = 0
-    narrow: int = 0
-    with_image: int = 0
-    sparse: int = 0
-
-
-def _measured(views: Iterable[MeasuredView], counts: _Counts) -> Iterator[dict[str, float]]:
-    for view in views:
-        counts.views += 1
-        counts.narrow += view.enlarged
-        counts.with_image += view.luminance is not None
-        counts.sparse += view.surfaces is None
-        yield measure_view(view)
-
-
-def measure_place(place: PlaceFiles, width_px: int) -> MeasuredPlace:
+def measure_place(
+    photographs: Sequence[Path],
+    maps: Sequence[Path],
+    width_px: int,
+    png_scale: float = KITTI_DISPARITY.steps,
+    depths_of: StereoCamera | None = None,
+) -> MeasuredPlace:
     """Measure a place's photographs, where each subject counts as one picture, and its maps, at a working width.
+
+    Masks and maps among the photographs are left out, and so are further maps of the same scene; see `left_out`.
+
+    Args:
+        photographs: image files.
+        maps: disparity maps, true or predicted, with ``png_scale`` levels per pixel of disparity in 16-bit PNG.
+        width_px: the working width.
+        png_scale: see ``maps``.
+        depths_of: the rectified pair, if the maps hold depths of its left view instead.
 
     Raises:
         InputError: where no photograph can be read, or a map does not fit its image or has no disparity.
         ReadError: where a map cannot be read.
     """
+    images = [path for path in photographs if not beside_photographs(path)]
+    if not images:
+        raise InputError("no photographs to compare with: expected at least one image that is not a mask or map")
     skipped: list[Skipped] = []
-    photographs, maps, subjects = _Counts(), _Counts(), []
-    for subject in photographed_subjects(place.photographs):
-        pictures = list(_measured(photograph_views(subject, skipped, width_px), photographs))
+    subjects: list[dict[str, float]] = []
+    measured = narrow = with_image = sparse = 0
+    for paths in photographed_subjects(images):
+        pictures = []
+        for path in paths:
+            try:
+                view = make_view(str(path), width_px, image=read_image(path))
+            except ImageError as error:
+                skipped.append(Skipped(path, error.reason))
+                continue
+            pictures.append(measure_view(view))
+            narrow += view.enlarged
+        measured += len(pictures)
         if pictures:
             side = side_of(pictures)
             subjects.append({key: float(values.mean()) for key, values in side.values.items() if len(values)})
     if not subjects:
         raise InputError(f"none of {counted(len(skipped), 'photograph')} can be read; the first: {skipped[0]}")
-    of_images, of_maps = side_of(subjects), side_of(_measured(map_views(place, width_px), maps))
+    measured_maps = []
+    for path in one_of_each_scene(maps):
+        view = map_view(path, width_px, png_scale, depths_of)
+        measured_maps.append(measure_view(view))
+        with_image += view.luminance is not None
+        sparse += view.surfaces is None
+    of_images, of_maps = side_of(subjects), side_of(measured_maps)
     sides = {each.key: (of_images if each.of_images else of_maps).values[each.key] for each in MEASURES}
     return MeasuredPlace(
-        Side(sides),
-        photographs=photographs.views,
-        subjects=len(subjects),
-        narrow=photographs.narrow,
-        maps=maps.views,
-        maps_with_image=maps.with_image,
-        sparse_maps=maps.sparse,
-        skipped=tuple(skipped),
+        Side(sides), measured, len(subjects), narrow, len(measured_maps), with_image, sparse, tuple(skipped)
     )

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,23 +55,6 @@ class PairMeasures:
 
 
 @dataclass(frozen=True, slots=True)
-class RecipeMeasures:
-    """The measures of a recipe's sampled pairs: means of `PairMeasures`, and the sum of redraws.
-
-    ``wanted`` is the share of sequences that the config gives the recipe; None where this version cannot read the
-    config. The means are None where no pair has a value.
-    """
-
-    name: str
-    wanted: float | None
-    pairs: int
-    median_px: float | None
-    occluded: float | None
-    texture: float | None
-    redraws: int
-
-
-@dataclass(frozen=True, slots=True)
 class Redraws:
     """The failed attempts of a dataset, or of one of its splits.
 
@@ -101,7 +84,9 @@ class Measurement:
     Attributes:
         dataset_pairs: number of pairs of the dataset, or of the split that the sample is from.
         pairs: measures of each pair of the sample that could be read.
-        recipes: measures of each recipe.
+        recipes: for each recipe its ``name``, the share of sequences ``wanted`` by the config (None where this version
+            cannot read it), its number of ``pairs`` in the sample, their ``redraws``, and the means of their other
+            measures, None where no pair has a value.
         redraws: the failed attempts of the dataset or split.
         unread: messages about the pairs of the sample that could not be read.
         disparity: distribution of disparity over all pixels of the left views; None where no pixel has a disparity.
@@ -111,7 +96,7 @@ class Measurement:
 
     dataset_pairs: int
     pairs: tuple[PairMeasures, ...]
-    recipes: tuple[RecipeMeasures, ...]
+    recipes: tuple[Mapping[str, Any], ...]
     redraws: Redraws
     unread: tuple[str, ...]
     disparity: Histogram | None
@@ -208,7 +193,7 @@ def _measure_pair(index: StoredIndex, position: int, frame: StoredFrame, redraws
     )
 
 
-def _measure_recipes(pairs: Sequence[PairMeasures], wanted: Mapping[str, float]) -> tuple[RecipeMeasures, ...]:
+def _measure_recipes(pairs: Sequence[PairMeasures], wanted: Mapping[str, float]) -> tuple[Mapping[str, Any], ...]:
     found: dict[str, list[PairMeasures]] = {name: [] for name in wanted}
     for pair in pairs:
         if pair.recipe is not None:
@@ -219,15 +204,13 @@ def _measure_recipes(pairs: Sequence[PairMeasures], wanted: Mapping[str, float])
         return float(np.mean(known)) if known else None
 
     return tuple(
-        RecipeMeasures(
-            name=name,
-            wanted=wanted.get(name),
-            pairs=len(its),
-            median_px=mean(pair.median_px for pair in its),
-            occluded=mean(pair.occluded for pair in its),
-            texture=mean(pair.texture for pair in its),
-            redraws=sum(pair.redraws for pair in its),
-        )
+        {
+            "name": name,
+            "wanted": wanted.get(name),
+            "pairs": len(its),
+            "redraws": sum(pair.redraws for pair in its),
+            **{key: mean(getattr(pair, key) for pair in its) for key in ("median_px", "occluded", "texture")},
+        }
         for name, its in found.items()
     )
 
@@ -257,15 +240,8 @@ def read_redraws(index: StoredIndex, split: SplitName | None = None) -> Redraws:
     return Redraws(pairs, messages, faults, tuple(unread))
 
 
-@dataclass(frozen=True, slots=True)
-class Quantity:
-    """A quantity by which pairs are compared.
-
-    Attributes:
-        name: name with the unit.
-        attribute: attribute of `PairMeasures` that has the value; None or NaN where a pair has none.
-        format: format specification for a value.
-    """
+class Quantity(NamedTuple):
+    """A quantity by which pairs are compared: name with unit, attribute of `PairMeasures`, and format of a value."""
 
     name: str
     attribute: str

@@ -3,7 +3,6 @@
 import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,38 +15,11 @@ from semisynth_gl.inputs.templates import template_environment
 from semisynth_gl.judge.comparison import Comparison
 from semisynth_gl.judge.measured_pairs import QUANTITIES, Measurement, Outlier, PairKey, PairMeasures, Redraws
 from semisynth_gl.judge.pictures import BEYOND, HIDDEN, JPEG_QUALITY, NO_DISPARITY, EncodedPair
-from semisynth_gl.judge.plots import Bars, count_bars, draw_histogram
+from semisynth_gl.judge.plots import count_bars, draw_histogram
 from semisynth_gl.seeds.splits import SplitName
 
 _MOST_REDRAWN = 20
 _DISPARITY_BINS = 72
-
-
-@dataclass(frozen=True, slots=True)
-class ShownPair:
-    """A pair that the page shows.
-
-    Attributes:
-        measures: the pair's measures.
-        label: the pair's number, with its split in a dataset of several splits.
-        picture: the pair's images and arrays.
-        reason: why an outlier is shown; None for an evenly spread pair.
-    """
-
-    measures: PairMeasures
-    label: str
-    picture: EncodedPair
-    reason: str | None
-
-
-@dataclass(frozen=True, slots=True)
-class Chart:
-    """A histogram as an SVG element, with the 5 %, 50 % and 95 % quantiles of its values."""
-
-    svg: str
-    low: float
-    median: float
-    high: float
 
 
 def render_page(
@@ -55,7 +27,8 @@ def render_page(
     measurement: Measurement,
     comparison: Comparison | None,
     outliers: Sequence[Outlier],
-    shown: Sequence[ShownPair],
+    shown: Sequence[tuple[PairMeasures, str | None]],
+    pictures: Sequence[EncodedPair],
 ) -> str:
     """Return the page of a dataset, or of the split that the measurement is from, as HTML.
 
@@ -64,7 +37,8 @@ def render_page(
         measurement: the measures of the sample.
         comparison: the measures beside those of the place; None without a place.
         outliers: the outliers to list.
-        shown: the pairs to show.
+        shown: the pairs to show, each outlier with the reason to show it, and evenly spread pairs with None.
+        pictures: the images and arrays of these pairs.
     """
     assets = data_root("assets")
     environment = template_environment()
@@ -89,19 +63,20 @@ def render_page(
         licences=_licences(sources),
         unused_files=[(split, text) for split, source in sources.items() for text in source.left_out],
         config_json=json.dumps(index.plan.config.model_dump(mode="json"), indent=1),
-        shown=shown,
-        shown_numbers={pair.measures.position: number for number, pair in enumerate(shown)},
+        pictures=pictures,
+        spread=sum(reason is None for _, reason in shown),
+        shown_numbers={pair.position: number for number, (pair, _) in enumerate(shown)},
         jpeg_quality=JPEG_QUALITY,
         colours={"hidden": HIDDEN, "beyond": BEYOND, "none": NO_DISPARITY},
-        viewed=[_viewed(pair) for pair in shown],
+        viewed=[_viewed(index, *each, picture) for each, picture in zip(shown, pictures, strict=True)],
         style=assets.joinpath("report.css").read_text("utf-8"),
         script=assets.joinpath("report.js").read_text("utf-8"),
     )
 
 
-def _viewed(pair: ShownPair) -> dict[str, Any]:
+def _viewed(index: StoredIndex, measures: PairMeasures, reason: str | None, picture: EncodedPair) -> dict[str, Any]:
     """Return the values that report.js needs for a pair, except images and arrays."""
-    measures, picture = pair.measures, pair.picture
+    split, number = measures.key
     caption = [f"{measures.name}: median disparity {measures.median_px:.4g} px"]
     if measures.recipe is not None:
         caption.insert(0, f"recipe {measures.recipe}")
@@ -112,10 +87,10 @@ def _viewed(pair: ShownPair) -> dict[str, Any]:
         caption.append(f"drawn again {'once' if measures.redraws == 1 else f'{measures.redraws} times'}")
     if picture.low_px is not None:
         caption.append(f"colours from {picture.low_px:.1f} to {picture.high_px:.1f} px")
-    if pair.reason:
-        caption.append(pair.reason)
+    if reason is not None:
+        caption.append(reason)
     return {
-        "label": pair.label,
+        "label": f"{number:06d}" if len(index.plan.pairs) == 1 else f"{split} {number:06d}",
         "caption": ", ".join(caption),
         "width": picture.width_px,
         "height": picture.height_px,
@@ -125,15 +100,20 @@ def _viewed(pair: ShownPair) -> dict[str, Any]:
     }
 
 
-def _charts(configs: Sequence[Mapping[str, Any]], measurement: Measurement) -> dict[str, Chart | None]:
-    """Draw the distributions, by the names under which the template uses them; a chart without values is None."""
+def _charts(configs: Sequence[Mapping[str, Any]], measurement: Measurement) -> dict[str, dict[str, Any] | None]:
+    """Draw the distributions, by the names under which the template uses them; a chart without values is None.
+
+    A chart is its ``svg`` element, and the quantiles ``low`` (5 %), ``median`` and ``high`` (95 %) of its values.
+    """
     pairs, disparity = measurement.pairs, measurement.disparity
 
-    def chart(values: Iterable[float], label: str, marks: Sequence[tuple[float, str]] = ()) -> Chart | None:
+    def chart(values: Iterable[float], label: str, marks: Sequence[tuple[float, str]] = ()) -> dict[str, Any] | None:
         array = np.array([value for value in values if np.isfinite(value)], np.float64)
         if not array.size:
             return None
-        return Chart(draw_histogram(count_bars(array), label, marks=marks), *np.percentile(array, [5, 50, 95]))
+        low, median, high = np.percentile(array, [5, 50, 95])
+        svg = draw_histogram(*count_bars(array), label, marks=marks)
+        return {"svg": svg, "low": low, "median": median, "high": high}
 
     least = {float(config["checks"]["min_texture"]) for config in configs}
     marks = [(value, f"checks.min_texture: {value:g}") for value in sorted(least)]
@@ -146,15 +126,16 @@ def _charts(configs: Sequence[Mapping[str, Any]], measurement: Measurement) -> d
     }
 
 
-def _disparity_chart(achieved: Histogram, target: Histogram | None) -> Chart:
+def _disparity_chart(achieved: Histogram, target: Histogram | None) -> dict[str, Any]:
     # The outermost 0.01 % of pixels on either side would make the axis too long.
     both = [achieved] if target is None else [achieved, target]
     low = min(histogram.quantile(1e-4) for histogram in both)
     high = max(histogram.quantile(1 - 1e-4) for histogram in both)
     edges = np.linspace(low, high, _DISPARITY_BINS + 1)
     outline = None if target is None else target.rebinned(edges).shares
-    svg = draw_histogram(Bars(edges, achieved.rebinned(edges).shares), "disparity, px", outline=outline)
-    return Chart(svg, *(achieved.quantile(share) for share in (0.05, 0.5, 0.95)))
+    svg = draw_histogram(edges, achieved.rebinned(edges).shares, "disparity, px", outline=outline)
+    quantiles = {"low": 0.05, "median": 0.5, "high": 0.95}
+    return {"svg": svg} | {name: achieved.quantile(share) for name, share in quantiles.items()}
 
 
 def _compared_charts(comparison: Comparison) -> list[tuple[str, str]]:
@@ -163,9 +144,9 @@ def _compared_charts(comparison: Comparison) -> list[tuple[str, str]]:
     for row in comparison.rows:
         ours, theirs = (side.values[row.measure.key] for side in (comparison.dataset, comparison.place.side))
         if len(ours) and len(theirs):
-            edges = count_bars(np.concatenate([ours, theirs])).edges
-            outline = count_bars(theirs, edges).shares
-            svg = draw_histogram(count_bars(ours, edges), row.measure.unit, outline=outline)
+            edges, _ = count_bars(np.concatenate([ours, theirs]))
+            _, outline = count_bars(theirs, edges)
+            svg = draw_histogram(*count_bars(ours, edges), row.measure.unit, outline=outline)
             charts.append((row.measure.name, svg))
     return charts
 

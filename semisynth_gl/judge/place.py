@@ -1,7 +1,6 @@
 """The files of a place, photographs and disparity or depth maps, as views to measure."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +9,11 @@ from numpy.typing import NDArray
 from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map, read_depth_map, read_disparity_map
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.inputs.errors import InputError, Skipped, counted
+from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.inputs.user_files import expanded
-from semisynth_gl.judge.measured_view import WORKING_WIDTH, MeasuredView, make_view
+from semisynth_gl.judge.measured_view import MeasuredView, make_view
 from semisynth_gl.textures.image_files import KITTI_2012_MAPS, KITTI_2015_MAPS, beside_photographs, find_files
-from semisynth_gl.textures.images import ImageError, read_image
+from semisynth_gl.textures.images import read_image
 
 # The image of a map, by the map's name (Middlebury and ETH3D), and the images' folder, by the maps' folder (KITTI).
 _IMAGE_OF_NAME = {"disp0GT": "im0.png", "disp0": "im0.png", "disp1GT": "im1.png", "disp1": "im1.png"}
@@ -86,11 +85,6 @@ def read_map(
     return np.where(np.isfinite(values) & (values > 0), values, np.float32(np.nan))
 
 
-def _is_of_right_view(path: Path) -> bool:
-    """Return whether a map is of a right view, by its name or its folder's name."""
-    return bool(_OF_RIGHT_VIEWS.intersection((path.stem, path.parent.name)))
-
-
 def _image_beside(path: Path) -> Path | None:
     """Return the image that belongs to a disparity map, as Middlebury, ETH3D and KITTI name it; None without one."""
     if path.stem in _IMAGE_OF_NAME:
@@ -113,42 +107,11 @@ def _before(path: Path) -> list[Path]:
     return []
 
 
-@dataclass(frozen=True, slots=True)
-class PlaceFiles:
-    """Photographs of the place that a dataset is made for, and its disparity maps, true or predicted.
-
-    Maps are of left views unless their names say otherwise. To measure borders of objects, a map is read together with
-    its image, if Middlebury's, ETH3D's or KITTI's names tell where that is. A 16-bit PNG map has ``png_scale`` levels
-    per pixel of disparity. With ``depths_of``, the maps hold depths of this camera instead.
-    """
-
-    photographs: Sequence[Path]
-    maps: Sequence[Path] = ()
-    png_scale: float = KITTI_DISPARITY.steps
-    depths_of: StereoCamera | None = None
-
-
-def find_place(
-    photographs: Sequence[Path],
-    maps: Sequence[Path],
-    png_scale: float = KITTI_DISPARITY.steps,
-    depths_of: StereoCamera | None = None,
-) -> PlaceFiles:
-    """Return the files of a place without masks and maps among the photographs, and with one map of each scene.
-
-    See `beside_photographs` and `one_of_each_scene`.
-
-    Raises:
-        InputError: where no photograph is left.
-    """
-    images = [path for path in photographs if not beside_photographs(path)]
-    if not images:
-        raise InputError("no photographs to compare with: expected at least one image that is not a mask or map")
-    return PlaceFiles(images, one_of_each_scene(maps), png_scale, depths_of)
-
-
 def left_out(images: Sequence[Path], maps: Sequence[Path]) -> str:
-    """Return a note on the images and maps that `find_place` leaves out; "" where it takes all."""
+    """Return a note on the images and maps that a comparison leaves out; "" where it takes all.
+
+    These are masks and maps among the images, and maps that `one_of_each_scene` leaves out.
+    """
     taken = set(one_of_each_scene(maps))
     beside = [path for path in images if beside_photographs(path)]
     files = list(dict.fromkeys([*beside, *(path for path in maps if path not in taken)]))
@@ -156,28 +119,23 @@ def left_out(images: Sequence[Path], maps: Sequence[Path]) -> str:
     return f"left out {counted(len(files), 'file')}, such as {files[0]}: {reason}" if files else ""
 
 
-def photograph_views(photographs: Sequence[Path], skipped: list[Skipped], width_px: int) -> Iterator[MeasuredView]:
-    """Yield photographs at the working width ``width_px``; photographs that cannot be read are added to ``skipped``."""
-    for path in photographs:
-        try:
-            image = read_image(path)
-        except ImageError as error:
-            skipped.append(Skipped(path, error.reason))
-        else:
-            yield make_view(str(path), width_px, image=image)
+def map_view(
+    path: Path, width_px: int, png_scale: float = KITTI_DISPARITY.steps, depths_of: StereoCamera | None = None
+) -> MeasuredView:
+    """Return a map at the working width ``width_px``, with its image where there is one.
 
+    The image is found by the names of Middlebury, ETH3D and KITTI. Right views, by the same names, are mirrored, so
+    that they count as left views. `read_map` explains the other arguments.
 
-def map_views(place: PlaceFiles, width_px: int = WORKING_WIDTH) -> Iterator[MeasuredView]:
-    """Yield the maps at the working width ``width_px``, each with its image where there is one.
-
-    Right views are mirrored, so that they count as left views. A map without any disparity raises InputError.
+    Raises:
+        InputError: where the map has no disparity, or another size than its image.
+        ReadError: where a file cannot be read.
     """
-    for path in place.maps:
-        disparity, beside = read_map(path, place.png_scale, place.depths_of), _image_beside(path)
-        if not np.isfinite(disparity).any():
-            raise InputError(f"{path}: holds no disparity: all of its values are 0 or below, inf or nan")
-        image = None if beside is None else read_image(beside)
-        if _is_of_right_view(path):
-            # The mirror image of a right view is a left view.
-            disparity, image = disparity[:, ::-1], None if image is None else image[:, ::-1]
-        yield make_view(str(path), width_px, image=image, disparity=disparity)
+    disparity, beside = read_map(path, png_scale, depths_of), _image_beside(path)
+    if not np.isfinite(disparity).any():
+        raise InputError(f"{path}: holds no disparity: all of its values are 0 or below, inf or nan")
+    image = None if beside is None else read_image(beside)
+    if _OF_RIGHT_VIEWS.intersection((path.stem, path.parent.name)):
+        # The mirror image of a right view is a left view.
+        disparity, image = disparity[:, ::-1], None if image is None else image[:, ::-1]
+    return make_view(str(path), width_px, image=image, disparity=disparity)

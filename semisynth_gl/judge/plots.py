@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from html import escape
 
 import numpy as np
@@ -16,20 +15,17 @@ _FEWEST_BINS, _MOST_BINS = 8, 48
 _STEPS, _MOST_TICKS = (1, 2, 5, 10), 6
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Bars:
-    """The bars of a histogram: rising edges (K + 1,), and the share of the values in each bin (K,), from 0 to 1."""
-
-    edges: NDArray[np.float64]
-    shares: NDArray[np.float64]
-
-
-def count_bars(values: ArrayLike, edges: NDArray[np.float64] | None = None) -> Bars:
+def count_bars(
+    values: ArrayLike, edges: NDArray[np.float64] | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Count values in 8 to 48 bins; within these limits, the number of bins is twice the root of the number of values.
 
     Args:
         values: numbers; NaN and infinite ones are ignored. Without ``edges``, at least one must remain.
         edges: other bins, whose outer ones also count the values beyond them.
+
+    Returns:
+        The rising edges (K + 1,), and the share of the values in each bin (K,), from 0 to 1.
     """
     array = np.asarray(values, np.float64).ravel()
     array = array[np.isfinite(array)]
@@ -40,22 +36,28 @@ def count_bars(values: ArrayLike, edges: NDArray[np.float64] | None = None) -> B
         bins = int(np.clip(2 * math.sqrt(len(array)), _FEWEST_BINS, _MOST_BINS))
         edges = np.linspace(low, high, bins + 1)
     counts = np.histogram(np.clip(array, edges[0], edges[-1]), edges)[0]
-    return Bars(edges, counts / max(len(array), 1))
+    return edges, counts / max(len(array), 1)
 
 
 def draw_histogram(
-    bars: Bars, label: str, *, outline: NDArray[np.float64] | None = None, marks: Sequence[tuple[float, str]] = ()
+    edges: NDArray[np.float64],
+    shares: NDArray[np.float64],
+    label: str,
+    *,
+    outline: NDArray[np.float64] | None = None,
+    marks: Sequence[tuple[float, str]] = (),
 ) -> str:
-    """Return bars as an SVG element with tooltips.
+    """Return the bars of a histogram as an SVG element with tooltips.
 
     Args:
-        bars: the bars.
+        edges: (K + 1,), the rising edges of the bins.
+        shares: (K,), the share of the values in each bin, from 0 to 1.
         label: label of the x axis.
         outline: (K,), shares of another distribution in the same bins, drawn as a line over the bars.
         marks: values on the x axis to mark, each with its tooltip; values outside the axis are ignored.
     """
-    low, high = map(float, bars.edges[[0, -1]])
-    highest = 100 * max(float(bars.shares.max()), 0.0 if outline is None else float(outline.max()), 1e-9)
+    low, high = map(float, edges[[0, -1]])
+    highest = 100 * max(float(shares.max()), 0.0 if outline is None else float(outline.max()), 1e-9)
 
     def across(value: float) -> str:
         return f"{_LEFT + (value - low) / (high - low) * (_WIDTH - _LEFT - _RIGHT):.2f}"
@@ -70,15 +72,13 @@ def draw_histogram(
     for value in _ticks(low, high):
         parts.append(f'<text x="{across(value)}" y="{floor + 16}" text-anchor="middle">{value:g}</text>')
     parts.append(f'<text x="{(_LEFT + _WIDTH) / 2}" y="{_HEIGHT - 6}" text-anchor="middle">{escape(label)}</text>')
-    for start, end, share in zip(bars.edges[:-1], bars.edges[1:], bars.shares, strict=True):
+    for start, end, share in zip(edges[:-1], edges[1:], shares, strict=True):
         if share > 0:
             title = f"{start:.4g} to {end:.4g}: {100 * share:.3g} %"
             shape = f"M{across(start)} {floor}V{down(100 * share)}H{across(end)}V{floor}Z"
             parts.append(f'<path class="bar" d="{shape}"><title>{title}</title></path>')
     if outline is not None:
-        steps = "".join(
-            f"V{down(100 * share)}H{across(end)}" for share, end in zip(outline, bars.edges[1:], strict=True)
-        )
+        steps = "".join(f"V{down(100 * share)}H{across(end)}" for share, end in zip(outline, edges[1:], strict=True))
         parts.append(f'<path class="outline" d="M{_LEFT} {floor}{steps}V{floor}"/>')
     for value, tooltip in marks:
         if low <= value <= high:

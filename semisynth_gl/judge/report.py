@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from os import PathLike
 
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.dataset.reader import Dataset, StoredIndex, read_index
+from semisynth_gl.dataset.reader import Dataset, read_index
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.inputs.arguments import LEAST, to_real, to_whole
 from semisynth_gl.inputs.errors import InputError
@@ -13,9 +13,9 @@ from semisynth_gl.inputs.user_files import Files, names_of
 from semisynth_gl.judge.comparison import Comparison, MeasuredPlace, frame_view, measure_place, measure_view, side_of
 from semisynth_gl.judge.measured_pairs import QUANTITIES, Measurement, Outlier, PairMeasures, find_outliers, measure
 from semisynth_gl.judge.measured_view import WORKING_WIDTH, working_width
-from semisynth_gl.judge.page import ShownPair, render_page
+from semisynth_gl.judge.page import render_page
 from semisynth_gl.judge.pictures import make_pictures
-from semisynth_gl.judge.place import find_place, map_files
+from semisynth_gl.judge.place import map_files
 from semisynth_gl.listener import Listener
 from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.seeds.spread import spread
@@ -101,9 +101,10 @@ def report(
         recipes = [recipe.config.model_dump(mode="json") for recipe in index.plan.config.recipes()]
         comparison = Comparison(width_px, side_of(pictures), len(pictures), place, recipes)
     outliers = [outlier for quantity in QUANTITIES for outlier in find_outliers(measurement.pairs, quantity)]
-    shown = _shown(index, opened, _choose(measurement.pairs, pairs, outliers))
-    page = render_page(index, measurement, comparison, outliers, shown)
-    return Report(page, measurement, comparison, len(shown), shown[0].picture.step if shown else 0)
+    shown = _choose(measurement.pairs, pairs, outliers)
+    drawn = make_pictures([pair.position for pair, _ in shown], opened.__getitem__)
+    page = render_page(index, measurement, comparison, outliers, shown, drawn)
+    return Report(page, measurement, comparison, len(shown), drawn[0].step if drawn else 0)
 
 
 def _measured_place(images: Files, disparity: Files, png_scale: float, width_px: int) -> MeasuredPlace | None:
@@ -113,7 +114,7 @@ def _measured_place(images: Files, disparity: Files, png_scale: float, width_px:
         if map_names:
             raise InputError("expected photographs of the place, too: --images", argument="disparity")
         return None
-    return measure_place(find_place(find_images(image_names), map_files(map_names), png_scale), width_px)
+    return measure_place(find_images(image_names), map_files(map_names), width_px, png_scale)
 
 
 def _choose(
@@ -127,13 +128,3 @@ def _choose(
         if farthest is not None:
             chosen.setdefault(farthest.position, (farthest, f"shown as the outlier in {quantity.name}"))
     return list(chosen.values())
-
-
-def _shown(index: StoredIndex, opened: Dataset, chosen: Sequence[tuple[PairMeasures, str | None]]) -> list[ShownPair]:
-    pictures = make_pictures([pair.position for pair, _ in chosen], opened.__getitem__)
-    shown = []
-    for (pair, reason), picture in zip(chosen, pictures, strict=True):
-        split, number = pair.key
-        label = f"{number:06d}" if len(index.plan.pairs) == 1 else f"{split} {number:06d}"
-        shown.append(ShownPair(pair, label, picture, reason))
-    return shown

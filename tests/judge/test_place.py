@@ -28,9 +28,9 @@ from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.inputs.errors import SemisynthError
 from semisynth_gl.judge.advice import CHANGES, advice
 from semisynth_gl.judge.comparison import FEWEST, Comparison, MeasuredPlace, Side, distance, frame_view
-from semisynth_gl.judge.measured_view import fill_holes, make_view, mean_luminance
+from semisynth_gl.judge.measured_view import WORKING_WIDTH, fill_holes, make_view, mean_luminance
 from semisynth_gl.judge.measures import MEASURES
-from semisynth_gl.judge.place import find_place, map_files, map_views
+from semisynth_gl.judge.place import map_files, map_view, one_of_each_scene
 from semisynth_gl.judge.quantities import (
     border_hardness,
     gradients,
@@ -41,7 +41,7 @@ from semisynth_gl.judge.quantities import (
     slants,
 )
 from semisynth_gl.judge.report import report
-from semisynth_gl.textures.image_files import find_files, find_images
+from semisynth_gl.textures.image_files import find_images
 
 INF = np.float32(np.inf)
 BY_KEY = {measure.key: measure for measure in MEASURES}
@@ -266,7 +266,7 @@ def test_a_right_view_alone_is_mirrored(tmp_path):
     disparity = steps()
     write(tmp_path / "disp1.pfm", PFM.encode(disparity[:, ::-1].copy()))
     write(tmp_path / "im1.png", RGB8.encode(pixels()[:, ::-1].copy()))
-    (picture,) = map_views(find_place([tmp_path / "im1.png"], [tmp_path / "disp1.pfm"]), 64)
+    picture = map_view(tmp_path / "disp1.pfm", 64)
     np.testing.assert_array_equal(picture.disparity, disparity)
     np.testing.assert_allclose(picture.luminance, pixels() @ [0.299, 0.587, 0.114], rtol=1e-5)
 
@@ -292,9 +292,9 @@ def test_a_folder_of_a_benchmark_has_photographs_and_one_map(tmp_path, files, ph
         return [path.relative_to(tmp_path).as_posix() for path in paths]
 
     assert names(find_images([tmp_path])) == photographs
-    place = find_place(find_files([tmp_path], [".png"]), map_files([tmp_path]))
-    assert (names(place.photographs), names(place.maps)) == (photographs, [found])
-    (picture,) = map_views(place, 64)
+    (disparity,) = one_of_each_scene(map_files([tmp_path]))
+    assert names([disparity]) == [found]
+    picture = map_view(disparity, 64)
     np.testing.assert_array_equal(picture.disparity, steps())
     if "colored_0/7.png" not in files:  # beside KITTI 2012's maps no image is looked for
         np.testing.assert_allclose(picture.luminance, pixels() @ [0.299, 0.587, 0.114], rtol=1e-5)
@@ -315,7 +315,7 @@ def test_maps_that_cannot_be_compared_are_named(tmp_path, name, data):
         write(tmp_path / image, RGB8.encode(pixels()))
     write(tmp_path / name, data)
     with pytest.raises(SemisynthError, match=name):
-        list(map_views(find_place([tmp_path / "im1.png"], [tmp_path / "disp0GT.pfm"])))
+        map_view(tmp_path / "disp0GT.pfm", 64)
 
 
 # --- the command ---
@@ -551,7 +551,8 @@ def test_advice_names_no_key_that_moves_nothing_in_the_scenes(kinds, sections):
 def test_real_scenes_are_calm_soft_and_mostly_visible():
     maps = sorted((SHARED / "real").glob("*/disp0GT.pfm"))
     found = {measure.key: [] for measure in MEASURES}
-    for picture, path in zip(map_views(find_place([maps[0].with_name("im0.png")], maps)), maps, strict=True):
+    for path in maps:
+        picture = map_view(path, WORKING_WIDTH)
         for measure in MEASURES:
             found[measure.key].append(measure.measure(picture))
         truth = read_disparity_map(path)

@@ -419,13 +419,13 @@ def test_the_report_has_a_table_of_recipes(dataset, monkeypatch):
         reports, "read_index", lambda _: replace(index, plan=index.plan.model_copy(update={"config": config}))
     )
     report = reports.report(dataset, pairs=1, sample=6)
-    rows = {recipe.name: recipe for recipe in report.measurement.recipes}
-    assert {name: recipe.wanted for name, recipe in rows.items()} == pytest.approx(dict.fromkeys(rows, 1 / 3))
+    rows = {recipe["name"]: recipe for recipe in report.measurement.recipes}
+    assert {name: recipe["wanted"] for name, recipe in rows.items()} == pytest.approx(dict.fromkeys(rows, 1 / 3))
     pairs = [open_dataset(dataset)[measured.position] for measured in report.measurement.pairs]
     for name, recipe in rows.items():
         its = [pair for pair in pairs if pair.recipe == name]
         assert its
         medians = [np.median(pair.left.disparity[np.isfinite(pair.left.disparity)]) for pair in its]
-        assert (recipe.pairs, recipe.median_px) == (len(its), pytest.approx(np.mean(medians)))
-        assert re.search(rf"<td>{name}</td><td class=\"number\">{recipe.wanted:.1%}</td>", report.page)
+        assert (recipe["pairs"], recipe["median_px"]) == (len(its), pytest.approx(np.mean(medians)))
+        assert re.search(rf"<td>{name}</td><td class=\"number\">{recipe['wanted']:.1%}</td>", report.page)
     assert re.search(r'"caption":"recipe (plain|walls|solids), ', report.page)
