@@ -12,7 +12,7 @@ from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.inputs.errors import InputError, abbreviate, counted
 from semisynth_gl.judge.confirmation import evaluate_views
 from semisynth_gl.judge.evaluate import REGIONS, SIGN_HINT, Evaluation, evaluate_pair, report_json, report_table
-from semisynth_gl.judge.predictions import Predictions, find_predictions
+from semisynth_gl.judge.predictions import find_predictions
 from semisynth_gl.judge.protocol import PROTOCOL_NAMES, PROTOCOLS, Protocol, ProtocolName
 from semisynth_gl.judge.truth import find_truth
 from semisynth_gl.seeds.splits import SPLITS, SplitName
@@ -78,12 +78,12 @@ def evaluate(
     for name, folder in (("--pred", predictions), ("--gt", Path(truth)), ("--mask", masks)):
         if maps is not None and folder is not None and maps.resolve() == folder.resolve():
             raise InputError(f"--maps {maps}: is the folder of {name}; name another folder")
-    files = find_predictions(predictions, truth_set.pairs, partial=partial)
+    found, missing = find_predictions(predictions, truth_set.pairs, partial=partial)
     protocol = PROTOCOLS[protocol_name or truth_set.protocol]
     evaluations: list[Evaluation] = []
     with Progress() as progress:
-        progress.on_total(len(files.found))
-        for pair, prediction in files.found:
+        progress.on_total(len(found))
+        for pair, prediction in found:
             evaluation = evaluate_pair(pair, prediction, protocol, draw=maps is not None)
             if maps is not None and evaluation.error_map is not None:
                 path = maps / f"{pair.name}.png"
@@ -93,14 +93,14 @@ def evaluate(
             evaluations.append(replace(evaluation, error_map=None))
             progress.advance()
     if json_file is not None:
-        write_json(json_file, report_json(evaluations, protocol, files))
+        write_json(json_file, report_json(evaluations, protocol, missing))
     click.echo(f"{len(evaluations)} of {counted(len(truth_set.pairs), 'pair')} by the definitions of {protocol.source}")
-    _print_tables(evaluations, files, protocol, None if show_all else _WORST)
-    if files.missing:
-        click.echo(f"No prediction for {counted(len(files.missing), 'pair')}: {abbreviate(files.missing)}", err=True)
+    _print_tables(evaluations, protocol, None if show_all else _WORST)
+    if missing:
+        click.echo(f"No prediction for {counted(len(missing), 'pair')}: {abbreviate(missing)}", err=True)
 
 
-def _print_tables(evaluations: list[Evaluation], files: Predictions, protocol: Protocol, most: int | None) -> None:
+def _print_tables(evaluations: list[Evaluation], protocol: Protocol, most: int | None) -> None:
     """Print a table for each region, with at most ``most`` pairs (None for all), and a note on negative predictions."""
     for region in REGIONS:
         if any((region,) in evaluation.scores for evaluation in evaluations):
@@ -109,7 +109,7 @@ def _print_tables(evaluations: list[Evaluation], files: Predictions, protocol: P
                 click.echo(line)
     if most is not None and len(evaluations) > most:
         click.echo("\n--all prints a row for every pair, and --json writes all figures")
-    negative = [path for (_, path), each in zip(files.found, evaluations, strict=True) if each.negative]
+    negative = [each.prediction for each in evaluations if each.negative]
     if negative:
         click.echo(f"note: {len(negative)} of the predictions, such as {negative[0]}: {SIGN_HINT}", err=True)
 

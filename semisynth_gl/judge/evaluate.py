@@ -13,7 +13,7 @@ from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.inputs.errors import InputError, ReadError, counted
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.judge.error_map import draw_error_map
-from semisynth_gl.judge.predictions import Predictions, find_predictions
+from semisynth_gl.judge.predictions import find_predictions
 from semisynth_gl.judge.protocol import Protocol, ProtocolName, find_protocol, shown_size
 from semisynth_gl.judge.score import Score, mean_figures, tally
 from semisynth_gl.judge.truth import TruePair, find_truth
@@ -42,6 +42,8 @@ class Evaluation:
     """The result for a pair.
 
     Attributes:
+        name: the pair's name.
+        prediction: the prediction's file.
         scores: by (region,); under a pooled protocol, and where the truth has a map of objects, also by
             (region, ``background``) and (region, ``foreground``).
         error_map: (H, W, 3) uint8 RGB; None where it was not asked for.
@@ -50,6 +52,7 @@ class Evaluation:
     """
 
     name: str
+    prediction: Path
     scores: Mapping[tuple[str, ...], Score]
     error_map: NDArray[np.uint8] | None = None
     negative: bool = False
@@ -89,8 +92,9 @@ def evaluate(
     folder = address if "://" in address else str(expanded(address))
     true_set = find_truth(folder, split, None if masks is None else expanded(fspath(masks)))
     chosen = find_protocol(true_set.protocol if protocol is None else protocol)
-    files = find_predictions(expanded(fspath(predictions)), true_set.pairs, partial=partial)
-    return report_json([evaluate_pair(*each, chosen) for each in files.found], chosen, files)
+    found, missing = find_predictions(expanded(fspath(predictions)), true_set.pairs, partial=partial)
+    evaluations = [evaluate_pair(*each, chosen) for each in found]
+    return report_json(evaluations, chosen, missing)
 
 
 def evaluate_pair(pair: TruePair, prediction: Path, protocol: Protocol, *, draw: bool = False) -> Evaluation:
@@ -124,7 +128,7 @@ def evaluate_pair(pair: TruePair, prediction: Path, protocol: Protocol, *, draw:
             scores[region, _BACKGROUND] = tally(comparison, protocol, mask & (truth.objects == 0))
             scores[region, _FOREGROUND] = tally(comparison, protocol, mask & (truth.objects > 0))
     error_map = draw_error_map(comparison, protocol, truth.visible) if draw else None
-    return Evaluation(pair.name, scores, error_map, negative)
+    return Evaluation(pair.name, prediction, scores, error_map, negative)
 
 
 def region_figures(evaluations: Sequence[Evaluation], region: str) -> dict[str, float]:
@@ -143,11 +147,8 @@ def region_figures(evaluations: Sequence[Evaluation], region: str) -> dict[str, 
     return figures | mean_figures(whole) if whole else {}
 
 
-def report_json(evaluations: Sequence[Evaluation], protocol: Protocol, predictions: Predictions) -> dict[str, Any]:
-    """Return the results in JSON's types, with None for figures that are not finite; see `evaluate` for the keys.
-
-    The evaluations are in the order of ``predictions.found``.
-    """
+def report_json(evaluations: Sequence[Evaluation], protocol: Protocol, missing: Sequence[str]) -> dict[str, Any]:
+    """Return the results in JSON's types, with None for figures that are not finite; see `evaluate` for the keys."""
 
     def figures(pairs: Sequence[Evaluation]) -> dict[str, dict[str, float | None]]:
         regions = {region: values for region in REGIONS if (values := region_figures(pairs, region))}
@@ -167,11 +168,11 @@ def report_json(evaluations: Sequence[Evaluation], protocol: Protocol, predictio
         "unit": "percent" if protocol.percent else "fraction",
         "average": "pooled pixels" if protocol.pooled else "mean of pairs",
         "pairs": len(evaluations),
-        "missing": list(predictions.missing),
+        "missing": list(missing),
         "mean": figures(evaluations),
         "images": [
-            {"name": pair.name, "prediction": str(path), "pixels": pixels(pair), "figures": figures([pair])}
-            for pair, (_, path) in zip(evaluations, predictions.found, strict=True)
+            {"name": pair.name, "prediction": str(pair.prediction), "pixels": pixels(pair), "figures": figures([pair])}
+            for pair in evaluations
         ],
     }
 

@@ -5,8 +5,9 @@ from numpy.typing import NDArray
 
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, Eye
-from semisynth_gl.frame.channels import OUTSIDE, VISIBLE, View
+from semisynth_gl.frame.channels import OUTSIDE, VISIBLE
 from semisynth_gl.frame.raw_camera import RawCamera, pinhole_of
+from semisynth_gl.judge.agreement import Points, all_components
 from semisynth_gl.judge.findings import Verdict
 from semisynth_gl.lens.borders import bordered, valid_at
 
@@ -19,10 +20,6 @@ _PHASES = 32
 """OpenCV rounds a position to so many steps a pixel, along each axis."""
 _FLOAT32 = 1e-5
 """Error of OpenCV's maps beyond the sensor, as a share of the distance from it."""
-_ROWS = 64
-"""Rows that are judged at a time, to save memory."""
-
-Positions = NDArray[np.float64]
 
 
 def find_borders(frame: StoredFrame, eye: Eye) -> NDArray[np.bool_] | None:
@@ -63,7 +60,7 @@ def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     makes of the raw one there.
     """
     view = frame.view(eye)
-    present = [name for name in _CHECKS if name in view]
+    present = [name for name in ("valid", "raw_map", "raw") if name in view]
     if not present:
         return
     try:
@@ -72,67 +69,33 @@ def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
         fault = f"expected the camera lens.{eye} in the pair's provenance, found it missing or invalid"
         verdict.add(present[0], f"{present[0]}_{eye}: {fault}")
         return
-    if "valid" in view:
-        mask = view["valid"]
-        verdict.add_pixels("valid", f"valid_{eye}", "is neither 0 nor 255", (mask != VISIBLE) & (mask != OUTSIDE))
     height, width = view.image.shape[:2]
-    wrong = {name: np.zeros((height, width), bool) for name in present}
-    pinhole, columns = pinhole_of(frame.camera, eye), np.arange(width, dtype=np.float64)
-    for first in range(0, height, _ROWS):
-        rows = slice(first, min(first + _ROWS, height))
-        x_px, y_px = np.meshgrid(columns, np.arange(rows.start, rows.stop, dtype=np.float64))
-        # Points behind the raw camera are nan.
-        positions = np.stack(raw.raw(pinhole, x_px, y_px), axis=2)
-        for name, found in wrong.items():
-            found[rows] = _CHECKS[name](view, rows, positions, (raw.width_px, raw.height_px))
-    for name, found in wrong.items():
-        verdict.add_pixels(name, f"{name}_{eye}", _FAULTS[name], found)
-
-
-def _wrong_valid(view: View, rows: slice, positions: Positions, sides: tuple[int, int]) -> NDArray[np.bool_]:
-    within, seen = _within_px(positions, sides), view["valid"][rows] == VISIBLE
-    wrong: NDArray[np.bool_] = (seen & ~(within >= -_BORDER_PX)) | (~seen & (within > _BORDER_PX))
-    return wrong
-
-
-def _wrong_map(view: View, rows: slice, positions: Positions, sides: tuple[int, int]) -> NDArray[np.bool_]:
-    """Beyond the sensor, a bent position grows fast, and float32 rounds it in proportion."""
-    beyond_px = np.maximum(-_within_px(positions, sides), 0)[..., None]
-    bounds = _MAP_PX + _FLOAT32 * np.where(np.isfinite(beyond_px), beyond_px, 0)
-    agree = np.abs(view["raw_map"][rows] - positions) <= bounds
-    unknown = np.isnan(positions) & np.isposinf(view["raw_map"][rows])
-    return np.asarray(~(agree | unknown).all(axis=2))
-
-
-def _wrong_raw(view: View, rows: slice, positions: Positions, sides: tuple[int, int]) -> NDArray[np.bool_]:
-    wrong = np.zeros(positions.shape[:2], bool)
-    row, column = np.nonzero(_within_px(positions, sides) >= 0)
-    x, y = positions[row, column].T
-    raw = np.atleast_3d(view["raw"])
-    left, top = np.floor(x).astype(np.intp), np.floor(y).astype(np.intp)
-    # The last column and the last row mix with nothing beyond them.
-    right, bottom = np.minimum(left + 1, sides[0] - 1), np.minimum(top + 1, sides[1] - 1)
-    corners = np.stack([raw[each] for each in ((top, left), (top, right), (bottom, left), (bottom, right))])
-    corners = corners.astype(np.float32)
-    across, along = ((at - low)[:, None].astype(np.float32) for at, low in ((x, left), (y, top)))
-    mixed = (corners[0] * (1 - across) + corners[1] * across) * (1 - along)
-    mixed += (corners[2] * (1 - across) + corners[3] * across) * along
-    # A position that is rounded by half a step along both axes, and a rounded level.
-    bound = np.ptp(corners, axis=0) / _PHASES + 1
-    image = np.atleast_3d(view.image[rows])[row, column].astype(np.float32)
-    wrong[row, column] = (np.abs(image - mixed) > bound).any(axis=1)
-    return wrong
-
-
-def _within_px(positions: Positions, sides: tuple[int, int]) -> Positions:
-    """Return how far inside the sensor's outermost pixels positions (H, W, 2) lie, (H, W) px; negative beyond."""
-    inside: Positions = np.minimum(positions, np.array(sides) - 1 - positions).min(axis=2)
-    return inside
-
-
-_CHECKS = {"valid": _wrong_valid, "raw_map": _wrong_map, "raw": _wrong_raw}
-_FAULTS = {
-    "valid": "disagrees with the lens",
-    "raw_map": "disagrees with the lens",
-    "raw": "does not rectify to the image",
-}
+    x_px, y_px = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
+    # Points behind the raw camera are nan.
+    positions = np.stack(raw.raw(pinhole_of(frame.camera, eye), x_px, y_px), axis=2)
+    sides = np.array([raw.width_px, raw.height_px])
+    # How far inside the sensor's outermost pixels a position lies.
+    within_px = np.minimum(positions, sides - 1 - positions).min(axis=2)
+    if "valid" in view:
+        mask, seen = view.valid, view.valid == VISIBLE
+        verdict.add_pixels("valid", f"valid_{eye}", "is neither 0 nor 255", (mask != VISIBLE) & (mask != OUTSIDE))
+        wrong = np.where(seen, ~(within_px >= -_BORDER_PX), within_px > _BORDER_PX)
+        verdict.add_pixels("valid", f"valid_{eye}", "disagrees with the lens", wrong)
+    if "raw_map" in view:
+        # Beyond the sensor, a bent position grows fast, and float32 rounds it in proportion.
+        beyond_px = np.maximum(-within_px, 0)[..., None]
+        bounds = _MAP_PX + _FLOAT32 * np.where(np.isfinite(beyond_px), beyond_px, 0)
+        agree = np.abs(view["raw_map"] - positions) <= bounds
+        unknown = np.isnan(positions) & np.isposinf(view["raw_map"])
+        wrong = ~all_components(agree | unknown)
+        verdict.add_pixels("raw_map", f"raw_map_{eye}", "disagrees with the lens", wrong)
+    if "raw" in view:
+        wrong = np.zeros((height, width), bool)
+        row, column = np.nonzero(within_px >= 0)
+        points = Points(row, column, *positions[row, column].T)
+        corners = points.corners(np.atleast_3d(view["raw"]).astype(np.float32))
+        # A position that is rounded by half a step along both axes, and a rounded level.
+        bound = np.ptp(corners, axis=0) / _PHASES + 1
+        image = points.of(np.atleast_3d(view.image)).astype(np.float32)
+        wrong[row, column] = (np.abs(image - points.between(corners)) > bound).any(axis=1)
+        verdict.add_pixels("raw", f"raw_{eye}", "does not rectify to the image", wrong)

@@ -1,7 +1,6 @@
 """Find the prediction for each pair in a folder."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map
@@ -11,20 +10,9 @@ from semisynth_gl.judge.truth import SCENE_STEMS, TruePair
 _SHOWN = 8
 
 
-@dataclass(frozen=True, slots=True)
-class Predictions:
-    """The predictions for a set.
-
-    Attributes:
-        found: the pairs with a prediction, in the set's order, each with the prediction's file.
-        missing: names of the pairs without a prediction.
-    """
-
-    found: Sequence[tuple[TruePair, Path]]
-    missing: Sequence[str]
-
-
-def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) -> Predictions:
+def find_predictions(
+    folder: Path, pairs: Sequence[TruePair], *, partial: bool
+) -> tuple[list[tuple[TruePair, Path]], list[str]]:
     """Find the prediction for each pair.
 
     A prediction has one of the pair's names (see `TruePair`) and the extension .pfm, .npy or .png. In a scene's folder
@@ -36,6 +24,10 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
         folder: the folder with the predictions.
         pairs: the pairs of the set.
         partial: whether predictions for some pairs, but not for all, may be missing.
+
+    Returns:
+        The pairs with a prediction, in the set's order, each with the prediction's file; and the names of the pairs
+        without one.
 
     Raises:
         InputError: where the folder does not exist, a pair has several predictions, or predictions are missing.
@@ -68,7 +60,7 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
             f"expected {expected} (or .npy, .png), for example{advice}",
             argument="predictions",
         )
-    return Predictions(found, [pair.name for pair in missing])
+    return found, [pair.name for pair in missing]
 
 
 def _files(path: Path) -> list[Path]:
