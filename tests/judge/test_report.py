@@ -328,12 +328,6 @@ def point_at(browser, x, y, shape):
     return browser.find_element("id", "readout").text
 
 
-def test_the_page_opens_from_disk_without_the_network(opened):
-    messages = [json.loads(entry["message"])["message"] for entry in opened.get_log("performance")]
-    sent = [each["params"]["request"]["url"] for each in messages if each["method"] == "Network.requestWillBeSent"]
-    assert [url.partition(":")[0] for url in sent if not url.startswith("data:")] == ["file"]
-
-
 def test_the_cursor_reads_the_stored_disparity(opened, dataset):
     frame = open_dataset(dataset)[spread(6, 3)[0]]
     height, width = frame.left.disparity.shape

@@ -211,57 +211,101 @@ def test_flow_wrong_everywhere_alike_is_found_by_rays(copy, name):
     assert wrong == {f"{kind}_{view}" for kind in FLOWS for view in ("left", "right")}
 
 
-def test_wrong_backward_flow_is_found(copy):
-    dataset = copy()
-    dataset.change_flow(CHANGES["times 1.01"], "flow_backward0", "flow_backward1", number=2)
-    found = findings(dataset.root)
-    assert any("flow_backward_right of sceneflow-000002" in each for each in said(found, "flow-frames"))
+def copy_files(dataset, source, target, *names):
+    for name in names:
+        shutil.copy(dataset.scene(source) / name, dataset.scene(target) / name)
 
 
-def test_swapped_views_are_found(copy):
-    dataset = copy()
-    swap(dataset.scene(), ("flow0.flo", "flow1.flo"), ("flow_mask0.png", "flow_mask1.png"))
-    assert "flow-views" in checks(dataset.root)
-
-
-def test_flow_of_another_frame_is_found(copy):
-    dataset = copy()
-    for name in ("flow0.flo", "flow1.flo", "flow_mask0.png", "flow_mask1.png"):
-        shutil.copy(dataset.scene(1) / name, dataset.scene(0) / name)
-    assert {"flow-frames", "flow-images"} <= checks(dataset.root)
-
-
-def test_backward_flow_for_forward_flow_is_found(copy):
-    dataset = copy()
+def backward_for_forward(dataset):
     for view in (0, 1):
         shutil.copy(dataset.flow_path(f"flow_backward{view}", 1), dataset.flow_path(f"flow{view}", 1))
         shutil.copy(dataset.scene(1) / f"flow_backward_mask{view}.png", dataset.scene(1) / f"flow_mask{view}.png")
-    assert {"flow-views", "flow-frames", "flow-images"} <= checks(dataset.root)
 
 
-def test_a_frames_image_replaced_by_the_next_ones_is_found(copy):
-    dataset = copy()
-    # With its disparities and masks, so that the views agree.
-    for name in ("im0.png", "im1.png"):
-        shutil.copy(dataset.scene(1) / name, dataset.scene(0) / name)
-    images = said(findings(dataset.root), "flow-images")
-    assert any(each.startswith("sceneflow-000001: flow-images: flow_left of sceneflow-000000") for each in images)
+def half_inf(dataset):
+    dataset.change_flow(plant((np.inf, 1)), "flow0")
+    dataset.change_flow(plant((-np.inf, -np.inf)), "flow1")
 
 
-def test_a_negated_change_of_disparity_is_found(copy):
-    dataset = copy()
-    dataset.change_change(lambda change: np.where(np.isfinite(change), -change, change), 0, 1)
+FLOW_FILES = ("flow0.flo", "flow1.flo", "flow_mask0.png", "flow_mask1.png")
+AT = "in 1 pixel, the first at (50, 40)"
+
+
+@pytest.mark.parametrize(
+    ("encoding", "planted", "said_of"),
+    [
+        pytest.param(
+            "flo",
+            lambda it: it.change_flow(CHANGES["times 1.01"], "flow_backward0", "flow_backward1", number=2),
+            {"flow-frames": "flow_backward_right of sceneflow-000002"},
+            id="backward flow",
+        ),
+        pytest.param(
+            "flo",
+            lambda it: swap(it.scene(), ("flow0.flo", "flow1.flo"), ("flow_mask0.png", "flow_mask1.png")),
+            {"flow-views": ""},
+            id="swapped views",
+        ),
+        pytest.param(
+            "flo",
+            lambda it: copy_files(it, 1, 0, *FLOW_FILES),
+            {"flow-frames": "", "flow-images": ""},
+            id="another frame",
+        ),
+        pytest.param(
+            "flo",
+            backward_for_forward,
+            {"flow-views": "", "flow-frames": "", "flow-images": ""},
+            id="backward for forward",
+        ),
+        pytest.param(
+            "flo",
+            lambda it: copy_files(it, 1, 0, "im0.png", "im1.png"),
+            {"flow-images": "sceneflow-000001: flow-images: flow_left of sceneflow-000000"},
+            id="the next frame's images",
+        ),
+        pytest.param(
+            "flo",
+            lambda it: it.change_change(lambda change: np.where(np.isfinite(change), -change, change), 0, 1),
+            {"flow-views": "", "change": "disparity_left plus disparity_change_left of sceneflow-000000"},
+            id="negated change",
+        ),
+        pytest.param(
+            "flo",
+            lambda it: it.change_change(lambda change: change + np.float32(0.02), 1),
+            {"change": "disparity_change_left differs"},
+            id="change of one view",
+        ),
+        pytest.param(
+            "flo",
+            lambda it: shutil.copy(it.scene(1) / "flow_backward_mask0.png", it.scene(1) / "flow_mask0.png"),
+            {"flow-mask": ""},
+            id="mask of the other direction",
+        ),
+        pytest.param(
+            "pfm",
+            lambda it: it.change_flow(plant((np.nan, 1)), "flow0"),
+            {"files": "got NaN at 1 pixels"},
+            id="NaN in one component",
+        ),
+        pytest.param(
+            "pfm", half_inf, {"flow": f"flow_left is inf in only one component {AT}"}, id="inf in one component"
+        ),
+        pytest.param("pfm", half_inf, {"flow": f"flow_right is NaN or -inf {AT}"}, id="-inf"),
+        pytest.param(
+            "flo",
+            lambda it: it.change_flow(plant(np.inf), "flow0"),
+            {"flow-mask": f"is not 0 without flow {AT}", "change": "is finite without flow"},
+            id="a pixel without flow",
+        ),
+    ],
+)
+def test_a_planted_fault_is_found(copy, encoding, planted, said_of):
+    dataset = copy(encoding)
+    planted(dataset)
     found = findings(dataset.root)
-    assert {"flow-views", "change"} <= {finding.check for finding in found}
-    assert any(
-        "disparity_left plus disparity_change_left of sceneflow-000000" in each for each in said(found, "change")
-    )
-
-
-def test_a_wrong_change_of_one_view_is_found(copy):
-    dataset = copy()
-    dataset.change_change(lambda change: change + np.float32(0.02), 1)
-    assert any("disparity_change_left differs" in each for each in said(findings(dataset.root), "change"))
+    for check, words in said_of.items():
+        assert any(words in each for each in said(found, check)), check
 
 
 def test_masks_of_early_versions_are_right_too(copy):
@@ -307,44 +351,6 @@ def test_wrong_masks_are_found(copy):
     for name, (_, words) in planted.items():
         role = f"{name[:-1].replace('mask', 'visibility')}_{('left', 'right')[int(name[-1])]}"
         assert any(f" {role}" in each and words in each for each in masks), role
-
-
-def test_a_mask_of_the_other_direction_is_found(copy):
-    dataset = copy()
-    shutil.copy(dataset.scene(1) / "flow_backward_mask0.png", dataset.scene(1) / "flow_mask0.png")
-    assert "flow-mask" in checks(dataset.root)
-
-
-def test_a_component_that_is_no_number_is_found(copy):
-    dataset = copy("pfm")
-    dataset.change_flow(plant((np.nan, 1)), "flow0")
-    found = findings(dataset.root)
-    # An unreadable flow is not compared with anything.
-    assert {finding.check for finding in found} == {"files"}
-    assert any("got NaN at 1 pixels" in each for each in said(found, "files"))
-
-
-def test_half_an_inf_is_found(copy):
-    dataset = copy("pfm")
-    dataset.change_flow(plant((np.inf, 1)), "flow0")
-    dataset.change_flow(plant((-np.inf, -np.inf)), "flow1")
-    found = said(findings(dataset.root), "flow")
-    assert found == [
-        "sceneflow-000000: flow: flow_left is inf in only one component in 1 pixel, the first at (50, 40)",
-        "sceneflow-000000: flow: flow_right is NaN or -inf in 1 pixel, the first at (50, 40)",
-    ]
-
-
-def test_one_pixel_without_flow_is_found(copy):
-    dataset = copy()
-    assert dataset.mask()[40, 50] != OUTSIDE
-    dataset.change_flow(plant(np.inf), "flow0")
-    assert any(
-        "is not 0 without flow in 1 pixel, the first at (50, 40)" in each
-        for each in said(findings(dataset.root), "flow-mask")
-    )
-    dataset.change_mask(plant(OUTSIDE))
-    assert any("is finite without flow" in each for each in said(findings(dataset.root), "change"))
 
 
 def test_bad_changes_of_disparity_are_found(copy):
