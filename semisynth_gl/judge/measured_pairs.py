@@ -1,7 +1,7 @@
 """Measure a sample of a dataset's pairs from their files, and find the pairs that are farthest from typical."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
@@ -13,6 +13,7 @@ from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.channels import OCCLUDED
 from semisynth_gl.histogram import Histogram, PixelCount
 from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
+from semisynth_gl.judge.comparison import frame_view, measure_view
 from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.textures.crops import least_texture
@@ -92,6 +93,7 @@ class Measurement:
         disparity: distribution of disparity over all pixels of the left views; None where no pixel has a disparity.
         target: distribution that the config asks for; None where this version cannot read the config.
         target_fault: why this version cannot read the config; None where it can.
+        left_views: each `Measure` of the sample's left views, of each scene one, by key; empty without a place.
     """
 
     dataset_pairs: int
@@ -102,6 +104,7 @@ class Measurement:
     disparity: Histogram | None
     target: Histogram | None
     target_fault: str | None
+    left_views: tuple[Mapping[str, float], ...] = ()
 
 
 def measure(
@@ -109,7 +112,7 @@ def measure(
     positions: Sequence[int],
     split: SplitName | None = None,
     listener: Listener | None = None,
-    also: Callable[[int, StoredFrame], None] | None = None,
+    width_px: int | None = None,
 ) -> Measurement:
     """Read pairs, each once, and measure them.
 
@@ -118,7 +121,7 @@ def measure(
         positions: indices of the pairs in the dataset.
         split: the split that the dataset is limited to.
         listener: is told the number of pairs, and each pair.
-        also: takes the position of each pair, and the pair, for further measures.
+        width_px: working width at which to take the measures of left views, too; None for not to.
 
     Raises:
         InputError: where none of the pairs can be read.
@@ -137,6 +140,7 @@ def measure(
     count: PixelCount | None = None
     pairs: list[PairMeasures] = []
     unread: list[str] = []
+    left_views: dict[tuple[str | None, int], dict[str, float]] = {}
     for position in positions:
         try:
             frame = dataset[position]
@@ -146,8 +150,11 @@ def measure(
             count = count or PixelCount(_edges(index, target, frame))
             count.add(frame.left.disparity)
             pairs.append(_measure_pair(index, position, frame, redraws))
-            if also is not None:
-                also(position, frame)
+            if width_px is not None:
+                # Pairs of one scene share their left image.
+                scene = frame.split, frame.index // index.plan.views
+                if scene not in left_views:
+                    left_views[scene] = measure_view(frame_view(frame, width_px))
         listener.on_pair(FinishedPair(*dataset.pair(position)))
     if not pairs:
         fault = f"the fault of the first: {unread[0]}" if unread else "the sample is empty"
@@ -161,6 +168,7 @@ def measure(
         disparity=count.histogram if count is not None and count.counts.any() else None,
         target=target,
         target_fault=fault,
+        left_views=tuple(left_views.values()),
     )
 
 

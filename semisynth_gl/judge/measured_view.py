@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge import quantities
+from semisynth_gl.judge.holes import fill_rows
 from semisynth_gl.seeds.spread import centres
 from semisynth_gl.textures.crops import LUMINANCE_PARTS
 
@@ -157,13 +158,7 @@ def fill_holes(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
     """
     rows = np.flatnonzero(np.isfinite(disparity).any(axis=1))
     nearest = rows[np.abs(rows[:, None] - np.arange(len(disparity))).argmin(axis=0)]
-    disparity = disparity[nearest]
-    width = disparity.shape[1]
-    known, column = np.isfinite(disparity), np.arange(width)
-    before = np.maximum.accumulate(np.where(known, column, 0), axis=1)
-    after = np.minimum.accumulate(np.where(known, column, width - 1)[:, ::-1], axis=1)[:, ::-1]
-    # Where only one side has a value, fmin takes it.
-    return np.fmin(np.take_along_axis(disparity, before, axis=1), np.take_along_axis(disparity, after, axis=1))
+    return fill_rows(disparity[nearest])
 
 
 def _mean_along_rows(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.inputs.errors import InputError, shown
+from semisynth_gl.judge.holes import fill_rows
 
 ProtocolName = Literal["middlebury", "eth3d", "kitti", "paper"]
 """Name of a benchmark; ``paper`` stands for the definitions of HSM's eval_mb.py."""
@@ -169,11 +170,7 @@ def fill_holes(disparity: Disparity, valid: Where) -> Disparity:
     Within a row, a hole takes the smaller of the nearest values to its left and right, or the only one. Rows above the
     first and below the last row with a value become copies of it. Other rows without any value stay `UNFILLED`.
     """
-    known, columns = np.where(valid, disparity, np.float32(np.nan)), np.arange(disparity.shape[1])
-    before = np.maximum.accumulate(np.where(valid, columns, 0), axis=1)
-    after = np.minimum.accumulate(np.where(valid, columns, columns[-1])[:, ::-1], axis=1)[:, ::-1]
-    # At the ends of a row one side is NaN, and fmin takes the other side.
-    filled = np.fmin(*(np.take_along_axis(known, column, axis=1) for column in (before, after)))
+    filled = fill_rows(np.where(valid, disparity, np.float32(np.nan)))
     rows = np.flatnonzero(valid.any(axis=1))
     if rows.size:
         filled[: rows[0]] = filled[rows[0]]

@@ -6,11 +6,10 @@ from os import PathLike
 
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.dataset.reader import Dataset, read_index
-from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.inputs.arguments import LEAST, to_real, to_whole
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.user_files import Files, names_of
-from semisynth_gl.judge.comparison import Comparison, MeasuredPlace, frame_view, measure_place, measure_view, side_of
+from semisynth_gl.judge.comparison import Comparison, MeasuredPlace, measure_place, side_of
 from semisynth_gl.judge.measured_pairs import QUANTITIES, Measurement, Outlier, PairMeasures, find_outliers, measure
 from semisynth_gl.judge.measured_view import WORKING_WIDTH, working_width
 from semisynth_gl.judge.page import render_page
@@ -84,22 +83,13 @@ def report(
         width_px = WORKING_WIDTH if configured is None else working_width(round(configured))
     width_px = to_whole("width_px", width_px, least=_NARROWEST, most=_WIDEST)
     place = _measured_place(images, disparity, png_scale, width_px)
-    scenes: set[tuple[str, int]] = set()
-    pictures: list[dict[str, float]] = []
-
-    def beside(_: int, frame: StoredFrame) -> None:
-        # Pairs of one scene share their left image.
-        scene = str(frame.split), frame.index // index.plan.views
-        if scene not in scenes:
-            scenes.add(scene)
-            pictures.append(measure_view(frame_view(frame, width_px)))
-
     positions = spread(len(opened), max(sample, pairs))
-    measurement = measure(opened, positions, split, listener, None if place is None else beside)
+    measurement = measure(opened, positions, split, listener, None if place is None else width_px)
     comparison = None
     if place is not None:
         recipes = [recipe.config.model_dump(mode="json") for recipe in index.plan.config.recipes()]
-        comparison = Comparison(width_px, side_of(pictures), len(pictures), place, recipes)
+        left_views = measurement.left_views
+        comparison = Comparison(width_px, side_of(left_views), len(left_views), place, recipes)
     outliers = [outlier for quantity in QUANTITIES for outlier in find_outliers(measurement.pairs, quantity)]
     shown = _choose(measurement.pairs, pairs, outliers)
     drawn = make_pictures([pair.position for pair, _ in shown], opened.__getitem__)
