@@ -455,9 +455,9 @@ def test_pairs_of_a_scene_count_once(tmp_path, photographs):
 
 def test_few_pictures_of_a_place_are_said_to_tell_nothing(dataset, photographs, tmp_path):
     few = min(photographs.iterdir())
-    # Copies are one subject, and count as one picture.
+    # Views of a scene are one subject, and count as one picture.
     for number in range(FEWEST):
-        write(tmp_path / f"alike/{number}.png", few.read_bytes())
+        write(tmp_path / f"alike/im{number}.png", few.read_bytes())
     for images in (few, tmp_path / "alike"):
         said = compared(dataset, images, width_px=48)
         assert said.place.subjects == 1
