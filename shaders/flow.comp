@@ -2,8 +2,8 @@
 // Where the same eye sees the point of a pixel at another moment, and whether the point is visible then. With OTHER_EYE,
 // the other eye's view takes the place of the other moment, and the disparity is found, too.
 //
-// Two steps: DEPTHS decides most pixels by the depth map of the other moment alone, and lists those that this leaves open;
-// TRACE follows the surfaces around the point to it.
+// DEPTHS decides most pixels by the other moment's depth map, and lists the undecided ones. TRACE walks from the
+// neighbouring pixels across their triangles to such a point.
 
 #include "common_constants.glsl"
 #include "common_disparity.glsl"

@@ -1,13 +1,13 @@
 #version 450 core
 // Hides points of this eye's view behind what is narrower than a pixel of the other view.
 //
-// The other view's disparity map knows what lies at pixels' centres. A spoke or a leaf may lie between two centres, and so
-// may the place of a point of this view, though always in the middle of a row. Narrow triangles of the other view are
-// therefore cut along the middles of rows. A cut is an interval of columns, and hides the points that lie behind it.
+// The other view's disparity map has samples at pixel centres only. A spoke or a leaf can fall between two centres. So can
+// the point that we ask about, but only horizontally: it is always on the middle of a row. Narrow triangles of the other
+// view are therefore cut along the middles of rows. A cut is an interval of columns, and hides the points behind it.
 //
-// Three steps, each with a list for the next one: TRIANGLES lists narrow triangles, CUTS lists their cuts that may hide
-// a point, and POINTS looks these points up: those that visibility.comp left open, and those where the surface goes on
-// that the other view's pixels show.
+// Three steps, each with a work list for the next one. TRIANGLES lists narrow triangles. CUTS lists their cuts that may
+// hide a point. POINTS tests two kinds of points against the cuts: undecided ones, and ones that visibility.comp took for
+// visible because the surface seems continuous.
 
 #include "common_constants.glsl"
 #include "common_masks.glsl"

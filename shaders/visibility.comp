@@ -1,11 +1,11 @@
 #version 450 core
 // Whether the other eye sees the point that a pixel of this eye shows.
 //
-// Four steps, each for what the one before leaves open. TILES judges 4 x 4 pixels at a time by the two disparity maps, and
-// lists the tiles whose pixels are not all visible: FILL writes those that are alike, PIXELS judges the others one by one
-// and lists the pixels that the disparity maps leave open. TRACE follows the surfaces beside such a point to it. What no
-// step writes is VISIBLE, but for what slivers.comp finds. Lists keep the costly steps dense: llvmpipe runs eight
-// invocations at a time through both sides of every branch.
+// TILES judges 4 x 4 pixels at a time by the two disparity maps, and lists the tiles that are not wholly visible. FILL
+// writes the tiles of one kind. PIXELS judges the pixels of mixed tiles, and lists the undecided ones. TRACE walks from the
+// neighbouring pixels across their triangles to such a point. A pixel that no step writes is VISIBLE, unless slivers.comp
+// hides it. Work lists keep the costly steps dense: llvmpipe runs eight invocations at a time through both sides of every
+// branch.
 
 #include "common_constants.glsl"
 #include "common_masks.glsl"
@@ -26,8 +26,8 @@ layout(binding = 1) uniform sampler2D other_disparity;
 
 layout(binding = 0, r8ui) writeonly uniform uimage2D visibility;
 
-// What is listed: tiles of mixed pixels, tiles of pixels alike (with a mark where they are hidden), pixels. All are listed as
-// column and row, since processors divide slowly.
+// Work lists: mixed tiles, tiles of one kind (with a bit for hidden ones), pixels. An entry is a column and a row, since
+// processors divide slowly.
 layout(std430, binding = 5) buffer Work {
     uint tiles;
     uint fills;
@@ -61,8 +61,8 @@ bool is_outside(float disparity_px, float target, float last) {
     return disparity_px > LARGEST || target < -0.5 || target >= last + 0.5;
 }
 
-// Judges by the disparities of the other view's two pixels beside the point, and of the pixels above and below these. All
-// steps have the same results, whichever pixels they judge together.
+// Judges by the disparities of the other view's two pixels beside the point, and of the pixels above and below these. The
+// result does not depend on how pixels are grouped.
 uint judge(float disparity_px, float between, vec2 above, vec2 beside, vec2 below) {
     vec2 farthest = min(min(above, below), beside);
     precise float clearly = disparity_px + CLEARLY_PX;

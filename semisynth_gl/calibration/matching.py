@@ -67,7 +67,7 @@ def pairs_among(images: Sequence[Path]) -> list[tuple[Path, Path]]:
 
 
 def match_pair(left: Path, right: Path) -> tuple[Matches, tuple[int, int]]:
-    """Return the matches of a pair's features, of which some are wrong, and the images' width and height.
+    """Return the matches of a pair's features, some of them wrong, and the images' width and height.
 
     Raises InputError where an image cannot be read, the sizes differ, or OpenCV is missing.
     """

@@ -1,4 +1,4 @@
-"""Standard output and standard error, either of which may be closed, full, or without a reader at any time.
+"""Standard output and standard error. Each may be closed, full, or without a reader at any time.
 
 A lost message does no harm: a dataset does not fail because nobody reads the messages about it. But a printed result,
 such as the table of ``evaluate``, is the purpose of its command, so its loss is an error.

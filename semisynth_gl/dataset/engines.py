@@ -25,7 +25,7 @@ from semisynth_gl.seeds.splits import SplitName
 THREADS = "LP_NUM_THREADS"
 """Environment variable with the number of threads that llvmpipe may have; see `threads_each`."""
 
-# How often a pool is made, of which each lost a worker.
+# Largest number of pools of a run; a pool that lost a worker is replaced.
 _POOLS = 3
 # Shards that wait for each worker, so that none is idle.
 _AHEAD = 2

@@ -54,7 +54,7 @@ class ModelLibrary:
             to the weights of their kinds.
         silhouette: the mean silhouette of the drawn models.
         skipped: the user's files that have no usable model, and why.
-        user_count: number of the user's models among the drawn models, of which they are the first.
+        user_count: number of the user's models; they come first among the chosen models.
     """
 
     models: tuple[Mesh, ...]

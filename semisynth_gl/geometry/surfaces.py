@@ -36,7 +36,7 @@ BAND_SHEAR = 0.15
 
 
 def grid_surface(points: ArrayLike, uv: ArrayLike | None = None) -> Mesh:
-    """Triangulate a grid of points (R, C, 3), some of which may coincide; the mesh is named ``grid``.
+    """Triangulate a grid of points (R, C, 3), which may coincide; the mesh is named ``grid``.
 
     Its normal is the cross product of the direction along a row and the direction along a column. ``uv`` is (R, C, 2);
     by default it is the mean arc lengths along rows and columns, which suit nearly developable sheets.

@@ -29,7 +29,7 @@ _NEAR, _FAR, _ALL = np.float32(4 / 6), np.float32(1 / 6), np.float32(16 / 6)
 
 # Keys that are drawn from one generator, in this order.
 _FIRST = ("blur_px", "exposure_stops", "noise", "gamma")
-# Functions that draw the further keys, each of which has its own generator, and is drawn only if it is not the default.
+# Functions that sample the other keys. Each key has its own generator, and is sampled only if it is not the default.
 _FURTHER: Mapping[str, Callable[[Range, np.random.Generator], Any]] = {
     "vignetting": Range.sample,
     "white_balance": lambda values, rng: (values.sample(rng), values.sample(rng)),

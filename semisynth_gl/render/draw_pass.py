@@ -120,7 +120,7 @@ class DrawPass:
         self._disparity_pass.render(moderngl.TRIANGLES, 3)
 
     def _programs(self, names: tuple[str, ...], *, lit: bool = False) -> list[moderngl.Program]:
-        """Return the programs that draw to some attachments, one for each atlas; link those that are missing."""
+        """Return the programs that draw to some attachments, one for each atlas; link missing ones."""
         for anisotropy in self._state.anisotropies:
             if (names, anisotropy, lit) not in self._linked:
                 self._linked[names, anisotropy, lit] = self._link(names, anisotropy, lit=lit)

@@ -1,4 +1,4 @@
-"""Compute passes over an image in several steps, each of which lists the places that it leaves to later steps."""
+"""Multi-step compute passes. Each step settles what it can, and appends the rest to a work list for the next one."""
 
 from collections.abc import Mapping
 from math import ceil
@@ -9,25 +9,25 @@ from semisynth_gl.frame.camera import Crop
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.programs import link_compute
 
-# Binding of the lists in shaders, and the header before them: how many entries each list has.
+# Binding of the work lists in shaders. Their header counts the entries of each list.
 _WORK = 5
 _COUNTERS = np.zeros(4, "<u4").tobytes()
 # Invocations of the first step that work together, in columns and rows of tiles.
 _GROUP_TILES = 16, 4
-# Numbers of groups that share a list. They are fixed, since only the driver knows how long the lists are. A GPU hides
-# the time that a fetch takes behind other groups, so it gets more of them.
+# Numbers of groups that share a work list. They are fixed, since only the driver knows the lists' lengths. A GPU gets
+# more groups: it hides the latency of a fetch behind other groups.
 _GROUPS_ON_SOFTWARE, _GROUPS_ON_GPU = 128, 2048
 # Larger images are judged band by band, which bounds the lists.
 _MOST_PIXELS = 1 << 21
 
 
 def groups_of(context: GraphicsContext) -> int:
-    """Return how many groups of invocations share a list."""
+    """Return how many groups of invocations share a work list."""
     return _GROUPS_ON_SOFTWARE if context.software else _GROUPS_ON_GPU
 
 
 class ListedSteps:
-    """A compute shader in steps: the first step judges tiles of the image, later steps judge the entries of lists.
+    """A compute shader in steps: the first step judges tiles of the image, later steps judge the entries of work lists.
 
     The shader knows its step as STEP, and the part of the image that is judged as `band`: left column, first row, width
     and height, in tiles.

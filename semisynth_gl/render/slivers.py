@@ -18,19 +18,19 @@ from semisynth_gl.render.structs import BLOCKS, RUN
 
 # Most triangles of a run. A group of invocations works through one run after another; a run has a single instance.
 _RUN_TRIANGLES = 512
-# Bindings of the lists, and the bytes of an entry and of the header, four words of which the first counts the entries.
+# Bindings of the two lists. A list starts with a header of 16 bytes (entry count, padding); an entry takes 16 bytes.
 _LISTS = _NARROW, _CUTS = 6, 7
 _ENTRY = _HEADER = 16
 _FEWEST_ENTRIES = 1 << 16
 # Length of the lists for each triangle, more than most scenes need; the steps run again where a list was too short.
 _ENTRIES_OF_TRIANGLE = 0.5
-# Units of the points that visibility.comp leaves open: images in visibility.comp, textures in slivers.comp.
+# Units of the undecided points: images in visibility.comp, textures in slivers.comp.
 _OPEN_IMAGES = 1, 2, 3
 _OPEN_TEXTURES = 7, 8, 6
 
 
 class OpenPoints:
-    """The points of one eye's view whose visibility is still open, by the pixels where the other eye would see them.
+    """Pixels of one view whose visibility is undecided, grouped by the pixel of the other view that they project to.
 
     ``size`` is the image's width and height, px.
 

@@ -1,4 +1,4 @@
-"""The scenes of a dataset with several recipes, of which each sequence takes one."""
+"""The scenes of a dataset with several recipes. Each sequence has one recipe."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager

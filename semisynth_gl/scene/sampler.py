@@ -325,7 +325,7 @@ class SceneSampler:
         return world_from_model
 
     def _particles(self, sequence: _Sequence, frame: float, generation: Ints | None = None) -> Particles:
-        """Place the models of all slots at a frame: those of given generations (S,), or those that are shown then."""
+        """Pose the models of all slots at a frame: of given generations (S,), or of those that the frame shows."""
         camera, slots = sequence.static.camera, sequence.slots
 
         def release(number: int) -> Release:

@@ -1,4 +1,4 @@
-"""Image files: finding those that sources name, their names in a dataset, and the photographs of scikit-image."""
+"""Image files: finds the files of a source, names them in a dataset, and lists the photographs of scikit-image."""
 
 import fnmatch
 import glob

@@ -16,7 +16,7 @@ from semisynth_gl.textures.drawn import drawn_pictures
 from semisynth_gl.textures.image_files import builtin_licences, builtin_photographs, find_images
 from semisynth_gl.textures.pictures import Picture
 
-# A plug-in might yield pictures for ever of which none gives a patch.
+# A plug-in may yield pictures for ever, none good enough for a patch.
 _MOST_PICTURES = 10_000
 
 
