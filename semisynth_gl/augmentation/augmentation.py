@@ -1,4 +1,4 @@
-"""What a training changes in pairs, drawn anew for each sample and epoch: `Augmentation`."""
+"""What a training changes in pairs, sampled anew for each sample and epoch: `Augmentation`."""
 
 import json
 from collections.abc import Mapping
@@ -35,7 +35,7 @@ def _limits(least: float, most: float) -> dict[str, Any]:
 class Augmentation:
     """Changes of pairs for training. The default changes nothing.
 
-    Ranges are (low, high), from which values are drawn evenly; shares are of samples. What is drawn depends on the
+    Ranges are (low, high), from which values are sampled evenly; shares are of samples. What is sampled depends on the
     seed, the sequence and the epoch; the noise on the pair, too. All frames of a sequence change alike, so that flow
     leads from frame to frame.
 
@@ -43,7 +43,7 @@ class Augmentation:
     Raw images and maps into them are left out: they show the unchanged pair.
 
     Attributes:
-        scale: factors of both sides; drawn evenly in the logarithm.
+        scale: factors of both sides; sampled evenly in the logarithm.
         stretch: further factors of the width; likewise.
         mirrored: share that is mirrored, whose eyes change places. Needs truth of both views and a rectified rig.
         upside_down: share whose rows are reversed.
@@ -54,10 +54,10 @@ class Augmentation:
         contrast: factors of the distance from the mean luminance of both images.
         saturation: factors of the distance from grey.
         hue_turns: turns of the hue, as shares of the colour circle.
-        white_balance: factors of red, green and blue, each drawn by itself.
+        white_balance: factors of red, green and blue, each sampled by itself.
         gradient_stops: by how many stops the exposure rises over the image, in any direction.
         gamma: exponents of the tone curve.
-        asymmetric: share in which each eye's colours (from brightness to gamma) are drawn by themselves.
+        asymmetric: share in which each eye's colours (from brightness to gamma) are sampled by themselves.
         blur_px: standard deviations of a blur, px; of each eye by itself, as are noise and JPEG.
         noise: standard deviations of noise, levels.
         jpeg_quality: qualities of a JPEG.
@@ -65,7 +65,7 @@ class Augmentation:
         occluded: share of pairs with rectangles in the right image that hide the scene, see `occlusion`.
         rectangles: their least and largest number.
         rectangle_px: their sides.
-        recorded: whether a sample says what was drawn: JSON, under the key ``augmentation``.
+        recorded: whether a sample says what was sampled: JSON, under the key ``augmentation``.
 
     Raises:
         InputError: where a value cannot be used.
@@ -130,7 +130,7 @@ class Augmentation:
             )
 
     def sample(self, crop: Sides | None, sides: Sides, seed: int, sequence: int, epoch: int = 0) -> "Changes":
-        """Draw the changes of a sequence's pairs.
+        """Sample the changes of a sequence's pairs.
 
         A scale is at least so large that the crop can be made of the image.
 
@@ -193,23 +193,23 @@ class Augmentation:
         return ceil(turned + shifted) + 5
 
     def _colours(self, rng: np.random.Generator) -> Colours:
-        drawn = {name: float(rng.uniform(*getattr(self, name))) for name in (
+        sampled = {name: float(rng.uniform(*getattr(self, name))) for name in (
             "brightness", "contrast", "saturation", "hue_turns", "gradient_stops"
         )}  # fmt: skip
         angle, gamma = float(rng.uniform(-pi, pi)), float(rng.uniform(*self.gamma))
         red, green, blue = rng.uniform(*self.white_balance, 3).tolist()
         camera = Imperfections(gamma=gamma)
-        return Colours(**drawn, white_balance=(red, green, blue), gradient_rad=angle, camera=camera)
+        return Colours(**sampled, white_balance=(red, green, blue), gradient_rad=angle, camera=camera)
 
     def _rectangles(self, rng: np.random.Generator, size: Sides) -> tuple[Crop, ...]:
-        """Draw rectangles whose first corner lies in the image, as RAFT-Stereo does."""
+        """Sample rectangles whose first corner lies in the image, as RAFT-Stereo does."""
         count = int(rng.integers(int(self.rectangles[0]), int(self.rectangles[1]) + 1))
-        drawn = []
+        sampled = []
         for _ in range(count):
             y, x = (int(rng.integers(side)) for side in size)
             sides = rng.integers(int(self.rectangle_px[0]), int(self.rectangle_px[1]) + 1, 2)
-            drawn.append(Crop(x, y, min(int(sides[0]), size[1] - x), min(int(sides[1]), size[0] - y)))
-        return tuple(drawn)
+            sampled.append(Crop(x, y, min(int(sides[0]), size[1] - x), min(int(sides[1]), size[0] - y)))
+        return tuple(sampled)
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,7 +244,7 @@ class Changes:
 
         Args:
             frame: as large as `source` says.
-            rng: draws the noise.
+            rng: source of the noise.
 
         Raises:
             InputError: where the pair lacks what a change needs; the message names the change.
@@ -267,7 +267,7 @@ class Changes:
         return Frame(frame.camera, left, right)
 
     def record(self) -> str:
-        """Return what was drawn as JSON."""
+        """Return what was sampled as JSON."""
         values = {each.name: getattr(self, each.name) for each in fields(self)}
         values["warp"] = asdict(self.warp)
         values["colours"] = {eye: asdict(each) for eye, each in self.colours.items()}

@@ -53,7 +53,7 @@ class Colours:
         Args:
             image: (H, W, 3) uint8, or (H, W) of a monochrome camera, which has no colours to change.
             mean: the luminance from which contrast counts, see `mean_luminance`.
-            rng: draws the noise.
+            rng: source of the noise.
         """
         if (self.brightness, self.contrast, self.saturation, self.hue_turns, *self.white_balance) != (
             1,

@@ -110,7 +110,7 @@ class Range:
         return (self.low + self.high) / 2
 
     def sample(self, rng: np.random.Generator) -> float:
-        """Sample uniformly. A draw always takes one random number, so fixing a value does not shift later draws."""
+        """Sample uniformly. It always takes one random number, so fixing a value does not shift later ones."""
         return self.low + (self.high - self.low) * float(rng.random())
 
     def sample_log(self, rng: np.random.Generator, size: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

@@ -41,10 +41,10 @@ MOST_FY_OVER_FX = 2.0
 # Largest side of a projector's pattern, widest view in degrees, and largest number of dots.
 _LARGEST_PATTERN_PX, _WIDEST_DEG = 8192, 170.0
 _MOST_DOTS = 1_000_000
-# Number of quantiles that stand for the range of drawn baselines.
+# Number of quantiles that stand for the range of sampled baselines.
 _QUANTILES = 16
 
-# Number of drawn lenses, and of columns and rows of the view, by which a lens is tried.
+# Number of sampled lenses, and of columns and rows of the view, by which a lens is tried.
 _LENSES, _COLUMNS, _ROWS = 16, 13, 9
 # Raw images with fewer pixels than one for so many rectified ones, along a side, have lost all texture.
 _COARSEST = 16
@@ -54,7 +54,7 @@ _Side = Annotated[int, count(WIDEST_PX)]
 _FocalRatio = Annotated[float, Field(ge=1 / MOST_FY_OVER_FX, le=MOST_FY_OVER_FX, exclude_if=lambda ratio: ratio == 1)]
 
 LensBorder = Literal["black", "replicate"]
-_DRAWN_PATTERNS = ("dots", "stripes")
+_PAINTED_PATTERNS = ("dots", "stripes")
 
 
 class CameraSection(Section):
@@ -123,7 +123,7 @@ class CameraSection(Section):
 
     @property
     def baseline_ranges_m(self) -> tuple[Range, ...]:
-        """The range that each baseline of a scene is drawn from, in the order of the pairs; at least one range."""
+        """The range that each baseline of a scene is sampled from, in the order of the pairs; at least one range."""
         if isinstance(self.baselines, tuple):
             return tuple(Range(metres, metres) for metres in self.baselines)
         assert self.baseline_m is not None  # noqa: S101 - see `_baselines_of_one_kind`
@@ -170,7 +170,7 @@ class CameraSection(Section):
 
     @property
     def all_doffs_px(self) -> Range:
-        """Range of all differences cx_right - cx_left that may be drawn."""
+        """Range of all differences cx_right - cx_left that may be sampled."""
         if self.doffs_px is not None:
             return self.doffs_px
         left, right = self.cx_left_px, self.cx_right_px
@@ -335,17 +335,17 @@ class ProjectorSection(Section):
     """share of the sequences with the projector on"""
 
     @property
-    def drawn(self) -> bool:
-        """Whether the program draws the pattern, and reads no picture."""
-        return self.pattern in _DRAWN_PATTERNS
+    def painted(self) -> bool:
+        """Whether the program paints the pattern, and reads no picture."""
+        return self.pattern in _PAINTED_PATTERNS
 
     def _faults(self) -> Iterator[ConfigError]:
-        if self.drawn:
+        if self.painted:
             dots = self.density * self.pattern_width_px * self.pattern_height_px / self.size_px**2
             if dots > _MOST_DOTS:
                 text = f"expected at most {_MOST_DOTS:,} dots, got {dots:,.0f}: lower density, or raise size_px"
                 yield ConfigError(text, ("density", "size_px", "pattern_width_px", "pattern_height_px"))
         elif not Path(self.pattern).suffix:
-            drawn = ", ".join(_DRAWN_PATTERNS)
-            text = f"expected {drawn}, or a picture's file with its extension, such as dots.png, got {self.pattern}"
+            painted = ", ".join(_PAINTED_PATTERNS)
+            text = f"expected {painted}, or a picture's file with its extension, such as dots.png, got {self.pattern}"
             yield ConfigError(text, ("pattern",))

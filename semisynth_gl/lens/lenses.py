@@ -1,4 +1,4 @@
-"""The lenses of a dataset's pairs: drawn per sequence, and their maps kept while they stay the same."""
+"""The lenses of a dataset's pairs: sampled per sequence, and their maps kept while they stay the same."""
 
 from collections.abc import Callable
 
@@ -13,7 +13,7 @@ class Lenses:
     """The lens chains of a config's pairs.
 
     Args:
-        section: the ranges from which raw cameras are drawn.
+        section: the ranges from which raw cameras are sampled.
         rng_of: returns the generator of a sequence and an eye.
     """
 

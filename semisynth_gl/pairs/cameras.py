@@ -1,4 +1,4 @@
-"""What the cameras of a rig make of drawn images: exposed, bent by lenses, made imperfect, and rectified."""
+"""What the cameras of a rig make of rendered images: exposed, bent by lenses, made imperfect, and rectified."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -38,10 +38,10 @@ class CameraImages(NamedTuple):
     chains: Mapping[Eye, LensChain] | None
     records: dict[str, Any]
 
-    def frame(self, drawn: Frame, config: Config) -> Frame:
-        """Return a drawn frame with these images of both eyes, and with the borders that lenses leave in its masks."""
-        views = {eye: drawn.view(eye).with_channels(self.views[eye]) for eye in EYES}
-        frame = Frame(drawn.camera, views["left"], views["right"])
+    def frame(self, rendered: Frame, config: Config) -> Frame:
+        """Return a frame with these images of both eyes, and with the borders that lenses leave in its masks."""
+        views = {eye: rendered.view(eye).with_channels(self.views[eye]) for eye in EYES}
+        frame = Frame(rendered.camera, views["left"], views["right"])
         if self.chains is None or config.lens is None:
             return frame
         return with_borders(frame, self.chains, config.outputs, border_disparity=config.lens.border_disparity)
@@ -53,7 +53,7 @@ class Cameras:
     Args:
         config: the configuration.
         seed: of the split.
-        renderer: draws what drawn frames lack: other moments, and denser images.
+        renderer: renders what frames lack: other moments, and denser images.
         sampler: made the scenes.
     """
 
@@ -64,12 +64,12 @@ class Cameras:
     def take(
         self, frame: Frame, sampled: SampledScene, number: int, left: dict[str, NDArray[Any]] | None = None
     ) -> CameraImages:
-        """Take the images of a drawn frame.
+        """Take the images of a rendered frame.
 
-        What the left eye draws at random depends on the scene, what the right eye draws on the scene and the view.
+        The left eye's random values depend on the scene, the right eye's on the scene and the view.
 
         Args:
-            frame: the drawn pair.
+            frame: the rendered pair.
             sampled: its scene, as its right view sees it.
             number: of the scene.
             left: what this method gave of the left view with another right view of the scene, if it did.
@@ -82,7 +82,7 @@ class Cameras:
             records["lens"] = {eye: chain.raw.record() for eye, chain in chains.items()}
             if self._config.lens is not None and not self._config.lens.border_disparity:
                 records["lens"]["border_disparity"] = False
-        # All eyes expose at the same time, so motion blur is drawn once for a scene.
+        # All eyes expose at the same time, so motion blur is sampled once for a scene.
         motion_blur = section.motion_blur.sample(generator(self._seed, Purpose.IMPERFECTIONS, number, "motion_blur"))
         moved: list[Scene] = []
         if motion_blur > 0:
@@ -98,9 +98,9 @@ class Cameras:
             images = {eye: chains[eye].raw_image(image, densities[eye]) for eye, image in images.items()}
             points = {eye: (chain.raw.cx_px, chain.raw.cy_px) for eye, chain in chains.items()}
         if not section.none():
-            images, drawn = self._imperfect(images, points, number, sampled.view)
+            images, values_of = self._imperfect(images, points, number, sampled.view)
             blurred = {"motion_blur": motion_blur} if motion_blur > 0 else {}
-            records["imperfections"] = {eye: values | blurred for eye, values in drawn.items()}
+            records["imperfections"] = {eye: values | blurred for eye, values in values_of.items()}
         views = {
             eye: self._rectified(chains[eye], image) if chains else {"image": image} for eye, image in images.items()
         }
@@ -109,7 +109,7 @@ class Cameras:
     def _exposed(
         self, frame: Frame, scene: Scene, moved: Sequence[Scene], density: float, eyes: Sequence[Eye]
     ) -> Images:
-        """Return drawn images of eyes whose lenses want one density, exposed at the moments of moved scenes, if any."""
+        """Return images of eyes whose lenses want one density, exposed at the moments of moved scenes, if any."""
         camera = scaled_camera(scene.camera, density)
         if density > 1:
             scene = replace(scene, camera=camera)
@@ -140,10 +140,10 @@ class Cameras:
             # All right views share the left eye's.
             of_eye = partial(generator, self._seed, Purpose.IMPERFECTIONS, number, eye, 0 if eye == "left" else view)
             rng = of_eye()
-            drawn = sample_imperfections(section, rng, of_eye)
-            records[eye] = recorded(drawn, section)
+            sampled = sample_imperfections(section, rng, of_eye)
+            records[eye] = recorded(sampled, section)
             if eye in images:
-                finished[eye] = apply_imperfections(images[eye], drawn, rng, points[eye])
+                finished[eye] = apply_imperfections(images[eye], sampled, rng, points[eye])
         return finished, records
 
     def _lens_rng(self, sequence: int, eye: Eye) -> np.random.Generator:

@@ -1,4 +1,4 @@
-"""Cheap checks of a rendered pair; a pair that fails them is drawn again from another sub-seed."""
+"""Cheap checks of a rendered pair; a pair that fails them is sampled again from another sub-seed."""
 
 from dataclasses import dataclass
 

@@ -27,7 +27,7 @@ LUMINANCE = np.array([0.299, 0.587, 0.114], np.float32)
 # are divided by 6.
 _NEAR, _FAR, _ALL = np.float32(4 / 6), np.float32(1 / 6), np.float32(16 / 6)
 
-# Keys that are drawn from one generator, in this order.
+# Keys that are sampled from one generator, in this order.
 _FIRST = ("blur_px", "exposure_stops", "noise", "gamma")
 # Functions that sample the other keys. Each key has its own generator, and is sampled only if it is not the default.
 _FURTHER: Mapping[str, Callable[[Range, np.random.Generator], Any]] = {
@@ -66,7 +66,7 @@ class Imperfections:
 
 def apply_imperfections(
     image: NDArray[np.uint8],
-    drawn: Imperfections,
+    sampled: Imperfections,
     rng: np.random.Generator,
     principal_point_px: tuple[float, float] | None = None,
 ) -> NDArray[np.uint8]:
@@ -74,37 +74,37 @@ def apply_imperfections(
 
     Args:
         image: (H, W, 3) uint8, or (H, W) for an image of one channel.
-        drawn: the imperfections.
-        rng: draws the noise.
+        sampled: the imperfections.
+        rng: source of the noise.
         principal_point_px: x and y of the centre of vignetting; by default the image's centre.
     """
-    if drawn == Imperfections():
+    if sampled == Imperfections():
         return image
-    if drawn.blur_px > 0:
-        image = np.asarray(Image.fromarray(image).filter(ImageFilter.GaussianBlur(drawn.blur_px)))
-    if drawn.noise > 0 or drawn.vignetting > 0:
-        image = _pixel_by_pixel(image, drawn, rng, principal_point_px)
+    if sampled.blur_px > 0:
+        image = np.asarray(Image.fromarray(image).filter(ImageFilter.GaussianBlur(sampled.blur_px)))
+    if sampled.noise > 0 or sampled.vignetting > 0:
+        image = _pixel_by_pixel(image, sampled, rng, principal_point_px)
     else:
-        image = _by_levels(image, drawn)
-    if drawn.sharpening > 0:
-        image = _sharpened(image, drawn.sharpening)
-    if drawn.jpeg_quality is not None:
-        image = _through_jpeg(image, drawn.jpeg_quality)
+        image = _by_levels(image, sampled)
+    if sampled.sharpening > 0:
+        image = _sharpened(image, sampled.sharpening)
+    if sampled.jpeg_quality is not None:
+        image = _through_jpeg(image, sampled.jpeg_quality)
     return image
 
 
-def _gains(drawn: Imperfections, channels: int) -> NDArray[np.float32]:
+def _gains(sampled: Imperfections, channels: int) -> NDArray[np.float32]:
     """Return the (channels,) factors of exposure and white balance."""
-    red, blue = drawn.white_balance
+    red, blue = sampled.white_balance
     stops = (red, 0.0, blue) if channels == 3 else (0.0,)
-    return np.array([2.0 ** (drawn.exposure_stops + each) for each in stops], np.float32)
+    return np.array([2.0 ** (sampled.exposure_stops + each) for each in stops], np.float32)
 
 
-def _by_levels(image: NDArray[np.uint8], drawn: Imperfections) -> NDArray[np.uint8]:
+def _by_levels(image: NDArray[np.uint8], sampled: Imperfections) -> NDArray[np.uint8]:
     """Apply exposure, white balance and tone curve by a table of levels for each channel."""
-    gains = _gains(drawn, _channels(image))
+    gains = _gains(sampled, _channels(image))
     levels = np.arange(256, dtype=np.float32)
-    tables = np.stack([_bent(levels * gain, drawn.gamma).astype(np.uint8) for gain in gains])
+    tables = np.stack([_bent(levels * gain, sampled.gamma).astype(np.uint8) for gain in gains])
     if (gains == gains[0]).all():
         return through_levels(image, tables[0])
     return np.array(Image.fromarray(image).point(tables.ravel().tolist()))
@@ -112,24 +112,24 @@ def _by_levels(image: NDArray[np.uint8], drawn: Imperfections) -> NDArray[np.uin
 
 def _pixel_by_pixel(
     image: NDArray[np.uint8],
-    drawn: Imperfections,
+    sampled: Imperfections,
     rng: np.random.Generator,
     principal_point_px: tuple[float, float] | None,
 ) -> NDArray[np.uint8]:
     """Apply vignetting, exposure, white balance, noise and tone curve to each pixel."""
     height, width = image.shape[:2]
     channels = _channels(image)
-    gains, falloff = np.tile(_gains(drawn, channels), width), None
-    if drawn.vignetting > 0:
+    gains, falloff = np.tile(_gains(sampled, channels), width), None
+    if sampled.vignetting > 0:
         x, y = ((width - 1) / 2, (height - 1) / 2) if principal_point_px is None else principal_point_px
         # Light falls off with cos^4 = 1 / (1 + tan^2)^2 of the angle. Pixels from the centre times this factor are tan.
-        tangent = np.sqrt((1 - drawn.vignetting) ** -0.5 - 1) / (np.hypot(width, height) / 2)
+        tangent = np.sqrt((1 - sampled.vignetting) ** -0.5 - 1) / (np.hypot(width, height) / 2)
         across = np.repeat(1 + ((np.arange(width) - x) * tangent) ** 2, channels).astype(np.float32)
         down = (((np.arange(height) - y) * tangent) ** 2).astype(np.float32)[:, None]
         falloff = across, down
     result, rows = np.empty_like(image, order="C"), max(1, _BLOCK // len(gains))
     # Block by block, so that all values stay in the cache. The noise does not depend on the size of blocks, since each
-    # block's draws go on where those of the block before ended.
+    # block's random numbers follow those of the block before.
     for first in range(0, height, rows):
         block = image[first : first + rows]
         values = block.astype(np.float32).reshape(len(block), -1)
@@ -138,11 +138,11 @@ def _pixel_by_pixel(
             squared = falloff[0] + falloff[1][first : first + rows]
             squared *= squared
             values /= squared
-        if drawn.noise > 0:
+        if sampled.noise > 0:
             noise = rng.standard_normal(values.shape, np.float32)
-            noise *= np.float32(drawn.noise)
+            noise *= np.float32(sampled.noise)
             values += noise
-        bent = _bent(values, drawn.gamma).reshape(block.shape)
+        bent = _bent(values, sampled.gamma).reshape(block.shape)
         np.copyto(result[first : first + rows], bent, casting="unsafe")
     return result
 
@@ -199,9 +199,9 @@ def sample_imperfections(
     """Sample the imperfections of one eye's view, except motion blur.
 
     Args:
-        section: the ranges from which imperfections are drawn.
-        rng: draws lens blur, exposure, noise and gamma.
-        further: returns the generator of any other key. So no draw of a key changes that of another key.
+        section: the ranges from which imperfections are sampled.
+        rng: source of lens blur, exposure, noise and gamma.
+        further: returns the generator of any other key. So no key changes the value of another key.
     """
     values = {key: getattr(section, key).sample(rng) for key in _FIRST}
     for key in _given(section):
@@ -209,8 +209,8 @@ def sample_imperfections(
     return Imperfections(**values)
 
 
-def recorded(drawn: Imperfections, section: ImperfectionsSection) -> dict[str, Any]:
-    """Return drawn values in JSON's types.
+def recorded(sampled: Imperfections, section: ImperfectionsSection) -> dict[str, Any]:
+    """Return sampled values in JSON's types.
 
     Of ``white_balance``, ``vignetting``, ``sharpening`` and ``jpeg_quality``, those are left out that the config leaves
     at the default.
@@ -218,7 +218,7 @@ def recorded(drawn: Imperfections, section: ImperfectionsSection) -> dict[str, A
     given = _given(section)
     return {
         key: list(value) if isinstance(value, tuple) else value
-        for key, value in asdict(drawn).items()
+        for key, value in asdict(sampled).items()
         if key not in _FURTHER or key in given
     }
 

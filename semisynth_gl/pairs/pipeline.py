@@ -98,7 +98,7 @@ class PairRenderer:
         seed: the dataset's seed, 0 or more, for a dataset of one split; else the split of the pairs.
         backend: "auto", "egl" or "osmesa".
         device_index: EGL's number of the device.
-        read: fetches the drawn pixels; with another reader than `read_array`, pairs must be rendered with
+        read: fetches the pixels; with another reader than `read_array`, pairs must be rendered with
             ``checked=False``.
         sources: what `prepare_sources` makes of this config and split, if that is done already.
 
@@ -205,7 +205,7 @@ class PairRenderer:
         Args:
             index: the pair's number.
             crop: see `render_scene`.
-            checked: see `render_scene`. Without checks, only this pair of its scene is drawn.
+            checked: see `render_scene`. Without checks, only this pair of its scene is rendered.
 
         Raises:
             InputError: as `render_scene` does.
@@ -224,13 +224,13 @@ class PairRenderer:
     def render_scene(self, number: int, *, crop: Crop | None = None, checked: bool = True) -> list[Pair]:
         """Render the pairs of scene ``number``, 0 or more: one for each right view. They share the left view's arrays.
 
-        A sequence whose first frame fails its checks with any right view is drawn again from the next sub-seed.
+        A sequence whose first frame fails its checks with any right view is sampled again from the next sub-seed.
 
         Args:
             number: the scene's number.
             crop: the part of both images to return; None for all. Checks need whole images, so the first frame of a
-                sequence is drawn whole and cut afterwards. All other frames, and without checks all frames, are drawn
-                and read back only as far as the crop needs, unless the config has a lens or imperfections.
+                sequence is rendered whole and cut afterwards. All other frames are rendered only as far as the crop
+                needs, and so are all frames without checks, unless the config has a lens or imperfections.
             checked: whether to check pairs. Without checks, pairs with faults are returned, where the dataset has
                 another attempt.
 
@@ -251,17 +251,17 @@ class PairRenderer:
     def _settle(self, sequence: int, crop: Crop | None) -> list[Pair]:
         """Return the first scene of a sequence in the first attempt that passes the checks; keep the attempt.
 
-        Checks judge the drawn frames and, where lenses or imperfections change them, the frames that cameras give.
+        Checks judge the rendered frames and, where lenses or imperfections change them, the frames that cameras give.
         """
         redrawn: list[str] = []
         number, views = sequence * self.config.sequence.length, range(self.config.views)
         for attempt in range(self.config.checks.attempts):
             sampled = self._sample(number, attempt)
-            drawn = self._draw(sampled, None, views)
-            clauses = self._faults(sampled, drawn, SceneGuarantees.of)
+            rendered = self._render(sampled, None, views)
+            clauses = self._faults(sampled, rendered, SceneGuarantees.of)
             if not clauses:
-                taken = self._through_cameras(drawn, sampled, number, views)
-                # The drawn frames are judged too, since noise hides that a scene is flat.
+                taken = self._through_cameras(rendered, sampled, number, views)
+                # The rendered frames are judged as well, since noise hides that a scene is flat.
                 if not self.config.images_as_rendered:
                     seen = self._faults(sampled, [frame for frame, _ in taken], lambda *_: OPEN)
                     clauses = [f"{clause}, after lens and imperfections" for clause in seen]
@@ -288,8 +288,8 @@ class PairRenderer:
         """Return the pairs of some views of a scene, which are not checked."""
         sampled = self._sample(number, attempt.number)
         # Lenses and imperfections need whole images.
-        drawn = self._draw(sampled, crop if self.config.images_as_rendered else None, views)
-        taken = self._through_cameras(drawn, sampled, number, views)
+        rendered = self._render(sampled, crop if self.config.images_as_rendered else None, views)
+        taken = self._through_cameras(rendered, sampled, number, views)
         return self._told(taken, sampled, number, crop, attempt, views)
 
     def _sample(self, number: int, attempt: int) -> SampledScene:
@@ -297,8 +297,8 @@ class PairRenderer:
         self._report("sample")
         return sampled
 
-    def _draw(self, sampled: SampledScene, crop: Crop | None, views: Sequence[int]) -> list[Frame]:
-        """Draw the frames of some views of a scene, with the motions that outputs need."""
+    def _render(self, sampled: SampledScene, crop: Crop | None, views: Sequence[int]) -> list[Frame]:
+        """Render the frames of some views of a scene, with the motions that outputs need."""
         outputs = self.config.outputs
         future = self.sampler.motion(sampled, +1) if FUTURE_OUTPUTS.intersection(outputs) else None
         past = self.sampler.motion(sampled, -1) if PAST_OUTPUTS.intersection(outputs) else None
@@ -340,8 +340,8 @@ class PairRenderer:
                 provenance["redrawn"] = list(attempt.redrawn)
             if "instances" in self.config.outputs:
                 provenance["instances"] = self.sampler.instance_table(seen)
-            drawn_whole = frame.camera == seen.scene.camera
-            pairs.append(Pair(index, frame.cropped(crop) if crop and drawn_whole else frame, provenance | records))
+            whole = frame.camera == seen.scene.camera
+            pairs.append(Pair(index, frame.cropped(crop) if crop and whole else frame, provenance | records))
         self._report("check")
         return pairs
 

@@ -70,7 +70,7 @@ class Catalogue:
     """The M models that still things are made of: the still models, then those of the library."""
 
     models: tuple[Mesh, ...]
-    by_name: Mapping[str, Ints]  # the numbers of the library's models that may be drawn, by kind
+    by_name: Mapping[str, Ints]  # the numbers of the library's models that may be chosen, by kind
     low: Floats  # (M, 3) the lower corner of each model's bounding box, model units
     high: Floats  # (M, 3) the opposite corner
 
@@ -105,10 +105,10 @@ class Arrangement:
         return len(self.model)
 
     def pick(self, sizes_m: Diameters) -> Picked | None:
-        """Draw a model of one of several kinds, and its diameter; return None where the library has none of the kinds.
+        """Choose a model of several kinds, and its diameter; return None where the library has none of the kinds.
 
         All kinds are equally likely: the config's weights are for particles. The diameters are in the arrangement's own
-        metres; the drawn one is in true metres.
+        metres; the chosen one is in true metres.
         """
         kind, variant, size = self.rng.random(3)
         known = [name for name in sizes_m if name in self.catalogue.by_name]

@@ -62,7 +62,9 @@ class Background:
     size_m: Floats  # (F, 2) lengths of the two edges
     normal: Floats  # (F, 3) unit, away from the camera
     offset_m: Floats  # (F,) distance from the left camera's centre; points of a face have normal . p = offset
-    visible_depth_m: Floats  # (F,) median depth of a face in the left view; for a hidden face, the drawn wall depth
+    visible_depth_m: (
+        Floats  # (F,) median depth of a face in the left view; for a hidden face, the depth sampled for the wall
+    )
     sky: bool = False  # whether the only face is infinitely far away; its pose then says where its texture lies
 
     def disparity_px(self, camera: StereoCamera) -> Floats:
@@ -96,7 +98,7 @@ def sample_plane(
     As ``sky`` the plane is infinitely far away; its depth is where its texture lies and where a ground before it ends.
 
     Raises:
-        InputError: where the drawn disparity lies beyond infinity, or the plane would have to be endless.
+        InputError: where the sampled disparity lies beyond infinity, or the plane would have to be endless.
     """
     disparity_px = section.plane_disparity_px.sample(rng)
     check_reachable(camera, disparity_px, "background.plane_disparity_px")
@@ -105,7 +107,7 @@ def sample_plane(
     if sway.moves:
         aside, widest = abs(camera.offset_m("right")) + sway.reach_m, _widest_rad(camera, sway)
         if not sky and not disparity.signed:
-            # The plane's disparity never falls below half of what was drawn. A camera that turns away sees it deeper.
+            # The plane's disparity never falls below half of what was sampled. A camera that turns away sees it deeper.
             most, deepens = float(camera.depth_m(disparity_px / 2)), np.tan(widest) * np.sin(sway.angle_rad)
             depth = min(depth, (most - sway.reach_m - aside * (deepens + np.sin(sway.angle_rad))) / (1 + deepens))
         # With a large doffs the plane may be so near that the camera sways into it.
@@ -157,7 +159,7 @@ def sample_cuboid(
     No wall comes nearer than the depth of ``disparity.max_px`` in either view.
 
     Raises:
-        InputError: where the drawn disparity of the wall lies beyond infinity.
+        InputError: where the sampled disparity of the wall lies beyond infinity.
     """
     turn = np.deg2rad(section.wall_turn_deg)
     angles = rng.uniform(-turn, turn, 3)

@@ -1,7 +1,7 @@
 """The numbers of particles in a scene, by depth layer and size, for the dataset's wanted disparities.
 
 Each scene is solved separately, with its own camera and background. Where a wall keeps a scene from the target, the
-other scenes compensate: pilot scenes, in which only camera, background and structures are drawn, give the dataset's
+other scenes compensate: pilot scenes, which have only camera, background and structures, give the dataset's
 mean, and the aim of all scenes is shifted until the mean is the target.
 """
 
@@ -117,13 +117,13 @@ class DisparitySolver:
         """Sample the numbers of particles of one scene.
 
         The numbers of each layer are spread evenly over successive scenes, so that a dataset reaches its target with
-        fewer pairs than independent draws would need.
+        fewer pairs than independent samples would need.
 
         Args:
             sequence: number of the scene's sequence.
             camera: the scene's camera.
             bare_px: (R,) finite disparities of its left view without particles.
-            rng: draws the numbers of layers that the config states, and nothing else.
+            rng: source of the numbers of layers that the config states, and of nothing else.
 
         Raises:
             InputError: where a layer that the config states lies beyond infinity, or the target takes more particles
@@ -151,7 +151,7 @@ class DisparitySolver:
         """Return the mean distribution of the dataset, in the bins of ``target``, by the Boolean model of pilot scenes.
 
         Raises:
-            InputError: where the target cannot be met, see `draw`.
+            InputError: where the target cannot be met, see `sample`.
         """
         if self._solved:
             shares = np.mean([aim.achieved for aim in self._mean_aims()], axis=0)
@@ -164,7 +164,7 @@ class DisparitySolver:
         """Return the average content of the left views: the mean over the pilot scenes.
 
         Raises:
-            InputError: where the target cannot be met, see `draw`.
+            InputError: where the target cannot be met, see `sample`.
         """
         if self._solved:
             seen = [one for aim in self._mean_aims() for one in self._solved_in_view(aim)]
@@ -177,10 +177,10 @@ class DisparitySolver:
         views = self._views(self._pilots, aim.sizes)
         seen, coverages = [], self._coverage(aim.shares, views)
         for n, ((camera, bare_px), coverage) in enumerate(zip(self._pilots, coverages, strict=True)):
-            drawn = self._drawn(self._layers, camera, aim.sizes)
-            reaching = drawn * expected_in_view(camera, aim.sizes, self._layers.middle_px)
+            visible = self._visible(self._layers, camera, aim.sizes)
+            reaching = visible * expected_in_view(camera, aim.sizes, self._layers.middle_px)
             objects = float(coverage / views.cover[n] @ reaching)
-            cover = np.append(coverage @ drawn, coverage @ views.exceedances[n])
+            cover = np.append(coverage @ visible, coverage @ views.exceedances[n])
             seen.append(self._one_in_view(camera, bare_px, objects, cover))
         return seen
 
@@ -194,8 +194,8 @@ class DisparitySolver:
         """
         for stated in self._stated:
             layer = DepthLayers.of(stated)
-            drawn = self._drawn(layer, camera, stated.sizes)[0]
-            objects += stated.count.middle * float(drawn * expected_in_view(camera, stated.sizes, layer.middle_px)[0])
+            visible = self._visible(layer, camera, stated.sizes)[0]
+            objects += stated.count.middle * float(visible * expected_in_view(camera, stated.sizes, layer.middle_px)[0])
         edges = np.append(-np.inf, self.target.edges_px[1:-1])
         before = np.append(cover + self._stated_cover(camera, edges), 0.0)
         return InView(objects, float(np.exp(-np.interp(bare_px, self.target.edges_px, before)).mean()))
@@ -301,8 +301,8 @@ class DisparitySolver:
         views = self._views(pilots, sizes)
         numbers = self._coverage(self.target.shares, views) / views.cover
         for number, (camera, _) in zip(numbers, pilots, strict=True):
-            drawn = self._drawn(self._layers, camera, sizes)
-            in_view.append(float(number * drawn @ expected_in_view(camera, sizes, self._layers.middle_px)))
+            visible = self._visible(self._layers, camera, sizes)
+            in_view.append(float(number * visible @ expected_in_view(camera, sizes, self._layers.middle_px)))
         return float(np.mean(in_view))
 
     @cached_property
@@ -336,8 +336,8 @@ class DisparitySolver:
             total += cover * stated.count.middle * self._exceedance(layer, edges_px, camera, stated.sizes)[0]
         return total
 
-    def _drawn(self, layers: DepthLayers, camera: StereoCamera, sizes: Sizes) -> Floats:
-        """Return the share of the particles that are drawn, (K,): all but those that cross the near plane."""
+    def _visible(self, layers: DepthLayers, camera: StereoCamera, sizes: Sizes) -> Floats:
+        """Return the share of the particles that are visible, (K,): the others cross the near plane."""
         return self._exceedance(layers, np.array([-np.inf]), camera, sizes)[:, 0]
 
     def _exceedance(self, layers: DepthLayers, edges_px: Floats, camera: StereoCamera, sizes: Sizes) -> Floats:

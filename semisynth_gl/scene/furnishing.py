@@ -37,7 +37,7 @@ _STANDING: Final[Diameters] = {
     "capsule": (0.5, 0.9),
 }
 _FURNITURE: Final = {name: _STANDING[name] for name in ("table", "bookcase", "shelf", "cuboid", "cube")}
-"""Things with a flat top, on which small things stand; half of the furniture is drawn from these only."""
+"""Things with a flat top, on which small things stand; half of the furniture is chosen from these only."""
 _AT_WALLS: Final = frozenset({"bookcase", "shelf", "picture_frame", "bench", "clothes_rack", "stairs"})
 _SMALL: Final[Diameters] = {
     "bottle": (0.2, 0.35),
@@ -83,7 +83,7 @@ _TRIES = 8
 
 
 def furnish(room: Arrangement, section: RoomSection, walls: tuple[Wall, ...]) -> None:
-    """Put things into a room, by the numbers that the config draws.
+    """Put things into a room, in the numbers that the config gives.
 
     The walls are the wall ahead, the right wall and the left wall. Wall places that things take are marked as taken.
     """
@@ -123,7 +123,7 @@ def fill_niche(room: Arrangement, wall: Wall, low: Corner, high: Corner, deep_m:
 
 
 def _on_top(room: Arrangement, number: int) -> tuple[float, float, float] | None:
-    """Draw a place (x, y, z) on top of the thing with a number; return None where the top is not level there."""
+    """Sample a position (x, y, z) on top of the thing with a number; return None where the top is not level there."""
     low, high = room.catalogue.low[room.model[number]], room.catalogue.high[room.model[number]]
     matrix, spot = room.floor_from_model[number], low + (high - low) * (*room.rng.uniform(0.12, 0.88, 2), 1)
     x, y, _ = matrix[:3, :3] @ spot + matrix[:3, 3]
@@ -132,7 +132,7 @@ def _on_top(room: Arrangement, number: int) -> tuple[float, float, float] | None
 
 
 def _on_floor(room: Arrangement, walls: tuple[Wall, ...]) -> tuple[float, float]:
-    """Draw a place (x, y) on the floor, inside the walls, within the view's angle or just beside it."""
+    """Sample a position (x, y) on the floor, inside the walls, within the view's angle or just beside it."""
     camera, pose = room.view.camera, room.view.camera_from_floor
     ahead, right, left = walls[0].corner[1], walls[1].corner[0], walls[2].corner[0]
     x, y = 0.0, 0.0

@@ -74,7 +74,7 @@ class Release:
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """Diameters of models' bounding spheres, drawn uniformly in their logarithm."""
+    """Diameters of models' bounding spheres, sampled uniformly in their logarithm."""
 
     low: float
     high: float
@@ -120,7 +120,7 @@ class StatedLayer:
     sizes: Sizes
 
     def batch(self, rng: np.random.Generator) -> Batch:
-        """Return the layer's particles, with a number drawn from its range and rounded."""
+        """Return the layer's particles, with a number sampled from its range and rounded."""
         return Batch(self.disparity_px.low, self.disparity_px.high, round(self.count.sample(rng)), self.sizes)
 
 
@@ -272,18 +272,18 @@ def particles_at(
     nearest = np.maximum(slots.room_m, 0.0)
     for number in np.unique(generation):
         k = np.flatnonzero(generation == number)
-        drawn = release(int(number))
-        drift_m = drawn.drift[k] * slots.path_m[k, None]
+        released = release(int(number))
+        drift_m = released.drift[k] * slots.path_m[k, None]
         away_m = np.clip(drift_m[:, 1], -2 * nearest[k], 2 * nearest[k])
         first_m, last_m = slots.depth_m[k] - away_m / 2, slots.depth_m[k] + away_m / 2
         begin = slots.view.top * first_m - above * apart_m[k]
         end = slots.view.bottom * last_m + below * apart_m[k]
-        centre[k, 0] = (drawn.start_px[k] - camera.cx_left_px) * metre[k] + (age[k] - 0.5) * drift_m[:, 0]
+        centre[k, 0] = (released.start_px[k] - camera.cx_left_px) * metre[k] + (age[k] - 0.5) * drift_m[:, 0]
         centre[k, 1] = begin + age[k] * (end - begin)
         centre[k, 2] = slots.depth_m[k] + (age[k] - 0.5) * away_m
-        angle = drawn.spin_rad_s[k] * age[k] * slots.period_s[k]
-        rotation = rotation_about_axis(drawn.axis[k], angle) @ rotation_from_quaternion(drawn.quaternion[k])
-        matrix[k, :3, :3] = rotation * (drawn.scale[k] * radius_m[k, None])[:, None, :]
+        angle = released.spin_rad_s[k] * age[k] * slots.period_s[k]
+        rotation = rotation_about_axis(released.axis[k], angle) @ rotation_from_quaternion(released.quaternion[k])
+        matrix[k, :3, :3] = rotation * (released.scale[k] * radius_m[k, None])[:, None, :]
     # The viewing axis is that of the camera without its sway: a model must not change as the camera moves.
     matrix[:, 2, :3] *= slots.flatness[:, None]
     for slot, pose in slots.resting.items():

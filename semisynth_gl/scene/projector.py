@@ -29,14 +29,14 @@ def sample_projector(section: ProjectorSection, rng: np.random.Generator) -> Pro
 
 
 def find_pattern(section: ProjectorSection) -> NDArray[np.uint8]:
-    """Draw or read the pattern, (H, W) uint8: it belongs to the projector, so all pairs and datasets have the same.
+    """Paint or read the pattern, (H, W) uint8: it belongs to the projector, so all pairs and datasets have the same.
 
     Raises:
         InputError: where its file cannot be read, is transparent, or has another size.
     """
     height, width = section.pattern_height_px, section.pattern_width_px
-    if section.drawn:
-        return _drawn(section, height, width)
+    if section.painted:
+        return _painted(section, height, width)
     try:
         check_opaque(expanded(section.pattern))
         pattern = to_grey(read_image(expanded(section.pattern)))
@@ -51,7 +51,7 @@ def find_pattern(section: ProjectorSection) -> NDArray[np.uint8]:
     return pattern
 
 
-def _drawn(section: ProjectorSection, height: int, width: int) -> NDArray[np.uint8]:
+def _painted(section: ProjectorSection, height: int, width: int) -> NDArray[np.uint8]:
     rng = generator(0, Purpose.PROJECTOR)
     light = np.zeros((height, width))
     reach = math.ceil(section.size_px / 2 + 1)

@@ -73,7 +73,7 @@ def sample_room(
     """Sample a room with everything in it; nothing comes nearer than the depth of ``disparity.max_px``.
 
     Raises:
-        InputError: where the drawn disparity of the wall lies beyond infinity.
+        InputError: where the sampled disparity of the wall lies beyond infinity.
     """
     section, background, disparity = config.room, config.background, config.disparity
     wall_px = (background.wall_disparity_px or Range(disparity.min_px, disparity.min_px)).sample(rng)

@@ -63,7 +63,7 @@ class SampledScene:
 
 
 @dataclass(frozen=True, slots=True)
-class _Draw:
+class _Generators:
     """The source of one sequence's random numbers."""
 
     seed: int
@@ -77,7 +77,7 @@ class _Draw:
     def per_slot(
         self, purpose: Purpose, generation: Ints, slot: NDArray[np.intp], width: int, first_key: int = 0
     ) -> Floats:
-        """Draw uniform numbers (N, width) for slots and generations, (N,) each, whatever other slots exist.
+        """Return uniform random numbers (N, width) for slots and generations, (N,) each, whatever other slots exist.
 
         The keys of the generations' generators count from ``first_key``.
         """
@@ -97,14 +97,14 @@ def _generation_key(generation: int) -> int:
 class _Sequence(NamedTuple):
     """The state that all frames of a sequence share."""
 
-    draw: _Draw
+    generators: _Generators
     static: StaticScene
     near_m: float  # depth of the near plane
     slots: Slots
     projector: Projector | None
 
 
-def _drawn(ends: Floats, chance: Floats) -> Ints:
+def _chosen(ends: Floats, chance: Floats) -> Ints:
     """Return the items, (N,), that uniform numbers (N,) choose from K items with cumulative chances (K,)."""
     return np.minimum(np.searchsorted(ends, chance, side="right"), len(ends) - 1)
 
@@ -153,7 +153,7 @@ class SceneSampler:
         self._latest: _Sequence | None = None
 
     def sample(self, index: int, attempt: int = 0) -> SampledScene:
-        """Sample the scene of pair ``index``, 0 or more; each ``attempt`` draws the pair's whole sequence anew.
+        """Sample the scene of pair ``index``, 0 or more; each ``attempt`` samples the pair's whole sequence anew.
 
         Raises:
             InputError: where the config's disparities cannot be met, see `sample_static_scene` and
@@ -231,12 +231,12 @@ class SceneSampler:
         ]
 
     def _sequence(self, number: int, attempt: int) -> _Sequence:
-        """Draw the state that all frames of a sequence share; the latest sequence is kept for the next call."""
-        draw = _Draw(self._seed, number, attempt)
-        if self._latest is None or self._latest.draw != draw:
-            static = sample_static_scene(self._config, self._catalogue, draw.generator)
-            rng = draw.generator(Purpose.PARTICLES, 0)
-            # A sequence that is drawn again gets a number that no other sequence has.
+        """Sample the state that all frames of a sequence share; the latest sequence is kept for the next call."""
+        generators = _Generators(self._seed, number, attempt)
+        if self._latest is None or self._latest.generators != generators:
+            static = sample_static_scene(self._config, self._catalogue, generators.generator)
+            rng = generators.generator(Purpose.PARTICLES, 0)
+            # A sequence that is sampled again gets a number that no other sequence has.
             batches = self.disparity_solver.sample(
                 number + _REDRAWN * attempt, static.camera, static.still.disparity_px, rng
             )
@@ -244,21 +244,23 @@ class SceneSampler:
             most_px = relief_px(static.camera, self._config.disparity.min_px, near_m)
             slots = sample_slots(static.camera, self._config.particles, batches, rng, near_m, static.sway, most_px)
             section = self._config.projector
-            projector = None if section is None else sample_projector(section, draw.generator(Purpose.PROJECTOR))
-            falling = _Sequence(draw, static, near_m, slots, projector)
+            projector = None if section is None else sample_projector(section, generators.generator(Purpose.PROJECTOR))
+            falling = _Sequence(generators, static, near_m, slots, projector)
             self._latest = falling._replace(slots=replace(slots, resting=self._resting(falling)))
         return self._latest
 
     def _resting(self, sequence: _Sequence) -> dict[int, Floats]:
         """Lower the models of some slots onto the surfaces below them; return their poses (4, 4) by slot."""
-        draw, static, near_m, slots, _ = sequence
-        chance = draw.generator(Purpose.RESTING).random(len(slots))
+        generators, static, near_m, slots, _ = sequence
+        chance = generators.generator(Purpose.RESTING).random(len(slots))
         chosen = np.flatnonzero(chance < self._config.particles.resting)
         if not len(chosen):
             return {}
         first, camera, still = np.zeros(len(slots), np.int64), static.camera, static.still
         particles = self._particles(sequence, 0.0, first)
-        meshes = [self._model_library.models[number] for number in self._sampled_models(draw, first[chosen], chosen)]
+        meshes = [
+            self._model_library.models[number] for number in self._sampled_models(generators, first[chosen], chosen)
+        ]
         ground = ~still.sky
         corners = triangles_of(self.models, still.model[ground], still.world_from_model[ground])
         rested = come_to_rest(particles.world_from_model[chosen], meshes, corners, static.up)
@@ -275,23 +277,23 @@ class SceneSampler:
 
     def _sample_frame(self, sequence: _Sequence, frame: int, view: int) -> SampledScene:
         """Sample the scene of any frame of a sequence, as the right view of a number sees it."""
-        draw, static, near_m, slots, projector = sequence
+        generators, static, near_m, slots, projector = sequence
         config, still = self._config, static.still
         particles = self._particles(sequence, frame)
         # The near plane is in front of both cameras, so no model can swallow a camera.
         kept = np.flatnonzero(slots.shown)
         generations = particles.generation[kept]
-        drawn = self._sampled_models(draw, generations, kept)
-        patch, scale, offset = self._textures(sequence, particles, kept, drawn)
+        models = self._sampled_models(generators, generations, kept)
+        patch, scale, offset = self._textures(sequence, particles, kept, models)
         # Each instance starts its video at a random frame, and repeats it.
         count = self._layer_count[patch]
         scene = Scene(
             camera=static.views[view],
             near_m=near_m,
             camera_from_world=static.sway.camera_from_world(frame * config.sequence.frame_s),
-            model=np.concatenate([still.model, len(STILL_MODELS) + drawn]),
+            model=np.concatenate([still.model, len(STILL_MODELS) + models]),
             world_from_model=np.concatenate([still.world_from_model, particles.world_from_model[kept]]),
-            layer=self._first_layer[patch] + ((patch * 7919 + draw.sequence) % count + frame) % count,
+            layer=self._first_layer[patch] + ((patch * 7919 + generators.sequence) % count + frame) % count,
             uv_scale=scale,
             uv_offset=offset,
             sky=np.concatenate([still.sky, np.zeros(len(kept), bool)]),
@@ -305,9 +307,9 @@ class SceneSampler:
             recipe=self.recipe,
             background=static.background,
             farthest_m=static.farthest_m,
-            sequence=draw.sequence,
+            sequence=generators.sequence,
             frame=frame,
-            attempt=draw.attempt,
+            attempt=generators.attempt,
             patch_px=np.where(patch >= self._small, config.textures.large_px, config.textures.patch_px),
             patch=patch,
             slot=slot,
@@ -316,7 +318,7 @@ class SceneSampler:
         )
 
     def _moved(self, sequence: _Sequence, sampled: SampledScene, frame: float) -> Floats:
-        """Return the poses (N, 4, 4) of a scene's instances at another frame, in which they need not be drawn."""
+        """Return the poses (N, 4, 4) of a scene's instances at another frame, in which they need not be visible."""
         still = len(sequence.static.still)
         world_from_model = sampled.scene.world_from_model.copy()
         slots, generation = sampled.slot[still:], np.zeros(len(sequence.slots), np.int64)
@@ -329,27 +331,27 @@ class SceneSampler:
         camera, slots = sequence.static.camera, sequence.slots
 
         def release(number: int) -> Release:
-            rng = sequence.draw.generator(Purpose.PARTICLES, 1 + _generation_key(number))
+            rng = sequence.generators.generator(Purpose.PARTICLES, 1 + _generation_key(number))
             return sample_release(camera, self._config.particles, slots, rng)
 
         return particles_at(camera, slots, release, frame * self._config.sequence.frame_s, generation)
 
-    def _sampled_models(self, draw: _Draw, generation: Ints, slot: NDArray[np.intp]) -> Ints:
+    def _sampled_models(self, generators: _Generators, generation: Ints, slot: NDArray[np.intp]) -> Ints:
         """Return the number, (N,), of the library's model that each of N slots shows in its generation."""
-        chance = draw.per_slot(Purpose.SHAPE, generation, slot, 1)[:, 0]
-        return self._model_library.drawn[_drawn(self._cumulative, chance)]
+        chance = generators.per_slot(Purpose.SHAPE, generation, slot, 1)[:, 0]
+        return self._model_library.drawn[_chosen(self._cumulative, chance)]
 
     def _textures(
         self, sequence: _Sequence, particles: Particles, slot: NDArray[np.intp], model: Ints
     ) -> tuple[Ints, Floats, Floats]:
         """Return each instance's patch (N,), patches per UV unit (N, 2), and UV offset in patches (N, 2)."""
-        draw, static, _, slots, _ = sequence
+        generators, static, _, slots, _ = sequence
         section, still = self._config.textures, static.still
-        of_still = draw.generator(Purpose.TEXTURE, 0).random((len(still), 4))
-        of_slots = draw.per_slot(Purpose.TEXTURE, particles.generation[slot], slot, 4, first_key=1)
-        drawn = np.concatenate([of_still[still.wears], of_slots])
+        of_still = generators.generator(Purpose.TEXTURE, 0).random((len(still), 4))
+        of_slots = generators.per_slot(Purpose.TEXTURE, particles.generation[slot], slot, 4, first_key=1)
+        chances = np.concatenate([of_still[still.wears], of_slots])
         range_ = section.texels_per_pixel
-        texels = range_.low * (range_.high / range_.low) ** drawn[:, 3]
+        texels = range_.low * (range_.high / range_.low) ** chances[:, 3]
         # Length of one UV unit: a particle's model unit times the mean of its scales.
         scale = np.linalg.norm(particles.world_from_model[slot, :3, :3], axis=1).mean(axis=1)
         surfaces = still.surfaces + Surfaces(
@@ -360,14 +362,14 @@ class SceneSampler:
             self._uv[model, 1],
             np.zeros(len(slot), bool),
         )
-        patch, large = _drawn(self._ends[0], drawn[:, 0]), np.zeros(len(texels), bool)
+        patch, large = _chosen(self._ends[0], chances[:, 0]), np.zeros(len(texels), bool)
         if self._small < len(self._patches):
             large = wears_large(surfaces, static.camera, section, texels)
             wearing = np.flatnonzero(large[: len(still)])
             # The large patches are spread over the still things, so that few things wear the same patch. Each side of a
             # box shows another part of its patch.
             order = np.unique(still.wears[wearing], return_inverse=True)[1]
-            drawn[wearing, 0] = (of_still[0, 0] + order * _GOLDEN) % 1.0
-            drawn[wearing, 1:3] = of_still[wearing, 1:3]
-            patch[large] = self._small + _drawn(self._ends[1], drawn[large, 0])
-        return patch, *map_patches(surfaces, static.camera, section, texels, drawn[:, 1:3], large)
+            chances[wearing, 0] = (of_still[0, 0] + order * _GOLDEN) % 1.0
+            chances[wearing, 1:3] = of_still[wearing, 1:3]
+            patch[large] = self._small + _chosen(self._ends[1], chances[large, 0])
+        return patch, *map_patches(surfaces, static.camera, section, texels, chances[:, 1:3], large)

@@ -37,7 +37,7 @@ class Sources:
     libraries: tuple[ModelLibrary, ...]  # the models of each recipe, all with the same `models`; at least one
     photographs: tuple[Path, ...] = ()  # the files that patches may come from; empty where all patches are procedural
     pattern: NDArray[np.uint8] | None = None  # (H, W), of the projector
-    pattern_is_read: bool = False  # then it has a checksum; a drawn pattern follows from the config
+    pattern_is_read: bool = False  # then it has a checksum; a painted pattern follows from the config
 
     @property
     def models(self) -> tuple[Mesh, ...]:
@@ -122,7 +122,7 @@ def prepare_sources(config: Config, split: Split) -> Sources:
         libraries,
         tuple(photographs),
         pattern,
-        projector is not None and not projector.drawn,
+        projector is not None and not projector.painted,
     )
 
 

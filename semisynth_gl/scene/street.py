@@ -166,7 +166,7 @@ def _add_row(street: Arrangement, section: StreetSection, border: float, side: i
 def _stand(street: Arrangement, sizes_m: Diameters, x_m: _Span, y_m: _Span, yaw_rad: float | None = None) -> None:
     """Stand a thing at a free place, if there is one; by default its yaw is random.
 
-    Places are drawn uniformly in the logarithm of their distance.
+    Positions are sampled uniformly in the logarithm of their distance.
     """
     picked, rng = street.pick(sizes_m), street.rng
     if picked is None:

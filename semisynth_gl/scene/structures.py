@@ -261,7 +261,7 @@ def _place_panel(
     near_m: float,
     rng: np.random.Generator,
 ) -> tuple[int, Floats]:
-    """Draw a panel; return the number of its model, and its pose (4, 4)."""
+    """Sample a panel; return the number of its model, and its pose (4, 4)."""
     curved = bool(rng.random() < section.panel_curved)
     number = _CURVED if curved else _FACE
     where = section.panel_disparity_px or _farther_half(disparity, camera)

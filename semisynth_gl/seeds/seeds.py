@@ -1,4 +1,4 @@
-"""Random generators, one per purpose: a further draw for one purpose shifts no draw for another purpose."""
+"""Random generators, one per purpose: a further number for one purpose shifts none of another purpose."""
 
 import zlib
 from enum import IntEnum, unique
