@@ -58,8 +58,8 @@ _REDERIVED = {"new", "optimal", "opt", "rect", "rectified", "rectification", "un
 # Words of angles about axes, which are no rotation vector.
 _ANGLE_WORDS = ("angle", "euler", "rpy", "roll", "deg")
 _BASELINES = ("baseline", "stereobaseline", "b", "bl")
-# Relative differences of the translation's length and the baseline of P: up to the first one both say the same, from
-# the second one on the translation is of something else.
+# Relative differences of the translation's length and the baseline of P: up to the first one both say the same, above
+# the second one the finder ignores the translation.
 _SAME_BASELINE, _MOST_BASELINE = 0.02, 0.8
 _LISTED = 40
 

@@ -231,8 +231,8 @@ class PairRenderer:
             crop: the part of both images to return; None for all. Checks need whole images, so the first frame of a
                 sequence is rendered whole and cut afterwards. All other frames are rendered only as far as the crop
                 needs, and so are all frames without checks, unless the config has a lens or imperfections.
-            checked: whether to check pairs. Without checks, pairs with faults are returned, where the dataset has
-                another attempt.
+            checked: whether to check pairs. Without checks, pairs with faults are returned; the dataset has a
+                pair that was sampled again instead.
 
         Raises:
             InputError: where the number is negative, the config's ranges leave no scene for it, or all attempts fail

@@ -126,9 +126,8 @@ class DisparitySolver:
             rng: source of the numbers of layers that the config states, and of nothing else.
 
         Raises:
-            InputError: where a layer that the config states lies beyond infinity, or the target takes more particles
-                than ``particles.most`` although they are as wide as the image, or more or fewer objects than
-                ``particles.density``.
+            InputError: where a layer that the config states lies beyond infinity, or the target cannot be met: not
+                with ``particles.most`` particles as wide as the image, or not at ``particles.density``.
         """
         for key, stated in self._stated_by_key.items():
             lowest = min((layer.disparity_px.low for layer in stated), default=np.inf)

@@ -35,7 +35,7 @@ _BEFORE = 2**30
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledScene:
-    """A scene with one right view's camera, and the origin of its N instances; the static scene's come first."""
+    """A scene with one right view's camera, and what its N instances came from; the static scene's come first."""
 
     scene: Scene
     views: tuple[StereoCamera, ...]  # the camera of each right view; the cameras differ only in the right eye
@@ -285,7 +285,7 @@ class SceneSampler:
         generations = particles.generation[kept]
         models = self._sampled_models(generators, generations, kept)
         patch, scale, offset = self._textures(sequence, particles, kept, models)
-        # Each instance starts its video at a random frame, and repeats it.
+        # Instances start their videos at frames that depend on patch and sequence, and repeat them.
         count = self._layer_count[patch]
         scene = Scene(
             camera=static.views[view],

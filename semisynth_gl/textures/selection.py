@@ -49,7 +49,7 @@ def build_atlas(
 
     Images are opened one at a time in random order. Each offers its good crops in random order, with scales taking
     turns. A crop that hardly differs from an earlier good crop of any image is rejected as a duplicate. When there are
-    more patches than wanted, the subject with most patches gives one up, from its image with most patches. So no
+    more patches than wanted, one is evicted from the fullest image of the fullest subject. So no
     subject or scale crowds out the others, and other subjects fill the place of a subject with few crops. Files are of
     one subject where `subject_numbers` says so. Once the atlas is full and no subject has more than
     `PATCHES_PER_SUBJECT`, the remaining images are not opened. Memory holds one decoded image, those of its crops that

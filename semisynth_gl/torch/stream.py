@@ -30,8 +30,8 @@ class StereoStream(Dataset[Any]):
     """The pairs of a config, rendered when they are asked for: ``stream[i]`` is pair i of the dataset it would make.
 
     A sample is a dictionary, see `to_sample`. Each process that asks for samples opens a renderer for the first one and
-    keeps it, so workers must be spawned; `close` releases it. Samples may be asked for in any order. Pairs of one scene
-    or sequence render faster one after the other.
+    keeps it; `close` releases it. Spawn workers: forked ones fail once this process has used OpenGL or CUDA. Samples
+    may be asked for in any order. Pairs of one scene or sequence render faster one after the other.
 
     Args:
         config: the config of the pairs.
@@ -47,8 +47,8 @@ class StereoStream(Dataset[Any]):
             are much faster, and the few pairs that would have failed differ from the dataset's pairs.
         transform: a function that gets the sample and returns the object to use instead.
         backend: "auto", "egl" or "osmesa".
-        gpus: numbers, as CUDA counts, of the GPUs that workers use in turn; empty for EGL's first device, or, with
-            device "cuda", for torch's current one.
+        gpus: numbers, as CUDA counts, of the GPUs that workers use in turn; empty for the first GPU that
+            CUDA_VISIBLE_DEVICES shows or EGL's first device, or, with device "cuda", for torch's current one.
         device: "cpu", or "cuda" for tensors that never leave the GPU; "cuda" needs a DataLoader without workers.
 
     Raises:
