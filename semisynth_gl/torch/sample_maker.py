@@ -48,8 +48,9 @@ class SampleMaker:
         if transform is not None and not callable(transform):
             raise InputError(f"transform must be a function of a sample, got {shown(transform)}")
         self._sides, self._crop, self._augmentation, self._transform = sides, crop, augmentation, transform
-        # In shared memory, for workers that outlive an epoch.
-        self._epoch = torch.zeros((), dtype=torch.int64).share_memory_()  # type: ignore[no-untyped-call]
+        # In shared memory, for workers that outlive an epoch. PyTorch has no types for the method that puts it there.
+        epoch: Any = torch.zeros((), dtype=torch.int64)
+        self._epoch = epoch.share_memory_()
 
     def set_epoch(self, epoch: int) -> None:
         """Choose the crops and changes of an epoch, from 0; copies of this object in worker processes follow.
