@@ -239,10 +239,10 @@ def _place_ground(
 def _ground_height_m(section: StructuresSection, camera: StereoCamera, rng: np.random.Generator) -> float:
     if section.ground_disparity_px is None:
         return section.ground_height_m.sample(rng)
-    drawn_px = section.ground_disparity_px.sample(rng)
-    check_reachable(camera, drawn_px, "structures.ground_disparity_px")
+    sampled_px = section.ground_disparity_px.sample(rng)
+    check_reachable(camera, sampled_px, "structures.ground_disparity_px")
     below = (camera.height_px - 0.5 - camera.cy_px) / camera.focal_y_px
-    return float(camera.depth_m(drawn_px)) * below
+    return float(camera.depth_m(sampled_px)) * below
 
 
 def _farther_half(disparity: DisparitySection, camera: StereoCamera) -> Range:

@@ -17,6 +17,7 @@ from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import BEYOND_NEAR, near_depth_m
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.scene.structures import StaticScene, sample_static_scene, take_stock
+from semisynth_gl.scene.view_volume import deepest_m
 from semisynth_gl.seeds.seeds import generator
 from semisynth_gl.seeds.splits import Split
 
@@ -30,6 +31,27 @@ PIERCED = (
     "room.pictures=0",
     "room.curtain=0",
 )
+
+
+# Both views see x / z from -0.5 to 0.5; the right one from 0.1 m farther right.
+RIG = StereoCamera.centred(200, 100, focal_px=200, baseline_m=0.1)
+
+
+@pytest.mark.parametrize(
+    ("corners", "deepest"),
+    [
+        # A wall beside the axis enters the left view at z = 2, and stays in it.
+        ([(1, -9, 1.5), (1, -9, 30), (1, 9, 30), (1, 9, 1.5)], 30.0),
+        ([(-9, -9, 4), (9, -9, 4), (9, 9, 4), (-9, 9, 4)], 4.0),
+        # The right view ends at x = z / 2 + 0.1. There the face has z = 5 + 0.8 (x - 2) = 5.8.
+        ([(2, -9, 5), (4, -9, 6.6), (4, 9, 6.6), (2, 9, 5)], 5.8),
+        ([(5, -9, 1), (9, -9, 1), (9, 9, 1), (5, 9, 1)], 0.0),
+        ([(-1, -1, -4), (1, -1, -4), (1, 1, -4), (-1, 1, -4)], 0.0),
+    ],
+    ids=["along", "across", "partly", "aside", "behind"],
+)
+def test_only_what_a_view_shows_counts(corners, deepest):
+    assert deepest_m(RIG, np.array([corners], float)) == pytest.approx(deepest)
 
 
 @cache
