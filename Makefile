@@ -58,7 +58,7 @@ ablation-textures: setup  ## procedural textures, photographs, and with IMAGES= 
 
 # Lint's complaints do not keep the tests from running: one run shows all that is wrong.
 .PHONY: test
-test: $(VENV)/.dev  ## lint, then all tests but those of test-heavy, on EGL and on OSMesa where they can be had
+test: $(VENV)/.dev  ## lint, and the tests without PyTorch, Ray and site, on EGL and OSMesa where they are installed
 	@sh tools/system-packages.sh $(VENV)/bin/python $(opengl)
 	@sh tools/browser-packages.sh
 	@status=0; \

@@ -35,7 +35,7 @@ class Format(NamedTuple):
 
     Attributes:
         tree: the values, lengths in ``unit``.
-        unit: the unit that the format states; None where it states none.
+        unit: unit of lengths in the format; None if the format has no unit.
         cameras: labels of the left and the right camera; None for the only two.
         layout: layout of the benchmark whose format this is; None for any other.
         bounds: bounds of disparity.

@@ -156,9 +156,8 @@ def calibrate(
         folder = expanded(fspath(rectify_to))
         given = _rectified(image_sources, given, scaled, folder, notes)
         image_sources = [str(folder)]
-    fitting_count = 0
-    if not other_camera:
-        fitting_count = check_sizes(photograph_sizes(find_images(image_sources)), [rig.size for rig in rigs], scale)
+        photographed = photograph_sizes(find_images(image_sources))
+    fitting_count = 0 if other_camera else check_sizes(photographed, [rig.size for rig in rigs], scale)
     one_a_scene, depths = one_of_each_scene(maps), kind == "depth"
     disparity_px = disparity_range(
         scaled, one_a_scene, png_scale=png_scale, depths=depths, range_px=range_px, range_m=range_m

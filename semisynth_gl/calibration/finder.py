@@ -160,7 +160,7 @@ class Finder:
         return found
 
     def _eyes(self, key: str) -> _Pair | None:
-        """Return the left and the right eye's array of a kind; None where one is missing."""
+        """Return two arrays of a kind, left and right; None if the tree lacks either."""
         pair = self._pair(self._of(key), key)
         arrays = []
         for number, entry in zip("12", pair or (None, None), strict=True):

@@ -95,7 +95,7 @@ def checked_size(width: float, height: float) -> Size | None:
 def stated_sizes(
     entries: Iterable[Entry], cameras: tuple[str, str] | None, matrices: Sequence[Array]
 ) -> tuple[list[Size], list[Size]]:
-    """Return the sizes of rectified images, and those of raw ones.
+    """Return two lists: the sizes of rectified images, and the sizes of raw images.
 
     Args:
         entries: the arrays of a calibration.

@@ -36,7 +36,7 @@ class Link(NamedTuple):
 
 
 def along(links: Sequence[Link], start: str, end: str) -> Array | None:
-    """Return the pose end_from_start, (4, 4), along the fewest links, walked either way; None where no way leads."""
+    """Return the pose end_from_start, (4, 4), of the shortest path of links or inverses; None without a path."""
     either = [*links, *(link.inverse() for link in links)]
     ways: dict[str, Array] = {start: np.eye(4)}
     waiting = [start]
@@ -56,7 +56,7 @@ def pose_of(turn: Array, shift: Array) -> Array:
 
 
 def right_from_left(poses: Mapping[Name, Array], cameras: tuple[str, str] | None) -> Array | None:
-    """Return the pose (4, 4) from the left camera's frame to the right one's; None where no way leads.
+    """Return the pose right_from_left, (4, 4), of the two cameras; None if the poses do not connect them.
 
     Where names do not tell a pose's direction, it is the one that puts the right camera more to the right.
 
@@ -98,7 +98,7 @@ def _leftwards(pose: Array) -> float:
 
 
 def _frames(name: Name, cameras: tuple[str, str] | None) -> tuple[str, str] | None:
-    """Return the labels of the frames that a pose leads to and from; None where its name does not tell.
+    """Return a pose's target frame and source frame, as labels; None if its name does not state both.
 
     ``T_cam_imu`` in the section of cam1 leads from imu to 1.
     """

@@ -85,9 +85,9 @@ class Measurement:
     Attributes:
         dataset_pairs: number of pairs of the dataset, or of the split that the sample is from.
         pairs: measures of each pair of the sample that could be read.
-        recipes: for each recipe its ``name``, the share of sequences ``wanted`` by the config (None where this version
-            cannot read it), its number of ``pairs`` in the sample, their ``redraws``, and the means of their other
-            measures, None where no pair has a value.
+        recipes: a row for each recipe. ``name`` and ``wanted``, the config's share of sequences; None if this version
+            cannot read the config. ``pairs``, the number of pairs in the sample, and their ``redraws``. The means of
+            their other measures; None if no pair has a value.
         redraws: the failed attempts of the dataset or split.
         unread: messages about the pairs of the sample that could not be read.
         disparity: distribution of disparity over all pixels of the left views; None where no pixel has a disparity.

@@ -92,9 +92,9 @@ def report(
         comparison = Comparison(width_px, side_of(left_views), len(left_views), place, recipes)
     outliers = [outlier for quantity in QUANTITIES for outlier in find_outliers(measurement.pairs, quantity)]
     shown = _choose(measurement.pairs, pairs, outliers)
-    drawn = make_pictures([pair.position for pair, _ in shown], opened.__getitem__)
-    page = render_page(index, measurement, comparison, outliers, shown, drawn)
-    return Report(page, measurement, comparison, len(shown), drawn[0].step if drawn else 0)
+    pictures = make_pictures([pair.position for pair, _ in shown], opened.__getitem__)
+    page = render_page(index, measurement, comparison, outliers, shown, pictures)
+    return Report(page, measurement, comparison, len(shown), pictures[0].step if pictures else 0)
 
 
 def _measured_place(images: Files, disparity: Files, png_scale: float, width_px: int) -> MeasuredPlace | None:

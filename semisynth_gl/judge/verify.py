@@ -132,7 +132,7 @@ def verify(
 
 
 def _with_rays_if_possible(index: StoredIndex, pixels: int) -> tuple[Iterator[Verdict], str | None]:
-    """Return the verdicts on a dataset, and why no rays are cast; None where they are."""
+    """Return the verdicts on a dataset, and the reason if no rays are cast, else None."""
     if index.plan.version != metadata.version("semisynth-gl"):
         # Another version may sample other scenes.
         return verify_dataset(index), f"version {index.plan.version} made the dataset"

@@ -98,9 +98,9 @@ class Cameras:
             images = {eye: chains[eye].raw_image(image, densities[eye]) for eye, image in images.items()}
             points = {eye: (chain.raw.cx_px, chain.raw.cy_px) for eye, chain in chains.items()}
         if not section.none():
-            images, values_of = self._imperfect(images, points, number, sampled.view)
+            images, values_by_eye = self._imperfect(images, points, number, sampled.view)
             blurred = {"motion_blur": motion_blur} if motion_blur > 0 else {}
-            records["imperfections"] = {eye: values | blurred for eye, values in values_of.items()}
+            records["imperfections"] = {eye: values | blurred for eye, values in values_by_eye.items()}
         views = {
             eye: self._rectified(chains[eye], image) if chains else {"image": image} for eye, image in images.items()
         }
