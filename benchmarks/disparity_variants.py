@@ -18,7 +18,6 @@ from semisynth_gl.render.instance_transforms import TransformComposer
 from semisynth_gl.render.model_buffers import ModelBuffers, refill
 from semisynth_gl.render.programs import link_meshes, link_program
 from semisynth_gl.render.projection import clip_from_view
-from semisynth_gl.render.structs import BLOCKS, Block
 from semisynth_gl.render.targets import EyeTargets
 from semisynth_gl.scene.scene import Scene
 
@@ -40,7 +39,7 @@ _FAR_M = 1e5
 _STEPS_24 = 2**24 - 1
 # No variant samples patches, so a scene may have any number of them.
 _ANY_PATCH = np.iinfo(np.int64).max
-_POSES = 4  # the binding in variant.frag
+_POSES, _CAMERA_64 = 4, 1  # the bindings in variant.frag
 
 CAMERA_64 = np.dtype(
     [
@@ -52,8 +51,6 @@ CAMERA_64 = np.dtype(
     ]
 )
 """The uniform block of variant.frag, std140."""
-# From here on, `link_program` checks this block too.
-BLOCKS["Camera64"] = Block(1, CAMERA_64)
 
 _SHADERS = Path(__file__).resolve().parent / "shaders"
 VARIANT_SHADERS = str(_SHADERS / "variant.vert"), str(_SHADERS / "variant.frag")
@@ -153,7 +150,7 @@ class DisparityVariants:
             self._poses.bind_to_storage_buffer(_POSES)
             constants = (camera.cx_px(eye), camera.cy_px), camera.focal_px, camera.focal_baseline, camera.doffs_px, 0.0
             self._camera_64.write(np.array(constants, CAMERA_64))
-            self._camera_64.bind_to_uniform_block(BLOCKS["Camera64"].binding)
+            self._camera_64.bind_to_uniform_block(_CAMERA_64)
         if variant in ("plane", "plane64"):
             self._models.bind_triangles(self._composer.compose(scene), eye)
         targets.clear()

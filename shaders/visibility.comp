@@ -3,12 +3,11 @@
 //
 // TILES judges 4 x 4 pixels at a time by the two disparity maps, and lists the tiles that are not wholly visible. FILL
 // writes the tiles of one kind. PIXELS judges the pixels of mixed tiles, and lists the undecided ones. TRACE walks from the
-// neighbouring pixels across their triangles to such a point. A pixel that no step writes is VISIBLE, unless slivers.comp
-// hides it. Work lists keep the costly steps dense: llvmpipe runs eight invocations at a time through both sides of every
-// branch.
+// neighbouring pixels across their triangles to such a point. A pixel that no step writes is VISIBLE. So is a point behind
+// what shows at no pixel of the other view. Work lists keep the costly steps dense: llvmpipe runs eight invocations at a
+// time through both sides of every branch.
 
 #include "common_constants.glsl"
-#include "common_masks.glsl"
 
 #define TILES 0
 #define FILL 1
@@ -48,6 +47,43 @@ uint listed(uvec2 at) {
 
 uvec2 unlisted(uint number) {
     return uvec2(number & 0x7FFFu, number >> 16);
+}
+
+// Largest difference, between two pixels of one smooth surface, of the other view's disparity from the point's.
+const float BEND_PX = 0.02;
+const float BEND_RELATIVE = 0.01;
+// Largest change of disparity from pixel to pixel that counts as one surface without a look at its triangles.
+const float STEEPEST = 2.0;
+// How much nearer a surface must be to hide a point: the uncertainty of float32.
+const float ROUNDING_PX = 1e-3;
+const float ROUNDING_RELATIVE = 2e-6;
+
+// Where the other eye would see a point, in its columns.
+float target_of(float column, float disparity_px) {
+    precise float target = column + other_from_own * disparity_px;
+    return target;
+}
+
+// Smallest disparity: that of points at infinity, or the lower end of the valid disparities.
+float far_px() {
+    return max(least_px, -doffs_px);
+}
+
+float or_far(float disparity_px) {
+    return disparity_px > LARGEST ? far_px() : disparity_px;
+}
+
+// Whether the surface of the point continues from a pixel to the next: along a row, a plane's disparity is linear.
+bool goes_on(float disparity_px, float between, vec2 beside) {
+    precise float off = abs(mix(beside.x, beside.y, between) - disparity_px), step = abs(beside.y - beside.x);
+    precise float most = BEND_PX + BEND_RELATIVE * step;
+    return off < most && step < STEEPEST;
+}
+
+// Whether a surface of this 1 / Z is nearer than a point.
+bool is_before(float inverse_depth, float disparity_px) {
+    float rounding_px = ROUNDING_PX + ROUNDING_RELATIVE * focal_baseline * abs(inverse_depth);
+    return inverse_depth > 0.0 && focal_baseline * inverse_depth - doffs_px > disparity_px + rounding_px;
 }
 
 // Difference of disparity by which a surface above or below stands out, so that it may have an edge there.
@@ -199,18 +235,6 @@ void main() {
 layout(binding = 2) uniform usampler2D own_surface;
 layout(binding = 3) uniform usampler2D other_surface;
 
-// Points that stay open for slivers.comp, by the column on their left in the other view: the last one listed there, as its
-// own column and 1, for each pixel of this view the one listed before it, and which columns have any, 32 in a pixel.
-layout(binding = 1, r32ui) uniform uimage2D open_first;
-layout(binding = 2, r32ui) writeonly uniform uimage2D open_next;
-layout(binding = 3, r32ui) uniform uimage2D open_columns;
-
-void leave_open(ivec2 pixel, int left) {
-    uint before = imageAtomicExchange(open_first, ivec2(left, pixel.y), uint(pixel.x) + 1u);
-    imageStore(open_next, pixel, uvec4(before));
-    imageAtomicOr(open_columns, ivec2(left / 32, pixel.y), 1u << uint(left % 32));
-}
-
 void main() {
     ivec2 last = textureSize(own_disparity, 0) - 1;
     for (uint item = gl_GlobalInvocationID.x; item < pixels; item += invocations()) {
@@ -225,13 +249,12 @@ void main() {
         // Surfaces that are farther by more than a surface rises within a pixel hide nothing, nor do surfaces in the rows
         // above and below that are not nearer.
         float farthest = goes_on(disparity_px, target.x - left, beside) ? LARGEST : max(disparity_px - STEEPEST, far_px());
-        bool hidden = false, is_open = false;
+        bool hidden = false;
         uvec2 followed = own;  // a surface does not hide itself, and is followed once
         for (int k = 0; k < 6; ++k) {
             ivec2 start = clamp(ivec2(int(left) + (k & 1), pixel.y + (k < 2 ? 0 : k < 4 ? -1 : 1)), ivec2(0), last);
             uvec2 surface = texelFetch(other_surface, start, 0).rg;
             bool is_other = surface != own && surface != followed;
-            is_open = is_open || (k < 2 && surface != own && beside[k] > disparity_px + BEND_PX);
             if (!hidden && is_other && around[k] > (k < 2 ? farthest : disparity_px + EDGE_PX)) {
                 hidden = is_before(surface_at(surface, vec2(start), target), disparity_px);
                 followed = surface;
@@ -239,8 +262,6 @@ void main() {
         }
         if (hidden) {
             imageStore(visibility, pixel, uvec4(OCCLUDED));
-        } else if (is_open) {
-            leave_open(pixel, clamp(int(left), 0, last.x));
         }
     }
 }

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.render.projection import clip_from_view
-from semisynth_gl.render.structs import BLOCKS, CONSTANTS
+from semisynth_gl.render.structs import CONSTANTS, CONSTANTS_BINDING
 from semisynth_gl.scene.scene import Scene
 
 # Below every disparity: see LARGEST in common_constants.glsl.
@@ -19,7 +19,7 @@ class ConstantsBuffer:
     def __init__(self, gl: moderngl.Context, *, signed: bool = False) -> None:
         self._least_px = -_LARGEST if signed else 0.0
         self._buffer = gl.buffer(reserve=CONSTANTS.itemsize, dynamic=True)
-        self._buffer.bind_to_uniform_block(BLOCKS["Constants"].binding)
+        self._buffer.bind_to_uniform_block(CONSTANTS_BINDING)
         self._packed: bytes = b""
 
     def write(self, scene: Scene, eye: Eye, *, projection: NDArray[np.float64] | None = None) -> None:

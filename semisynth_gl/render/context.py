@@ -15,7 +15,6 @@ from semisynth_gl.render.backends import BACKENDS, Backend, is_software
 from semisynth_gl.render.load_order import load_before_driver
 from semisynth_gl.render.osmesa import OSMesaContext
 from semisynth_gl.render.unbound import UnboundCalls
-from semisynth_gl.render.vector_width import separate_compiled_shaders
 
 # OpenGL 4.5 is the first version with glClipControl, which reversed Z needs; llvmpipe has offered it since Mesa 20.2.
 REQUIRED_VERSION = 450
@@ -104,7 +103,6 @@ def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsCo
     if _opened_in - {os.getpid()}:
         # The driver's threads were not forked, and the driver would wait for them for ever.
         raise BackendError(f"this process was forked from one that had opened OpenGL: {_AFTER_FORK}")
-    separate_compiled_shaders()
     load_before_driver()
     reasons = []
     for name, opener in openers.items():

@@ -11,7 +11,7 @@ from semisynth_gl.render.model_buffers import refill
 from semisynth_gl.render.outlines import Outlines
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.state import RenderState
-from semisynth_gl.render.structs import BLOCKS, WEARER
+from semisynth_gl.render.structs import WEARER, WEARERS_BINDING
 from semisynth_gl.render.targets import EyeTargets
 
 _FEWEST_STRIPS, _FEWEST_INSTANCES = 4096, 256
@@ -64,7 +64,7 @@ class EdgePass:
         refill(self._strips, strips)
         refill(self._wearers, self._worn(transforms, eye))
         self._vertices.bind_to_storage_buffer(_VERTICES)
-        self._wearers.bind_to_storage_buffer(BLOCKS["Wearers"].binding)
+        self._wearers.bind_to_storage_buffer(WEARERS_BINDING)
         self._strips.bind_to_storage_buffer(_STRIPS)
         self._gl.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         self._gl.depth_func = ">"

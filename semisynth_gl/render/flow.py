@@ -14,7 +14,7 @@ from semisynth_gl.render.model_buffers import refill
 from semisynth_gl.render.pair_targets import DrawnPair
 from semisynth_gl.render.programs import link_meshes
 from semisynth_gl.render.state import RenderState
-from semisynth_gl.render.structs import BLOCKS, MOVE
+from semisynth_gl.render.structs import MOVE, MOVES_BINDING
 from semisynth_gl.render.targets import Targets
 from semisynth_gl.scene.scene import Motion
 
@@ -98,7 +98,7 @@ class FlowPass:
             moves["turn_and_shift"][:, :, 3] = moves["turn_and_shift"][:, :, 3] @ turn.T
             moves["centre"] = moves["centre"] @ turn.T
         refill(self._moves, moves)
-        self._moves.bind_to_storage_buffer(BLOCKS["Moves"].binding)
+        self._moves.bind_to_storage_buffer(MOVES_BINDING)
         models.bind_triangles(moved.then, eye)
         pair.eyes[eye].bind(depth=0, surface=1)
         then.bind(depth=2, surface=3)

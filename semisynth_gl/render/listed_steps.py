@@ -21,11 +21,6 @@ _GROUPS_ON_SOFTWARE, _GROUPS_ON_GPU = 128, 2048
 _MOST_PIXELS = 1 << 21
 
 
-def groups_of(context: GraphicsContext) -> int:
-    """Return how many groups of invocations share a work list."""
-    return _GROUPS_ON_SOFTWARE if context.software else _GROUPS_ON_GPU
-
-
 class ListedSteps:
     """A compute shader in steps: the first step judges tiles of the image, later steps judge the entries of work lists.
 
@@ -59,7 +54,7 @@ class ListedSteps:
         self._banded = [step for step in self._steps if "band" in list(step)]
         self._tile_px, self._entries = tile_px, entries
         self._work = context.gl.buffer(reserve=len(_COUNTERS))
-        self._groups = groups_of(context)
+        self._groups = _GROUPS_ON_SOFTWARE if context.software else _GROUPS_ON_GPU
 
     def set(self, name: str, value: object) -> None:
         """Set a uniform in all steps that use it."""

@@ -14,7 +14,7 @@ from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.topology import NO_NEIGHBOUR, neighbours
 from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.instance_transforms import InstanceTransforms
-from semisynth_gl.render.structs import COMMAND, DRAWN_INSTANCE, VERTEX, check_attributes, members
+from semisynth_gl.render.structs import COMMAND, DRAWN_INSTANCE, VERTEX
 
 _FEWEST_INSTANCES = 256
 # Texture units of common_triangles.glsl, number of triangles or instances in a row of a texture, and texels of each.
@@ -162,11 +162,6 @@ class ModelBuffers:
                 self._commands, moderngl.TRIANGLES, filled.both_sides, first=filled.first + filled.fronts
             )
 
-    def triangles_of(self, model: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return each model's first triangle, as `bind_triangles` counts, and its number of triangles, (N,) int64."""
-        commands = self._model_commands[model]
-        return commands["first_index"].astype(np.int64) // 3, commands["count"].astype(np.int64) // 3
-
     def bind_triangles(self, transforms: InstanceTransforms, eye: Eye) -> None:
         """Bind the textures of common_triangles.glsl: all models' triangles, and all instances relative to one eye."""
         if self._triangles is None:
@@ -268,11 +263,12 @@ def refill(buffer: moderngl.Buffer, rows: NDArray[Any]) -> None:
 def _format(program: moderngl.Program, dtype: np.dtype[Any], suffix: str) -> tuple[str, list[str]]:
     """Return the buffer format and the attributes' names; attributes that the compiler has removed become padding."""
     parts, names = [], []
-    check_attributes(program, dtype)
-    for name, _, count, kind in members(dtype):
-        if program.get(name, None) is None:
-            parts.append(f"{count}x4")
-            continue
-        parts.append(f"{count}{kind}")
-        names.append(name)
+    for field in dtype.names or ():
+        kind, shape = dtype[field].base.kind, dtype[field].shape
+        # A field of shape (3, 4) stands for three vec4, the rows of a matrix.
+        rows = [f"{field}_{axis}" for axis in "xyz"] if shape == (3, 4) else [field]
+        for name in rows:
+            known, count = program.get(name, None) is not None, shape[-1] if shape else 1
+            parts.append(f"{count}{kind if known else 'x4'}")
+            names += [name] * known
     return " ".join(parts) + suffix, names

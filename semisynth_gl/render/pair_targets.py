@@ -11,13 +11,12 @@ import moderngl
 from semisynth_gl.frame.camera import EYES, Crop, Eye, StereoCamera
 from semisynth_gl.render.antialias import ColourTargets
 from semisynth_gl.render.instance_transforms import InstanceTransforms
-from semisynth_gl.render.slivers import OpenPoints
 from semisynth_gl.render.state import RenderState
 from semisynth_gl.render.targets import CORRESPONDENCE, FLOW, EyeTargets, Targets
 
 COLOUR = ("colour",)
 
-_Part = TypeVar("_Part", ColourTargets, EyeTargets, OpenPoints, Targets)
+_Part = TypeVar("_Part", ColourTargets, EyeTargets, Targets)
 _Sized = TypeVar("_Sized", bound="ImageTargets")
 
 
@@ -38,7 +37,7 @@ class ImageTargets:
 
     def __init__(self, state: RenderState, size: tuple[int, int]) -> None:
         self._state, self.size = state, size
-        self._parts: list[ColourTargets | OpenPoints | Targets] = []
+        self._parts: list[ColourTargets | Targets] = []
         self.samples = self._keep(ColourTargets(state, size)) if state.options.antialias.redraws else None
 
     @cached_property
@@ -86,7 +85,6 @@ class PairTargets(ImageTargets):
     Attributes:
         eyes: targets of each eye's drawing pass and visibility pass.
         shared: targets of the same passes for shared left views, with 1 / Z in the place of the disparity.
-        open_points: the points that the visibility pass leaves open.
         correspondence: targets of the correspondence pass.
         then: targets to which the flow pass draws the other moment.
         flow: targets of the flow pass.
@@ -107,7 +105,6 @@ class PairTargets(ImageTargets):
         if shared:
             names = ("inverse_depth" if name == "disparity" else name for name in options.attachments("left"))
             self.shared = self._drawn_to(tuple(names), visibility=visible["left"])
-        self.open_points = self._keep(OpenPoints(context, size)) if options.visibility else None
         self.correspondence: Targets | None = None
         if options.corresponds:
             self.correspondence = self._keep(Targets(context, size, CORRESPONDENCE, read))

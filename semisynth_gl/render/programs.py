@@ -1,4 +1,4 @@
-"""Shader programs: the GLSL of shaders/ with its #include and #define lines, compiled, linked and checked."""
+"""Shader programs: the GLSL of shaders/ with its #include and #define lines, compiled and linked."""
 
 import re
 from collections.abc import Mapping
@@ -8,7 +8,6 @@ import moderngl
 from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.inputs.resources import data_root
 from semisynth_gl.render.context import GraphicsContext
-from semisynth_gl.render.structs import check_blocks
 
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 
@@ -16,16 +15,16 @@ _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 def link_program(
     context: GraphicsContext, vertex: str, fragment: str, defines: Mapping[str, int], geometry: str | None = None
 ) -> moderngl.Program:
-    """Compile and link shaders, and check the blocks that numpy packs for them.
+    """Compile and link shaders.
 
     ``vertex``, ``fragment`` and ``geometry`` name the shaders, and ``defines`` are for the fragment shader, and for the
     geometry shader where it mentions them; see `shader_source`.
 
     Raises:
-        BackendError: where the driver refuses the shaders, or lays a block out in another way than numpy.
+        BackendError: where the driver refuses the shaders.
     """
     try:
-        program = context.gl.program(
+        return context.gl.program(
             vertex_shader=shader_source(vertex),
             geometry_shader=None if geometry is None else _geometry_source(geometry, defines),
             fragment_shader=shader_source(fragment, defines),
@@ -33,8 +32,6 @@ def link_program(
     except moderngl.Error as error:
         files = " and ".join(file for file in (vertex, geometry, fragment) if file is not None)
         raise BackendError(f"{context.renderer} does not compile {files}: {error}") from error
-    check_blocks(context, program)
-    return program
 
 
 def link_meshes(context: GraphicsContext, defines: Mapping[str, int]) -> moderngl.Program:
@@ -53,17 +50,15 @@ def link_meshes(context: GraphicsContext, defines: Mapping[str, int]) -> moderng
 
 
 def link_compute(context: GraphicsContext, compute: str, defines: Mapping[str, int]) -> moderngl.ComputeShader:
-    """Compile and link a compute shader, and check its blocks, as `link_program` does.
+    """Compile and link a compute shader; see `shader_source`.
 
     Raises:
-        BackendError: where the driver refuses the shader, or lays a block out in another way than numpy.
+        BackendError: where the driver refuses the shader.
     """
     try:
-        program = context.gl.compute_shader(shader_source(compute, defines))
+        return context.gl.compute_shader(shader_source(compute, defines))
     except moderngl.Error as error:
         raise BackendError(f"{context.renderer} does not compile {compute}: {error}") from error
-    check_blocks(context, program)
-    return program
 
 
 def _geometry_source(name: str, defines: Mapping[str, int]) -> str:

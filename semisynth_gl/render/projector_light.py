@@ -11,7 +11,7 @@ from semisynth_gl.inputs.arguments import LEAST
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.state import RenderState
-from semisynth_gl.render.structs import BLOCKS, PROJECTOR
+from semisynth_gl.render.structs import PROJECTOR, PROJECTOR_BINDING
 from semisynth_gl.render.targets import EyeTargets
 from semisynth_gl.scene.scene import Projector
 
@@ -42,7 +42,7 @@ class ProjectorLight:
         self._pattern = gl.texture(self._size, 1, np.ascontiguousarray(pattern), alignment=1)
         self._pattern.repeat_x = self._pattern.repeat_y = False
         self._buffer = gl.buffer(reserve=PROJECTOR.itemsize, dynamic=True)
-        self._buffer.bind_to_uniform_block(BLOCKS["ProjectedLight"].binding)
+        self._buffer.bind_to_uniform_block(PROJECTOR_BINDING)
         self._reached: InstanceTransforms | None = None
 
     def reach(self, transforms: InstanceTransforms, draw: Callable[[InstanceTransforms, EyeTargets], object]) -> None:

@@ -1,7 +1,7 @@
 """The few OpenGL calls that moderngl has no binding for, made through their addresses."""
 
 import ctypes
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,11 +21,6 @@ _GL_MIRRORED_REPEAT = 0x8370
 _GL_TEXTURE_BASE_LEVEL, _GL_TEXTURE_MAX_LEVEL = 0x813C, 0x813D
 _GL_R8, _GL_R32F, _GL_RGB8, _GL_RGBA8, _GL_RED, _GL_RGBA = 0x8229, 0x822E, 0x8051, 0x8058, 0x1903, 0x1908
 _GL_UNSIGNED_BYTE, _GL_COLOR_ATTACHMENT0, _GL_UNPACK_ALIGNMENT = 0x1401, 0x8CE0, 0x0CF5
-
-# Interfaces and properties of a linked program's resources.
-_GL_UNIFORM, _GL_UNIFORM_BLOCK, _GL_BUFFER_VARIABLE, _GL_SHADER_STORAGE_BLOCK = 0x92E1, 0x92E2, 0x92E5, 0x92E6
-_GL_OFFSET, _GL_BUFFER_DATA_SIZE, _GL_TOP_LEVEL_ARRAY_STRIDE = 0x92FC, 0x9303, 0x930D
-_GL_INVALID_INDEX = 0xFFFFFFFF
 
 # Kinds of objects that are counted, and the limit of the names that are tried: drivers hand out small names.
 _KINDS = ("Texture", "Buffer", "Framebuffer", "Renderbuffer", "Program", "VertexArray")
@@ -62,9 +57,6 @@ class UnboundCalls:
         self._pixel_store = function("glPixelStorei", _UINT, _INT)
         self._attach_level = function("glNamedFramebufferTexture", _UINT, _UINT, _UINT, _INT)
         self._reset_status = function("glGetGraphicsResetStatus", result=_UINT)
-        self._resource_index = function("glGetProgramResourceIndex", _UINT, _UINT, ctypes.c_char_p, result=_UINT)
-        resource_types = _UINT, _UINT, _UINT, _INT, _UINTS, _INT, ctypes.c_void_p, _INTS
-        self._resource = function("glGetProgramResourceiv", *resource_types)
         self._is_kind = {kind: function(f"glIs{kind}", _UINT, result=ctypes.c_ubyte) for kind in _KINDS}
 
     def set_up(self) -> None:
@@ -87,32 +79,6 @@ class UnboundCalls:
     def clear_depth(self, value: float) -> None:
         """Clear the depth buffer of the framebuffer in use."""
         self._clear_float(_GL_DEPTH, 0, ctypes.byref(ctypes.c_float(value)))
-
-    def block_layout(
-        self, program: int, block: str, members: Sequence[str], array: str
-    ) -> tuple[dict[str, int], int] | None:
-        """Return how the driver lays out a block of a linked program, or None where the program has no such block.
-
-        The layout is the offset of each member, and the size of the block or of one element of its array, in bytes. A
-        storage block holds an ``array``, to whose elements the members belong; a uniform block has "" there.
-        """
-        kind, variables = (_GL_SHADER_STORAGE_BLOCK, _GL_BUFFER_VARIABLE) if array else (_GL_UNIFORM_BLOCK, _GL_UNIFORM)
-        index = self._resource_index(program, kind, block.encode())
-        if index == _GL_INVALID_INDEX:
-            return None
-        offsets, size = {}, self._property(program, kind, index, _GL_BUFFER_DATA_SIZE)
-        for member in members:
-            variable = self._resource_index(program, variables, (f"{array}[0].{member}" if array else member).encode())
-            if variable != _GL_INVALID_INDEX:
-                offsets[member] = self._property(program, variables, variable, _GL_OFFSET)
-                if array:
-                    size = self._property(program, variables, variable, _GL_TOP_LEVEL_ARRAY_STRIDE)
-        return offsets, size
-
-    def _property(self, program: int, interface: int, index: int, name: int) -> int:
-        value = ctypes.c_int(-1)
-        self._resource(program, interface, index, 1, ctypes.byref(ctypes.c_uint(name)), 1, None, ctypes.byref(value))
-        return value.value
 
     def is_lost(self) -> bool:
         """Return whether the driver says that the context was lost, because the GPU was reset or taken away."""

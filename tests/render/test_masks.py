@@ -9,9 +9,8 @@ from scenes import facing, noise_layers
 from semisynth_gl.frame.camera import Crop, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, VISIBLE
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS
-from semisynth_gl.render import listed_steps, slivers
+from semisynth_gl.render import listed_steps
 from semisynth_gl.render.model_buffers import _by_last_corner
-from semisynth_gl.render.slivers import SliverPass
 from semisynth_gl.scene.scene import make_scene
 
 CAMERA = StereoCamera.centred(200, 24, 100.0, 0.1)
@@ -49,23 +48,6 @@ def test_a_board_hides_up_to_its_edge_however_little_it_stands_out(open_renderer
     assert (mask == expected).all()
 
 
-@pytest.mark.parametrize(("sliver_px", "expected"), [((100.35, 100.45), OCCLUDED), ((100.42, 100.6), VISIBLE)])
-@pytest.mark.parametrize("disparity_px", [4.7, 5.5, 30.0])
-def test_what_shows_at_no_pixel_hides(open_renderer, square, sliver_px, expected, disparity_px):
-    """The wall's pixel 105 is at 100.4 on the right."""
-    disparity, mask = column(open_renderer, square, 105, board(-100, 300, 4.6), board(*sliver_px, disparity_px))
-    np.testing.assert_allclose(disparity, 4.6, atol=1e-4)
-    assert (mask == expected).all()
-
-
-@pytest.mark.parametrize(("sliver_px", "expected"), [((100.35, 100.45), OCCLUDED), ((100.42, 100.6), VISIBLE)])
-def test_what_shows_at_no_pixel_hides_in_a_gap(open_renderer, square, sliver_px, expected):
-    """Both pixels beside the place show surfaces that are neither the wall nor the sliver."""
-    boards = board(96, 100.2, 10.5), board(100.7, 130, 14.5), board(*sliver_px, 7.0)
-    _, mask = column(open_renderer, square, 105, board(-100, 300, 4.6), *boards)
-    assert (mask == expected).all()
-
-
 def cluttered():
     rng = np.random.default_rng(3)
     models = [build(rng) for build in list(COMPLEX_KINDS.values())[:8]]
@@ -90,19 +72,6 @@ def test_bands_and_crops_do_not_change_masks(open_renderer, monkeypatch):
         for eye in ("left", "right"):
             expected = whole.view(eye).visibility[rows, columns]
             np.testing.assert_array_equal(frame.view(eye).visibility, expected)
-
-
-def test_masks_do_not_depend_on_the_room_that_lists_have(open_renderer, monkeypatch):
-    models, scene = cluttered()
-    expected = open_renderer(models, noise_layers(1, 16)).render(scene)
-    monkeypatch.setattr(slivers, "_FEWEST_ENTRIES", 1)
-    monkeypatch.setattr(slivers, "_ENTRIES_OF_TRIANGLE", 0)
-    draws, draw = [], SliverPass.draw
-    monkeypatch.setattr(SliverPass, "draw", lambda self, *given_: draws.append(1) or draw(self, *given_))
-    frame = open_renderer(models, noise_layers(1, 16)).render(scene)
-    assert len(draws) > 2, "no list was too short for an eye"
-    for eye in ("left", "right"):
-        np.testing.assert_array_equal(frame.view(eye).visibility, expected.view(eye).visibility)
 
 
 @pytest.mark.parametrize("groups", [1, 2048])
