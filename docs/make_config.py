@@ -8,7 +8,7 @@ from pathlib import Path
 
 from marked import replaced
 
-from semisynth_gl.config.keys import ConfigKey, config_keys
+from semisynth_gl.config.explain import ConfigKey, config_keys
 
 DOCS = Path(__file__).resolve().parent
 BEGIN = "<!-- The keys come from the docstrings of the config's sections: python docs/make_config.py -->\n"

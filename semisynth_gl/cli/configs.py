@@ -4,6 +4,7 @@ import click
 
 from semisynth_gl.cli.options import Command, ConfigName, listed_configs
 from semisynth_gl.config.explain import explain
+from semisynth_gl.config.load import load_config
 
 
 @click.command(cls=Command)
@@ -14,7 +15,7 @@ def configs(config_name: str | None) -> None:
     The output is a config itself: save it, change it, and give it to generate.
     """
     if config_name is not None:
-        click.echo(explain(config_name), nl=False)
+        click.echo(explain(load_config(config_name)), nl=False)
         return
     for line in listed_configs():
         click.echo(line)

@@ -14,8 +14,8 @@ from click.shell_completion import CompletionItem
 from semisynth_gl.cli.completion import beginning
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config import Config, load_config, packaged_configs
-from semisynth_gl.config.explain import summaries
-from semisynth_gl.config.keys import config_keys
+from semisynth_gl.config.explain import config_keys
+from semisynth_gl.config.load import summaries
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.render.backends import BACKENDS, Backend

@@ -8,20 +8,17 @@ from pydantic import Field
 
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS
 from semisynth_gl.config.fields import (
+    SMALLEST,
     ZERO,
     ConfigError,
     NotNegative,
-    NotNegativeRange,
     Positive,
-    PositiveRange,
     Range,
     RangeField,
     Section,
     Share,
-    at_least,
-    at_most,
-    count,
     one_of,
+    within,
 )
 from semisynth_gl.frame.camera import MOST_FOCAL_RATIO, MOST_TURN_RAD
 from semisynth_gl.plugins import BUILT_IN
@@ -42,13 +39,13 @@ _Licence = Annotated[str, Field(max_length=_LONGEST_LICENCE)]
 class RigSection(Section):
     """Deviation of the right camera from the rectified one."""
 
-    right_roll_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = ZERO
+    right_roll_deg: Annotated[RangeField, within(-_MOST_TURN_DEG, _MOST_TURN_DEG)] = ZERO
     """rotation about the viewing direction; positive turns the image clockwise"""
-    right_pitch_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = ZERO
+    right_pitch_deg: Annotated[RangeField, within(-_MOST_TURN_DEG, _MOST_TURN_DEG)] = ZERO
     """rotation about the x axis; positive moves the image up"""
     right_y_px: RangeField = ZERO
     """right principal point's distance below the left one"""
-    focal_ratio: Annotated[RangeField, at_most(MOST_FOCAL_RATIO), at_least(1 / MOST_FOCAL_RATIO)] = Range(1.0, 1.0)
+    focal_ratio: Annotated[RangeField, within(1 / MOST_FOCAL_RATIO, MOST_FOCAL_RATIO)] = Range(1.0, 1.0)
     """right focal length over the left one"""
     twin: bool = False
     """render each scene twice: pair 2 i deviates, pair 2 i + 1 is rectified"""
@@ -66,25 +63,25 @@ class RigSection(Section):
 class ImperfectionsSection(Section):
     """Imperfections of real images, sampled per image; both eyes share ``motion_blur``."""
 
-    exposure_stops: Annotated[RangeField, at_most(20), at_least(-20)] = ZERO
+    exposure_stops: Annotated[RangeField, within(-20, 20)] = ZERO
     """brightness in powers of 2"""
-    gamma: Annotated[PositiveRange, at_most(100)] = Range(1.0, 1.0)
+    gamma: Annotated[RangeField, within(SMALLEST, 100)] = Range(1.0, 1.0)
     """exponent of the tone curve"""
-    noise: Annotated[NotNegativeRange, at_most(255)] = ZERO
+    noise: Annotated[RangeField, within(0, 255)] = ZERO
     """standard deviation of the noise, 8-bit levels"""
-    blur_px: Annotated[NotNegativeRange, at_most(1000)] = ZERO
+    blur_px: Annotated[RangeField, within(0, 1000)] = ZERO
     """standard deviation of the lens blur"""
-    motion_blur: Annotated[NotNegativeRange, at_most(1)] = ZERO
+    motion_blur: Annotated[RangeField, within(0, 1)] = ZERO
     """exposure time over ``sequence.frame_s``"""
     sub_frames: Annotated[int, Field(ge=2, le=64)] = _SUB_FRAMES
     """number of images averaged over an exposure"""
-    vignetting: Annotated[NotNegativeRange, at_most(0.95)] = ZERO
+    vignetting: Annotated[RangeField, within(0, 0.95)] = ZERO
     """share of light lost in the corners, half a diagonal from the principal point"""
-    white_balance: Annotated[RangeField, at_most(4), at_least(-4)] = ZERO
+    white_balance: Annotated[RangeField, within(-4, 4)] = ZERO
     """gains of red and of blue, in powers of 2"""
-    sharpening: Annotated[NotNegativeRange, at_most(10)] = ZERO
+    sharpening: Annotated[RangeField, within(0, 10)] = ZERO
     """amount of the unsharp mask"""
-    jpeg_quality: Annotated[RangeField, at_least(1), at_most(100)] | None = None
+    jpeg_quality: Annotated[RangeField, within(1, 100)] | None = None
     """JPEG quality, 1 to 100; by default no compression"""
 
     def none(self) -> bool:
@@ -101,14 +98,14 @@ class ChecksSection(Section):
     """least texture of the flatter image, as ``textures.min_texture``"""
     min_valid: Share = 0.5
     """least share of valid disparities in each view"""
-    attempts: Annotated[int, count(10_000)] = 10
+    attempts: Annotated[int, Field(ge=1, le=10_000)] = 10
     """attempts before the run fails"""
 
 
 class SequenceSection(Section):
     """Successive frames of one moving scene."""
 
-    length: Annotated[int, count(100_000)] = 1
+    length: Annotated[int, Field(ge=1, le=100_000)] = 1
     """frames per sequence"""
     frame_s: Positive = 0.04
     """time between two frames"""

@@ -3,11 +3,10 @@
 Invalid values are passed on unchanged, for the config's checks to refuse.
 """
 
-from collections.abc import Callable, Mapping
-from functools import partial
-from typing import Any, TypeGuard
+from collections.abc import Callable
+from typing import Any
 
-from semisynth_gl.config.fields import LARGEST, Range, is_number
+from semisynth_gl.config.fields import Range, is_number, written_range
 from semisynth_gl.config.layers import Values
 from semisynth_gl.config.model import Config
 
@@ -16,7 +15,9 @@ _OF_IMAGES = ("camera", "disparity", "background", "structures", "particles", "r
 _TEXELS = "texels_per_pixel"
 _SIDES = ("width_px", "height_px", "raw_width_px", "raw_height_px")
 _POINTS = {"cx_left_px": "width_px", "cx_right_px": "width_px", "cy_px": "height_px"}
-_OF_POINTS = {*_POINTS, "cx_px"}
+
+# What becomes of a value, by the name of its section and its key.
+Change = Callable[[str, str, float], float]
 
 
 def recentred(below: Values, above: Values) -> Values:
@@ -33,16 +34,13 @@ def recentred(below: Values, above: Values) -> Values:
     focal_px, new_focal_px = _focal_px(before), _focal_px(after)
     growth = new_focal_px / focal_px if focal_px and new_focal_px else 1.0
 
-    def moved(camera: Values) -> Values:
-        return {key: _mapped(value, partial(beside_middle, key)) for key, value in camera.items()}
-
-    def beside_middle(key: str, at: float) -> float:
+    def beside_middle(section: str, key: str, at: float) -> float:
         old, new = (sides.get(_POINTS.get(key, "")) for sides in (before, after))
-        if _is_possible(old) and _is_possible(new) and old != new and key not in stated:
+        if section == "camera" and is_number(old) and is_number(new) and old != new and key not in stated:
             return (new - 1) / 2 + growth * (at - (old - 1) / 2)
         return at
 
-    return _with_sections(below, {"camera": moved})
+    return _with_recipes(below, beside_middle)
 
 
 def scaled(values: Values, factor: float) -> Values:
@@ -51,48 +49,43 @@ def scaled(values: Values, factor: float) -> Values:
     Ranges in pixels that are left at their defaults are scaled too, and so are written out in the result.
     """
 
-    def of_images(section: Values) -> Values:
-        return {key: _scaled(key, value, factor) for key, value in section.items()}
-
-    def of_textures(section: Values) -> Values:
-        return section | {_TEXELS: _mapped(section[_TEXELS], lambda x: x / factor)} if _TEXELS in section else section
+    def at_scale(section: str, key: str, value: float) -> float:
+        if key == _TEXELS:
+            return value / factor
+        if section not in _OF_IMAGES or not key.endswith("_px"):
+            return value
+        if key in _SIDES:
+            return max(round(value * factor), 1)
+        # Principal points count from the first pixel's centre, and the image's border lies half a pixel before that.
+        border = 0.5 if key in (*_POINTS, "cx_px") else 0.0
+        return (value + border) * factor - border
 
     full = dict(values)
     for name in (*_OF_IMAGES, "textures"):
         fields = getattr(Config.model_fields[name].annotation, "model_fields", {})
         ranges = {key: field.default for key, field in fields.items() if isinstance(field.default, Range)}
-        stated = {key: [each.low, each.high] for key, each in ranges.items() if key.endswith("_px") or key == _TEXELS}
+        stated = {key: written_range(each) for key, each in ranges.items() if key.endswith("_px") or key == _TEXELS}
         given = values.get(name, {})
         if isinstance(given, dict) and stated:
             full[name] = stated | given
-    return _with_sections(full, dict.fromkeys(_OF_IMAGES, of_images) | {"textures": of_textures})
+    return _with_recipes(full, at_scale)
 
 
-def _with_sections(values: Values, changes: Mapping[str, Callable[[Values], Values]]) -> Values:
-    """Return the values with the functions ``changes`` applied to their sections, in recipes too."""
-
-    def changed(sections: Values) -> Values:
-        return {
-            key: changes[key](value) if key in changes and isinstance(value, dict) else value
-            for key, value in sections.items()
-        }
-
-    recipes = values.get("scenes")
-    if not isinstance(recipes, list):
-        return changed(values)
-    return changed(values) | {"scenes": [changed(each) if isinstance(each, dict) else each for each in recipes]}
+def _with_recipes(values: Values, change: Change) -> Values:
+    """Return the values with all numbers of their sections changed, in recipes too."""
+    changed = {name: _changed(name, "", each, change) for name, each in values.items()}
+    if isinstance(recipes := values.get("scenes"), list):
+        changed["scenes"] = [_with_recipes(each, change) if isinstance(each, dict) else each for each in recipes]
+    return changed
 
 
-def _scaled(key: str, value: Any, factor: float) -> Any:  # noqa: ANN401 - any YAML value
+def _changed(section: str, key: str, value: Any, change: Change) -> Any:  # noqa: ANN401 - any YAML value
+    """Return a value with all numbers in it changed; ``key`` is the nearest key above them."""
     if isinstance(value, dict):
-        return {below: _scaled(below, child, factor) for below, child in value.items()}
-    if not key.endswith("_px"):
-        return [_scaled(key, child, factor) for child in value] if isinstance(value, list) else value
-    if key in _SIDES:
-        return _mapped(value, lambda x: max(round(x * factor), 1))
-    # Principal points count from the first pixel's centre, and the image's border lies half a pixel before that.
-    border = 0.5 if key in _OF_POINTS else 0.0
-    return _mapped(value, lambda x: (x + border) * factor - border)
+        return {name: _changed(section, name, each, change) for name, each in value.items()}
+    if isinstance(value, list):
+        return [_changed(section, key, each, change) for each in value]
+    return change(section, key, value) if is_number(value) else value
 
 
 def _focal_px(camera: Values) -> float | None:
@@ -106,15 +99,4 @@ def _focal_px(camera: Values) -> float | None:
 
 def _middle(value: Any) -> float | None:  # noqa: ANN401 - any YAML value
     ends = value if isinstance(value, list) else [value]
-    return sum(ends) / len(ends) if ends and all(map(_is_possible, ends)) else None
-
-
-def _mapped(value: Any, function: Callable[[float], float]) -> Any:  # noqa: ANN401 - any YAML value
-    if isinstance(value, list):
-        return [_mapped(end, function) for end in value]
-    return function(value) if _is_possible(value) else value
-
-
-def _is_possible(value: object) -> TypeGuard[float]:
-    """Return whether a value is a number that a config may have."""
-    return is_number(value) and -LARGEST <= value <= LARGEST
+    return sum(ends) / len(ends) if ends and all(map(is_number, ends)) else None

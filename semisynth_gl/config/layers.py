@@ -24,77 +24,70 @@ _REPLACES = {
 }
 
 
-def merged(
-    below: Values, above: Mapping[str, Any], changed: set[Key] | None = None, at: Key = (), *, replacing: bool = True
-) -> Values:
-    """Return the values ``above`` over those ``below``, and add the keys that are set or removed to ``changed``.
+def merged(below: Values, above: Mapping[str, Any]) -> Values:
+    """Return the values ``above`` over those ``below``.
 
-    Mappings are merged key by key; all other values, and mappings with a key ``form``, are replaced whole. ``at`` is
-    the key of both mappings. With ``replacing``, a key removes those below that state the same property.
+    Mappings are merged key by key; all other values, and mappings with a key ``form``, are replaced whole. A key
+    removes those below that state the same property.
     """
-    changed = set() if changed is None else changed
-    replaced = {name for key in above for name in _REPLACES.get(key, ()) if name not in above} if replacing else set()
-    changed |= {(*at, key) for key in replaced}
+    replaced = {name for key in above for name in _REPLACES.get(key, ()) if name not in above}
     result = {key: value for key, value in below.items() if key not in replaced}
     for key, value in above.items():
         old = result.get(key)
         # A mapping with a form states all keys of that form; keys of another form must not remain.
         if isinstance(old, dict) and isinstance(value, dict) and "form" not in value:
-            result[key] = merged(old, value, changed, (*at, key), replacing=replacing)
+            result[key] = merged(old, value)
         else:
             result[key] = value
-            changed.add((*at, key))
     return result
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Layer:
     """Plain values of a config, and the place where each key was set: ``file:line``, or `OVERRIDE`.
 
     A place that was set later comes later in ``places``. The place of the key () is the file.
     """
 
-    values: Values = field(default_factory=dict)
+    values: Values
     places: dict[Key, str] = field(default_factory=dict)
 
-    def over(self, below: "Layer", *, replacing: bool = True) -> "Layer":
+    def over(self, below: "Layer") -> "Layer":
         """Return this layer merged over another one; see `merged`."""
-        changed: set[Key] = set()
-        values = merged(below.values, self.values, changed, replacing=replacing)
+        kept = {key: place for key, place in below.places.items() if key not in self.places}
+        return Layer(merged(below.values, self.values), kept | self.places)
 
-        def is_changed(key: Key) -> bool:
-            return any(key[:n] in changed for n in range(1, len(key) + 1))
-
-        kept = {key: place for key, place in below.places.items() if not is_changed(key)}
-        return Layer(values, kept | {key: place for key, place in self.places.items() if not key or is_changed(key)})
-
-    def place(self, key: Key, recipe: Key = ()) -> tuple[Key, str]:
-        """Return the place of a key, or of the nearest key above it, with the key as it is written there.
+    def said(self, text: str, keys: Iterable[Key], recipe: Key = ()) -> str:
+        """Return a message on a fault of some keys, each with its place; the key that was set last comes first.
 
         In the config of a recipe, whose own key is ``recipe``, the recipe's keys come before those of the config.
         """
-        for n in range(len(key), -1, -1):
-            for start in dict.fromkeys([recipe, ()]):
-                if (*start, *key[:n]) in self.places:
-                    return (*start, *key), self.places[*start, *key[:n]]
-        return key, ""
+        whole = [(*recipe, *key) if holds(self.values, (*recipe, *key)) else key for key in keys]
+        found = {key: self._placed(key) for key in [key for key in whole if holds(self.values, key)] or whole[:1]}
+        order = [(), *self.places]
+        last, *others = sorted(found, key=lambda key: order.index(found[key]), reverse=True)
+        place, places = self.places.get(found[last], ""), {key: self.places.get(found[key]) for key in others}
+        notes = [f"{dotted(key)} of {its_place}" for key, its_place in places.items() if its_place != place]
+        if recipe and not any(key[:2] == recipe for key in found):
+            notes.append(dotted(recipe))
+        end = f" (with {', '.join(notes)})" if notes else ""
+        start = [f"{place} {dotted(last)}"] if place == OVERRIDE else [place, dotted(last)]
+        return ": ".join(filter(None, [*start, text])) + end
 
-    def said(self, text: str, keys: Iterable[Key], recipe: Key = ()) -> str:
-        """Return a message on a fault of some keys, each with its place.
+    def _placed(self, key: Key) -> Key:
+        """Return the longest beginning of a key that has a place, or else a key in it."""
+        above = [key[:n] for n in range(len(key), 0, -1) if key[:n] in self.places]
+        return next(iter(above or [each for each in self.places if key and each[: len(key)] == key]), ())
 
-        The key that was set last is at fault: without it, the others went together.
-        """
-        keys = list(keys) or [()]
-        is_set = [key for key in keys if {key, (*recipe, *key)} & self.places.keys()]
-        found = dict(self.place(key, recipe) for key in is_set or keys[:1])
-        order = list(self.places)
-        *others, last = sorted(found, key=lambda key: order.index(key) if key in order else -1)
-        behind = [
-            f"{OVERRIDE} {dotted(key)}" if found[key] == OVERRIDE else f"{dotted(key)} of {found[key]}"
-            for key in others
-            if found[key] != found[last]
-        ]
-        return f"{named(last, found[last])}: {text}" + (f" (with {', '.join(behind)})" if behind else "")
+
+def holds(values: Any, key: Key) -> bool:  # noqa: ANN401 - any YAML value
+    """Return whether nested mappings and lists have a key."""
+    for part in key:
+        try:
+            values = values[part]
+        except (LookupError, TypeError):
+            return False
+    return True
 
 
 def dotted(key: Key) -> str:
@@ -102,6 +95,6 @@ def dotted(key: Key) -> str:
     return ".".join(map(str, key))
 
 
-def named(key: Key, place: str) -> str:
-    """Return a key after its place, such as ``a.yaml:3: camera.focal_px`` or ``override camera.focal_px``."""
-    return f"{OVERRIDE} {dotted(key)}" if place == OVERRIDE else ": ".join(filter(None, (place, dotted(key))))
+def undotted(text: str) -> Key:
+    """Return the key of a dotted one; numbers are those of items in lists."""
+    return tuple(int(part) if part.isdecimal() else part for part in text.split("."))

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import reduce
-from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +15,9 @@ from semisynth_gl.config.distributions import read_histogram
 from semisynth_gl.config.errors import explained
 from semisynth_gl.config.fields import is_number
 from semisynth_gl.config.image_size import recentred, scaled
-from semisynth_gl.config.layers import OVERRIDE, Layer, Values, merged
+from semisynth_gl.config.layers import OVERRIDE, Layer, Values, merged, undotted
 from semisynth_gl.config.model import Config
-from semisynth_gl.config.yaml_values import DEEPEST, MOST_BYTES, Key, YamlError, read_yaml
+from semisynth_gl.config.yaml_values import MOST_BYTES, Key, YamlError, read_yaml
 from semisynth_gl.inputs.errors import InputError, cut, did_you_mean, near, shown
 from semisynth_gl.inputs.resources import data_root
 from semisynth_gl.inputs.user_files import expanded, read_file
@@ -26,8 +25,6 @@ from semisynth_gl.plugins import find_plugin, installed_plugins
 
 # Largest factor of ``scale``, and of its inverse.
 _MOST_TIMES = 64
-# Largest number of configs in a chain, each of which extends the next.
-_MOST_PARENTS = 16
 
 Overrides = Mapping[str, Any] | Sequence[str | tuple[str, Any]]
 
@@ -35,6 +32,12 @@ Overrides = Mapping[str, Any] | Sequence[str | tuple[str, Any]]
 def packaged_configs() -> list[str]:
     """Return the names of the packaged configs, sorted."""
     return sorted(Path(entry.name).stem for entry in data_root("configs").iterdir() if entry.name.endswith(".yaml"))
+
+
+def summaries() -> dict[str, str]:
+    """Return a sentence on the purpose of each packaged config, by its name: the first comment of its file."""
+    texts = {name: data_root("configs").joinpath(f"{name}.yaml").read_text("utf-8") for name in packaged_configs()}
+    return {name: text.partition("\n")[0].removeprefix("#").strip() for name, text in texts.items()}
 
 
 def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
@@ -52,8 +55,6 @@ def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
     Raises:
         InputError: with a line per fault: its place (file, line), the dotted key, what was expected and what came.
     """
-    if isinstance(overrides, str):  # a sequence of texts too
-        raise InputError(f"overrides must be a Mapping or a list, got the text {shown(overrides)}: put it into a list")
     return _validated(_over(_read(_find_config(str(name_or_path)), ()), _override_layer(overrides)))
 
 
@@ -71,14 +72,16 @@ def overridden(values: Values, overrides: Overrides) -> Values:
 
 
 def _validated(layer: Layer) -> Config:
-    layer = _with_histograms(_with_plugin_recipes(layer))
+    layer = _with_plugin_recipes(layer)
     try:
+        # First without the recipes, whose configs have all faults of the config below them.
+        if layer.values.get("scenes"):
+            Config.model_validate(layer.values | {"scenes": []})
         config = Config.model_validate(layer.values)
     except ValidationError as error:
         raise InputError(explained(error, layer)) from None
     for recipe, fault in config.target_faults():
-        keys = [tuple(key.split(".")) for key in fault.keys]
-        raise InputError(layer.said(str(fault), keys, () if recipe is None else ("scenes", recipe)))
+        raise InputError(layer.said(str(fault), map(undotted, fault.keys), recipe))
     installed_plugins()  # refuses one that has a built-in name, which the config may mean
     used = config.used_plugins()
     if config.layout is not None and config.layout not in LAYOUTS:
@@ -98,48 +101,36 @@ def _about(layer: Layer, *keys: Key) -> Iterator[None]:
         raise type(error)(layer.said(str(error), keys)) from None
 
 
-# Reading layers
-
-
-def _find_config(name: str) -> Path | Traversable:
+def _find_config(name: str) -> Path:
     path = expanded(name)
-    # Only regular files are opened later. A name that is not a valid path counts as missing.
+    # A name that is not a valid path counts as missing.
     if os.path.exists(path) and not os.path.isdir(path):  # noqa: PTH110, PTH112 - those raise at such names
         return path
     stem, names = path.name.removesuffix(".yaml"), packaged_configs()
     if path.parent == Path() and stem in names:
-        return data_root("configs") / f"{stem}.yaml"
+        return Path(str(data_root("configs"))) / f"{stem}.yaml"
     hint = did_you_mean(near(stem, names))
     raise InputError(
         f"no such config: {cut(name)}; {hint}{' ' if hint else ''}expected a YAML file, or one of: {', '.join(names)}"
     )
 
 
-def _read(path: Path | Traversable, parents: tuple[str, ...]) -> Layer:
-    """Read a file, with the configs below it that it extends; ``parents`` are the files that extend it."""
-    file = str(path) if isinstance(path, Path) else path.name
-    if file in parents:
-        raise InputError(f"{file}: configs extend each other in a circle: {' -> '.join((*parents, file))}")
-    if len(parents) > _MOST_PARENTS:
-        raise InputError(f"{file}: more than {_MOST_PARENTS} configs in a chain, each of which extends the next")
+def _read(path: Path, above: tuple[str, ...]) -> Layer:
+    """Read a file, with the configs below it that it extends; ``above`` are the files that extend it."""
+    file = str(path)
+    if file in above:
+        raise InputError(f"{file}: configs extend each other in a circle: {' -> '.join((*above, file))}")
     try:
-        data = read_file(path, MOST_BYTES) if isinstance(path, Path) else path.read_bytes()
-        text = data.decode("utf-8")
+        values, lines = read_yaml(read_file(path, MOST_BYTES).decode("utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise InputError(f"{file}: cannot be read as YAML: {reason}") from None
-    return _parse(text, path, file, parents)
-
-
-def _parse(text: str, path: Path | Traversable, file: str, parents: tuple[str, ...]) -> Layer:
-    try:
-        values, lines = read_yaml(text)
     except YamlError as error:
-        place = file if error.line is None else f"{file}:{error.line}"
-        raise InputError(f"{place}: {error}") from None
+        raise InputError(f"{file}{'' if error.line is None else f':{error.line}'}: {error}") from None
     if not isinstance(values, dict):
         raise InputError(f"{file}:1: expected sections such as camera: and disparity:, got {shown(values)}")
     layer = Layer(values, {(): file} | {key: f"{file}:{line}" for key, line in lines.items()})
+    layer = _with_histograms(layer, path.parent)
     base_name = values.get("extends")
     if base_name is None:
         if "scale" in values:
@@ -148,45 +139,32 @@ def _parse(text: str, path: Path | Traversable, file: str, parents: tuple[str, .
     with _about(layer, ("extends",)):
         if not isinstance(base_name, str):
             raise InputError(f"expected the name of a config, got {shown(base_name)}")
-        beside = path.parent / expanded(base_name) if isinstance(path, Path) else None
-        is_beside = beside is not None and os.path.isfile(beside)  # noqa: PTH113 - see _find_config
-        base_path = beside if beside is not None and is_beside else _find_config(base_name)
-    return _over(_read(base_path, (*parents, file)), layer)
+        beside = Path(os.path.normpath(path.parent / expanded(base_name)))
+        base_path = beside if os.path.isfile(beside) else _find_config(base_name)  # noqa: PTH113 - see _find_config
+    return _over(_read(base_path, (*above, file)), layer)
 
 
 def _override_layer(overrides: Overrides) -> Layer:
+    if isinstance(overrides, str):  # a sequence of texts too
+        raise InputError(f"overrides must be a Mapping or a list, got the text {shown(overrides)}: put it into a list")
     layers = map(_parse_override, overrides.items() if isinstance(overrides, Mapping) else overrides)
-    # Overrides stand beside each other: two of one property contradict each other.
-    return reduce(lambda below, own: own.over(below, replacing=False), layers, Layer())
+    return _with_histograms(reduce(lambda below, own: own.over(below), layers, Layer({})), Path())
 
 
-def _parse_override(override: object) -> Layer:
-    name, value = _key_and_value(override)
-    key = tuple(name.split("."))
-    if len(key) > DEEPEST:
-        raise InputError(f"{OVERRIDE} {cut(name)}: expected a key of at most {DEEPEST} parts")
-    try:
-        places = {key[:n]: OVERRIDE for n in range(1, len(key))} | dict.fromkeys(_keys_of(value, key), OVERRIDE)
-    except RecursionError:
-        raise InputError(f"{OVERRIDE} {name}: its value is nested too deeply") from None
-    return Layer(reduce(lambda below, part: {part: below}, reversed(key), value), places)
-
-
-def _key_and_value(override: object) -> tuple[str, Any]:
-    """Return the dotted key of an override, and its value."""
+def _parse_override(override: str | tuple[str, Any]) -> Layer:
     if isinstance(override, str):
-        key, equals, text = override.partition("=")
-        if not equals or not key:
+        name, equals, text = override.partition("=")
+        if not equals or not name:
             raise InputError(f"{OVERRIDE} {cut(override)}: expected dotted.key=value, such as camera.width_px=640")
         try:
-            return key, read_yaml(text)[0]
+            value, _ = read_yaml(text)
         except YamlError as error:
-            raise InputError(f"{OVERRIDE} {cut(key)}: the value {shown(text)}: {error}") from None
-    if isinstance(override, tuple) and len(override) == 2 and isinstance(override[0], str):
-        return override
-    raise InputError(
-        f"overrides: expected 'camera.width_px=640' or ('camera.width_px', 640) for each, got {shown(override)}"
-    )
+            raise InputError(f"{OVERRIDE} {cut(name)}: the value {shown(text)}: {error}") from None
+    else:
+        name, value = override
+    key = tuple(name.split("."))
+    values = reduce(lambda below, part: {part: below}, reversed(key), value)
+    return Layer(values, dict.fromkeys(_keys_of(value, key), OVERRIDE))
 
 
 def _keys_of(value: Any, key: Key) -> list[Key]:  # noqa: ANN401 - any YAML value
@@ -198,17 +176,14 @@ def _keys_of(value: Any, key: Key) -> list[Key]:  # noqa: ANN401 - any YAML valu
 def _over(below: Layer, layer: Layer) -> Layer:
     """Merge a layer over another, which is scaled or recentred where the layer changes the images."""
     factor = layer.values.get("scale")
+    values = below.values
     if factor is not None:
         if not (is_number(factor) and 1 / _MOST_TIMES <= factor <= _MOST_TIMES):
             expected = f"expected a number from 1/{_MOST_TIMES} to {_MOST_TIMES}"
             raise InputError(layer.said(f"{expected}, got {shown(factor)}", [("scale",)]))
-        below = _with_histograms(below)
-        below = replace(below, values=scaled(below.values, factor))
+        values = scaled(values, factor)
     own = {key: value for key, value in layer.values.items() if key not in ("extends", "scale")}
-    return replace(layer, values=own).over(replace(below, values=recentred(below.values, own)))
-
-
-# What is read from elsewhere
+    return replace(layer, values=own).over(replace(below, values=recentred(values, own)))
 
 
 def _with_plugin_recipes(layer: Layer) -> Layer:
@@ -216,41 +191,30 @@ def _with_plugin_recipes(layer: Layer) -> Layer:
     recipes = layer.values.get("scenes")
     if not isinstance(recipes, list):
         return layer
-    whole = []
+    whole = list(recipes)
     for number, recipe in enumerate(recipes):
         name = recipe.get("extends") if isinstance(recipe, dict) else None
         if isinstance(name, str):
             with _about(layer, ("scenes", number, "extends")):
-                plugin = find_plugin("recipes", name)
-            whole.append(merged({"recipe": name} | plugin.value, recipe))
-        else:
-            whole.append(recipe)
+                whole[number] = merged({"recipe": name} | find_plugin("recipes", name).value, recipe)
     return replace(layer, values=layer.values | {"scenes": whole})
 
 
-def _with_histograms(layer: Layer) -> Layer:
-    """Replace targets of form ``file`` by histograms."""
-    recipes = layer.values.get("scenes")
-    values = _with_histogram(layer, layer.values, ())
-    if isinstance(recipes, list):
-        values |= {"scenes": [_with_histogram(layer, each, ("scenes", k)) for k, each in enumerate(recipes)]}
+def _with_histograms(layer: Layer, folder: Path) -> Layer:
+    """Replace targets of form ``file``, whose path is relative to ``folder``, by histograms."""
+
+    def replaced(sections: Any, at: Key) -> Any:  # noqa: ANN401 - any YAML value
+        match sections:
+            case {"disparity": {"target": {"form": "file", "path": str(path), **others}}} if not others:
+                with _about(layer, (*at, "disparity", "target", "path")):
+                    histogram = read_histogram(folder / expanded(path))
+                return sections | {"disparity": sections["disparity"] | {"target": histogram}}
+            case {"disparity": {"target": {"form": "file"}}}:
+                text = "expected the form and the path of a file, and no other key"
+                raise InputError(layer.said(text, [(*at, "disparity", "target")]))
+        return sections
+
+    values = replaced(layer.values, ())
+    if isinstance(recipes := values.get("scenes"), list):
+        values = values | {"scenes": [replaced(each, ("scenes", number)) for number, each in enumerate(recipes)]}
     return replace(layer, values=values)
-
-
-def _with_histogram(layer: Layer, sections: Any, at: Key) -> Any:  # noqa: ANN401 - any YAML value
-    match sections:
-        case {"disparity": {"target": {"form": "file"} as target}}:
-            pass
-        case _:
-            return sections
-    key, path = (*at, "disparity", "target"), target.get("path")
-    if foreign := [name for name in target if name not in ("form", "path")]:
-        raise InputError(layer.said("expected no key beside form and path", [(*key, foreign[0])]))
-    if not isinstance(path, str):
-        raise InputError(layer.said(f"expected the name of a file, got {shown(path)}", [(*key, "path")]))
-    # A path in a config is relative to the config's folder, a path in an override to the working folder.
-    _, place = layer.place((*key, "path"))
-    folder = Path() if place in ("", OVERRIDE) else Path(place.rpartition(":")[0]).parent
-    with _about(layer, (*key, "path")):
-        histogram = read_histogram(folder / expanded(path))
-    return sections | {"disparity": sections["disparity"] | {"target": histogram}}

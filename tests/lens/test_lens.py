@@ -15,7 +15,6 @@ from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.config import load_config
 from semisynth_gl.config.dataset_sections import LAYOUTS
-from semisynth_gl.config.rig_sections import CameraSection, LensSection
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Deviation, StereoCamera
@@ -324,15 +323,6 @@ def test_baselines_share_the_left_image(focal_px):
         ({"model": "fisheye", "right": EYE | {"distortion": [0] * 5}}, "fisheye has 4"),
         ({"model": "pinhole"}, "'radial-tangential' or 'fisheye'"),
         ({"border": "crop"}, "'black' or 'replicate'"),
-        (
-            {"left": EYE | {"rotation_deg": [0, 40, 0]}},
-            r"lens\.left\.rotation_deg.* lead the whole rectified view past",
-        ),
-        ({"left": EYE | {"rotation_deg": [0, 180, 0]}}, r"lens\.left\.rotation_deg.* raw image of 64 x 48 px"),
-        ({"right": EYE | {"rotation_deg": [[80, 100], 0, 0]}}, r"lens\.right\.rotation_deg"),
-        ({"right": EYE | {"cx_px": 3000}}, r"lens\.right\..* cx_px"),
-        ({"right": EYE | {"fx_px": 1}}, r"lens\.right\.fx_px spreads a raw pixel over 133 rectified ones"),
-        ({"model": "fisheye", "left": EYE | {"fx_px": [1, 2]}}, r"lens\.left\.fx_px spreads a raw pixel"),
     ],
 )
 def test_a_lens_that_cannot_be_is_refused(changes, message):
@@ -340,23 +330,9 @@ def test_a_lens_that_cannot_be_is_refused(changes, message):
         with_lens(lens=changes)
 
 
-@given(st.tuples(*[st.floats(-60, 60)] * 3), st.floats(20, 400), st.sampled_from(["radial-tangential", "fisheye"]))
-def test_a_lens_is_refused_where_it_sees_next_to_nothing(rotation_deg, fx_px, model):
-    eye = {"fx_px": fx_px, "distortion": [-0.05, 0, 0, 0], "rotation_deg": rotation_deg}
-    lens = LensSection(model=model, raw_width_px=64, raw_height_px=48, left=eye, right=eye)
-    section = CameraSection(width_px=160, height_px=120, focal_px=150, baseline_m=0.1, cx_left_px=78, cy_px=58.5)
-    refused = [str(fault).split()[0] for fault in lens.view_faults(section)]
-    try:
-        share = LensChain(lens.sample("left", np.random.default_rng(0)), CAMERA, "left", "black").valid.mean()
-    except InputError:  # the lens bends two directions to one pixel
-        return
-    # The view is tried at 13 x 9 points.
-    assert share < 0.05 if "lens.left.rotation_deg," in refused else share > 0
-
-
 def test_the_masks_of_a_lens_need_the_output_that_says_why():
     for output in ("visibility", "flow", "flow_backward"):
-        with pytest.raises(Exception, match=f"masks of {output} leave out .* add valid to outputs"):
+        with pytest.raises(Exception, match=f"{output} leaves out .* add valid to outputs"):
             cheap(lens=LENS, outputs=[output])
     with pytest.raises(Exception, match="missing where flow leads into a border: add flow to outputs"):
         without_borders(outputs=["valid", "disparity_change"])

@@ -9,7 +9,7 @@ from snippets import referenced_names
 import semisynth_gl
 from semisynth_gl import judge
 from semisynth_gl.config import Config
-from semisynth_gl.config.keys import config_keys
+from semisynth_gl.config.explain import config_keys
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "docs"))

@@ -198,8 +198,8 @@ def test_verify_compares_the_plugins_of_a_pair_with_the_index(made, tmp_path):
 def test_what_a_file_says_of_plugins_is_checked():
     values = make_plan(load_config("kitti"), 0, "kitti", {"train": 1}).values()
     for package, message in (
-        ({"package": "a; rm -rf ~", "version": "1"}, "plugins.layouts.x.package: expected a text of the form"),
-        ({"package": "a", "version": "$(b)"}, "x.version: expected a text of the form"),
+        ({"package": "a; rm -rf ~", "version": "1"}, "plugins.layouts.x.package: string should match pattern"),
+        ({"package": "a", "version": "$(b)"}, "x.version: string should match pattern"),
         ({"package": "a"}, "plugins.layouts.x.version: field required"),
     ):
         with pytest.raises(ReadError, match=message):
@@ -254,7 +254,7 @@ def test_a_recipe_of_the_page_makes_a_dataset_that_needs_no_package_later(tmp_pa
     assert [recipe.name for recipe in loaded.recipes()] == ["attic", "b", "c"]
     walls = [recipe.config.structures for recipe in loaded.recipes()]
     assert [(wall.panels.high, wall.panel_slant_deg.low) for wall in walls] == [(2, 30), (4, 30), (0, 0)]
-    assert parse_config(explain(str(config))).digest() == loaded.digest()
+    assert parse_config(explain(loaded)).digest() == loaded.digest()
     options = ("--config", config, "--out", tmp_path / "set", "--pairs", 6)
     assert "6 pairs in" in said("generate", *options)
     attic = {"recipes": {"attic": ACME}}
@@ -282,7 +282,7 @@ def test_a_name_that_is_taken_is_refused(install):
         pytest.raises(InputError, match=r"of the package (other-plugins|second) 0\.3: rename"),
     ):
         find_plugin("models", "knots")
-    with pytest.raises(InputError, match=r"the weight of this family is models\.simple"):
+    with pytest.raises(InputError, match=r"models\.families\.simple: .* no installed package has any"):
         load_config("kitti", {"models.families": {"simple": 1}})
 
 

@@ -11,7 +11,7 @@ from heavy import heavy
 from snippets import ROOT
 
 from semisynth_gl.config.dataset_sections import ImperfectionsSection
-from semisynth_gl.config.explain import summaries
+from semisynth_gl.config.load import summaries
 from semisynth_gl.frame.channels import CHANNELS
 
 sys.path.insert(0, str(ROOT / "docs"))

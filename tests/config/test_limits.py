@@ -1,0 +1,159 @@
+"""Every number of a config, of the command line, of calibrations and of histograms has limits."""
+
+import math
+import subprocess
+import sys
+import typing
+
+import click
+import numpy as np
+import pytest
+from pydantic import BaseModel, ValidationError
+
+from semisynth_gl.calibration.rig_files import read_rigs
+from semisynth_gl.cli import semisynth_gl
+from semisynth_gl.config import Config, Range, load_config
+from semisynth_gl.config.distributions import read_histogram
+from semisynth_gl.dataset.plan import make_plan
+from semisynth_gl.inputs.errors import InputError, SemisynthError
+
+DIGITS = "9" * 5000
+
+
+def sections_below(annotation):
+    """All sections that an annotation has, with those that their keys have."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        keys = [field.annotation for field in annotation.model_fields.values() if field.annotation is not Config]
+        return {annotation}.union(*map(sections_below, keys))
+    return set().union(*map(sections_below, typing.get_args(annotation)))
+
+
+def types_in(annotation):
+    arguments = () if typing.get_origin(annotation) is typing.Literal else typing.get_args(annotation)
+    return {each for part in arguments for each in types_in(part)} or {annotation}
+
+
+FIELDS = [(section, name, field) for section in sections_below(Config) for name, field in section.model_fields.items()]
+
+
+def is_refused(section, name, value):
+    """Whether a section refuses a value of a key alone, in lists and in a mapping."""
+    for shape in (value, [value], {"chair": value}, [value, value]):
+        try:
+            section.model_validate({name: shape})
+        except ValidationError as error:
+            if any(fault["loc"][:1] == (name,) for fault in error.errors()):
+                continue
+        return False
+    return True
+
+
+def test_every_number_of_a_config_has_limits():
+    numbers = [(section, name) for section, name, field in FIELDS if types_in(field.annotation) & {int, float, Range}]
+    assert len(numbers) > 60
+    values = (10**5000, 10**30, 1e300, -1e300, math.inf, -math.inf, math.nan)
+    assert [each for each in numbers for value in values if not is_refused(*each, value)] == []
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ["camera.width_px=16384", "camera.height_px=16384"],
+        ["textures.patch_px=8192", "textures.max_patches=33"],
+        ["structures.panels=[0, 1e5]"],
+        ["particles.clutter=[{disparity_px: 3, count: 1e6}]"],
+        ["imperfections.exposure_stops=-1000"],
+    ],
+)
+def test_limits_are_said_with_their_key(overrides):
+    with pytest.raises(InputError) as caught:
+        load_config("kitti", overrides)
+    assert overrides[-1].partition("=")[0].rpartition(".")[2] in str(caught.value)
+
+
+# The command line and plans
+
+
+def commands(group=semisynth_gl):
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        yield from commands(command) if isinstance(command, click.Group) else [command]
+
+
+def test_every_number_of_the_command_line_has_limits():
+    types = [(parameter.opts[0], parameter.type) for command in commands() for parameter in command.params]
+    parts = [(name, part) for name, kind in types for part in getattr(kind, "types", [kind])]
+    numeric = [
+        (name, part) for name, part in parts if isinstance(part, click.types.IntParamType | click.types.FloatParamType)
+    ]
+    assert len(numeric) > 20
+    for name, kind in numeric:
+        for value in (DIGITS, "1" + "0" * 30, "1e300", "inf", "nan", "-1e300"):
+            with pytest.raises(click.BadParameter):
+                pytest.fail(f"{name} {kind.convert(value, None, None)}")
+
+
+def test_a_plan_of_too_many_shards_is_refused():
+    with pytest.raises(InputError, match="10000000 shards"):
+        make_plan(load_config("kitti"), 0, "middlebury", {"train": 10_000_000}, 1)
+
+
+# Calibrations and histograms
+
+MIDDLEBURY = "cam0=[{f} 0 {cx}; 0 {f} {cy}; 0 0 1]\ncam1=[{f} 0 {cx}; 0 {f} {cy}; 0 0 1]\ndoffs=0\nbaseline={b}\n"
+MIDDLEBURY += "width={w}\nheight={h}\nndisp={n}\n"
+USUAL = {"f": "700", "cx": "320", "cy": "240", "b": "100", "w": "640", "h": "480", "n": "64"}
+P = "{{rows: 3, cols: 4, data: [{f}, 0, {cx}, {t}, 0, {f}, 240, 0, 0, 0, 1, 0]}}"
+ROS = "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\nP1: " + P.replace("{t}", "0") + "\nP2: " + P + "\n"
+HUGE = ("1e300", "inf", ".nan", "-inf", DIGITS, "1e7000", "[1, 2]")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "usual", "unit"),
+    [("calib.txt", MIDDLEBURY, USUAL, None), ("rig.yaml", ROS, {"f": "700", "cx": "320", "t": "-70"}, "m")],
+)
+def test_every_number_of_a_calibration_has_limits(tmp_path, name, text, usual, unit):
+    path = tmp_path / name
+    path.write_text(text.format(**usual))
+    assert read_rigs([path], unit=unit)[0].size == (640, 480)
+    for key in usual:
+        for value in HUGE:
+            path.write_text(text.format(**usual | {key: value}))
+            with np.errstate(all="raise"), pytest.raises(SemisynthError) as caught:
+                read_rigs([path], unit=unit)
+            assert str(path) in str(caught.value), (key, value)
+            assert len(str(caught.value)) < 1500
+
+
+# Each of these made a regular expression try again at every place, or at every subset of places.
+SLOW = {
+    "KITTI's numbers": "P2: " + "11 " * 200 + "x\nP_rect_02: " + "1" * 50_000 + "x\n",
+    "spaces before a value": "cam0=" + " " * 200_000 + "x\n",
+    "spaces after a key": "a" * 200_000 + " " * 200_000 + "x\n",
+    "spaces after KITTI's key": "P2" + "\n" * 100_000 + "x\n" + "P2:" + " " * 100_000 + "x\n",
+    "points": "P2: " + "1." * 50_000 + "\n",
+}
+
+
+def test_hostile_calibrations_are_given_up_at_once(tmp_path):
+    # In a process that can be ended: a regular expression does not hear of a time limit.
+    program = "import sys; from semisynth_gl.calibration.rig_files import read_rigs\n"
+    program += "for path in sys.argv[1:]:\n    try: read_rigs([path])\n"
+    program += "    except Exception as error: print(type(error).__name__)"
+    paths = [tmp_path / f"calib{number}.txt" for number in range(len(SLOW))]
+    for path, text in zip(paths, SLOW.values(), strict=True):
+        path.write_text(text)
+    done = subprocess.run([sys.executable, "-c", program, *paths], text=True, timeout=60, check=True, stdout=-1)
+    assert done.stdout == "ReadError\n" * len(SLOW)
+
+
+def test_files_of_histograms_are_limited(tmp_path):
+    path = tmp_path / "bins.csv"
+    many = "".join(f"{n},{n + 1},1\n" for n in range(5000))
+    for text in ("0,1e300,1\n", f"0,{DIGITS},1\n", "0,1,inf\n", "0,nan,1\n", many, "x" * (1 << 20) + "\n"):
+        path.write_text(text)
+        with pytest.raises(InputError) as caught:
+            read_histogram(path)
+        assert str(path) in str(caught.value)
+        assert len(str(caught.value)) < 500
