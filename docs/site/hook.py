@@ -1,4 +1,4 @@
-"""What MkDocs is told beside mkdocs.yml: the files of the site that do not lie in docs/."""
+"""What MkDocs gets beside mkdocs.yml: files from outside of docs/, the gallery's pictures, and a config's keys."""
 
 import re
 from collections.abc import Iterator
@@ -8,6 +8,8 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files, InclusionLevel
 from mkdocs.structure.pages import Page
+
+from semisynth_gl.config.explain import ConfigKey, config_keys
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -27,11 +29,30 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:  # noqa: ARG001 - MkDocs passes them by name
-    """Put the sections that docs/make_gallery.py wrote in the place of their marks."""
-    if page.file.src_uri != "gallery.md":
-        return markdown
-    folder = _gallery(config)
-    return re.sub(r"<!-- pictures: (.*) -->", lambda mark: (folder / f"{mark[1]}.md").read_text("utf-8"), markdown)
+    """Replace marks: by the sections that docs/make_gallery.py wrote, and by the keys of a config."""
+    if page.file.src_uri == "gallery.md":
+        folder = _gallery(config)
+        return re.sub(r"<!-- pictures: (.*) -->", lambda mark: (folder / f"{mark[1]}.md").read_text("utf-8"), markdown)
+    return markdown.replace("<!-- keys -->", keys_tables())
+
+
+def keys_tables() -> str:
+    """Return a table of each section's keys, from the docstrings that ``semisynth-gl configs NAME`` prints too."""
+    lines = [*_HEAD]
+    for key in config_keys():
+        if key.is_section:
+            lines += ["", f"### {key.dotted}", "", _text(key), "", *_HEAD]
+        else:
+            default = ", ".join(filter(None, ("range" if key.is_range else "", key.default and f"`{key.default}`")))
+            lines.append(f"| `{key.dotted.rpartition('.')[2]}` | {default} | {_text(key)} |")
+    return "\n".join(lines)
+
+
+_HEAD = ("| key | default | meaning |", "|---|---|---|")
+
+
+def _text(key: ConfigKey) -> str:
+    return " ".join(key.meaning.replace("``", "`").split())
 
 
 def _files_beside_docs(config: MkDocsConfig) -> Iterator[tuple[str, Path]]:

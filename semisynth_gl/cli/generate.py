@@ -213,7 +213,7 @@ def generate(
     If a run was stopped or killed, the same command makes only the missing shards. With more --pairs, the dataset
     grows. Press Ctrl-C once to stop after the pairs in hand.
 
-    The layout decides which loaders can read the files; docs/layouts.md lists all layouts. Outputs add files; flow
+    The layout decides which loaders can read the files; docs/output.md lists all layouts. Outputs add files; flow
     outputs need sequences, which the config's section sequence makes. The config's section files chooses encodings.
     """
     # Imported here: help and completion need no renderer.

@@ -102,12 +102,8 @@ PRESUMED = {
         predictions(folder, "guesses", "middlebury", (48, 64)),
         dataset(folder, "out/middlebury", name="middlebury"),
     ),
-    "layouts": lambda folder: dataset(folder, ".", 8, "webdataset", 1, name="lab"),
     "loaders": lambda folder: dataset(folder, "out/rooms", 8, camera={"width_px": 400, "height_px": 200}),
-    "output": lambda folder: (
-        dataset(folder, "data/lab"),
-        dataset(folder, "data/flow", outputs=["visibility", "flow", "disparity_change"]),
-    ),
+    "output": lambda folder: dataset(folder, "data/lab", 8, "webdataset", 1, name="lab"),
 }
 
 
