@@ -1,15 +1,16 @@
 #!/bin/sh
-# Measure a machine with an NVIDIA GPU and nothing but Python, in ten minutes:
+# Measure a machine with an NVIDIA GPU and nothing but Python, in ten minutes once the packages are there:
 #
-#   benchmarks/gpu.sh [--out DIR] [PART...]      see benchmarks/gpu.py --help
+#   benchmarks/gpu.sh [PART...]     doctor, tests, memory, speed, accuracy, training; by default all
 #
-# PYTHON is python3 and VENV .venv-gpu unless they are set. The environment sees the packages that PYTHON has, so a
-# PyTorch with CUDA that is there is used; otherwise it is downloaded, before the ten minutes begin. WHEELS is a folder of
-# wheels, for a machine that reaches no package index.
+# OUT (out/gpu) gets PART.log of each. PYTHON is python3 and VENV .venv-gpu unless they are set. The environment sees the
+# packages that PYTHON has, so a PyTorch with CUDA that is there is used. WHEELS is a folder of wheels, for a machine that
+# reaches no package index.
 set -eu
 cd "$(dirname "$0")/.."
 outer=${PYTHON:-python3}
 venv=${VENV:-.venv-gpu}
+out=${OUT:-out/gpu}
 python=$venv/bin/python
 
 say() {
@@ -39,7 +40,7 @@ if [ ! -e "$venv/.ready" ]; then
         # What only some tests need may be missing there.
         install hatchling editables
         install --no-build-isolation --editable . pytest pytest-xdist hypothesis
-        for each in opencv-python-headless psutil webdataset fsspec imageio; do
+        for each in opencv-python-headless psutil webdataset fsspec imageio lightning tensorboard; do
             install "$each" || say "Going on without $each"
         done
     fi
@@ -53,4 +54,39 @@ fi
 if ! "$python" -c 'from semisynth_gl.render.context import open_context; open_context("egl")' 2>/dev/null; then
     sh tools/system-packages.sh "$python" egl || say "Going on without OpenGL's packages"
 fi
-exec "$python" benchmarks/gpu.py "$@"
+
+mkdir -p "$out"
+# Tell EGL of NVIDIA's driver where no file does, as in many containers.
+if [ -e /dev/nvidiactl ] && ! grep -qs libEGL_nvidia /etc/glvnd/egl_vendor.d/*.json /usr/share/glvnd/egl_vendor.d/*.json
+then
+    echo '{"file_format_version": "1.0.0", "ICD": {"library_path": "libEGL_nvidia.so.0"}}' >"$out/10_nvidia.json"
+    export __EGL_VENDOR_LIBRARY_FILENAMES="$out/10_nvidia.json"
+fi
+export SEMISYNTH_GL_EXPECT_BACKENDS=egl
+failed=0
+
+# Run one part, for so many seconds at most.
+part() {
+    name=$1 seconds=$2
+    shift 2
+    if timeout "$seconds" "$python" "$@" >"$out/$name.log" 2>&1; then
+        say "$name: done"
+    else
+        say "$name: failed or cut off; see $out/$name.log"
+        failed=1
+    fi
+}
+
+[ $# -gt 0 ] || set -- doctor tests memory speed accuracy training
+for each; do
+    case $each in
+        doctor) part doctor 60 -m semisynth_gl doctor ;;
+        tests) part tests 240 -m pytest -q -m opengl --numprocesses auto --dist worksteal ;;
+        memory) part memory 120 benchmarks/memory_rates.py --config sceneflow --workers 1,2,4,8,16 ;;
+        speed) part speed 120 -m semisynth_gl bench speed --pairs 64 --repeats 1 --json "$out/speed.json" ;;
+        accuracy) part accuracy 120 benchmarks/choices.py --json "$out/accuracy.json" ;;
+        training) part training 240 examples/train.py --data zero-shot --crop 320 640 --batch 8 --out "$out/network" ;;
+        *) say "$each: expected doctor, tests, memory, speed, accuracy or training"; exit 2 ;;
+    esac
+done
+exit $failed

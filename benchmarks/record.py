@@ -1,4 +1,4 @@
-"""Measure what docs/accuracy.md, docs/performance.md and docs/training.md rest on, and write it to benchmarks/results.
+"""Measure what docs/accuracy.md and docs/performance.md rest on, and write it to benchmarks/results.
 
     python benchmarks/record.py accuracy     # measure again, write results/accuracy.json and results/accuracy.md
     python benchmarks/record.py --pages      # write all pages anew from the JSON that is there
@@ -23,11 +23,9 @@ from semisynth_gl.bench import accuracy, speed
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
-sys.path += [str(ROOT / "benchmarks" / "peers"), str(ROOT / "benchmarks" / "training")]
+sys.path.append(str(ROOT / "benchmarks" / "peers"))
 
-import patch_report  # noqa: E402 - found once the paths above are set
-import run as peers  # noqa: E402
-import training_report  # noqa: E402
+import run as peers  # noqa: E402 - found once the path above is set
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,18 +110,6 @@ MEASUREMENTS: Mapping[str, Result] = {
     ),
     "peers": Result(
         "Renderers side by side", _PEERS, ("benchmarks/peers/run.py", *_PEER_ROWS), _peers_headline, peers.table
-    ),
-    "training-sets": Result(
-        "What networks learn from which pairs", training_report.TEXT, ("benchmarks/training/compare_sets.py",),
-        training_report.headline, training_report.table,
-    ),
-    "patch-network": Result(
-        "What MC-CNN's patch network learns from which pairs", patch_report.TEXT,
-        ("benchmarks/training/compare_patches.py",), patch_report.headline, patch_report.table,
-    ),
-    "patch-network-long": Result(
-        "What MC-CNN's patch network learns in four times as many steps", patch_report.TEXT,
-        ("benchmarks/training/compare_patches.py", "--steps", "20000"), patch_report.headline, patch_report.table,
     ),
     "hard-cases": Result(
         "Hard cases", _HARD_CASES, ("benchmarks/hard_cases.py",), hard_cases.headline, hard_cases.table
