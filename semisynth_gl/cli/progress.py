@@ -2,8 +2,9 @@
 
 import sys
 import time
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from typing import Self
+from typing import Self, TypeVar
 
 import click
 from tqdm import tqdm
@@ -12,6 +13,7 @@ from semisynth_gl.inputs.errors import counted
 from semisynth_gl.listener import FinishedPair, Listener
 
 _SECONDS_BETWEEN_LINES = 10.0
+_Item = TypeVar("_Item")
 
 
 class Progress(Listener):
@@ -66,3 +68,10 @@ class Progress(Listener):
             self.on_message(
                 f"{self._count} of {counted(self._total, 'pair')}, {rate:.2f} pairs/s, {remaining_s:.0f} s left"
             )
+
+    def track(self, items: Sequence[_Item]) -> Iterator[_Item]:
+        """Yield items, and count each when the next is asked for."""
+        self.on_total(len(items))
+        for item in items:
+            yield item
+            self.advance()

@@ -5,7 +5,7 @@ from semisynth_gl.judge.confirmation import evaluate_views, unconfirmed
 from semisynth_gl.judge.evaluate import evaluate
 from semisynth_gl.judge.measures import MEASURES, Measure
 from semisynth_gl.judge.protocol import PROTOCOLS, Protocol, ProtocolName
-from semisynth_gl.judge.score import Score, pool, score
+from semisynth_gl.judge.score import Score, score
 
 __all__ = [
     "MEASURES",
@@ -20,7 +20,6 @@ __all__ = [
     "Side",
     "evaluate",
     "evaluate_views",
-    "pool",
     "score",
     "unconfirmed",
 ]

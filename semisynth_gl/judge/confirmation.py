@@ -1,16 +1,16 @@
 """Predictions judged without truth: the share of left disparities that the right view's disparities do not confirm."""
 
 from os import PathLike, fspath
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map, read_disparity_map
-from semisynth_gl.inputs.errors import InputError, counted, no_folder
+from semisynth_gl.codecs.disparity_map import read_disparity_map
+from semisynth_gl.inputs.errors import InputError, abbreviate
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.judge.protocol import shown_size
+from semisynth_gl.judge.truth import disparity_maps
 
 CONFIRMED_PX = 1.0
 """Largest difference at which the two disparities of a point confirm each other, px: the bound of bad-1."""
@@ -62,41 +62,22 @@ def evaluate_views(predictions: str | PathLike[str], predictions_right: str | Pa
             folder, or the sizes of a pair's maps differ.
         ReadError: where a file cannot be read.
     """
-    lefts, rights = _maps("predictions", predictions), _maps("predictions_right", predictions_right)
-    missing = sorted(lefts.keys() ^ rights.keys())
-    if missing:
-        side = "right" if missing[0] in lefts else "left"
-        raise InputError(
-            f"{counted(len(missing), 'pair')} with a prediction for only one view: {missing[0]} has none for the "
-            f"{side} view, for example; expected the same names in both folders"
+    lefts, rights = (
+        {path.relative_to(folder).with_suffix("").as_posix(): path for path in disparity_maps(folder, argument)}
+        for argument, folder in (
+            ("predictions", expanded(fspath(predictions))),
+            ("predictions_right", expanded(fspath(predictions_right))),
         )
+    )
+    if not lefts or lefts.keys() != rights.keys():
+        alone = abbreviate(sorted(lefts.keys() ^ rights.keys()))
+        raise InputError(f"expected disparity maps of the same names in both folders; in one are {alone or 'none'}")
     images = []
     for name in sorted(lefts):
-        maps = (read_disparity_map(files[name]) for files in (lefts, rights))
         try:
-            share = unconfirmed(*maps)
+            share = unconfirmed(read_disparity_map(lefts[name]), read_disparity_map(rights[name]))
         except InputError as error:
             raise InputError(f"{lefts[name]}: {error}") from None
         images.append({"name": name, "left": str(lefts[name]), "right": str(rights[name]), "unconfirmed": share})
     mean = float(np.mean([image["unconfirmed"] for image in images]))
     return {"confirmed_px": CONFIRMED_PX, "pairs": len(images), "mean": {"unconfirmed": mean}, "images": images}
-
-
-def _maps(name: str, folder: str | PathLike[str]) -> dict[str, Path]:
-    """Return the disparity maps of a folder and its subfolders, by their relative paths without extension."""
-    root = expanded(fspath(folder))
-    if not root.is_dir():
-        raise no_folder(root, name)
-    maps: dict[str, Path] = {}
-    for path in sorted(path for path in root.rglob("*") if path.suffix.lower() in MAP_EXTENSIONS and path.is_file()):
-        stem = path.relative_to(root).with_suffix("").as_posix()
-        if not is_disparity_map(path):
-            continue
-        if stem in maps:
-            raise InputError(
-                f"{folder}: {maps[stem].name} and {path.name} are for one pair: keep one file", argument=name
-            )
-        maps[stem] = path
-    if not maps:
-        raise InputError(f"{folder} has no disparity map: expected {', '.join(MAP_EXTENSIONS)}", argument=name)
-    return maps

@@ -1,12 +1,12 @@
-"""Pictures of a prediction's errors, in the colours of the benchmarks."""
+"""Pictures of a prediction's errors, in KITTI's colours."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.judge.protocol import PixelComparison, Protocol
+from semisynth_gl.judge.protocol import PixelComparison
 
-_KITTI_BOUNDS = np.array([1 / 16, 1 / 8, 1 / 4, 1 / 2, 1, 2, 4, 8, 16], np.float32)
-_KITTI_COLOURS = np.array(
+_BOUNDS = np.array([1 / 16, 1 / 8, 1 / 4, 1 / 2, 1, 2, 4, 8, 16], np.float32)
+_COLOURS = np.array(
     [
         *((49, 54, 149), (69, 117, 180), (116, 173, 209), (171, 217, 233), (224, 243, 248)),
         *((254, 224, 144), (253, 174, 97), (244, 109, 67), (215, 48, 39), (165, 0, 38)),
@@ -14,64 +14,33 @@ _KITTI_COLOURS = np.array(
     np.uint8,
 )
 # The ten colours, the same colours at half brightness for occluded pixels, and black.
-_KITTI_PALETTE = np.concatenate([_KITTI_COLOURS, _KITTI_COLOURS // 2, np.zeros((1, 3), np.uint8)])
-_GOOD, _BAD, _OCCLUDED, _UNKNOWN = (255, 255, 255), (0, 0, 0), (128, 128, 128), (0, 0, 255)
+_PALETTE = np.concatenate([_COLOURS, _COLOURS // 2, np.zeros((1, 3), np.uint8)])
 
 
-def draw_error_map(
-    comparison: PixelComparison, protocol: Protocol, visible: NDArray[np.bool_] | None = None
-) -> NDArray[np.uint8]:
-    """Draw the errors of a prediction as an image (H, W, 3) uint8 RGB.
+def draw_error_map(comparison: PixelComparison, visible: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
+    """Draw the errors of a prediction as an image (H, W, 3) uint8 RGB, in ten colours from blue to red.
 
-    If the protocol has a ``map_px``, the image shows bad pixels, in ETH3D's colours. Otherwise it shows the size of the
-    errors, in KITTI's colours. ``visible`` (H, W) bool is True where pixels are not occluded; None means unknown.
+    Each colour stands for errors twice as large as the previous colour's. Source: ``errorImage`` in io_disp.h and
+    log_colormap.h of KITTI's development kit. The colour stands for the smaller of e / 3 px and e / 5 % of the truth.
+    Values of 1 and above are the outliers of D1: yellow to red. A pixel without a valid prediction is as bad as the
+    worst. Occluded pixels, where ``visible`` (H, W) bool is False, are half as bright. As in the kit, each pixel with
+    truth is painted as 3 x 3 pixels, so that sparse truth can be seen; all other pixels are black. Unlike the kit, this
+    never paints over another pixel with truth, and it paints up to the image's borders.
     """
-    if protocol.map_px is None:
-        return _kitti_error_map(comparison, visible)
-    return _bad_pixel_map(comparison, protocol.map_px, visible, invalid_is_bad=protocol.invalid_is_bad)
-
-
-def _kitti_error_map(comparison: PixelComparison, visible: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """Draw KITTI's error map: ten colours from blue to red, each for errors twice as large as the previous colour's.
-
-    Source: ``errorImage`` in io_disp.h and log_colormap.h of KITTI's development kit. The colour stands for the smaller
-    of e / 3 px and e / 5 % of the truth. Values of 1 and above are the outliers of D1: yellow to red. Occluded pixels
-    are half as bright. As in the kit, each pixel with truth is painted as 3 x 3 pixels, so that sparse truth can be
-    seen; all other pixels are black. Unlike the kit, this never paints over another pixel with truth, and it paints up
-    to the image's borders.
-    """
-    error = comparison.error
+    error = np.where(comparison.scored, comparison.error, np.float32(np.inf))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         # Beside a truth of 0, the relative error is infinite, unless the error is 0 too.
         relative = np.where(error == 0, 0.0, 20.0 * error.astype(np.float64) / np.abs(comparison.truth))
         magnitude = np.minimum(error / 3.0, relative).astype(np.float32)
     # NaN sorts after all bounds and so gets the worst colour.
-    colour = np.searchsorted(_KITTI_BOUNDS, magnitude, side="right").astype(np.uint8)
+    colour = np.searchsorted(_BOUNDS, magnitude, side="right").astype(np.uint8)
     if visible is not None:
-        colour[~visible] += len(_KITTI_COLOURS)
+        colour[~visible] += len(_COLOURS)
     height, width = colour.shape
     padded, judged = np.pad(colour, 1), np.pad(comparison.judged, 1)
-    painted = np.full(colour.shape, len(_KITTI_PALETTE) - 1, np.uint8)
+    painted = np.full(colour.shape, len(_PALETTE) - 1, np.uint8)
     # As in the kit, later pixels paint over earlier ones, row by row; unlike there, a pixel's own colour comes last.
     for dy, dx in (*np.ndindex(3, 3), (1, 1)):
         shifted = slice(dy, dy + height), slice(dx, dx + width)
         np.copyto(painted, padded[shifted], where=judged[shifted])
-    return np.asarray(_KITTI_PALETTE[painted])
-
-
-def _bad_pixel_map(
-    comparison: PixelComparison, threshold_px: float, visible: NDArray[np.bool_] | None, *, invalid_is_bad: bool
-) -> NDArray[np.uint8]:
-    """Draw bad pixels black, or grey where occluded, good pixels white, and pixels that no figure counts blue.
-
-    Source of the colours: src/main.cc of github.com/ETH3D/two-view-evaluation. That program paints pixels that it
-    leaves out of all figures white; here they are blue, like pixels without truth.
-    """
-    counted = comparison.judged if invalid_is_bad else comparison.scored
-    bad = np.where(comparison.scored, comparison.error > threshold_px, counted)
-    picture = np.full((*bad.shape, 3), _UNKNOWN, np.uint8)
-    picture[counted] = _GOOD
-    picture[bad] = _BAD
-    if visible is not None:
-        picture[bad & ~visible] = _OCCLUDED
-    return picture
+    return np.asarray(_PALETTE[painted])

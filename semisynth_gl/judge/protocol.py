@@ -5,27 +5,22 @@ error > t, never >=) is in `semisynth_gl.judge.score`.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import ceil
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.inputs.errors import InputError, shown
+from semisynth_gl.inputs.arguments import check_one_of
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.holes import fill_rows
 
 ProtocolName = Literal["middlebury", "eth3d", "kitti", "paper"]
 """Name of a benchmark; ``paper`` stands for the definitions of HSM's eval_mb.py."""
 PROTOCOL_NAMES: tuple[ProtocolName, ...] = get_args(ProtocolName)
-UNFILLED = np.float32(-1)
-"""KITTI's value for no disparity. Where a hole cannot be filled, this value is compared with the truth."""
-
 Disparity = NDArray[np.float32]
 Where = NDArray[np.bool_]
-
-# In the table on Middlebury's page, the five hard ones of the 15 training pairs have half the weight.
-_MIDDLEBURY_WEIGHTS = dict.fromkeys(("PianoL", "Playroom", "Playtable", "Shelves", "Vintage"), 0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +39,7 @@ class Limits:
 UNLIMITED = Limits()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PixelComparison:
+class PixelComparison(NamedTuple):
     """A prediction compared with the truth pixel by pixel; all arrays are (H, W) of the truth's size.
 
     Attributes:
@@ -72,37 +66,19 @@ class Protocol:
         source: the program whose definitions these are.
         compare: compares a prediction (H, W) float32 px with a truth (H, W) float32 px under the truth's limits; raises
             InputError where the sizes do not fit.
-        columns: the figures that the benchmark's table has in addition to the common ones, each with its name there.
-        decimals: the format specification of printed numbers, as in the evaluator.
-        percent: whether shares are given in percent rather than as fractions.
-        single: whether the evaluator prints float32 numbers, whose rounding decides some last digits.
+        full_share: the share that stands for all pixels: 100 percent, or a fraction of 1.
         invalid_is_bad: whether a pixel that is judged but not scored counts as bad; otherwise shares leave it out.
         pooled: whether several images count as one large image; otherwise their figures are averaged.
-        map_px: the error above which an error map shows a pixel as bad, px; None where the map shows the error itself.
-        weights: weights of images in the mean, by name; an image that is not listed has the weight 1.
+        halved: names of the images that have half the weight of others in the mean.
     """
 
     name: ProtocolName
     source: str
     compare: Callable[[Disparity, Disparity, Limits], PixelComparison]
-    columns: Mapping[str, str]
-    decimals: str
-    percent: bool = False
-    single: bool = False
+    full_share: float = 1.0
     invalid_is_bad: bool = False
     pooled: bool = False
-    map_px: float | None = None
-    weights: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def headline(self) -> str:
-        """Name of the figure by which pairs are ranked: the bad pixels above ``map_px``, or D1-all without it."""
-        return "D1-all" if self.map_px is None else f"bad-{self.map_px:g}"
-
-    @property
-    def full_share(self) -> float:
-        """The share that stands for all pixels in the protocol's unit: 100 percent, or a fraction of 1."""
-        return 100.0 if self.percent else 1.0
+    halved: frozenset[str] = frozenset()
 
 
 def _compare_middlebury(prediction: Disparity, truth: Disparity, limits: Limits) -> PixelComparison:
@@ -113,10 +89,8 @@ def _compare_middlebury(prediction: Disparity, truth: Disparity, limits: Limits)
     is the truth's ndisp / s, rounded up; signed values are clipped only from above. If the truth is in whole pixels,
     values are then rounded, halves upwards. NaN stays NaN: it is never bad, and makes the mean error NaN.
     """
-    scales = [scale for scale in (1, 2, 4) if tuple(scale * side for side in prediction.shape) == truth.shape]
-    if not scales:
-        raise _wrong_size(prediction, truth, "expected the truth's size, or exactly half or a quarter of it")
-    scale = scales[0]
+    scale = next((scale for scale in (2, 4) if scale * prediction.shape[0] == truth.shape[0]), 1)
+    _check_size(prediction, truth, scale)
     # Halves and quarters are exact in float32, as in the kit.
     values = np.repeat(np.repeat(prediction * np.float32(scale), scale, axis=0), scale, axis=1)
     valid = values != np.inf
@@ -134,7 +108,7 @@ def _compare_eth3d(prediction: Disparity, truth: Disparity, _: Limits) -> PixelC
 
     A prediction that is NaN, infinite, or larger in size than the image's width counts only in coverage and invalid.
     """
-    _require_same_size(prediction, truth)
+    _check_size(prediction, truth)
     judged = np.isfinite(truth)
     estimated = np.isfinite(prediction) & (np.abs(prediction) <= truth.shape[1])
     return PixelComparison(truth, _error(prediction, truth), judged, estimated, judged & estimated)
@@ -146,7 +120,7 @@ def _compare_kitti(prediction: Disparity, truth: Disparity, limits: Limits) -> P
     NaN, infinite values, 0 and, unless signed, negative values are holes. They are filled (see `fill_holes`) and judged
     like all other pixels. Float predictions are not rounded to the kit's 1/256 px.
     """
-    _require_same_size(prediction, truth)
+    _check_size(prediction, truth)
     judged = np.isfinite(truth) & (limits.signed | (truth > 0))
     estimated = np.isfinite(prediction) & (limits.signed | (prediction > 0))
     return PixelComparison(truth, _error(fill_holes(prediction, estimated), truth), judged, estimated, judged)
@@ -158,7 +132,7 @@ def _compare_paper(prediction: Disparity, truth: Disparity, limits: Limits) -> P
     A prediction is clipped only from above, at ndisp, and no pixel is invalid. The script resizes predictions of other
     sizes linearly; here they raise InputError.
     """
-    _require_same_size(prediction, truth)
+    _check_size(prediction, truth)
     values = prediction if limits.ndisp is None else np.minimum(prediction, np.float32(limits.ndisp))
     judged = truth != np.inf
     return PixelComparison(truth, _error(values, truth), judged, np.ones_like(judged), judged)
@@ -168,14 +142,15 @@ def fill_holes(disparity: Disparity, valid: Where) -> Disparity:
     """Return a prediction (H, W) px with its holes, where ``valid`` is False, filled as KITTI's kit does.
 
     Within a row, a hole takes the smaller of the nearest values to its left and right, or the only one. Rows above the
-    first and below the last row with a value become copies of it. Other rows without any value stay `UNFILLED`.
+    first and below the last row with a value become copies of it. Other rows without any value get -1, KITTI's value
+    for no disparity, which is compared with the truth like any other.
     """
     filled = fill_rows(np.where(valid, disparity, np.float32(np.nan)))
     rows = np.flatnonzero(valid.any(axis=1))
     if rows.size:
         filled[: rows[0]] = filled[rows[0]]
         filled[rows[-1] + 1 :] = filled[rows[-1]]
-    return np.where(np.isnan(filled), UNFILLED, filled)
+    return np.where(np.isnan(filled), np.float32(-1), filled)
 
 
 def _error(values: Disparity, truth: Disparity) -> Disparity:
@@ -184,13 +159,9 @@ def _error(values: Disparity, truth: Disparity) -> Disparity:
     return error
 
 
-def _require_same_size(prediction: Disparity, truth: Disparity) -> None:
-    if prediction.shape != truth.shape:
-        raise _wrong_size(prediction, truth, "expected the same size")
-
-
-def _wrong_size(prediction: Disparity, truth: Disparity, expected: str) -> InputError:
-    return InputError(f"the prediction has {shown_size(prediction)} pixels, its truth {shown_size(truth)}: {expected}")
+def _check_size(prediction: Disparity, truth: Disparity, scale: int = 1) -> None:
+    if tuple(scale * side for side in prediction.shape) != truth.shape:
+        raise InputError(f"the prediction has {shown_size(prediction)} pixels, its truth {shown_size(truth)}")
 
 
 def shown_size(image: NDArray[np.generic]) -> str:
@@ -198,57 +169,21 @@ def shown_size(image: NDArray[np.generic]) -> str:
     return f"{image.shape[1]} x {image.shape[0]}"
 
 
-# Each evaluator's own number of decimals; ETH3D's prints six significant digits.
-PROTOCOLS: Mapping[ProtocolName, Protocol] = {
-    protocol.name: protocol
-    for protocol in (
-        Protocol(
-            "middlebury",
-            "MiddEval3 SDK, evaldisp 1.6",
-            _compare_middlebury,
-            columns={"avgerr": "avgerr", "coverage": "coverage", "invalid": "invalid"},
-            decimals=".2f",
-            percent=True,
-            single=True,
-            invalid_is_bad=True,
-            map_px=2.0,
-            weights=_MIDDLEBURY_WEIGHTS,
-        ),
-        Protocol(
-            "eth3d",
-            "ETH3D two-view evaluation",
-            _compare_eth3d,
-            columns={"avgerr": "avgerr", "coverage": "coverage"},
-            decimals=".6g",
-            map_px=1.0,
-        ),
-        Protocol(
-            "kitti",
-            "KITTI 2015 development kit",
-            _compare_kitti,
-            columns={"D1-bg": "D1-bg", "D1-fg": "D1-fg", "D1-est": "D1-est", "epe": "EPE", "coverage": "density"},
-            decimals=".6f",
-            single=True,
-            pooled=True,
-        ),
-        Protocol(
-            "paper",
-            "HSM, eval_mb.py",
-            _compare_paper,
-            columns={"avgerr": "avgerr"},
-            decimals=".3f",
-            percent=True,
-            map_px=2.0,
-        ),
-    )
-}
+# In the table on Middlebury's page, the five hard ones of the 15 training pairs have half the weight.
+_HARD = frozenset({"PianoL", "Playroom", "Playtable", "Shelves", "Vintage"})
+_ROWS = (
+    Protocol(
+        "middlebury", "MiddEval3 SDK, evaldisp 1.6", _compare_middlebury, 100.0, invalid_is_bad=True, halved=_HARD
+    ),
+    Protocol("eth3d", "ETH3D two-view evaluation", _compare_eth3d),
+    Protocol("kitti", "KITTI 2015 development kit", _compare_kitti, pooled=True),
+    Protocol("paper", "HSM, eval_mb.py", _compare_paper, 100.0),
+)
+PROTOCOLS: Mapping[ProtocolName, Protocol] = {row.name: row for row in _ROWS}
 """The definitions of each benchmark by its name."""
 
 
-def find_protocol(name: ProtocolName | Protocol) -> Protocol:
-    """Return the protocol of a name, or a protocol as it is; an unknown name raises InputError."""
-    if isinstance(name, Protocol):
-        return name
-    if not isinstance(name, str) or name not in PROTOCOLS:
-        raise InputError(f"a protocol must be one of {', '.join(PROTOCOLS)}, got {shown(name)}")
+def find_protocol(name: ProtocolName) -> Protocol:
+    """Return the protocol of a name; an unknown name raises InputError."""
+    check_one_of("protocol", name, PROTOCOLS)
     return PROTOCOLS[name]

@@ -49,7 +49,7 @@ def test_a_mirrored_pair_is_confirmed_alike(disparity, width):
 @pytest.mark.parametrize(
     ("left", "right", "words"),
     [
-        (np.ones((2, 3)), np.ones((2, 4)), "the left view has 3 x 2, the right one 4 x 2: expected one size"),
+        (np.ones((2, 3)), np.ones((2, 4)), "the left view has 3 x 2, the right one 4 x 2"),
         (np.full((2, 3), INF), np.ones((2, 3)), "no disparity leads into the right image"),
         (np.full((2, 3), 9.0), np.ones((2, 3)), "no disparity leads into the right image"),
     ],
@@ -59,52 +59,19 @@ def test_views_that_cannot_be_compared_are_refused(left, right, words):
         unconfirmed(left.astype(np.float32), right.astype(np.float32))
 
 
-# --- files ---
-
-
-@pytest.fixture
-def folders(tmp_path):
-    """Predictions for two pairs, one of them in a folder; the second one's are PFM and an array."""
-    left, right = walls()
-    for side in ("left", "right"):
-        (tmp_path / side / "b").mkdir(parents=True)
-    np.save(tmp_path / "left" / "a.npy", left[:, :20])
-    np.save(tmp_path / "right" / "a.npy", right[:, :20])
-    (tmp_path / "left" / "b" / "c.pfm").write_bytes(PFM.encode(left))
-    np.save(tmp_path / "right" / "b" / "c.npy", right)
-    return tmp_path / "left", tmp_path / "right"
-
-
-def run(*arguments):
-    return CliRunner().invoke(semisynth_gl, ["evaluate", *map(str, arguments)], standalone_mode=False)
-
-
-def test_the_command_prints_and_writes_what_python_returns(folders, tmp_path):
-    done = run("--pred", folders[0], "--pred-right", folders[1], "--json", tmp_path / "out.json")
-    assert [line.split() for line in done.output.splitlines()[2:]] == [
-        ["b/c", "10.71"],
-        ["a", "0.00"],
-        ["mean", "5.36"],
-    ]
-    assert json.loads((tmp_path / "out.json").read_text()) == evaluate_views(*folders)
-
-
-def test_folders_that_do_not_fit_are_refused(folders, tmp_path):
-    left, right = folders
-    for arguments, words in (
-        ((left,), "expected --gt, the truth, or --pred-right"),
-        ((left, "--pred-right", right, "--gt", left, "--partial"), "leave --gt, --partial out"),
-        ((left, "--pred-right", tmp_path / "none"), "--pred-right: .*none: there is no such folder"),
-    ):
-        with pytest.raises(InputError, match=words):
-            raise run("--pred", *arguments).exception
+def test_the_command_prints_and_writes_what_python_returns(tmp_path):
+    (one, other), (left, right) = walls(), (tmp_path / "left", tmp_path / "right")
+    for folder in (left, right):
+        (folder / "b").mkdir(parents=True)
+    np.save(left / "a.npy", one[:, :20])
+    np.save(right / "a.npy", other[:, :20])
+    (left / "b" / "c.pfm").write_bytes(PFM.encode(one))
+    np.save(right / "b" / "c.npy", other)
+    arguments = ["evaluate", "--pred", left, "--pred-right", right, "--json", tmp_path / "out.json"]
+    done = CliRunner().invoke(semisynth_gl, list(map(str, arguments)), standalone_mode=False)
+    rows = [line.split() for line in done.output.splitlines()[2:]]
+    assert rows == [["b/c", "10.71"], ["a", "0.00"], ["mean", "5.36"]]
+    assert json.loads((tmp_path / "out.json").read_text()) == evaluate_views(left, right)
     (right / "a.npy").rename(right / "d.npy")
-    with pytest.raises(InputError, match="2 pairs with a prediction for only one view: a has none for the right view"):
+    with pytest.raises(InputError, match="same names in both folders; in one are a, d"):
         evaluate_views(left, right)
-    (right / "d.npy").unlink()
-    (left / "a.npy").rename(left / "b" / "c.npy")
-    with pytest.raises(InputError, match=r"c\.npy and c\.pfm are for one pair"):
-        evaluate_views(left, right)
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match="has no disparity map"):
-        evaluate_views(tmp_path / "empty", right)

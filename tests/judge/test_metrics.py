@@ -4,15 +4,15 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.judge import PROTOCOLS, pool, score
+from semisynth_gl.judge import PROTOCOLS, score
 from semisynth_gl.judge.error_map import draw_error_map
-from semisynth_gl.judge.protocol import PROTOCOL_NAMES, Limits, fill_holes
-from semisynth_gl.judge.score import error_quantiles, is_outlier, mean_figures
+from semisynth_gl.judge.protocol import PROTOCOL_NAMES, Limits
+from semisynth_gl.judge.score import error_quantiles, is_outlier, mean_figures, tally
 
 INF, NAN = math.inf, math.nan
 
@@ -115,33 +115,29 @@ def test_invalid_values_count_as_in_each_benchmark(protocol, prediction, truth, 
 def test_middlebury_rounds_halves_up_after_clipping():
     truth = f32([[1.0, 2.0, 3.0, 8.0, 0.0]])
     prediction = f32([[0.5, 1.5, 2.4999998, 9.0, np.nextafter(f32(0.5), f32(0))]])
-    assert score(prediction, truth, "middlebury", limits=Limits(8, isint=True)).sum_px == 1.0
-    assert score(prediction, truth, "middlebury", limits=Limits(8)).sum_px == pytest.approx(2.0)
+    assert figures(prediction, truth, "middlebury", limits=Limits(8, isint=True))["avgerr"] == 1 / 5
+    assert figures(prediction, truth, "middlebury", limits=Limits(8))["avgerr"] == pytest.approx(2 / 5)
 
 
 @pytest.mark.parametrize("scale", [2, 4])
 def test_middlebury_scales_half_and_quarter_sizes(scale):
     small = f32([[1.0, 2.0], [3.0, INF]])
     truth = np.full((2 * scale, 2 * scale), 2.0 * scale, np.float32)
-    counted = score(small, truth, "middlebury")
-    per = scale * scale
-    assert (counted.judged, counted.scored) == (4 * per, 3 * per)
-    assert counted.sum_px == 2 * scale * per
+    found = figures(small, truth, "middlebury")
+    # Of the four pixels, one is right, two are off by scale, one is invalid.
+    assert (found["invalid"], found["avgerr"]) == (25, pytest.approx(2 * scale / 3))
     # ndisp of the smaller size is rounded up: 3 of 5, so 6; 2 of 5, so 8.
     largest = {2: 6.0, 4: 8.0}[scale]
-    clipped = score(np.full((2, 2), 99.0, np.float32), truth * 0, "middlebury", limits=Limits(5))
-    assert clipped.sum_px == largest * 4 * per
-    with pytest.raises(InputError, match=r"2 x 2 pixels, its truth 6 x 6: .*half or a quarter"):
-        score(small, np.ones((6, 6), np.float32), "middlebury")
+    clipped = figures(np.full((2, 2), 99.0), truth * 0, "middlebury", limits=Limits(5))
+    assert clipped["avgerr"] == largest
 
 
 @pytest.mark.parametrize("protocol", PROTOCOL_NAMES)
 def test_an_empty_mask_has_no_figures(protocol):
     truth = f32([[1.0, 2.0]])
     counted = score(truth, truth, protocol, mask=np.zeros((1, 2), bool))
-    assert counted.judged == 0
     assert all(math.isnan(value) for value in counted.figures().values())
-    assert all(math.isnan(value) for value in pool([counted]).figures().values())
+    assert all(math.isnan(value) for value in mean_figures({"a": counted}).values())
     # It takes no part in a mean.
     other = score(truth + 1, truth, protocol)
     assert mean_figures({"a": counted, "b": other}) == other.figures()
@@ -175,6 +171,18 @@ def test_other_sizes_are_refused_with_both(protocol):
         score(np.ones((2, 3)), np.ones((4, 5)), protocol)
     with pytest.raises(InputError, match="the mask has 3 x 2 pixels, the truth 5 x 4"):
         score(np.ones((4, 5)), np.ones((4, 5)), protocol, mask=np.ones((2, 3), bool))
+
+
+def test_kitti_tells_objects_from_the_background():
+    truth, off = f32([[10.0] * 4] * 2), f32([[0.0, 9.0, 9.0, 0.0], [0.0, 0.0, 0.0, 0.0]])
+    objects = np.array([[0, 1, 2, 0], [0, 0, 7, 0]], np.uint8)
+    kitti, other = (PROTOCOLS[name] for name in ("kitti", "eth3d"))
+    both = tally(kitti.compare(truth + off, truth, Limits()), kitti, None, objects)
+    assert (both.figures()["D1-bg"], both.figures()["D1-fg"], both.figures()["D1-all"]) == (0, 2 / 3, 1 / 4)
+    first_column = tally(kitti.compare(truth, truth, Limits()), kitti, np.arange(8).reshape(2, 4) % 4 == 0, objects)
+    assert math.isnan(first_column.figures()["D1-fg"])
+    assert mean_figures({"a": both, "b": first_column})["D1-fg"] == 2 / 3
+    assert "D1-fg" not in tally(other.compare(truth, truth, Limits()), other, None, objects).figures()
 
 
 # --- against the evaluators' loops ---
@@ -259,72 +267,53 @@ def naive(prediction, truth, mask, protocol, ndisp, isint):
 
 @pytest.mark.parametrize("protocol", PROTOCOL_NAMES)
 @given(case=cases())
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=80, deadline=None)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_counts_are_those_of_the_loops(protocol, case):
+def test_scores_are_those_of_the_loops(protocol, case):
     prediction, truth, mask, ndisp, isint = case
     isint &= protocol == "middlebury"
     counted = score(prediction, truth, protocol, mask=mask, limits=Limits(ndisp, isint))
     scored, judged, estimated = naive(prediction, truth, mask, protocol, ndisp, isint)
-    assert (counted.judged, counted.estimated, counted.scored) == (judged, estimated, len(scored))
-    assert counted.bad == tuple(sum(bool(e > t) for e, _, _ in scored) for t in (0.5, 1.0, 2.0, 4.0))
-    outliers = [bool(e > 3) and float(np.float32(e) / abs(g)) > 0.05 for e, g, _ in scored]
-    assert counted.outliers == sum(outliers)
-    assert counted.outliers_estimated == sum(
-        outlier and has for outlier, (_, _, has) in zip(outliers, scored, strict=True)
-    )
-    np.testing.assert_allclose(counted.sum_px, sum(float(e) for e, _, _ in scored), rtol=1e-9)
-
-
-@pytest.mark.parametrize("protocol", PROTOCOL_NAMES)
-@given(case=cases())
-@settings(max_examples=50, deadline=None)
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_quantiles_and_squares_are_those_of_the_loops(protocol, case):
-    prediction, truth, mask, ndisp, isint = case
-    isint &= protocol == "middlebury"
-    errors = [float(e) for e, _, _ in naive(prediction, truth, mask, protocol, ndisp, isint)[0]]
-    assume(errors and np.isfinite(errors).all())
-    counted = score(prediction, truth, protocol, mask=mask, limits=Limits(ndisp, isint))
-    wanted = sorted(errors)
-    places = [int(np.floor(np.float32(len(errors)) * np.float32(q))) for q in (0.5, 0.9, 0.95, 0.99)]
-    assert counted.quantiles_px == tuple(wanted[place] for place in places)
-    np.testing.assert_allclose(counted.sum_squared_px2, sum(e * e for e in errors), rtol=1e-6)
-
-
-@given(case=cases())
-@settings(max_examples=60, deadline=None)
-def test_holes_are_filled_as_the_loops_do(case):
-    prediction = case[0]
-    valid = np.isfinite(prediction) & (prediction > 0)
-    np.testing.assert_array_equal(fill_holes(prediction, valid), f32(naive_fill(prediction)))
+    outliers = [(bool(e > 3) and float(np.float32(e) / abs(g)) > 0.05, has) for e, g, has in scored]
+    errors = sorted(float(e) for e, _, _ in scored)
+    expected = {"judged": judged, "estimated": estimated, "scored": len(scored)}
+    expected |= {f"bad-{t:g}": sum(e > t for e in errors) for t in (0.5, 1.0, 2.0, 4.0)}
+    expected |= {"outliers": sum(out for out, _ in outliers), "outliers_estimated": sum(map(all, outliers))}
+    expected |= {"sum_px": pytest.approx(sum(errors), rel=1e-9, nan_ok=True)}
+    assert {name: counted.sums[name] for name in expected} == expected
+    if errors and np.isfinite(errors).all():
+        places = [int(np.floor(np.float32(len(errors)) * np.float32(q))) for q in (0.5, 0.9, 0.95, 0.99)]
+        assert counted.quantiles_px == tuple(errors[place] for place in places)
+        assert counted.sums["sum_squared_px2"] == pytest.approx(sum(e * e for e in errors), rel=1e-6)
 
 
 # --- error maps ---
 
 
-def test_kitti_colours_follow_the_error_and_occlusion_darkens():
+def error_map(prediction, truth, protocol="kitti", visible=None):
+    return draw_error_map(PROTOCOLS[protocol].compare(f32(prediction), truth, Limits()), visible)
+
+
+def test_colours_follow_the_error_and_occlusion_darkens():
     truth = f32([[100.0] * 8, [10.0] * 8])
     errors = f32(
         [[0.0, 0.1875 * 5 / 3, 5.0, 79.9, 80.0, 100.0, 0.3, 0.3], [0.0, 0.1875, 3.0, 47.9, 48.0, 0.1, 6.0, 12.0]]
     )
     # The larger of 3 px and 5 % of the truth is the unit: 5 px in the first row, 3 px in the second.
-    comparison = PROTOCOLS["kitti"].compare(truth + errors, truth, Limits())
     visible = np.ones((2, 8), bool)
     visible[0, 0] = False
-    picture = draw_error_map(comparison, PROTOCOLS["kitti"], visible)
+    picture = error_map(truth + errors, truth, visible=visible)
     expected = {(0, 0): (24, 27, 74), (0, 1): (69, 117, 180), (0, 2): (254, 224, 144), (0, 3): (215, 48, 39)}
     expected |= {(0, 4): (165, 0, 38), (1, 0): (49, 54, 149), (1, 2): (254, 224, 144), (1, 4): (165, 0, 38)}
     assert {at: tuple(picture[at].tolist()) for at in expected} == expected
 
 
-def test_kitti_paints_sparse_truth_as_3_by_3():
+def test_a_sparse_truth_is_painted_as_3_by_3():
     truth = np.full((5, 6), INF, np.float32)
-    truth[2, 2] = 10.0
-    truth[2, 3] = 10.0
+    truth[2, 2:4] = 10.0
     prediction = np.full((5, 6), 10.0, np.float32)
     prediction[2, 3] = 70.0
-    picture = draw_error_map(PROTOCOLS["kitti"].compare(prediction, truth, Limits()), PROTOCOLS["kitti"])
+    picture = error_map(prediction, truth)
     assert picture[2, 2].tolist() == [49, 54, 149]
     assert picture[2, 3].tolist() == [165, 0, 38]
     assert picture[1:4, 1].tolist() == [[49, 54, 149]] * 3
@@ -333,16 +322,8 @@ def test_kitti_paints_sparse_truth_as_3_by_3():
     assert not picture[:, 5].any()
 
 
-def test_bad_pixels_are_black_or_grey_and_unknown_ones_blue():
-    truth = f32([[1.0, 1.0, 1.0, INF, 1.0]])
-    prediction = f32([[3.0, 3.5, 3.5, 1.0, INF]])
-    visible = np.array([[True, True, False, False, True]])
-    white, black, grey, blue = [255] * 3, [0] * 3, [128] * 3, [0, 0, 255]
-    # 2 px is bad for ETH3D's map, whose bound is 1 px, and not for Middlebury's.
-    for name, first, last in (("middlebury", white, black), ("eth3d", black, blue)):
-        protocol = PROTOCOLS[name]
-        picture = draw_error_map(protocol.compare(prediction, truth, Limits()), protocol, visible)
-        assert picture[0].tolist() == [first, black, grey, blue, last], name
-    protocol = PROTOCOLS["middlebury"]
-    without = draw_error_map(protocol.compare(prediction, truth, Limits()), protocol)
-    assert without[0, 2].tolist() == black
+@pytest.mark.parametrize("protocol", ["middlebury", "eth3d"])
+def test_an_invalid_prediction_has_the_worst_colour(protocol):
+    truth = f32([[1.0, 1.0, 1.0, INF]])
+    picture = error_map([[1.0, 1.0, INF, 1.0]], truth, protocol)
+    assert picture[0, :3].tolist() == [[49, 54, 149], [49, 54, 149], [165, 0, 38]]

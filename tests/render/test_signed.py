@@ -19,7 +19,7 @@ from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, SKY, VISIBLE
 from semisynth_gl.judge.evaluate import evaluate
-from semisynth_gl.judge.protocol import find_protocol
+from semisynth_gl.judge.protocol import PROTOCOLS
 from semisynth_gl.judge.verify import verify_dataset
 from semisynth_gl.layouts import LAYOUTS
 from semisynth_gl.pairs.pipeline import PairRenderer
@@ -404,7 +404,7 @@ def check_read_back(data, config, made):
     for protocol in ("middlebury", "kitti", "eth3d", "paper"):
         mean = evaluate(results, data, protocol)["mean"]["all"]
         assert mean["epe"] < 0.003, protocol
-        assert mean["coverage"] == find_protocol(protocol).full_share, protocol
+        assert mean["coverage"] == PROTOCOLS[protocol].full_share, protocol
 
 
 @pytest.mark.one_backend
