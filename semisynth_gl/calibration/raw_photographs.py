@@ -13,10 +13,9 @@ from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.inputs.errors import InputError, abbreviate, counted
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.lens.chain import LensChain
-from semisynth_gl.textures.image_files import find_files
+from semisynth_gl.textures.image_files import find_files, reaching_source
 from semisynth_gl.textures.images import image_extensions, read_image, stored_size
-from semisynth_gl.textures.reach import reaching_source
-from semisynth_gl.textures.view_names import is_right
+from semisynth_gl.textures.subjects import is_right
 
 _NAMED = 3
 

@@ -9,9 +9,8 @@ from semisynth_gl.config import Config
 from semisynth_gl.dataset.root import is_local
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.user_files import expanded
-from semisynth_gl.textures.image_files import find_files
+from semisynth_gl.textures.image_files import find_files, reaching_source
 from semisynth_gl.textures.images import image_extensions
-from semisynth_gl.textures.reach import reaching_source
 
 
 def check_apart(root: UPath, config: Config) -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from semisynth_gl.config.model import Config
 from semisynth_gl.frame.frame import Frame, finite_range
 from semisynth_gl.scene.sampler import SampledScene
-from semisynth_gl.textures.crops import least_texture, surely_has_texture
+from semisynth_gl.textures.crops import least_texture
 
 # Every so many rows are summed first: in a usual image, these rows keep the mean above the limit even if all others are
 # black.
@@ -62,10 +62,9 @@ def faults(frame: Frame, config: Config, guarantees: SceneGuarantees) -> list[st
         brightness = float(min(image.mean() for image in images))
         if brightness < section.min_brightness:
             clauses.append(f"too dark: mean {brightness:.1f} levels, at least {section.min_brightness:g} wanted")
-    if not surely_has_texture(images, section.min_texture):
-        texture = least_texture(images)
-        if texture < section.min_texture:
-            clauses.append(f"too little texture: {texture:.2f} levels, at least {section.min_texture:g} wanted")
+    texture = least_texture(images)
+    if texture < section.min_texture:
+        clauses.append(f"too little texture: {texture:.2f} levels, at least {section.min_texture:g} wanted")
     for view in (frame.left, frame.right):
         disparity = view.get("disparity")
         if disparity is not None:

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.textures.crop_report import CropCount, TextureReport
 from semisynth_gl.textures.crops import texture_measure
 
@@ -83,7 +82,7 @@ class Atlas:
 
     def in_grey(self) -> "Atlas":
         """Return the atlas with all layers in grey, as monochrome cameras see it; the rest stays. See `to_grey`."""
-        return replace(self, layers=_each_in_grey(self.layers), large_layers=_each_in_grey(self.large_layers))
+        return replace(self, layers=_in_grey(self.layers), large_layers=_in_grey(self.large_layers))
 
 
 def to_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -95,36 +94,16 @@ def to_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(Image.fromarray(np.ascontiguousarray(image)).convert("L"))
 
 
-def _each_in_grey(layers: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    grey = np.empty(layers.shape[:3], np.uint8)
-    for number, layer in enumerate(layers):
-        grey[number] = to_grey(layer)
-    return grey
+def _in_grey(layers: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.array([to_grey(layer) for layer in layers], np.uint8).reshape(layers.shape[:3])
 
 
-def atlas_from_arrays(patches: Sequence[NDArray[Any]], sources: Sequence[str] | None = None) -> Atlas:
-    """Make an atlas of the given squares, each (P, P, 3) uint8 RGB; all are kept, however little texture they have.
+def atlas_from_arrays(patches: Sequence[NDArray[np.uint8]], sources: Sequence[str]) -> Atlas:
+    """Make an atlas of squares, each (P, P, 3) uint8 RGB of one size; all are kept, however little texture they have.
 
-    Each square becomes a patch of one layer. ``sources`` names the image of each patch; by default the names are
-    ``array/00000`` and so on.
-
-    Raises:
-        InputError: where there is no patch, a patch is not (P, P, 3) uint8 with the P of the first patch, or the
-            numbers of patches and sources differ.
+    ``sources`` names the image of each patch.
     """
-    if len(patches) == 0:
-        raise InputError("an atlas needs at least one patch, got none")
-    if sources is None:
-        sources = [f"array/{i:05d}" for i in range(len(patches))]
-    if len(sources) != len(patches):
-        raise InputError(f"expected one source for each patch, got {len(sources)} for {counted(len(patches), 'patch')}")
-    side = patches[0].shape[0] if patches[0].ndim else 0
-    for i, patch in enumerate(patches):
-        if side < 1 or patch.shape != (side, side, 3) or patch.dtype != np.uint8:
-            raise InputError(
-                f"patches must be (P, P, 3) uint8, all of one size P; patch 0 has P = {side}, "
-                f"patch {i} is {patch.shape} {patch.dtype}"
-            )
+    side = len(patches[0])
     described = tuple(
         Patch(source, 0, 0, side, layer, 1, texture_measure(patch))
         for layer, (source, patch) in enumerate(zip(sources, patches, strict=True))

@@ -1,33 +1,49 @@
-"""What became of every image and crop: counts of kept and rejected crops, and a few rejected crops to look at."""
+"""What became of every image and crop: counts, a summary, and the sheet of patches and of rejected crops."""
 
-from collections import Counter, defaultdict
-from collections.abc import Collection, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, zip_longest
 from typing import Literal, NamedTuple, get_args
 
-from semisynth_gl.inputs.errors import Skipped, abbreviate, counted
-from semisynth_gl.textures.crops import Square
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from semisynth_gl.inputs.errors import Skipped, counted
+from semisynth_gl.textures.crops import Square, cut_crop
+from semisynth_gl.textures.image_files import printable
+from semisynth_gl.textures.pictures import TextureImage, pixels_of
 from semisynth_gl.textures.shares import patch_chances
 from semisynth_gl.textures.subjects import of_subjects
 
-Reason = Literal["flat", "blurred", "duplicate"]
-Outcome = Literal[Reason, "surplus", "kept"]
-REASONS: tuple[Reason, ...] = get_args(Reason)
-REJECTIONS: tuple[Outcome, ...] = (*REASONS, "surplus")
+Rejection = Literal["flat", "blurred", "duplicate", "surplus"]
+Outcome = Literal["kept", Rejection]
+REJECTIONS: tuple[Rejection, ...] = get_args(Rejection)
 
+# The summary notes when there are fewer subjects than this.
+_FEW = 4
+
+_MEANING: Mapping[Rejection, str] = {
+    "flat": "hardly any texture: textures.min_texture",
+    "blurred": "out of focus or enlarged: textures.min_sharpness",
+    "duplicate": "each beside the crop that it hardly differs from: textures.min_difference",
+}
 _EXAMPLES = 12
-# The summary notes when there are fewer subjects than this, and subjects with less than this part of an equal share.
-_FEW, _UNEVEN = 4, 0.5
-_MOST_NAMED = 5
+
+_WIDTH_PX, _TILE_PX, _GAP_PX = 1600, 72, 4
+_TEXT_PX, _TITLE_PX, _LINE_PX = 11, 15, 15
+# Tiles beside each other that a label is at least as wide as.
+_LEAST_COLUMNS = 3
+_PAPER, _INK, _ON_TILE = (250, 250, 248), (30, 30, 30), (255, 255, 255)
 
 
-class JudgedCrop(NamedTuple):
-    """A crop, the reason against it or None, and ``like``: for a duplicate, the crop that it hardly differs from."""
+class Example(NamedTuple):
+    """A rejected crop to look at; ``like`` is the crop that a duplicate hardly differs from."""
 
-    reason: Reason | None
+    reason: Rejection
     square: Square
-    like: Square | None = None
+    like: Square | None
 
     @property
     def squares(self) -> list[Square]:
@@ -36,24 +52,11 @@ class JudgedCrop(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class JudgedClip:
-    """All crops, at least one, of a still image or of a clip of ``frame_count`` successive frames."""
-
-    frame_count: int
-    crops: Sequence[JudgedCrop]
-
-    @property
-    def source(self) -> str:
-        """Name of the image, as in `Square`."""
-        return self.crops[0].square.source
-
-
-@dataclass(frozen=True, slots=True)
 class CropCount:
     """Numbers of crops of one side in one image; a square that is followed through several frames counts once.
 
-    ``kept`` counts the crops that became patches. The other numbers count rejected crops: by `Reason`, or as
-    ``surplus`` where there were more than wanted.
+    ``kept`` counts the crops that became patches. The other numbers count rejected crops; ``surplus`` are those beyond
+    the wanted number of patches.
     """
 
     source: str
@@ -69,34 +72,30 @@ class CropCount:
 class TextureReport:
     """What became of all images and their crops. Each frame of an image sequence counts as an image.
 
-    ``images_used + images_unused + len(too_small) + len(images_skipped) + images_not_opened`` is the number of given
-    images, and ``counts`` has every crop of the images that were opened.
+    The numbers of images add up to that of the given images, and ``counts`` has every crop of the images that were
+    opened.
 
     Attributes:
         images_used: images with at least one patch in the atlas.
         images_unused: images that were read, but have no patch in the atlas.
-        too_small: names of the images that are smaller than a patch along a side.
+        images_too_small: images that are smaller than a patch along a side.
         images_skipped: images that could not be read, and why.
-        images_not_opened: number of images that were not needed, because there were enough patches.
+        images_not_opened: images that were not needed, because there were enough patches.
         counts: one entry for each image and each side of its squares, in this order.
         subjects: the subject's name by the image's name, for images that share their subject; see `Patch`.
         examples: a few rejected crops, from different images where possible.
         patch_px: side of a patch.
-        min_texture: least `texture_measure` of a patch.
-        longest_clip: largest number of layers of a patch.
     """
 
     images_used: int
     images_unused: int = 0
-    too_small: tuple[str, ...] = ()
+    images_too_small: int = 0
     images_skipped: tuple[Skipped, ...] = ()
     images_not_opened: int = 0
     counts: tuple[CropCount, ...]
     subjects: Mapping[str, str] = field(default_factory=dict)
-    examples: tuple[JudgedCrop, ...] = ()
+    examples: tuple[Example, ...] = ()
     patch_px: int
-    min_texture: float = 0.0
-    longest_clip: int = 1
 
     @property
     def surface_shares(self) -> dict[str, float]:
@@ -106,14 +105,6 @@ class TextureReport:
         shares: dict[str, float] = defaultdict(float)
         for source, chance in zip(kept, chances.tolist(), strict=True):
             shares[source] += chance
-        return dict(shares)
-
-    @property
-    def subject_shares(self) -> dict[str, float]:
-        """The shares of `surface_shares` by subject, which is one image or several."""
-        shares: dict[str, float] = defaultdict(float)
-        for source, share in self.surface_shares.items():
-            shares[self.subjects.get(source, source)] += share
         return dict(shares)
 
     def total(self, outcome: Outcome) -> int:
@@ -126,35 +117,31 @@ class TextureReport:
         return {side: f"{side / self.patch_px:g}x" for side in sorted({count.side_px for count in self.counts})}
 
     @property
-    def named_images(self) -> set[str]:
-        """The names of the images that examples come from, and of the images that are too small."""
-        return {square.source for example in self.examples for square in example.squares} | set(self.too_small)
+    def example_images(self) -> set[str]:
+        """The names of the images that examples come from."""
+        return {square.source for example in self.examples for square in example.squares}
 
     @property
     def grouped_counts(self) -> dict[str, list[CropCount]]:
-        """The counts by `patch_group`, in their order."""
+        """The counts by image, or by the kind of procedural patches, in their order."""
         groups: dict[str, list[CropCount]] = defaultdict(list)
         for count in self.counts:
-            groups[patch_group(count.source)].append(count)
+            groups[_group(count.source)].append(count)
         return dict(groups)
 
     def summary(self) -> str:
-        """Return a few lines: patches, rejected crops, subjects with uneven shares, and images that were not used."""
-        kept = self.total("kept")
-        frames = f" of up to {self.longest_clip} frames" if self.longest_clip > 1 else ""
-        shared = of_subjects(self.images_used, len(self.subject_shares)) if self.subjects else ""
-        text = (
-            f"{counted(kept, 'patch')} of {self.patch_px} x {self.patch_px} pixels{frames} from "
-            f"{counted(self.images_used, 'image')}{shared}; "
-            f"{counted(self.total('flat'), 'crop')} left out as flat (median over 8 x 8 cells of the standard "
-            f"deviation of luminance, 8-bit levels, below {self.min_texture:g}), "
-            f"{self.total('blurred')} as blurred, {self.total('duplicate')} as duplicates, "
-            f"{self.total('surplus')} as more than wanted"
-        )
-        lines = [text, *self._uneven()]
+        """Return a few lines: patches, rejected crops, and images that were not used."""
+        shown = len({self.subjects.get(count.source, count.source) for count in self.counts if count.kept})
+        shared = of_subjects(self.images_used, shown) if self.subjects else ""
+        rejected = ", ".join(f"{self.total(reason)} {reason}" for reason in REJECTIONS)
+        patches, used = counted(self.total("kept"), "patch"), counted(self.images_used, "image")
+        size = f"{self.patch_px} x {self.patch_px} pixels"
+        lines = [f"{patches} of {size} from {used}{shared}; crops left out: {rejected}"]
+        if shown < _FEW:
+            lines.append("note: that is few: give a few dozen photographs")
         unused = {
             "not readable": len(self.images_skipped),
-            f"smaller than {self.patch_px} pixels": len(self.too_small),
+            f"smaller than {self.patch_px} pixels": self.images_too_small,
             "without a patch in the atlas": self.images_unused,
             "not opened, enough patches had been found": self.images_not_opened,
         }
@@ -162,53 +149,16 @@ class TextureReport:
             lines.append(f"images left out: {'; '.join(f'{count} {why}' for why, count in unused.items() if count)}")
         return "\n".join([*lines, *(f"not readable: {skipped}" for skipped in self.images_skipped)])
 
-    def _uneven(self) -> list[str]:
-        """Return notes for the user where subjects are few, or some have much less than an equal share."""
-        shares, noun = self.subject_shares, "subject" if self.subjects else "image"
-        equal, lines = 1 / max(len(shares), 1), list[str]()
-        if 0 < len(shares) < _FEW:
-            lines.append(
-                f"note: only {counted(len(shares), noun)}, each on about {equal:.0%} of the surfaces: give a few "
-                "dozen photographs"
-            )
-        few = sorted((share, subject) for subject, share in shares.items() if share < _UNEVEN * equal)
-        if few:
-            named = abbreviate([f"{subject} {share:.1%}" for share, subject in few], _MOST_NAMED)
-            lines.append(
-                f"note: {counted(len(few), noun)} with few patches, on less than half of an equal share of the "
-                f"surfaces ({equal:.1%}): {named}; lower textures.patch_px, or give larger photographs"
-            )
-        return lines
 
-
-def crop_counts(clips: Sequence[JudgedClip], kept: Collection[Square]) -> tuple[CropCount, ...]:
-    """Count the crops of each clip by side; ``kept`` are the squares that became patches."""
-    counts = []
-    for clip in clips:
-        outcomes: Counter[tuple[int, Outcome]] = Counter()
-        for crop in clip.crops:
-            outcome: Outcome = "kept" if crop.square in kept else crop.reason or "surplus"
-            outcomes[crop.square.side_px, outcome] += 1
-        counts += [
-            CropCount(
-                clip.source,
-                side,
-                kept=outcomes[side, "kept"],
-                **{outcome: outcomes[side, outcome] for outcome in REJECTIONS},
-            )
-            for side in sorted({side for side, _ in outcomes})
-        ]
-    return tuple(counts)
-
-
-def rejected_examples(clips: Sequence[JudgedClip]) -> tuple[JudgedCrop, ...]:
-    """Choose a few rejected crops for each reason, one from each clip in turn."""
-    examples: list[JudgedCrop] = []
-    for reason in REASONS:
-        rejected = [[crop for crop in clip.crops if crop.reason == reason] for clip in clips]
-        # Evenly spread: the first crops would all show the upper border. Duplicates are in random order already.
-        spread = [crops if reason == "duplicate" else crops[:: -(-len(crops) // _EXAMPLES) or 1] for crops in rejected]
-        in_turn = [crop for crop in chain.from_iterable(zip_longest(*spread)) if crop is not None]
+def choose_examples(rejected: Iterable[Sequence[Example]]) -> tuple[Example, ...]:
+    """Choose a few of the rejected crops of each image: for each reason, one of each image in turn."""
+    examples: list[Example] = []
+    images = list(rejected)
+    for reason in _MEANING:
+        crops = [[example for example in image if example.reason == reason] for image in images]
+        # Evenly spread: the first crops would all show the upper border.
+        spread = [of_one[:: -(-len(of_one) // _EXAMPLES) or 1] for of_one in crops]
+        in_turn = [example for example in chain.from_iterable(zip_longest(*spread)) if example is not None]
         examples += sorted(in_turn[:_EXAMPLES])
     return tuple(examples)
 
@@ -218,6 +168,109 @@ def count_crops(counts: Collection[CropCount], outcome: Outcome, side_px: int | 
     return sum(getattr(count, outcome) for count in counts if side_px in (None, count.side_px))
 
 
-def patch_group(source: str) -> str:
-    """Return the group that a patch is shown in: its image, or the kind of a procedural patch."""
+def _group(source: str) -> str:
     return source.rsplit("/", 1)[0] if source.startswith("procedural/") else source
+
+
+def draw_texture_sheet(
+    report: TextureReport,
+    patches: Iterable[tuple[str, int, NDArray[np.uint8]]],
+    images: Mapping[str, TextureImage],
+    title: str,
+) -> Image.Image:
+    """Draw patches by image, and below them examples of rejected crops by reason.
+
+    Args:
+        report: of the atlas.
+        patches: image, side in the image and pixels, (P, P, 3) uint8, of each. A tile names its scale unless that is 1.
+        images: by their names in the atlas; those that examples come from.
+        title: the sheet's first line.
+
+    Raises ImageError where one of these images can no longer be read.
+    """
+    tiles: dict[str, list[Image.Image]] = defaultdict(list)
+    for source, side, pixels in patches:
+        scale = "" if side == report.patch_px else report.scale_names[side]
+        tiles[_group(source)].append(_tile(pixels, scale))
+    groups = []
+    for group, counts in report.grouped_counts.items():
+        columns = min(max(len(tiles[group]), _LEAST_COLUMNS), _WIDTH_PX // (_TILE_PX + _GAP_PX) - 1)
+        width = columns * (_TILE_PX + _GAP_PX)
+        left_out = {reason: count_crops(counts, reason) for reason in REJECTIONS}
+        lines = (
+            group,
+            counted(count_crops(counts, "kept"), "patch"),
+            ", ".join(f"{number} {reason}" for reason, number in left_out.items() if number),
+        )
+        groups.append(_column([*(_label(line, width) for line in lines), _flow(tiles[group], width)]))
+    parts = [_label(title, _WIDTH_PX, _TITLE_PX)]
+    parts += [_label(line, _WIDTH_PX) for line in report.summary().splitlines()]
+    parts.append(_flow(groups, _WIDTH_PX))
+    squares = _cut_squares(report, images)
+    for reason, meaning in _MEANING.items():
+        shown = []
+        for example in report.examples:
+            if example.reason == reason:
+                width = len(example.squares) * (_TILE_PX + _GAP_PX)
+                pair = _flow([_tile(squares[square]) for square in example.squares], width)
+                shown.append(_column([pair, _label(example.square.source, width)]))
+        if shown:
+            heading = f"left out as {reason}: {report.total(reason)}, of which {len(shown)} are shown ({meaning})"
+            parts += [_label(heading, _WIDTH_PX, _TITLE_PX), _flow(shown, _WIDTH_PX)]
+    return _column(parts)
+
+
+def _cut_squares(report: TextureReport, images: Mapping[str, TextureImage]) -> dict[Square, NDArray[np.uint8]]:
+    """Cut the squares of all examples out of their images; each image is read once."""
+    squares: dict[str, set[Square]] = defaultdict(set)
+    for square in chain.from_iterable(example.squares for example in report.examples):
+        squares[square.source].add(square)
+    cut: dict[Square, NDArray[np.uint8]] = {}
+    for source, of_image in squares.items():
+        image = pixels_of(images[source])
+        cut |= {square: cut_crop(image, square, report.patch_px) for square in of_image}
+    return cut
+
+
+def _tile(pixels: NDArray[np.uint8], text: str = "") -> Image.Image:
+    image = Image.fromarray(pixels)
+    image.thumbnail((_TILE_PX, _TILE_PX), Image.Resampling.BOX)
+    # The stroke is there so that the text can be read on any patch.
+    at, font = (4, _TILE_PX - _LINE_PX), ImageFont.load_default(_TEXT_PX)
+    ImageDraw.Draw(image).text(at, text, fill=_ON_TILE, font=font, stroke_width=1, stroke_fill=_INK)
+    return image
+
+
+def _label(text: str, width_px: int, size_px: int = _TEXT_PX) -> Image.Image:
+    """Draw a line of text; its beginning is left out where it is too long, as the ends of names tell more."""
+    font, text = ImageFont.load_default(size_px), printable(text)
+    while font.getlength(text) > width_px:
+        text = f"...{text.removeprefix('...')[1:]}"
+    image = Image.new("RGB", (width_px, size_px + 4), _PAPER)
+    ImageDraw.Draw(image).text((0, 0), text, fill=_INK, font=font)
+    return image
+
+
+def _column(images: Sequence[Image.Image]) -> Image.Image:
+    """Stack images."""
+    sheet = Image.new("RGB", (max(each.width for each in images), sum(each.height for each in images)), _PAPER)
+    top = 0
+    for each in images:
+        sheet.paste(each, (0, top))
+        top += each.height
+    return sheet
+
+
+def _flow(images: Sequence[Image.Image], width_px: int) -> Image.Image:
+    """Put images beside each other, in as many rows as they need."""
+    places, x, y, height = [], 0, 0, 0
+    for each in images:
+        if x + each.width > width_px:
+            x, y = 0, y + height
+            height = 0
+        places.append((x, y))
+        x, height = x + each.width + _GAP_PX, max(height, each.height + _GAP_PX)
+    sheet = Image.new("RGB", (width_px, y + height), _PAPER)
+    for each, place in zip(images, places, strict=True):
+        sheet.paste(each, place)
+    return sheet

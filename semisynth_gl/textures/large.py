@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
 from semisynth_gl.textures.borders import inside_borders
-from semisynth_gl.textures.crops import CropBox, cut_crop, texture_measure
+from semisynth_gl.textures.crops import Square, cut_crop, texture_measure
 from semisynth_gl.textures.pictures import TextureImage, pixels_of
 
 MOST_LARGE = 24
@@ -40,28 +39,19 @@ def with_large_patches(
     sources: dict[str, list[str]] = defaultdict(list)
     for source in sorted(subjects):
         sources[subjects[source] or source].append(source)
-    drawn = [sorted(sources)[int(number)] for number in rng.permutation(len(sources))[:MOST_LARGE]]
-    order = [
-        of_one[0] if len(of_one) == 1 else of_one[int(rng.integers(len(of_one)))]
-        for of_one in (sources[subject] for subject in drawn)
-    ]
+    order = []
+    for number in rng.permutation(len(sources))[:MOST_LARGE]:
+        of_one = sources[sorted(sources)[int(number)]]
+        order.append(of_one[0] if len(of_one) == 1 else of_one[int(rng.integers(len(of_one)))])
     images = find(order)
     stacks, patches = list[NDArray[np.uint8]](), list(atlas.patches)
-    for name in order:
+    for number, name in enumerate(order, start=len(atlas.layers)):
         pixels = pixels_of(images[name])
         inside = inside_borders(pixels)
         side = min(inside.height_px, inside.width_px)
         left, top = (int(rng.integers(free + 1)) for free in (inside.width_px - side, inside.height_px - side))
-        box = CropBox(inside.left_px + left, inside.top_px + top, side)
-        layer = _resized(pixels, box, section.large_px)
-        number = len(atlas.layers) + len(stacks)
-        patches.append(Patch(name, *box, number, 1, texture_measure(layer), large=True, subject=subjects[name]))
+        square = Square(name, inside.left_px + left, inside.top_px + top, side)
+        layer = cut_crop(pixels, square, section.large_px)
+        patches.append(Patch(*square, number, 1, texture_measure(layer), large=True, subject=subjects[name]))
         stacks.append(layer[np.newaxis])
     return replace(atlas, patches=tuple(patches), large_layers=opaque_layers(stacks))
-
-
-def _resized(image: NDArray[np.uint8], box: CropBox, side_px: int) -> NDArray[np.uint8]:
-    if box.side_px >= side_px:
-        return cut_crop(image, box, side_px)
-    square = image[box.top_px : box.top_px + box.side_px, box.left_px : box.left_px + box.side_px]
-    return np.asarray(Image.fromarray(square).resize((side_px, side_px), Image.Resampling.BICUBIC))

@@ -6,7 +6,6 @@ from itertools import cycle, islice
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures.atlas import Atlas, atlas_from_arrays
 from semisynth_gl.textures.canvas import window
 from semisynth_gl.textures.crops import texture_measure
@@ -25,13 +24,8 @@ def procedural_atlas(rng: np.random.Generator, count: int, patch_px: int) -> Atl
     Kinds take turns: noise, stripes, checks, gradient, dots. Each patch is a pattern of random size and direction,
     coloured by a random palette. A fine noise of several octaves lies over it, since a matcher would find nothing
     between the edges of a plain stripe or gradient. A patch with less texture than 5 levels (see `texture_measure`) is
-    drawn again. Sources are named like ``procedural/stripes/00006``.
-
-    Raises:
-        InputError: where ``count`` is below 1 or ``patch_px`` below 16.
+    painted again. Sources are named like ``procedural/stripes/00006``. ``patch_px`` is 16 or more.
     """
-    if count < 1 or patch_px < 16:
-        raise InputError(f"procedural patches need count >= 1 and patch_px >= 16, got {count} and {patch_px}")
     kinds = list(islice(cycle(_KINDS.items()), count))
     patches = [_textured(rng, kind, patch_px) for _, kind in kinds]
     return atlas_from_arrays(patches, [f"procedural/{name}/{i:05d}" for i, (name, _) in enumerate(kinds)])

@@ -25,7 +25,6 @@ class TextureSource:
     """A source of patches.
 
     Attributes:
-        patches: what log messages call the patches.
         files: returns the files that patches are cut from, sorted; raises `InputError` where files are missing. A
             source without files returns none.
         pictures: draws the pictures that patches are cut from, one at a time and only until there are enough patches.
@@ -35,7 +34,6 @@ class TextureSource:
         plugin: the plug-in that draws the pictures; None for the program's own sources.
     """
 
-    patches: str
     files: Callable[[TexturesSection], Sequence[Path]] = lambda _: ()
     pictures: Callable[[np.random.Generator], Iterable[Picture]] | None = None
     licences: Callable[[], Mapping[str, str]] = dict
@@ -54,20 +52,19 @@ def _packaged(_: TexturesSection) -> Sequence[Path]:
 
 
 SOURCES: dict[str, TextureSource] = {
-    "images": TextureSource(patches="patches of photographs", files=_of_the_user),
+    "images": TextureSource(files=_of_the_user),
     "builtin": TextureSource(
-        patches="patches of drawn pictures and photographs",
         files=_packaged,
         pictures=drawn_pictures,
         licences=builtin_licences,
         licence="own",
     ),
-    "photographs": TextureSource(patches="patches of photographs", files=_packaged, licences=builtin_licences),
-    "procedural": TextureSource(patches="procedural patterns", licence="none"),
+    "photographs": TextureSource(files=_packaged, licences=builtin_licences),
+    "procedural": TextureSource(licence="none"),
 }
 """The program's own sources, by their names in a config."""
 
-_OF_PLUGIN = TextureSource(patches="patches of pictures")
+_OF_PLUGIN = TextureSource()
 
 
 def describe_source(name: str) -> TextureSource:

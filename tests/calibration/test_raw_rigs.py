@@ -26,7 +26,7 @@ from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.borders import black_border
 from semisynth_gl.textures.images import read_image
 from semisynth_gl.textures.prepare import prepare_atlas
-from semisynth_gl.textures.view_names import is_right
+from semisynth_gl.textures.subjects import is_right
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV, the extra opencv, is not installed")
 

@@ -465,7 +465,7 @@ def test_a_picture_is_thrown_as_it_is(tmp_path):
 def test_a_picture_that_does_not_fit_is_refused(tmp_path):
     path = tmp_path / "own.png"
     section = ProjectorSection(power=1, pattern=str(path))
-    with pytest.raises(InputError, match=r"projector.pattern: .*own\.png: does not exist"):
+    with pytest.raises(InputError, match=r"projector.pattern: .*own\.png: cannot be read: No such file"):
         find_pattern(section)
     Image.fromarray(np.full((800, 1280, 4), [255, 255, 255, 0], np.uint8)).save(path)
     with pytest.raises(InputError, match="save it without transparency"):

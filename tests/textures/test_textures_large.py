@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from PIL import Image
+from photograph_like import noise, save
 from tiny_datasets import tiny
 
 from semisynth_gl.config import load_config
@@ -21,7 +21,7 @@ from semisynth_gl.textures.prepare import pack_atlas, prepare_atlas, unpack_atla
 
 
 def picture(name, height, width, seed=0):
-    return Picture(name, np.random.default_rng(seed).integers(0, 256, (height, width, 3), np.uint8))
+    return Picture(name, noise(height, width, seed))
 
 
 def atlas_of(pictures):
@@ -79,12 +79,10 @@ def test_each_image_has_one_and_there_is_a_limit():
 
 
 def test_an_atlas_comes_out_of_the_cache_as_it_went_in(tmp_path):
-    for k in range(3):
-        Image.fromarray(picture("", 300, 400, k).pixels).save(tmp_path / f"{k}.png")
+    save(tmp_path, **{f"{k}": noise(300, 400, k) for k in range(3)})
     textures = tiny(textures={"source": "images", "images": [str(tmp_path)], "large_px": 128}).textures
     atlas = prepare_atlas(textures, Split(5))
-    entry = pack_atlas(atlas, sorted(tmp_path.iterdir()))
-    again = unpack_atlas(entry, sorted(tmp_path.iterdir()))
+    again = unpack_atlas(pack_atlas(atlas))
     assert again.patches == atlas.patches
     np.testing.assert_array_equal(again.large_layers, atlas.large_layers)
     assert again.large_layers.shape == (3, 128, 128, 4)

@@ -9,23 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tiny_datasets import cheap
 
-from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch
-from semisynth_gl.textures.clips import AtlasLimits
-from semisynth_gl.textures.pictures import Picture
-from semisynth_gl.textures.selection import build_atlas
 from semisynth_gl.textures.shares import MOST_TIMES, equal_shares, patch_chances
-
-
-def octaves(seed, side_px=256):
-    """Like a photograph: the same contrast at 1, 2, 4, ... 32 pixels."""
-    rng = np.random.default_rng(seed)
-    layers = [rng.integers(0, 43, (side_px // n, side_px // n, 3), dtype=np.uint8).repeat(n, 0).repeat(n, 1)
-              for n in (1, 2, 4, 8, 16, 32)]  # fmt: skip
-    return np.sum(layers, axis=0).astype(np.uint8)
 
 
 @given(st.lists(st.integers(1, 300), min_size=1, max_size=40))
@@ -95,17 +83,3 @@ def test_surfaces_wear_a_subject_as_often_as_a_photograph_alone():
         0.5, abs=2 / len(seen) ** 0.5
     )
     assert len(seen) > 1000
-
-
-def built(pictures, **keys):
-    section = TexturesSection(patch_px=64, scales=(1.0,), **keys)
-    return build_atlas([], section, AtlasLimits(), np.random.default_rng(0), pictures)
-
-
-def test_an_uneven_say_is_said():
-    many = [Picture(f"p{number}", octaves(number)) for number in range(6)]
-    assert "note" not in built(many).report.summary()
-    summary = built([*many, Picture("small", octaves(9)[:64, :64])]).report.summary()
-    assert "1 image with few patches, on less than half of an equal share" in summary
-    assert "(14.3%): small 4.1%;" in summary
-    assert "only 2 images, each on about 50% of the surfaces" in built(many[:2]).report.summary()
