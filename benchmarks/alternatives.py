@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from choices import Effort, section, table
+from choices import section, table
 from disparity_encodings import DEFAULT_DISPARITY_ENCODING, Encoding, measure_encodings, offered_encodings
 from disparity_variants import RENDERERS_VARIANT, DisparityVariants, Variant
 from isal import isal_zlib
@@ -49,19 +49,19 @@ _Map = NDArray[np.float32]
 _Shape = tuple[int, ...]
 
 
-def measure(config: Config, seed: int, backend: Backend, effort: Effort) -> dict[str, Any]:
+def measure(config: Config, seed: int, backend: Backend, pairs: int, rays: int, repeats: int) -> dict[str, Any]:
     """Measure all alternatives on the first pairs of a config; the report is in JSON's types."""
-    bench = sample_scenes(config, seed, effort.pairs)
+    bench = sample_scenes(config, seed, pairs)
     with bench.open_renderer(backend, outputs=("instances",)) as renderer:
         frames, driver = [renderer.render(scene) for scene in bench.scenes], renderer.facts
-    truths, _ = cast_truth(bench, frames, effort.rays, np.random.default_rng(seed))
+    truths, _ = cast_truth(bench, frames, rays, np.random.default_rng(seed))
     with DisparityVariants(bench.models, backend) as variants:
-        rows, refused = measure_variants(bench, variants, truths, effort.repeats), variants.left_out
+        rows, refused = measure_variants(bench, variants, truths, repeats), variants.left_out
     maps = [frame.view(eye).disparity for frame in frames for eye in EYES]
     encodings = [*offered_encodings(), *more_disparity_encodings()]
-    stored = measure_encodings(maps, encodings, DEFAULT_DISPARITY_ENCODING, effort.repeats)
+    stored = measure_encodings(maps, encodings, DEFAULT_DISPARITY_ENCODING, repeats)
     return {
-        **scene_facts(bench, seed, effort, frames, truths),
+        **scene_facts(bench, seed, truths),
         "machine": machine_facts() | driver,
         "get": section(RENDERERS_VARIANT, refused, rows),
         "store": section(DEFAULT_DISPARITY_ENCODING, {}, stored),
@@ -198,10 +198,9 @@ def command_line() -> argparse.ArgumentParser:
     parser.add_argument("--set", dest="settings", action="append", default=[], metavar="dotted.key=value")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--backend", choices=BACKENDS, default="auto")
-    usual = Effort()
-    parser.add_argument("--pairs", type=int, default=usual.pairs)
-    parser.add_argument("--rays", type=int, default=usual.rays, help="rays cast for each eye of a pair")
-    parser.add_argument("--repeats", type=int, default=usual.repeats)
+    parser.add_argument("--pairs", type=int, default=3)
+    parser.add_argument("--rays", type=int, default=20_000, help="rays cast for each eye of a pair")
+    parser.add_argument("--repeats", type=int, default=7)
     parser.add_argument("--json", type=Path)
     return parser
 
@@ -209,8 +208,8 @@ def command_line() -> argparse.ArgumentParser:
 def main() -> None:
     """Measure, print the tables, and write JSON where a path is given."""
     options = command_line().parse_args()
-    effort = Effort(options.pairs, options.rays, options.repeats)
-    report = measure(load_config(options.config, options.settings), options.seed, options.backend, effort)
+    config = load_config(options.config, options.settings)
+    report = measure(config, options.seed, options.backend, options.pairs, options.rays, options.repeats)
     report["command"] = shlex.join(["python", "benchmarks/alternatives.py", *sys.argv[1:]])
     if options.json:
         options.json.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")

@@ -9,7 +9,6 @@ import json
 import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,25 +26,18 @@ from semisynth_gl.frame.camera import EYES
 from semisynth_gl.render.backends import BACKENDS, Backend
 
 
-@dataclass(frozen=True, slots=True)
-class Effort(accuracy.Effort):
-    """How many pairs are measured, with how many rays for each eye, and how often each alternative is timed."""
-
-    repeats: int = 7
-
-
-def measure(config: Config, seed: int, backend: Backend, effort: Effort) -> dict[str, Any]:
+def measure(config: Config, seed: int, backend: Backend, pairs: int, rays: int, repeats: int) -> dict[str, Any]:
     """Measure; the report is that of `bench accuracy` with a `section` each under "store" and "antialias"."""
-    bench = sample_scenes(config, seed, effort.pairs)
+    bench = sample_scenes(config, seed, pairs)
     with bench.open_renderer(backend, outputs=("instances",), truth="both") as renderer:
         frames, driver = [renderer.render(scene) for scene in bench.scenes], renderer.facts
-    truths, outlines = cast_truth(bench, frames, effort.rays, np.random.default_rng(seed))
+    truths, outlines = cast_truth(bench, frames, rays, np.random.default_rng(seed))
     maps = [frame.view(eye).disparity for frame in frames for eye in EYES]
     offered = offered_encodings(signed=config.disparity.signed)
-    stored = measure_encodings(maps, offered, DEFAULT_DISPARITY_ENCODING, effort.repeats)
-    modes, modes_left_out = measure_modes(bench, outlines, backend, effort.repeats)
+    stored = measure_encodings(maps, offered, DEFAULT_DISPARITY_ENCODING, repeats)
+    modes, modes_left_out = measure_modes(bench, outlines, backend, repeats)
     return {
-        **scene_facts(bench, seed, effort, frames, truths),
+        **scene_facts(bench, seed, truths),
         "machine": machine_facts() | driver,
         "disparity": disparity_error(frames, truths),
         "store": section(DEFAULT_DISPARITY_ENCODING, {}, stored),
@@ -122,7 +114,7 @@ def main(
     out: Path | None,
 ) -> None:  # fmt: skip
     """Measure, and print the tables."""
-    report = measure(load_config(name, settings), seed, backend, Effort(pairs, rays, repeats))
+    report = measure(load_config(name, settings), seed, backend, pairs, rays, repeats)
     report["command"] = shlex.join(["python", "benchmarks/choices.py", *sys.argv[1:]])
     if out is not None:
         out.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")

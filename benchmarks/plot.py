@@ -18,12 +18,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
-from semisynth_gl.bench.speed import PROCESSOR
-
 # Places of a label beside its point, in points.
 _OFFSETS = [(x, y) for y in (5, -12, 16, -23, 27, -34) for x in (6, -6)]
 _FRONT, _OFF, _DEFAULT = "#b5521b", "#8a8f98", "#1f5fa8"
-_MAIN, _QUIET = _DEFAULT, _OFF
 
 # From a row to its place in a panel; the reference of antialiasing has none.
 _Place = Callable[[Mapping[str, Any]], tuple[float, float | None]]
@@ -109,8 +106,7 @@ def draw_speed(report: Mapping[str, Any]) -> Figure:
         f"{machine['usable_cores']} cores",
         fontsize=10,
     )
-    own = [row for row in report["stages"] if row["name"] != PROCESSOR]
-    _bars(stages, [row["name"] for row in own], [1e3 * row["seconds"] for row in own])
+    _bars(stages, [row["name"] for row in report["stages"]], [1e3 * row["seconds"] for row in report["stages"]])
     _label_axis(stages, "stages alone, one thread", "ms a pair", "")
     _draw_workers(workers, report)
     return figure
@@ -119,18 +115,14 @@ def draw_speed(report: Mapping[str, Any]) -> Figure:
 def _draw_workers(axis: Axes, report: Mapping[str, Any]) -> None:
     rows = report["workers"]
     counts = [row["workers"] for row in rows]
-    axis.plot(counts, [row["pairs_per_second"] for row in rows], "o-", color=_MAIN, label="measured")
-    least = min(report["stages"], key=lambda row: row["allows_per_second"])
-    limit = least["allows_per_second"]
-    axis.axhline(limit, color=_QUIET, linestyle="--", label=f"what the {least['name']} allows")
-    axis.set_ylim(0, 1.15 * max(limit, *(row["pairs_per_second"] for row in rows)))
+    axis.plot(counts, [row["pairs_per_second"] for row in rows], "o-", color=_DEFAULT)
+    axis.set_ylim(0, 1.15 * max(row["pairs_per_second"] for row in rows))
     axis.set_xticks(counts)
-    axis.legend(fontsize=8, loc="lower right")
     _label_axis(axis, "from start to end, files written", "workers", "pairs/s")
 
 
 def _bars(axis: Axes, names: Sequence[str], values: Sequence[float]) -> None:
-    bars = axis.barh(list(names), list(values), color=_MAIN)
+    bars = axis.barh(list(names), list(values), color=_DEFAULT)
     axis.bar_label(bars, fmt="%.0f", padding=3, fontsize=8)
     axis.invert_yaxis()
     axis.margins(x=0.12)

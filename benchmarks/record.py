@@ -73,11 +73,9 @@ _ALTERNATIVES = f"""\
 
 Of variants of the disparity, time and error at 99.9 % are weighed."""
 _SPEED = """\
-Stages: the driver finishes each one before the next begins. *pairs/s alone* is what a stage would allow if a pair were
-nothing else: cores divided by seconds of CPU; on a GPU 1 divided by seconds, for draw, visibility and readback. The
-least of them is the limit of a run.
+Stages: one thread, and the driver finishes each one before the next begins.
 
-Workers: from start to end, files written, once all are open. *threads each* is the number of threads that llvmpipe
+Workers: whole runs, files written, while all workers are busy. *threads each* is the number of threads that llvmpipe
 draws with; with 0 it draws in the thread that calls."""
 _PEERS = """\
 Left and right PNG and the left float32 disparity are written. Candidates take turns, each with the number of processes
@@ -106,7 +104,7 @@ MEASUREMENTS: Mapping[str, Result] = {
         ("benchmarks/alternatives.py", "--config", "middlebury", "--pairs", "2"), accuracy.headline, choices.table,
     ),
     "speed": Result(
-        "Speed", _SPEED, ("-m", "semisynth_gl", "bench", "speed", "--repeats", "3"), speed.headline, speed.table
+        "Speed", _SPEED, ("-m", "semisynth_gl", "bench", "speed", "--pairs", "24"), speed.headline, speed.table
     ),
     "peers": Result(
         "Renderers side by side", _PEERS, ("benchmarks/peers/run.py", *_PEER_ROWS), _peers_headline, peers.table

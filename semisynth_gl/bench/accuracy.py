@@ -1,7 +1,6 @@
 """The error of the rendered disparity against float64 rays."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
 from math import isfinite
 from typing import Any
 
@@ -10,25 +9,16 @@ import numpy as np
 from semisynth_gl.bench.scenes import BenchScenes, SampledTruth, cast_truth, sample_scenes
 from semisynth_gl.bench.summary import error_stats, machine_facts
 from semisynth_gl.config import Config
-from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
 
 
-@dataclass(frozen=True, slots=True)
-class Effort:
-    """How many pairs are measured, with how many rays for each eye."""
-
-    pairs: int = 3
-    rays: int = 20_000
-
-
 def measure(
-    config: Config, seed: int, backend: Backend, effort: Effort, listener: Listener | None = None
+    config: Config, seed: int, backend: Backend, pairs: int = 3, rays: int = 20_000, listener: Listener | None = None
 ) -> dict[str, Any]:
-    """Measure; the listener hears a message at the start of each part.
+    """Compare ``pairs`` pairs with ``rays`` rays for each eye; the listener hears a message before each part.
 
     Returns:
         A report in JSON's types: the keys of `scene_facts`, "machine", and "disparity", the error as of `error_stats`.
@@ -37,14 +27,14 @@ def measure(
         SemisynthError: where the config or OpenGL cannot be used.
     """
     listener = listener or Listener()
-    listener.on_message(f"making {counted(effort.pairs, 'scene')} of {config.name}")
-    bench = sample_scenes(config, seed, effort.pairs)
+    listener.on_message(f"making {counted(pairs, 'scene')} of {config.name}")
+    bench = sample_scenes(config, seed, pairs)
     with bench.open_renderer(backend, outputs=("instances",), truth="both") as renderer:
         frames, driver = [renderer.render(scene) for scene in bench.scenes], renderer.facts
-    listener.on_message(f"casting {counted(effort.rays, 'ray')} for each eye of each pair")
-    truths, _ = cast_truth(bench, frames, effort.rays, np.random.default_rng(seed))
+    listener.on_message(f"casting {counted(rays, 'ray')} for each eye of each pair")
+    truths, _ = cast_truth(bench, frames, rays, np.random.default_rng(seed))
     error = disparity_error(frames, truths)
-    return {**scene_facts(bench, seed, effort, frames, truths), "machine": machine_facts() | driver, "disparity": error}
+    return {**scene_facts(bench, seed, truths), "machine": machine_facts() | driver, "disparity": error}
 
 
 def disparity_error(frames: Sequence[Frame], truths: Sequence[SampledTruth]) -> dict[str, Any]:
@@ -54,25 +44,17 @@ def disparity_error(frames: Sequence[Frame], truths: Sequence[SampledTruth]) -> 
     return {name: plain(value) for name, value in error.items()}
 
 
-def scene_facts(
-    bench: BenchScenes, seed: int, effort: Effort, frames: Sequence[Frame], truths: Sequence[SampledTruth]
-) -> dict[str, Any]:
-    """Describe the measured scenes: config, seed, effort, sizes, disparities, and how many pixels met the oracle.
+def scene_facts(bench: BenchScenes, seed: int, truths: Sequence[SampledTruth]) -> dict[str, Any]:
+    """Describe the measured scenes: config, seed, sizes (width, height), and how many pixels met the oracle.
 
-    Sizes are (width, height), without repetition. "pixels_left_out" counts the chosen pixels that were not compared.
+    "pixels_left_out" counts the chosen pixels that were not compared.
     """
-    disparity = np.concatenate([frame.view(eye).disparity.ravel() for frame in frames for eye in EYES])
-    disparity = disparity[np.isfinite(disparity)]
     return {
         "config": bench.config.name,
         "config_sha256": bench.config.digest(),
         "seed": seed,
-        **asdict(effort),
+        "pairs": len(bench.scenes),
         "sizes_px": sorted({(scene.camera.width_px, scene.camera.height_px) for scene in bench.scenes}),
-        "disparity_px": {
-            "median": float(np.median(disparity)) if disparity.size else None,
-            "largest": float(disparity.max()) if disparity.size else None,
-        },
         "pixels_compared": sum(len(part.disparity_px) for part in truths),
         "pixels_left_out": sum(part.dropped for part in truths),
     }

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageFilter
 
 from semisynth_gl import oracle
 from semisynth_gl.config import Config
@@ -31,16 +32,7 @@ _FROM_CREASE_PX = 1 / 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BenchScenes:
-    """The scenes of a config's first pairs, and what a renderer needs to draw them.
-
-    Attributes:
-        config: the config.
-        models: the meshes that `Scene.model` indexes.
-        layers: the patches, (L, P, P, 4) uint8, or (L, P, P) for grey cameras.
-        large_layers: the large patches, (M, Q, Q, 4) uint8, or (M, Q, Q) for grey cameras; M may be 0.
-        scenes: a scene for each pair.
-        pattern: of the scenes' projectors, (H, W) uint8; None if they have none.
-    """
+    """The scenes of a config's first pairs, with their models and patches, which are as of `Renderer`."""
 
     config: Config
     models: Sequence[Mesh]
@@ -79,16 +71,13 @@ class SampledTruth:
 
 
 def sample_scenes(config: Config, seed: int, pairs: int) -> BenchScenes:
-    """Make the scenes of a config's first pairs, its patches and its models.
-
-    Raises:
-        InputError: where images, models or ranges cannot be used.
-    """
+    """Make the scenes of a config's first pairs; raises InputError where images, models or ranges cannot be used."""
     sources = prepare_sources(config, Split(seed))
     sampler = MixSampler(config, seed, sources.libraries, sources.atlas.patches)
     scenes = [sampler.sample(index).scene for index in range(pairs)]
-    atlas = sources.atlas
-    return BenchScenes(config, sampler.models, atlas.layers, atlas.large_layers, scenes, sources.pattern)
+    return BenchScenes(
+        config, sampler.models, sources.atlas.layers, sources.atlas.large_layers, scenes, sources.pattern
+    )
 
 
 def cast_truth(
@@ -144,18 +133,14 @@ def edges(image: NDArray[np.float64], jump: float) -> NDArray[np.bool_]:
     Two infinite values are equal; an infinite value differs from every finite one.
     """
     marked = np.zeros(image.shape, bool)
-    for axis in (0, 1):
-        ahead, behind = np.moveaxis(image, axis, 0)[1:], np.moveaxis(image, axis, 0)[:-1]
+    for values, mask in ((image, marked), (image.T, marked.T)):
         with np.errstate(invalid="ignore"):
-            jumps = (ahead != behind) & ~(np.abs(ahead - behind) <= jump)
-        moved = np.moveaxis(marked, axis, 0)
-        moved[1:] |= jumps
-        moved[:-1] |= jumps
+            jumps = (values[1:] != values[:-1]) & ~(np.abs(values[1:] - values[:-1]) <= jump)
+        mask[1:] |= jumps
+        mask[:-1] |= jumps
     return marked
 
 
 def grown(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
     """Return an (H, W) mask grown by a number of pixels in all eight directions."""
-    padded = np.pad(mask, pixels)
-    windows = np.lib.stride_tricks.sliding_window_view(padded, (2 * pixels + 1, 2 * pixels + 1))
-    return np.asarray(windows.any(axis=(2, 3)))
+    return np.asarray(Image.fromarray(mask.astype(np.uint8)).filter(ImageFilter.MaxFilter(2 * pixels + 1)), bool)

@@ -2,17 +2,17 @@
 
 import os
 import platform
+import re
 from collections.abc import Sequence
-from contextlib import suppress
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-_PACKAGES = ("semisynth-gl", "moderngl", "numpy", "isal", "Pillow", "blosc2")
+_PACKAGES = ("semisynth-gl", "moderngl", "numpy", "isal", "Pillow")
 
 
 def error_stats(values: NDArray[np.floating], truth: NDArray[np.float64]) -> dict[str, Any]:
@@ -31,13 +31,15 @@ def error_stats(values: NDArray[np.floating], truth: NDArray[np.float64]) -> dic
 
 def machine_facts() -> dict[str, object]:
     """Return today's date (UTC), processor, cores, system, and versions of Python and packages, in JSON's types."""
+    cpuinfo = Path("/proc/cpuinfo")
+    model = re.search(r"model name\s*: (.*)", cpuinfo.read_text("utf-8") if cpuinfo.exists() else "")
     return {
         "date": datetime.now(UTC).date().isoformat(),
-        "processor": _processor(),
+        "processor": model[1] if model else platform.processor() or platform.machine(),
         "cores": os.cpu_count(),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
-        "versions": _versions(),
+        "versions": {name: version(name) for name in _PACKAGES},
     }
 
 
@@ -59,19 +61,3 @@ def markdown(head: Sequence[str], rows: Sequence[Sequence[str]], *, text_last: b
 
     rule = ["-" * width if column in to_left else "-" * (width - 1) + ":" for column, width in enumerate(widths)]
     return "\n".join([line(head), line(rule), *(line(row) for row in rows)])
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()
-
-
-def _versions() -> dict[str, str]:
-    versions = {}
-    for package in _PACKAGES:
-        with suppress(PackageNotFoundError):
-            versions[package] = version(package)
-    return versions
