@@ -48,9 +48,6 @@ class Listener:
     def on_total(self, pairs: int) -> None:
         """Called before the first pair, with the number of pairs that will follow."""
 
-    def on_render(self, split: SplitName, index: int) -> None:
-        """Called before a pair of a dataset is rendered, in the process that renders it."""
-
     def on_pair(self, pair: FinishedPair) -> None:
         """Called when a pair is on disk, or has been measured."""
 

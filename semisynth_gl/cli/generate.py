@@ -211,7 +211,7 @@ def generate(
     """Write a dataset: left, right, both disparities, masks and calibration of each pair.
 
     If a run was stopped or killed, the same command makes only the missing shards. With more --pairs, the dataset
-    grows. Press Ctrl-C once to stop after the pairs in hand.
+    grows. Ctrl-C stops it; complete shards stay.
 
     The layout decides which loaders can read the files; docs/output.md lists all layouts. Outputs add files; flow
     outputs need sequences, which the config's section sequence makes. The config's section files chooses encodings.
@@ -308,8 +308,4 @@ def _conclude(result: "GenerationResult") -> None:
         return
     address = str(result.root)
     say(f"{counted(total, 'pair')} in {address}")
-    images = f"{address}/{plan.images_folder()}".rstrip("/")
-    click.echo(
-        f"The images are in {images}. To look at them: semisynth-gl report {shlex.quote(address)}",
-        err=True,
-    )
+    click.echo(f"To look at the images: semisynth-gl report {shlex.quote(address)}", err=True)

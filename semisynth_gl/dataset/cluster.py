@@ -1,6 +1,5 @@
 """The engine that makes shards on a Ray cluster. Ray is an extra, so it is imported only where it runs."""
 
-import atexit
 import logging
 import os
 from collections.abc import Iterator, Sequence
@@ -10,10 +9,17 @@ from itertools import islice
 from socket import create_connection
 from typing import Any
 
-from semisynth_gl.dataset.engines import Recorder, keep_freed_memory, portable, repeat
+from semisynth_gl.dataset.engines import Recorder, keep_freed_memory
 from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_kept
 from semisynth_gl.dataset.make import Job, ShardMaker
-from semisynth_gl.inputs.errors import ContextLostError, InputError, WorkerError, how_to_install
+from semisynth_gl.inputs.errors import (
+    ContextLostError,
+    InputError,
+    SemisynthError,
+    WorkerError,
+    described,
+    how_to_install,
+)
 from semisynth_gl.listener import Listener
 
 # How often Ray makes a shard again after the loss of its process or node.
@@ -67,16 +73,16 @@ class RayEngine:
                 while pending and not listener.stopping:
                     ready, _ = ray.wait(list(islice(pending, _WAITED_FOR)), num_returns=1, timeout=_TICK_S)
                     for reference in ready:
-                        repeat(_result(ray, reference, pending.pop(reference)), listener)
+                        _result(ray, reference, pending.pop(reference)).repeat(listener)
             finally:
                 with suppress(ray.exceptions.RayError):
                     for reference in pending:
                         ray.cancel(reference, force=True)
 
 
-def _result(ray: Any, reference: Any, number: int) -> list[tuple[str, Any]]:  # noqa: ANN401 - Ray has no types
+def _result(ray: Any, reference: Any, number: int) -> Recorder:  # noqa: ANN401 - Ray has no types
     try:
-        made = ray.get(reference)
+        made: Recorder | Exception = ray.get(reference)
     except ray.exceptions.RayError as error:
         raise WorkerError(
             f"shard {number} could not be made in {_RETRIES + 1} attempts; the last one failed because: "
@@ -84,42 +90,32 @@ def _result(ray: Any, reference: Any, number: int) -> list[tuple[str, Any]]:  # 
         ) from None
     if isinstance(made, Exception):
         raise made
-    return made  # type: ignore[no-any-return]
+    return made
 
 
-# The job's bytes and the GPUs of this process, and its maker. Ray uses a process for one shard after the other, and may
-# give it another GPU for the next one.
-_open: dict[tuple[bytes, str | None], ShardMaker] = {}
+# The maker of a process of Ray, by the job's bytes and the GPUs that Ray gives the process, another one at times.
+_makers: dict[tuple[bytes, str | None], ShardMaker] = {}
 
 
-def _make(job: bytes, number: int) -> list[tuple[str, Any]] | Exception:
-    """Make a shard in a process of Ray; return the calls of its listener, or an error, whose type Ray would change."""
-    listener = Recorder()
+def _make(job: bytes, number: int) -> Recorder | Exception:
+    """Make a shard in a process of Ray; return what its listener heard, or an error, whose type Ray would change."""
+    from ray import cloudpickle  # noqa: PLC0415 - an extra
+
+    heard, key = Recorder(), (job, os.environ.get("CUDA_VISIBLE_DEVICES"))
     try:
-        _maker(job).make_shard(number, listener)
+        if key not in _makers:
+            while _makers:
+                _makers.popitem()[1].close()
+            keep_freed_memory()
+            _makers[key] = ShardMaker(cloudpickle.loads(job))
+        _makers[key].make_shard(number, heard)
     except ContextLostError:
         os._exit(1)  # Ray makes the shard again in another process
+    except (SemisynthError, OSError) as error:
+        return error
     except Exception as error:  # noqa: BLE001 - the driver raises it
-        return portable(error)
-    return listener.calls
-
-
-def _maker(job: bytes) -> ShardMaker:
-    key = job, os.environ.get("CUDA_VISIBLE_DEVICES")
-    if key not in _open:
-        _close()
-        from ray import cloudpickle  # noqa: PLC0415 - an extra
-
-        keep_freed_memory()
-        _open[key] = ShardMaker(cloudpickle.loads(job))
-    return _open[key]
-
-
-@atexit.register
-def _close() -> None:
-    while _open:
-        with suppress(ContextLostError):
-            _open.popitem()[1].close()
+        return WorkerError(f"a worker process met {described(error)}")
+    return heard
 
 
 def _ray() -> Any:  # noqa: ANN401 - a module
@@ -142,11 +138,6 @@ def _connected(ray: Any, address: str | None) -> Iterator[None]:  # noqa: ANN401
     if ray.is_initialized():
         yield
         return
-    if address and "://" in address:
-        raise InputError(
-            f"the Ray cluster's address: expected host:port or auto, got {address}. Run this on a node of the "
-            "cluster, or with: ray job submit"
-        )
     where = address or os.environ.get("RAY_ADDRESS") or "auto"
     try:
         host, _, port = where.rpartition(":")

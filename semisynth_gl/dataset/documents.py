@@ -4,30 +4,20 @@ The values of a file are checked here, before a path is opened or memory allocat
 not know are ignored: another version may have written them. Documents of a newer format are refused.
 """
 
-import os
 from collections.abc import Mapping
 from functools import cached_property
 from importlib.metadata import version
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    InstanceOf,
-    ValidationError,
-    field_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, InstanceOf, ValidationError, field_validator
 from pydantic.dataclasses import dataclass
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.config.errors import reason_of
 from semisynth_gl.config.model import Config
-from semisynth_gl.dataset.names import FORMAT, PROGRAM, RECORDS, shard_name, tar_path
-from semisynth_gl.frame.camera import EYES
+from semisynth_gl.dataset.names import FORMAT, PROGRAM, shard_name, tar_path
 from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate, shown
 from semisynth_gl.layouts import Key, Layout, find_layout, layout_names
 from semisynth_gl.layouts.key import sequence_length
@@ -48,20 +38,11 @@ class NewerFormatError(InputError):
     """A dataset has a newer format than this program reads."""
 
 
-def _check_below(name: str) -> str:
-    path = PurePosixPath(name)
-    if not path.parts or path.is_absolute() or ".." in path.parts or str(path) != name or not name.isprintable():
-        raise ValueError("expected a path below the dataset's folder")
-    return name
-
-
 _Format = Annotated[int, Field(ge=1, le=FORMAT)]
 _Number = Annotated[int, Field(ge=0)]
-_Count = Annotated[int, Field(ge=1, le=_MOST_PAIRS)]
 _Bytes = Annotated[int, Field(ge=0, le=_MOST_BYTES, strict=True)]
 _Pairs = Annotated[int, Field(ge=1, le=_MOST_PAIRS)]
 _Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$", strict=True)]
-_FileName = Annotated[str, AfterValidator(_check_below)]
 # Names of files may have bytes that are not UTF-8, which pydantic's strings refuse.
 _Text = InstanceOf[str]
 
@@ -241,18 +222,6 @@ class Plan(Document):
         """The folders below the dataset's that loaders list, even where they are empty."""
         return [f"{self.folder(split)}{path}" for split in self.splits for path in self.layout.folders]
 
-    def images_folder(self) -> str:
-        """Return the deepest folder below the dataset's that holds all images, or all tars where shards are packed."""
-        if self.layout.packed:
-            return RECORDS
-        images = (
-            self.files(split, index)[eye]
-            for split in self.splits
-            for index in (0, self.pairs[split] - 1)
-            for eye in EYES
-        )
-        return os.path.commonpath([os.path.dirname(path) for path in images])  # noqa: PTH120 - of addresses too
-
     def _keys(self, split: SplitName) -> list[Key]:
         return [self.key(split, index) for index in range(self.pairs[split])]
 
@@ -267,9 +236,9 @@ class _Patch(Document):
     source: _Text
     left_px: _Number
     top_px: _Number
-    side_px: _Count
+    side_px: _Pairs
     first_layer: _Number
-    layer_count: _Count
+    layer_count: _Pairs
     texture: float
     large: bool = False
     subject: _Text = ""
@@ -298,7 +267,7 @@ class ShardEntry(Document):
     split: SplitName
     first: _Number
     end: _Number
-    tar: _FileName | None = None
+    tar: str | None = None
     bytes: _Bytes
     sha256: _Sha256
     redraws: _Number
@@ -341,7 +310,7 @@ class Sample(Document):
     pair: _Number
     redrawn: list[str] = []
     share_beyond: float = 0.0
-    files: Annotated[dict[_FileName, StoredFile], Field(min_length=1)]
+    files: Annotated[dict[str, StoredFile], Field(min_length=1)]
 
 
 class Record(ShardEntry):

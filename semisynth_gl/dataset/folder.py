@@ -3,16 +3,13 @@
 A run may be killed anywhere: the next one goes on with the shards that have no record.
 """
 
-import errno
 import fcntl
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from functools import partial
+from contextlib import contextmanager, suppress
 from pathlib import Path, PurePath
-from typing import IO
 
 from upath import UPath
 
@@ -23,7 +20,7 @@ from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.names import CARD, INDEX, LOCK, PLAN, PROGRAM, RECORDS, log_path, record_path, tar_path
 from semisynth_gl.dataset.plan import differences
 from semisynth_gl.dataset.reader import read_record
-from semisynth_gl.dataset.root import UNFINISHED, clear_errors, is_local, names_below, path_of, replace, write
+from semisynth_gl.dataset.root import clear_errors, final_name, is_local, names_below, path_of, replace, write
 from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate
 from semisynth_gl.plugins import MissingPluginError, require_plugins
 from semisynth_gl.scene.sources import Sources
@@ -31,8 +28,6 @@ from semisynth_gl.seeds.splits import SplitName
 
 # Requests to a store at a time.
 _REQUESTS = 16
-# The byte of the locked file that `Alone` locks; no dataset has so many shards.
-_ALONE = 1 << 30
 
 
 def read_plan(root: UPath) -> Plan | None:
@@ -66,14 +61,15 @@ def check_begin(root: UPath, plan: Plan, *, overwrite: bool) -> None:
     there = read_plan(root)
     if there is None:
         with clear_errors(root):
-            names = [name for name in names_below(root) if name not in (LOCK, f"{PLAN}{UNFINISHED}")]
-        if names:
+            names = [name for name in names_below(root) if final_name(name) not in (LOCK, PLAN)]
+        there = read_plan(root) if names else None  # another run may have begun the dataset meanwhile
+        if names and there is None:
             raise InputError(
                 f"{root}: the folder is not empty (it holds {abbreviate(names, 3)}), and is no dataset of {PROGRAM}: "
                 "choose another",
                 argument="out",
             )
-    elif not overwrite and _has_records(root, there):
+    if there is not None and not overwrite and _has_records(root, there):
         _check_same(root, there, plan)
 
 
@@ -155,29 +151,25 @@ def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> Non
             if link.is_dir() and not link.is_symlink():  # a copy by `cp -rL`, which has folders in the place of links
                 shutil.copytree(link.parent / target, link, dirs_exist_ok=True)
             else:
-                link.unlink(missing_ok=True)
-                link.symlink_to(target)
+                with suppress(FileExistsError):  # of an earlier run, or of another one that finishes too
+                    link.symlink_to(target)
     elif copies := plan.copies:
         root.fs.copy([(root / name).path for name in copies.values()], [(root / name).path for name in copies])
     replace(root, INDEX, JSON_OBJECT.encode(values))
 
 
-Alone = Callable[[], AbstractContextManager[None]]
-"""Makes a block in which a run waits until no other run is in such a block; see `locked`."""
-
-
 @contextmanager
-def locked(root: UPath, shards: range | None = None) -> Iterator[Alone]:
-    """Lock a dataset or, with ``shards``, some of its shards against other runs, also on other machines with the disk.
+def locked(root: UPath, *, shared: bool = False) -> Iterator[None]:
+    """Lock a dataset against other runs, also on other machines with the disk.
 
-    Runs with different shards share a dataset; the yielded function makes the blocks in which they begin and finish it
-    one at a time. The lock ends with the process. Object stores and some network file systems have no locks.
+    Runs that are ``shared``, since each makes other shards, lock out only runs that are not. The lock ends with the
+    process. Object stores and some network file systems have no locks.
 
     Raises:
-        InputError: where another run works on one of the shards.
+        InputError: where another run has locked the dataset.
     """
     if not is_local(root):
-        yield nullcontext
+        yield
         return
     path = root / LOCK
     try:
@@ -185,64 +177,33 @@ def locked(root: UPath, shards: range | None = None) -> Iterator[Alone]:
         file = path.open("ab")
     except OSError as error:
         raise InputError(f"{root}: cannot be written to: {error.strerror}", argument="out") from None
-    # Each shard is a byte of the locked file; 0 bytes stand for all.
-    start, length = (0, 0) if shards is None else (shards.start, len(shards))
     with file:
         try:
-            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, length, start)
-        except OSError as error:
-            if error.errno in (errno.EACCES, errno.EAGAIN):
-                raise InputError(
-                    f"{root}: another run is making this dataset: wait for its end or stop it, or share the work by "
-                    "different shards",
-                    argument="out",
-                ) from None
+            fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(
+                f"{root}: another run is making this dataset: wait for its end or stop it, or share the work by "
+                "different shards",
+                argument="out",
+            ) from None
+        except OSError:  # a file system without locks
+            pass
         try:
-            yield nullcontext if shards is None else partial(_alone, file)
+            yield
         finally:
             if (root / INDEX).exists():
                 path.unlink(missing_ok=True)
 
 
-@contextmanager
-def _alone(file: IO[bytes]) -> Iterator[None]:
-    with suppress(OSError):  # a file system without locks
-        fcntl.lockf(file, fcntl.LOCK_EX, 1, _ALONE)
-    try:
-        yield
-    finally:
-        with suppress(OSError):
-            fcntl.lockf(file, fcntl.LOCK_UN, 1, _ALONE)
-
-
 def _check_same(root: UPath, there: Plan, plan: Plan) -> None:
     """Raise InputError where a dataset was begun with another plan; only its numbers of pairs may be smaller."""
-    choose = "choose another folder, or replace the dataset with overwrite"
-    if there.version != plan.version:
-        raise InputError(
-            f"{root}: holds a dataset that was begun with another version, whose pairs may differ: version "
-            f"({there.version} there, {plan.version} now). Go on with {PROGRAM} {there.version}, {choose}. A finished "
-            "dataset can be read as it is",
-            argument="out",
-        )
-    keys = ("config_values", "seed", "layout", "shard_pairs", "plugins")
+    keys = ("version", "config_values", "seed", "layout", "shard_pairs", "plugins")
     old, new = ({key: values.get(key, {}) for key in keys} for values in (there.values(), plan.values()))
-    changed = differences(old, new)
-    if set(there.pairs) != set(plan.pairs):
-        changed += differences({"pairs": there.pairs}, {"pairs": plan.pairs})
-    if changed:
+    pairs = {name: max(plan.pairs.get(name, 0), count) for name, count in there.pairs.items()}
+    if changed := differences(old, new) + differences({"pairs": pairs}, {"pairs": plan.pairs}):
         raise InputError(
-            f"{root}: holds a dataset that was begun with other values: {abbreviate(changed)}. Give the same to go on "
-            f"with it, {choose}",
-            argument="out",
-        )
-    fewer = [
-        f"{name} ({there.pairs[name]} there, {now} now)" for name, now in plan.pairs.items() if now < there.pairs[name]
-    ]
-    if fewer:
-        raise InputError(
-            f"{root}: holds a dataset of more pairs: {abbreviate(fewer)}. Ask for as many or more to go on with it, "
-            f"{choose}",
+            f"{root}: holds a dataset that was begun with other values: {abbreviate(changed)}. Give the same, or more "
+            "pairs, to go on with it; or choose another folder, or replace the dataset with overwrite",
             argument="out",
         )
 
@@ -250,9 +211,8 @@ def _check_same(root: UPath, there: Plan, plan: Plan) -> None:
 def _own_names(plan: Plan) -> Iterator[str]:
     """Yield the names of all files that a dataset may have, records first: without them, no shard is complete."""
     yield from (INDEX, *(record_path(shard.name) for shard in plan.shards))
-    yield from (f"{INDEX}{UNFINISHED}", f"{PLAN}{UNFINISHED}")
     for shard in plan.shards:
-        yield from (f"{record_path(shard.name)}{UNFINISHED}", log_path(shard.name), tar_path(shard.name))
+        yield from (log_path(shard.name), tar_path(shard.name))
     for split in plan.splits if not plan.layout.packed else ():
         for index in range(plan.pairs[split]):
             yield from plan.files(split, index).values()
@@ -263,6 +223,7 @@ def _remove(root: UPath, plan: Plan) -> None:
     """Remove the files of a dataset except its plan, then the empty folders of all these."""
     own, there = dict.fromkeys(_own_names(plan)), set(names_below(root))
     names = [name for name in own if name in there]
+    names += [name for name in there.difference(names, [PLAN]) if final_name(name) in own or final_name(name) == PLAN]
     if not is_local(root):
         if names:
             root.fs.rm([(root / name).path for name in names])

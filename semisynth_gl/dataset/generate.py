@@ -122,22 +122,20 @@ def generate(
     job = Job(plan, str(root.absolute()), backend, gpus)
     _describe(plan, sources, listener)
     replacing = replaces(root, plan, overwrite=overwrite)
-    with locked(root, None if replacing else shards) as alone:  # nobody may be making a dataset that goes
+    with locked(root, shared=shards is not None and not replacing):
         if replacing:
             # If the driver or the config's checks fail, the earlier dataset stays.
             first = plan.shards[chosen[0]]
             with open_renderer(job, first.split) as renderer:
                 renderer.render(first.first)
-        with alone():
-            begin(root, plan, overwrite=overwrite)
+        begin(root, plan, overwrite=overwrite)
         wanted = [shard for shard in missing(root, plan) if shard.number in chosen]
         listener.on_total(sum(shard.end - shard.first for shard in wanted))
         if wanted:
             engine.run(job, [shard.number for shard in wanted], listener)
         left = missing(root, plan)
         if not left:
-            with alone():
-                finish(root, plan, sources)
+            finish(root, plan, sources)
     stopped = listener.stopping and any(shard.number in chosen for shard in left)
     return GenerationResult(root, plan, len(left), stopped)
 

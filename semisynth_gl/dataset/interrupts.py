@@ -31,7 +31,7 @@ def interrupts_stop(listener: "Listener") -> AbstractContextManager[None]:
         if listener.stopping:
             _raise_once(number, frame)
         listener.stop()
-        listener.on_message("Stopping after the pairs in hand; complete shards stay. Ctrl-C again stops at once.")
+        listener.on_message("Stopping; complete shards stay. Ctrl-C again stops at once.")
 
     return _handlers(ask, *ENDING_SIGNALS)
 

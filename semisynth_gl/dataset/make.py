@@ -1,13 +1,13 @@
 """Making shards: one process renders, encodes and writes the pairs of one shard after the other."""
 
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
 from math import ceil
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from semisynth_gl.dataset.documents import Plan, Shard
 from semisynth_gl.dataset.plan import differences, used_plugins
@@ -56,12 +56,6 @@ class ShardMaker:
         self._worker = worker
         self._resources = ExitStack()
         self._renderer: PairRenderer | None = None
-        changed = differences(job.plan.plugin_records, used_plugins(job.plan.config, job.plan.layout_name))
-        if changed:
-            raise InputError(
-                f"this process finds other plug-ins than the one that began the dataset: {abbreviate(changed)}. "
-                "Install the same versions on all machines"
-            )
 
     def close(self) -> None:
         """Close the renderer."""
@@ -78,8 +72,8 @@ class ShardMaker:
             Whether the shard is complete; else its pairs are to be made again.
 
         Raises:
-            InputError: where this process has other photographs or models than the plan says, or pairs keep failing
-                the config's checks.
+            InputError: where this process has other plug-ins, photographs or models than the plan says, or pairs keep
+                failing the config's checks.
             ContextLostError: where the driver was reset; this process can render no more.
             OSError: where the disk is full or cannot be written to.
         """
@@ -89,17 +83,23 @@ class ShardMaker:
     def _renderer_of(self, split: SplitName, listener: Listener) -> PairRenderer:
         if self._renderer is None or self._renderer.split.name != split:
             self._resources.close()
-            renderer = open_renderer(self._job, split, self._worker)
-            self._renderer = self._resources.enter_context(renderer)
-            changes = differences(self._job.plan.sources[split], renderer.sources.digests())
-            if changes:
-                raise InputError(
-                    "this process finds other photographs or models than the one that began the dataset: "
-                    f"{abbreviate(changes)}. Give all machines the same files and the same versions of packages"
-                )
+            job, plan = self._job, self._job.plan
+            _check_same("plug-ins", plan.plugin_records, used_plugins(plan.config, plan.layout_name))
+            renderer = self._resources.enter_context(open_renderer(job, split, self._worker))
+            _check_same("photographs or models", plan.sources[split], renderer.sources.digests())
             renderer.forget_pixels()
             listener.on_renderer(renderer.renderer_name)
+            self._renderer = renderer
         return self._renderer
+
+
+def _check_same(what: str, there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
+    """Raise InputError where this process finds something else than the process that began the dataset."""
+    if changed := differences(there, here):
+        raise InputError(
+            f"this process finds other {what} than the one that began the dataset: {abbreviate(changed)}. Give all "
+            "machines the same files and the same versions of packages"
+        )
 
 
 def open_renderer(job: Job, split: SplitName, worker: int = 0) -> PairRenderer:
@@ -117,7 +117,6 @@ def write_pairs(job: Job, shard: Shard, renderer: PairRenderer, listener: Listen
         for index in range(shard.first, shard.end):
             if listener.stopping:
                 return
-            listener.on_render(shard.split, index)
             yield renderer.render(index)
 
     def tell(index: int, pair: PairFiles) -> None:

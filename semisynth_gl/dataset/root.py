@@ -13,45 +13,35 @@ from semisynth_gl.inputs.errors import InputError, ReadError, how_to_install
 from semisynth_gl.inputs.user_files import expanded
 
 MISSING = "is missing"
-UNFINISHED = ".new"
-"""Ending of a file that `replace` has not written to its end; a kill leaves it."""
 
+_ONE_SLASH = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/(?!/)")
+# Files that `replace` has not written to their end, which a kill leaves: the process's number stands before the ending.
+_UNFINISHED = re.compile(r"\.\d+\.new$")
 # Most bytes that are read of a file at once.
 _MOST_BYTES = 1 << 31
 _WITH_BUCKETS = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oci", "oss"})
-_ONE_SLASH = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/(?!/)")
 
 
 def open_root(address: str | os.PathLike[str]) -> UPath:
     """Return the path of a folder, in which ``~`` is the home folder, or of an address ``protocol://...``.
 
     Raises:
-        InputError: where the address is empty, has only one slash after its colon or lacks its bucket, or where the
-            protocol is unknown or its package not installed.
+        InputError: where the address is empty or has one slash after its colon, or where the protocol is unknown or
+            its package not installed.
     """
     text = os.fspath(address)
     path = text.removeprefix("file://").removeprefix("local://")
-    protocol, separator, below = path.partition("://")
-    if not separator:
-        if not path.strip():
-            raise InputError(f"expected a folder or an address such as s3://bucket/name, got {text!r}")
-        scheme = path.partition("/")[0]
-        if _ONE_SLASH.match(path) and not Path(scheme).exists():
-            raise InputError(
-                f"{text}: expected a folder or an address such as {scheme}//bucket/name, got one slash after the "
-                f"colon; for a folder of this name give ./{text}"
-            )
+    if not path.strip() or _ONE_SLASH.match(path):
+        raise InputError(f"expected a folder or an address such as s3://bucket/name with two slashes, got {text!r}")
+    if "://" not in path:
         return UPath(expanded(path))
-    if protocol.rpartition("::")[2] in _WITH_BUCKETS and not below.partition("/")[0]:
-        raise InputError(f"{text}: expected an address with a bucket, such as {protocol}://bucket/name")
     try:
         # Without a cache of listings, this process sees other processes' files at once.
         root = UPath(text.rstrip("/"), use_listings_cache=False)
         root.fs  # noqa: B018 - imports the protocol's package
     except ImportError as error:
         raise InputError(
-            f"{text}: needs packages that cannot be imported ({error}): {how_to_install('remote')}; and what fsspec "
-            f"names for {protocol}://"
+            f"{text}: needs packages that cannot be imported ({error}): {how_to_install('remote')}"
         ) from None
     except ValueError as error:
         raise InputError(f"{text}: {error}") from None
@@ -116,10 +106,15 @@ def write(root: UPath, name: str, data: bytes) -> None:
 
 def replace(root: UPath, name: str, data: bytes) -> None:
     """Write or replace a file, which is never seen in part."""
-    unfinished = f"{name}{UNFINISHED}" if is_local(root) else name
+    unfinished = f"{name}.{os.getpid()}.new" if is_local(root) else name
     write(root, unfinished, data)
     if unfinished != name:
         (root / unfinished).replace(root / name)
+
+
+def final_name(name: str) -> str:
+    """Return the name that a file gets that `replace` was writing; any other name stays."""
+    return _UNFINISHED.sub("", name)
 
 
 @contextmanager
@@ -130,19 +125,13 @@ def clear_errors(root: UPath) -> Iterator[None]:
     """
     try:
         yield
-    except NotImplementedError:
-        # fsspec can only read some protocols, such as http://.
-        raise InputError(f"{root}: fsspec cannot write to such an address; choose another") from None
     except Exception as error:
-        module = type(error).__module__.split(".")[0]
         if is_local(root) or isinstance(error, InputError | ReadError):
             raise
-        if isinstance(error, OSError) or module in ("botocore", "aiobotocore", "google"):
-            raise InputError(
-                f"{root}: {type(error).__name__}: {error}; check address, rights, connection and credentials, "
-                "such as AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
-            ) from None
-        raise
+        raise InputError(
+            f"{root}: {type(error).__name__}: {error}; check address, rights, connection and credentials, such as "
+            "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
+        ) from error
 
 
 @contextmanager

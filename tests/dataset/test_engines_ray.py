@@ -67,5 +67,3 @@ def test_a_dataset_outlives_a_node_a_stop_and_an_error(tmp_path, monkeypatch):
 def test_a_cluster_that_is_not_there_is_told_of():
     with pytest.raises(InputError, match=r"address 127.0.0.1:9\) cannot be reached"):
         RayEngine("127.0.0.1:9").run(None, [], Recorder())
-    with pytest.raises(InputError, match="expected host:port or auto"):
-        RayEngine("ray://127.0.0.1:9").run(None, [], Recorder())

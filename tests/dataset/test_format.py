@@ -127,8 +127,7 @@ def test_another_version_does_not_go_on_with_a_dataset_and_says_why(kept, monkey
     monkeypatch.setattr(plan_module, "version", lambda _: "0.2.0")
     with pytest.raises(InputError) as caught:
         generate(load_config(DATA / "format-1.yaml"), kept, 2, 1, layout=kept.name)
-    assert "version (0.1.0 there, 0.2.0 now)" in str(caught.value)
-    assert "Go on with semisynth-gl 0.1.0" in str(caught.value)
+    assert "version ('0.1.0' there, '0.2.0' now)" in str(caught.value)
     assert contents(kept) == before
 
 

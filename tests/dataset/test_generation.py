@@ -132,20 +132,16 @@ def test_splits_share_neither_photographs_nor_scenes(config, tmp_path):
     assert one.camera != other.camera
     with pytest.raises(InputError, match="pairs"):
         generate(config, tmp_path / "o", 3, SEED, layout="webdataset")
+    models = config.model_copy(update={"splits": config.splits.model_copy(update={"models": True})})
+    plan = make_plan(models, 0, "middlebury", {"train": 1, "test": 1})
+    names = [{mesh.name for mesh in prepare_sources(models, plan.split(split)).models} for split in plan.splits]
+    assert all(names)
+    assert not names[0] & names[1]
     few = tiny(textures={"source": "images", "images": [str(tmp_path / "one.png")]})
     noise = np.random.default_rng(0).integers(0, 256, (99, 99, 3), dtype=np.uint8)
     Image.fromarray(noise).save(tmp_path / "one.png")
     with pytest.raises(InputError, match="too few photographs to hold some out, 1 in all"):
         generate(few, tmp_path / "p", {"train": 1, "test": 1}, SEED)
-
-
-def test_models_are_held_out_where_asked():
-    config = tiny()
-    config = config.model_copy(update={"splits": config.splits.model_copy(update={"models": True})})
-    plan = make_plan(config, 0, "middlebury", {"train": 1, "test": 1})
-    names = [{mesh.name for mesh in prepare_sources(config, plan.split(split)).models} for split in plan.splits]
-    assert all(names)
-    assert not names[0] & names[1]
 
 
 def test_other_photographs_are_not_mixed_in(tmp_path):

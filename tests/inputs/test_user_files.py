@@ -92,7 +92,7 @@ def test_homes_of_nobody_are_told():
 @pytest.mark.parametrize("name", [b"new\nline", b"it's, [odd] *&!: \"#", b"~"])
 def test_photographs_are_found_whatever_their_names(tmp_path, monkeypatch, name):
     folder = tmp_path / os.fsdecode(name)
-    photograph(folder / os.fsdecode(b"noise\n.png"))
+    photograph(folder / os.fsdecode(b"no\xefse\n.png"))
     monkeypatch.chdir(tmp_path)
     config = read_config("kitti", (str(folder),), (), ("textures.patch_px=64",))
     assert prepare_atlas(config.textures, Split(0)).report.images_used == 1

@@ -5,6 +5,7 @@
 import io
 import json
 import os
+import re
 import tarfile
 from dataclasses import fields
 from glob import glob
@@ -156,39 +157,29 @@ def test_broken_files_are_named(name):
 # Names
 
 
-def test_names_sort_as_numbers():
-    keys = [Key("kitti", "train", index) for index in (2, 10, 999_999)]
-    names = [key.name for key in keys]
-    assert names == sorted(names) == ["kitti-000002", "kitti-000010", "kitti-999999"]
-    lists = find_layout("middlebury").lists_of(keys, Encodings())
-    assert lists == {"MiddEval3/official_train.txt": b"kitti-000002\nkitti-000010\nkitti-999999\n"}
-
-
 @pytest.mark.parametrize("name", layout_names())
 def test_names_never_collide_and_stay_inside(name):
     layout = find_layout(name)
     encodings = layout.encodings or Encodings()
-    for splits, length in ((SPLITS, None), (("train",), 3), (("train", "test"), 1), (("validation",), 2)):
-        seen = {}
+    for splits, length in ((SPLITS, None), (("train",), 3), (("train", "test"), 1)):
+        seen = set()
         for split in splits:
-            folder = layout.folder(split, splits)
+            # A shard is of one split.
+            folder = f"{split}:" if layout.packed else layout.folder(split, splits)
             keys = [Key("lab", split, index, length) for index in (*range(8), 2999, 3000, 3001, 999_999)]
             paths = [path for key in keys for path in layout.files(key, encodings).values()]
-            # A shard is of one split.
-            prefix = f"{split}:" if layout.packed else folder
-            for path in (*paths, *layout.lists_of(keys, encodings)):
-                assert f"{prefix}{path}" not in seen
-                seen[f"{prefix}{path}"] = split
-            for path in (*paths, *layout.lists_of(keys, encodings), *layout.links_of(keys), *layout.folders):
-                assert not PurePosixPath(path).is_absolute()
-                assert ".." not in PurePosixPath(path).parts
-                assert " " not in path
-                assert path.isascii()
-            for link, target in layout.links_of(keys).items():
-                inside = os.path.normpath(f"{PurePosixPath(link).parent}/{target}")
-                assert not inside.startswith(".."), link
+            paths += layout.lists_of(keys, encodings)
+            assert len(set(paths)) == len(paths)
+            assert seen.isdisjoint(f"{folder}{path}" for path in paths)
+            seen.update(f"{folder}{path}" for path in paths)
+            links = layout.links_of(keys)
+            for path in (*paths, *links, *layout.folders):
+                assert re.fullmatch(r"[\w./-]+", path, re.ASCII)
+                assert not path.startswith("/")
+                assert ".." not in path.split("/")
+            for link, target in links.items():
+                assert not os.path.normpath(f"{PurePosixPath(link).parent}/{target}").startswith(".."), link
                 assert not any(path.startswith(f"{link}/") for path in paths), link
-    assert layout.folder("train", ("train",)) == ""
 
 
 def test_what_loaders_replace_in_paths_stands_there_once():
@@ -371,12 +362,6 @@ def psmnet_kitti(root):
     return [tuple(str(root / "training" / folder / name) for folder in folders) for name in names]
 
 
-def openstereo_kitti(root):
-    lefts = sorted(glob(str(root / "training" / "disp_occ_0" / "*_10.png")))
-    pairs = raft_kitti(root)
-    return [(*pair[:2], left, left.replace("c_0", "c_1")) for pair, left in zip(pairs, lefts, strict=True)]
-
-
 def torchvision_eth3d(root):
     folder = root / "ETH3D"
     images = scan_pairs(folder / "two_view_training" / "*" / "im0.png", folder / "two_view_training" / "*" / "im1.png")
@@ -384,20 +369,6 @@ def torchvision_eth3d(root):
     for path in truth:
         assert Image.open(Path(path).parent / "mask0nocc.png").mode == "L"
     return of_torchvision(images, [(path,) for path in truth])
-
-
-def raft_eth3d(root):
-    def found(pattern):
-        return sorted(glob(str(root / pattern)))
-
-    return list(
-        zip(
-            found("two_view_training/*/im0.png"),
-            found("two_view_training/*/im1.png"),
-            found("two_view_training_gt/*/disp0GT.pfm"),
-            strict=True,
-        )
-    )
 
 
 def raft_sceneflow(root, part="TRAIN", images="frames_cleanpass"):
@@ -548,8 +519,8 @@ def torchvision_middlebury_2014(root):
 
 
 LOADERS = {
-    "kitti": (torchvision_kitti, raft_kitti, psmnet_kitti, openstereo_kitti, from_list("KITTI_2015_train.txt")),
-    "eth3d": (torchvision_eth3d, raft_eth3d),
+    "kitti": (torchvision_kitti, raft_kitti, psmnet_kitti, from_list("KITTI_2015_train.txt")),
+    "eth3d": (torchvision_eth3d,),
     "sceneflow": (
         *(torchvision_sceneflow, raft_sceneflow, igev_sceneflow, psmnet_sceneflow, hsm_sceneflow),
         *(from_list("sceneflow_train.txt"), from_list("SceneFlow_finalpass_train.txt")),
@@ -563,11 +534,7 @@ LOADERS = {
 }
 
 
-def test_every_layout_of_folders_has_its_loaders():
-    assert set(LOADERS) == {name for name in layout_names() if not find_layout(name).packed}
-
-
-@pytest.mark.parametrize("name", LOADERS)
+@pytest.mark.parametrize("name", [name for name in layout_names() if not find_layout(name).packed])
 def test_loaders_find_every_pair_and_match_its_files(name, tmp_path):
     root = write_tree(name, tmp_path)
     for loader in LOADERS[name]:
@@ -611,30 +578,24 @@ def test_other_readers_see_the_same_arrays(name, tmp_path):
 
 def test_webdataset_and_hugging_face_iterate_the_tars(tmp_path, monkeypatch):
     webdataset = pytest.importorskip("webdataset")
-    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
-    monkeypatch.setenv("HF_HOME", str(tmp_path / "home"))
-    monkeypatch.setenv("HF_DATASETS_CACHE", str(tmp_path / "cache"))
+    for name, value in (("HF_HUB_OFFLINE", "1"), ("HF_HOME", str(tmp_path / "home"))):
+        monkeypatch.setenv(name, value)
     datasets = pytest.importorskip("datasets")
-    tars = [write_tar(tmp_path / f"lab-train-{n:06d}.tar", range(8 * n, 8 * n + 8)) for n in range(2)]
-    samples = list(webdataset.WebDataset(tars, shardshuffle=False))
-    assert [sample["__key__"] for sample in samples] == [f"{index:08d}" for index in range(16)]
+    tars = [write_tar(tmp_path / f"lab-train-{n:06d}.tar", range(4 * n, 4 * n + 4)) for n in range(2)]
     layout = find_layout("webdataset")
+    samples = list(webdataset.WebDataset(tars, shardshuffle=False))
+    assert [sample["__key__"] for sample in samples] == [f"{index:08d}" for index in range(8)]
     for index, sample in enumerate(samples):
-        endings = {ending for ending in sample if not ending.startswith("__")}
-        stored = decode(layout, index, {f"{index:08d}.{ending}": sample[ending] for ending in endings})
+        files = {f"{index:08d}.{ending}": data for ending, data in sample.items() if not ending.startswith("__")}
+        stored = decode(layout, index, files)
         np.testing.assert_array_equal(stored.right.disparity, make_frame(index).right.disparity)
         assert stored.provenance == make_provenance(index)
-    decoded = next(iter(webdataset.WebDataset(tars, shardshuffle=False).decode("rgb8", only=["left.png"])))
-    np.testing.assert_array_equal(decoded["left.png"], make_frame(0).left.image)
-    loaded = datasets.load_dataset(
-        "webdataset", data_files={"train": tars}, split="train", cache_dir=str(tmp_path / "cache")
-    )
-    assert loaded.num_rows == 16
+    cache = str(tmp_path / "cache")
+    loaded = datasets.load_dataset("webdataset", data_files={"train": tars}, split="train", cache_dir=cache)
     assert loaded.features["json"]["camera"]["width_px"].dtype == "int64"
     assert loaded.features["json"]["near_m"].dtype == "float64"
     for index, row in enumerate(loaded):
-        assert row["__key__"] == f"{index:08d}"
-        assert row["json"]["pair"] == index
+        assert (row["__key__"], row["json"]["pair"]) == (f"{index:08d}", index)
         assert json.loads(row["json"]["provenance"]) == make_provenance(index)
         np.testing.assert_array_equal(np.asarray(row["right.png"]), make_frame(index).right.image)
         disparity = cv2.imdecode(np.frombuffer(row["disp0.pfm"], np.uint8), cv2.IMREAD_UNCHANGED)
