@@ -3,11 +3,11 @@
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from upath import UPath
 
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.apart import check_apart
 from semisynth_gl.dataset.documents import Plan, Shard
 from semisynth_gl.dataset.engines import Engine, LocalEngine, SerialEngine
 from semisynth_gl.dataset.folder import (
@@ -22,18 +22,22 @@ from semisynth_gl.dataset.folder import (
 )
 from semisynth_gl.dataset.make import Job, open_renderer
 from semisynth_gl.dataset.plan import make_plan
-from semisynth_gl.dataset.root import open_root
+from semisynth_gl.dataset.root import is_local, open_root
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, counted, shown
+from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.devices import check_libraries
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sources import Sources, prepare_sources
 from semisynth_gl.seeds.splits import SPLITS, SplitName
+from semisynth_gl.textures.image_files import find_files, reaching_source
+from semisynth_gl.textures.images import image_extensions
 
 # Number of pairs from which on file systems are slower with single files than with tars.
 _MANY_PAIRS = 10_000
+_APART = "Its files would be used as photographs or models: choose a folder apart"
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +142,18 @@ def generate(
             finish(root, plan, sources)
     stopped = listener.stopping and any(shard.number in chosen for shard in left)
     return GenerationResult(root, plan, len(left), stopped)
+
+
+def check_apart(root: UPath, config: Config) -> None:
+    """Raise InputError if the dataset's folder is inside a folder of photographs or models, or holds any of them."""
+    if not is_local(root):
+        return
+    images = config.textures.images if config.textures.source == "images" else ()
+    if source := reaching_source(Path(root), images) or reaching_source(Path(root), config.models.folders):
+        raise InputError(f"{root}: is inside {source}, from which the dataset is made. {_APART}", argument="out")
+    for path in (*(find_files(images, image_extensions()) if root.is_dir() else ()), *config.models.folders):
+        if Path(os.path.realpath(expanded(path))).is_relative_to(os.path.realpath(root)):
+            raise InputError(f"{root}: holds {path}, from which the dataset is made. {_APART}", argument="out")
 
 
 def _describe(plan: Plan, sources: Mapping[SplitName, Sources], listener: Listener) -> None:

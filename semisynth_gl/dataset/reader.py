@@ -1,6 +1,6 @@
 """A dataset as a sequence of pairs, whose arrays have the same names in every layout."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
 from typing import cast, overload
@@ -85,33 +85,30 @@ def read_index(address: str | PathLike[str]) -> StoredIndex:
     if is_local(root) and not root.is_dir():
         reason = "expected a folder, got a file" if root.exists() else "there is no such folder"
         raise InputError(f"{address}: {reason}")
-    faults: list[str] = []
-    advice, ours = "the dataset is not finished; run its generate command again", False
-    models: Mapping[str, type[Plan]] = {INDEX: Index, PLAN: Plan}
-    for name, model in models.items():
+    faults: dict[str, str] = {}
+    for name, model in ((INDEX, Index), (PLAN, Plan)):
         path = path_of(root, name)
         try:
             with clear_errors(root):
                 values = JSON_OBJECT.decode(read_whole(root, name), path)
-        except ReadError as error:
-            faults.append(f"{name} {error.reason}")
-            ours |= name == PLAN and error.reason != MISSING
-            continue
-        if values.get("program") != PROGRAM:
-            raise InputError(f"{address}: {name} is not of {PROGRAM}: program is {shown(values.get('program'))}")
-        ours = True
-        try:
+            if values.get("program") != PROGRAM:
+                raise InputError(f"{address}: {name} is not of {PROGRAM}: program is {shown(values.get('program'))}")
             plan = parse_values(model, values, path)
             if isinstance(plan, Index):
                 plan.check(path)
         except ReadError as error:
-            faults.append(f"{name}: {error.reason}")
-            advice = f"it was changed; without {INDEX}, the dataset's generate command goes on from {PLAN}"
+            faults[name] = error.reason
             continue
-        return StoredIndex(address, plan, f"{faults[0]}: {advice}" if faults else None)
-    if ours:
-        raise DamagedIndexError(address, faults)
-    raise InputError(f"{address}: not a dataset: {'; '.join(faults)}")
+        if name == INDEX:
+            return StoredIndex(address, plan)
+        advice = f"it was changed; without {INDEX}, the dataset's generate command goes on from {PLAN}"
+        if faults[INDEX] == MISSING:
+            advice = "the dataset is not finished; run its generate command again"
+        return StoredIndex(address, plan, f"{INDEX}: {faults[INDEX]}: {advice}")
+    texts = [f"{name}: {reason}" for name, reason in faults.items()]
+    if {*faults.values()} == {MISSING}:
+        raise InputError(f"{address}: not a dataset: {'; '.join(texts)}")
+    raise DamagedIndexError(address, texts)
 
 
 class Dataset(Sequence[StoredFrame]):

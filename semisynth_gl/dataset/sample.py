@@ -149,15 +149,13 @@ def wrong_sizes(values: Mapping[str, Any], size: tuple[int, int]) -> Iterator[tu
     """
     for role, value in values.items():
         eye, channel = ROLES.get(role, (None, None))
-        if channel is not None and channel.of_sensor:
-            raw = _sensor_size(values.get("provenance"), eye)
-            if raw is not None and value.shape[:2] != raw:
-                yield (role, f"expected shape {raw}, that of the camera in the pair's provenance, got {value.shape}")
-        elif isinstance(value, np.ndarray):
-            expected = (*size, *value.shape[2:])
-            if value.shape != expected:
-                yield role, f"expected shape {expected}, as the dataset's images have it, got {value.shape}"
-        elif (found := camera_size(value)) is not None and found != size:
+        if isinstance(value, np.ndarray):
+            of_sensor = channel is not None and channel.of_sensor
+            expected = _sensor_size(values.get("provenance"), eye) if of_sensor else size
+            if expected is not None and value.shape[:2] != expected:
+                whose = "the camera in the pair's provenance" if of_sensor else "the dataset's images"
+                yield role, f"expected shape {(*expected, *value.shape[2:])}, as {whose}, got {value.shape}"
+        elif (found := _camera_size(value)) is not None and found != size:
             height, width = found
             yield role, f"expected a camera of the dataset's images, {size[1]} x {size[0]} px, got {width} x {height}"
 
@@ -172,14 +170,15 @@ def _sensor_size(provenance: object, eye: Eye | None) -> tuple[int, int] | None:
     return None
 
 
-def camera_size(value: object) -> tuple[Any, Any] | None:
+def _camera_size(value: object) -> tuple[Any, Any] | None:
     """Return height and width in px from a camera, a calibration or a provenance; None from any other value."""
-    if isinstance(value, Calibration):
-        value = value.camera
-    if isinstance(value, StereoCamera):
-        return value.height_px, value.width_px
-    camera = value.get("camera") if isinstance(value, Mapping) else None
-    return (camera.get("height_px"), camera.get("width_px")) if isinstance(camera, Mapping) else None
+    value = value.camera if isinstance(value, Calibration) else value
+    match value:
+        case StereoCamera():
+            return value.height_px, value.width_px
+        case {"camera": {**camera}}:
+            return camera.get("height_px"), camera.get("width_px")
+    return None
 
 
 def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) -> StoredFrame:

@@ -12,8 +12,7 @@ from tiny_datasets import cheap
 
 from semisynth_gl.cli import main
 from semisynth_gl.codecs.pfm import PFM
-from semisynth_gl.dataset.apart import check_apart
-from semisynth_gl.dataset.generate import generate
+from semisynth_gl.dataset.generate import check_apart, generate
 from semisynth_gl.dataset.root import open_root
 from semisynth_gl.inputs.errors import InputError
 
