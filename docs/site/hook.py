@@ -17,7 +17,9 @@ ROOT = Path(__file__).resolve().parents[2]
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add what pages link to outside of docs/, and the gallery's pictures."""
     for place, path in _files_beside_docs(config):
-        file = File.generated(config, place, abs_src_path=str(path), inclusion=InclusionLevel.INCLUDED)
+        # Links lead to pages of figures: the navigation need not have them.
+        level = InclusionLevel.NOT_IN_NAV if place.startswith("benchmarks/") else InclusionLevel.INCLUDED
+        file = File.generated(config, place, abs_src_path=str(path), inclusion=level)
         # Links and the navigation name it as seen from docs/; in the site it lies below the pages' folder.
         _ = file.dest_uri, file.url
         file.src_uri = f"../{place}"
@@ -43,7 +45,7 @@ def keys_tables() -> str:
         if key.is_section:
             lines += ["", f"### {key.dotted}", "", _text(key), "", *_HEAD]
         else:
-            default = ", ".join(filter(None, ("range" if key.is_range else "", key.default and f"`{key.default}`")))
+            default = ", ".join(filter(None, ("range" if key.is_range else "", key.default)))
             lines.append(f"| `{key.dotted.rpartition('.')[2]}` | {default} | {_text(key)} |")
     return "\n".join(lines)
 
