@@ -15,19 +15,8 @@ from ruamel.yaml import YAML
 CHECKOUT = Path(__file__).resolve().parents[2]
 DATA_FOLDERS = ("shaders", "configs", "assets")
 
-# Everything that a checkout collects and nobody wants to install.
-JUNK = (
-    "out",
-    "build",
-    "dist",
-    "__pycache__",
-    ".git",
-    ".venv",
-    ".pytest_cache",
-    ".mypy_cache",
-    ".ruff_cache",
-    ".hypothesis",
-)
+# What a checkout collects and nobody wants to install.
+JUNK = {"out", "build", "dist", "__pycache__", ".git", ".venv", ".pytest_cache", ".mypy_cache", ".ruff_cache"}
 
 
 def run(*command: str, cwd: Path, env: dict[str, str] | None = None) -> str:
@@ -60,13 +49,6 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def sdist_and_its_wheel(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """The source distribution, and the wheel built from it: what `build` does when nothing is named."""
-    its_wheel, sdist = build([], tmp_path_factory.mktemp("from-sdist") / "dist")
-    return sdist, its_wheel
-
-
-@pytest.fixture(scope="module")
 def target(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder that holds the installed wheel and nothing else."""
     folder = tmp_path_factory.mktemp("installed")
@@ -75,46 +57,30 @@ def target(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture
-def elsewhere(target: Path) -> dict[str, str]:
-    """An environment in which the installed wheel can be imported, and the checkout cannot.
-
-    Python is started with -S: .pth files, by which an editable install points at the checkout, are then not read, and
-    the folders of the other packages are named here instead.
-    """
-    packages = [path for path in sys.path if Path(path).name in ("site-packages", "dist-packages")]
-    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(target), *packages])}
+def packages() -> list[str]:
+    """The folders of installed packages."""
+    return [path for path in sys.path if Path(path).name in ("site-packages", "dist-packages")]
 
 
-def test_the_wheel_carries_the_data_inside_the_package(wheel: Path) -> None:
+def test_the_wheel_holds_the_package_with_its_data_and_nothing_else(wheel: Path) -> None:
     names = names_in_wheel(wheel)
-    assert {f"semisynth_gl/{name}" for name in data_files()} <= names
     modules = {path.relative_to(CHECKOUT).as_posix() for path in (CHECKOUT / "semisynth_gl").rglob("*.py")}
-    assert modules | {"semisynth_gl/py.typed"} <= names
+    assert {f"semisynth_gl/{name}" for name in data_files()} | modules | {"semisynth_gl/py.typed"} <= names
     assert any(name.endswith(".dist-info/licenses/LICENSE") for name in names)
+    for path in map(PurePosixPath, names):
+        assert path.parts[0] == "semisynth_gl" or path.parts[0].endswith(".dist-info"), path
+        assert not JUNK & {*path.parts}, path
+        assert path.suffix not in (".pyc", ".png", ".pfm"), path
 
 
-def test_the_wheel_holds_the_package_alone(wheel: Path) -> None:
-    for name in names_in_wheel(wheel):
-        path = PurePosixPath(name)
-        assert path.parts[0] == "semisynth_gl" or path.parts[0].endswith(".dist-info"), name
-        assert not set(JUNK) & set(path.parts), name
-        assert path.suffix not in (".pyc", ".png", ".pfm"), name
-
-
-def test_the_sdist_carries_what_a_build_and_the_tests_need(sdist_and_its_wheel: tuple[Path, Path]) -> None:
-    with tarfile.open(sdist_and_its_wheel[0]) as archive:
+def test_the_sdist_carries_what_the_same_wheel_and_the_tests_need(wheel: Path, tmp_path: Path) -> None:
+    # What `build` does when nothing is named: the wheel is built from the sdist.
+    its_wheel, sdist = build([], tmp_path / "dist")
+    assert names_in_wheel(its_wheel) == names_in_wheel(wheel)
+    with tarfile.open(sdist) as archive:
         names = {name.split("/", 1)[1] for name in archive.getnames()}
-    assert data_files() <= names
-    assert {"pyproject.toml", "README.md", "tests/project/test_packaging.py", "semisynth_gl/__init__.py"} <= names
-    for name in names:
-        assert not set(JUNK) & set(PurePosixPath(name).parts), name
-
-
-def test_a_wheel_from_the_sdist_equals_one_from_the_checkout(
-    wheel: Path, sdist_and_its_wheel: tuple[Path, Path]
-) -> None:
-    assert names_in_wheel(sdist_and_its_wheel[1]) == names_in_wheel(wheel)
+    assert {"pyproject.toml", "README.md", "tests/project/test_packaging.py"} | data_files() <= names
+    assert [name for name in names if JUNK & {*PurePosixPath(name).parts}] == []
 
 
 def test_the_version_is_the_same_everywhere() -> None:
@@ -127,23 +93,21 @@ def test_the_version_is_the_same_everywhere() -> None:
 
 # One backend is enough: what is asked here is whether everything is found, down to the photographs that assets/ lists.
 @pytest.mark.parametrize("backend", ["egl"], indirect=True)
-def test_the_installed_wheel_renders(elsewhere: dict[str, str], target: Path, backend: str, tmp_path: Path) -> None:
+def test_the_installed_wheel_renders(target: Path, backend: str, tmp_path: Path) -> None:
+    # -S leaves .pth files unread, by which an editable install points at the checkout.
+    python = (sys.executable, "-S")
+    elsewhere = {**os.environ, "PYTHONPATH": os.pathsep.join([str(target), *packages()])}
     show = "import semisynth_gl; print(semisynth_gl.__file__)"
-    assert Path(run(sys.executable, "-S", "-c", show, cwd=tmp_path, env=elsewhere)).is_relative_to(target)
-    # Few models and patches; that no module is missing is asked above.
-    sizes = ("camera.width_px=128", "camera.height_px=64", "models.complex=0", "models.variants=1")
-    fewer = ("textures.source=photographs", "textures.max_patches=32")
-    small = [word for value in (*sizes, *fewer) for word in ("--set", value)]
-    program = (sys.executable, "-S", str(target / "bin" / "semisynth-gl"))
+    assert Path(run(*python, "-c", show, cwd=tmp_path, env=elsewhere)).is_relative_to(target)
+    values = ("camera.width_px=128", "camera.height_px=64", "models.complex=0", "models.variants=1")
+    small = [f"--set={value}" for value in (*values, "textures.source=photographs", "textures.max_patches=32")]
     for command, *arguments in (
         ("generate", "--config", "eth3d", "--backend", backend, *small, "--pairs", "1", "--out", "set"),
         ("verify", "set"),
         ("report", "set", "--out", "set.html"),
         ("preview", "--config", "eth3d", "--pairs", "1", *small, "--out", "sheet.png", "--backend", backend),
     ):
-        run(*program, command, *arguments, cwd=tmp_path, env=elsewhere)
-    written = {path.name for path in (tmp_path / "set").rglob("*") if path.is_file() and path.stat().st_size}
-    assert {"im0.png", "im1.png", "disp0GT.pfm", "disp1GT.pfm", "mask0nocc.png", "calib.txt"} <= written
+        run(*python, str(target / "bin" / "semisynth-gl"), command, *arguments, cwd=tmp_path, env=elsewhere)
     assert {"set", "set.html", "sheet.png"} == {path.name for path in tmp_path.iterdir()}
 
 
@@ -165,9 +129,8 @@ text: str = __version__
 
 def test_a_users_script_is_checked_by_the_wheels_types(target: Path, tmp_path: Path) -> None:
     run(sys.executable, "-m", "venv", "--without-pip", "user", cwd=tmp_path)
-    [packages] = (tmp_path / "user").glob("lib/python*/site-packages")
-    others = [path for path in sys.path if Path(path).name in ("site-packages", "dist-packages")]
-    (packages / "installed.pth").write_text("\n".join([str(target), *others]))
+    [folder] = (tmp_path / "user").glob("lib/python*/site-packages")
+    (folder / "installed.pth").write_text("\n".join([str(target), *packages()]))
     (tmp_path / "script.py").write_text(f"{USERS_SCRIPT}\nrender_pair('kitti', 0)\n")
     strictly = ["--strict", "--config-file=", "--cache-dir=cache", "--python-executable", "user/bin/python"]
     check = [sys.executable, "-m", "mypy", *strictly, "script.py"]

@@ -27,7 +27,6 @@ from semisynth_gl.dataset.plan import make_plan
 RUN = {"python", "sh", "bash"}
 PROGRAM = "semisynth-gl"
 ALL_BLOCKS = [block for page in PAGES for block in blocks(page)]
-CONFIGS = [block for block in ALL_BLOCKS if block.language == "yaml"]
 
 # --- what pages presume: the user's photographs, calibration and predictions, and datasets made before ---
 
@@ -40,6 +39,11 @@ baseline=120
 width={WIDTH}
 height={HEIGHT}
 """
+# Few models and patches are made quickly; calibrate writes what --set says into its config.
+FEW = "extends: sceneflow\nmodels: {variants: 1, complex: 0}\ntextures: {max_patches: 16}\n"
+QUICK = {
+    "calibrate": ["--trials=1", "--set=models.variants=1", "--set=models.complex=0", "--set=textures.max_patches=16"]
+}
 
 
 def photographs(folder, path):
@@ -50,21 +54,25 @@ def photographs(folder, path):
         Image.fromarray(pixels).save(folder / path / f"{number}.png")
 
 
-def rig(folder, calibration, maps):
-    """The rig's calibration, and two true disparity maps: mostly of a wall, which takes few models to make."""
-    (folder / calibration).write_text(CALIBRATION)
-    (folder / maps).mkdir()
+def disparity_map(path, left, right):
+    """A true disparity map of two walls."""
+    path.parent.mkdir(exist_ok=True)
+    disparity = np.where(np.arange(WIDTH) < WIDTH / 2, left, right).astype(np.float32)
+    path.write_bytes(PFM.encode(np.tile(disparity, (HEIGHT, 1))))
+
+
+def rig(folder):
+    """The rig's calibration, disparity maps, and a network's disparities of four pairs."""
+    (folder / "calib.txt").write_text(CALIBRATION)
     for number in range(2):
-        disparity = np.full((HEIGHT, WIDTH), 30, np.float32)
-        disparity[:20] = np.linspace(30, 40, WIDTH)
-        (folder / maps / f"{number}.pfm").write_bytes(PFM.encode(disparity))
+        disparity_map(folder / "gt" / f"{number}.pfm", 30, 32)
+    predictions(folder, "lab", (HEIGHT, WIDTH))
 
 
-def predictions(folder, path, name, shape=(HEIGHT, WIDTH)):
-    """A network's disparities for the first dozen pairs."""
-    (folder / path).mkdir()
-    for pair in range(12):
-        np.save(folder / path / f"{name}-{pair:06d}.npy", np.full(shape, 20, np.float32))
+def predictions(folder, name, shape):
+    (folder / "guesses").mkdir()
+    for pair in range(4):
+        np.save(folder / "guesses" / f"{name}-{pair:06d}.npy", np.full(shape, 20, np.float32))
 
 
 def dataset(folder, path, pairs=2, layout="middlebury", shard_pairs=None, **sections):
@@ -76,8 +84,7 @@ def scene(folder, path):
     """A scene as Middlebury has it: an image, and its disparity."""
     photographs(folder, path)
     (folder / path / "0.png").rename(folder / path / "im0.png")
-    disparity = np.where(np.arange(WIDTH) < WIDTH / 2, 10, 30).astype(np.float32)
-    (folder / path / "disp0GT.pfm").write_bytes(PFM.encode(np.tile(disparity, (HEIGHT, 1))))
+    disparity_map(folder / path / "disp0GT.pfm", 10, 30)
 
 
 PRESUMED = {
@@ -89,17 +96,12 @@ PRESUMED = {
     ),
     "README": lambda folder: (
         photographs(folder, "home/photos/lab"),
-        rig(folder, "calib.txt", "gt"),
-        predictions(folder, "guesses", "lab"),
+        rig(folder),
         dataset(folder, "out/middlebury"),
     ),
-    "index": lambda folder: (
-        photographs(folder, "photos"),
-        rig(folder, "calib.txt", "gt"),
-        predictions(folder, "guesses", "lab"),
-    ),
+    "index": lambda folder: (photographs(folder, "photos"), rig(folder)),
     "evaluate": lambda folder: (
-        predictions(folder, "guesses", "middlebury", (48, 64)),
+        predictions(folder, "middlebury", (48, 64)),
         dataset(folder, "out/middlebury", name="middlebury"),
     ),
     "loaders": lambda folder: dataset(folder, "out/rooms", 8, camera={"width_px": 400, "height_px": 200}),
@@ -123,19 +125,15 @@ def make_folder(tmp_path, monkeypatch):
     return make
 
 
-# --- running ---
-
-
-def run_python(block, names):
-    """Run a block in this process; what it defines stays for the page's next one."""
-    exec(compile(block.text, block.place, "exec"), names)  # noqa: S102 - the project's own documentation
+def pages_with(mark):
+    return [page for page in PAGES if any(block.mark == mark for block in blocks(page))]
 
 
 def run_shell(block):
     """Run a block: where it does nothing but call the program, in this process, which saves it the time to start."""
     if all(words[0] == PROGRAM and not {">", "|", "&&"} & {*words} for words in block.commands):
         for _, *words in block.commands:
-            done = CliRunner().invoke(semisynth_gl, words)
+            done = CliRunner().invoke(semisynth_gl, [*words, *QUICK.get(words[0], [])])
             assert done.exit_code == 0, (block.place, words, done.output, done.exception)
         return
     shell = ["bash" if block.language == "bash" else "sh", "-e", "-c", block.text]
@@ -143,23 +141,27 @@ def run_shell(block):
     assert (done.returncode, without_announcements(done.stderr)) == (0, ""), (block.place, done.stdout)
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if any(block.mark == "runnable" for block in blocks(page))])
+@pytest.mark.parametrize("page", pages_with("runnable"))
 def test_the_blocks_of_a_page_run_in_order(page, make_folder):
     make_folder(page)
-    names = {"__name__": "__main__"}
+    names = {"__name__": "__main__"}  # what a block of Python defines stays for the next one
     for block in blocks(page):
-        if block.mark == "runnable":
-            run_python(block, names) if block.language == "python" else run_shell(block)
+        if block.mark == "runnable" and block.language == "python":
+            exec(compile(block.text, block.place, "exec"), names)  # noqa: S102 - the project's own documentation
+        elif block.mark == "runnable":
+            run_shell(block)
 
 
 # Workers that are spawned import the script, so it has to be one.
 @pytest.mark.heavy
-@pytest.mark.parametrize("page", [page for page in PAGES if any("heavy" in block.mark for block in blocks(page))])
+@pytest.mark.parametrize("page", pages_with("runnable: heavy"))
 def test_the_heavy_blocks_of_a_page_run_in_order(page, make_folder):
     heavy("torch")
     folder = make_folder(page)
+    (folder / "few.yaml").write_text(FEW)
     script = folder / "snippets.py"
-    script.write_text("".join(block.text for block in blocks(page) if "heavy" in block.mark))
+    text = "".join(block.text for block in blocks(page) if block.mark == "runnable: heavy")
+    script.write_text(text.replace('"sceneflow"', '"few.yaml"'))
     offline = {"HF_HUB_OFFLINE": "1", "HF_HOME": str(folder / "hub")}
     done = subprocess.run(
         [sys.executable, script], capture_output=True, text=True, check=False, env=os.environ | offline
@@ -176,39 +178,34 @@ def test_every_block_that_could_run_runs_or_says_why_not():
         re.findall(r"^<!-- (?:runnable|not run).*$", path.read_text("utf-8"), re.MULTILINE) for path in PAGES.values()
     ]
     # Else one is misspelt, or away from its block.
-    assert sum(map(len, comments)) == sum(bool(block.mark) for block in ALL_BLOCKS)
-    assert sum(block.mark == "runnable" for block in ALL_BLOCKS) > 5
+    assert sum(map(len, comments)) == sum(bool(block.mark) for block in ALL_BLOCKS) > 5
 
 
-@pytest.mark.parametrize("block", [block for block in CONFIGS if not block.mark], ids=lambda block: block.place)
-def test_blocks_of_yaml_are_configs_that_generate_takes(block):
-    config = parse_config(block.text)
-    make_plan(config, 0, config.layout or "middlebury", {"train": 1})
-
-
-def test_blocks_of_python_are_python():
+def test_blocks_of_yaml_are_configs_that_generate_takes():
     for block in ALL_BLOCKS:
-        if block.language == "python":
-            compile(block.text, block.place, "exec")
+        if block.language == "yaml" and not block.mark:
+            config = parse_config(block.text)
+            make_plan(config, 0, config.layout or "middlebury", {"train": 1})
 
 
 def test_commands_that_are_not_run_have_options_and_keys_that_exist():
     """Options of commands that take hours, and of those whose output is shown."""
-    checked = 0
-    shells = [block for block in ALL_BLOCKS if block.language in {"sh", "console"} and block.mark != "runnable"]
-    for block in shells:
-        for words in block.commands:
-            if words[0] != PROGRAM:
-                continue
-            group, arguments = semisynth_gl, words[1:]
-            parent = click.Context(group, info_name=PROGRAM)
-            while isinstance(group, click.Group):
-                name, *arguments = arguments
-                group = group.get_command(parent, name)
-                assert group is not None, (block.place, name)
-            with group.make_context(name, arguments, parent) as context:
-                config_name = context.params.get("config_name")
-                if config_name in packaged_configs():
-                    load_config(config_name, context.params["settings"])
-            checked += 1
-    assert checked > 10
+    commands = [
+        (block.place, words)
+        for block in ALL_BLOCKS
+        if block.language in {"sh", "console"} and block.mark != "runnable"
+        for words in block.commands
+        if words[0] == PROGRAM
+    ]
+    assert len(commands) > 10
+    for place, words in commands:
+        group, arguments = semisynth_gl, words[1:]
+        parent = click.Context(group, info_name=PROGRAM)
+        while isinstance(group, click.Group):
+            name, *arguments = arguments
+            group = group.get_command(parent, name)
+            assert group is not None, (place, name)
+        with group.make_context(name, arguments, parent) as context:
+            config_name = context.params.get("config_name")
+            if config_name in packaged_configs():
+                load_config(config_name, context.params["settings"])
