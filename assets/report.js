@@ -2,14 +2,12 @@
 (() => {
   const find = (id) => document.getElementById(id);
   const pairs = JSON.parse(find("data").textContent);
-  const stage = find("stage"), layers = [...stage.querySelectorAll("img")], overlays = document.getElementsByName("overlay");
+  const stage = find("stage"), layers = [...stage.querySelectorAll("img")];
   const chosen = (name) => document.querySelector(`[name=${name}]:checked`).value;
-  const textOf = (number, name) => find(`pair-${number}-${name}`).textContent;
-  let number = 0, values = null, timer = 0, flipped = false, held = false;
+  let number = 0, values = null, timer = 0, flipped = false;
 
   function draw() {
-    const image = chosen("image"), other = image === "right" ? "left" : chosen("other");
-    const seen = flipped !== held ? (other === image ? "right" : other) : image;
+    const image = chosen("image"), other = image === "left" ? "right" : "left", seen = flipped ? other : image;
     for (const layer of layers) {
       // Overlays belong to pixels of the left view, which the warped image has too.
       const shown = layer.dataset.image ? layer.dataset.image === seen : layer.dataset.overlay === chosen("overlay") && seen !== "right";
@@ -20,27 +18,19 @@
   }
 
   async function show(wanted) {
-    const mine = (number = (wanted + pairs.length) % pairs.length);
+    const mine = (number = (wanted + pairs.length) % pairs.length), pair = pairs[mine];
     find("viewer").hidden = false;
     values = null;
-    find("caption").textContent = pairs[mine].caption;
-    stage.style.width = `min(100%, ${(80 * pairs[mine].width) / pairs[mine].height}vh)`;
+    find("caption").textContent = pair.caption;
+    stage.style.width = `min(100%, ${(80 * pair.width) / pair.height}vh)`;
     for (const [k, button] of [...find("strip").children].entries()) button.setAttribute("aria-pressed", String(k === mine));
-    for (const layer of layers) {
-      const name = layer.dataset.image ?? layer.dataset.overlay;
-      layer.src = `data:image/${layer.dataset.image ? "jpeg" : "png"};base64,${textOf(mine, name)}`;
-    }
+    for (const layer of layers) layer.src = pair[layer.dataset.image ?? layer.dataset.overlay];
     draw();
-    try {
-      const bytes = Uint8Array.from(atob(textOf(mine, "values")), (character) => character.charCodeAt(0));
-      const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-      const floats = new Float32Array(await new Response(stream).arrayBuffer());
-      if (mine !== number) return;
-      values = floats;
-      find("readout").textContent = "Point at the image.";
-    } catch (error) {
-      if (mine === number) find("readout").textContent = `The disparities cannot be read: ${error.message}`;
-    }
+    const bytes = Uint8Array.from(atob(pair.values), (character) => character.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+    const floats = new Float32Array(await new Response(stream).arrayBuffer());
+    if (mine !== number) return;
+    values = floats;
     stage.dataset.pair = String(mine);
   }
 
@@ -64,12 +54,10 @@
     draw();
   }
 
-  const hold = (down) => { held = down; draw(); };
-  const nextOverlay = () => { overlays[([...overlays].findIndex((each) => each.checked) + 1) % overlays.length].checked = true; draw(); };
-  const keys = { f: flicker, n: () => show(number + 1), p: () => show(number - 1), o: nextOverlay, c: () => hold(true) };
+  const keys = { f: flicker, n: () => show(number + 1), p: () => show(number - 1) };
   for (const [k, pair] of pairs.entries()) {
     const button = Object.assign(document.createElement("button"), { type: "button", title: pair.caption, onclick: () => show(k) });
-    button.append(Object.assign(new Image(), { alt: "", src: `data:image/jpeg;base64,${textOf(k, "thumbnail")}` }), pair.label);
+    button.append(Object.assign(new Image(), { alt: "", src: pair.thumbnail }), pair.name);
     find("strip").append(button);
   }
   for (const input of document.querySelectorAll("#viewer input")) input.addEventListener("change", draw);
@@ -77,6 +65,5 @@
   find("flicker").addEventListener("click", flicker);
   stage.addEventListener("pointermove", read);
   document.addEventListener("keydown", (event) => event.ctrlKey || event.metaKey || event.altKey || event.repeat || keys[event.key.toLowerCase()]?.());
-  document.addEventListener("keyup", (event) => { if (event.key.toLowerCase() === "c") hold(false); });
   if (pairs.length > 0) show(0);
 })();

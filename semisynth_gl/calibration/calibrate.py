@@ -26,14 +26,12 @@ from semisynth_gl.histogram import total_variation
 from semisynth_gl.inputs.arguments import LEAST, to_real, to_whole
 from semisynth_gl.inputs.errors import BackendError, InputError, counted, shown
 from semisynth_gl.inputs.user_files import Files, expanded, names_of
-from semisynth_gl.judge.comparison import MeasuredPlace, measure_place
 from semisynth_gl.judge.measured_view import working_width
-from semisynth_gl.judge.place import left_out, map_files, one_of_each_scene
+from semisynth_gl.judge.place import MeasuredPlace, map_files, measure_place
 from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.listener import Listener
 from semisynth_gl.seeds.splits import Split
-from semisynth_gl.textures.image_files import find_files, find_images
-from semisynth_gl.textures.images import image_extensions
+from semisynth_gl.textures.image_files import find_images
 from semisynth_gl.textures.prepare import prepare_atlas
 
 
@@ -158,10 +156,8 @@ def calibrate(
         image_sources = [str(folder)]
         photographed = photograph_sizes(find_images(image_sources))
     fitting_count = 0 if other_camera else check_sizes(photographed, [rig.size for rig in rigs], scale)
-    one_a_scene, depths = one_of_each_scene(maps), kind == "depth"
-    disparity_px = disparity_range(
-        scaled, one_a_scene, png_scale=png_scale, depths=depths, range_px=range_px, range_m=range_m
-    )
+    depths = kind == "depth"
+    disparity_px = disparity_range(scaled, maps, png_scale=png_scale, depths=depths, range_px=range_px, range_m=range_m)
     matched = [] if other_camera else _matched_pairs(given, image_sources, scaled, notes)
     draft = describe(
         name,
@@ -194,10 +190,9 @@ def calibrate(
     config = make_config(draft)
     expected = [_expectation(config)] if trials else []
     summary = [*rig_summary(draft, report), *style_summary(draft.style, place), *expected]
-    skipped = left_out(find_files(image_sources, image_extensions()), maps)
     unrectified = raw_note(draft, place) if rectify_to is None else None
     narrowed = view_note(draft) if alpha is None and fov_deg is None else None
-    notes += filter(None, [narrowed, baseline_note(draft.ranges["baseline_m"]), skipped, unrectified])
+    notes += filter(None, [narrowed, baseline_note(draft.ranges["baseline_m"]), unrectified])
     return Calibration(config, write(draft), summary, notes)
 
 
@@ -315,7 +310,7 @@ def _fitted(draft: Draft, place: MeasuredPlace, trials: int, listener: Listener)
     from semisynth_gl.calibration.trial import fit  # noqa: PLC0415
 
     try:
-        return fit(draft, place.side, trials, listener)
+        return fit(draft, place.values, trials, listener)
     except BackendError as error:
         message = f"{error}\nWithout OpenGL, make no trials: the config is then made without trial pairs"
         raise BackendError(message) from None

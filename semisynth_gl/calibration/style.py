@@ -1,8 +1,7 @@
 """The style of a calibrated dataset: the mix of its recipes and the look of its surfaces, chosen by what a place shows.
 
 A mean or a distribution over the pairs of a mix is the weighted mean over its recipes, so a few pairs of each recipe
-suffice to predict any mix. Blur and exposure are applied to rendered images, so one pair can be measured with every
-amount of them.
+suffice to predict any mix. Blur is applied to rendered images, so one pair can be measured with every amount of it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,35 +13,20 @@ from numpy.typing import NDArray
 
 from semisynth_gl.calibration.recipes import SceneRecipe
 from semisynth_gl.inputs.errors import counted
-from semisynth_gl.judge.advice import moved_by
-from semisynth_gl.judge.comparison import Side
-from semisynth_gl.judge.measures import MEASURES, Measure
+from semisynth_gl.judge.comparison import FEWEST, Values, unit_of
+from semisynth_gl.judge.measures import MEASURES
 
-# Tried values of textures.texels_per_pixel, imperfections.blur_px (in pixels at the working width) and
-# imperfections.exposure_stops.
+# Tried values of textures.texels_per_pixel, and of imperfections.blur_px in pixels at the working width.
 TEXELS = ((0.8, 1.5), (0.4, 0.75))
-BLURS = (0.0, 0.3, 0.5, 0.7, 1.0)
-EXPOSURES = (-0.6, 0.0)
+BLURS = (0.0, 0.15, 0.3, 0.5, 0.8)
 
-_OF_MIX = ("background.room", "background.street", "structures.panels", "particles.density", "disparity.target")
-_OF_LOOK = "imperfections.blur_px", "imperfections.exposure_stops", "textures.texels_per_pixel"
-# Values that may be chosen: the measures between tried values are interpolated.
-_FINE_BLURS, _FINE_EXPOSURES = (
-    np.round(np.arange(tried[0], tried[-1] + step / 2, step), 9) + 0.0
-    for tried, step in ((BLURS, 0.05), (EXPOSURES, 0.1))
-)
 # Weights are multiples of one over this number.
 _PARTS = 20
 # Cost of uneven weights: this times the sum of their squares, in the unit of `_far`.
 _EVENNESS = 0.1
 # Share of pixels at unwanted disparities that costs as much as one measure that is off by one standard deviation.
 _SURPLUS = 0.07
-# Cost of darkening by one stop: darker images are chosen only where the measures gain more than this.
-_DARK = 0.5
-_EQUAL, _UNTRIED = "Equal weights: no disparity map says otherwise.", "Equal weights: no pairs were tried."
-# As shares of a measure's mean: the standard deviation assumed for a place with a single picture, and the lower limit
-# of any standard deviation.
-_UNKNOWN, _LEAST = 0.25, 0.05
+_TRIED = " that were rendered and measured."
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,19 +34,14 @@ class Trial:
     """The measures of trial pairs of R recipes; M is the number of `MEASURES`.
 
     Attributes:
-        means: (R, T, B, E, M) float64, means over pairs by recipe and by index into `TEXELS`, `BLURS`, `EXPOSURES` and
-            `MEASURES`; nan where no pair has the measure.
-        geometry: for each recipe, (P, M) float64 measures of its P pairs; only measures of disparity maps are used. nan
-            where a pair does not have the measure.
-        pairs: number of all trial pairs.
+        values: for each recipe, and for each of `TEXELS`, (P, B, M) float64, the measures of its P pairs with each of
+            `BLURS`; nan where a pair does not have the measure.
         shares: (R, K) float64, expected share of each recipe's pixels in each of the K bins of the wanted histogram of
             disparities; 0 for recipes that are solved for the disparities that the other recipes lack.
         wanted: (K,) float64, shares of the wanted histogram.
     """
 
-    means: NDArray[np.float64]
-    geometry: tuple[NDArray[np.float64], ...]
-    pairs: int
+    values: Sequence[Sequence[NDArray[np.float64]]]
     shares: NDArray[np.float64]
     wanted: NDArray[np.float64]
 
@@ -76,7 +55,6 @@ class Style:
         weights: weight of each recipe, above 0; the sum is 1.
         texels_per_pixel: low and high end of ``textures.texels_per_pixel``.
         blur_px: ``imperfections.blur_px``, in pixels of the config's images.
-        exposure_stops: ``imperfections.exposure_stops``.
         mix_origin: sentence on the origin of the weights, for a comment.
         look_origin: sentence on the origin of the other values, for a comment.
         expected: expected mean of each measure over a dataset with this style, by the measure's key; empty where no
@@ -87,25 +65,18 @@ class Style:
     weights: tuple[float, ...]
     texels_per_pixel: tuple[float, float] = TEXELS[0]
     blur_px: float = 0.0
-    exposure_stops: float = 0.0
-    mix_origin: str = _UNTRIED
+    mix_origin: str = "Equal weights: no pairs were tried."
     look_origin: str = "As in the packaged configs: no pairs were tried."
     expected: Mapping[str, float] = field(default_factory=dict)
 
-    def near(self, place: Side) -> tuple[int, int]:
-        """Count the measures whose expected mean is near the place's mean.
-
-        Returns the number of measures that are at most the place's standard deviation off, and the number of measures
-        that could be compared.
-        """
-        both = [
-            (abs(expected - mean), deviation)
-            for measure in MEASURES
-            if (expected := self.expected.get(measure.key)) is not None
-            and (mean := place.mean(measure)) is not None
-            and (deviation := place.unit(measure)) is not None
+    def near(self, place: Values) -> tuple[int, int]:
+        """Count the measures whose expected mean is at most the place's standard deviation off, and all compared."""
+        off = [
+            abs(expected - place[key].mean()) / unit
+            for key, expected in self.expected.items()
+            if len(place[key]) >= FEWEST and (unit := unit_of(place[key])) > 0
         ]
-        return sum(off <= deviation for off, deviation in both), len(both)
+        return sum(each <= 1 for each in off), len(off)
 
 
 def untried_style(recipes: Sequence[SceneRecipe]) -> Style:
@@ -113,12 +84,12 @@ def untried_style(recipes: Sequence[SceneRecipe]) -> Style:
     return Style(tuple(recipes), (1 / len(recipes),) * len(recipes))
 
 
-def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur_scale: float) -> Style:
+def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Values, blur_scale: float) -> Style:
     """Choose the style whose pairs are expected to be nearest to a place, in standard deviations of its pictures.
 
-    The weights of recipes are chosen by the distributions of the measures of disparity maps that recipes change, and by
-    the wanted disparities, since no recipe can remove pixels that a mix has too many of. Texture scale, blur and
-    exposure are chosen by the means of the measures that they change; see `semisynth_gl.judge.advice`.
+    The weights of recipes are chosen by the distributions of the measures of disparity maps, and by the wanted
+    disparities, since no recipe can remove pixels that a mix has too many of. Texture scale and blur are chosen by the
+    means of the measures of images.
 
     Args:
         recipes: the R recipes to mix, in the order of ``trial``; the last one is clutter.
@@ -126,77 +97,66 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur
         place: the measures of the place's pictures, at the working width.
         blur_scale: pixels of the config's images per pixel at the working width, to convert the tried `BLURS`.
     """
-    place_means, unit = _wanted(place)
-    weights, mix_origin = np.full(len(recipes), 1 / len(recipes)), ""
-    # Measures of disparity maps, which do not depend on the look of surfaces.
-    geometry = mean(trial.means[:, :, 0, 0], axis=1)
-    rows = _rows([measure for measure in moved_by(*_OF_MIX) if measure.of_maps], place_means, geometry)
-    if rows:
+    trial_pairs = counted(sum(len(values) for each in trial.values for values in each), "pair")
+    pictured = [
+        number for number, measure in enumerate(MEASURES) if place[measure.key].size and place[measure.key].any()
+    ]
+    weights, mix_origin = np.full(len(recipes), 1 / len(recipes)), "Equal weights: no disparity map says otherwise."
+    # Measures of disparity maps do not depend on blur.
+    maps = [np.concatenate([values[:, 0] for values in of_recipe]) for of_recipe in trial.values]
+    of_maps = [
+        number
+        for number in pictured
+        if MEASURES[number].of_maps and all(np.isfinite(values[:, number]).any() for values in maps)
+    ]
+    if of_maps:
         mixes = _mixes(len(recipes))
-        off = np.stack([_apart(mixes, trial.geometry, place, row) / unit[row] for row in rows], axis=-1)
-        surplus = np.maximum(mixes @ trial.shares - trial.wanted, 0).sum(axis=1, keepdims=True)
-        best = np.argmin(_far(off) + _far(surplus / _SURPLUS) + _EVENNESS * (mixes**2).sum(axis=1))
-        weights, mix_origin = mixes[best], f"Weights by {_named(rows)} and the wanted disparities"
-    looks = mean(trial.means, 0, weights[:, None, None, None, None])
-    fine = (BLURS, _FINE_BLURS), (EXPOSURES, _FINE_EXPOSURES)
-    for axis, (tried, fine_values) in enumerate(fine, 1):
-        looks = _between(looks, axis, tried, fine_values)
-    rows = _rows(moved_by(*_OF_LOOK), place_means, looks.reshape(-1, looks.shape[-1]))
-    far = _far((looks[..., rows] - place_means[rows]) / unit[rows]) - _DARK * _FINE_EXPOSURES
-    texels, blur, exposure = map(int, np.unravel_index(np.argmin(far), far.shape))
-    expected = looks[texels, blur, exposure]
-    of_pairs = f"of {counted(trial.pairs, 'pair')} that were rendered and measured"
+        apart = [_apart(mixes, [values[:, k] for values in maps], place[MEASURES[k].key]) for k in of_maps]
+        surplus = np.maximum(mixes @ trial.shares - trial.wanted, 0).sum(axis=1) / _SURPLUS
+        far = _far(np.stack([*apart, surplus], axis=-1)) + _EVENNESS * (mixes**2).sum(axis=1)
+        weights = mixes[np.argmin(far)]
+        mix_origin = f"Weights by {_named(of_maps)} and the wanted disparities of {trial_pairs}{_TRIED}"
+    means = np.array([[_mean(values) for values in of_recipe] for of_recipe in trial.values])
+    looks = _mean(means, weights)
+    compared = [number for number in pictured if np.isfinite(looks[..., number]).all()]
+    of_looks = [number for number in compared if not MEASURES[number].of_maps]
+    places = [place[MEASURES[number].key] for number in of_looks]
+    off = (looks[..., of_looks] - [values.mean() for values in places]) / [unit_of(values) for values in places]
+    texels, blur = map(int, np.unravel_index(np.argmin(_far(off)), looks.shape[:2]))
     kept = np.flatnonzero(weights).tolist()
     return Style(
         tuple(recipes[number] for number in kept),
         tuple(float(weights[number]) for number in kept),
         TEXELS[texels],
-        float(f"{_FINE_BLURS[blur] * blur_scale:.2g}"),
-        float(_FINE_EXPOSURES[exposure]),
-        f"{mix_origin} {of_pairs}." if mix_origin else _EQUAL,
-        f"By {_named(rows)} {of_pairs}.",
-        {measure.key: float(value) for measure, value in zip(MEASURES, expected, strict=True) if np.isfinite(value)},
+        float(f"{BLURS[blur] * blur_scale:.2g}"),
+        mix_origin,
+        f"By {_named(of_looks)} of {trial_pairs}{_TRIED}",
+        {MEASURES[number].key: float(looks[texels, blur, number]) for number in compared},
     )
 
 
-def _wanted(place: Side) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the place's mean of each measure, nan where it has none, and the unit of differences from it, (M,) each.
-
-    The unit is the standard deviation over pictures, or a share of the mean where that is unknown or too small.
-    """
-    # Converted to float64, None becomes nan.
-    means = np.array([place.mean(measure) for measure in MEASURES], np.float64)
-    deviations = np.array([place.deviation(measure) for measure in MEASURES], np.float64)
-    units = np.where(np.isnan(deviations), _UNKNOWN * np.abs(means), deviations)
-    return means, np.maximum(units, _LEAST * np.abs(means))
+def _mean(values: NDArray[np.float64], weights: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    """Return weighted means along the first axis over the values that are not nan; nan where all are nan."""
+    there = np.isfinite(values)
+    shares = there if weights is None else there * weights.reshape(-1, *[1] * (values.ndim - 1))
+    sums, total = (shares * np.where(there, values, 0)).sum(axis=0), shares.sum(axis=0)
+    means: NDArray[np.float64] = np.divide(sums, total, out=np.full(total.shape, np.nan), where=total > 0)
+    return means
 
 
 def _apart(
-    mixes: NDArray[np.float64], geometry: Sequence[NDArray[np.float64]], place: Side, row: int
+    mixes: NDArray[np.float64], tried: Sequence[NDArray[np.float64]], pictures: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the Wasserstein-1 distances, (N,), between a measure's distributions in N mixes and in the place.
 
-    ``mixes`` are weights (N, R) of recipes, ``geometry`` is that of `Trial`, and ``row`` is the measure's number in
-    `MEASURES`. A mix's distribution function is the weighted mean of its recipes' distribution functions.
+    ``mixes`` are weights (N, R) of recipes, ``tried`` the measure of each recipe's trial pairs, ``pictures`` of the
+    place, in whose `unit_of` distances are. A mix's distribution function is the weighted mean of its recipes'.
     """
-    samples = [
-        values[np.isfinite(values)]
-        for values in (*(pairs[:, row] for pairs in geometry), place.values[MEASURES[row].key])
-    ]
+    samples = [values[np.isfinite(values)] for values in (*tried, pictures)]
     places = np.unique(np.concatenate(samples))
     *ours, theirs = (np.searchsorted(np.sort(each), places[:-1], "right") / len(each) for each in samples)
-    apart: NDArray[np.float64] = np.abs(mixes @ np.array(ours) - theirs) @ np.diff(places)
+    apart: NDArray[np.float64] = np.abs(mixes @ np.array(ours) - theirs) @ np.diff(places) / unit_of(pictures)
     return apart
-
-
-def _rows(measures: Sequence[Measure], place_means: NDArray[np.float64], found: NDArray[np.float64]) -> list[int]:
-    """Return the numbers in `MEASURES` of those ``measures`` that can be compared.
-
-    The place has a mean (M,) other than 0, and no row of the means (N, M) that were ``found`` in trials is nan.
-    """
-    chosen = {measure.key for measure in measures}
-    there = np.isfinite(place_means) & np.isfinite(found).all(axis=0) & (place_means != 0)
-    return [number for number, measure in enumerate(MEASURES) if measure.key in chosen and there[number]]
 
 
 def _far(off: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -222,25 +182,5 @@ def _mixes(recipes: int) -> NDArray[np.float64]:
     return weights
 
 
-def mean(
-    values: NDArray[np.float64], axis: int | tuple[int, ...], weights: NDArray[np.float64] | None = None
-) -> NDArray[np.float64]:
-    """Return weighted means along axes over the values that are not nan; nan where all values are nan."""
-    there = np.isfinite(values)
-    shares = there * (1.0 if weights is None else weights)
-    sums, total = (shares * np.where(there, values, 0)).sum(axis=axis), shares.sum(axis=axis)
-    means: NDArray[np.float64] = np.divide(sums, total, out=np.full(total.shape, np.nan), where=total > 0)
-    return means
-
-
-def _between(
-    values: NDArray[np.float64], axis: int, tried: Sequence[float], chosen: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Interpolate ``values`` along an axis: from its points ``tried``, in rising order, to points ``chosen``."""
-    parts = np.array([np.interp(chosen, tried, each) for each in np.eye(len(tried))])
-    found: NDArray[np.float64] = np.moveaxis(np.tensordot(values, parts, (axis, 0)), -1, axis)
-    return found
-
-
-def _named(rows: Sequence[int]) -> str:
-    return ", ".join(MEASURES[row].name for row in rows)
+def _named(numbers: Sequence[int]) -> str:
+    return ", ".join(MEASURES[number].name for number in numbers)

@@ -11,14 +11,12 @@ from semisynth_gl.calibration.stereo_rectify import WIDEST_FISHEYE_DEG
 from semisynth_gl.calibration.style import Style
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.inputs.errors import counted
-from semisynth_gl.judge.comparison import MeasuredPlace
+from semisynth_gl.judge.place import MeasuredPlace
 from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.textures.crop_report import TextureReport
 
 # Baselines of rigs that are not in another unit than assumed.
 _SHORTEST_M, _LONGEST_M = 0.002, 5.0
-# What lenses and rectification leave in photographs, by the key of its measure.
-_OF_LENSES = {"corners": "corners {:.2f} times as sharp as the middle", "border": "{:.1f}% black border"}
 # Rectified photographs have at least this share of the border that the rectification leaves, if that share of the image
 # is border.
 _LEAST_OF_BORDER, _MUCH_BORDER = 0.3, 0.03
@@ -63,16 +61,11 @@ def style_summary(style: Style, place: MeasuredPlace | None) -> list[str]:
     lines = [f"recipes          {', '.join(f'{weight:.0%} {recipe.name}' for weight, recipe in parts)}"]
     if place is None:
         return lines
-    seen = [
-        text.format(place.side.values[key].mean()) for key, text in _OF_LENSES.items() if len(place.side.values[key])
-    ]
-    lines.insert(0, f"sharpness        {', '.join(seen)}, in the photographs")
+    if place.values["border"].size:
+        lines.insert(0, f"black border     {place.values['border'].mean():.1f}% of the photographs")
     low, high = style.texels_per_pixel
-    look = f"{low:g} to {high:g} texels per pixel, blurred by {style.blur_px:g} px"
-    if style.exposure_stops:
-        look += f", exposed by {style.exposure_stops:g} stops"
-    lines.append(f"textures         {look}")
-    near, compared = style.near(place.side)
+    lines.append(f"textures         {low:g} to {high:g} texels per pixel, blurred by {style.blur_px:g} px")
+    near, compared = style.near(place.values)
     # Without enough pictures of the place, there is no deviation to compare with.
     if compared:
         means = f"means of {near} of {counted(compared, 'measure')}"
@@ -104,9 +97,9 @@ def raw_note(draft: Draft, place: MeasuredPlace | None) -> str | None:
     reasons = []
     if draft.rectification is not None and draft.rectification.is_large(draft.size.width_px):
         reasons.append("the right camera deviates far")
-    if draft.lenses is not None and place is not None and len(place.side.values["border"]):
+    if draft.lenses is not None and place is not None and len(place.values["border"]):
         border = 1 - float(np.mean([chain.valid.mean() for chain in draft.lenses.values()]))
-        found = float(place.side.values["border"].mean()) / 100
+        found = float(place.values["border"].mean()) / 100
         if border > _MUCH_BORDER and found < _LEAST_OF_BORDER * border:
             reasons.append(f"the lens leaves {border:.1%} border, and they have {found:.1%}")
     if not reasons:

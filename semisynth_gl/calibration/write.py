@@ -125,9 +125,8 @@ def config_values(draft: Draft) -> ConfigValues:
     )
     made.section(
         "imperfections",
-        {"blur_px": style.blur_px, "exposure_stops": style.exposure_stops or None},
+        {"blur_px": style.blur_px},
         "As soft as the photographs are, see textures.",
-        exposure_stops="surfaces of photographs of several exposures meet in one image",
     )
     return made
 

@@ -1,6 +1,5 @@
 """``semisynth-gl preview``."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -11,7 +10,6 @@ from semisynth_gl.cli.outputs import OutputFile
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.codecs.ply import encode_points
-from semisynth_gl.config.model import Recipe
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.dataset.interrupts import interrupts_end
 from semisynth_gl.frame.frame import as_rgb
@@ -61,7 +59,7 @@ def preview(scene: SceneOptions, out: Path, ply: Path | None, patches: bool, pai
         from semisynth_gl.pairs.pipeline import PairRenderer  # noqa: PLC0415
 
     config = scene.config()
-    recipes = config.recipes()
+    recipes, target = config.recipes(), config.shown_histogram()
     with PairRenderer(config, scene.seed, scene.backend) as renderer, Progress() as progress:
         indices = renderer.sampler.overview(pairs or max(_FEWEST, len(recipes)))
         progress.on_total(len(indices))
@@ -71,23 +69,30 @@ def preview(scene: SceneOptions, out: Path, ply: Path | None, patches: bool, pai
             progress.advance()
         expected, in_view = renderer.expected_histogram(), renderer.sampler.in_view()
         title = f"{config.name}, seed {scene.seed}, {counted(len(shown), 'pair')}, {renderer.renderer_name}"
-    first = shown[0]
-    of_recipe = {
-        recipe.name: [pair for pair in shown if pair.provenance.get("recipe") == recipe.name] for recipe in recipes
-    }
-    grouped = [(recipe, pair) for recipe in recipes for pair in of_recipe[recipe.name]]
-    names = [f"{'' if recipe.name is None else f'{recipe.name}, '}pair {pair.index}" for recipe, pair in grouped]
-    weights = [recipe.share / len(of_recipe[recipe.name]) for recipe, _ in grouped]
-    target = config.shown_histogram()
-    draw_sheet([pair.frame for _, pair in grouped], target, title, names, weights).savefig(out)
+    of_recipe = [[pair for pair in shown if pair.provenance.get("recipe") == recipe.name] for recipe in recipes]
+    grouped = [(recipe, pair, len(its)) for recipe, its in zip(recipes, of_recipe, strict=True) for pair in its]
+    draw_sheet(
+        [pair.frame for _, pair, _ in grouped],
+        target,
+        title,
+        [f"{'' if recipe.name is None else f'{recipe.name}, '}pair {pair.index}" for recipe, pair, _ in grouped],
+        [recipe.share / count for recipe, _, count in grouped],
+    ).savefig(out)
     say(f"{counted(len(shown), 'pair')} in {out}")
     if ply is not None:
-        points = first.frame.points()
+        frame = shown[0].frame
+        points = frame.points()
         seen = np.isfinite(points[..., 2])
-        ply.write_bytes(encode_points(points[seen], as_rgb(first.frame.left.image)[seen]))
-        say(f"the points of pair {first.index} in {ply}")
-    for recipe, (objects, still) in zip(recipes, in_view, strict=True):
-        say(_about(recipe, [pair.index for pair in of_recipe[recipe.name]], objects, 1 - still))
+        ply.write_bytes(encode_points(points[seen], as_rgb(frame.left.image)[seen]))
+        say(f"the points of pair {shown[0].index} in {ply}")
+    for recipe, its, (objects, still) in zip(recipes, of_recipe, in_view, strict=True):
+        view = f"on average {counted(round(objects), 'particle')} in view, covering {1 - still:.0%} of the image"
+        if recipe.name is not None:
+            listed = (
+                f"pair{'s' * (len(its) > 1)} {', '.join(str(pair.index) for pair in its)}" if its else "no pair shown"
+            )
+            view = f"{recipe.name}, {recipe.share:.0%} of the scenes: {listed}; {view}"
+        say(view)
     say(
         f"over many pairs, disparities are expected to have a total variation of "
         f"{total_variation(expected, target):.3f} from the target, and a Wasserstein-1 distance of "
@@ -129,16 +134,3 @@ def _patch_table(report: TextureReport) -> list[str]:
         cells = [*map(str, numbers), f"{worn:.1%}"]
         lines.append(f"{name:<{wide}}  " + "  ".join(f"{cell:>9}" for cell in cells))
     return lines
-
-
-def _about(recipe: Recipe, indices: Sequence[int], objects: float, covered: float) -> str:
-    """Return a line about a recipe: its share of the scenes, the pairs that show it, and its particles.
-
-    ``objects`` is the mean number of particles in a left view, and ``covered`` the share of the view that they cover,
-    0 to 1.
-    """
-    view = f"on average {counted(round(objects), 'particle')} in view, covering {covered:.0%} of the image"
-    if recipe.name is None:
-        return view
-    pairs = f"pair{'s' * (len(indices) > 1)} {', '.join(map(str, indices))}" if indices else "no pair shown"
-    return f"{recipe.name}, {recipe.share:.0%} of the scenes: {pairs}; {view}"

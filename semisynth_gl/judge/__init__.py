@@ -1,23 +1,24 @@
 """Judges of datasets and predictions: `verify`, `report` and `evaluate`."""
 
-from semisynth_gl.judge.comparison import Comparison, MeasuredPlace, Row, Side
+from semisynth_gl.judge.comparison import Row
 from semisynth_gl.judge.confirmation import evaluate_views, unconfirmed
 from semisynth_gl.judge.evaluate import evaluate
+from semisynth_gl.judge.measured_pairs import MeasuredPair
 from semisynth_gl.judge.measures import MEASURES, Measure
+from semisynth_gl.judge.place import MeasuredPlace
 from semisynth_gl.judge.protocol import PROTOCOLS, Protocol, ProtocolName
 from semisynth_gl.judge.score import Score, score
 
 __all__ = [
     "MEASURES",
     "PROTOCOLS",
-    "Comparison",
     "Measure",
+    "MeasuredPair",
     "MeasuredPlace",
     "Protocol",
     "ProtocolName",
     "Row",
     "Score",
-    "Side",
     "evaluate",
     "evaluate_views",
     "score",

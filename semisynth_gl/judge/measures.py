@@ -1,26 +1,153 @@
-"""The table of measures by which the views of a dataset and of its place are compared."""
+"""The table of measures by which the views of a dataset and of its place are compared, with the keys that move them.
 
-from collections.abc import Callable
+The report names these keys where a dataset is far from its place; `calibrate` chooses recipes and textures by the
+measures. Below, ``surfaces`` is (H, W) float32 px without holes, ``disparity`` the same with nan where it is unknown,
+and ``luminance`` (H, W) float32 8-bit levels, as in a `MeasuredView`.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from semisynth_gl.judge.measured_view import MeasuredView
-from semisynth_gl.judge.quantities import (
-    border_hardness,
-    corner_sharpness,
-    hidden,
-    jumps,
-    rectification_border,
-)
+from semisynth_gl.textures.borders import border_share
 
-_FLAT_LEVELS = 4.0
+JUMP_PX = 1.0
+"""Larger differences between the disparities of neighbours are jumps: two surfaces, or one surface seen edge-on."""
+
+# Larger jumps are borders of objects. On each side, the first two columns may be mixed from both surfaces, and the next
+# three tell the surface's level; fewer borders, or borders of less contrast, say nothing.
+_HIGH_JUMP_PX, _MIXED, _PLAIN, _LEAST_CONTRAST, _FEWEST_BORDERS = 2.0, 2, 3, 10.0, 20
+# Over this distance slants are measured: in maps that are rounded to 1/2 px, 1 px is too short.
+_SLANT_SPAN_PX = 16
+# Squares with a smaller deviation are flat.
+_FLAT_SIDE, _FLAT_LEVELS = 9, 4.0
 # Predictions and measured maps have a few values that are far off.
 _LARGEST = 0.995
 
-_OF_IMAGES = frozenset({"luminance", "gradients", "local_contrasts", "octave_contrasts"})
+Floats = NDArray[np.float32]
+
+
+def jumps(surfaces: Floats) -> float:
+    """Return the share of neighbours in a row between which the disparity jumps, %."""
+    return 100 * float((np.abs(np.diff(surfaces)) > JUMP_PX).mean()) if surfaces.shape[1] > 1 else float("nan")
+
+
+def run_length(surfaces: Floats) -> float:
+    """Return the mean over pixels of the length, px, of the run between jumps of its row that the pixel belongs to."""
+    ends = np.pad(np.abs(np.diff(surfaces)) > JUMP_PX, ((0, 0), (0, 1)), constant_values=True)
+    lengths = np.diff(np.flatnonzero(ends), prepend=-1)
+    return float(np.average(lengths, weights=lengths))
+
+
+def hidden(disparity: Floats) -> NDArray[np.bool_]:
+    """Return the pixels of a left view that the right view cannot show, (H, W) bool, by the left disparity.
+
+    A pixel is hidden where a nearer pixel has the same place in the right view, or where that place is outside the
+    image; a pixel without disparity is not. Pairs with a mask are judged in the same way as maps of a place.
+    """
+    height, width = disparity.shape
+    known = np.isfinite(disparity)
+    place = np.arange(width) - np.where(known, disparity, 0)
+    outside: NDArray[np.bool_] = known & ((place < -0.5) | (place >= width - 0.5))
+    inside = known & ~outside
+    column = np.clip(np.rint(place), 0, width - 1).astype(np.int64)
+    # The nearest surface in each pixel of the right view. A surface that faces to the left has gaps of one pixel there.
+    nearest = np.full((height, width + 2), float(disparity[inside].min(initial=0.0)), np.float32)
+    np.maximum.at(nearest, (np.nonzero(inside)[0], column[inside] + 1), disparity[inside])
+    closed = np.maximum(nearest[:, 1:-1], np.minimum(nearest[:, :-2], nearest[:, 2:]))
+    return outside | (inside & (np.take_along_axis(closed, column, axis=1) > disparity + JUMP_PX))
+
+
+def occluded(disparity: Floats, _: Floats) -> float:
+    """Return the share of the pixels with a disparity that are `hidden`, %; only dense maps can tell it."""
+    return 100 * float(hidden(disparity).sum() / np.isfinite(disparity).sum())
+
+
+def slant(surfaces: Floats) -> float:
+    """Return the mean length of the gradient of disparity, px per px, over 16 px without a jump in row and column."""
+    half, slopes = _SLANT_SPAN_PX // 2, []
+    if min(surfaces.shape) <= _SLANT_SPAN_PX:
+        return float("nan")
+    for values in (surfaces, surfaces.T):
+        passed = np.pad(np.cumsum(np.abs(np.diff(values)) > JUMP_PX, axis=1), ((0, 0), (1, 0)))
+        slope = (values[:, _SLANT_SPAN_PX:] - values[:, :-_SLANT_SPAN_PX]) / _SLANT_SPAN_PX
+        slope[passed[:, _SLANT_SPAN_PX:] != passed[:, :-_SLANT_SPAN_PX]] = np.nan
+        slopes.append(slope[half:-half])
+    lengths = np.hypot(slopes[0], slopes[1].T)
+    smooth = lengths[np.isfinite(lengths)]
+    return float(smooth.mean()) if smooth.size else float("nan")
+
+
+def mean_disparity(disparity: Floats) -> float:
+    """Return the mean disparity, % of the width."""
+    known = disparity[np.isfinite(disparity)]
+    return 100 * float(known.mean()) / disparity.shape[1] if known.size else float("nan")
+
+
+def largest_disparity(disparity: Floats) -> float:
+    """Return the disparity below which 99.5 % of the pixels lie, % of the width."""
+    known = disparity[np.isfinite(disparity)]
+    return 100 * float(np.quantile(known, _LARGEST)) / disparity.shape[1] if known.size else float("nan")
+
+
+def border_hardness(luminance: Floats, surfaces: Floats) -> float:
+    """Return how hard the borders of objects are: their luminance's mean step over the mean contrast of their sides.
+
+    Borders are high jumps in a row with five pixels of one surface on each side. The contrast is the difference between
+    the means of each side's third to fifth pixels. The step is the largest difference between neighbours within one
+    pixel of the jump, since measured maps are rarely better aligned with their images. Borders with a contrast below
+    10 levels are left out; with fewer than 20 borders, the result is nan.
+    """
+    reach = _MIXED + _PLAIN
+    if surfaces.shape[1] < 2 * reach:
+        return float("nan")
+    around = sliding_window_view(np.abs(np.diff(surfaces)), 2 * reach - 1, axis=1)
+    row, column = np.nonzero((around[..., reach - 1] > _HIGH_JUMP_PX) & ((around > JUMP_PX).sum(axis=-1) == 1))
+    levels = luminance[row[:, None], column[:, None] + np.arange(2 * reach)].astype(np.float64)
+    contrast = np.abs(levels[:, :_PLAIN].mean(axis=1) - levels[:, -_PLAIN:].mean(axis=1))
+    step = np.abs(np.diff(levels[:, _PLAIN:-_PLAIN])).max(axis=1, initial=0)
+    clear = contrast >= _LEAST_CONTRAST
+    return float(step[clear].sum() / contrast[clear].sum()) if clear.sum() >= _FEWEST_BORDERS else float("nan")
+
+
+def flat(luminance: Floats) -> float:
+    """Return the share of squares of 9 x 9 pixels whose standard deviation is below 4 levels, %."""
+    squares = _squares(luminance, _FLAT_SIDE)
+    return 100 * float((squares.std(axis=(1, 3)) < _FLAT_LEVELS).mean()) if squares.size else float("nan")
+
+
+def fine_detail(luminance: Floats) -> float:
+    """Return the contrast of the finest octave of detail over that of the third; noise has 4, a photograph about 0.6.
+
+    An octave's contrast is the root mean square deviation within blocks of 2 x 2: first of pixels, and in each further
+    octave of the means of the previous octave's blocks.
+    """
+    levels, contrasts = luminance, list[float]()
+    for _ in range(3):
+        blocks = _squares(levels, 2)
+        if not blocks.size:
+            return float("nan")
+        levels = blocks.mean(axis=(1, 3))
+        contrasts.append(float(np.sqrt(np.mean((blocks - levels[:, None, :, None]) ** 2))))
+    finest, _, third = contrasts
+    return finest / third if third > 0 else float("nan")
+
+
+def gradient(luminance: Floats) -> float:
+    """Return the mean length of the luminance's gradient between neighbouring pixels, levels per px."""
+    lengths = np.hypot(np.diff(luminance, axis=1)[1:], np.diff(luminance, axis=0)[:, 1:])
+    return float(lengths.mean()) if lengths.size else float("nan")
+
+
+def black_border(luminance: Floats) -> float:
+    """Return the share of an image that rectification left black, %."""
+    # Means over a border and what lies beside it are not black.
+    return 100 * border_share(np.clip(np.ceil(luminance), 0, 255).astype(np.uint8))
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,98 +157,153 @@ class Measure:
     Attributes:
         key: the measure's name in JSON.
         name: the measure's name in tables and plots.
-        of: names of the arrays of a `MeasuredView` that the number is computed from; see `MeasuredView.array`.
         unit: the unit of the number.
+        of: names of the arrays of a `MeasuredView` that the number is computed from.
         value: computes the number from the arrays ``of``; returns nan where they do not determine it.
+        moves: keys of the config that move the measure, the strongest first: 1 where it rises with the key, -1 where it
+            falls.
         fine: whether it depends on the finest detail, which images narrower than the working width lack.
     """
 
     key: str
     name: str
-    of: tuple[str, ...]
     unit: str
+    of: tuple[str, ...]
     value: Callable[..., float]
+    moves: Mapping[str, int]
     fine: bool = False
 
     @property
     def of_images(self) -> bool:
         """Whether the measure needs only an image."""
-        return _OF_IMAGES.issuperset(self.of)
+        return self.of == _IMAGE
 
     @property
     def of_maps(self) -> bool:
         """Whether the measure needs no image."""
-        return _OF_IMAGES.isdisjoint(self.of)
-
-    def measure(self, view: MeasuredView) -> float | None:
-        """Return the number for a view; None where the view lacks an array, or its arrays do not determine it."""
-        arrays = [array for name in self.of if (array := view.array(name)) is not None]
-        if (self.fine and view.enlarged) or len(arrays) < len(self.of):
-            return None
-        value = float(self.value(*arrays))
-        return value if np.isfinite(value) else None
+        return "luminance" not in self.of
 
 
-def _mean(values: NDArray[Any]) -> float:
-    return float(values.mean()) if values.size else float("nan")
-
-
-def _percent(mask: NDArray[np.bool_]) -> float:
-    return 100 * _mean(mask)
-
-
-def _flat(contrasts: NDArray[np.float64]) -> float:
-    return _percent(contrasts < _FLAT_LEVELS)
-
-
-def _weighted_by_itself(sizes: NDArray[np.int64]) -> float:
-    """Return the mean over pixels of the size of the run or region that the pixel belongs to."""
-    return float(np.average(sizes.astype(np.float64), weights=sizes))
-
-
-def _occluded(disparity: NDArray[np.float32], _: NDArray[np.float32]) -> float:
-    return 100 * float(hidden(disparity).sum() / np.isfinite(disparity).sum())
-
-
-def _known(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
-    known: NDArray[np.float32] = disparity[np.isfinite(disparity)]
-    return known
-
-
-def _of_width(px: float, disparity: NDArray[np.float32]) -> float:
-    return 100 * px / float(disparity.shape[1])
-
-
-def _mean_disparity(disparity: NDArray[np.float32]) -> float:
-    return _of_width(_mean(_known(disparity)), disparity)
-
-
-def _largest_disparity(disparity: NDArray[np.float32]) -> float:
-    known = _known(disparity)
-    return _of_width(float(np.quantile(known, _LARGEST)), disparity) if known.size else float("nan")
-
-
-def _detail(octaves: NDArray[np.float64]) -> float:
-    finest, _, third, *_ = octaves.tolist()
-    return finest / third if third > 0 else float("nan")
-
+_IMAGE, _MAP, _SURFACES = ("luminance",), ("disparity",), ("surfaces",)
+_BUSY = {
+    "scenes": 1, "particles.density": 1, "particles.size_px": -1, "models.complex": 1, "background.room": -1,
+    "background.street": -1, "room.furniture": 1, "room.small": 1,
+}  # fmt: skip
+_ON_ROADS = {"street.tall": 1, "street.low": 1, "street.houses": -1}
+_CALM = {key: -sign for key, sign in _BUSY.items()}
+_SOFT = {"antialias": -1, "imperfections.blur_px": -1}
+_TEXTURE = {"textures.texels_per_pixel": 1, "textures.min_texture": 1}
+_SLANTED = {
+    "structures.panel_slant_deg": 1, "structures.panels": -1, "particles.thinness": -1, "background.street": 1,
+    "street.vehicles": -1,
+}  # fmt: skip
+_NEAR = {"disparity.target": 1, "room.pillars": 1}
 
 MEASURES: tuple[Measure, ...] = (
-    Measure("jumps", "depth jumps above 1 px", ("surfaces",), "per 100 px", lambda each: _percent(jumps(each, 1))),
-    Measure("runs", "length of smooth runs", ("run_lengths",), "px", _weighted_by_itself),
-    Measure("occluded", "occluded, of known", ("disparity", "surfaces"), "%", _occluded),
-    Measure("slant", "slant, mean", ("slants",), "px per px", _mean),
-    Measure("disparity", "disparity, mean", ("disparity",), "% of width", _mean_disparity),
-    Measure("largest_disparity", "disparity, largest", ("disparity",), "% of width", _largest_disparity),
     Measure(
-        "border_hardness", "borders: step over contrast", ("luminance", "surfaces"), "ratio", border_hardness, fine=True
+        "jumps", "depth jumps above 1 px", "per 100 px", _SURFACES, jumps,
+        {**_BUSY, **_ON_ROADS, "structures.panels": -1, "particles.thinness": -1},
     ),
-    Measure("flat", "local contrast below 4 levels", ("local_contrasts",), "%", _flat, fine=True),
-    Measure("octaves", "contrast, finest over third octave", ("octave_contrasts",), "ratio", _detail, fine=True),
-    Measure("gradient", "gradient, mean", ("gradients",), "levels per px", _mean, fine=True),
-    Measure("luminance", "luminance, mean", ("luminance",), "levels", _mean),
-    Measure("contrast", "luminance, deviation", ("luminance",), "levels", lambda each: float(each.std())),
-    Measure("border", "black border of rectification", ("luminance",), "%", rectification_border),
-    Measure("corners", "sharpness, corners over middle", ("luminance",), "ratio", corner_sharpness, fine=True),
-)
-"""All measures, in the order of tables; for each, keys of a config move it."""
+    Measure(
+        "runs", "length of smooth runs", "px", _SURFACES, run_length,
+        {**_CALM, "structures.panels": 1, "room.pillars": -1, "street.houses": 1},
+    ),
+    Measure(
+        "occluded", "occluded, of known", "%", _MAP + _SURFACES, occluded,
+        {**_BUSY, **_ON_ROADS, "room.pillars": 1, "street.vehicles": 1},
+    ),
+    Measure("slant", "slant, mean", "px per px", _SURFACES, slant, _SLANTED),
+    Measure("disparity", "disparity, mean", "% of width", _MAP, mean_disparity, {**_NEAR, "street.vehicles": 1}),
+    Measure(
+        "largest_disparity", "disparity, largest", "% of width", _MAP, largest_disparity,
+        {**_NEAR, "disparity.max_px": 1},
+    ),
+    Measure(
+        "border_hardness", "borders: step over contrast", "ratio", _IMAGE + _SURFACES, border_hardness, _SOFT, fine=True
+    ),
+    Measure(
+        "flat", "local contrast below 4 levels", "%", _IMAGE, flat,
+        {key: -sign for key, sign in (_TEXTURE | _BUSY).items()}, fine=True,
+    ),
+    Measure(
+        "octaves", "contrast, finest over third octave", "ratio", _IMAGE, fine_detail, _SOFT | _BUSY, fine=True
+    ),
+    Measure("gradient", "gradient, mean", "levels per px", _IMAGE, gradient, _TEXTURE | _SOFT | _BUSY, fine=True),
+    Measure(
+        "luminance", "luminance, mean", "levels", _IMAGE, lambda levels: float(levels.mean()),
+        {"imperfections.exposure_stops": 1, "imperfections.gamma": -1},
+    ),
+    Measure(
+        "contrast", "luminance, deviation", "levels", _IMAGE, lambda levels: float(levels.std()),
+        {"imperfections.exposure_stops": 1},
+    ),
+    Measure("border", "black border of rectification", "%", _IMAGE, black_border, {"lens": 1}),
+)  # fmt: skip
+"""All measures, in the order of tables."""
+
+# Advice for a larger and for a smaller value of keys that are not numbers.
+_CHANGES = {
+    "scenes": tuple(f"in scenes, give more weight to recipes with {count} objects" for count in ("many", "few")),
+    "antialias": ("antialias: edges", "antialias: none"),
+    "lens": (
+        "add lens, which calibrate writes from cameras before rectification",
+        "leave lens out, or rectify with a smaller alpha",
+    ),
+}
+# Kinds of background in whose scenes a section counts.
+_KINDS = {"room": {"room"}, "street": {"street"}, "structures": {"cuboid", "plane"}}
+
+
+def measure_view(view: MeasuredView, measures: Iterable[Measure] = MEASURES) -> dict[str, float]:
+    """Return those of the ``measures`` that a view has, by their keys."""
+    values = {}
+    for measure in measures:
+        arrays = [array for name in measure.of if (array := getattr(view, name)) is not None]
+        if len(arrays) == len(measure.of) and not (measure.fine and view.enlarged):
+            values[measure.key] = measure.value(*arrays)
+    return {key: value for key, value in values.items() if np.isfinite(value)}
+
+
+def advice(measure: Measure, recipes: Sequence[Mapping[str, Any]], *, more: bool) -> str:
+    """Return what to change in a config for a larger or smaller value of a measure.
+
+    Keys that have no effect in the scenes of any recipe are not named, nor are settings that the config already has.
+
+    Args:
+        measure: the measure to move.
+        recipes: the config of each recipe, in JSON's types; at least one.
+        more: True for a larger value, False for a smaller one.
+    """
+    changes = list[str]()
+    for verb, sign in (("raise", 1), ("lower", -1)):
+        keys = [
+            key for key, moves in measure.moves.items() if (moves == sign) == more and _has_effect(key, recipes)
+        ]  # fmt: skip
+        numbers = [key for key in keys if key not in _CHANGES]
+        changes += [_CHANGES[key][sign < 0] for key in keys if key in _CHANGES]
+        changes += [f"{verb} {', '.join(numbers)}"] if numbers else []
+    return "; ".join(text for text in changes if text != f"antialias: {recipes[0].get('antialias')}")
+
+
+def _has_effect(key: str, recipes: Sequence[Mapping[str, Any]]) -> bool:
+    """Return whether a key has an effect in the scenes of any recipe."""
+    section, _, name = key.rpartition(".")
+    if key == "scenes":
+        return len(recipes) > 1
+    for recipe in recipes:
+        weights = recipe.get("background", {})
+        kinds = {kind for kind in set().union(*_KINDS.values()) if weights.get(kind, 0) > 0}
+        in_scenes = kinds & _KINDS[section] if section in _KINDS else True
+        if section == "background":
+            in_scenes = name in kinds and len(kinds) > 1  # the only weight above 0 is 1, whatever its value
+        if key == "particles.density":
+            in_scenes = recipe.get("particles", {}).get("layers") is None
+        if in_scenes:
+            return True
+    return False
+
+
+def _squares(values: Floats, side: int) -> Floats:
+    """Return the squares of an array that lie side by side, (rows, side, columns, side)."""
+    rows, columns = (count // side for count in values.shape)
+    return values[: rows * side, : columns * side].reshape(rows, side, columns, side)

@@ -1,6 +1,7 @@
-"""The files of a place, photographs and disparity or depth maps, as views to measure."""
+"""The place that a dataset is made for: its photographs, and its disparity or depth maps, read and measured."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,16 +12,33 @@ from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.inputs.user_files import expanded
+from semisynth_gl.judge.comparison import Values, gather
 from semisynth_gl.judge.measured_view import MeasuredView, make_view
-from semisynth_gl.textures.image_files import KITTI_2012_MAPS, KITTI_2015_MAPS, beside_photographs, find_files
-from semisynth_gl.textures.images import read_image
+from semisynth_gl.judge.measures import MEASURES, measure_view
+from semisynth_gl.textures.image_files import KITTI_2015_MAPS, find_files
+from semisynth_gl.textures.images import ImageError, read_image
+from semisynth_gl.textures.subjects import of_subjects, photographed_subjects
 
 # The image of a map, by the map's name (Middlebury and ETH3D), and the images' folder, by the maps' folder (KITTI).
 _IMAGE_OF_NAME = {"disp0GT": "im0.png", "disp0": "im0.png", "disp1GT": "im1.png", "disp1": "im1.png"}
 _IMAGE_OF_FOLDER = dict(zip(KITTI_2015_MAPS, ("image_2", "image_2", "image_3", "image_3"), strict=True))
-# Maps of the same scene, the preferred one first: left before right views, and maps with occluded pixels before others.
-_OF_ONE_SCENE = (("disp0GT", "disp1GT"), ("disp0", "disp1"), KITTI_2015_MAPS, KITTI_2012_MAPS)
 _OF_RIGHT_VIEWS = frozenset({"disp1GT", "disp1", *KITTI_2015_MAPS[2:]})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredPlace:
+    """The measures of a place.
+
+    Attributes:
+        values: the measures; those that need only an image are of the photographs, where several photographs of one
+            subject count as one picture with their mean, and all others are of the maps.
+        summary: number of photographs, subjects and maps, as text.
+        notes: sentences on photographs and maps that were left out, or used in part only.
+    """
+
+    values: Values
+    summary: str
+    notes: tuple[str, ...]
 
 
 def map_files(sources: Sequence[str | Path], kind: str = "disparity") -> list[Path]:
@@ -44,16 +62,6 @@ def map_files(sources: Sequence[str | Path], kind: str = "disparity") -> list[Pa
             )
         paths |= dict.fromkeys(maps)
     return list(paths)
-
-
-def one_of_each_scene(maps: Sequence[Path]) -> list[Path]:
-    """Return the maps without those that show the same scene as another map, as Middlebury, ETH3D and KITTI name them.
-
-    A left view's map is preferred to a right view's (``disp0GT`` to ``disp1GT``, ``disp_occ_0`` to ``disp_occ_1``), and
-    a map with the pixels that only one eye sees to a map without them (``disp_occ_0`` to ``disp_noc_0``).
-    """
-    given = set(maps)
-    return [path for path in maps if given.isdisjoint(_before(path))]
 
 
 def disparity_of_depths(path: Path, camera: StereoCamera) -> NDArray[np.float32]:
@@ -85,40 +93,6 @@ def read_map(
     return np.where(np.isfinite(values) & (values > 0), values, np.float32(np.nan))
 
 
-def _image_beside(path: Path) -> Path | None:
-    """Return the image that belongs to a disparity map, as Middlebury, ETH3D and KITTI name it; None without one."""
-    if path.stem in _IMAGE_OF_NAME:
-        image = path.with_name(_IMAGE_OF_NAME[path.stem])
-    elif path.parent.name in _IMAGE_OF_FOLDER:
-        image = path.parent.with_name(_IMAGE_OF_FOLDER[path.parent.name]) / path.name
-    else:
-        return None
-    return image if image.is_file() else None
-
-
-def _before(path: Path) -> list[Path]:
-    """Return the paths of maps of the same scene that would be preferred to this one."""
-    for names in _OF_ONE_SCENE:
-        if path.stem in names:
-            return [path.with_stem(name) for name in names[: names.index(path.stem)]]
-        if path.parent.name in names:
-            folder = path.parent
-            return [folder.with_name(name) / path.name for name in names[: names.index(folder.name)]]
-    return []
-
-
-def left_out(images: Sequence[Path], maps: Sequence[Path]) -> str:
-    """Return a note on the images and maps that a comparison leaves out; "" where it takes all.
-
-    These are masks and maps among the images, and maps that `one_of_each_scene` leaves out.
-    """
-    taken = set(one_of_each_scene(maps))
-    beside = [path for path in images if beside_photographs(path)]
-    files = list(dict.fromkeys([*beside, *(path for path in maps if path not in taken)]))
-    reason = "masks and maps among photographs, and further maps of the same scene"
-    return f"left out {counted(len(files), 'file')}, such as {files[0]}: {reason}" if files else ""
-
-
 def map_view(
     path: Path, width_px: int, png_scale: float = KITTI_DISPARITY.steps, depths_of: StereoCamera | None = None
 ) -> MeasuredView:
@@ -131,11 +105,69 @@ def map_view(
         InputError: where the map has no disparity, or another size than its image.
         ReadError: where a file cannot be read.
     """
-    disparity, beside = read_map(path, png_scale, depths_of), _image_beside(path)
+    disparity = read_map(path, png_scale, depths_of)
     if not np.isfinite(disparity).any():
         raise InputError(f"{path}: holds no disparity: all of its values are 0 or below, inf or nan")
-    image = None if beside is None else read_image(beside)
+    beside = path.with_name(_IMAGE_OF_NAME.get(path.stem, path.name))
+    if path.parent.name in _IMAGE_OF_FOLDER:
+        beside = path.parent.with_name(_IMAGE_OF_FOLDER[path.parent.name]) / path.name
+    image = read_image(beside) if beside != path and beside.is_file() else None
+    if image is not None and image.shape[:2] != disparity.shape:
+        raise InputError(f"{path}: {disparity.shape[::-1]} px, but {beside} has {image.shape[1::-1]} px")
     if _OF_RIGHT_VIEWS.intersection((path.stem, path.parent.name)):
         # The mirror image of a right view is a left view.
         disparity, image = disparity[:, ::-1], None if image is None else image[:, ::-1]
-    return make_view(str(path), width_px, image=image, disparity=disparity)
+    return make_view(width_px, image, disparity)
+
+
+def measure_place(
+    photographs: Sequence[Path],
+    maps: Sequence[Path],
+    width_px: int,
+    png_scale: float = KITTI_DISPARITY.steps,
+    depths_of: StereoCamera | None = None,
+) -> MeasuredPlace:
+    """Measure a place's photographs and maps at a working width.
+
+    Args:
+        photographs: image files.
+        maps: disparity maps, true or predicted; see `read_map` for ``png_scale`` and ``depths_of``.
+        width_px: the working width.
+        png_scale: levels per pixel of disparity in 16-bit PNG.
+        depths_of: the rectified pair, if the maps hold depths of its left view instead.
+
+    Raises:
+        InputError: where no photograph can be read, or a map does not fit its image or has no disparity.
+        ReadError: where a map cannot be read.
+    """
+    notes: list[str] = []
+    subjects = []
+    measured = narrow = 0
+    for paths in photographed_subjects(photographs):
+        pictures = []
+        for path in paths:
+            try:
+                view = make_view(width_px, read_image(path))
+            except ImageError as error:
+                notes.append(f"left out: {path}: {error.reason}")
+                continue
+            pictures.append(measure_view(view))
+            narrow += view.enlarged
+        if pictures:
+            measured += len(pictures)
+            subjects.append({key: float(values.mean()) for key, values in gather(pictures).items() if values.size})
+    if not subjects:
+        raise InputError(f"no photograph of the place can be read: {'; '.join(notes[:1])}")
+    views = [map_view(path, width_px, png_scale, depths_of) for path in maps]
+    if narrow:
+        notes.append(f"{counted(narrow, 'photograph')} narrower than {width_px} px, used for luminance only")
+    if sparse := sum(view.surfaces is None for view in views):
+        few = "with disparities in fewer than half of the pixels, used for disparity only"
+        notes.append(f"{counted(sparse, 'map')} {few}")
+    summary = f"{counted(measured, 'photograph')}{of_subjects(measured, len(subjects))}"
+    of_images, of_maps = gather(subjects), gather(measure_view(view) for view in views)
+    return MeasuredPlace(
+        {each.key: (of_images if each.of_images else of_maps)[each.key] for each in MEASURES},
+        f"{summary}, {counted(len(maps), 'disparity map')}",
+        tuple(notes),
+    )

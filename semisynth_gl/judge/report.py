@@ -1,47 +1,73 @@
 """The report: a dataset as one HTML page, and beside pictures of its place what to change in its config."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
+from typing import Any
 
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.dataset.reader import Dataset, read_index
+from semisynth_gl.dataset.reader import Dataset, StoredIndex, read_index
+from semisynth_gl.histogram import Histogram, total_variation, wasserstein_px
 from semisynth_gl.inputs.arguments import LEAST, to_real, to_whole
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.inputs.resources import data_root
+from semisynth_gl.inputs.templates import template_environment
 from semisynth_gl.inputs.user_files import Files, names_of
-from semisynth_gl.judge.comparison import Comparison, MeasuredPlace, measure_place, side_of
-from semisynth_gl.judge.measured_pairs import QUANTITIES, Measurement, Outlier, PairMeasures, find_outliers, measure
+from semisynth_gl.judge.charts import draw_report
+from semisynth_gl.judge.comparison import Row, compare, gather, lines, table
+from semisynth_gl.judge.measured_pairs import MeasuredPair, find_outliers, measure_pairs
 from semisynth_gl.judge.measured_view import WORKING_WIDTH, working_width
-from semisynth_gl.judge.page import render_page
-from semisynth_gl.judge.pictures import make_pictures
-from semisynth_gl.judge.place import map_files
+from semisynth_gl.judge.pictures import BEYOND, HIDDEN, NO_DISPARITY, embed_pair
+from semisynth_gl.judge.place import MeasuredPlace, map_files, measure_place
 from semisynth_gl.listener import Listener
 from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.seeds.spread import spread
 from semisynth_gl.textures.image_files import find_images
 
-# For this many of the first quantities, the page also shows the farthest outlier.
-_SHOWN_QUANTITIES = 3
-_NARROWEST, _WIDEST = 32, 4096
+# The page shows this many of the outliers, beside evenly spread pairs.
+_SHOWN_OUTLIERS = 3
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Report:
     """A page, with its numbers.
 
     Attributes:
         page: the page, as HTML.
-        measurement: the measures of the sample.
-        comparison: the measures beside those of the place; None without photographs of it.
+        dataset_pairs: number of pairs of the dataset, or of the split.
+        pairs: the measured pairs.
         shown: number of pairs on the page.
-        step: the page shows every ``step``-th pixel of a pair, in both directions; 0 where it shows no pair.
+        width_px: the working width, to which all images and maps were brought.
+        disparity: distribution of disparity over all pixels of the left views; None where no pixel has a disparity.
+        target: distribution that the config asks for.
+        rows: the measures, beside those of the place where one was given.
+        place: the measures of the place; None without photographs of it.
     """
 
     page: str
-    measurement: Measurement
-    comparison: Comparison | None
+    dataset_pairs: int
+    pairs: Sequence[MeasuredPair]
     shown: int
-    step: int
+    width_px: int
+    disparity: Histogram | None
+    target: Histogram
+    rows: Sequence[Row]
+    place: MeasuredPlace | None
+
+    def lines(self) -> list[str]:
+        """Return the measures, and what to change in the config, as lines for a terminal."""
+        place = "" if self.place is None else f" beside {self.place.summary}"
+        return [f"{len(self.pairs)} pairs{place}, at a width of {self.width_px} px", "", *lines(self.rows)]
+
+    def values(self) -> dict[str, Any]:
+        """Return the measures in JSON's types."""
+        return {
+            "pairs": len(self.pairs),
+            "place": None if self.place is None else self.place.summary,
+            "width_px": self.width_px,
+            "measures": [row.values() for row in self.rows],
+        }
 
 
 def report(
@@ -50,7 +76,6 @@ def report(
     images: Files = (),
     disparity: Files = (),
     png_scale: float = KITTI_DISPARITY.steps,
-    width_px: int | None = None,
     pairs: int = 12,
     sample: int = 200,
     split: SplitName | None = None,
@@ -63,8 +88,6 @@ def report(
         images: photographs of the place that the dataset is made for, to compare it with: files, folders or globs.
         disparity: disparity maps of the place: .pfm, .npy and 16-bit .png files, folders or globs.
         png_scale: levels of a 16-bit PNG map per pixel of disparity.
-        width_px: the width, from 32 to 4096 px, to which all images and maps are brought before they are compared; by
-            default 512, or the pairs' own width if that is less.
         pairs: number of pairs to show, evenly spread; the page shows up to three outliers in addition. With 0, it shows
             no pair.
         sample: number of pairs to measure, evenly spread; never fewer than ``pairs``.
@@ -72,29 +95,46 @@ def report(
         listener: is told the number of pairs to measure, and each measured pair.
 
     Raises:
-        InputError: where there is no dataset, it is not finished or has no such split, none of the sampled pairs can be
-            read, or there is no such photograph or map, or a map cannot be used.
+        InputError: where there is no dataset, it is not finished or has no such split, or there is no such photograph
+            or map, or a map cannot be used.
+        ReadError: where a pair or a map cannot be read.
     """
     pairs, sample = to_whole("pairs", pairs, least=0), to_whole("sample", sample, least=1)
     index = read_index(dataset)
-    opened = Dataset(index, split)
-    if width_px is None:
-        configured = index.plan.config.camera.width_px
-        width_px = WORKING_WIDTH if configured is None else working_width(round(configured))
-    width_px = to_whole("width_px", width_px, least=_NARROWEST, most=_WIDEST)
+    opened, config = Dataset(index, split), index.plan.config
+    width_px = WORKING_WIDTH if config.camera.width_px is None else working_width(round(config.camera.width_px))
     place = _measured_place(images, disparity, png_scale, width_px)
+    target = config.shown_histogram()
     positions = spread(len(opened), max(sample, pairs))
-    measurement = measure(opened, positions, split, listener, None if place is None else width_px)
-    comparison = None
-    if place is not None:
-        recipes = [recipe.config.model_dump(mode="json") for recipe in index.plan.config.recipes()]
-        left_views = measurement.left_views
-        comparison = Comparison(width_px, side_of(left_views), len(left_views), place, recipes)
-    outliers = [outlier for quantity in QUANTITIES for outlier in find_outliers(measurement.pairs, quantity)]
-    shown = _choose(measurement.pairs, pairs, outliers)
-    pictures = make_pictures([pair.position for pair, _ in shown], opened.__getitem__)
-    page = render_page(index, measurement, comparison, outliers, shown, pictures)
-    return Report(page, measurement, comparison, len(shown), pictures[0].step if pictures else 0)
+    measured, achieved = measure_pairs(opened, positions, width_px, target, listener or Listener())
+    recipes = [recipe.config.model_dump(mode="json") for recipe in config.recipes()]
+    rows = compare(gather(pair.values for pair in measured), gather(()) if place is None else place.values, recipes)
+    outliers = find_outliers(measured)
+    shown = [measured[number] for number in spread(len(measured), pairs)]
+    shown += [outlier.pair for outlier in outliers[: _SHOWN_OUTLIERS * bool(shown)]]
+    by_position = {pair.position: pair for pair in shown}
+    facts = _provenance(index, split)
+    if achieved is not None:
+        facts["distance from the target"] = (
+            f"total variation {total_variation(target, achieved):.3f}, "
+            f"Wasserstein-1 {wasserstein_px(target, achieved):.3g} px"
+        )
+    page = _page(
+        name=config.name,
+        measured=len(measured),
+        pairs=len(opened),
+        width_px=width_px,
+        facts=facts,
+        config=json.dumps(config.model_dump(mode="json"), indent=1),
+        chart=draw_report(achieved, target, rows),
+        place=place,
+        table=table(rows),
+        outliers=outliers,
+        numbers={position: number for number, position in enumerate(by_position)},
+        embedded=[_embedded(opened, pair) for pair in by_position.values()],
+        colours={"hidden in the right view": HIDDEN, "outside the right view": BEYOND, "no disparity": NO_DISPARITY},
+    )
+    return Report(page, len(opened), measured, len(by_position), width_px, achieved, target, rows, place)
 
 
 def _measured_place(images: Files, disparity: Files, png_scale: float, width_px: int) -> MeasuredPlace | None:
@@ -107,14 +147,36 @@ def _measured_place(images: Files, disparity: Files, png_scale: float, width_px:
     return measure_place(find_images(image_names), map_files(map_names), width_px, png_scale)
 
 
-def _choose(
-    measured: Sequence[PairMeasures], pairs: int, outliers: Sequence[Outlier]
-) -> list[tuple[PairMeasures, str | None]]:
-    """Return the pairs to show: first evenly spread pairs, with None, then outliers, with the reason to show them."""
-    evenly = [measured[number] for number in spread(len(measured), pairs)]
-    chosen: dict[int, tuple[PairMeasures, str | None]] = {pair.position: (pair, None) for pair in evenly}
-    for quantity in QUANTITIES[:_SHOWN_QUANTITIES] if evenly else ():
-        farthest = next((outlier.pair for outlier in outliers if outlier.quantity is quantity), None)
-        if farthest is not None:
-            chosen.setdefault(farthest.position, (farthest, f"shown as the outlier in {quantity.name}"))
-    return list(chosen.values())
+def _provenance(index: StoredIndex, split: SplitName | None) -> dict[str, str]:
+    """Return what made a dataset, by name."""
+    plan, made = index.plan, index.made
+    codecs = f"images {plan.encodings.image.name}, disparities {plan.encodings.disparity.name}"
+    facts = {
+        "program": f"{plan.program} {plan.version}",
+        "config": f"{plan.config.name}, SHA-256 {plan.config_sha256}",
+        "seed": str(plan.seed),
+        "pairs": ", ".join(f"{count:,} {name}" for name, count in plan.pairs.items()),
+        "layout": f"{plan.layout_name}; {codecs}",
+        "truth": f"{plan.config.truth}; {', '.join(plan.config.outputs)}",
+    }
+    if made is not None:
+        redraws = sum(entry.redraws for entry in made.shard_entries if split in (None, entry.split))
+        facts["redrawn"] = f"{redraws:,} attempts failed the config's checks and were rendered anew"
+        facts["renderers"] = ", ".join(made.renderers)
+    return facts
+
+
+def _embedded(dataset: Dataset, pair: MeasuredPair) -> Mapping[str, Any]:
+    """Return a pair as report.js shows it; see `embed_pair`."""
+    embedded = embed_pair(dataset[pair.position])
+    low, high = embedded["colours"]
+    recipe = "" if pair.recipe is None else f", recipe {pair.recipe}"
+    caption = f"{pair.name}{recipe}; colours from {low:.1f} to {high:.1f} px"
+    return embedded | {"name": pair.name, "caption": caption}
+
+
+def _page(**values: object) -> str:
+    """Render assets/report.html: one file that needs neither server nor network."""
+    environment, assets = template_environment(), data_root("assets")
+    style, script = (assets.joinpath(name).read_text("utf-8") for name in ("report.css", "report.js"))
+    return environment.get_template("report.html").render(style=style, script=script, **values)

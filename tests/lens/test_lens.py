@@ -23,7 +23,7 @@ from semisynth_gl.frame.frame import Frame
 from semisynth_gl.frame.raw_camera import RawCamera, pinhole_of, rotation_of
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.measured_view import make_view
-from semisynth_gl.judge.measures import MEASURES
+from semisynth_gl.judge.measures import measure_view
 from semisynth_gl.lens.borders import bordered
 from semisynth_gl.lens.chain import LensChain, scaled_camera
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
@@ -258,10 +258,9 @@ def test_compare_finds_the_border():
     """Within a pixel along the border, which is mixed with what lies inside."""
     view = render_pair(with_lens(), 0).left
     border = view.valid != VISIBLE
-    (measure,) = (each for each in MEASURES if each.key == "border")
     around = np.pad(border, 1, mode="edge")
     edge = [around[1 + dy : 49 + dy, 1 + dx : 65 + dx] != border for dy, dx in ((0, 1), (1, 0), (0, -1), (-1, 0))]
-    found = measure.measure(make_view("pair", 64, image=view.image))
+    found = measure_view(make_view(64, view.image))["border"]
     assert found > 2
     assert abs(found / 100 - border.mean()) <= np.logical_or.reduce(edge).mean()
 

@@ -3,7 +3,6 @@
 import json
 import pickle
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,7 +23,6 @@ from semisynth_gl.frame.camera import Crop
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.histogram import PixelCount, total_variation
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.judge import report as reports
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.mix import MixSampler, Shares
 from semisynth_gl.scene.sampler import SceneSampler
@@ -407,25 +405,3 @@ def test_any_pair_and_any_crop_of_a_mix_can_be_rendered_first(dataset):
             np.testing.assert_array_equal(frame.left.disparity, stored[index].left.disparity)
             part = pairs.render(index, crop=crop, checked=False).frame
             np.testing.assert_array_equal(part.right.disparity, frame.cropped(crop).right.disparity)
-
-
-def test_the_report_has_a_table_of_recipes(dataset, monkeypatch):
-    index = read_index(dataset)
-    # A recipe of weight 0 makes no pair, and counts nowhere.
-    never = {"recipe": "never", "weight": 0.0, "textures": {"texels_per_pixel": 9.0}}
-    values = index.plan.config.model_dump(mode="json")
-    config = Config.model_validate({**values, "scenes": [*values["scenes"], never]})
-    monkeypatch.setattr(
-        reports, "read_index", lambda _: replace(index, plan=index.plan.model_copy(update={"config": config}))
-    )
-    report = reports.report(dataset, pairs=1, sample=6)
-    rows = {recipe["name"]: recipe for recipe in report.measurement.recipes}
-    assert {name: recipe["wanted"] for name, recipe in rows.items()} == pytest.approx(dict.fromkeys(rows, 1 / 3))
-    pairs = [open_dataset(dataset)[measured.position] for measured in report.measurement.pairs]
-    for name, recipe in rows.items():
-        its = [pair for pair in pairs if pair.recipe == name]
-        assert its
-        medians = [np.median(pair.left.disparity[np.isfinite(pair.left.disparity)]) for pair in its]
-        assert (recipe["pairs"], recipe["median_px"]) == (len(its), pytest.approx(np.mean(medians)))
-        assert re.search(rf"<td>{name}</td><td class=\"number\">{recipe['wanted']:.1%}</td>", report.page)
-    assert re.search(r'"caption":"recipe (plain|walls|solids), ', report.page)
