@@ -1,7 +1,6 @@
 """The models that a dataset draws from: built or read once for a config and a seed, then loaded from the cache."""
 
 import hashlib
-import logging
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,8 +15,8 @@ from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
 from semisynth_gl.geometry.families import build_family
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS, kind_weights
 from semisynth_gl.geometry.mesh import Floats, Mesh
-from semisynth_gl.geometry.model_files import OUT_OF_MEMORY, load_models
-from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette, views_each
+from semisynth_gl.geometry.model_units import OUT_OF_MEMORY
+from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette
 from semisynth_gl.geometry.topology import marked_solid
 from semisynth_gl.inputs.errors import InputError, Skipped
 from semisynth_gl.inputs.user_files import expanded, files_below
@@ -35,12 +34,6 @@ lies between the numbers of kinds of the two built-in families."""
 # `Split.share`'s purpose for the user's models; the purposes of the two families of kinds are 0 and 1.
 _USER = 2
 _ARRAYS = ("positions", "uv", "triangles")
-# A model of fewer triangles takes less than a second, both to measure and in each pair.
-_MANY_TRIANGLES = 300_000
-# Triangles times views from which on measuring takes minutes: a processor measures a few million in a second.
-_MINUTES = 100_000_000
-
-_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,8 +164,11 @@ def _unpacked(entry: Entry) -> ModelLibrary:
 
 
 def _build(section: ModelsSection, particles: ParticlesSection, split: Split) -> ModelLibrary:
-    folders = [expanded(folder) for folder in section.folders]
-    user, skipped = load_models(folders) if folders else ([], [])
+    user, skipped = list[Mesh](), list[Skipped]()
+    if section.folders:
+        from semisynth_gl.geometry.model_files import load_models  # noqa: PLC0415 - trimesh is slow to load
+
+        user, skipped = load_models([expanded(folder) for folder in section.folders])
     # The weight counts the models of all splits, so that held-out models are as frequent as the rest.
     user_weight = section.user * min(1.0, len(user) / FULL_FAMILY)
     kinds = [list(family) for family in (SIMPLE_KINDS, COMPLEX_KINDS)]
@@ -201,19 +197,6 @@ def _build(section: ModelsSection, particles: ParticlesSection, split: Split) ->
     library = [mesh for _, models, _ in families for mesh in models]
     chances = np.concatenate([weight * np.array(shares) / max(sum(shares), 1e-300) for weight, _, shares in families])
     chances /= chances.sum()
-    _tell_costs(user, views_each(len(library)))
     rng = generator(split.seed, Purpose.MODELS, len(families))
     silhouette = mean_silhouette(library, chances, particles, rng)
     return ModelLibrary(tuple(library), np.arange(len(library)), chances, silhouette, tuple(skipped), len(user))
-
-
-def _tell_costs(models: Sequence[Mesh], views: int) -> None:
-    """Log the time that the user's models with very many triangles will cost, before they are measured."""
-    for mesh in models:
-        if (triangles := len(mesh.triangles)) >= _MANY_TRIANGLES:
-            once = "minutes" if views * triangles >= _MINUTES else "seconds"
-            _LOG.info(
-                "%s has %s triangles: to measure it from %d sides takes %s now, and to draw it takes seconds in each "
-                "pair that shows it. To save this time, decimate it, for example in MeshLab or Blender",
-                *(mesh.name, f"{triangles:,}", views, once),
-            )

@@ -21,6 +21,10 @@ PULL_LIMIT = 16
 _FAR_UV = 1024
 
 
+OUT_OF_MEMORY = "does not fit into memory: decimate the model, for example in MeshLab or Blender"
+"""The only reason for leaving a model out that may be gone the next time; results with it are not cached."""
+
+
 class BrokenModelError(Exception):
     """A model is unusable; the message is a clause about the file, such as ``"has no triangles"``."""
 

@@ -39,7 +39,7 @@ def mean_silhouette(
     """Average over M models by their chances, (M,), sum 1, over random directions, and the stretch of ``section``."""
     fill = 0.0
     heights, weights = [], []
-    views = views_each(len(models))
+    views = max(_LEAST_VIEWS, -(-_VIEWS // len(models)))
     for mesh, chance in zip(models, chances, strict=True):
         for scale in sample_scales(section, views, rng):
             axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
@@ -55,11 +55,6 @@ def mean_silhouette(
     wanted = (np.arange(_QUANTILES) + 0.5) / _QUANTILES * below[-1]
     # Rounded, since machines may sum in different orders and digests of models are compared.
     return Silhouette(round(float(fill), 9), np.round(height[order][np.searchsorted(below, wanted)], 9))
-
-
-def views_each(models: int) -> int:
-    """Return the number of sides from which `mean_silhouette` measures each model, given the number of models."""
-    return max(_LEAST_VIEWS, -(-_VIEWS // models))
 
 
 def sample_scales(section: ParticlesSection, count: int, rng: np.random.Generator) -> Floats:

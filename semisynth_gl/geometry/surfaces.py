@@ -26,7 +26,6 @@ from semisynth_gl.geometry.mesh import (
     without_degenerate,
 )
 from semisynth_gl.geometry.unwrap import facing_axes
-from semisynth_gl.inputs.errors import InputError
 
 BAND_STRETCH = 1.1
 """Largest factor by which a length around a lathed surface differs from its length in UV, either way."""
@@ -223,14 +222,11 @@ def extruded(outline: ArrayLike, height: float, hole: ArrayLike | None = None) -
     """Extrude a polygon, (N, 2), anticlockwise and star-shaped about the origin, from z = 0 to ``height``.
 
     ``hole`` is a polygon, (N, 2), anticlockwise and inside the outline. Its n-th point must face the n-th point of the
-    outline, because the top and the bottom are strips between the two. Raises InputError where hole and outline differ
-    in their number of points.
+    outline, because the top and the bottom are strips between the two.
     """
     outer = np.asarray(outline, np.float64)
     parts = [_wall(outer, height)]
     inner = None if hole is None else np.asarray(hole, np.float64)
-    if inner is not None and len(inner) != len(outer):
-        raise InputError(f"an extruded hole needs {len(outer)} points as its outline has, got {len(inner)}")
     for z, up in ((0.0, -1), (height, 1)):
         normal = np.array([0.0, 0.0, up])
         if inner is None:

@@ -20,9 +20,9 @@ from tiny_datasets import cheap
 from semisynth_gl import cache
 from semisynth_gl.cache import SUFFIX, Entry, cache_folder, cache_summary, cached
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection, TexturesSection
-from semisynth_gl.geometry import model_library, model_reader
+from semisynth_gl.geometry import model_files, model_library
+from semisynth_gl.geometry.model_files import read_surfaces
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.geometry.model_reader import read_surfaces
 from semisynth_gl.scene import pilots
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.scene.structures import take_stock
@@ -207,7 +207,7 @@ def test_what_did_not_fit_into_memory_is_read_again_the_next_time(photographs, o
     full = ImageError(photographs / "1.png", OUT_OF_MEMORY)
     with monkeypatch.context() as patch:
         patch.setattr(clips, "read_image", read_but_one(read_image, "1.png", full))
-        patch.setattr(model_reader, "read_surfaces", read_but_one(read_surfaces, "two.obj", MemoryError()))
+        patch.setattr(model_files, "read_surfaces", read_but_one(read_surfaces, "two.obj", MemoryError()))
         assert len(prepare_atlas(section, Split(0)).report.images_skipped) == 1
         assert len(library(own).skipped) == 1
     assert prepare_atlas(section, Split(0)).report.images_skipped == ()

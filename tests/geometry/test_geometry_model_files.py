@@ -1,15 +1,26 @@
-from importlib.util import find_spec
+"""Models from files: what is read, what is refused with a reason, and what a stranger's file cannot take."""
+
+import io
+import json
+import struct
+import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 from geometry_measures import STRETCH_BOUND, areas, jacobians, stretch, volume
-from gltf_files import DATA, glb, gltf
+from gltf_files import DATA, TRIANGLE, document, glb, gltf
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from shared_material import SHARED, needs_shared
+from trimesh.exchange import load as trimesh_load
 
+from semisynth_gl.geometry import model_files
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.geometry.model_files import load_models
+from semisynth_gl.geometry.model_files import load_models, read_surfaces
+from semisynth_gl.geometry.model_units import OUT_OF_MEMORY, BrokenModelError
 from semisynth_gl.geometry.surfaces import box
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.user_files import LFS_POINTER
@@ -17,12 +28,42 @@ from semisynth_gl.inputs.user_files import LFS_POINTER
 MODELS = SHARED / "models"
 
 SQUARE = "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 2 0\n"
+OBJ = SQUARE + "f 1 2 3\n"
+PLY_HEAD = (
+    "element vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+)
+PLY = "ply\nformat ascii 1.0\n" + PLY_HEAD + "0 0 0\n1 0 0\n0 1 0\n"
+PLY_BINARY = f"ply\nformat binary_little_endian 1.0\n{PLY_HEAD}".encode() + TRIANGLE + struct.pack("<B3i", 3, 0, 1, 2)
+STL_BINARY = bytes(80) + struct.pack("<I12fH", 1, *[0] * 3, *struct.unpack("<9f", TRIANGLE), 0)
+
+
+def write(folder: Path, name: str, content: str | bytes) -> Path:
+    path = folder / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+def reason(path: Path) -> str:
+    with pytest.raises(BrokenModelError) as caught:
+        read_surfaces(path)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def zipped(**members: str | bytes) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in members.items():
+            archive.writestr(name.replace("_", "."), content)
+    return buffer.getvalue()
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A folder with one good model, so that broken ones next to it are skipped and not the end."""
-    (tmp_path / "good.obj").write_text(SQUARE + "f 1 2 3\nf 1 3 4\n")
+    write(tmp_path, "good.obj", SQUARE + "f 1 2 3\nf 1 3 4\n")
     return tmp_path
 
 
@@ -32,21 +73,35 @@ def one(path: Path) -> Mesh:
     return mesh
 
 
-PLY = (
-    "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-    "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n"
-)
+def test_other_formats_have_the_surface(tmp_path: Path) -> None:
+    files = {"a.ply": PLY + "3 0 1 2\n", "b.ply": PLY_BINARY, "c.stl": STL_BINARY, "d.glb": glb(), "e.gltf": gltf(DATA)}
+    for name, content in files.items():
+        ((positions, triangles, _),) = read_surfaces(write(tmp_path, name, content))
+        np.testing.assert_array_equal(positions[triangles[0]], [[0, 0, 0], [1, 0, 0], [0, 1, 0]], err_msg=name)
+    assert len(read_surfaces(write(tmp_path, "two.zip", zipped(a_obj=OBJ, b_ply=PLY_BINARY, c_txt="no model")))) == 2
+    mesh = trimesh.creation.box()
+    mesh.visual = trimesh.visual.TextureVisuals(uv=np.random.default_rng(0).random((8, 2)))
+    mesh.export(tmp_path / "textured.glb")
+    ((*_, uv),) = read_surfaces(tmp_path / "textured.glb")
+    assert uv is not None
+    assert uv.shape == (8, 2)
+
+
+def test_text_needs_no_further_package_in_another_encoding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for package in ("charset_normalizer", "chardet", "cchardet"):
+        monkeypatch.setitem(sys.modules, package, None)
+    path = write(tmp_path, "a.obj", ("# Größe ÿ\no Tür\nusemtl größe\n" + OBJ).encode("latin-1"))
+    assert len(read_surfaces(path)) == 1
 
 
 @pytest.mark.parametrize(
     ("name", "content", "clause"),
     [
         ("nothing.obj", "", "no triangles"),
-        ("nan.obj", "v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "1 NaN vertices"),
-        ("inf.obj", "v 0 0 0\nv 1 -inf 0\nv 0 1 inf\nf 1 2 3\n", "2 infinite vertices"),
+        ("nan.obj", "v nan 0 0\nv 1 inf 0\nv 0 1 0\nf 1 2 3\n", "2 vertices that are not finite"),
         ("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "out of bounds"),
-        ("negative.ply", PLY + "3 0 1 -1\n", "index -1 out of range"),
-        ("flat.obj", "v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "three columns"),
+        ("negative.ply", PLY + "3 0 1 -1\n", "index out of range"),
+        ("flat.obj", "v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "cannot be read"),
         ("line.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "no triangle with an area"),
         ("point.obj", "v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", "no extent"),
         ("prose.obj", "Dear reader,\nthis is no model.\nface it: v is for victory\n", "no triangles"),
@@ -55,20 +110,15 @@ PLY = (
         ("cut.glb", trimesh.creation.icosphere().export(file_type="glb")[:9000], "cannot be read"),
         ("cut.ply", trimesh.creation.icosphere().export(file_type="ply")[:9000], "cannot be read"),
         ("cut.stl", trimesh.creation.icosphere().export(file_type="stl")[:9000], "no triangles"),
-        ("x.dae", "<x/>", "pip install pycollada"),
         ("x.USDZ", "PK", "save it as .glb"),
         ("x.ply", LFS_POINTER + b"v1", "Git LFS pointer"),
-        ("x.gltf", gltf(extensionsRequired=["KHR_draco_mesh_compression"]), "Draco"),
         ("x.glb", glb(extensionsRequired=["EXT_meshopt_compression"]), "meshopt"),
     ],
 )
 def test_broken_models_are_skipped_with_a_reason(
     folder: Path, capfd: pytest.CaptureFixture[str], name: str, content: str | bytes, clause: str
 ) -> None:
-    if ("pycollada" in clause and "dae" in trimesh.available_formats()) or ("Draco" in clause and find_spec("DracoPy")):
-        pytest.skip("the reader of these files is installed here")
-    path = folder / name
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    path = write(folder, name, content)
     meshes, skipped = load_models([folder])
     assert [mesh.name for mesh in meshes] == ["good.obj"]
     assert [broken.path for broken in skipped] == [path]
@@ -185,6 +235,138 @@ def test_mirrored_nodes_keep_their_outside(tmp_path: Path) -> None:
     assert np.linalg.det(jacobians(mesh))[0] < 0
 
 
+@pytest.fixture
+def home(tmp_path: Path) -> Path:
+    """A folder of models, with what a file there may refer to and what it may not."""
+    for name in ("outside/secret.bin", "secret.bin", "home/own.bin"):
+        write(tmp_path, name, TRIANGLE)
+    write(tmp_path / "home", "below/own.bin", TRIANGLE)
+    (tmp_path / "home/link.bin").symlink_to(tmp_path / "secret.bin")
+    (tmp_path / "home/folder").symlink_to(tmp_path / "outside")
+    return tmp_path / "home"
+
+
+def test_nothing_outside_a_models_folder_is_opened(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("socket.socket.connect", lambda *_: pytest.fail("a model file opened a connection"))
+    opened = []
+    real = model_files._read  # noqa: SLF001
+    monkeypatch.setattr(model_files, "_read", lambda path, most: opened.append(path.name) or real(path, most))
+    for uri in (
+        "/etc/passwd",
+        f"file://{home.parent}/secret.bin",
+        "../secret.bin",
+        "below/../../secret.bin",
+        "%2e%2e/secret.bin",
+        "..\\secret.bin",
+        "link.bin",
+        "folder/secret.bin",
+        "/dev/zero",
+        "http://localhost:9/secret.bin",
+        "",
+        "own.bin\0",
+        "x" * 5000,
+        "\udcff.bin",
+    ):
+        for name, content in (("a.gltf", gltf(uri)), ("a.glb", glb(uri))):
+            why = reason(write(home, name, content))
+            assert "cannot be read" in why or "refers to" in why, uri
+    for uri in ("own.bin", "./below/own.bin", "below/../own.bin", "/x/own.bin", DATA):
+        assert len(read_surfaces(write(home, "a.gltf", gltf(uri)))) == 1
+    write(home, "own.mtl", "newmtl a\nmap_Kd /etc/passwd\n")
+    for name, content in {
+        "a.obj": "mtllib /etc/passwd\n" + OBJ,
+        "b.obj": "mtllib own.mtl\nusemtl a\n" + OBJ,
+        "a.ply": PLY.replace("1.0", "1.0\ncomment TextureFile /etc/passwd") + "3 0 1 2\n",
+        "a.gltf": gltf("own.bin", images=[{"uri": "/etc/passwd"}, {"uri": "../secret.bin"}]),
+    }.items():
+        assert len(read_surfaces(write(home, name, content))) == 1, name
+    assert set(opened) == {"a.gltf", "a.glb", "own.bin", "a.obj", "b.obj", "a.ply"}
+
+
+def test_sizes_are_limited_before_memory_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    room = 20_000
+    monkeypatch.setattr(model_files, "MAX_BYTES", room)
+    bomb = OBJ.encode() + b"\n" * room
+    for name, content in {
+        "a.zip": zipped(a_obj=bomb),
+        "two.zip": zipped(a_obj=bomb[:15_000], b_obj=bomb[:15_000]),
+        "large.stl": bytes(room + 1),
+    }.items():
+        assert "bytes" in reason(write(tmp_path, name, content)), name
+    write(tmp_path, "a.bin", TRIANGLE + bytes(room // 3))
+    buffers = [{"uri": "a.bin", "byteLength": 36}]
+    assert read_surfaces(write(tmp_path, "a.gltf", gltf(buffers=buffers * 2)))
+    assert "bytes" in reason(write(tmp_path, "a.gltf", gltf(buffers=buffers * 3)))
+    monkeypatch.setattr(model_files, "MAX_VERTICES", 8)
+    monkeypatch.setattr(trimesh, "load_scene", lambda *_args, **_options: pytest.fail("trimesh read the file"))
+    absent = {"accessors": [{"componentType": 5126, "count": 10**9, "type": "VEC3"}]}
+    primitive = {"attributes": {"POSITION": 0}}
+    shared = {"meshes": [{"primitives": [primitive] * 2}, {"primitives": [primitive]}]}
+    for parts, count in ((absent, "1,000,000,000"), (shared, "9")):
+        assert f"{count} vertices" in reason(write(tmp_path, "a.glb", glb(**parts)))
+
+
+def test_triangles_and_vertices_are_counted_as_often_as_they_are_placed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write(tmp_path, "a.glb", glb(nodes=[{"mesh": 0}] * 8, scenes=[{"nodes": list(range(8))}]))
+    assert len(read_surfaces(path)) == 8
+    for name, count, word in (("MAX_TRIANGLES", 8, "triangles"), ("MAX_VERTICES", 24, "vertices")):
+        with monkeypatch.context() as patch:
+            patch.setattr(model_files, name, count)
+            assert len(read_surfaces(path)) == 8
+            patch.setattr(model_files, name, count - 1)
+            assert f"{count} {word}" in reason(path)
+
+
+WHOLE = {
+    "a.obj": OBJ.encode(),
+    "a.ply": (PLY + "3 0 1 2\n").encode(),
+    "b.ply": PLY_BINARY,
+    "b.stl": STL_BINARY,
+    "a.gltf": json.dumps(document(DATA)).encode(),
+    "a.glb": glb(),
+    "a.zip": zipped(a_obj=OBJ),
+}
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    name=st.sampled_from(sorted(WHOLE)),
+    edits=st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=5),
+    end=st.floats(0.3, 1),
+)
+def test_damaged_bytes_give_surfaces_or_a_reason(
+    tmp_path: Path, name: str, edits: list[tuple[float, int]], end: float
+) -> None:
+    damaged = bytearray(WHOLE[name][: max(1, int(len(WHOLE[name]) * end))])
+    for at, value in edits:
+        damaged[int(at * len(damaged))] = value
+    try:
+        surfaces = read_surfaces(write(tmp_path, name, bytes(damaged)))
+    except (BrokenModelError, MemoryError):
+        return
+    for positions, triangles, _ in surfaces:
+        assert positions.shape[1:] == triangles.shape[1:] == (3,)
+        assert np.isfinite(positions).all()
+        assert {*triangles.flat} == {*range(len(positions))}
+
+
+@pytest.mark.parametrize("error", [MemoryError(), RecursionError("too deep"), ValueError("two\nlines")])
+def test_whatever_a_reader_raises_leaves_the_other_models(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def raising(*_args: object, **_options: object) -> None:
+        raise error
+
+    monkeypatch.setitem(trimesh_load.mesh_loaders, "off", raising)
+    broken = write(folder, "a.off", "OFF")
+    meshes, skipped = load_models([folder])
+    assert [mesh.name for mesh in meshes] == ["good.obj"]
+    assert [each.path for each in skipped] == [broken]
+    assert (skipped[0].reason == OUT_OF_MEMORY) == isinstance(error, MemoryError)
+
+
 def test_cyclic_nodes_are_no_endless_loop(folder: Path) -> None:
     placed(folder / "cycle.gltf", [{"children": [1]}, {"children": [0], "mesh": 0}], [0])
     meshes, skipped = load_models([folder])
@@ -195,7 +377,7 @@ def test_cyclic_nodes_are_no_endless_loop(folder: Path) -> None:
 def test_real_models(capfd: pytest.CaptureFixture[str]) -> None:
     meshes, skipped = load_models([MODELS])
     assert {broken.path.name: broken.reason for broken in skipped} == {
-        "BoxWithInfinites.glb": "has 24 infinite vertices",
+        "BoxWithInfinites.glb": "has 24 vertices that are not finite",
         "empty.obj": "has no triangles",
     }
     assert capfd.readouterr() == ("", "")

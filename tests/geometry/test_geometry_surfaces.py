@@ -16,7 +16,6 @@ from semisynth_gl.geometry.surfaces import (
     sweep,
 )
 from semisynth_gl.geometry.vessels import hollow
-from semisynth_gl.inputs.errors import InputError
 
 
 def test_box_has_exact_volume_and_texture() -> None:
@@ -119,11 +118,6 @@ def test_extruded_ring_has_the_volume_of_the_ring() -> None:
     assert volume(mesh) == pytest.approx(0.5 * area * (1 - 0.36), rel=1e-5)
     assert euler_characteristic(mesh) == 0
     assert stretch(mesh).max() < 1 + 1e-5
-
-
-def test_extruded_hole_must_match_its_outline() -> None:
-    with pytest.raises(InputError, match=r"48 points.*got 12"):
-        extruded(circle(1, 48), 0.5, circle(0.6, 12))
 
 
 @given(st.integers(0, 2**16 - 1))

@@ -1,5 +1,3 @@
-import sys
-
 import numpy as np
 import pytest
 from geometry_measures import STRETCH_BOUND, jacobians, stretch, volume
@@ -7,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from semisynth_gl.geometry.kinds import SIMPLE_KINDS
-from semisynth_gl.geometry.surfaces import box, grid_surface
+from semisynth_gl.geometry.surfaces import box
 from semisynth_gl.geometry.unwrap import DIRECTIONS, facing_axes, project_uv
 
 
@@ -59,21 +57,3 @@ def test_side_faces_stand_upright() -> None:
     u, v = facing_axes(np.array([[1.0, 0, 0], [0, 0, 1]]))
     assert u.tolist() == [[0, 1, 0], [1, 0, 0]]
     assert v.tolist() == [[0, 0, -1], [0, -1, 0]]
-
-
-def test_no_step_of_big_meshes_runs_once_per_triangle() -> None:
-    rows, columns = np.meshgrid(np.linspace(0, 6, 150), np.linspace(0, 6, 150), indexing="ij")
-    wavy = grid_surface(np.stack([rows, columns, np.sin(2 * rows) * np.cos(columns)], axis=2))
-    assert len(wavy.triangles) > 43_000
-    calls = 0
-
-    def count(_frame: object, event: str, _argument: object) -> None:
-        nonlocal calls
-        calls += event in ("call", "c_call")
-
-    sys.setprofile(count)
-    try:
-        project_uv("wavy", wavy.positions, wavy.triangles)
-    finally:
-        sys.setprofile(None)
-    assert 0 < calls < 1000
