@@ -3,7 +3,6 @@
 It needs no PyTorch; `semisynth_gl.torch` applies it to samples.
 """
 
-from semisynth_gl.augmentation.augmentation import Augmentation, Changes
-from semisynth_gl.augmentation.presets import PRESETS
+from semisynth_gl.augmentation.augmentation import PRESETS, Augmentation, Changes
 
 __all__ = ["PRESETS", "Augmentation", "Changes"]

@@ -1,21 +1,18 @@
-"""What a training changes in pairs, sampled anew for each sample and epoch: `Augmentation`."""
+"""What a training changes in pairs, sampled anew for each sample and epoch: `Augmentation`, and `PRESETS`."""
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from math import ceil, inf, pi, radians, sin
-from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from semisynth_gl.augmentation.colour import Colours, mean_luminance
-from semisynth_gl.augmentation.geometry import Warp, mirrored, upside_down
+from semisynth_gl.augmentation.geometry import Warp, mirrored
 from semisynth_gl.augmentation.occlusion import occluded
 from semisynth_gl.frame.camera import EYES, Crop, Eye
 from semisynth_gl.frame.channels import CHANNELS, View
 from semisynth_gl.frame.frame import Frame
-from semisynth_gl.inputs.arguments import check_type, to_real
+from semisynth_gl.inputs.arguments import to_real
 from semisynth_gl.inputs.errors import InputError, shown
 from semisynth_gl.pairs.imperfections import Imperfections
 from semisynth_gl.seeds.seeds import Purpose, generator
@@ -27,8 +24,24 @@ Sides = tuple[int, int]
 _CHANGED = frozenset(name for name, channel in CHANNELS.items() if channel.is_truth or name == View.image.name)
 
 
-def _limits(least: float, most: float) -> dict[str, Any]:
-    return {"limits": (least, most)}
+# The least and the largest value of each range; all other values are shares.
+_LIMITS = {
+    "scale": (0.1, 10.0),
+    "stretch": (0.5, 2.0),
+    "right_y_px": (-20.0, 20.0),
+    "right_roll_deg": (-5.0, 5.0),
+    "brightness": (0.0, 10.0),
+    "contrast": (0.0, 10.0),
+    "saturation": (0.0, 10.0),
+    "hue_turns": (-0.5, 0.5),
+    "white_balance": (0.1, 10.0),
+    "gamma": (0.1, 10.0),
+    "blur_px": (0.0, 20.0),
+    "noise": (0.0, 100.0),
+    "jpeg_quality": (1.0, 100.0),
+    "rectangles": (1.0, 20.0),
+    "rectangle_px": (1.0, 10000.0),
+}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -46,7 +59,6 @@ class Augmentation:
         scale: factors of both sides; sampled evenly in the logarithm.
         stretch: further factors of the width; likewise.
         mirrored: share that is mirrored, whose eyes change places. Needs truth of both views and a rectified rig.
-        upside_down: share whose rows are reversed.
         right_y_px: by which the right image is moved down, as in a badly rectified rig. Disparities stay those along
             the row, and the output ``correspondence``, where the pairs have it, has the way down. Needs rectified rigs.
         right_roll_deg: by which the right image is turned about its principal point, clockwise; likewise.
@@ -55,7 +67,6 @@ class Augmentation:
         saturation: factors of the distance from grey.
         hue_turns: turns of the hue, as shares of the colour circle.
         white_balance: factors of red, green and blue, each sampled by itself.
-        gradient_stops: by how many stops the exposure rises over the image, in any direction.
         gamma: exponents of the tone curve.
         asymmetric: share in which each eye's colours (from brightness to gamma) are sampled by themselves.
         blur_px: standard deviations of a blur, px; of each eye by itself, as are noise and JPEG.
@@ -65,49 +76,38 @@ class Augmentation:
         occluded: share of pairs with rectangles in the right image that hide the scene, see `occlusion`.
         rectangles: their least and largest number.
         rectangle_px: their sides.
-        recorded: whether a sample says what was sampled: JSON, under the key ``augmentation``.
 
     Raises:
         InputError: where a value cannot be used.
     """
 
-    scale: Interval = field(default=(1.0, 1.0), metadata=_limits(0.1, 10))
-    stretch: Interval = field(default=(1.0, 1.0), metadata=_limits(0.5, 2))
+    scale: Interval = (1.0, 1.0)
+    stretch: Interval = (1.0, 1.0)
     mirrored: float = 0.0
-    upside_down: float = 0.0
-    right_y_px: Interval = field(default=(0.0, 0.0), metadata=_limits(-20, 20))
-    right_roll_deg: Interval = field(default=(0.0, 0.0), metadata=_limits(-5, 5))
-    brightness: Interval = field(default=(1.0, 1.0), metadata=_limits(0, 10))
-    contrast: Interval = field(default=(1.0, 1.0), metadata=_limits(0, 10))
-    saturation: Interval = field(default=(1.0, 1.0), metadata=_limits(0, 10))
-    hue_turns: Interval = field(default=(0.0, 0.0), metadata=_limits(-0.5, 0.5))
-    white_balance: Interval = field(default=(1.0, 1.0), metadata=_limits(0.1, 10))
-    gradient_stops: Interval = field(default=(0.0, 0.0), metadata=_limits(0, 4))
-    gamma: Interval = field(default=(1.0, 1.0), metadata=_limits(0.1, 10))
+    right_y_px: Interval = (0.0, 0.0)
+    right_roll_deg: Interval = (0.0, 0.0)
+    brightness: Interval = (1.0, 1.0)
+    contrast: Interval = (1.0, 1.0)
+    saturation: Interval = (1.0, 1.0)
+    hue_turns: Interval = (0.0, 0.0)
+    white_balance: Interval = (1.0, 1.0)
+    gamma: Interval = (1.0, 1.0)
     asymmetric: float = 0.0
-    blur_px: Interval = field(default=(0.0, 0.0), metadata=_limits(0, 20))
-    noise: Interval = field(default=(0.0, 0.0), metadata=_limits(0, 100))
-    jpeg_quality: Interval = field(default=(60.0, 95.0), metadata=_limits(1, 100))
+    blur_px: Interval = (0.0, 0.0)
+    noise: Interval = (0.0, 0.0)
+    jpeg_quality: Interval = (60.0, 95.0)
     jpeg: float = 0.0
     occluded: float = 0.0
-    rectangles: Interval = field(default=(1, 2), metadata=_limits(1, 20))
-    rectangle_px: Interval = field(default=(50, 100), metadata=_limits(1, 10000))
-    recorded: bool = False
+    rectangles: Interval = (1, 2)
+    rectangle_px: Interval = (50, 100)
 
     def __post_init__(self) -> None:
         for each in fields(self):
             value = getattr(self, each.name)
-            if each.name == "recorded":
-                check_type("recorded", value, bool)
-            elif each.metadata:
-                object.__setattr__(self, each.name, _checked(each.name, value, *each.metadata["limits"]))
+            if each.name in _LIMITS:
+                object.__setattr__(self, each.name, _checked(each.name, value))
             elif not 0 <= to_real(each.name, value) <= 1:
                 raise InputError(f"{each.name}: expected a share from 0 to 1, got {shown(value)}")
-
-    @property
-    def values(self) -> dict[str, Any]:
-        """All values in JSON's types."""
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
     def check(self, crop: Sides | None, sides: Sides) -> None:
         """Check that crops of a size can be made of images of a size, both (height, width); otherwise raise InputError.
@@ -143,8 +143,7 @@ class Augmentation:
         """
         rng = generator(seed, Purpose.AUGMENTATION, sequence, epoch)
         scale, stretch = (float(np.exp(rng.uniform(*np.log(each)))) for each in (self.scale, self.stretch))
-        shares = rng.random(4)
-        flips = {"mirrored": bool(shares[0] < self.mirrored), "upside_down": bool(shares[1] < self.upside_down)}
+        is_mirrored, is_asymmetric, is_occluded = rng.random(3) < (self.mirrored, self.asymmetric, self.occluded)
         moved = rng.uniform(*self.right_y_px), np.deg2rad(rng.uniform(*self.right_roll_deg))
         size = sides if crop is None else crop
         margin = self._margin(sides)
@@ -156,16 +155,13 @@ class Augmentation:
         colours: dict[Eye, Colours] = {}
         shared = self._colours(rng)
         for eye in EYES:
-            own = self._colours(rng)
-            tone = own if shares[2] < self.asymmetric else shared
-            further = rng.uniform(*self.blur_px), rng.uniform(*self.noise), rng.uniform(*self.jpeg_quality)
-            quality = round(further[2]) if rng.random() < self.jpeg else None
-            camera = Imperfections(blur_px=further[0], noise=further[1], gamma=tone.camera.gamma, jpeg_quality=quality)
+            tone = self._colours(rng) if is_asymmetric else shared
+            quality = round(rng.uniform(*self.jpeg_quality)) if rng.random() < self.jpeg else None
+            blur_px, noise = rng.uniform(*self.blur_px), rng.uniform(*self.noise)
+            camera = Imperfections(blur_px=blur_px, noise=noise, gamma=tone.camera.gamma, jpeg_quality=quality)
             colours[eye] = replace(tone, camera=camera)
-        rectangles = self._rectangles(rng, size) if shares[3] < self.occluded else ()
-        return Changes(
-            warp, **flips, colours=MappingProxyType(colours), rectangles=rectangles, size=crop, margin=margin
-        )
+        rectangles = self._rectangles(rng, size) if is_occluded else ()
+        return Changes(warp, bool(is_mirrored), colours, rectangles, crop, margin)
 
     def noise_rng(self, seed: int, index: int, epoch: int = 0) -> np.random.Generator:
         """Return the generator of a pair's noise."""
@@ -193,13 +189,12 @@ class Augmentation:
         return ceil(turned + shifted) + 5
 
     def _colours(self, rng: np.random.Generator) -> Colours:
-        sampled = {name: float(rng.uniform(*getattr(self, name))) for name in (
-            "brightness", "contrast", "saturation", "hue_turns", "gradient_stops"
-        )}  # fmt: skip
-        angle, gamma = float(rng.uniform(-pi, pi)), float(rng.uniform(*self.gamma))
+        names = ("brightness", "contrast", "saturation", "hue_turns", "gamma")
+        brightness, contrast, saturation, hue_turns, gamma = (
+            float(rng.uniform(*getattr(self, name))) for name in names
+        )
         red, green, blue = rng.uniform(*self.white_balance, 3).tolist()
-        camera = Imperfections(gamma=gamma)
-        return Colours(**sampled, white_balance=(red, green, blue), gradient_rad=angle, camera=camera)
+        return Colours(brightness, contrast, saturation, hue_turns, (red, green, blue), Imperfections(gamma=gamma))
 
     def _rectangles(self, rng: np.random.Generator, size: Sides) -> tuple[Crop, ...]:
         """Sample rectangles whose first corner lies in the image, as RAFT-Stereo does."""
@@ -219,7 +214,6 @@ class Changes:
     Attributes:
         warp: scales, and the movement of the right image.
         mirrored: whether the pair is mirrored, before all else.
-        upside_down: whether its rows are reversed, likewise.
         colours: of each eye.
         rectangles: in the changed right image.
         size: height and width of the result; None for that of the image.
@@ -228,7 +222,6 @@ class Changes:
 
     warp: Warp
     mirrored: bool
-    upside_down: bool
     colours: Mapping[Eye, Colours]
     rectangles: tuple[Crop, ...]
     size: Sides | None
@@ -252,8 +245,6 @@ class Changes:
         frame = _without_raw(frame)
         if self.mirrored:
             frame = mirrored(frame)
-        if self.upside_down:
-            frame = upside_down(frame)
         if self.size is not None:
             frame = self.warp.applied(frame, self.size, self.margin).with_own_masks()
         frame = occluded(frame, self.rectangles)
@@ -266,26 +257,46 @@ class Changes:
         )
         return Frame(frame.camera, left, right)
 
-    def record(self) -> str:
-        """Return what was sampled as JSON."""
-        values = {each.name: getattr(self, each.name) for each in fields(self)}
-        values["warp"] = asdict(self.warp)
-        values["colours"] = {eye: asdict(each) for eye, each in self.colours.items()}
-        values["rectangles"] = [asdict(each) for each in self.rectangles]
-        return json.dumps(values)
-
 
 def _without_raw(frame: Frame) -> Frame:
     left, right = (View({name: array for name, array in frame.view(eye).items() if name in _CHANGED}) for eye in EYES)
     return Frame(frame.camera, left, right)
 
 
-def _checked(name: str, value: object, least: float, most: float) -> Interval:
+def _checked(name: str, value: object) -> Interval:
     """Return (low, high) as a tuple of numbers; raise InputError for other values and beyond the limits."""
-    pair = tuple(value) if isinstance(value, (tuple, list)) else ()
-    if len(pair) != 2:
+    least, most = _LIMITS[name]
+    if not isinstance(value, (tuple, list)) or len(value) != 2:
         raise InputError(f"{name}: expected (low, high), got {shown(value)}")
-    low, high = (to_real(name, each) for each in pair)
+    low, high = (to_real(name, each) for each in value)
     if not least <= low <= high <= most:
         raise InputError(f"{name}: expected (low, high) in rising order from {least:g} to {most:g}, got {shown(value)}")
     return low, high
+
+
+PRESETS: Mapping[str, Augmentation] = {
+    # RAFT-Stereo's augmentor with the options of its training (--spatial_scale -0.2 0.4 --saturation_range 0 1.4), also
+    # IGEV-Stereo's. Its right image moves by whole rows, and its width and height stretch by 2 ** +-0.2 each in
+    # four of five samples; here all samples stretch.
+    "raft-stereo": Augmentation(
+        scale=(2**-0.2, 2**0.4),
+        stretch=(2**-0.2, 2**0.2),
+        right_y_px=(-2, 2),
+        brightness=(0.6, 1.4),
+        contrast=(0.6, 1.4),
+        saturation=(0, 1.4),
+        hue_turns=(-0.5 / pi, 0.5 / pi),
+        asymmetric=0.2,
+        occluded=0.5,
+        rectangles=(1, 2),
+        rectangle_px=(50, 100),
+    ),
+    # Ours, as benchmarks/training/compare_sets.py chose it: each camera has another exposure, white balance, tone
+    # curve and noise. It does not scale: rendered pairs show many scales already, and scaling them taught no more.
+    "semisynth": Augmentation(
+        brightness=(0.8, 1.2), white_balance=(0.95, 1.05), gamma=(0.75, 1.33), noise=(0, 5), asymmetric=1.0
+    ),
+    # PSMNet trains on crops that are not changed.
+    "psmnet": Augmentation(),
+}
+"""Augmentations by name, with what they are taken from."""

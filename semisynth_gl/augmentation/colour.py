@@ -1,7 +1,7 @@
 """Changes of an image's colours: brightness, contrast, saturation and hue at once, then what a camera adds."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ def mean_luminance(images: Sequence[NDArray[np.uint8]]) -> float:
 class Colours:
     """Changes of one image. The default leaves it as it is.
 
-    Until the exposure rises, a pixel's new colour follows from its colour alone, rounded once. Where two images differ
+    Until the camera's part, a pixel's new colour follows from its colour alone, rounded once. Where two images differ
     by a level, strong saturation and turns of the hue may make that 5 levels.
 
     Attributes:
@@ -33,8 +33,6 @@ class Colours:
         saturation: factor of the distance from grey; 0 for a grey image.
         hue_turns: turn of the hue, as a share of the colour circle.
         white_balance: factors of red, green and blue, after all that.
-        gradient_stops: by how many stops the exposure rises from one side of the image to the other.
-        gradient_rad: direction in which it rises, from the right, clockwise.
         camera: blur, noise, tone curve and JPEG.
     """
 
@@ -43,8 +41,6 @@ class Colours:
     saturation: float = 1.0
     hue_turns: float = 0.0
     white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    gradient_stops: float = 0.0
-    gradient_rad: float = 0.0
     camera: Imperfections = field(default_factory=Imperfections)
 
     def applied(self, image: NDArray[np.uint8], mean: float, rng: np.random.Generator) -> NDArray[np.uint8]:
@@ -55,18 +51,8 @@ class Colours:
             mean: the luminance from which contrast counts, see `mean_luminance`.
             rng: source of the noise.
         """
-        if (self.brightness, self.contrast, self.saturation, self.hue_turns, *self.white_balance) != (
-            1,
-            1,
-            1,
-            0,
-            1,
-            1,
-            1,
-        ):
+        if replace(self, camera=Imperfections()) != Colours():
             image = self._mixed(image, mean * self.brightness)
-        if self.gradient_stops:
-            image = self._graded(image)
         return apply_imperfections(image, self.camera, rng)
 
     def _mixed(self, image: NDArray[np.uint8], mean: float) -> NDArray[np.uint8]:
@@ -82,13 +68,3 @@ class Colours:
         table *= np.array(self.white_balance)[:, None]
         mixed: NDArray[np.uint8] = np.asarray(Image.fromarray(image).convert("RGB", tuple(table.ravel().tolist())))
         return mixed
-
-    def _graded(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Let the exposure rise from one side to the other."""
-        height, width = image.shape[:2]
-        across, down = np.linspace(-0.5, 0.5, width), np.linspace(-0.5, 0.5, height)
-        ramp = across * np.cos(self.gradient_rad) + down[:, None] * np.sin(self.gradient_rad)
-        gains = np.exp2(self.gradient_stops * ramp).astype(np.float32)
-        values = image * (gains if image.ndim == 2 else gains[..., None])
-        graded: NDArray[np.uint8] = np.rint(values).clip(0, 255).astype(np.uint8)
-        return graded

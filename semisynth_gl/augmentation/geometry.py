@@ -1,4 +1,4 @@
-"""Changes of a pair's geometry that keep its truth exact: mirrored, upside down, scaled, badly rectified, cropped.
+"""Changes of a pair's geometry that keep its truth exact: mirrored, scaled, badly rectified, cropped.
 
 The changed pair is one that a camera could have taken: its calibration and all its arrays change by one rule each.
 """
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from semisynth_gl.augmentation.resampling import Points, sheared
-from semisynth_gl.frame.camera import EYES, OTHER_EYE, RECTIFIED, Deviation, Eye, StereoCamera
+from semisynth_gl.frame.camera import EYES, OTHER_EYE, RECTIFIED, Eye, StereoCamera
 from semisynth_gl.frame.channels import View
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
@@ -37,30 +37,18 @@ def mirrored(frame: Frame) -> Frame:
     if not frame.camera.rectified:
         raise InputError("mirrored: expected a rectified rig, got a right camera that deviates: leave it out")
     camera, last = frame.camera, frame.camera.width_px - 1
-    left, right = (_flipped(frame.view(OTHER_EYE[eye]), 1) for eye in EYES)
+    left, right = (_flipped(frame.view(OTHER_EYE[eye])) for eye in EYES)
     return Frame(
         replace(camera, cx_left_px=last - camera.cx_right_px, cx_right_px=last - camera.cx_left_px), left, right
     )
 
 
-def upside_down(frame: Frame) -> Frame:
-    """Return the pair with its rows in reverse order."""
-    camera, deviation = frame.camera, frame.camera.deviation
-    turned = Deviation(-deviation.roll_rad, -deviation.pitch_rad, -deviation.y_px, deviation.focal_ratio)
-    left, right = (_flipped(frame.view(eye), 0) for eye in EYES)
-    return Frame(replace(camera, cy_px=camera.height_px - 1 - camera.cy_px, deviation=turned), left, right)
-
-
-def _flipped(view: View, axis: int) -> View:
-    """Flip the rows (axis 0) or columns (axis 1) of a view's arrays, and the directions that they hold."""
-    component = 1 - axis
-    arrays = {}
-    for name, array in view.items():
-        flipped = np.flip(array, axis).copy()
-        if name in _WAYS or name == "normals":
-            part = flipped[..., component]
-            np.negative(part, out=part, where=np.isfinite(part))
-        arrays[name] = flipped
+def _flipped(view: View) -> View:
+    """Flip the columns of a view's arrays, and the directions that they hold."""
+    arrays = {name: np.flip(array, 1).copy() for name, array in view.items()}
+    for name in arrays.keys() & {*_WAYS, "normals"}:
+        across = arrays[name][..., 0]
+        np.negative(across, out=across, where=np.isfinite(across))
     return View(arrays)
 
 

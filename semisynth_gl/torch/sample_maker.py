@@ -83,8 +83,6 @@ class SampleMaker:
         else:
             noise = self._augmentation.noise_rng(seed, index, epoch)
             sample = to_sample(index, changes.applied(frame, noise))
-            if self._augmentation.recorded:
-                sample["augmentation"] = changes.record()
         return sample if self._transform is None else self._transform(sample)
 
 
