@@ -12,7 +12,6 @@ import pytest
 from heavy import heavy
 from tiny_datasets import cheap
 
-from semisynth_gl.config import load_config
 from semisynth_gl.dataset.engines import threads_each
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset
@@ -26,15 +25,15 @@ from semisynth_gl.render import context
 torch = heavy("torch")
 pytestmark = pytest.mark.heavy
 
-from torch.utils.data import DataLoader, DistributedSampler, RandomSampler, get_worker_info  # noqa: E402 - optional
+from torch.utils.data import DataLoader, RandomSampler, get_worker_info  # noqa: E402 - optional
 
 from semisynth_gl.torch import StereoStream  # noqa: E402
 from semisynth_gl.torch.samples import to_sample  # noqa: E402
 
 TIMEOUT_S = 120
 SEED = 3
-STEPS = 500
-WARM = 100
+STEPS = 240
+WARM = 60
 
 
 def indices(batches):
@@ -67,19 +66,6 @@ def test_tensors_have_torchs_order_of_axes_and_types_that_it_works_with():
     np.testing.assert_array_equal(sample["flow_left"].numpy(), flow.transpose(2, 0, 1))
     assert sample["instances_left"].dtype == torch.int32
     assert int(sample["instances_left"].max()) == 65535
-
-
-def test_the_example_of_a_real_rig_is_streamed_as_it_is_written():
-    example = Path(__file__).resolve().parents[2] / "examples" / "real-rig.yaml"
-    small = ["scale=0.2", "textures.source=procedural", "textures.max_patches=8", "textures.large_px=0"]
-    config = load_config(example, [*small, "models.complex=0", "models.variants=1"])
-    with PairRenderer(config, SEED) as pairs:
-        for index, sample in enumerate(StereoStream(config, SEED, 4)):
-            frame = pairs.render(index).frame
-            assert sample["index"] == index
-            assert sample["left"].shape == (1, 96, 150)
-            assert sample["camera"]["right_y_px"] == frame.camera.deviation.y_px
-            assert_same(sample, frame)
 
 
 def assert_same(sample, stored):
@@ -251,26 +237,14 @@ def test_workers_that_stay_render_what_one_process_renders(backend):
         assert [scores(batch) for batch in found] == expected
 
 
-def test_training_processes_share_a_stream():
-    stream = StereoStream(cheap(), SEED, 7, transform=lambda sample: sample["index"])
-    shares = []
-    for rank in range(2):
-        sampler = DistributedSampler(stream, num_replicas=2, rank=rank, drop_last=True)
-        sampler.set_epoch(1)
-        shares.append([int(index) for batch in DataLoader(stream, 3, sampler=sampler) for index in batch])
-    assert list(map(len, shares)) == [3, 3]
-    assert len({*shares[0], *shares[1]}) == 6
-
-
-@pytest.mark.parametrize("workers", [0, 1])
-def test_torchdatas_loader_resumes_a_shuffled_stream(workers):
+def test_torchdatas_loader_resumes_a_shuffled_stream():
     stateful = import_module("torchdata.stateful_dataloader")
 
     def made():
         stream = StereoStream(cheap(), SEED, 10)
         sampler = RandomSampler(stream, generator=torch.Generator().manual_seed(5))
-        context = {"multiprocessing_context": "spawn"} if workers else {}
-        return stateful.StatefulDataLoader(stream, 2, sampler=sampler, num_workers=workers, **context)
+        context = {"multiprocessing_context": "spawn"}
+        return stateful.StatefulDataLoader(stream, 2, sampler=sampler, num_workers=1, **context)
 
     whole = indices(made())
     assert sorted(chain.from_iterable(whole)) == list(range(10))
@@ -309,7 +283,7 @@ def look(sample):
 
 
 @pytest.mark.one_backend
-def test_five_hundred_steps_repeat_nothing_and_leak_nothing(backend):
+def test_hundreds_of_steps_repeat_nothing_and_leak_nothing(backend):
     stream = StereoStream(cheap(), SEED, STEPS, backend=backend, transform=look, crop=(32, 48))
     seen, held, files = [], {}, []
     for batch in loader(stream, 2):
