@@ -21,7 +21,8 @@
     const mine = (number = (wanted + pairs.length) % pairs.length), pair = pairs[mine];
     find("viewer").hidden = false;
     values = null;
-    find("caption").textContent = pair.caption;
+    const colours = pair.colours.map((px) => px.toFixed(1)).join(" to ");
+    find("caption").textContent = `${pair.name}${pair.recipe ? `, recipe ${pair.recipe}` : ""}; colours from ${colours} px`;
     stage.style.width = `min(100%, ${(80 * pair.width) / pair.height}vh)`;
     for (const [k, button] of [...find("strip").children].entries()) button.setAttribute("aria-pressed", String(k === mine));
     for (const layer of layers) layer.src = pair[layer.dataset.image ?? layer.dataset.overlay];
@@ -56,8 +57,8 @@
 
   const keys = { f: flicker, n: () => show(number + 1), p: () => show(number - 1) };
   for (const [k, pair] of pairs.entries()) {
-    const button = Object.assign(document.createElement("button"), { type: "button", title: pair.caption, onclick: () => show(k) });
-    button.append(Object.assign(new Image(), { alt: "", src: pair.thumbnail }), pair.name);
+    const button = Object.assign(document.createElement("button"), { type: "button", onclick: () => show(k) });
+    button.append(Object.assign(new Image(), { alt: "", src: pair.left }), pair.name);
     find("strip").append(button);
   }
   for (const input of document.querySelectorAll("#viewer input")) input.addEventListener("change", draw);

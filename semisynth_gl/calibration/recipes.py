@@ -61,34 +61,26 @@ def suitable_recipes(
         "panel_size_px": [float(round(share * width_px)) for share in _PANEL_OF_WIDTH],
         "panel_slant_deg": [0, 45],
     }
-    no_background: dict[str, Any] = {"cuboid": 0, "plane": 0}
     # Walls and panels keep a distance from the near plane.
     if (most + doffs_px) / BEYOND_NEAR - doffs_px < disparity.target.quantile(_STILL_UP_TO):
         scenes = ()
     recipes = list[SceneRecipe]()
+
+    def add(name: str, meaning: str, background: Mapping[str, Any], **keys: Any) -> None:  # noqa: ANN401 - of sections
+        keys = {"background": {"cuboid": 0, "plane": 0, **background}, **keys, "particles": floating_things}
+        recipes.append(SceneRecipe(name, meaning, keys))
+
     if "indoor" in scenes:
-        room = no_background | {"room": 1, "wall_disparity_px": between(_ROOM_ENDS)}
-        empty = {"background": room, "room": {"furniture": [0, 3], "small": [2, 10]}, "particles": floating_things}
-        recipes += [
-            SceneRecipe("room", "furnished rooms", {"background": room, "particles": floating_things}),
-            SceneRecipe("bare-room", "rooms with little in them", empty),
-        ]
+        room = {"room": 1, "wall_disparity_px": between(_ROOM_ENDS)}
+        add("room", "furnished rooms", room)
+        add("bare-room", "rooms with little in them", room, room={"furniture": [0, 3], "small": [2, 10]})
     if "outdoor" in scenes:
-        street = {"background": no_background | {"street": 1}, "particles": floating_things}
-        recipes.append(SceneRecipe("street", "open scenes along a road", street))
-    for kind, name, shown, background, ground in (
-        ("indoor", "still", "walls", {"cuboid": 1}, {}),
-        ("outdoor", "still-outdoors", "ground", {"plane": 1}, {"ground": 1}),
-    ):
-        if kind in scenes:
-            still = {
-                "background": no_background | background,
-                "structures": ground | panels,
-                "particles": floating_things,
-            }
-            recipes.append(SceneRecipe(name, f"{shown} and panels, and little before them", still))
-    recipes += [
-        SceneRecipe("sparse", "fewer and larger floating things", {"particles": {"density": "sparse"}}),
-        SceneRecipe("clutter", "many floating things", {}),
-    ]
+        add("street", "open scenes along a road", {"street": 1})
+    if "indoor" in scenes:
+        add("still", "walls and panels, and little before them", {"cuboid": 1}, structures=panels)
+    if "outdoor" in scenes:
+        ground = {"ground": 1, **panels}
+        add("still-outdoors", "ground and panels, and little before them", {"plane": 1}, structures=ground)
+    recipes.append(SceneRecipe("sparse", "fewer and larger floating things", {"particles": {"density": "sparse"}}))
+    recipes.append(SceneRecipe("clutter", "many floating things", {}))
     return tuple(recipes)

@@ -55,7 +55,7 @@ def preview(scene: SceneOptions, out: Path, ply: Path | None, patches: bool, pai
         return
     # Imported here: help and completion need no renderer, and matplotlib takes longer to load than a pair to render.
     with interrupts_end():
-        from semisynth_gl.judge.contact_sheet import draw_sheet  # noqa: PLC0415
+        from semisynth_gl.judge.charts import draw_sheet  # noqa: PLC0415
         from semisynth_gl.pairs.pipeline import PairRenderer  # noqa: PLC0415
 
     config = scene.config()

@@ -76,5 +76,5 @@ def report(
         click.echo(line)
     for note in () if built.place is None else built.place.notes:
         click.echo(f"note: {note}", err=True)
-    measured = f"{len(built.pairs)} of {counted(built.dataset_pairs, 'pair')} measured, {built.shown} shown"
-    say(f"{out}: {measured}, {len(data) / 1e6:.1f} MB, {time.monotonic() - start:.0f} s")
+    measured = counted(len(built.pairs), "pair")
+    say(f"{out}: {measured} measured, {len(data) / 1e6:.1f} MB, {time.monotonic() - start:.0f} s")

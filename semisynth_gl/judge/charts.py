@@ -1,4 +1,4 @@
-"""Histograms of disparity and of measures, drawn by matplotlib."""
+"""Drawings of matplotlib: the contact sheet of a preview, and the histograms of a report."""
 
 import io
 from base64 import b64encode
@@ -11,17 +11,64 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from semisynth_gl.histogram import Histogram, total_variation
+from semisynth_gl.frame.frame import Frame, as_rgb, finite_range
+from semisynth_gl.histogram import Histogram, PixelCount, total_variation
 from semisynth_gl.judge.comparison import Row
+from semisynth_gl.judge.pictures import COLOUR_MAP
 
 _ACHIEVED, _WANTED = "#d98a3d", "#4a90d9"
 # Visible on a light and on a dark page.
 _INK = "#888888"
 _COLUMNS, _BINS, _DISPARITY_BINS = 4, 16, 72
 _WIDTH_IN, _ROW_IN, _FIRST_IN = 14.0, 1.9, 2.6
+_SHEET_IN, _CHART_IN, _INVALID = 16.0, 2.8, "#4060c0"
 
 
-def draw_disparity(axis: Axes, achieved: Histogram | None, target: Histogram) -> None:
+def draw_sheet(
+    frames: Sequence[Frame], target: Histogram, title: str, names: Sequence[str], weights: Sequence[float]
+) -> Figure:
+    """Draw a row for each pair (left, right, left disparity with its scale in px) above the histogram of all pairs.
+
+    Args:
+        frames: the pairs, at least one, with a disparity.
+        target: the distribution of disparity that the config asks for.
+        title: title of the sheet.
+        names: a name for each pair, below its left image.
+        weights: how much each pair counts in the histogram.
+    """
+    first = frames[0].camera
+    row_in = (_SHEET_IN / 3.15) * first.height_px / first.width_px
+    figure = Figure(figsize=(_SHEET_IN, row_in * len(frames) + _CHART_IN + 0.5), dpi=100, layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, fontsize=11)
+    grid = figure.add_gridspec(len(frames) + 1, 3, height_ratios=[row_in] * len(frames) + [_CHART_IN])
+    ranges = [finite_range(frame.left.disparity) for frame in frames]
+    least, largest = min(0.0, *(low for _, low, _ in ranges)), max(high for *_, high in ranges)
+    counts = np.zeros(len(target.shares))
+    for row, (frame, name, weight) in enumerate(zip(frames, names, weights, strict=True)):
+        axes = [figure.add_subplot(grid[row, column]) for column in range(3)]
+        for axis, label in zip(axes, ("left", "right", "disparity of the left view"), strict=True):
+            axis.set(xticks=[], yticks=[])
+            if row == 0:
+                axis.set_title(label, fontsize=9)
+        axes[0].imshow(as_rgb(frame.left.image))
+        axes[0].set_xlabel(name, fontsize=9)
+        axes[1].imshow(as_rgb(frame.right.image))
+        disparity = np.ma.masked_invalid(frame.left.disparity)
+        shown = axes[2].imshow(disparity, cmap=COLOUR_MAP, vmin=least, vmax=largest, interpolation="nearest")
+        axes[2].set_facecolor(_INVALID)
+        bar = figure.colorbar(shown, ax=axes[2], pad=0.01, fraction=0.04)
+        bar.set_label("px", fontsize=8)
+        bar.ax.tick_params(labelsize=8)
+        count = PixelCount(target.edges_px)
+        count.add(frame.left.disparity)
+        counts += weight * count.counts
+    achieved = Histogram.from_counts(target.edges_px, counts) if counts.any() else None
+    _draw_disparity(figure.add_subplot(grid[len(frames), :]), achieved, target)
+    return figure
+
+
+def _draw_disparity(axis: Axes, achieved: Histogram | None, target: Histogram) -> None:
     """Draw the achieved distribution of disparity, None where no pixel has a disparity, and the target's outline."""
     if achieved is None:
         axis.set_title("no pixel has a disparity", fontsize=9)
@@ -52,7 +99,7 @@ def draw_report(achieved: Histogram | None, target: Histogram, rows: Sequence[Ro
         figure = Figure(figsize=(_WIDTH_IN, _FIRST_IN + below * _ROW_IN), layout="tight")
         FigureCanvasAgg(figure)
         grid = figure.add_gridspec(1 + below, _COLUMNS, height_ratios=[_FIRST_IN, *[_ROW_IN] * below])
-        draw_disparity(figure.add_subplot(grid[0, :]), achieved, target)
+        _draw_disparity(figure.add_subplot(grid[0, :]), achieved, target)
         for number, row in enumerate(rows):
             _draw_measure(figure.add_subplot(grid[1 + number // _COLUMNS, number % _COLUMNS]), row)
         for axis in figure.axes:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,17 +36,8 @@ class MeasuredPair:
     values: Mapping[str, float]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Outlier:
-    """A pair whose value of a measure is far from the typical value.
-
-    Attributes:
-        pair: the pair.
-        measure: the measure.
-        value: the pair's value.
-        typical: the median over all measured pairs.
-        deviations: distance of value and median in standard deviations, as estimated by `find_outliers`.
-    """
+class Outlier(NamedTuple):
+    """A pair whose value of a measure is far from the median ``typical``, by so many standard deviations."""
 
     pair: MeasuredPair
     measure: Measure

@@ -83,16 +83,16 @@ def slant(surfaces: Floats) -> float:
     return float(smooth.mean()) if smooth.size else float("nan")
 
 
-def mean_disparity(disparity: Floats) -> float:
-    """Return the mean disparity, % of the width."""
-    known = disparity[np.isfinite(disparity)]
-    return 100 * float(known.mean()) / disparity.shape[1] if known.size else float("nan")
-
-
 def largest_disparity(disparity: Floats) -> float:
     """Return the disparity below which 99.5 % of the pixels lie, % of the width."""
     known = disparity[np.isfinite(disparity)]
     return 100 * float(np.quantile(known, _LARGEST)) / disparity.shape[1] if known.size else float("nan")
+
+
+def mean_disparity(disparity: Floats) -> float:
+    """Return the mean disparity, % of the width."""
+    known = np.isfinite(disparity)
+    return 100 * float(disparity[known].mean()) / disparity.shape[1] if known.any() else float("nan")
 
 
 def border_hardness(luminance: Floats, surfaces: Floats) -> float:
@@ -276,9 +276,7 @@ def advice(measure: Measure, recipes: Sequence[Mapping[str, Any]], *, more: bool
     """
     changes = list[str]()
     for verb, sign in (("raise", 1), ("lower", -1)):
-        keys = [
-            key for key, moves in measure.moves.items() if (moves == sign) == more and _has_effect(key, recipes)
-        ]  # fmt: skip
+        keys = [key for key, moves in measure.moves.items() if (moves == sign) == more and _has_effect(key, recipes)]
         numbers = [key for key in keys if key not in _CHANGES]
         changes += [_CHANGES[key][sign < 0] for key in keys if key in _CHANGES]
         changes += [f"{verb} {', '.join(numbers)}"] if numbers else []
@@ -287,18 +285,19 @@ def advice(measure: Measure, recipes: Sequence[Mapping[str, Any]], *, more: bool
 
 def _has_effect(key: str, recipes: Sequence[Mapping[str, Any]]) -> bool:
     """Return whether a key has an effect in the scenes of any recipe."""
-    section, _, name = key.rpartition(".")
     if key == "scenes":
         return len(recipes) > 1
+    section, _, name = key.rpartition(".")
     for recipe in recipes:
         weights = recipe.get("background", {})
-        kinds = {kind for kind in set().union(*_KINDS.values()) if weights.get(kind, 0) > 0}
-        in_scenes = kinds & _KINDS[section] if section in _KINDS else True
+        kinds = {kind for kind in ("cuboid", "plane", "room", "street") if weights.get(kind, 0) > 0}
         if section == "background":
-            in_scenes = name in kinds and len(kinds) > 1  # the only weight above 0 is 1, whatever its value
-        if key == "particles.density":
-            in_scenes = recipe.get("particles", {}).get("layers") is None
-        if in_scenes:
+            counts = name in kinds and len(kinds) > 1  # the only weight above 0 is 1, whatever its value
+        elif key == "particles.density":
+            counts = recipe.get("particles", {}).get("layers") is None
+        else:
+            counts = section not in _KINDS or bool(kinds & _KINDS[section])
+        if counts:
             return True
     return False
 

@@ -25,7 +25,6 @@ has no blue, and readers of any colour vision can tell the masks apart."""
 
 # Quantiles of disparity between which the colours run: a small near object would otherwise use up most of them.
 _COLOURED = (0.01, 0.99)
-_THUMBNAIL_PX = 160
 _UNSEEN = 119
 
 
@@ -38,7 +37,7 @@ def embed_pair(frame: StoredFrame) -> dict[str, Any]:
         ``step``; ``width`` and ``height`` of the pictures; ``focal_baseline`` and ``doffs`` of the pair's camera;
         ``colours``, the disparities of the overlay's first and last colour, px; as base64 ``values``, the left view's
         disparity, float32 px row by row, deflated; as data URIs the JPEG ``left``, ``right``, and ``warped``, the right
-        image seen from the left, averaged over step x step pixels, ``thumbnail``, and the overlays ``disparity`` and
+        image seen from the left, averaged over step x step pixels, and the overlays ``disparity`` and
         ``masks``.
     """
     step = -(-frame.camera.width_px // WIDEST_PX)
@@ -52,9 +51,6 @@ def embed_pair(frame: StoredFrame) -> dict[str, Any]:
     for name, array in (("left", frame.left.image), ("right", frame.right.image), ("warped", _warped(frame))):
         # The last row and column may average incomplete squares; they are cropped where the square lacks its middle.
         embedded[name] = _uri(Image.fromarray(array).reduce(step).crop((0, 0, width, height)), "JPEG", quality=90)
-    thumbnail = Image.fromarray(frame.left.image)
-    thumbnail.thumbnail((_THUMBNAIL_PX, _THUMBNAIL_PX))
-    embedded["thumbnail"] = _uri(thumbnail, "JPEG")
     shares = (np.nan_to_num(disparity, posinf=low) - low) / ((high - low) or 1.0)
     colours = colormaps[COLOUR_MAP](np.linspace(0, 1, 255), bytes=True)[:, :3].tolist()
     numbers = np.where(np.isfinite(disparity), np.rint(254 * shares.clip(0, 1)), 255)

@@ -1,7 +1,7 @@
 """The report: a dataset as one HTML page, and beside pictures of its place what to change in its config."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from typing import Any
@@ -35,9 +35,7 @@ class Report:
 
     Attributes:
         page: the page, as HTML.
-        dataset_pairs: number of pairs of the dataset, or of the split.
         pairs: the measured pairs.
-        shown: number of pairs on the page.
         width_px: the working width, to which all images and maps were brought.
         disparity: distribution of disparity over all pixels of the left views; None where no pixel has a disparity.
         target: distribution that the config asks for.
@@ -46,9 +44,7 @@ class Report:
     """
 
     page: str
-    dataset_pairs: int
     pairs: Sequence[MeasuredPair]
-    shown: int
     width_px: int
     disparity: Histogram | None
     target: Histogram
@@ -119,22 +115,36 @@ def report(
             f"total variation {total_variation(target, achieved):.3f}, "
             f"Wasserstein-1 {wasserstein_px(target, achieved):.3g} px"
         )
-    page = _page(
-        name=config.name,
-        measured=len(measured),
-        pairs=len(opened),
-        width_px=width_px,
-        facts=facts,
-        config=json.dumps(config.model_dump(mode="json"), indent=1),
-        chart=draw_report(achieved, target, rows),
-        place=place,
-        table=table(rows),
-        outliers=outliers,
-        numbers={position: number for number, position in enumerate(by_position)},
-        embedded=[_embedded(opened, pair) for pair in by_position.values()],
-        colours={"hidden in the right view": HIDDEN, "outside the right view": BEYOND, "no disparity": NO_DISPARITY},
+    embedded = [
+        embed_pair(opened[pair.position]) | {"name": pair.name, "recipe": pair.recipe} for pair in by_position.values()
+    ]
+    assets = data_root("assets")
+    page = (
+        template_environment()
+        .get_template("report.html")
+        .render(
+            style=assets.joinpath("report.css").read_text("utf-8"),
+            script=assets.joinpath("report.js").read_text("utf-8"),
+            name=config.name,
+            measured=len(measured),
+            pairs=len(opened),
+            width_px=width_px,
+            facts=facts,
+            config=json.dumps(config.model_dump(mode="json"), indent=1),
+            chart=draw_report(achieved, target, rows),
+            place=place,
+            table=table(rows),
+            outliers=outliers,
+            numbers={position: number for number, position in enumerate(by_position)},
+            embedded=embedded,
+            colours={
+                "hidden in the right view": HIDDEN,
+                "outside the right view": BEYOND,
+                "no disparity": NO_DISPARITY,
+            },
+        )
     )
-    return Report(page, len(opened), measured, len(by_position), width_px, achieved, target, rows, place)
+    return Report(page, measured, width_px, achieved, target, rows, place)
 
 
 def _measured_place(images: Files, disparity: Files, png_scale: float, width_px: int) -> MeasuredPlace | None:
@@ -164,19 +174,3 @@ def _provenance(index: StoredIndex, split: SplitName | None) -> dict[str, str]:
         facts["redrawn"] = f"{redraws:,} attempts failed the config's checks and were rendered anew"
         facts["renderers"] = ", ".join(made.renderers)
     return facts
-
-
-def _embedded(dataset: Dataset, pair: MeasuredPair) -> Mapping[str, Any]:
-    """Return a pair as report.js shows it; see `embed_pair`."""
-    embedded = embed_pair(dataset[pair.position])
-    low, high = embedded["colours"]
-    recipe = "" if pair.recipe is None else f", recipe {pair.recipe}"
-    caption = f"{pair.name}{recipe}; colours from {low:.1f} to {high:.1f} px"
-    return embedded | {"name": pair.name, "caption": caption}
-
-
-def _page(**values: object) -> str:
-    """Render assets/report.html: one file that needs neither server nor network."""
-    environment, assets = template_environment(), data_root("assets")
-    style, script = (assets.joinpath(name).read_text("utf-8") for name in ("report.css", "report.js"))
-    return environment.get_template("report.html").render(style=style, script=script, **values)

@@ -97,8 +97,7 @@ def test_other_layouts_can_be_reported(layout, tmp_path):
     if backend_fault("auto"):
         pytest.skip("no OpenGL here")
     generate(config_of(), tmp_path / "set", 2, 0, layout=layout, shard_pairs=1)
-    made = report(tmp_path / "set", pairs=1, sample=1)
-    assert (len(made.pairs), made.shown) == (1, 1)
+    assert len(report(tmp_path / "set", pairs=1, sample=1).pairs) == 1
 
 
 def test_a_dataset_at_an_address_can_be_reported(dataset, made):

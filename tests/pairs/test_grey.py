@@ -26,7 +26,7 @@ from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.channels import View
 from semisynth_gl.frame.frame import Frame, as_rgb
 from semisynth_gl.inputs.errors import InputError, ReadError
-from semisynth_gl.judge.contact_sheet import draw_sheet
+from semisynth_gl.judge.charts import draw_sheet
 from semisynth_gl.judge.measured_view import mean_luminance
 from semisynth_gl.judge.pictures import embed_pair
 from semisynth_gl.layouts import Key, find_layout, layout_names
