@@ -9,9 +9,7 @@ def main() -> None:
 
     _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
     from semisynth_gl import cli  # noqa: PLC0415 - see above
-    from semisynth_gl.cli import streams  # noqa: PLC0415 - see above
 
-    streams.guard_streams()
     cli.main()
 
 

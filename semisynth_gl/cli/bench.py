@@ -8,11 +8,10 @@ from typing import Any
 
 import click
 
-from semisynth_gl.cli.options import COUNT, MOST_WORKERS, SEED, Callback, Command, ConfigName, option, set_option
+from semisynth_gl.cli.options import COUNT, MOST_WORKERS, SEED, Callback, Command, backend_option, option, set_option
 from semisynth_gl.cli.outputs import OutputFile, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config import load_config
-from semisynth_gl.render.backends import BACKENDS
 
 
 @click.group()
@@ -23,10 +22,10 @@ def bench() -> None:
 def _bench_options(config: str) -> Callable[[Callback], Callback]:
     """Return a decorator for the options that both commands share, with a default config."""
     options = (
-        option("--config", "config_name", type=ConfigName(), default=config, help="A packaged config or a YAML file."),
+        option("--config", "config_name", default=config, help="A packaged config or a YAML file."),
         set_option(),
         option("--seed", type=SEED, default=0, help="Seed of the scenes; another seed makes other scenes."),
-        option("--backend", type=click.Choice(BACKENDS), default="auto", help="As of generate."),
+        backend_option(),
         option("--json", "json_file", type=OutputFile(), help="Also write the full report to this JSON file."),
     )
 

@@ -23,7 +23,6 @@ from semisynth_gl.cli.options import (
 )
 from semisynth_gl.cli.outputs import OutputFile
 from semisynth_gl.cli.progress import Progress
-from semisynth_gl.cli.streams import say
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.inputs.errors import InputError
@@ -189,7 +188,7 @@ def calibrate(
         )
     out.write_text(made.text, "utf-8")
     for line in made.summary:
-        say(line)
+        click.echo(line)
     for note in made.notes:
         click.echo(f"note: {note}", err=True)
     config, data = shlex.quote(str(out)), shlex.quote(f"data/{made.config.name}")
@@ -197,7 +196,7 @@ def calibrate(
     sources += [f"--disparity {shlex.quote(source)}" for source in disparity]
     if disparity and png_scale != KITTI_DISPARITY.steps:
         sources.append(f"--png-scale {png_scale:g}")
-    say(f"wrote {out}; next:")
-    say(f"  semisynth-gl preview --config {config}")
-    say(f"  semisynth-gl generate --config {config} --out {data} --pairs {_PROPOSED_PAIRS}")
-    say(f"  semisynth-gl report {data} {' '.join(sources)}")
+    click.echo(f"wrote {out}; next:")
+    click.echo(f"  semisynth-gl preview --config {config}")
+    click.echo(f"  semisynth-gl generate --config {config} --out {data} --pairs {_PROPOSED_PAIRS}")
+    click.echo(f"  semisynth-gl report {data} {' '.join(sources)}")

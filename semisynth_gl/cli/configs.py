@@ -2,13 +2,13 @@
 
 import click
 
-from semisynth_gl.cli.options import Command, ConfigName, listed_configs
+from semisynth_gl.cli.options import Command, complete_config
 from semisynth_gl.config.explain import explain
-from semisynth_gl.config.load import load_config
+from semisynth_gl.config.load import load_config, summaries
 
 
 @click.command(cls=Command)
-@click.argument("config_name", type=ConfigName(), metavar="[NAME_OR_PATH]", required=False)
+@click.argument("config_name", metavar="[NAME_OR_PATH]", required=False, shell_complete=complete_config)
 def configs(config_name: str | None) -> None:
     """List the packaged configs, or print one with all of its keys, defaults and comments.
 
@@ -17,5 +17,5 @@ def configs(config_name: str | None) -> None:
     if config_name is not None:
         click.echo(explain(load_config(config_name)), nl=False)
         return
-    for line in listed_configs():
-        click.echo(line)
+    for name, summary in summaries().items():
+        click.echo(f"{name:30}{summary}")

@@ -1,7 +1,7 @@
 """``semisynth-gl doctor``."""
 
 import platform
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 
 import click
 
@@ -25,7 +25,7 @@ def doctor() -> None:
 
     click.echo(f"Python {platform.python_version()} on {platform.platform()}")
     for package in _PACKAGES:
-        click.echo(f"  {package} {_version(package)}")
+        click.echo(f"  {package} {version(package)}")
     click.echo(f"  OpenCV {_opencv_version()}")
     for plugin in installed_plugins().values():
         click.echo(f"Plug-in: {plugin}")
@@ -45,10 +45,9 @@ def doctor() -> None:
         click.echo("Missing")
         for library, package in missing.items():
             click.echo(f"  {library}, from Debian's {package}")
-        if any("osmesa" not in package for package in missing.values()):
-            click.echo(f"  install with: {as_root(INSTALL_COMMAND)}")
-        else:
-            click.echo(f"  optional, install with: {as_root(INSTALL_COMMAND_OSMESA)}")
+        optional = all("osmesa" in package for package in missing.values())
+        command = as_root(INSTALL_COMMAND_OSMESA if optional else INSTALL_COMMAND)
+        click.echo(f"  {'optional, ' * optional}install with: {command}")
     if not working:
         click.echo("No backend works: nothing can be rendered here.")
         click.get_current_context().exit(1)
@@ -65,8 +64,6 @@ def _try(backend: Backend) -> bool:
         facts = context_facts(backend)
         click.echo(f"  {facts.renderer}")
         click.echo(f"  OpenGL {facts.version}")
-        for name, value in facts.limits.items():
-            click.echo(f"  {name}: {value}")
         error_px = plane_error_px(backend)
     except BackendError as error:
         click.echo("  " + str(error).replace("\n", "\n  "))
@@ -83,10 +80,3 @@ def _opencv_version() -> str:
         return str(open_opencv("the section lens").__version__)
     except InputError:
         return "not installed: the section lens needs it, and calibrate for --pairs, --rectify-to and lenses"
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "not installed"

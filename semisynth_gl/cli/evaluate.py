@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from semisynth_gl.cli.options import Command, FilesType, UserPath, option
+from semisynth_gl.cli.options import Command, option
 from semisynth_gl.cli.outputs import OutputFile, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.inputs.errors import abbreviate, counted
@@ -16,7 +16,7 @@ from semisynth_gl.judge.evaluate import evaluate as evaluate_predictions
 from semisynth_gl.judge.protocol import PROTOCOL_NAMES, ProtocolName
 from semisynth_gl.seeds.splits import SPLITS, SplitName
 
-_PATH = UserPath()
+_PATH = click.Path(path_type=Path)
 # Most pairs with a row in a table, and the figure that they are sorted by.
 _WORST, _BY = 10, "bad-2"
 
@@ -26,7 +26,6 @@ _WORST, _BY = 10, "bad-2"
 @option(
     "--gt",
     "truth",
-    type=FilesType(home=True),
     metavar="DIR_OR_ADDRESS",
     help="Truth of the predicted pairs: a dataset of this program, or a folder of Middlebury, ETH3D or KITTI.",
 )

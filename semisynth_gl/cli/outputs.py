@@ -6,27 +6,23 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import UserPath
-from semisynth_gl.inputs.errors import InputError
 
-
-class OutputFile(UserPath):
+class OutputFile(click.Path):
     """The type of a file to write; its folder has to exist, and its name to have one of the ``endings``, if any."""
 
     def __init__(self, *endings: str) -> None:
-        super().__init__()
+        super().__init__(path_type=Path)
         self._endings = endings
 
     def convert(self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the path; raises InputError, which names the option, before anything is computed."""
-        path = super().convert(value, param, ctx)
-        shown = f"{param.opts[0] if param else 'file'} {path}"
+        """Return the path, or refuse it before anything is computed."""
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
         if self._endings and path.suffix.lower() not in self._endings:
-            raise InputError(f"{shown}: expected a name that ends in {self._endings[0]}")
-        if not path.parent.is_dir():
-            raise InputError(f"{shown}: the folder {path.parent} does not exist")
+            self.fail(f"{path}: expected a name that ends in {self._endings[0]}", param, ctx)
         if path.is_dir():
-            raise InputError(f"{shown}: is a folder; name a file")
+            self.fail(f"{path}: is a folder; name a file", param, ctx)
+        if not path.parent.is_dir():
+            self.fail(f"{path}: the folder {path.parent} does not exist", param, ctx)
         return path
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from semisynth_gl.cli.options import Command, SceneOptions, option, scene_options
 from semisynth_gl.cli.outputs import OutputFile
 from semisynth_gl.cli.progress import Progress
-from semisynth_gl.cli.streams import say
 from semisynth_gl.codecs.ply import encode_points
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.dataset.interrupts import interrupts_end
@@ -78,13 +77,13 @@ def preview(scene: SceneOptions, out: Path, ply: Path | None, patches: bool, pai
         [f"{'' if recipe.name is None else f'{recipe.name}, '}pair {pair.index}" for recipe, pair, _ in grouped],
         [recipe.share / count for recipe, _, count in grouped],
     ).savefig(out)
-    say(f"{counted(len(shown), 'pair')} in {out}")
+    click.echo(f"{counted(len(shown), 'pair')} in {out}")
     if ply is not None:
         frame = shown[0].frame
         points = frame.points()
         seen = np.isfinite(points[..., 2])
         ply.write_bytes(encode_points(points[seen], as_rgb(frame.left.image)[seen]))
-        say(f"the points of pair {shown[0].index} in {ply}")
+        click.echo(f"the points of pair {shown[0].index} in {ply}")
     for recipe, its, (objects, still) in zip(recipes, of_recipe, in_view, strict=True):
         view = f"on average {counted(round(objects), 'particle')} in view, covering {1 - still:.0%} of the image"
         if recipe.name is not None:
@@ -92,8 +91,8 @@ def preview(scene: SceneOptions, out: Path, ply: Path | None, patches: bool, pai
                 f"pair{'s' * (len(its) > 1)} {', '.join(str(pair.index) for pair in its)}" if its else "no pair shown"
             )
             view = f"{recipe.name}, {recipe.share:.0%} of the scenes: {listed}; {view}"
-        say(view)
-    say(
+        click.echo(view)
+    click.echo(
         f"over many pairs, disparities are expected to have a total variation of "
         f"{total_variation(expected, target):.3f} from the target, and a Wasserstein-1 distance of "
         f"{wasserstein_px(target, expected):.2g} px"
@@ -113,7 +112,7 @@ def _draw_patches(section: TexturesSection, seed: int, out: Path) -> None:
     images = named_images(section, report.example_images, split, photographs)
     draw_texture_sheet(report, shown, images, title).save(out)
     for line in (*_patch_table(report), report.summary(), f"{kept} in {out}"):
-        say(line)
+        click.echo(line)
 
 
 def _patch_table(report: TextureReport) -> list[str]:

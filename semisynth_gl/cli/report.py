@@ -8,7 +8,6 @@ import click
 from semisynth_gl.cli.options import COUNT, Command, FilesType, images_option, map_options, option
 from semisynth_gl.cli.outputs import OutputFile, write_json
 from semisynth_gl.cli.progress import Progress
-from semisynth_gl.cli.streams import say
 from semisynth_gl.dataset.root import open_root
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.seeds.splits import SPLITS, SplitName
@@ -77,4 +76,4 @@ def report(
     for note in () if built.place is None else built.place.notes:
         click.echo(f"note: {note}", err=True)
     measured = counted(len(built.pairs), "pair")
-    say(f"{out}: {measured} measured, {len(data) / 1e6:.1f} MB, {time.monotonic() - start:.0f} s")
+    click.echo(f"{out}: {measured} measured, {len(data) / 1e6:.1f} MB, {time.monotonic() - start:.0f} s")

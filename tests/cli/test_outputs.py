@@ -1,4 +1,4 @@
-"""Files and datasets that commands write: where they may be, and what an empty name means."""
+"""Files and datasets that commands write: where they may be."""
 
 import shutil
 import sys
@@ -20,9 +20,7 @@ PLAIN = "--focal-px 700 --baseline-m 0.12 --size 64x48 --range-px 1 8 --other-ca
 SMALL = "--set camera.width_px=64 --set camera.height_px=48 --set models.variants=1 --set models.complex=0"
 # Each option that writes a file, behind the command that has it.
 COMMANDS = {
-    "verify set --json": ".json",
     "evaluate --pred pred --gt gt --json": ".json",
-    "report set --images photos --pairs 0 --json": ".json",
     f"preview --config sceneflow --images photos --pairs 1 {SMALL} --ply": ".ply",
     "report set --pairs 1 --out": ".html",
     f"calibrate --images photos {PLAIN} --out": ".yaml",
@@ -59,10 +57,6 @@ def call(monkeypatch, capsys, home):
     return caller
 
 
-def files(folder):
-    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
 def refused(done, *words):
     code, out, err = done
     assert (code, out) == (2, ""), err
@@ -95,21 +89,16 @@ def test_a_file_is_replaced_and_what_cannot_be_one_is_refused_first(call, tmp_pa
     ("source", "out", "apart"),
     [
         ("photos", "photos/set", False),
-        ("photos/", "photos/../photos/x/y", False),
         ("link", "photos/set", False),
         ("photos/0.png", "photos/set", True),
-        ("photos/0.png", "photos", False),
         ("photos/*.png", "photos/set", True),
-        ("photos/*", "photos/set", False),
         ("photos/**/*.png", "photos/set", False),
         ("photos/**/*.png", "set", True),
-        ("photos/*.png", "link", False),
         ("photos/.hidden", "photos/set", True),
         ("photos", "photos2", True),
         ("..", "set", False),
         ("models", "models/set", False),
         ("models/a", "models", False),
-        ("models/a", "models/b", True),
     ],
 )
 def test_a_dataset_lies_apart_from_its_photographs_and_models(home, tmp_path, monkeypatch, source, out, apart):
@@ -126,20 +115,11 @@ def test_a_dataset_lies_apart_from_its_photographs_and_models(home, tmp_path, mo
         check_apart(open_root(out), config)
 
 
-def test_an_empty_name_is_not_the_current_folder(call, home):
-    before = files(home)
-    for command in ("preview --config sceneflow --images", "evaluate --gt gt --pred", "generate --config kitti --out"):
-        for name in ("", "\n"):
-            refused(call(command, name), command.split()[-1])
-    refused(call("verify", ""), "DIR_OR_ADDRESS")
-    assert files(home) == before
-
-
 @pytest.mark.parametrize(
     ("address", "word"),
     [
         ("s3:///set", "bucket"),
-        ("memory://set", "memory"),
+        ("", "expected a folder"),
         ("s3:/bucket/set", "slash"),
         ("nobody://set", "nobody"),
         ("~nosuchuser/set", "nosuchuser"),
@@ -150,15 +130,3 @@ def test_places_where_nobody_looks_are_refused(call, tmp_path, address, word):
     setting = ("--set", "textures.source=procedural")
     refused(call(f"generate --config sceneflow --pairs 1 {SMALL} --out", address, *setting, cwd=tmp_path), word)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_home_is_expanded_in_every_path(call, home, tmp_path, monkeypatch):
-    monkeypatch.setenv("HOME", str(tmp_path))
-    for name in ("set", "pred", "gt"):
-        shutil.copytree(home / name, tmp_path / name, symlinks=True)
-    assert open_root("~/set") == tmp_path / "set"
-    assert call("verify ~/set --json ~/v.json")[0] == 0
-    assert call("evaluate --pred ~/pred --gt ~/gt --json ~/e.json --maps ~/maps")[0] == 0
-    assert call("report ~/set --pairs 1 --sample 1 --out ~/r.html")[0] == 0
-    assert {"v.json", "e.json", "maps", "r.html"} <= {path.name for path in tmp_path.iterdir()}
-    assert not (home / "~").exists()
