@@ -6,14 +6,26 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semisynth_gl.cli.options import COUNT, MOST_WORKERS, NATURAL, Command, SceneOptions, option, scene_options, split
+from semisynth_gl.cli.options import (
+    COUNT,
+    MOST_WORKERS,
+    NATURAL,
+    Command,
+    Number,
+    SceneOptions,
+    option,
+    scene_options,
+    split,
+)
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_stop
+from semisynth_gl.dataset.root import open_root
 from semisynth_gl.frame.channels import OUTPUTS, TRUTH_VIEWS, TruthViews, View
 from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.listener import FinishedPair
+from semisynth_gl.plugins import MissingPluginError
 
 if TYPE_CHECKING:
     from semisynth_gl.dataset.engines import Engine
@@ -84,7 +96,7 @@ def _range(_: click.Context, __: click.Parameter, text: str | None) -> range | N
 )
 @option(
     "--gpu-share",
-    type=click.FloatRange(min=0, max=MOST_WORKERS),
+    type=Number(min=0, max=MOST_WORKERS),
     default=0.0,
     help="GPUs for each Ray task; a fraction lets several tasks share a GPU.",
 )
@@ -130,7 +142,14 @@ def generate(
     settings = [] if truth is None else [f"truth={truth}"]
     if outputs is not None:
         settings.append(f"outputs=[{', '.join(name for name in outputs if name != 'none')}]")
-    config = scene.config(*settings)
+    try:
+        config = scene.config(*settings)
+    except MissingPluginError:
+        if out is not None and not overwrite:
+            from semisynth_gl.dataset.folder import read_plan  # noqa: PLC0415 - see above
+
+            read_plan(open_root(out))  # the dataset in this place may name the package to install
+        raise
     with _GenerationProgress() as progress:
         result = generate_dataset(
             config,

@@ -1,5 +1,6 @@
 """Options that several commands share."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial, wraps
@@ -25,10 +26,20 @@ MOST_WORKERS = 1024
 # JSON readers in other languages take whole numbers of at most 64 bits.
 SEED = click.IntRange(min=0, max=(1 << 63) - 1)
 
-# The types of a folder; of a file, folder, glob or address as the user wrote it; and of a number in a range.
+# The types of a folder, and of a file, folder, glob or address as the user wrote it.
 UserPath = partial(click.Path, path_type=Path)
 FilesType = click.types.StringParamType
-Number = click.FloatRange
+
+
+class Number(click.FloatRange):
+    """The type of a number in a range; unlike click's own type, it refuses nan."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:  # noqa: ANN401
+        """Return the number, or refuse a value that is not a number in the range."""
+        number = float(super().convert(value, param, ctx))
+        if math.isnan(number):
+            self.fail(f"{value!r} is not a number.", param, ctx)
+        return number
 
 
 class Command(click.Command):
@@ -54,9 +65,9 @@ def split(item: Any) -> Callable[..., tuple[Any, ...] | None]:  # noqa: ANN401 -
     return convert
 
 
-def above_0(largest: float) -> click.FloatRange:
+def above_0(largest: float) -> Number:
     """Return the type of a number above 0 and up to ``largest``."""
-    return click.FloatRange(min=0, min_open=True, max=largest)
+    return Number(min=0, min_open=True, max=largest)
 
 
 def complete_config(_: click.Context, __: click.Parameter, begun: str) -> list[CompletionItem]:
