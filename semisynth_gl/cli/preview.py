@@ -87,10 +87,8 @@ def preview(scene: SceneOptions, out: Path, ply: Path | None, patches: bool, pai
     for recipe, its, (objects, still) in zip(recipes, of_recipe, in_view, strict=True):
         view = f"on average {counted(round(objects), 'particle')} in view, covering {1 - still:.0%} of the image"
         if recipe.name is not None:
-            listed = (
-                f"pair{'s' * (len(its) > 1)} {', '.join(str(pair.index) for pair in its)}" if its else "no pair shown"
-            )
-            view = f"{recipe.name}, {recipe.share:.0%} of the scenes: {listed}; {view}"
+            listed = ", ".join(str(pair.index) for pair in its) or "none"
+            view = f"{recipe.name}, {recipe.share:.0%} of the scenes: pairs shown {listed}; {view}"
         click.echo(view)
     click.echo(
         f"over many pairs, disparities are expected to have a total variation of "

@@ -117,7 +117,7 @@ def test_a_preview_shows_each_recipe_and_says_what_it_is(tmp_path):
     assert done.exit_code == 0, done.output
     assert f"4 pairs in {sheet}\n" in done.stdout
     said = re.findall(
-        r"^(\w+), (\d+)% of the scenes: pairs? ([\d, ]+); on average \d+ particles? in view, covering \d+% of ",
+        r"^(\w+), (\d+)% of the scenes: pairs shown ([\d, ]+); on average \d+ particles? in view, covering \d+% of ",
         done.stdout,
         re.MULTILINE,
     )
@@ -125,7 +125,7 @@ def test_a_preview_shows_each_recipe_and_says_what_it_is(tmp_path):
     shown = sorted(int(index) for *_, indices in said for index in indices.split(", "))
     assert shown == sampler_of(mixed(small()), seed=0).overview(4)
     one = CliRunner().invoke(semisynth_gl, ["preview", "--config", str(path), "--out", sheet, "--pairs", "1"])
-    assert one.stdout.count("no pair shown; on average") == 2
+    assert one.stdout.count("pairs shown none; on average") == 2
 
 
 def test_seeds_begin_at_other_recipes():
