@@ -217,16 +217,6 @@ def test_a_folder_of_maps_is_truth_too(tmp_path):
     assert found["mean"]["all"]["epe"] == pytest.approx(3, abs=1 / 256)
 
 
-def test_an_empty_mask_leaves_a_pair_out_of_the_mean(tmp_path):
-    gt = scenes(tmp_path / "gt", ["a", "b"])
-    (gt / "a" / "mask0nocc.png").write_bytes(GREY8.encode(np.zeros(SHAPE, np.uint8)))
-    for name in "ab":
-        save(tmp_path / "pred" / f"{name}.pfm", ramp())
-    found = evaluate(tmp_path / "pred", gt)
-    one, other = (each["figures"]["non-occluded"]["avgerr"] for each in found["images"])
-    assert (one, other) == (None, found["mean"]["non-occluded"]["avgerr"])
-
-
 # --- error maps, tables, refusals ---
 
 
