@@ -236,7 +236,7 @@ def _tile(pixels: NDArray[np.uint8], text: str = "") -> Image.Image:
     image = Image.fromarray(pixels)
     image.thumbnail((_TILE_PX, _TILE_PX), Image.Resampling.BOX)
     # The stroke is there so that the text can be read on any patch.
-    at, font = (4, _TILE_PX - _LINE_PX), ImageFont.load_default(_TEXT_PX)
+    at, font = (4, image.height - _LINE_PX), ImageFont.load_default(_TEXT_PX)
     ImageDraw.Draw(image).text(at, text, fill=_ON_TILE, font=font, stroke_width=1, stroke_fill=_INK)
     return image
 

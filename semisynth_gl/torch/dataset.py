@@ -58,7 +58,7 @@ class StereoDataset(Dataset[Any]):
         if crop is not None or augmentation is not None:
             camera = self.pairs[0].camera
             sides = camera.height_px, camera.width_px
-        self._maker = SampleMaker(sides, about.address, crop, augmentation, transform)
+        self._maker = SampleMaker(sides, crop, augmentation, transform)
 
     def __len__(self) -> int:
         return len(self.pairs)

@@ -24,7 +24,6 @@ class SampleMaker:
 
     Args:
         sides: height and width of the images, px.
-        whose: the owner of the images, for messages.
         crop: height and width, px; None for whole images.
         augmentation: changes of each pair; None for none.
         transform: gets the sample and returns the object to use instead.
@@ -36,13 +35,17 @@ class SampleMaker:
     def __init__(
         self,
         sides: tuple[int, int],
-        whose: str,
         crop: tuple[int, int] | None,
         augmentation: Augmentation | None,
         transform: Transform | None,
     ) -> None:
-        if crop is not None:
-            check_crop(crop, sides, whose)
+        fits = crop is None or (
+            isinstance(crop, Sequence)
+            and len(crop) == 2
+            and all(isinstance(side, Integral) and 1 <= side <= most for side, most in zip(crop, sides, strict=True))
+        )
+        if not fits:
+            raise InputError(f"crop: expected (height, width), whole numbers of up to {sides} px, got {shown(crop)}")
         if augmentation is not None:
             augmentation.check(crop, sides)
         if transform is not None and not callable(transform):
@@ -77,7 +80,7 @@ class SampleMaker:
         if self._augmentation is not None:
             changes = self._augmentation.sample(self._crop, self._sides, seed, sequence, epoch)
             size = changes.source
-        frame = pair(None if size is None else choose_crop(size, self._sides, seed, sequence, epoch))
+        frame = pair(None if size is None else _choose_crop(size, self._sides, seed, sequence, epoch))
         if self._augmentation is None or changes is None:
             sample = to_sample(index, frame if size is None else _with_own_masks(frame))
         else:
@@ -86,20 +89,7 @@ class SampleMaker:
         return sample if self._transform is None else self._transform(sample)
 
 
-def check_crop(crop: Any, sides: tuple[int, int], whose: str) -> None:  # noqa: ANN401 - that is what it checks
-    """Check that a crop (height, width) fits into images of ``sides`` (height, width), px; otherwise raise InputError.
-
-    ``whose`` names the owner of the images in the message.
-    """
-    whole = isinstance(crop, Sequence) and len(crop) == 2 and all(isinstance(side, Integral) for side in crop)
-    if not whole or not all(1 <= side <= most for side, most in zip(crop, sides, strict=True)):
-        raise InputError(
-            f"crop: expected (height, width), whole numbers of up to {sides} px, the image size of {whose}, got "
-            f"{shown(crop)}"
-        )
-
-
-def choose_crop(crop: tuple[int, int], sides: tuple[int, int], seed: int, sequence: int, epoch: int) -> Crop:
+def _choose_crop(crop: tuple[int, int], sides: tuple[int, int], seed: int, sequence: int, epoch: int) -> Crop:
     """Choose the place of a crop (height, width) at random in images of ``sides`` (height, width), px."""
     rng = generator(seed, Purpose.CROP, sequence, *([epoch] if epoch else []))
     height, width = crop

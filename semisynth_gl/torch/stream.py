@@ -91,7 +91,7 @@ class StereoStream(Dataset[Any]):
         self._reader: CudaReader | None = None
         self._process = os.getpid()
         sides = config.camera.height_px, config.camera.width_px
-        self._maker = SampleMaker(sides, "the config's camera", crop, augmentation, transform)
+        self._maker = SampleMaker(sides, crop, augmentation, transform)
 
     def __len__(self) -> int:
         return self._pairs

@@ -6,21 +6,15 @@ import numpy as np
 import pytest
 from scenes import facing, noise_layers
 
-from semisynth_gl.config import load_config
 from semisynth_gl.frame.camera import EYES, Deviation, StereoCamera
 from semisynth_gl.frame.channels import DRAWN_OUTPUTS, FLOW_OUTPUTS
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import centred, make_mesh
 from semisynth_gl.geometry.model_files import load_models
-from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.geometry.topology import is_solid, marked_solid, neighbours
-from semisynth_gl.render.instance_transforms import TransformComposer
 from semisynth_gl.scene.background import FACE
-from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import make_scene, move
 from semisynth_gl.scene.structures import STILL_MODELS
-from semisynth_gl.seeds.splits import Split
-from semisynth_gl.textures.atlas import Patch
 
 AWAY_M = np.array([6e6, -4.9e6, 5.3e6])
 PERIODS = np.float64(2e6)
@@ -142,18 +136,6 @@ def test_models_of_the_program_are_drawn_where_they_are():
         assert drawn.mesh.uv is mesh.uv, mesh.name
         assert not drawn.origin.any()
         assert not drawn.uv_origin.any()
-
-
-def test_patches_of_sampled_scenes_lie_where_scenes_say():
-    section = load_config("kitti")
-    library = build_library(section.models, section.particles, Split(0))
-    sampler = SceneSampler(section, 0, library, tuple(Patch("", 0, 0, 256, k, 1, 9.0) for k in range(4)))
-    composer = TransformComposer([centred(mesh) for mesh in sampler.models])
-    for index in range(6):
-        scene = sampler.sample(index).scene
-        transforms = composer.compose(scene)
-        np.testing.assert_array_equal(transforms.patch_from_uv, np.c_[scene.uv_scale, scene.uv_offset])
-        np.testing.assert_array_equal(transforms.view_from_model, scene.view_from_model())
 
 
 def test_models_of_files_lose_nothing_far_from_their_origin(tmp_path):

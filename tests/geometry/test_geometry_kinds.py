@@ -20,8 +20,7 @@ from geometry_measures import (
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
 from semisynth_gl.geometry import kinds, model_library
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
-from semisynth_gl.geometry.mesh import Mesh, merged
-from semisynth_gl.geometry.surfaces import box
+from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.seeds.splits import SPLITS, Split
 
 KINDS = {**SIMPLE_KINDS, **COMPLEX_KINDS}
@@ -42,12 +41,6 @@ BENT = {"pipe_run", "cactus", "chain", "cable", "flat_coil", "spring", "torus_kn
 @cache
 def built(kind: str, seed: int) -> Mesh:
     return KINDS[kind](np.random.default_rng(seed))
-
-
-def test_there_are_enough_kinds_and_none_twice() -> None:
-    assert len(SIMPLE_KINDS) == 9
-    assert len(COMPLEX_KINDS) >= 18
-    assert len(KINDS) == len(SIMPLE_KINDS) + len(COMPLEX_KINDS)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -74,20 +67,6 @@ def test_no_two_triangles_lie_in_one_plane_and_overlap(kind: str) -> None:
     overlaps = [len(coplanar_overlaps(built(kind, seed))) for seed in (0, 1)]
     # A table says which kinds do, so that none joins them, and one that is mended leaves them.
     assert any(overlaps) == (kind in FLUSH)
-
-
-def test_what_lies_in_one_plane_and_overlaps() -> None:
-    def pairs(*boxes: Mesh) -> int:
-        return len(coplanar_overlaps(merged("boxes", boxes)))
-
-    unit = box((1, 1, 1))
-    assert pairs(unit) == 0
-    assert pairs(unit, box((1, 1, 1), (0, 0, 1.001))) == 0  # parallel, but apart
-    assert pairs(unit, box((0.2, 0.2, 0.2), (0, 0, 0.5))) == 0  # sunk in
-    assert pairs(unit, box((1, 1, 1), (1, 1, 0))) == 0  # they share an edge
-    assert pairs(unit, box((0.4, 0.2, 0.2), (0.1, 0, 0.6))) > 0  # flush
-    assert pairs(unit, box((0.4, 0.2, 0.2), (0.1, 0, 0.60005))) > 0  # and nearly
-    assert pairs(unit, box((0.4, 0.2, 0.2), (0.1, 0, 0.4))) > 0  # one face in the other
 
 
 @pytest.mark.parametrize("kind", KINDS)

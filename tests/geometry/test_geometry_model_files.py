@@ -181,11 +181,6 @@ def test_single_triangles_without_uv_are_projected(folder: Path) -> None:
     assert stretch(mesh) == pytest.approx(1, abs=1e-4)
 
 
-def test_colours_that_are_not_finite_do_no_harm(folder: Path) -> None:
-    (folder / "good.obj").write_text("v 0 0 0 nan nan nan\nv 1 0 0 inf 0 0\nv 0 1 0 0 0 0\nf 1 2 3\n")
-    assert len(one(folder).triangles) == 1
-
-
 def test_degenerate_triangles_and_loose_vertices_are_dropped(folder: Path) -> None:
     (folder / "good.obj").write_text(SQUARE + "v 1000 0 0\nv 1 0 0\nf 1 2 3\nf 1 1 2\nf 1 2 6\n")
     mesh = one(folder)

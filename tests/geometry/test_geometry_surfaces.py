@@ -4,7 +4,7 @@ from geometry_measures import components, edge_balance, euler_characteristic, st
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from semisynth_gl.geometry.mesh import make_mesh, merged, normalised, without_degenerate
+from semisynth_gl.geometry.mesh import merged, normalised
 from semisynth_gl.geometry.parts import arc, circle, placed, rectangle, rod, rounded, smooth, turned, turned_about_z
 from semisynth_gl.geometry.surfaces import (
     BAND_STRETCH,
@@ -16,13 +16,6 @@ from semisynth_gl.geometry.surfaces import (
     sweep,
 )
 from semisynth_gl.geometry.vessels import hollow
-
-
-def test_box_has_exact_volume_and_texture() -> None:
-    mesh = box((1, 2, 3), (10, 0, 0))
-    assert volume(mesh) == pytest.approx(6, rel=1e-6)
-    assert stretch(mesh).max() == pytest.approx(1, abs=1e-5)
-    assert mesh.positions.min(axis=0) == pytest.approx([9.5, -1, -1.5])
 
 
 def test_cylinder_unrolls_to_its_polygon() -> None:
@@ -157,12 +150,6 @@ def test_the_short_way_about_z_is_that_of_any_axis() -> None:
         assert (long.T.tobytes(), long.strides) == (short.T.tobytes(), short.strides)
 
 
-def test_turned_follows_the_right_hand() -> None:
-    assert turned((0, 0, 1), np.pi / 2) @ (1, 0, 0) == pytest.approx([0, 1, 0], abs=1e-12)
-    assert turned((1, 0, 0), np.pi / 2) @ (0, 1, 0) == pytest.approx([0, 0, 1], abs=1e-12)
-    assert turned((0, 2, 0), np.pi / 2) @ (0, 0, 1) == pytest.approx([1, 0, 0], abs=1e-12)
-
-
 def test_placed_keeps_size_and_texture() -> None:
     mesh = placed(box((1, 2, 3)), (0, 0, 5), rotation=turned((1, 1, 0), 1.0))
     assert volume(mesh) == pytest.approx(6, rel=1e-5)
@@ -187,13 +174,6 @@ def test_grid_normal_and_texture_are_not_mirrored() -> None:
     corners = mesh.positions[mesh.triangles[0]]
     assert np.cross(corners[1] - corners[0], corners[2] - corners[0])[2] > 0
     assert mesh.uv.tolist() == [[0, 0], [1, 0], [0, -1], [1, -1]]
-
-
-def test_degenerate_triangles_and_loose_vertices_go() -> None:
-    positions = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (9, 9, 9), (2, 0, 0)]
-    mesh = without_degenerate(make_mesh("m", positions, np.zeros((5, 2)), [(0, 1, 2), (0, 1, 4), (0, 0, 2)]))
-    assert mesh.triangles.tolist() == [[0, 1, 2]]
-    assert mesh.positions.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
 
 
 def test_merged_and_normalised_keep_parts_apart() -> None:

@@ -155,7 +155,7 @@ def place_of(sample, whole):
 def test_a_crop_of_tensors_has_the_masks_of_a_crop_of_arrays():
     pair = make_frame(2).cropped(Crop(5, 3, CROP[1], CROP[0]))
     tensors = [{name: torch.from_numpy(array) for name, array in pair.view(eye).items()} for eye in EYES]
-    maker = SampleMaker((32, 48), "a pair", CROP, None, None)
+    maker = SampleMaker((32, 48), CROP, None, None)
     samples = [
         maker.make(2, 2, SEED, lambda _: pair),
         maker.make(2, 2, SEED, lambda _: Frame(pair.camera, *map(View, tensors))),
@@ -261,7 +261,7 @@ def test_what_lacks_pixels_is_filled_with_nothing(hand_made):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"crop": (33, 10)}, r"up to \(32, 48\) px, the image size of .*hand-made.*, got \(33, 10\)"),
+        ({"crop": (33, 10)}, r"up to \(32, 48\) px, got \(33, 10\)"),
         ({"crop": (0, 10)}, r"got \(0, 10\)"),
         ({"crop": 10}, "got 10"),
         ({"crop": (10.0, 10)}, r"got \(10.0, 10\)"),
