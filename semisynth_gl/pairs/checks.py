@@ -45,7 +45,7 @@ class SceneGuarantees:
         camera, signed = sampled.scene.camera, config.disparity.signed
         if signed or not camera.rectified:
             return OPEN
-        return cls(not sampled.scene.sky.any(), _FAR_BELOW * float(camera.disparity_px(sampled.farthest_m)))
+        return cls(not sampled.scene.sky.any(), _FAR_BELOW * float(camera.disparity_px(sampled.static.farthest_m)))
 
 
 OPEN = SceneGuarantees(everywhere=False, least_px=-np.inf)

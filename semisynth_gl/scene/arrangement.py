@@ -1,4 +1,4 @@
-"""Still things: models that stand, lie and hang in a frame whose z points up, and flat rectangles beside them."""
+"""Static instances on a floor: models that stand, lie and hang, and flat rectangles beside them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,7 +12,8 @@ from semisynth_gl.geometry.mesh import Mesh, cross
 from semisynth_gl.geometry.parts import turned_about_z
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.background import FACE, OVERLAP
-from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway
+from semisynth_gl.scene.instances import Instances, new_instances
+from semisynth_gl.scene.rig import BEYOND_NEAR, NO_SWAY, Sway
 from semisynth_gl.scene.scene import placed_vertices
 from semisynth_gl.scene.support import surfaces_below
 
@@ -29,54 +30,39 @@ Corner = tuple[float, float]
 """A corner of a rectangle: x and y on the floor, or u and v on a wall."""
 
 
-@dataclass(frozen=True, slots=True)
-class FloorView:
-    """The left camera's pose over a floor: z up, y ahead, x to the right, the origin on the floor below the camera."""
+def camera_over_floor(height_m: float, yaw_rad: float, pitch_rad: float, roll_rad: float) -> Floats:
+    """Return camera_from_floor, (4, 4), of a left camera over a floor.
 
-    camera: StereoCamera
-    camera_from_floor: Floats  # (4, 4), metres
-    near_m: float  # nothing stands nearer than this depth
+    The floor's frame has its origin below the camera; x points right, y ahead and z up.
 
-    @classmethod
-    def over_floor(
-        cls, camera: StereoCamera, near_m: float, height_m: float, yaw_rad: float, pitch_rad: float, roll_rad: float
-    ) -> "FloorView":
-        """Place a camera over a floor.
-
-        Args:
-            camera: the camera.
-            near_m: depth that nothing comes nearer than.
-            height_m: height of the left camera above the floor.
-            yaw_rad: turn of the optical axis from y to the right.
-            pitch_rad: turn of the optical axis downwards.
-            roll_rad: turn about the optical axis; a positive one moves the camera's right side down.
-        """
-        ahead = np.array([np.sin(yaw_rad) * np.cos(pitch_rad), np.cos(yaw_rad) * np.cos(pitch_rad), -np.sin(pitch_rad)])
-        right = np.array([np.cos(yaw_rad), -np.sin(yaw_rad), 0.0])
-        down = cross(ahead, right)
-        rolled = np.cos(roll_rad) * right + np.sin(roll_rad) * down
-        matrix = np.eye(4)
-        matrix[:3, :3] = rolled, cross(ahead, rolled), ahead
-        matrix[:3, 3] = -matrix[:3, 2] * height_m
-        return cls(camera, matrix, near_m)
-
-    def depth_m(self, points: Floats) -> Floats:
-        """Return the planar depths (N,) of points (N, 3) of the floor's frame, for the left camera."""
-        return np.asarray(points @ self.camera_from_floor[2, :3] + self.camera_from_floor[2, 3])
+    Args:
+        height_m: height of the camera above the floor.
+        yaw_rad: turn of the optical axis from y to the right.
+        pitch_rad: turn of the optical axis downwards.
+        roll_rad: turn about the optical axis; a positive one moves the camera's right side down.
+    """
+    ahead = np.array([np.sin(yaw_rad) * np.cos(pitch_rad), np.cos(yaw_rad) * np.cos(pitch_rad), -np.sin(pitch_rad)])
+    right = np.array([np.cos(yaw_rad), -np.sin(yaw_rad), 0.0])
+    down = cross(ahead, right)
+    rolled = np.cos(roll_rad) * right + np.sin(roll_rad) * down
+    matrix = np.eye(4)
+    matrix[:3, :3] = rolled, cross(ahead, rolled), ahead
+    matrix[:3, 3] = -matrix[:3, 2] * height_m
+    return matrix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Catalogue:
-    """The M models that still things are made of: the still models, then those of the library."""
+    """The M models that static instances are made of: `SURFACE_MODELS`, then those of the library."""
 
     models: tuple[Mesh, ...]
     by_name: Mapping[str, Ints]  # the numbers of the library's models that may be chosen, by kind
     low: Floats  # (M, 3) the lower corner of each model's bounding box, model units
     high: Floats  # (M, 3) the opposite corner
 
-    def number(self, still: Mesh) -> int:
-        """Return the number of a still model."""
-        return next(number for number, mesh in enumerate(self.models) if mesh is still)
+    def number(self, surface: Mesh) -> int:
+        """Return the number of a surface model."""
+        return next(number for number, mesh in enumerate(self.models) if mesh is surface)
 
     def extent(self, number: int) -> Floats:
         """Return the lengths (3,) of a model's bounding box, in model units."""
@@ -85,24 +71,30 @@ class Catalogue:
 
 @dataclass(slots=True, eq=False)
 class Arrangement:
-    """Still things, gathered one by one; things that share a texture name the first of these things in ``wears``."""
+    """The static instances of a room or a street, gathered one by one in the floor's frame; see `camera_over_floor`."""
 
-    view: FloorView
+    camera: StereoCamera
+    camera_from_floor: Floats  # (4, 4), metres
+    near_m: float  # nothing stands nearer than this depth
     catalogue: Catalogue
     metre: float  # length of one metre of the arrangement, which may be scaled, in true metres
     rng: np.random.Generator
     farthest_m: float = np.inf  # depth that no view exceeds, if the walls could be brought in that far
-    sway: Sway = STILL
-    model: list[int] = field(default_factory=list)
-    floor_from_model: list[Floats] = field(default_factory=list)  # (4, 4) each
-    unit_m: list[tuple[float, float]] = field(default_factory=list)  # the lengths of one unit of u and of v
-    wears: list[int] = field(default_factory=list)  # the thing whose texture each wears: itself, or an earlier one
-    large: list[bool] = field(default_factory=list)  # whether each wears a large patch, where there are any
+    sway: Sway = NO_SWAY
+    rows: list[Instances] = field(default_factory=list)  # one row each, whose pose is floor_from_model
     _taken: list[tuple[float, float, float]] = field(default_factory=list)  # circles on the floor: x, y and radius
     _raised: list[tuple[Corner, Corner, float]] = field(default_factory=list)  # two corners and the height between them
 
-    def __len__(self) -> int:
-        return len(self.model)
+    def table(self) -> Instances:
+        """Return the table of the instances in the left camera's frame. Each has the depth of its origin."""
+        table = np.concatenate(self.rows)
+        table["pose"] = self.camera_from_floor @ table["pose"]
+        table["depth_m"] = np.maximum(table["pose"][:, 2, 3], self.near_m)
+        return table
+
+    def depths_m(self, points: Floats) -> Floats:
+        """Return the planar depths (N,) of points (N, 3) of the floor's frame, for the left camera."""
+        return np.asarray(points @ self.camera_from_floor[2, :3] + self.camera_from_floor[2, 3])
 
     def pick(self, sizes_m: Diameters) -> Picked | None:
         """Choose a model of several kinds, and its diameter; return None where the library has none of the kinds.
@@ -125,31 +117,29 @@ class Arrangement:
         return self.catalogue.extent(number) * size_m / 2
 
     def add(
-        self, model: int, matrix: Floats, unit_m: tuple[float, float], wears: int | None = None, *, large: bool = True
+        self, model: int, pose: Floats, unit_m: ArrayLike, texture: int | None = None, *, large: bool = True
     ) -> int:
-        """Add a thing; return its number.
+        """Add an instance; return its number.
 
         Args:
             model: number of its model in the catalogue.
-            matrix: (4, 4) floor_from_model.
+            pose: (4, 4) floor_from_model.
             unit_m: the lengths of one unit of u and of v.
-            wears: number of the earlier thing whose texture it wears; by default it has a texture of its own.
+            texture: number of the earlier instance whose texture it wears; by default it has a texture of its own.
             large: whether it wears a large patch, where there are any.
         """
-        self.large.append(large)
-        self.model.append(model)
-        self.floor_from_model.append(matrix)
-        self.unit_m.append(unit_m)
-        self.wears.append(len(self.wears) if wears is None else wears)
-        return len(self.model) - 1
+        number = len(self.rows)
+        own = number if texture is None else texture
+        self.rows.append(new_instances(1, model=model, pose=pose, unit_m=unit_m, texture=own, large=large))
+        return number
 
     def add_rectangle(
-        self, corner: ArrayLike, u: ArrayLike, v: ArrayLike, *, model: Mesh = FACE, wears: int | None = None
+        self, corner: ArrayLike, u: ArrayLike, v: ArrayLike, *, model: Mesh = FACE, texture: int | None = None
     ) -> int:
         """Add a rectangle that shows its texture upright and unmirrored; return its number.
 
         Seen from its front, ``corner`` (3,) is at the top left, and the edges ``u`` and ``v``, (3,) each, lead right
-        and down. Another still ``model`` over the unit square may take the rectangle's place; see `add` for ``wears``.
+        and down. Another surface ``model`` over the unit square may take its place; see `add` for ``texture``.
         """
         edges = np.array([u, v], np.float64)
         sizes = np.linalg.norm(edges, axis=1)
@@ -158,9 +148,11 @@ class Arrangement:
         matrix[:3, 0], matrix[:3, 1] = edges * (1 + 2 * OVERLAP)
         matrix[:3, 2] = cross(edges[0], edges[1]) / sizes.prod() * sizes.mean()
         matrix[:3, 3] = begin
-        return self.add(self.catalogue.number(model), matrix, (float(sizes[0]), float(sizes[1])), wears)
+        return self.add(self.catalogue.number(model), matrix, sizes, texture)
 
-    def add_box(self, middle: ArrayLike, half: ArrayLike, yaw_rad: float = 0.0, wears: int | None = None) -> int | None:
+    def add_box(
+        self, middle: ArrayLike, half: ArrayLike, yaw_rad: float = 0.0, texture: int | None = None
+    ) -> int | None:
         """Add the five sides of a box without its bottom; return the number of the first side.
 
         A box that comes too near to the camera is not added: the result is None.
@@ -169,13 +161,14 @@ class Arrangement:
             middle: (3,) middle of the box's bottom.
             half: (3,) half the width, half the depth, and the whole height.
             yaw_rad: turn about z.
-            wears: as in `add`; by default the sides share a texture that nothing else wears.
+            texture: as in `add`; by default the sides share a texture that nothing else wears.
         """
         (x, y, z), at = np.asarray(half, np.float64), np.asarray(middle, np.float64)
         turn = turned_about_z(yaw_rad)
         if self._too_near((-x, -y, 0), (x, y, z), turn, at):
             return None
-        first = len(self)
+        first = len(self.rows)
+        texture = first if texture is None else texture
         for corner, u, v in (
             ((-x, -y, z), (2 * x, 0, 0), (0, 0, -z)),
             ((x, -y, z), (0, 2 * y, 0), (0, 0, -z)),
@@ -183,8 +176,7 @@ class Arrangement:
             ((-x, y, z), (0, -2 * y, 0), (0, 0, -z)),
             ((-x, y, z), (2 * x, 0, 0), (0, -2 * y, 0)),
         ):
-            side = self.add_rectangle(turn @ corner + at, turn @ u, turn @ v, wears=wears)
-            wears = self.wears[side]
+            self.add_rectangle(turn @ corner + at, turn @ u, turn @ v, texture=texture)
         return first
 
     def stand(self, picked: Picked, at: ArrayLike, yaw_rad: float, stretch: Floats | None = None) -> int | None:
@@ -203,18 +195,18 @@ class Arrangement:
         matrix = np.eye(4)
         matrix[:3, :3] = turn * scale
         matrix[:3, 3] = place
-        unit = float(scale.mean())
-        return self.add(number, matrix, (unit, unit), large=self.catalogue.models[number].name in _LARGE)
+        return self.add(number, matrix, scale.mean(), large=self.catalogue.models[number].name in _LARGE)
 
     def _too_near(self, low: ArrayLike, high: ArrayLike, turn: Floats, at: Floats) -> bool:
         """Return whether a box between two opposite corners, turned and then moved, comes too near to the camera."""
         corners = np.array(list(product(*np.stack([low, high], axis=1))))
-        return bool(self.view.depth_m(corners @ turn.T + at).min() < BEYOND_NEAR * self.view.near_m)
+        return bool(self.depths_m(corners @ turn.T + at).min() < BEYOND_NEAR * self.near_m)
 
     def top(self, number: int, x: float, y: float) -> float | None:
         """Return the height of a thing's top over a place (x, y) on the floor; None where the top is not level."""
-        mesh = self.catalogue.models[self.model[number]]
-        corners = placed_vertices(mesh, self.floor_from_model[number])[mesh.triangles]
+        [row] = self.rows[number]
+        mesh = self.catalogue.models[row["model"]]
+        corners = placed_vertices(mesh, row["pose"])[mesh.triangles]
         top = surfaces_below(corners, np.array([[x, y, np.inf]]))[0]
         return None if top is None or top.normal[2] < _LEVEL else top.height
 

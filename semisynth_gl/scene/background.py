@@ -1,11 +1,9 @@
 """The background that closes the view: the inside of a cuboid, or one far plane. Both consist of flat faces."""
 
-from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
 import pyrr
-from numpy.typing import NDArray
 
 from semisynth_gl.config import Range
 from semisynth_gl.config.rig_sections import DisparitySection
@@ -14,7 +12,9 @@ from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Floats
-from semisynth_gl.scene.rig import STILL, Sway, check_reachable, near_depth_m
+from semisynth_gl.scene.glance import grid_px
+from semisynth_gl.scene.instances import Instances, new_instances
+from semisynth_gl.scene.rig import NO_SWAY, Sway, check_reachable, near_depth_m
 from semisynth_gl.scene.view_volume import (
     TURNED_BACK,
     WIDEST_RAD,
@@ -50,29 +50,6 @@ FACE, GROUND = _face(), _ground()
 _SIDE_WALL = Range(0.3, 1.1)
 # Walls continue behind each other by this share of their size: edges that only met would leave gaps in float32.
 OVERLAP = 1e-4
-# Columns and rows of the coarse grid over the view; see `grid_px`.
-GRID = (48, 32)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Background:
-    """F flat faces in the left camera's frame, metres."""
-
-    world_from_face: Floats  # (F, 4, 4) poses of the unit square `FACE`
-    size_m: Floats  # (F, 2) lengths of the two edges
-    normal: Floats  # (F, 3) unit, away from the camera
-    offset_m: Floats  # (F,) distance from the left camera's centre; points of a face have normal . p = offset
-    visible_depth_m: (
-        Floats  # (F,) median depth of a face in the left view; for a hidden face, the depth sampled for the wall
-    )
-    sky: bool = False  # whether the only face is infinitely far away; its pose then says where its texture lies
-
-    def disparity_px(self, camera: StereoCamera) -> Floats:
-        """Return the background's disparities without anything before it, (R,), on the coarse grid of `grid_px`."""
-        if self.sky:
-            return np.full(GRID[0] * GRID[1], -camera.doffs_px)
-        return camera.disparity_px(first_hit(self.normal, self.offset_m, camera.rays("left", *grid_px(camera)))[0])
-
 
 Kind = Literal["cuboid", "plane", "room", "street"]
 
@@ -89,11 +66,11 @@ def sample_plane(
     disparity: DisparitySection,
     camera: StereoCamera,
     rng: np.random.Generator,
-    sway: Sway = STILL,
+    sway: Sway = NO_SWAY,
     *,
     sky: bool = False,
-) -> Background:
-    """Sample a far plane that fills both views at any moment of the sway.
+) -> Instances:
+    """Sample a far plane, a table of one row, that fills both views at any moment of the sway.
 
     As ``sky`` the plane is infinitely far away; its depth is where its texture lies and where a ground before it ends.
 
@@ -125,8 +102,7 @@ def sample_plane(
     low, high = low - margin, high + margin
     world_from_face = np.diag([*(high[:2] - low[:2]), 1.0, 1.0])
     world_from_face[:3, 3] = low[0], low[1], depth
-    distance = np.array([depth])
-    return Background(world_from_face[None], (high - low)[None, :2], ahead, distance, distance, sky)
+    return new_instances(1, pose=world_from_face, unit_m=(high - low)[:2], large=True, sky=sky, depth_m=depth)
 
 
 def _widest_rad(camera: StereoCamera, sway: Sway) -> float:
@@ -152,11 +128,15 @@ def sample_cuboid(
     disparity: DisparitySection,
     camera: StereoCamera,
     rng: np.random.Generator,
-    sway: Sway = STILL,
-) -> Background:
+    sway: Sway = NO_SWAY,
+) -> tuple[Instances, Floats]:
     """Sample a cuboid that holds both cameras at any moment of the sway.
 
     No wall comes nearer than the depth of ``disparity.max_px`` in either view.
+
+    Returns:
+        The six walls, each with its median depth in the left view (a hidden wall has the depth sampled for the back
+        wall), and the depths (R,) of the view on the grid of `grid_px`.
 
     Raises:
         InputError: where the sampled disparity of the wall lies beyond infinity.
@@ -201,9 +181,12 @@ def sample_cuboid(
         corner = sign * offset[face] * axes[:, k] + low[0] * axes[:, i] + low[1] * axes[:, j]
         columns = axes[:, i] * size[face, 0], axes[:, j] * size[face, 1], axes[:, k], corner
         world_from_face[face, :3] = np.stack(columns, axis=1)
-    depth, hit = first_hit(normal, offset, camera.rays("left", *grid_px(camera)))
-    visible_depth = np.array([np.median(depth[hit == k]) if (hit == k).any() else wall_depth for k in range(6)])
-    return Background(world_from_face, size, normal, offset, visible_depth)
+    with np.errstate(divide="ignore"):
+        depth_m = offset / (camera.rays("left", *grid_px(camera)) @ normal.T)
+    depth_m[~(depth_m > 0)] = np.inf
+    seen_m, hit = depth_m.min(axis=1), depth_m.argmin(axis=1)
+    median_m = [np.median(seen_m[hit == k]) if (hit == k).any() else wall_depth for k in range(6)]
+    return new_instances(6, pose=world_from_face, unit_m=size, large=True, depth_m=median_m), seen_m
 
 
 def _corner_points(camera: StereoCamera, depth_m: float) -> Floats:
@@ -225,22 +208,3 @@ def lay_ground(camera: StereoCamera, depth_m: Range, across: Floats, along: Floa
     length = behind + 1.05 * depth_m.high
     columns = across * length * widest, down * length, along * length, down * offset_m - along * behind
     return np.vstack([np.stack(columns, axis=1), [0, 0, 0, 1]])
-
-
-def grid_px(camera: StereoCamera) -> tuple[Floats, Floats]:
-    """Return the columns and the rows, (R,) px each, of a coarse grid of `GRID` points over the view, row by row."""
-    sizes = zip(GRID, (camera.width_px, camera.height_px), strict=True)
-    columns, rows = np.meshgrid(*((np.arange(count) + 0.5) / count * size - 0.5 for count, size in sizes))
-    return columns.ravel(), rows.ravel()
-
-
-def first_hit(normal: Floats, offset: Floats, rays: Floats) -> tuple[Floats, NDArray[np.intp]]:
-    """Return the depth at which each ray hits a wall first, and the wall's number: (R,) each.
-
-    The walls are planes normal . p = offset, of unit normals (F, 3) and offsets (F,); rays (R, 3) have Z = 1. A ray
-    that hits no wall has the depth inf.
-    """
-    with np.errstate(divide="ignore"):
-        depth = offset / (rays @ normal.T)
-    depth[~(depth > 0)] = np.inf
-    return depth.min(axis=1), depth.argmin(axis=1)

@@ -124,16 +124,17 @@ def fill_niche(room: Arrangement, wall: Wall, low: Corner, high: Corner, deep_m:
 
 def _on_top(room: Arrangement, number: int) -> tuple[float, float, float] | None:
     """Sample a position (x, y, z) on top of the thing with a number; return None where the top is not level there."""
-    low, high = room.catalogue.low[room.model[number]], room.catalogue.high[room.model[number]]
-    matrix, spot = room.floor_from_model[number], low + (high - low) * (*room.rng.uniform(0.12, 0.88, 2), 1)
-    x, y, _ = matrix[:3, :3] @ spot + matrix[:3, 3]
+    [row] = room.rows[number]
+    low, high = room.catalogue.low[row["model"]], room.catalogue.high[row["model"]]
+    spot = low + (high - low) * (*room.rng.uniform(0.12, 0.88, 2), 1)
+    x, y, _ = row["pose"][:3, :3] @ spot + row["pose"][:3, 3]
     z = room.top(number, x, y)
     return None if z is None else (x, y, z)
 
 
 def _on_floor(room: Arrangement, walls: tuple[Wall, ...]) -> tuple[float, float]:
     """Sample a position (x, y) on the floor, inside the walls, within the view's angle or just beside it."""
-    camera, pose = room.view.camera, room.view.camera_from_floor
+    camera, pose = room.camera, room.camera_from_floor
     ahead, right, left = walls[0].corner[1], walls[1].corner[0], walls[2].corner[0]
     x, y = 0.0, 0.0
     for _ in range(_TRIES):
@@ -145,7 +146,7 @@ def _on_floor(room: Arrangement, walls: tuple[Wall, ...]) -> tuple[float, float]
             right / flat[0] if flat[0] > 0 else np.inf,
             left / flat[0] if flat[0] < 0 else np.inf,
         )
-        low = min(room.view.near_m, 0.7 * reach)
+        low = min(room.near_m, 0.7 * reach)
         distance = np.sqrt(room.rng.uniform((low / reach) ** 2, 1)) * reach
         x, y = float(flat[0] * distance), float(flat[1] * distance)
         if left < x < right and y < ahead:
@@ -226,12 +227,12 @@ def _hang_picture(room: Arrangement, wall: Wall, corner: Floats, wide: float, hi
     """
     corner = corner - thick * wall.out
     across, down = wall.right / wall.length_m * wide, wall.down / np.linalg.norm(wall.down) * high
-    if (room.view.depth_m(np.array([corner, corner + across, corner + down])) <= room.view.near_m).any():
+    if (room.depths_m(np.array([corner, corner + across, corner + down])) <= room.near_m).any():
         return False
     first = room.add_rectangle(corner, across, down)
-    room.add_rectangle(corner + down, across, thick * wall.out, wears=first)
-    room.add_rectangle(corner, down, thick * wall.out, wears=first)
-    room.add_rectangle(corner + across, down, thick * wall.out, wears=first)
+    room.add_rectangle(corner + down, across, thick * wall.out, texture=first)
+    room.add_rectangle(corner, down, thick * wall.out, texture=first)
+    room.add_rectangle(corner + across, down, thick * wall.out, texture=first)
     return True
 
 

@@ -8,11 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.cells import covered_cells
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.scene import Floats, Ints
-from semisynth_gl.scene.background import GRID
+from semisynth_gl.scene.instances import Instances, to_scene
 from semisynth_gl.scene.scene import Scene, placed_vertices
+
+# Columns and rows of the coarse grid over the view; see `grid_px`.
+GRID = (48, 32)
+# Share of rays at each end of a surface's UV that is ignored: a ground that reaches to the horizon is measured where it
+# is near.
+_LEFT_OUT = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,6 +29,33 @@ class Glance:
     depth_m: Floats  # (R,) planar depth; inf where a ray hits the sky or nothing
     instance: Ints  # (R,) index of the instance that is hit; -1 where a ray hits nothing
     uv: Floats  # (R, 2) the model's UV at the hit; 0 where a ray hits nothing
+
+
+def grid_px(camera: StereoCamera) -> tuple[Floats, Floats]:
+    """Return the columns and the rows, (R,) px each, of a coarse grid of `GRID` points over the view, row by row."""
+    sizes = zip(GRID, (camera.width_px, camera.height_px), strict=True)
+    columns, rows = np.meshgrid(*((np.arange(count) + 0.5) / count * size - 0.5 for count, size in sizes))
+    return columns.ravel(), rows.ravel()
+
+
+def measure(table: Instances, camera: StereoCamera, near_m: float, models: Sequence[Mesh], fixed: int = 0) -> Floats:
+    """Measure static instances in the left view: set the range of UV that is seen of each, and its median depth.
+
+    The depths of hidden instances, of the sky and of the first ``fixed`` instances stay.
+
+    Returns:
+        (R,) finite disparities of the view, on the grid of `grid_px`.
+    """
+    seen = glance(to_scene(table, camera, near_m), models)
+    for number in np.unique(seen.instance[seen.instance >= 0]).tolist():
+        rays = seen.instance == number
+        if number >= fixed and not table["sky"][number]:
+            table["depth_m"][number] = np.median(seen.depth_m[rays])
+        uv = np.sort(seen.uv[rays], axis=0)
+        left_out = int(_LEFT_OUT * len(uv))
+        table["uv_low"][number], table["uv_high"][number] = uv[left_out], uv[-1 - left_out]
+    disparity_px = camera.disparity_px(seen.depth_m)
+    return np.asarray(disparity_px[np.isfinite(disparity_px)])
 
 
 def glance(scene: Scene, models: Sequence[Mesh]) -> Glance:

@@ -1,70 +1,118 @@
-"""How patches lie on surfaces: how large, where, and which surfaces wear large patches."""
+"""The last step of a scene's table: which patch each instance wears, how large it is and where it lies."""
 
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.scene import Bools, Floats
+from semisynth_gl.scene import Bools, Floats, Ints
+from semisynth_gl.scene.instances import Instances
+from semisynth_gl.textures.atlas import Patch
+from semisynth_gl.textures.shares import patch_chances
+
+CHANCE = np.dtype(
+    [
+        ("patch", np.float64),  # chooses the patch
+        ("place", np.float64, 2),  # chooses the part of the patch that is shown
+        ("texels", np.float64),  # chooses the texels per pixel
+    ]
+)
+"""The uniform random numbers, from 0 to 1, by which an instance is textured."""
 
 # Largest factor by which large patches are enlarged so that they do not repeat.
 _ENLARGED = 2.0
+# Multiples of this number, modulo 1, spread evenly over [0, 1).
+_GOLDEN = (5**0.5 - 1) / 2
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Surfaces:
-    """The surfaces of N instances, measured for the patches that cover them."""
-
-    depth_m: Floats  # (N,) the depth at which the mapping scale holds
-    unit_m: Floats  # (N, 2) lengths of one unit of u and of v
-    low: Floats  # (N, 2) the lowest UV that is seen
-    high: Floats  # (N, 2) the highest UV that is seen
-    large: Bools  # (N,) whether a surface wears a large patch however little of it is seen
-
-    def __add__(self, other: "Surfaces") -> "Surfaces":
-        both = ((getattr(self, key.name), getattr(other, key.name)) for key in fields(self))
-        return Surfaces(*(np.concatenate(pair) for pair in both))
-
-    def extent_px(self, camera: StereoCamera) -> Floats:
-        """Return the lengths in px, along u and v, of each surface's visible part if it faced the camera, (N, 2)."""
-        return np.asarray((self.high - self.low) * self.unit_m * (camera.focal_px / self.depth_m)[:, None])
+def choose(ends: Floats, chance: Floats) -> Ints:
+    """Return the items, (N,), that uniform numbers (N,) choose from K items with cumulative chances (K,)."""
+    return np.minimum(np.searchsorted(ends, chance, side="right"), len(ends) - 1)
 
 
-def wears_large(surfaces: Surfaces, camera: StereoCamera, section: TexturesSection, texels: Floats) -> Bools:
-    """Return which surfaces wear a large patch, (N,): large surfaces, and those on which a small patch would repeat.
+class PatchMapping:
+    """Gives patches to instances.
 
-    ``texels`` (N,) are the texels per pixel of each surface where it faces the camera at its depth.
+    Args:
+        section: the config's textures.
+        patches: the atlas's patches, with small patches before large ones.
     """
-    return np.asarray(surfaces.large | (surfaces.extent_px(camera).max(axis=1) * texels > section.patch_px))
+
+    def __init__(self, section: TexturesSection, patches: Sequence[Patch]) -> None:
+        self._section = section
+        self._small = sum(not patch.large for patch in patches)
+        self._small_ends, self._large_ends = (
+            np.cumsum(patch_chances([patch.shown for patch in some]))
+            for some in (patches[: self._small], patches[self._small :])
+        )
+        self._first_layer = np.array([patch.first_layer for patch in patches])
+        self._layer_count = np.array([patch.layer_count for patch in patches])
+
+    def layers(self, patch: Ints, sequence: int, frame: int) -> Ints:
+        """Return the atlas layers (N,) that patches (N,) show in a frame.
+
+        Patches of video frames begin at a frame that depends on patch and sequence, and repeat.
+        """
+        count = self._layer_count[patch]
+        return np.asarray(self._first_layer[patch] + ((patch * 7919 + sequence) % count + frame) % count)
+
+    def apply(self, table: Instances, own: NDArray[np.void], camera: StereoCamera) -> None:
+        """Set ``patch``, ``uv_scale`` and ``uv_offset`` of N instances.
+
+        ``own`` (N,) are random numbers of type `CHANCE`. An instance that wears another one's texture is textured by
+        the other one's numbers, but its large patch is placed by its own: each side of a box shows another part.
+        """
+        chances, texels_range = own[table["texture"]], self._section.texels_per_pixel
+        texels = texels_range.low * (texels_range.high / texels_range.low) ** chances["texels"]
+        patch, large = choose(self._small_ends, chances["patch"]), np.zeros(len(table), bool)
+        if len(self._large_ends):
+            # Large surfaces wear large patches, and so do those on which a small patch would repeat.
+            repeats = _extent_px(table, camera).max(axis=1) * texels > self._section.patch_px
+            large = table["large"] | repeats
+            # Large patches are spread over the static instances, so that few of them wear the same patch.
+            static = np.flatnonzero(large & (table["slot"] < 0))
+            order = np.unique(table["texture"][static], return_inverse=True)[1]
+            chances["patch"][static] = (own["patch"][:1] + order * _GOLDEN) % 1.0
+            patch[large] = self._small + choose(self._large_ends, chances["patch"][large])
+        place = np.where(large[:, None], own["place"], chances["place"])
+        table["patch"] = patch
+        table["uv_scale"], table["uv_offset"] = map_patches(table, camera, self._section, texels, place, large)
+
+
+def _extent_px(table: Instances, camera: StereoCamera) -> Floats:
+    """Return the lengths in px, along u and v, of each instance's visible part if it faced the camera, (N, 2)."""
+    extent = table["uv_high"] - table["uv_low"]
+    return np.asarray(extent * table["unit_m"] * (camera.focal_px / table["depth_m"])[:, None])
 
 
 def map_patches(
-    surfaces: Surfaces, camera: StereoCamera, section: TexturesSection, texels: Floats, place: Floats, large: Bools
+    table: Instances, camera: StereoCamera, section: TexturesSection, texels: Floats, place: Floats, large: Bools
 ) -> tuple[Floats, Floats]:
-    """Lay patches on N surfaces: small patches anywhere, large patches so that they do not repeat if that is possible.
+    """Lay patches on N instances: small patches anywhere, large patches so that they do not repeat if possible.
 
     Args:
-        surfaces: the surfaces.
+        table: the instances.
         camera: the camera.
         section: the config's textures.
-        texels: (N,) texels per pixel where a surface faces the camera at its depth.
-        place: (N, 2) uniform numbers from 0 to 1 that say which part of its patch a surface shows.
-        large: (N,) whether a surface wears a large patch.
+        texels: (N,) texels per pixel where an instance faces the camera at its depth.
+        place: (N, 2) uniform numbers from 0 to 1 that say which part of its patch an instance shows.
+        large: (N,) whether an instance wears a large patch.
 
     Returns:
         Patches per UV unit, and offsets in patches, (N, 2) each: `Scene.uv_scale` and `Scene.uv_offset`.
     """
     # One patch spans at least the width of the view on a large surface that faces the camera.
-    spanning = large & surfaces.large
+    spanning = large & table["large"]
     texels = np.where(spanning, np.minimum(texels, section.large_px / camera.width_px), texels)
     patch_px = np.where(large, section.large_px, section.patch_px)
     if large.any():
-        seen = surfaces.extent_px(camera).max(axis=1) * texels / patch_px
+        seen = _extent_px(table, camera).max(axis=1) * texels / patch_px
         texels = np.where(large, texels / np.clip(seen, 1.0, _ENLARGED), texels)
     # At one texel per pixel, this many patches cover a unit of a ray's slope X / Z.
     patches_per_slope = camera.focal_px / patch_px
-    scale = surfaces.unit_m * (patches_per_slope * texels / surfaces.depth_m)[:, None]
+    scale = table["unit_m"] * (patches_per_slope * texels / table["depth_m"])[:, None]
     # The visible part must lie between two borders of the patch, since the patch is mirrored beyond them.
-    free = 1 - (surfaces.high - surfaces.low) * scale
-    return scale, np.where(large[:, None], place * free - surfaces.low * scale, place)
+    free = 1 - (table["uv_high"] - table["uv_low"]) * scale
+    return scale, np.where(large[:, None], place * free - table["uv_low"] * scale, place)

@@ -20,7 +20,7 @@ from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.silhouette import sample_scales
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene import Bools, Floats, Ints
-from semisynth_gl.scene.rig import STILL, Sway, rotation_about_axis, rotation_from_quaternion
+from semisynth_gl.scene.rig import NO_SWAY, Sway, rotation_about_axis, rotation_from_quaternion
 from semisynth_gl.scene.view_volume import Height, clear_depth_m, height_of_view
 
 _QUANTILES = (np.arange(64) + 0.5) / 64
@@ -183,7 +183,7 @@ def sample_slots(
     batches: Sequence[Batch],
     rng: np.random.Generator,
     near_m: float = 0.0,
-    sway: Sway = STILL,
+    sway: Sway = NO_SWAY,
     relief_px: float = np.inf,
 ) -> Slots:
     """Sample the slots of one sequence, one for each particle of the batches.

@@ -57,11 +57,11 @@ def sample_pilots(config: Config, seed: int, catalogue: Catalogue) -> list[Pilot
 def _sample_pilot(config: Config, seed: int, number: int, catalogue: Catalogue) -> Pilot:
     generators = {use: generator(seed, Purpose.PILOTS, number, key) for key, use in enumerate(_KEYS)}
     static = sample_static_scene(config, catalogue, generators.__getitem__)
-    return Pilot(static.camera, static.still.disparity_px)
+    return Pilot(static.camera, static.bare_px)
 
 
 def _digest(catalogue: Catalogue) -> str:
-    """Return the SHA-256 of the names by which still things are picked, and of the models."""
+    """Return the SHA-256 of the names by which static instances are picked, and of the models."""
     digest = hashlib.sha256()
     for name, numbers in catalogue.by_name.items():
         digest.update(f"{name!r} {numbers.tolist()}\n".encode())

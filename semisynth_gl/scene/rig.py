@@ -82,7 +82,7 @@ class Sway:
         return own_from_outer(self.shift_m * swing[:3], self.turn_rad * swing[3:])
 
 
-STILL = Sway(np.zeros(3), np.zeros(3), np.ones(6), np.zeros(6))
+NO_SWAY = Sway(np.zeros(3), np.zeros(3), np.ones(6), np.zeros(6))
 """The sway of a camera that stands still."""
 
 

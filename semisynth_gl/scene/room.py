@@ -9,7 +9,7 @@ from semisynth_gl.config import Config, Range
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.scene import Floats
-from semisynth_gl.scene.arrangement import Arrangement, Catalogue, Corner, FloorView
+from semisynth_gl.scene.arrangement import Arrangement, Catalogue, Corner, camera_over_floor
 from semisynth_gl.scene.furnishing import fill_niche, furnish
 from semisynth_gl.scene.rig import BEYOND_NEAR, Sway, check_reachable, near_depth_m
 from semisynth_gl.scene.view_volume import (
@@ -91,9 +91,9 @@ def sample_room(
     above = max(_HEIGHT.sample(rng) * metre - height, 0.3 * metre)
     for share in TURNED_BACK:
         angles = share * yaw, share * pitch, share * roll
-        view = FloorView.over_floor(camera, near_m, height, *angles)
+        camera_from_floor = camera_over_floor(height, *angles)
         # Walls in the order right, left, ahead, behind, ceiling, floor; normals in the camera's frame.
-        normal = box_normals(view.camera_from_floor[:3, :3])
+        normal = box_normals(camera_from_floor[:3, :3])
         smallest = smallest_offsets(camera, normal, near_m, sway)
         reach = (corner_rays(camera) * wall_m @ normal.T).max(axis=0)
         offset = np.empty(6)
@@ -104,10 +104,10 @@ def sample_room(
         if in_range:
             break
     if offset[5] > height:
-        view = FloorView.over_floor(camera, near_m, float(offset[5]), *angles)
+        camera_from_floor = camera_over_floor(float(offset[5]), *angles)
     right, left, ahead, behind, above, height = offset
     top = above + height
-    room = Arrangement(view, catalogue, metre, rng, farthest_m, sway)
+    room = Arrangement(camera, camera_from_floor, near_m, catalogue, metre, rng, farthest_m, sway)
     walls = (
         Wall(np.array([-left, ahead, top]), np.array([left + right, 0, 0]), top),
         Wall(np.array([right, ahead, top]), np.array([0, -ahead - behind, 0]), top),
@@ -163,8 +163,8 @@ def _add_niche(room: Arrangement, wall: Wall) -> None:
 def _fits(room: Arrangement, behind: list[_Rectangle]) -> bool:
     """Return whether all views show the rectangles within the room's farthest depth."""
     faces = np.array([[corner, corner + u, corner + u + v, corner + v] for corner, u, v in behind])
-    pose = room.view.camera_from_floor
-    return deepest_m(room.view.camera, faces @ pose[:3, :3].T + pose[:3, 3], room.sway) <= room.farthest_m
+    pose = room.camera_from_floor
+    return deepest_m(room.camera, faces @ pose[:3, :3].T + pose[:3, 3], room.sway) <= room.farthest_m
 
 
 def _behind(wall: Wall, low: Corner, high: Corner, deep: float) -> list[_Rectangle]:
@@ -189,4 +189,4 @@ def _add_behind(room: Arrangement, behind: list[_Rectangle]) -> None:
     *others, left, right = behind
     for rectangle in others:
         room.add_rectangle(*rectangle)
-    room.add_rectangle(*right, wears=room.add_rectangle(*left))
+    room.add_rectangle(*right, texture=room.add_rectangle(*left))

@@ -5,57 +5,48 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.config.model import Config
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.histogram import Histogram
-from semisynth_gl.scene import Bools, Floats, Ints
+from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.disparity_solver import DisparitySolver
-from semisynth_gl.scene.mapping import Surfaces, map_patches, wears_large
+from semisynth_gl.scene.instances import Instances, new_instances, to_scene
+from semisynth_gl.scene.mapping import CHANCE, PatchMapping, choose
 from semisynth_gl.scene.particles import Particles, Release, Slots, particles_at, sample_release, sample_slots
 from semisynth_gl.scene.projector import projector_record, sample_projector
 from semisynth_gl.scene.resting import come_to_rest, triangles_of
-from semisynth_gl.scene.rig import near_depth_m, relief_px
+from semisynth_gl.scene.rig import relief_px
 from semisynth_gl.scene.scene import Motion, Projector, Scene
-from semisynth_gl.scene.structures import STILL_MODELS, StaticScene, sample_static_scene, take_stock
+from semisynth_gl.scene.structures import SURFACE_MODELS, StaticScene, sample_static_scene, take_stock
 from semisynth_gl.scene.view_volume import clear_depth_m
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
-from semisynth_gl.textures.shares import patch_chances
 
 # Mark before the attempt's number in the keys of generators; no generation's number reaches it.
 _REDRAWN = 2**31
-# Multiples of this number spread evenly over [0, 1).
-_GOLDEN = (5**0.5 - 1) / 2
 # First key of generations that were released before time 0; no later generation's number reaches it.
 _BEFORE = 2**30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledScene:
-    """A scene with one right view's camera, and what its N instances came from; the static scene's come first."""
+    """A scene with one right view's camera, and the table of its instances, of which the static ones come first."""
 
     scene: Scene
-    views: tuple[StereoCamera, ...]  # the camera of each right view; the cameras differ only in the right eye
+    static: StaticScene
+    instances: Instances  # (N,) in the order of the scene's arrays
     view: int  # number of the right view whose camera the scene has
     recipe: str | None  # name of the scene's recipe; None where the config has no recipes
-    background: str  # kind of the background, such as "room"
-    farthest_m: float  # depth that no view of a room exceeds; inf for other backgrounds
     sequence: int  # number of the sequence
     frame: int  # number of the frame within the sequence
     attempt: int  # number of earlier attempts at the sequence, which failed
-    patch_px: Ints  # (N,) side of the patch that each instance wears
-    patch: Ints  # (N,) the patch that each instance wears; a patch of video frames has an atlas layer per frame
-    slot: Ints  # (N,) the particles' slot that each instance comes from; -1 for the static scene's things
-    generation: Ints  # (N,) number of the model in its slot; -1 for the static scene's things
-    resting: Bools  # (N,) whether each instance is a particle at rest
 
     @property
-    def still(self) -> Bools:
-        """(N,) bool, true for walls, grounds, panels and other surfaces; false for furniture and particles."""
-        return self.scene.model < len(STILL_MODELS)
+    def views(self) -> tuple[StereoCamera, ...]:
+        """The camera of each right view; the cameras differ only in the right eye."""
+        return self.static.views
 
     def seen_by(self, view: int) -> "SampledScene":
         """Return the same scene with the camera of another right view."""
@@ -74,9 +65,7 @@ class _Generators:
         redrawn = (_REDRAWN, self.attempt) if self.attempt else ()
         return generator(self.seed, purpose, self.sequence, *numbers, *redrawn)
 
-    def per_slot(
-        self, purpose: Purpose, generation: Ints, slot: NDArray[np.intp], width: int, first_key: int = 0
-    ) -> Floats:
+    def per_slot(self, purpose: Purpose, generation: Ints, slot: Ints, width: int, first_key: int = 0) -> Floats:
         """Return uniform random numbers (N, width) for slots and generations, (N,) each, whatever other slots exist.
 
         The keys of the generations' generators count from ``first_key``.
@@ -99,14 +88,8 @@ class _Sequence(NamedTuple):
 
     generators: _Generators
     static: StaticScene
-    near_m: float  # depth of the near plane
     slots: Slots
     projector: Projector | None
-
-
-def _chosen(ends: Floats, chance: Floats) -> Ints:
-    """Return the items, (N,), that uniform numbers (N,) choose from K items with cumulative chances (K,)."""
-    return np.minimum(np.searchsorted(ends, chance, side="right"), len(ends) - 1)
 
 
 class SceneSampler:
@@ -135,19 +118,12 @@ class SceneSampler:
         self._seed = seed
         self._model_library = library
         self._catalogue = take_stock(library)
-        # The models that `Scene.model` refers to: the models of still things, then the library.
+        # The models that `Scene.model` refers to: the surface models, then the library.
         self.models = self._catalogue.models
         self.disparity_solver = DisparitySolver(config, seed, library.silhouette, self._catalogue, wanted)
         self._patches = patches
-        self._small = sum(not patch.large for patch in patches)
-        # Cumulative chances of the small patches, and of the large ones.
-        self._ends = [
-            np.cumsum(patch_chances([patch.shown for patch in those]))
-            for those in (patches[: self._small], patches[self._small :])
-        ]
-        self._first_layer = np.array([patch.first_layer for patch in patches])
-        self._layer_count = np.array([patch.layer_count for patch in patches])
-        self._cumulative = np.cumsum(library.chances)
+        self._mapping = PatchMapping(config.textures, patches)
+        self._ends = np.cumsum(library.chances)
         # The lowest and the highest UV of each model, (M, 2, 2).
         self._uv = np.array([(mesh.uv.min(axis=0), mesh.uv.max(axis=0)) for mesh in library.models], np.float64)
         self._latest: _Sequence | None = None
@@ -170,12 +146,15 @@ class SceneSampler:
         """
         sequence = self._sequence(sampled.sequence, sampled.attempt)
         target = self._sample_frame(sequence, sampled.frame + frames, sampled.view)
-        still = len(sequence.static.still)
+        static = len(sequence.static.instances)
+        now, then = sampled.instances[static:], target.instances[static:]
         # A slot shows one model at a time.
-        instance_of_slot = np.full(len(sequence.slots), -1)
-        instance_of_slot[target.slot[still:]] = np.arange(still, len(target.slot))
-        instance = np.concatenate([np.arange(still), instance_of_slot[sampled.slot[still:]]])
-        instance[still:][target.generation[instance[still:]] != sampled.generation[still:]] = -1
+        row_of_slot = np.full(len(sequence.slots), -1)
+        row_of_slot[then["slot"]] = np.arange(len(then))
+        row = row_of_slot[now["slot"]]
+        stays = row >= 0
+        stays[stays] = then["generation"][row[stays]] == now["generation"][stays]
+        instance = np.concatenate([np.arange(static), np.where(stays, static + row, -1)])
         return Motion(target.scene, self._moved(sequence, sampled, target.frame), instance)
 
     def moment(self, sampled: SampledScene, frames: float) -> Scene:
@@ -198,13 +177,13 @@ class SceneSampler:
         patches.
         """
         models = Counter(self.models[index].name for index in sampled.scene.model.tolist())
-        images = Counter(self._patches[index].source for index in sampled.patch.tolist())
+        images = Counter(self._patches[index].source for index in sampled.instances["patch"].tolist())
         return {
             "sequence": sampled.sequence,
             "frame": sampled.frame,
             **({"view": sampled.view} if len(sampled.views) > 1 else {}),
             **({} if sampled.recipe is None else {"recipe": sampled.recipe}),
-            "background": sampled.background,
+            "background": sampled.static.background,
             **({"sky": True} if sampled.scene.sky.any() else {}),
             **({} if sampled.scene.projector is None else {"projector": projector_record(sampled.scene.projector)}),
             "near_m": sampled.scene.near_m,
@@ -212,57 +191,56 @@ class SceneSampler:
             "camera_from_world": sampled.scene.camera_from_world[:3].tolist(),
             "models": dict(sorted(models.items())),
             "images": dict(sorted(images.items())),
-            "patches": np.unique(sampled.patch).tolist(),
+            "patches": np.unique(sampled.instances["patch"]).tolist(),
         }
 
     def instance_table(self, sampled: SampledScene) -> list[dict[str, Any]]:
         """Return a row for each instance, in JSON's types; row k describes id k + 1 of the output ``instances``."""
-        scene = sampled.scene
         return [
             {
-                "model": self.models[scene.model[k]].name,
-                "patch": int(sampled.patch[k]),
-                "still": bool(sampled.still[k]),
-                **({"resting": True} if sampled.resting[k] else {}),
-                **({"sky": True} if scene.sky[k] else {}),
-                "world_from_model": scene.world_from_model[k, :3].tolist(),
+                "model": self.models[row["model"]].name,
+                "patch": int(row["patch"]),
+                # In a dataset's files, "still" tells walls, grounds and panels from furniture and particles.
+                "still": bool(row["model"] < len(SURFACE_MODELS)),
+                **({"resting": True} if row["resting"] else {}),
+                **({"sky": True} if row["sky"] else {}),
+                "world_from_model": row["pose"][:3].tolist(),
             }
-            for k in range(len(scene))
+            for row in sampled.instances
         ]
 
     def _sequence(self, number: int, attempt: int) -> _Sequence:
         """Sample the state that all frames of a sequence share; the latest sequence is kept for the next call."""
         generators = _Generators(self._seed, number, attempt)
         if self._latest is None or self._latest.generators != generators:
-            static = sample_static_scene(self._config, self._catalogue, generators.generator)
+            config = self._config
+            static = sample_static_scene(config, self._catalogue, generators.generator)
+            camera, near_m = static.camera, static.near_m
             rng = generators.generator(Purpose.PARTICLES, 0)
             # A sequence that is sampled again gets a number that no other sequence has.
-            batches = self.disparity_solver.sample(
-                number + _REDRAWN * attempt, static.camera, static.still.disparity_px, rng
-            )
-            near_m = near_depth_m(static.camera, self._config.disparity)
-            most_px = relief_px(static.camera, self._config.disparity.min_px, near_m)
-            slots = sample_slots(static.camera, self._config.particles, batches, rng, near_m, static.sway, most_px)
-            section = self._config.projector
+            batches = self.disparity_solver.sample(number + _REDRAWN * attempt, camera, static.bare_px, rng)
+            most_px = relief_px(camera, config.disparity.min_px, near_m)
+            slots = sample_slots(camera, config.particles, batches, rng, near_m, static.sway, most_px)
+            section = config.projector
             projector = None if section is None else sample_projector(section, generators.generator(Purpose.PROJECTOR))
-            falling = _Sequence(generators, static, near_m, slots, projector)
+            falling = _Sequence(generators, static, slots, projector)
             self._latest = falling._replace(slots=replace(slots, resting=self._resting(falling)))
         return self._latest
 
     def _resting(self, sequence: _Sequence) -> dict[int, Floats]:
         """Lower the models of some slots onto the surfaces below them; return their poses (4, 4) by slot."""
-        generators, static, near_m, slots, _ = sequence
+        generators, static, slots, _ = sequence
         chance = generators.generator(Purpose.RESTING).random(len(slots))
         chosen = np.flatnonzero(chance < self._config.particles.resting)
         if not len(chosen):
             return {}
-        first, camera, still = np.zeros(len(slots), np.int64), static.camera, static.still
+        first, camera = np.zeros(len(slots), np.int64), static.camera
         particles = self._particles(sequence, 0.0, first)
         meshes = [
             self._model_library.models[number] for number in self._sampled_models(generators, first[chosen], chosen)
         ]
-        ground = ~still.sky
-        corners = triangles_of(self.models, still.model[ground], still.world_from_model[ground])
+        ground = static.instances[~static.instances["sky"]]
+        corners = triangles_of(self.models, ground["model"], ground["pose"])
         rested = come_to_rest(particles.world_from_model[chosen], meshes, corners, static.up)
         resting = {}
         for number, pose in rested.items():
@@ -270,48 +248,52 @@ class SceneSampler:
             x, y, z = pose[:3, 3]
             row = camera.cy_px + camera.focal_y_px * y / z
             radius_m = particles.radius_m[slot] * slots.flatness[slot]
-            clear_m = clear_depth_m(near_m, radius_m, np.hypot(x, y), static.sway)
+            clear_m = clear_depth_m(static.near_m, radius_m, np.hypot(x, y), static.sway)
             if z > clear_m and -0.5 < row < camera.height_px - 0.5:
                 resting[slot] = pose
         return resting
 
     def _sample_frame(self, sequence: _Sequence, frame: int, view: int) -> SampledScene:
         """Sample the scene of any frame of a sequence, as the right view of a number sees it."""
-        generators, static, near_m, slots, projector = sequence
-        config, still = self._config, static.still
-        particles = self._particles(sequence, frame)
-        # The near plane is in front of both cameras, so no model can swallow a camera.
-        kept = np.flatnonzero(slots.shown)
-        generations = particles.generation[kept]
-        models = self._sampled_models(generators, generations, kept)
-        patch, scale, offset = self._textures(sequence, particles, kept, models)
-        # Instances start their videos at frames that depend on patch and sequence, and repeat them.
-        count = self._layer_count[patch]
-        scene = Scene(
-            camera=static.views[view],
-            near_m=near_m,
-            camera_from_world=static.sway.camera_from_world(frame * config.sequence.frame_s),
-            model=np.concatenate([still.model, len(STILL_MODELS) + models]),
-            world_from_model=np.concatenate([still.world_from_model, particles.world_from_model[kept]]),
-            layer=self._first_layer[patch] + ((patch * 7919 + generators.sequence) % count + frame) % count,
-            uv_scale=scale,
-            uv_offset=offset,
-            sky=np.concatenate([still.sky, np.zeros(len(kept), bool)]),
-            projector=projector,
-        )
-        slot, generation = (np.concatenate([np.full(len(still), -1), numbers]) for numbers in (kept, generations))
+        generators, static, _, projector = sequence
+        table = np.concatenate([static.instances, self._falling(sequence, frame)])
+        # Particles wear textures of their own.
+        count = len(static.instances)
+        table["texture"][count:] = np.arange(count, len(table))
+        slot, generation = table["slot"][count:], table["generation"][count:]
+        of_static = generators.generator(Purpose.TEXTURE, 0).random((count, 4))
+        of_slots = generators.per_slot(Purpose.TEXTURE, generation, slot, 4, first_key=1)
+        self._mapping.apply(table, np.concatenate([of_static, of_slots]).view(CHANCE)[:, 0], static.camera)
+        pose = static.sway.camera_from_world(frame * self._config.sequence.frame_s)
+        layer = self._mapping.layers(table["patch"], generators.sequence, frame)
         return SampledScene(
-            scene=scene,
-            views=static.views,
+            scene=to_scene(table, static.views[view], static.near_m, pose, layer, projector),
+            static=static,
+            instances=table,
             view=view,
             recipe=self.recipe,
-            background=static.background,
-            farthest_m=static.farthest_m,
             sequence=generators.sequence,
             frame=frame,
             attempt=generators.attempt,
-            patch_px=np.where(patch >= self._small, config.textures.large_px, config.textures.patch_px),
-            patch=patch,
+        )
+
+    def _falling(self, sequence: _Sequence, frame: int) -> Instances:
+        """Return the table of the particles that a frame shows."""
+        slots, particles = sequence.slots, self._particles(sequence, frame)
+        # The near plane is in front of both cameras, so no model can swallow a camera.
+        slot = np.flatnonzero(slots.shown)
+        generation, pose = particles.generation[slot], particles.world_from_model[slot]
+        model = self._sampled_models(sequence.generators, generation, slot)
+        return new_instances(
+            len(slot),
+            model=len(SURFACE_MODELS) + model,
+            pose=pose,
+            # Length of one UV unit: a particle's model unit times the mean of its scales.
+            unit_m=np.linalg.norm(pose[:, :3, :3], axis=1).mean(axis=1)[:, None],
+            # Use the depth of the path's middle, not the model's: a texture must not slide over its model.
+            depth_m=slots.depth_m[slot],
+            uv_low=self._uv[model, 0],
+            uv_high=self._uv[model, 1],
             slot=slot,
             generation=generation,
             resting=np.isin(slot, list(slots.resting)),
@@ -319,12 +301,11 @@ class SceneSampler:
 
     def _moved(self, sequence: _Sequence, sampled: SampledScene, frame: float) -> Floats:
         """Return the poses (N, 4, 4) of a scene's instances at another frame, in which they need not be visible."""
-        still = len(sequence.static.still)
-        world_from_model = sampled.scene.world_from_model.copy()
-        slots, generation = sampled.slot[still:], np.zeros(len(sequence.slots), np.int64)
-        generation[slots] = sampled.generation[still:]
-        world_from_model[still:] = self._particles(sequence, frame, generation).world_from_model[slots]
-        return world_from_model
+        moved, falling = sampled.instances["pose"].copy(), sampled.instances["slot"] >= 0
+        slots, generation = sampled.instances["slot"][falling], np.zeros(len(sequence.slots), np.int64)
+        generation[slots] = sampled.instances["generation"][falling]
+        moved[falling] = self._particles(sequence, frame, generation).world_from_model[slots]
+        return moved
 
     def _particles(self, sequence: _Sequence, frame: float, generation: Ints | None = None) -> Particles:
         """Pose the models of all slots at a frame: of given generations (S,), or of those that the frame shows."""
@@ -336,40 +317,7 @@ class SceneSampler:
 
         return particles_at(camera, slots, release, frame * self._config.sequence.frame_s, generation)
 
-    def _sampled_models(self, generators: _Generators, generation: Ints, slot: NDArray[np.intp]) -> Ints:
+    def _sampled_models(self, generators: _Generators, generation: Ints, slot: Ints) -> Ints:
         """Return the number, (N,), of the library's model that each of N slots shows in its generation."""
         chance = generators.per_slot(Purpose.SHAPE, generation, slot, 1)[:, 0]
-        return self._model_library.drawn[_chosen(self._cumulative, chance)]
-
-    def _textures(
-        self, sequence: _Sequence, particles: Particles, slot: NDArray[np.intp], model: Ints
-    ) -> tuple[Ints, Floats, Floats]:
-        """Return each instance's patch (N,), patches per UV unit (N, 2), and UV offset in patches (N, 2)."""
-        generators, static, _, slots, _ = sequence
-        section, still = self._config.textures, static.still
-        of_still = generators.generator(Purpose.TEXTURE, 0).random((len(still), 4))
-        of_slots = generators.per_slot(Purpose.TEXTURE, particles.generation[slot], slot, 4, first_key=1)
-        chances = np.concatenate([of_still[still.wears], of_slots])
-        range_ = section.texels_per_pixel
-        texels = range_.low * (range_.high / range_.low) ** chances[:, 3]
-        # Length of one UV unit: a particle's model unit times the mean of its scales.
-        scale = np.linalg.norm(particles.world_from_model[slot, :3, :3], axis=1).mean(axis=1)
-        surfaces = still.surfaces + Surfaces(
-            # Use the depth of the path's middle, not the model's: a texture must not slide over its model.
-            slots.depth_m[slot],
-            np.repeat(scale[:, None], 2, axis=1),
-            self._uv[model, 0],
-            self._uv[model, 1],
-            np.zeros(len(slot), bool),
-        )
-        patch, large = _chosen(self._ends[0], chances[:, 0]), np.zeros(len(texels), bool)
-        if self._small < len(self._patches):
-            large = wears_large(surfaces, static.camera, section, texels)
-            wearing = np.flatnonzero(large[: len(still)])
-            # The large patches are spread over the still things, so that few things wear the same patch. Each side of a
-            # box shows another part of its patch.
-            order = np.unique(still.wears[wearing], return_inverse=True)[1]
-            chances[wearing, 0] = (of_still[0, 0] + order * _GOLDEN) % 1.0
-            chances[wearing, 1:3] = of_still[wearing, 1:3]
-            patch[large] = self._small + _chosen(self._ends[1], chances[large, 0])
-        return patch, *map_patches(surfaces, static.camera, section, texels, chances[:, 1:3], large)
+        return self._model_library.drawn[choose(self._ends, chance)]

@@ -8,7 +8,7 @@ from semisynth_gl.config import Config, Range
 from semisynth_gl.config.scene_sections import StreetSection
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import cross
-from semisynth_gl.scene.arrangement import Arrangement, Catalogue, Diameters, FloorView
+from semisynth_gl.scene.arrangement import Arrangement, Catalogue, Diameters, camera_over_floor
 from semisynth_gl.scene.background import FACE, GROUND, lay_ground, sample_plane
 from semisynth_gl.scene.rig import Sway, near_depth_m
 from semisynth_gl.scene.view_volume import smallest_offsets
@@ -67,21 +67,20 @@ def sample_street(
         InputError: see `sample_plane`.
     """
     section, disparity = config.street, config.disparity
-    backdrop = sample_plane(config.background, disparity, camera, rng, sway, sky=sky)
-    backdrop_m, near_m = float(backdrop.offset_m[0]), near_depth_m(camera, disparity)
+    [backdrop] = sample_plane(config.background, disparity, camera, rng, sway, sky=sky)
+    backdrop_m, near_m = float(backdrop["depth_m"]), near_depth_m(camera, disparity)
     metre = min(1.0, backdrop_m / _TRUE_REACH_M)
     yaw, pitch, roll = np.deg2rad(rng.normal(size=3) * (section.yaw_deg, section.tilt_deg, section.tilt_deg))
     height = section.camera_height_m.sample(rng) * metre
-    view = FloorView.over_floor(camera, near_m, height, yaw, pitch, roll)
-    down = -view.camera_from_floor[:3, 2]
+    camera_from_floor = camera_over_floor(height, yaw, pitch, roll)
+    down = -camera_from_floor[:3, 2]
     least = float(smallest_offsets(camera, down[None], near_m, sway)[0])
     if least > height:
         height = least
-        view = FloorView.over_floor(camera, near_m, height, yaw, pitch, roll)
-    street = Arrangement(view, catalogue, metre, rng)
-    wide, high = backdrop.size_m[0]
-    floor_from_backdrop = np.linalg.inv(view.camera_from_floor) @ backdrop.world_from_face[0]
-    street.add(catalogue.number(FACE), floor_from_backdrop, (float(wide), float(high)))
+        camera_from_floor = camera_over_floor(height, yaw, pitch, roll)
+    street = Arrangement(camera, camera_from_floor, near_m, catalogue, metre, rng)
+    street.add(catalogue.number(FACE), np.linalg.inv(camera_from_floor) @ backdrop["pose"], backdrop["unit_m"])
+    street.rows[0]["sky"] = sky
     _add_ground(street, Range(near_m, backdrop_m), height)
     ahead_m = near_m, min(backdrop_m, _FARTHEST * metre)
     road = section.road_width_m.sample(rng) * metre / 2
@@ -106,14 +105,13 @@ def sample_street(
 
 def _add_ground(street: Arrangement, depth_m: Range, height_m: float) -> None:
     """Lay the ground along the direction in which the camera looks."""
-    camera_from_floor = street.view.camera_from_floor
+    camera_from_floor = street.camera_from_floor
     ahead = camera_from_floor[2, :3] * (1, 1, 0)
     along = camera_from_floor[:3, :3] @ (ahead / np.linalg.norm(ahead))
     across = cross(along, camera_from_floor[:3, 2])
-    matrix = lay_ground(street.view.camera, depth_m, across, along, height_m)
+    matrix = lay_ground(street.camera, depth_m, across, along, height_m)
     sizes = np.linalg.norm(matrix[:3, [0, 2]], axis=0)
-    number = street.catalogue.number(GROUND)
-    street.add(number, np.linalg.inv(camera_from_floor) @ matrix, (float(sizes[0]), float(sizes[1])))
+    street.add(street.catalogue.number(GROUND), np.linalg.inv(camera_from_floor) @ matrix, sizes)
 
 
 def _add_pavement(street: Arrangement, kerb: float, side: int, width: float, ahead_m: _Span) -> None:
@@ -124,7 +122,7 @@ def _add_pavement(street: Arrangement, kerb: float, side: int, width: float, ahe
         end = min(begin + max(2.0 * metre, 0.6 * begin), reach)
         half = np.array([width / 2, (end - begin) / 2, _KERB * metre])
         middle = (kerb + side * width / 2, (begin + end) / 2, 0)
-        added = street.add_box(middle, half, wears=first)
+        added = street.add_box(middle, half, texture=first)
         if added is not None:
             first = added if first is None else first
             street.raise_floor((middle[0] - half[0], begin), (middle[0] + half[0], end), half[2])

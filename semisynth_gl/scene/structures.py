@@ -1,7 +1,7 @@
 """The static scene of a sequence: its camera, and its background with structures (ground, panels) or furniture."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,23 +12,14 @@ from semisynth_gl.config.scene_sections import StructuresSection
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
 from semisynth_gl.geometry.model_library import ModelLibrary
-from semisynth_gl.scene import Bools, Floats, Ints
-from semisynth_gl.scene.arrangement import Arrangement, Catalogue
-from semisynth_gl.scene.background import (
-    FACE,
-    GROUND,
-    Background,
-    Kind,
-    lay_ground,
-    sample_cuboid,
-    sample_kind,
-    sample_plane,
-)
-from semisynth_gl.scene.glance import glance
-from semisynth_gl.scene.mapping import Surfaces
-from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway, check_reachable, near_depth_m, sample_rig
+from semisynth_gl.scene import Floats
+from semisynth_gl.scene.arrangement import Catalogue
+from semisynth_gl.scene.background import FACE, GROUND, Kind, lay_ground, sample_cuboid, sample_kind, sample_plane
+from semisynth_gl.scene.glance import GRID, measure
+from semisynth_gl.scene.instances import Instances, new_instances
+from semisynth_gl.scene.rig import BEYOND_NEAR, NO_SWAY, Sway, check_reachable, near_depth_m, sample_rig
 from semisynth_gl.scene.room import DOORWAYS, NICHES, sample_room
-from semisynth_gl.scene.scene import Scene, make_scene, placed_vertices
+from semisynth_gl.scene.scene import placed_vertices
 from semisynth_gl.scene.street import sample_street
 from semisynth_gl.scene.view_volume import smallest_offsets
 from semisynth_gl.seeds.seeds import Purpose
@@ -48,52 +39,32 @@ def _curved_panel() -> Mesh:
 
 
 CURVED_PANEL = _curved_panel()
-# `SampledScene` refers to the models in this order. Flat panels are faces, too.
-STILL_MODELS = (FACE, GROUND, CURVED_PANEL, *DOORWAYS, *NICHES)
+# The models of walls, grounds and panels, in the order to which scenes refer. Flat panels are faces, too.
+SURFACE_MODELS = (FACE, GROUND, CURVED_PANEL, *DOORWAYS, *NICHES)
 _FACE, _GROUND, _CURVED = range(3)
-
-# Share of rays at each end of a surface's UV that is ignored: a ground that reaches to the horizon is measured where it
-# is near.
-_LEFT_OUT = 0.05
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Surroundings:
-    """The S still things of one scene; the background's faces, or a street's backdrop, come first."""
-
-    model: Ints  # (S,) indices into `STILL_MODELS` and, behind them, the models of the library
-    world_from_model: Floats  # (S, 4, 4), left camera's frame, metres
-    wears: Ints  # (S,) the still thing whose texture each wears: itself, or an earlier one
-    # Median depths in the left view, and about the lowest and the highest UV there, which are 0 for hidden things. The
-    # depths of hidden things are substitutes: the background's faces have `Background.visible_depth_m`, structures the
-    # depth of their nearest vertex, and the things of rooms and streets that of their origin, or the near plane's.
-    surfaces: Surfaces
-    sky: Bools  # (S,) whether each thing is infinitely far away
-    disparity_px: Floats  # (R,) finite disparities on a coarse grid over the left view
-
-    def __len__(self) -> int:
-        return len(self.model)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticScene:
-    """The camera of one sequence, and the still things that it sees."""
+    """What all frames of a sequence share except the particles: the cameras, and the instances that never move."""
 
     camera: StereoCamera  # the camera of the longest baseline, for which the scenes are composed
     views: tuple[StereoCamera, ...]  # the camera of each right view, see `sample_views`
     sway: Sway
+    near_m: float  # depth of the near plane
     background: Kind
-    still: Surroundings  # background, structures and furniture
+    instances: Instances  # background, structures and furniture; the background or a street's backdrop come first
+    bare_px: Floats  # (R,) finite disparities on a coarse grid over the left view
     up: Floats  # (3,) unit, the direction upwards in the left camera's frame
-    farthest_m: float = np.inf  # depth that no view of a room exceeds; inf for other backgrounds
+    farthest_m: float  # depth that no view of a room exceeds; inf for other backgrounds
 
 
 def take_stock(library: ModelLibrary) -> Catalogue:
-    """Return the catalogue of the still models and a library's models, from which still things are taken."""
+    """Return the catalogue of the surface models and a library's models, of which static instances are made."""
     drawn = library.drawn[library.chances > 0]
     names = np.array([library.models[number].name for number in drawn])
-    by_name = {str(name): len(STILL_MODELS) + drawn[names == name] for name in np.unique(names)}
-    models = (*STILL_MODELS, *library.models)
+    by_name = {str(name): len(SURFACE_MODELS) + drawn[names == name] for name in np.unique(names)}
+    models = (*SURFACE_MODELS, *library.models)
     boxes = np.array([(mesh.positions.min(axis=0), mesh.positions.max(axis=0)) for mesh in models], np.float64)
     return Catalogue(models, by_name, boxes[:, 0], boxes[:, 1])
 
@@ -110,80 +81,47 @@ def sample_static_scene(
     """
     views, sway = sample_rig(config, generator_for)
     camera = max(views, key=lambda view: view.baseline_m)
+    near_m = near_depth_m(camera, config.disparity)
     rng = generator_for(Purpose.BACKGROUND)
     kind = sample_kind(config.background, rng)
     may_be_sky = kind in ("plane", "street") and config.background.sky > 0
     sky = may_be_sky and bool(generator_for(Purpose.SKY).random() < config.background.sky)
-    if kind == "room":
-        things = sample_room(config, camera, catalogue, rng, sway)
-    elif kind == "street":
-        things = sample_street(config, camera, catalogue, rng, sway, sky=sky)
+    up, farthest_m = np.array([0.0, -1.0, 0.0]), np.inf
+    if kind in ("room", "street"):
+        if kind == "room":
+            things = sample_room(config, camera, catalogue, rng, sway)
+        else:
+            things = sample_street(config, camera, catalogue, rng, sway, sky=sky)
+        up, farthest_m, table = things.camera_from_floor[:3, 2], things.farthest_m, things.table()
+        bare_px = measure(table, camera, near_m, catalogue.models)
     else:
         if kind == "plane":
             background = sample_plane(config.background, config.disparity, camera, rng, sway, sky=sky)
+            seen_m = np.full(GRID[0] * GRID[1], np.inf if sky else background["depth_m"])
         else:
-            background = sample_cuboid(config.background, config.disparity, camera, rng, sway)
+            background, seen_m = sample_cuboid(config.background, config.disparity, camera, rng, sway)
+        bare_px = camera.disparity_px(seen_m)
+        # Before a sky, the ground ends where its plane stands.
+        far_m = float(background["depth_m"][0] if sky else camera.depth_m(bare_px.min()))
         rng = generator_for(Purpose.STRUCTURES)
-        still = sample_surroundings(config.structures, config.disparity, camera, background, rng, sway)
-        return StaticScene(camera, views, sway, kind, still, np.array([0.0, -1.0, 0.0]))
-    up = things.view.camera_from_floor[:3, 2]
-    return StaticScene(camera, views, sway, kind, _surroundings(things, sky=sky), up, things.farthest_m)
+        structures = sample_structures(config.structures, config.disparity, camera, far_m, rng, sway)
+        table = np.concatenate([background, structures])
+        table["texture"] = np.arange(len(table))
+        # The background is measured as if nothing stood in front of it.
+        seen_px = measure(table, camera, near_m / BEYOND_NEAR, catalogue.models, fixed=len(background))
+        bare_px = seen_px if len(structures) else bare_px[np.isfinite(bare_px)]
+    return StaticScene(camera, views, sway, near_m, kind, table, bare_px, up, farthest_m)
 
 
-def _surroundings(things: Arrangement, *, sky: bool) -> Surroundings:
-    """Measure how the left view shows an arrangement of still things; with ``sky`` the first thing is the sky."""
-    view = things.view
-    matrices = view.camera_from_floor @ np.array(things.floor_from_model)
-    scene = _still_scene(view.camera, view.near_m, things.model, matrices, sky=sky)
-    # A hidden thing has the depth of its origin.
-    hidden_m = np.maximum(matrices[:, 2, 3], view.near_m)
-    unit_m, wears, large = np.array(things.unit_m), np.array(things.wears), np.array(things.large)
-    return _measured(scene, things.catalogue.models, unit_m, wears, large, hidden_m)
-
-
-def _still_scene(camera: StereoCamera, near_m: float, model: list[int], matrices: Floats, *, sky: bool) -> Scene:
-    """Return still things as a scene; with ``sky`` the first thing is the sky."""
-    layer, is_sky = np.zeros(len(model), np.int64), np.arange(len(model)) < int(sky)
-    return make_scene(camera, model=model, world_from_model=matrices, layer=layer, near_m=near_m, sky=is_sky)
-
-
-def _measured(
-    scene: Scene, models: Sequence[Mesh], unit_m: Floats, wears: Ints, large: Bools, hidden_m: Floats
-) -> Surroundings:
-    """Measure how the left view shows a scene of S still things.
-
-    ``unit_m`` (S, 2), ``wears`` (S,) and ``large`` (S,) are as in `Arrangement`. The sky and hidden things get the
-    depths ``hidden_m`` (S,).
-    """
-    seen = glance(scene, models)
-    depth_m, (low, high) = hidden_m.copy(), np.zeros((2, len(scene), 2))
-    for number in np.unique(seen.instance[seen.instance >= 0]):
-        rays = seen.instance == number
-        if not scene.sky[number]:
-            depth_m[number] = np.median(seen.depth_m[rays])
-        uv = np.sort(seen.uv[rays], axis=0)
-        left_out = int(_LEFT_OUT * len(uv))
-        low[number], high[number] = uv[left_out], uv[-1 - left_out]
-    disparity_px = scene.camera.disparity_px(seen.depth_m)
-    return Surroundings(
-        scene.model,
-        scene.world_from_model,
-        wears,
-        Surfaces(depth_m, unit_m, low, high, large),
-        scene.sky,
-        disparity_px[np.isfinite(disparity_px)],
-    )
-
-
-def sample_surroundings(
+def sample_structures(
     section: StructuresSection,
     disparity: DisparitySection,
     camera: StereoCamera,
-    background: Background,
+    far_m: float,
     rng: np.random.Generator,
-    sway: Sway = STILL,
-) -> Surroundings:
-    """Sample structures in front of a background, and measure how the left view shows both.
+    sway: Sway = NO_SWAY,
+) -> Instances:
+    """Sample the structures in front of a background, which ends at a depth; each has the depth of its nearest vertex.
 
     No structure comes nearer than the depth of ``disparity.max_px`` in either view. Where the camera sways, only the
     ground keeps this distance, and the near plane cuts off panels that come too near.
@@ -192,40 +130,25 @@ def sample_surroundings(
         InputError: where ``ground_disparity_px`` or ``panel_disparity_px`` lies beyond infinity.
     """
     near_m = near_depth_m(camera, disparity)
-    bare_px = background.disparity_px(camera)
-    # Before a sky, the ground ends where its plane stands.
-    farthest_m = float(background.offset_m[0]) if background.sky else float(camera.depth_m(bare_px.min()))
-    structures = list[tuple[int, Floats]]()
+    sampled = list[tuple[int, Floats]]()
     if rng.random() < section.ground:
-        structures.append((_GROUND, _place_ground(section, camera, Range(near_m, farthest_m), rng, sway)))
+        sampled.append((_GROUND, _ground_pose(section, camera, Range(near_m, far_m), rng, sway)))
     for _ in range(round(section.panels.sample(rng))):
-        structures.append(_place_panel(section, disparity, camera, near_m, rng))
-    # The UV of a ground goes along its x and z.
-    sizes = [np.linalg.norm(matrix[:3, [0, 2 if number == _GROUND else 1]], axis=0) for number, matrix in structures]
-    # A hidden structure has the depth of its nearest vertex.
-    hidden_m = [max(_nearest_m(number, matrix), near_m) for number, matrix in structures]
-    faces, count = len(background.size_m), len(background.size_m) + len(structures)
-    model = [_FACE] * faces + [number for number, _ in structures]
-    matrices = np.array([*background.world_from_face, *(matrix for _, matrix in structures)])
-    still = _measured(
-        _still_scene(camera, near_m / BEYOND_NEAR, model, matrices, sky=background.sky),
-        STILL_MODELS,
-        np.array([*background.size_m, *sizes]),
-        np.arange(count),
-        np.ones(count, bool),
-        np.append(background.visible_depth_m, hidden_m),
-    )
-    # The background is measured as if nothing stood in front of it.
-    still.surfaces.depth_m[:faces] = background.visible_depth_m
-    return still if structures else replace(still, disparity_px=bare_px[np.isfinite(bare_px)])
+        sampled.append(_sample_panel(section, disparity, camera, near_m, rng))
+    table = new_instances(len(sampled), large=True)
+    for row, (model, pose) in zip(table, sampled, strict=True):
+        row["model"], row["pose"], row["depth_m"] = model, pose, max(_nearest_m(model, pose), near_m)
+        # The UV of a ground goes along its x and z.
+        row["unit_m"] = np.linalg.norm(pose[:3, [0, 2 if model == _GROUND else 1]], axis=0)
+    return table
 
 
-def _nearest_m(model: int, matrix: Floats) -> float:
-    """Return the depth of the nearest vertex of a still model."""
-    return float((STILL_MODELS[model].positions.astype(np.float64) @ matrix[2, :3] + matrix[2, 3]).min())
+def _nearest_m(model: int, pose: Floats) -> float:
+    """Return the depth of the nearest vertex of a surface model."""
+    return float((SURFACE_MODELS[model].positions.astype(np.float64) @ pose[2, :3] + pose[2, 3]).min())
 
 
-def _place_ground(
+def _ground_pose(
     section: StructuresSection, camera: StereoCamera, depth_m: Range, rng: np.random.Generator, sway: Sway
 ) -> Floats:
     height = _ground_height_m(section, camera, rng)
@@ -254,7 +177,7 @@ def _farther_half(disparity: DisparitySection, camera: StereoCamera) -> Range:
     return Range(disparity.min_px, max(disparity.min_px, nearness**0.5 - camera.doffs_px))
 
 
-def _place_panel(
+def _sample_panel(
     section: StructuresSection,
     disparity: DisparitySection,
     camera: StereoCamera,
@@ -282,7 +205,7 @@ def _place_panel(
     # The origin of a face is its corner, and that of a curved panel is its middle.
     begin = np.zeros(3) if curved else -(matrix[:3, 0] + matrix[:3, 1]) / 2
     matrix[:3, 3] = begin
-    nearest = float(placed_vertices(STILL_MODELS[number], matrix)[:, 2].min())
+    nearest = float(placed_vertices(SURFACE_MODELS[number], matrix)[:, 2].min())
     depth = max(depth, BEYOND_NEAR * near_m - nearest)
     matrix[:3, 3] = begin + camera.rays("left", np.array(x), np.array(y)) * depth
     return number, matrix

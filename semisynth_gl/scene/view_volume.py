@@ -8,7 +8,7 @@ import numpy as np
 from semisynth_gl.frame.camera import EYES, RECTIFIED, Eye, StereoCamera
 from semisynth_gl.geometry.mesh import cross
 from semisynth_gl.scene import Floats
-from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway
+from semisynth_gl.scene.rig import BEYOND_NEAR, NO_SWAY, Sway
 
 WIDEST_RAD = np.deg2rad(85).item()
 """Largest angle of a ray to the optical axis at any moment of the sway; wider views are treated as unbounded."""
@@ -48,7 +48,7 @@ def _corner_rays(camera: StereoCamera) -> Iterator[tuple[Eye, Floats]]:
             yield eye, twin.rays(eye, x, y)
 
 
-def smallest_offsets(camera: StereoCamera, normal: Floats, near_m: float, sway: Sway = STILL) -> Floats:
+def smallest_offsets(camera: StereoCamera, normal: Floats, near_m: float, sway: Sway = NO_SWAY) -> Floats:
     """Return the smallest distances of walls at which both cameras are inside and all pixels are beyond the near plane.
 
     Along a ray from an eye at e, a wall normal . p = offset has depth Z = (offset - normal . e) / (normal . ray), and
@@ -79,7 +79,7 @@ def smallest_offsets(camera: StereoCamera, normal: Floats, near_m: float, sway: 
     return smallest
 
 
-def deepest_m(camera: StereoCamera, faces: Floats, sway: Sway = STILL) -> float:
+def deepest_m(camera: StereoCamera, faces: Floats, sway: Sway = NO_SWAY) -> float:
     """Return the largest planar depth at which either view shows flat faces at any moment of the sway; 0 for none.
 
     Faces count even if others hide them. They are convex; ``faces`` (F, 4, 3) has their corners in order around the
@@ -129,7 +129,7 @@ def fitted_offsets(
     offset_m: Floats,
     smallest_m: Floats,
     farthest_m: float,
-    sway: Sway = STILL,
+    sway: Sway = NO_SWAY,
     *,
     movable: int = 6,
 ) -> tuple[Floats, bool]:
@@ -181,7 +181,7 @@ class Height:
         return (1 + self.top**2) ** 0.5, (1 + self.bottom**2) ** 0.5
 
 
-def height_of_view(camera: StereoCamera, sway: Sway = STILL) -> Height:
+def height_of_view(camera: StereoCamera, sway: Sway = NO_SWAY) -> Height:
     """Return the upper and the lower end of what both views show, at any moment of the sway."""
     rays = corner_rays(camera)
     angles = np.arctan2(rays[:, 1], rays[:, 2])

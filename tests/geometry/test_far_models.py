@@ -14,7 +14,7 @@ from semisynth_gl.geometry.model_files import load_models
 from semisynth_gl.geometry.topology import is_solid, marked_solid, neighbours
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.scene import make_scene, move
-from semisynth_gl.scene.structures import STILL_MODELS
+from semisynth_gl.scene.structures import SURFACE_MODELS
 
 AWAY_M = np.array([6e6, -4.9e6, 5.3e6])
 PERIODS = np.float64(2e6)
@@ -130,7 +130,7 @@ def test_far_meshes_keep_their_shape_and_what_follows_from_it():
 
 def test_models_of_the_program_are_drawn_where_they_are():
     meshes = [build(np.random.default_rng(0)) for build in (SIMPLE_KINDS | COMPLEX_KINDS).values()]
-    for mesh in (*meshes, *STILL_MODELS):
+    for mesh in (*meshes, *SURFACE_MODELS):
         drawn = centred(mesh)
         assert drawn.mesh.positions is mesh.positions, mesh.name
         assert drawn.mesh.uv is mesh.uv, mesh.name

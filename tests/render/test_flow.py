@@ -12,17 +12,18 @@ from tiny_datasets import lean
 from semisynth_gl import oracle
 from semisynth_gl.config import Range
 from semisynth_gl.config.rig_sections import CameraSection, DisparitySection
-from semisynth_gl.config.scene_sections import BackgroundSection, StructuresSection
+from semisynth_gl.config.scene_sections import BackgroundSection
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render import listed_steps
 from semisynth_gl.scene.background import sample_cuboid, sample_kind, sample_plane
+from semisynth_gl.scene.instances import to_scene
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.rig import STILL, near_depth_m, rotation_about_axis, sample_sway
+from semisynth_gl.scene.rig import NO_SWAY, near_depth_m, rotation_about_axis, sample_sway
 from semisynth_gl.scene.scene import Motion, make_scene, move
-from semisynth_gl.scene.structures import STILL_MODELS, sample_surroundings
+from semisynth_gl.scene.structures import SURFACE_MODELS
 
 CAMERA = StereoCamera(200, 150, 220.0, 0.2, 95.0, 103.0, 70.0)
 FLOWS = ("flow", "flow_backward", "disparity_change")
@@ -313,16 +314,16 @@ def test_motion_goes_on_beyond_both_ends_of_a_sequence():
     before, after = sampler.motion(first, -1), sampler.motion(last, +1)
     far = [sampler.motion(first, -step) for step in (400, 900)]
     for sampled, motion in ((first, before), (last, after)):
-        still = sampled.slot < 0
+        still = sampled.instances["slot"] < 0
         np.testing.assert_array_equal(motion.world_from_model[still], sampled.scene.world_from_model[still])
         # Models fall: a moment earlier they were higher, though they may not have been released.
         lower = motion.world_from_model[~still, 1, 3] - sampled.scene.world_from_model[~still, 1, 3]
         assert ((lower < 0) if motion is before else (lower > 0)).all()
     # Long before time 0 other models were there, as many, and not the same every time.
-    assert (far[0].instance[first.slot >= 0] == -1).all()
+    assert (far[0].instance[first.instances["slot"] >= 0] == -1).all()
     assert len(far[0].scene) > 0.5 * len(first.scene)
     # A slot's models of different generations have nothing to do with each other.
-    one, other = (motion.scene.model[int((first.slot < 0).sum()) :] for motion in far)
+    one, other = (motion.scene.model[int((first.instances["slot"] < 0).sum()) :] for motion in far)
     common = min(len(one), len(other))
     assert (one[:common] == other[:common]).mean() < 0.5
 
@@ -337,21 +338,15 @@ def test_walls_keep_clear_of_a_camera_that_sways(seed, shift, turn, plane, doffs
     section_camera = section_camera.model_copy(update={"sway_m": Range(0, shift), "sway_deg": Range(0, turn)})
     rng = np.random.default_rng(seed)
     sway = sample_sway(section_camera, rng)
-    draw_background = {"cuboid": sample_cuboid, "plane": sample_plane}[sample_kind(section, rng)]
-    background = draw_background(section, disparity, camera, rng, sway)
-    still = sample_surroundings(StructuresSection(), disparity, camera, background, rng, sway)
+    if sample_kind(section, rng) == "plane":
+        table = sample_plane(section, disparity, camera, rng, sway)
+    else:
+        table, _ = sample_cuboid(section, disparity, camera, rng, sway)
     x, y = (each.ravel() for each in np.meshgrid(np.linspace(-0.49, 59.47, 9), np.linspace(-0.48, 39.49, 7)))
     for time_s in (0.0, 0.31, 7.9):
-        scene = make_scene(
-            camera,
-            model=still.model,
-            world_from_model=still.world_from_model,
-            layer=[0] * len(still),
-            camera_from_world=sway.camera_from_world(time_s),
-            near_m=1e-3,
-        )
+        scene = to_scene(table, camera, 1e-3, sway.camera_from_world(time_s))
         for eye in EYES:
-            hits = cast_rays(scene, STILL_MODELS, eye, x, y)
+            hits = cast_rays(scene, SURFACE_MODELS, eye, x, y)
             assert np.isfinite(hits.depth_m).all()
             assert hits.depth_m.min() >= near_depth_m(camera, disparity)
 
@@ -380,7 +375,7 @@ def test_a_sway_is_smooth_bounded_and_comes_back():
     assert np.deg2rad(1) < angle.max() <= sway.angle_rad + 1e-9
     # Speeds are those of a sine of that amplitude and period.
     assert np.abs(np.diff(place, axis=0)).max() <= 1.001 * np.pi * sway.shift_m.max() * (times[1] - times[0])
-    np.testing.assert_array_equal(STILL.camera_from_world(3.3), np.eye(4))
+    np.testing.assert_array_equal(NO_SWAY.camera_from_world(3.3), np.eye(4))
 
 
 def test_a_sway_too_wide_for_a_far_plane_is_refused():

@@ -536,8 +536,8 @@ def test_walls_leave_no_gap_where_they_meet(open_renderer, index):
     camera = sample_camera(config.camera, generator(1, Purpose.CAMERA, index))
     rng = generator(1, Purpose.BACKGROUND, index)
     assert sample_kind(config.background, rng) == "cuboid"
-    room = sample_cuboid(config.background, config.disparity, camera, rng)
-    scene = make_scene(camera, model=[0] * 6, world_from_model=room.world_from_face, layer=[0] * 6)
+    room, _ = sample_cuboid(config.background, config.disparity, camera, rng)
+    scene = make_scene(camera, model=[0] * 6, world_from_model=room["pose"], layer=[0] * 6)
     frame = open_renderer([FACE], noise_layers(1, 16)).render(scene)
     assert np.isfinite(frame.left.disparity).all()
     assert np.isfinite(frame.right.disparity).all()

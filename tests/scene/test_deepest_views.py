@@ -13,9 +13,9 @@ from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.scene.instances import to_scene
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import BEYOND_NEAR, near_depth_m
-from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.scene.structures import StaticScene, sample_static_scene, take_stock
 from semisynth_gl.scene.view_volume import deepest_m
 from semisynth_gl.seeds.seeds import generator
@@ -64,22 +64,12 @@ def static_scene_of(config: Config, seed: int) -> StaticScene:
     return sample_static_scene(config, catalogue(), lambda purpose: generator(seed, purpose))
 
 
-def seen_px(static: StaticScene, config: Config, camera: StereoCamera, time_s: float = 0.0) -> np.ndarray:
-    """Disparities of still things on a grid over both views that reaches to their borders."""
-    still, x_px, y_px = (
-        static.still,
-        *np.meshgrid(
-            np.linspace(-0.4971, camera.width_px - 0.5013, 27), np.linspace(-0.4937, camera.height_px - 0.5029, 21)
-        ),
+def seen_px(static: StaticScene, camera: StereoCamera, time_s: float = 0.0) -> np.ndarray:
+    """Disparities of static instances on a grid over both views that reaches to their borders."""
+    x_px, y_px = np.meshgrid(
+        np.linspace(-0.4971, camera.width_px - 0.5013, 27), np.linspace(-0.4937, camera.height_px - 0.5029, 21)
     )
-    scene = make_scene(
-        camera,
-        model=still.model,
-        world_from_model=still.world_from_model,
-        layer=np.zeros(len(still), np.int64),
-        near_m=near_depth_m(static.camera, config.disparity),
-        camera_from_world=static.sway.camera_from_world(time_s),
-    )
+    scene = to_scene(static.instances, camera, static.near_m, static.sway.camera_from_world(time_s))
     hits = [cast_rays(scene, catalogue().models, eye, x_px.ravel(), y_px.ravel()) for eye in EYES]
     return np.concatenate([oracle.disparity_px(camera, each) for each in hits])
 
@@ -119,7 +109,7 @@ def test_every_pixel_has_a_disparity_and_rooms_keep_to_their_range(rig, kind, se
     static = static_scene_of(config, seed)
     for time_s in (0.0, 0.6, 1.9) if static.sway.moves else (0.0,):
         for camera in static.views:
-            px = seen_px(static, config, camera, time_s)
+            px = seen_px(static, camera, time_s)
             assert np.isfinite(px).all()
             assert px.min() > 0
             if kind == "room":
@@ -136,7 +126,7 @@ def test_a_range_that_the_margin_of_the_near_plane_takes_whole_is_refused():
     with pytest.raises(InputError, match=r"doffs = 38 px nothing is left of 0\.37 px there: expected more than 0\.38"):
         static_scene_of(config, 0)
     raised = load_config("middlebury", [*CLUTTER_ALONE, *rig, "disparity.max_px=0.39"])
-    assert seen_px(static_scene_of(raised, 0), raised, static_scene_of(raised, 0).camera).min() > 0
+    assert seen_px(static_scene_of(raised, 0), static_scene_of(raised, 0).camera).min() > 0
 
 
 def test_a_pair_that_is_too_deep_is_drawn_again_and_refused_at_last():

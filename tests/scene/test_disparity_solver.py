@@ -29,7 +29,7 @@ from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.particles import Sizes, expected_cover, stated_layers
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SceneSampler
-from semisynth_gl.scene.structures import CURVED_PANEL, GROUND, STILL_MODELS, take_stock
+from semisynth_gl.scene.structures import CURVED_PANEL, GROUND, SURFACE_MODELS, take_stock
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch
 
@@ -160,7 +160,7 @@ def test_particles_grow_where_more_of_them_would_be_needed_than_allowed():
     config = tiny(particles={"size_px": [0.5, 1.0], "most": 300})
     library = build_library(config.models, config.particles, Split(0))
     sampler = SceneSampler(config, 0, library, PATCH)
-    counts = [(sampler.sample(index).slot >= 0).sum() for index in range(8)]
+    counts = [(sampler.sample(index).instances["slot"] >= 0).sum() for index in range(8)]
     assert 150 < np.mean(counts) <= 300
     assert total_variation(sampler.disparity_solver.target, sampler.disparity_solver.expected()) < 0.06
 
@@ -191,7 +191,7 @@ def test_narrow_ranges_meet_their_target(magnitude, width, doffs):
     sampler = SceneSampler(config, 0, build_library(config.models, config.particles, Split(0)), PATCH)
     assert total_variation(sampler.disparity_solver.target, sampler.disparity_solver.expected()) < 0.1
     scene = sampler.sample(0)
-    assert 0 < (scene.slot >= 0).sum() <= config.particles.most
+    assert 0 < (scene.instances["slot"] >= 0).sum() <= config.particles.most
 
 
 def test_another_form_takes_the_place_of_the_first():
@@ -342,7 +342,7 @@ def count_in_view(scene):
     scale = scene.camera.focal_px / middle[:, 2]
     column = scene.camera.cx_left_px + middle[:, 0] * scale
     inside = (column > -reach * scale) & (column < scene.camera.width_px + reach * scale)
-    return (inside & (scene.model >= len(STILL_MODELS))).sum()
+    return (inside & (scene.model >= len(SURFACE_MODELS))).sum()
 
 
 def objects_in_view(config, library, scenes):
@@ -376,7 +376,7 @@ def test_a_mix_says_how_many_objects_and_how_much_background_it_shows(background
         counts.append(count_in_view(scene))
         if index % 4 == 0:
             instance = glance(scene, sampler.models).instance
-            still.append((scene.model[instance] < len(STILL_MODELS)).mean())
+            still.append((scene.model[instance] < len(SURFACE_MODELS)).mean())
     expected = sampler.disparity_solver.in_view()
     assert expected.objects == pytest.approx(np.mean(counts), rel=0.15)
     assert expected.still == pytest.approx(np.mean(still), abs=0.07)
@@ -490,12 +490,12 @@ def street():
 @pytest.mark.parametrize("index", range(4))
 def test_structures_stay_beyond_the_near_plane(street, index):
     scene = street.sample(index).scene
-    models = [STILL_MODELS[m].name for m in scene.model if m < len(STILL_MODELS)]
+    models = [SURFACE_MODELS[m].name for m in scene.model if m < len(SURFACE_MODELS)]
     assert models[:2] == ["face", "ground"]
     assert 2 <= len(models) - 2 <= 4
     for k in range(2, len(models)):  # the ground goes on below the view and behind the cameras
         placed = scene.world_from_model[k]
-        depth = STILL_MODELS[scene.model[k]].positions.astype(float) @ placed[2, :3] + placed[2, 3]
+        depth = SURFACE_MODELS[scene.model[k]].positions.astype(float) @ placed[2, :3] + placed[2, 3]
         assert depth.min() > scene.near_m
     x, y = np.meshgrid(np.linspace(-0.4, 1241.4, 60), np.linspace(-0.4, 374.4, 30))
     for eye in EYES:
@@ -522,7 +522,7 @@ def test_panels_are_slanted_and_curved():
     sampler = structured(panels=40, panel_slant_deg=[30, 60], panel_curved=0.5)
     scene = sampler.sample(0).scene
     panels = range(1, 41)
-    curved = [STILL_MODELS[scene.model[k]] is CURVED_PANEL for k in panels]
+    curved = [SURFACE_MODELS[scene.model[k]] is CURVED_PANEL for k in panels]
     assert 10 <= sum(curved) <= 30
     for k in panels:
         normal = scene.world_from_model[k, :3, 2] / np.linalg.norm(scene.world_from_model[k, :3, 2])
@@ -531,8 +531,8 @@ def test_panels_are_slanted_and_curved():
 
 def test_without_structures_nothing_but_the_background_stands_still():
     scene = structured().sample(0).scene
-    assert (scene.model < len(STILL_MODELS)).sum() == 1
-    assert STILL_MODELS[0] is FACE
+    assert (scene.model < len(SURFACE_MODELS)).sum() == 1
+    assert SURFACE_MODELS[0] is FACE
 
 
 # Models
@@ -577,7 +577,7 @@ def test_a_few_models_of_the_users_are_a_few_of_all(monkeypatch, count, weights,
 def test_thin_models_are_thin():
     config = tiny(particles={"thinness": [0.05, 0.1], "stretch": 1.0})
     scene = SceneSampler(config, 0, build_library(config.models, config.particles, Split(0)), PATCH).sample(0).scene
-    scale = np.linalg.norm(scene.world_from_model[scene.model >= len(STILL_MODELS), :3, :3], axis=1)
+    scale = np.linalg.norm(scene.world_from_model[scene.model >= len(SURFACE_MODELS), :3, :3], axis=1)
     ratio = scale[:, 2] / scale[:, 0]
     assert (ratio > 0.049).all()
     assert (ratio < 0.101).all()

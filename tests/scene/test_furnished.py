@@ -17,18 +17,19 @@ from semisynth_gl.config.scene_sections import RoomSection, StreetSection
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.scene.arrangement import Arrangement, FloorView
+from semisynth_gl.scene.arrangement import Arrangement, camera_over_floor
 from semisynth_gl.scene.background import FACE, GROUND, grid_px
 from semisynth_gl.scene.glance import glance
+from semisynth_gl.scene.instances import Instances, to_scene
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.rig import STILL, near_depth_m
+from semisynth_gl.scene.rig import NO_SWAY, near_depth_m
 from semisynth_gl.scene.room import DOORWAYS, NICHES, sample_room
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import Scene, make_scene
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.scene.street import sample_street
-from semisynth_gl.scene.structures import STILL_MODELS, StaticScene, sample_static_scene, take_stock
+from semisynth_gl.scene.structures import SURFACE_MODELS, StaticScene, sample_static_scene, take_stock
 from semisynth_gl.seeds.seeds import generator
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch
@@ -57,9 +58,7 @@ def static_scene_of(config: Config, seed: int) -> StaticScene:
 
 
 def scene_of(static: StaticScene, near_m: float) -> Scene:
-    still = static.still
-    matrices, layers = still.world_from_model, np.zeros(len(still), np.int64)
-    return make_scene(static.camera, model=still.model, world_from_model=matrices, layer=layers, near_m=near_m)
+    return to_scene(static.instances, static.camera, near_m)
 
 
 @pytest.mark.parametrize("rig", RIGS)
@@ -87,8 +86,8 @@ def test_a_scene_holds_things_of_many_kinds(kind: str) -> None:
     names, sizes = set(), []
     for seed in range(4):
         static = static_scene_of(furnished(rig, kind), seed)
-        names |= {catalogue().models[number].name for number in static.still.model}
-        sizes.append(len(static.still))
+        names |= {catalogue().models[number].name for number in static.instances["model"]}
+        sizes.append(len(static.instances))
         assert static.background == kind
     assert min(sizes) > 12
     assert {"room": {"face"}, "street": {"face", "ground", "house", "car"}}[kind] <= names
@@ -104,10 +103,10 @@ def test_walls_and_ground_are_in_view_behind_things(rig: str, kind: str) -> None
         scene = scene_of(static, near_depth_m(static.camera, config.disparity))
         instance = glance(scene, catalogue().models).instance
         assert (instance >= 0).all()
-        model = static.still.model[instance]
+        model = static.instances["model"][instance]
         # The floor of a room is its first rectangle.
-        floor = instance == 0 if kind == "room" else model == STILL_MODELS.index(GROUND)
-        seen.append([(model < len(STILL_MODELS)).mean(), floor.mean(), len(np.unique(instance))])
+        floor = instance == 0 if kind == "room" else model == SURFACE_MODELS.index(GROUND)
+        seen.append([(model < len(SURFACE_MODELS)).mean(), floor.mean(), len(np.unique(instance))])
     bare, floors, count = np.mean(seen, axis=0)
     assert 0.5 < bare < 0.95
     assert floors > 0.1
@@ -131,15 +130,20 @@ def drawn(rig: str, kind: str, seed: int, **keys: object) -> Arrangement:
     sections = {"room": RoomSection, "street": StreetSection}
     config = furnished(rig, kind).model_copy(update={kind: sections[kind].model_validate(keys)})
     draw = sample_room if kind == "room" else sample_street
-    return draw(config, CAMERAS[rig], catalogue(), rng(seed), STILL)
+    return draw(config, CAMERAS[rig], catalogue(), rng(seed), NO_SWAY)
+
+
+def table_of(things: Arrangement) -> Instances:
+    """The instances in the floor's frame."""
+    return np.concatenate(things.rows)
 
 
 def corners_of(things: Arrangement) -> list[np.ndarray]:
     """The triangles (T, 3, 3) of each thing, in the floor's frame."""
-    meshes = [things.catalogue.models[number] for number in things.model]
+    meshes = [things.catalogue.models[number] for number in table_of(things)["model"]]
     return [
         (mesh.positions.astype(float) @ matrix[:3, :3].T + matrix[:3, 3])[mesh.triangles]
-        for mesh, matrix in zip(meshes, things.floor_from_model, strict=True)
+        for mesh, matrix in zip(meshes, table_of(things)["pose"], strict=True)
     ]
 
 
@@ -149,13 +153,13 @@ def test_things_at_rest_stand_upright_and_on_something(rig: str, kind: str) -> N
     for seed in range(2):
         things = drawn(rig, kind, seed, **({"pictures": 20} if kind == "room" else {}))
         corners = corners_of(things)
-        for k, (number, matrix) in enumerate(zip(things.model, things.floor_from_model, strict=True)):
-            if number < len(STILL_MODELS):
+        for k, (number, matrix) in enumerate(zip(table_of(things)["model"], table_of(things)["pose"], strict=True)):
+            if number < len(SURFACE_MODELS):
                 continue
             points = corners[k].reshape(-1, 3)
             up, back = (matrix[:3, column] / np.linalg.norm(matrix[:3, column]) for column in (2, 1))
             np.testing.assert_allclose(up, (0, 0, 1), atol=1e-12)
-            assert things.view.depth_m(points).min() > things.view.near_m
+            assert things.depths_m(points).min() > things.near_m
             size, lowest = np.ptp(points, axis=0).max(), points[:, 2].min()
             assert lowest > -1e-6 * size
             if lowest < 1e-6 * size:
@@ -176,44 +180,48 @@ def is_of(number: int, *names: str) -> bool:
     return catalogue().models[number].name in names
 
 
+def count(things: Arrangement) -> int:
+    return len(things.rows)
+
+
 def number_of(*names: str):
-    return lambda things: sum(is_of(number, *names) for number in things.model)
+    return lambda things: sum(is_of(number, *names) for number in table_of(things)["model"])
 
 
 def gap_of_fences(things: Arrangement) -> float:
     x = [
         matrix[0, 3]
-        for number, matrix in zip(things.model, things.floor_from_model, strict=True)
+        for number, matrix in zip(table_of(things)["model"], table_of(things)["pose"], strict=True)
         if is_of(number, "fence")
     ]
     return max(x) - min(x)
 
 
 def height(things: Arrangement) -> float:
-    return float(-things.view.camera_from_floor[:3, 2] @ things.view.camera_from_floor[:3, 3])
+    return float(-things.camera_from_floor[:3, 2] @ things.camera_from_floor[:3, 3])
 
 
 # Two values of a key, what grows from the one to the other, and other keys that this takes.
 EFFECTS = {
     "room": {
         "camera_height_m": (0.9, 1.7, height, {}),
-        "floor_row": (0.5, 1.0, lambda things: things.view.camera_from_floor[2, 2], {}),
-        "roll_deg": (0, 20, lambda things: abs(things.view.camera_from_floor[0, 2]), {}),
-        "furniture": (0, 20, len, {"small": 0}),
-        "small": (0, 40, len, {}),
-        "pictures": (0, 20, len, {}),
+        "floor_row": (0.5, 1.0, lambda things: things.camera_from_floor[2, 2], {}),
+        "roll_deg": (0, 20, lambda things: abs(things.camera_from_floor[0, 2]), {}),
+        "furniture": (0, 20, count, {"small": 0}),
+        "small": (0, 40, count, {}),
+        "pictures": (0, 20, count, {}),
         "doorway": (0, 1, number_of("wall with a doorway"), {}),
         "niche": (0, 1, number_of("wall with a niche"), {"doorway": 0}),
-        "pillars": (0, 10, len, {"furniture": 0, "small": 0}),
-        "rug": (0, 1, len, {"furniture": 0, "small": 0, "pillars": 0}),
+        "pillars": (0, 10, count, {"furniture": 0, "small": 0}),
+        "rug": (0, 1, count, {"furniture": 0, "small": 0, "pillars": 0}),
         "curtain": (0, 1, number_of("curtain"), {"pictures": 0}),
     },
     "street": {
         "camera_height_m": (1.2, 3, height, {}),
-        "yaw_deg": (0, 30, lambda things: abs(things.view.camera_from_floor[2, 0]), {}),
-        "tilt_deg": (0, 20, lambda things: abs(things.view.camera_from_floor[0, 2]), {}),
+        "yaw_deg": (0, 30, lambda things: abs(things.camera_from_floor[2, 0]), {}),
+        "tilt_deg": (0, 20, lambda things: abs(things.camera_from_floor[0, 2]), {}),
         "road_width_m": (4, 30, gap_of_fences, {"houses": 0, "fences": 1}),
-        "pavement": (0, 1, len, {"vehicles": 0, "tall": 0, "low": 0, "houses": 0, "fences": 0}),
+        "pavement": (0, 1, count, {"vehicles": 0, "tall": 0, "low": 0, "houses": 0, "fences": 0}),
         "houses": (0, 1, number_of("face", "house"), {"fences": 0}),
         "fences": (0, 1, number_of("fence"), {"houses": 0}),
         "vehicles": (0, 30, number_of("face", "car"), {"houses": 0}),
@@ -253,15 +261,15 @@ def test_drawing_the_same_again_gives_the_same(seed: int, rig: str, kind: str) -
 
     def draw() -> Arrangement:
         draw_things = sample_room if kind == "room" else sample_street
-        return draw_things(config, CAMERAS[rig], catalogue(), rng(seed), STILL)
+        return draw_things(config, CAMERAS[rig], catalogue(), rng(seed), NO_SWAY)
 
     first, second = draw(), draw()
-    assert first.model == second.model
-    assert first.wears == second.wears
-    np.testing.assert_array_equal(first.floor_from_model, second.floor_from_model)
-    assert np.isfinite(first.floor_from_model).all()
+    np.testing.assert_array_equal(table_of(first), table_of(second))
+    assert np.isfinite(table_of(first)["pose"]).all()
     # What shares a texture shares it with an earlier thing that has its own.
-    assert all(k <= number and first.wears[k] == k for number, k in enumerate(first.wears))
+    texture = table_of(first)["texture"]
+    assert (texture <= np.arange(len(texture))).all()
+    np.testing.assert_array_equal(texture[texture], texture)
 
 
 @pytest.mark.parametrize(("rig", "kind"), [("middlebury", "room"), ("kitti", "street")])
@@ -312,12 +320,12 @@ def test_no_picture_hangs_before_a_hole(kind: str, rows: tuple[float, float]) ->
     beside, columns = 0, ((0.12, 0.4), (0.37, 0.63), (0.6, 0.88))
     for seed in range(4):
         things = drawn("middlebury", "room", seed, **{kind: 1, "pictures": 40, "furniture": 0, "small": 0})
-        matrices = [np.array(matrix) for matrix in things.floor_from_model]
-        for wall, number in enumerate(things.model):
+        matrices = [np.array(matrix) for matrix in table_of(things)["pose"]]
+        for wall, number in enumerate(table_of(things)["model"]):
             if not is_of(number, f"wall with a {kind}"):
                 continue
             left, right = columns[HOLES[kind].index(things.catalogue.models[number])]
-            for face, matrix in zip(things.model, matrices, strict=True):
+            for face, matrix in zip(table_of(things)["model"], matrices, strict=True):
                 corners = np.linalg.inv(matrices[wall]) @ matrix @ [[0, 1, 0], [0, 0, 1], [0, 0, 0], [1, 1, 1]]
                 u, v, out = corners[:3]
                 # A picture is parallel to its wall, a few centimetres before it.
@@ -333,11 +341,11 @@ def test_pictures_and_other_things_on_a_wall_meet_neither_each_other_nor_its_end
     hung, bare = 0, dict.fromkeys(("furniture", "small", "curtain", "pillars", "rug", "doorway", "niche"), 0)
     for seed in range(3):
         things = drawn("middlebury", "room", seed, pictures=60, **bare)
-        meshes = [things.catalogue.models[number] for number in things.model]
+        meshes = [things.catalogue.models[number] for number in table_of(things)["model"]]
         # After the floor, the ceiling and the wall behind the camera.
-        for wall in things.floor_from_model[3:6]:
+        for wall in table_of(things)["pose"][3:6]:
             boxes = []
-            for mesh, matrix in zip(meshes, things.floor_from_model, strict=True):
+            for mesh, matrix in zip(meshes, table_of(things)["pose"], strict=True):
                 points = np.c_[mesh.positions, np.ones(len(mesh.positions))] @ (np.linalg.inv(wall) @ matrix).T
                 low, high = points[:, :3].min(axis=0), points[:, :3].max(axis=0)
                 # Of a picture its front: not its sides, nor those of a picture on the next wall.
@@ -361,7 +369,7 @@ def test_fences_and_houses_stand_clear_of_pavements() -> None:
         # The tops of slabs are level, and a hand above the ground.
         slabs = [each[..., 0] for each in corners if np.ptp(each[..., 2]) < 1e-9 and 0.05 < each[0, 0, 2] < 0.2]
         left, right = min(each.min() for each in slabs), max(each.max() for each in slabs)
-        for number, each in zip(things.model, corners, strict=True):
+        for number, each in zip(table_of(things)["model"], corners, strict=True):
             if is_of(number, "fence", "house"):
                 assert each[..., 0].max() < left or each[..., 0].min() > right
                 stood += 1
@@ -393,7 +401,7 @@ def test_a_swaying_camera_sees_no_end_of_the_scene(kind: str) -> None:
     for index in range(8):
         scene = sampler.sample(index).scene
         # Only what closes the view: things that come too near are cut off by the near plane.
-        bare = np.flatnonzero(scene.model < len(STILL_MODELS))
+        bare = np.flatnonzero(scene.model < len(SURFACE_MODELS))
         camera = scene.camera
         closed = make_scene(
             camera,
@@ -451,14 +459,14 @@ def test_any_frame_of_a_furnished_sequence_can_be_sampled_first() -> None:
     ("yaw", "pitch", "roll"), [(0.0, 0.0, 0.0), (0.4, 0.0, 0.0), (0.0, 0.3, 0.0), (-0.7, 0.5, 0.2)]
 )
 def test_a_view_over_a_floor_looks_where_it_is_told(yaw: float, pitch: float, roll: float) -> None:
-    view = FloorView.over_floor(CAMERAS["kitti"], 1.0, 1.6, yaw, pitch, roll)
-    turn = view.camera_from_floor[:3, :3]
+    camera_from_floor = camera_over_floor(1.6, yaw, pitch, roll)
+    turn = camera_from_floor[:3, :3]
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(turn) == pytest.approx(1)
     # The camera stands 1.6 m above the origin, and the point straight ahead lies on the optical axis.
-    np.testing.assert_allclose(turn @ (0, 0, 1.6) + view.camera_from_floor[:3, 3], 0, atol=1e-12)
+    np.testing.assert_allclose(turn @ (0, 0, 1.6) + camera_from_floor[:3, 3], 0, atol=1e-12)
     ahead = np.array([np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch), -np.sin(pitch)])
     np.testing.assert_allclose(turn @ ahead, (0, 0, 1), atol=1e-12)
     # Without roll the camera's x axis is level, and its y axis points down.
-    assert view.camera_from_floor[0, 2] == pytest.approx(-np.sin(roll) * np.cos(pitch))
-    assert view.camera_from_floor[1, 2] < 0
+    assert camera_from_floor[0, 2] == pytest.approx(-np.sin(roll) * np.cos(pitch))
+    assert camera_from_floor[1, 2] < 0

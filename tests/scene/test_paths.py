@@ -10,7 +10,7 @@ from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import ParticlesSection
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.scene.particles import Batch, particles_at, sample_release, sample_slots, stated_sizes
-from semisynth_gl.scene.rig import STILL, Sway
+from semisynth_gl.scene.rig import NO_SWAY, Sway
 
 COUNT = 40
 _UNIT = np.random.default_rng(0).normal(size=(300, 3))
@@ -24,7 +24,7 @@ def rigs(draw):
     camera = StereoCamera.centred(width, height, width * draw(st.floats(0.5, 3)), 0.3, width * draw(st.floats(0, 0.3)))
     turn, shift = draw(st.floats(0, 0.05)), draw(st.floats(0, 0.01))
     sway = Sway(np.full(3, shift), np.full(3, turn), np.linspace(1, 3, 6), np.arange(6.0))
-    return camera, float(camera.depth_m(0.5 * width)), sway if draw(st.booleans()) else STILL
+    return camera, float(camera.depth_m(0.5 * width)), sway if draw(st.booleans()) else NO_SWAY
 
 
 @settings(max_examples=100)

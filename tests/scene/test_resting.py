@@ -36,14 +36,14 @@ def test_models_at_rest_touch_what_was_below_them() -> None:
     touching = 0
     for index in range(2):
         sampled, above = sampler.sample(index), falling.sample(index)
-        scene, still = sampled.scene, np.flatnonzero(sampled.slot < 0)
-        assert not sampled.resting[still].any()
+        scene, still = sampled.scene, np.flatnonzero(sampled.instances["slot"] < 0)
+        assert not sampled.instances["resting"][still].any()
         # The camera's y axis points down.
         corners = triangles_of(sampler.models, scene.model[still], scene.world_from_model[still])
         upright = corners[..., [0, 2, 1]] * (1, 1, -1)
-        poses = dict(zip(above.slot.tolist(), above.scene.world_from_model, strict=True))
-        for number in np.flatnonzero(sampled.resting):
-            pose, before = scene.world_from_model[number], poses[sampled.slot[number]]
+        poses = dict(zip(above.instances["slot"].tolist(), above.scene.world_from_model, strict=True))
+        for number in np.flatnonzero(sampled.instances["resting"]):
+            pose, before = scene.world_from_model[number], poses[sampled.instances["slot"][number]]
             support = surfaces_below(upright, np.array([[before[0, 3], before[2, 3], -before[1, 3]]]))[0]
             vertices = sampler.models[scene.model[number]].positions.astype(float) @ pose[:3, :3].T + pose[:3, 3]
             place = (before[0, 3], before[2, 3], support.height)
@@ -51,7 +51,7 @@ def test_models_at_rest_touch_what_was_below_them() -> None:
             assert heights.min() == pytest.approx(0, abs=1e-9)
             touching += 1
         rows = sampler.instance_table(sampled)
-        assert [row.get("resting", False) for row in rows] == sampled.resting.tolist()
+        assert [row.get("resting", False) for row in rows] == sampled.instances["resting"].tolist()
         assert all(row["still"] is False for row in rows if "resting" in row)
     assert touching > 20
 
@@ -59,19 +59,19 @@ def test_models_at_rest_touch_what_was_below_them() -> None:
 def test_before_nothing_but_a_sky_all_fall() -> None:
     sky = "background.sky=1", "background.plane=1", "background.cuboid=0", "particles.density=sparse"
     sampled = sampler_of("particles.resting=1", *sky).sample(0)
-    assert sampled.slot.max() > 5
-    assert not sampled.resting.any()
+    assert sampled.instances["slot"].max() > 5
+    assert not sampled.instances["resting"].any()
 
 
 def test_those_that_fall_are_those_that_fall_without_it() -> None:
     rested, fallen = (sampler_of(f"particles.resting={share}", *GROUND).sample(1) for share in (0.5, 0))
-    assert not fallen.resting.any()
-    assert 0.1 < rested.resting[rested.slot >= 0].mean() < 0.5
-    poses = [dict(zip(each.slot, each.scene.world_from_model, strict=True)) for each in (rested, fallen)]
-    for slot in rested.slot[~rested.resting & (rested.slot >= 0)]:
+    assert not fallen.instances["resting"].any()
+    assert 0.1 < rested.instances["resting"][rested.instances["slot"] >= 0].mean() < 0.5
+    poses = [dict(zip(each.instances["slot"], each.scene.world_from_model, strict=True)) for each in (rested, fallen)]
+    for slot in rested.instances["slot"][~rested.instances["resting"] & (rested.instances["slot"] >= 0)]:
         np.testing.assert_array_equal(poses[0][slot], poses[1][slot])
     # Let down, not turned.
-    for slot in np.intersect1d(rested.slot[rested.resting], fallen.slot):
+    for slot in np.intersect1d(rested.instances["slot"][rested.instances["resting"]], fallen.instances["slot"]):
         np.testing.assert_array_equal(poses[0][slot][:3, :3], poses[1][slot][:3, :3])
         assert abs(poses[0][slot][1, 3] - poses[1][slot][1, 3]) > 1e-6
 
@@ -83,18 +83,20 @@ def test_they_stay_whatever_frame_is_sampled_first() -> None:
     for index in (5, 1, 4, 0):
         again = other.sample(index)
         np.testing.assert_array_equal(again.scene.world_from_model, forwards[index].scene.world_from_model)
-        np.testing.assert_array_equal(again.resting, forwards[index].resting)
+        np.testing.assert_array_equal(again.instances["resting"], forwards[index].instances["resting"])
         motion = other.motion(again, +1)
-        at_rest = again.resting
+        at_rest = again.instances["resting"]
         assert at_rest.sum() > 3
         # At rest in the world, whose camera sways; what falls does not stay.
         np.testing.assert_array_equal(motion.world_from_model[at_rest], again.scene.world_from_model[at_rest])
-        falling = ~at_rest & (again.slot >= 0)
+        falling = ~at_rest & (again.instances["slot"] >= 0)
         assert (motion.world_from_model[falling] != again.scene.world_from_model[falling]).any(axis=(1, 2)).all()
     # The same models, also where those that fall have made room for others.
-    first, last = (dict(zip(each.slot, each.scene.model, strict=True)) for each in (forwards[0], forwards[2]))
-    resting = set(forwards[0].slot[forwards[0].resting])
-    assert resting == set(forwards[2].slot[forwards[2].resting])
+    first, last = (
+        dict(zip(each.instances["slot"], each.scene.model, strict=True)) for each in (forwards[0], forwards[2])
+    )
+    resting = set(forwards[0].instances["slot"][forwards[0].instances["resting"]])
+    assert resting == set(forwards[2].instances["slot"][forwards[2].instances["resting"]])
     assert all(first[slot] == last[slot] for slot in resting)
     assert any(first[slot] != last[slot] for slot in first.keys() & last.keys() - resting)
 
@@ -106,10 +108,10 @@ def test_furnished_scenes_bear_them_too(kind: str) -> None:
     rested, fallen, sunk = sampler_of(*options, "particles.resting=1"), sampler_of(*options), []
     for index in range(3):
         sampled, above = rested.sample(index), fallen.sample(index)
-        heights = dict(zip(above.slot.tolist(), above.scene.world_from_model[:, 1, 3], strict=True))
+        heights = dict(zip(above.instances["slot"].tolist(), above.scene.world_from_model[:, 1, 3], strict=True))
         sunk += [
-            sampled.scene.world_from_model[number, 1, 3] - heights[sampled.slot[number]]
-            for number in np.flatnonzero(sampled.resting)
+            sampled.scene.world_from_model[number, 1, 3] - heights[sampled.instances["slot"][number]]
+            for number in np.flatnonzero(sampled.instances["resting"])
         ]
     # The camera's y axis points down, up to its pitch.
     assert len(sunk) > 5
@@ -124,7 +126,9 @@ def test_truth_of_a_moving_camera_over_models_at_rest_is_exact(open_renderer) ->
     scene = sampled.scene
     motion = sampler.motion(sampled, +1)
     left = renderer.render(scene, future=motion).left
-    shown = np.isin(left.instances, 1 + np.flatnonzero(sampled.resting)) & np.isfinite(left.flow).all(axis=-1)
+    shown = np.isin(left.instances, 1 + np.flatnonzero(sampled.instances["resting"])) & np.isfinite(left.flow).all(
+        axis=-1
+    )
     assert shown.sum() > 100
     # What does not move has the flow of the camera alone.
     alone = replace(motion, world_from_model=scene.world_from_model)

@@ -14,7 +14,8 @@ from semisynth_gl.config.scene_sections import BackgroundSection, ParticlesSecti
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.scene.background import FACE, OVERLAP, sample_cuboid, sample_plane
+from semisynth_gl.scene.background import OVERLAP, sample_cuboid, sample_plane
+from semisynth_gl.scene.instances import to_scene
 from semisynth_gl.scene.particles import (
     Batch,
     Sizes,
@@ -27,7 +28,7 @@ from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import near_depth_m, rotation_about_axis, rotation_from_quaternion, sample_camera
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import make_scene
-from semisynth_gl.scene.structures import STILL_MODELS, sample_surroundings
+from semisynth_gl.scene.structures import SURFACE_MODELS, sample_structures
 from semisynth_gl.scene.view_volume import height_of_view
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
@@ -99,11 +100,11 @@ def test_what_would_stand_nearer_than_allowed_is_refused(setting):
 @pytest.mark.parametrize(("drawn_px", "fy_over_fx"), [(7.0, 1.0), (60.0, 1.0), (60.0, 1.2)])
 def test_a_ground_has_the_disparity_that_is_asked_for_whatever_the_rig(baseline_m, drawn_px, fy_over_fx):
     camera = replace(CAMERA, baseline_m=baseline_m, fy_over_fx=fy_over_fx)
-    background = sample_plane(BackgroundSection(), DISPARITY, camera, np.random.default_rng(0))
+    plane = sample_plane(BackgroundSection(), DISPARITY, camera, np.random.default_rng(0))
     section = StructuresSection(ground=1, ground_tilt_deg=0, ground_disparity_px=Range(drawn_px, drawn_px))
-    still = sample_surroundings(section, DISPARITY, camera, background, np.random.default_rng(0))
-    scene = make_scene(camera, model=still.model, world_from_model=still.world_from_model, layer=[0, 0])
-    hits = cast_rays(scene, STILL_MODELS, "left", np.array([299.5, 0, 299.5]), np.array([399.5, 399.5, 0]))
+    ground = sample_structures(section, DISPARITY, camera, plane["depth_m"][0], np.random.default_rng(0))
+    scene = to_scene(np.concatenate([plane, ground]), camera, 0.01)
+    hits = cast_rays(scene, SURFACE_MODELS, "left", np.array([299.5, 0, 299.5]), np.array([399.5, 399.5, 0]))
     assert hits.instance.tolist() == [1, 1, 0]
     np.testing.assert_allclose(camera.disparity_px(hits.depth_m[:2]), drawn_px, rtol=1e-5)
 
@@ -123,10 +124,9 @@ def test_a_ground_has_one_height(tmp_path):
     ):
         load_config(path)
     camera, near = StereoCamera.centred(100, 100, 100.0, 0.1, -10.0), DisparitySection(min_px=20.0, max_px=150.0)
-    background = sample_cuboid(BackgroundSection(), near, camera, np.random.default_rng(0))
     section = StructuresSection(ground=1, ground_disparity_px=Range(7, 7))
     with pytest.raises(InputError, match=r"structures\.ground_disparity_px: 7 px lies beyond infinity"):
-        sample_surroundings(section, near, camera, background, np.random.default_rng(0))
+        sample_structures(section, near, camera, 9.0, np.random.default_rng(0))
 
 
 def test_every_attempt_draws_everything_anew(library):
@@ -136,7 +136,7 @@ def test_every_attempt_draws_everything_anew(library):
     for one, two in ((sampler.sample(7), first), (first, second)):
         assert one.scene.camera != two.scene.camera
         assert not np.allclose(one.scene.world_from_model[:6], two.scene.world_from_model[:6])
-        assert one.patch[:6].tolist() != two.patch[:6].tolist()
+        assert one.instances["patch"][:6].tolist() != two.instances["patch"][:6].tolist()
         common = min(len(one.scene), len(two.scene))
         assert not np.allclose(one.scene.world_from_model[6:common], two.scene.world_from_model[6:common])
         assert one.scene.model[6:common].tolist() != two.scene.model[6:common].tolist()
@@ -152,6 +152,12 @@ def test_walls_show_their_patches_near_one_texel_per_pixel(library):
         np.testing.assert_allclose(scene.uv_scale[4] * 256, pixels, rtol=0.02)
 
 
+def planes(walls):
+    """The outward unit normals (6, 3) of a cuboid's walls, and their distances (6,) from the camera."""
+    normal = walls["pose"][:, :3, 2] * np.tile([1, -1], 3)[:, None]
+    return normal, (normal * walls["pose"][:, :3, 3]).sum(axis=1)
+
+
 @settings(max_examples=150, deadline=None)
 @given(
     st.integers(0, 2**31),
@@ -162,12 +168,12 @@ def test_walls_show_their_patches_near_one_texel_per_pixel(library):
 def test_no_wall_comes_nearer_than_the_largest_disparity(seed, turn, focal, doffs):
     camera = StereoCamera.centred(600, 400, focal, 0.2, doffs)
     section = BackgroundSection(wall_disparity_px=Range(6, 40), wall_turn_deg=turn)
-    background = sample_cuboid(section, DISPARITY, camera, np.random.default_rng(seed))
+    normal, offset_m = planes(sample_cuboid(section, DISPARITY, camera, np.random.default_rng(seed))[0])
     y, x = np.mgrid[-0.5:399.6:40, -0.5:599.6:60]
     for eye in EYES:
-        origin = background.offset_m - background.normal[:, 0] * camera.offset_m(eye)
+        origin = offset_m - normal[:, 0] * camera.offset_m(eye)
         assert (origin > 0).all()  # the camera is inside
-        along = camera.rays(eye, x, y) @ background.normal.T
+        along = camera.rays(eye, x, y) @ normal.T
         depth = np.where(along > 0, origin / np.where(along > 0, along, 1), np.inf).min(axis=-1)
         assert np.isfinite(depth).all()
         assert camera.disparity_px(depth).max() <= DISPARITY.max_px
@@ -177,13 +183,10 @@ def test_no_wall_comes_nearer_than_the_largest_disparity(seed, turn, focal, doff
 @given(st.integers(0, 2**31))
 def test_faces_lie_in_their_planes_and_close_the_cuboid(seed):
     section = BackgroundSection(wall_disparity_px=Range(6, 40))
-    background = sample_cuboid(section, DISPARITY, CAMERA, np.random.default_rng(seed))
-    points = background.world_from_face @ np.c_[FACE.positions, np.ones(len(FACE.positions))].T
-    for face in range(6):
-        np.testing.assert_allclose(background.normal[face] @ points[face, :3], background.offset_m[face], atol=1e-9)
+    walls, _ = sample_cuboid(section, DISPARITY, CAMERA, np.random.default_rng(seed))
     low, high = OVERLAP / (1 + 2 * OVERLAP), (1 + OVERLAP) / (1 + 2 * OVERLAP)
     corners = np.array([[low, low, 0, 1], [high, low, 0, 1], [high, high, 0, 1], [low, high, 0, 1]])
-    points = background.world_from_face @ corners.T
+    points = walls["pose"] @ corners.T
     # Each corner of the cuboid belongs to exactly three faces, which go on a little behind each other.
     every = np.round(points[:, :3].transpose(0, 2, 1).reshape(-1, 3), 6)
     _, counts = np.unique(every, axis=0, return_counts=True)
@@ -193,13 +196,12 @@ def test_faces_lie_in_their_planes_and_close_the_cuboid(seed):
 def test_far_planes_cover_both_views_and_are_valid():
     section = BackgroundSection(cuboid=0.0, plane=1.0, plane_disparity_px=Range(0.2, 0.2))
     camera = StereoCamera.centred(600, 400, 700.0, 0.2)
-    background = sample_plane(section, DISPARITY, camera, np.random.default_rng(0))
-    assert len(background.size_m) == 1
-    assert camera.disparity_px(background.offset_m)[0] == pytest.approx(0.2)
-    low = background.world_from_face[0, :2, 3]
-    high = low + background.size_m[0]
+    [plane] = sample_plane(section, DISPARITY, camera, np.random.default_rng(0))
+    assert camera.disparity_px(plane["depth_m"]) == pytest.approx(0.2)
+    low = plane["pose"][:2, 3]
+    high = low + plane["unit_m"]
     for eye in EYES:
-        corner = camera.rays(eye, np.array([-0.5, 599.5]), np.array([-0.5, 399.5])) * background.offset_m[0]
+        corner = camera.rays(eye, np.array([-0.5, 599.5]), np.array([-0.5, 399.5])) * plane["depth_m"]
         corner[:, 0] += camera.offset_m(eye)
         assert (corner[0, :2] > low).all()
         assert (corner[1, :2] < high).all()
@@ -325,7 +327,7 @@ def test_frames_of_a_sequence_share_camera_and_background_and_move(library):
     first, second, next_sequence = (sampler.sample(index) for index in (4, 5, 8))
     assert (first.sequence, first.frame, second.frame, next_sequence.sequence) == (1, 0, 1, 2)
     assert first.scene.camera == second.scene.camera != next_sequence.scene.camera
-    assert first.background == "cuboid"
+    assert first.static.background == "cuboid"
     np.testing.assert_array_equal(first.scene.world_from_model[:6], second.scene.world_from_model[:6])
     assert len(first.scene) == len(second.scene) > 6
     moved = second.scene.world_from_model[6:, :3, 3] - first.scene.world_from_model[6:, :3, 3]
@@ -335,7 +337,7 @@ def test_frames_of_a_sequence_share_camera_and_background_and_move(library):
 def test_image_sequences_advance_by_a_layer_a_frame(library):
     sampler = SceneSampler(small("sequence.length=3"), 3, library, patches(2, frames=7))
     layers = [sampler.sample(index).scene.layer[:6] for index in range(3)]
-    patch = sampler.sample(0).patch[:6]
+    patch = sampler.sample(0).instances["patch"][:6]
     for before, after in pairwise(layers):
         np.testing.assert_array_equal((after - patch * 7), (before - patch * 7 + 1) % 7)
 

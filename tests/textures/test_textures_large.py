@@ -10,9 +10,10 @@ from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.glance import glance
-from semisynth_gl.scene.mapping import Surfaces, map_patches
+from semisynth_gl.scene.instances import new_instances
+from semisynth_gl.scene.mapping import map_patches
 from semisynth_gl.scene.sampler import SceneSampler
-from semisynth_gl.scene.structures import STILL_MODELS
+from semisynth_gl.scene.structures import SURFACE_MODELS
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch, atlas_from_arrays
 from semisynth_gl.textures.large import MOST_LARGE, with_large_patches
@@ -104,17 +105,16 @@ def sampler_of(config, patches):
 def test_walls_wear_them_and_no_patch_repeats_across_the_view():
     config = load_config("middlebury", ["textures.large_px=1024", "structures.panels=3", "models.complex=0"])
     sampled = sampler_of(config, (*SMALL, *LARGE)).sample(0)
-    still = sampled.scene.model < len(STILL_MODELS)
+    still = sampled.scene.model < len(SURFACE_MODELS)
     assert still.sum() == 9
-    assert set(sampled.patch[still]) <= {5, 6}
-    assert set(sampled.patch_px[still]) == {1024}
-    np.testing.assert_array_equal(sampled.patch_px == 1024, sampled.patch > 4)
+    patch = sampled.instances["patch"]
+    assert set(patch[still]) <= {5, 6}
     plain = sampler_of(config, SMALL).sample(0).scene
     # On the screen a patch is at least as wide as the image: the same UV spans fewer patches than of small ones.
     shown = plain.uv_scale[still] / sampled.scene.uv_scale[still]
     assert (shown >= 1024 / 256 - 1e-9).all()
     # What wears a small patch looks as it does without large ones.
-    same = sampled.patch_px == 256
+    same = patch < 5
     assert same.sum() > 20
     np.testing.assert_array_equal(plain.uv_scale[same], sampled.scene.uv_scale[same])
     np.testing.assert_array_equal(plain.uv_offset[same], sampled.scene.uv_offset[same])
@@ -124,8 +124,8 @@ def test_of_a_large_surface_one_patch_spans_the_view():
     camera = StereoCamera.centred(1500, 1000, 1200.0, 0.1)
     # Little is seen of a wall and of a table, and of a thing in a small patch more than the patch shows.
     high, large = np.array([[0.01, 0.01], [0.01, 0.01], [1.0, 1.0]]), np.array([True, True, False])
-    surfaces = Surfaces(np.full(3, 3.0), np.ones((3, 2)), 0 * high, high, np.array([True, False, False]))
-    scale, _ = map_patches(surfaces, camera, section(1024), np.full(3, 1.5), np.full((3, 2), 0.5), large)
+    table = new_instances(3, depth_m=3.0, unit_m=1.0, uv_high=high, large=[True, False, False])
+    scale, _ = map_patches(table, camera, section(1024), np.full(3, 1.5), np.full((3, 2), 0.5), large)
     across = scale[:, 0] * 3 * 1500 / 1200
     np.testing.assert_allclose(across, [1, 1.5 * 1500 / 1024, 1.5 * 1500 / 256])
 
@@ -138,7 +138,8 @@ def test_still_things_share_out_the_large_patches():
     sampler = sampler_of(config, (*SMALL, *many))
     for index in range(3):
         sampled = sampler.sample(index)
-        assert len(set(sampled.patch[sampled.still])) == sampled.still.sum() == 9
+        static = sampled.instances[sampled.instances["slot"] < 0]
+        assert len(set(static["patch"])) == len(static) == 9
 
 
 @pytest.mark.parametrize("config", ["middlebury", "kitti"])
@@ -154,11 +155,11 @@ def test_what_is_seen_of_a_surface_shows_a_patch_about_once(config):
         for number in np.unique(seen.instance):
             uv = seen.uv[seen.instance == number] * scene.uv_scale[number] + scene.uv_offset[number]
             low, high = np.quantile(uv, (0.1, 0.9), axis=0)
-            if sampled.patch_px[number] == 256:
+            if sampled.instances["patch"][number] < 5:
                 small.append((high - low).max())
                 continue
-            models += scene.model[number] >= len(STILL_MODELS)
-            if len(uv) > 30 and sampled.slot[number] < 0:
+            models += scene.model[number] >= len(SURFACE_MODELS)
+            if len(uv) > 30 and sampled.instances["slot"][number] < 0:
                 # Where a patch is not enlarged too much, none of its borders is seen, at which it is mirrored.
                 once.append(bool((low > -0.01).all() and (high < 1.01).all()))
     assert max(small) < 1.5

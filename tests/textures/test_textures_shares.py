@@ -54,7 +54,7 @@ def worn(config, patches, scenes):
     library = build_library(config.models, config.particles, Split(0))
     sampler = SceneSampler(config, 0, library, patches)
     sampled = [sampler.sample(number) for number in range(scenes)]
-    patch = np.concatenate([each.patch for each in sampled])
+    patch = np.concatenate([each.instances["patch"] for each in sampled])
     large = np.array([each.large for each in patches])[patch]
     return patch[~large], patch[large]
 
