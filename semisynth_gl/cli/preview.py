@@ -66,7 +66,7 @@ def preview(scene: SceneOptions, out: Path, ply: Path | None, patches: bool, pai
         for index in indices:
             shown.append(renderer.render(index))
             progress.advance()
-        expected, in_view = renderer.expected_histogram(), renderer.sampler.in_view()
+        expected = renderer.expected_histogram()
         title = f"{config.name}, seed {scene.seed}, {counted(len(shown), 'pair')}, {renderer.renderer_name}"
     of_recipe = [[pair for pair in shown if pair.provenance.get("recipe") == recipe.name] for recipe in recipes]
     grouped = [(recipe, pair, len(its)) for recipe, its in zip(recipes, of_recipe, strict=True) for pair in its]
@@ -84,12 +84,10 @@ def preview(scene: SceneOptions, out: Path, ply: Path | None, patches: bool, pai
         seen = np.isfinite(points[..., 2])
         ply.write_bytes(encode_points(points[seen], as_rgb(frame.left.image)[seen]))
         click.echo(f"the points of pair {shown[0].index} in {ply}")
-    for recipe, its, (objects, still) in zip(recipes, of_recipe, in_view, strict=True):
-        view = f"on average {counted(round(objects), 'particle')} in view, covering {1 - still:.0%} of the image"
+    for recipe, its in zip(recipes, of_recipe, strict=True):
         if recipe.name is not None:
             listed = ", ".join(str(pair.index) for pair in its) or "none"
-            view = f"{recipe.name}, {recipe.share:.0%} of the scenes: pairs shown {listed}; {view}"
-        click.echo(view)
+            click.echo(f"{recipe.name}, {recipe.share:.0%} of the scenes: pairs shown {listed}")
     click.echo(
         f"over many pairs, disparities are expected to have a total variation of "
         f"{total_variation(expected, target):.3f} from the target, and a Wasserstein-1 distance of "

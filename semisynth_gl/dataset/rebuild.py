@@ -7,7 +7,6 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.plugins import MissingPluginError, require_plugins
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sampler import SampledScene
-from semisynth_gl.scene.scene import Motion
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.seeds.splits import SplitName
 
@@ -55,7 +54,3 @@ class RebuiltScenes:
             recorded.get(name) == value for name, value in camera.values().items() if name != "doffs_px"
         )
         return rebuilt if same else None
-
-    def motion(self, rebuilt: SampledScene, frames: int) -> Motion:
-        """Return the motion of a rebuilt scene to another frame; see `SceneSampler.motion`."""
-        return self._sampler.motion(rebuilt, frames)

@@ -70,7 +70,7 @@ class RayJudge:
             verdict.add("oracle", "config and seed of the index give a scene that differs from the pair's provenance")
             return
         motions = {
-            name: self._scenes.motion(sampled, frames)
+            name: sampled.motion(frames)
             for name, (frames, channels) in _MOTIONS.items()
             if any(channel in frame.view(eye) for channel in channels for eye in EYES)
         }

@@ -3,48 +3,24 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.config import Config
-from semisynth_gl.frame.camera import EYES, Eye
+from semisynth_gl.frame.camera import EYES, Eye, StereoCamera
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.lens.borders import with_borders
 from semisynth_gl.lens.chain import LensChain, scaled_camera
-from semisynth_gl.lens.lenses import Lenses
-from semisynth_gl.pairs.exposure import exposed, moments
+from semisynth_gl.pairs.exposure import expose, moments
 from semisynth_gl.pairs.imperfections import apply_imperfections, recorded, sample_imperfections
 from semisynth_gl.render.renderer import Renderer
-from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sampler import SampledScene
-from semisynth_gl.scene.scene import Scene
 from semisynth_gl.seeds.seeds import Purpose, generator
 
 Images = dict[Eye, NDArray[np.uint8]]
-
-
-class CameraImages(NamedTuple):
-    """The images of a pair as its cameras give them.
-
-    Attributes:
-        views: "image" of each eye that was asked for and, as the outputs ask, "raw" and "raw_map".
-        chains: the way of each eye's image through its lens; None without lenses.
-        records: "lens" and "imperfections" of the pair's provenance, in JSON's types.
-    """
-
-    views: dict[Eye, dict[str, NDArray[Any]]]
-    chains: Mapping[Eye, LensChain] | None
-    records: dict[str, Any]
-
-    def frame(self, rendered: Frame, config: Config) -> Frame:
-        """Return a frame with these images of both eyes, and with the borders that lenses leave in its masks."""
-        views = {eye: rendered.view(eye).with_channels(self.views[eye]) for eye in EYES}
-        frame = Frame(rendered.camera, views["left"], views["right"])
-        if self.chains is None or config.lens is None:
-            return frame
-        return with_borders(frame, self.chains, config.outputs, border_disparity=config.lens.border_disparity)
+Channels = dict[str, NDArray[Any]]
 
 
 class Cameras:
@@ -54,97 +30,122 @@ class Cameras:
         config: the configuration.
         seed: of the split.
         renderer: renders what frames lack: other moments, and denser images.
-        sampler: made the scenes.
     """
 
-    def __init__(self, config: Config, seed: int, renderer: Renderer, sampler: MixSampler) -> None:
-        self._config, self._seed, self._renderer, self._sampler = config, seed, renderer, sampler
-        self._lenses = None if config.lens is None else Lenses(config.lens, self._lens_rng)
+    def __init__(self, config: Config, seed: int, renderer: Renderer) -> None:
+        self._config, self._seed, self._renderer = config, seed, renderer
+        self._chains: dict[Eye, tuple[object, LensChain]] = {}  # the latest chain of each eye, and what it depends on
 
     def take(
-        self, frame: Frame, sampled: SampledScene, number: int, left: dict[str, NDArray[Any]] | None = None
-    ) -> CameraImages:
-        """Take the images of a rendered frame.
+        self, frames: Sequence[Frame], sampled: SampledScene, views: Sequence[int]
+    ) -> list[tuple[Frame, dict[str, Any]]]:
+        """Take the images of some right views of a scene.
 
         The left eye's random values depend on the scene, the right eye's on the scene and the view.
 
         Args:
-            frame: the rendered pair.
-            sampled: its scene, as its right view sees it.
-            number: of the scene.
-            left: what this method gave of the left view with another right view of the scene, if it did.
+            frames: the rendered pairs.
+            sampled: their scene.
+            views: the numbers of their right views.
+
+        Returns:
+            Frames with these images and with the borders that lenses leave in masks, and "lens" and "imperfections" of
+            each pair's provenance. The frames share the left view's images, which are read-only if there are several.
         """
-        eyes: Sequence[Eye] = EYES if left is None else ("right",)
-        section, camera, chains = self._config.imperfections, sampled.scene.camera, None
-        records: dict[str, Any] = {}
-        if self._lenses is not None:
-            chains = self._lenses.chains(number // self._config.sequence.length, camera)
+        if self._config.images_as_rendered:
+            return [(frame, {}) for frame in frames]
+        taken, left = [], dict[Eye, Channels]()
+        for view, frame in zip(views, frames, strict=True):
+            seen = sampled.seen_by(view)
+            chains = self._lens_chains(seen.sequence.number, seen.scene.camera)
+            made, records = self._views(frame, seen, chains, EYES if not left else ("right",))
+            channels = made | left
+            left = {"left": channels["left"]}
+            shown = {eye: frame.view(eye).with_channels(channels[eye]) for eye in EYES}
+            whole = Frame(frame.camera, shown["left"], shown["right"])
+            if chains and self._config.lens is not None:
+                stays = self._config.lens.border_disparity
+                whole = with_borders(whole, chains, self._config.outputs, border_disparity=stays)
+            taken.append((whole, records))
+        if len(frames) > 1:
+            for array in left["left"].values():
+                array.flags.writeable = False
+        return taken
+
+    def _views(
+        self, frame: Frame, sampled: SampledScene, chains: Mapping[Eye, LensChain], eyes: Sequence[Eye]
+    ) -> tuple[dict[Eye, Channels], dict[str, Any]]:
+        """Return the image of some eyes' views and, as the outputs ask, "raw" and "raw_map"; and the pair's records."""
+        section, camera, records = self._config.imperfections, sampled.scene.camera, dict[str, Any]()
+        number = sampled.sequence.number * self._config.sequence.length + sampled.frame
+        if chains:
             records["lens"] = {eye: chain.raw.record() for eye, chain in chains.items()}
             if self._config.lens is not None and not self._config.lens.border_disparity:
                 records["lens"]["border_disparity"] = False
         # All eyes expose at the same time, so motion blur is sampled once for a scene.
         motion_blur = section.motion_blur.sample(generator(self._seed, Purpose.IMPERFECTIONS, number, "motion_blur"))
-        moved: list[Scene] = []
-        if motion_blur > 0:
-            moved = [self._sampler.moment(sampled, frames) for frames in moments(motion_blur, section.sub_frames)]
         # An eye's density is that of its lens alone, since pairs that share a left view differ in the right.
         densities = {eye: chains[eye].density if chains else 1.0 for eye in eyes}
-        images: Images = {}
-        for density in dict.fromkeys(densities.values()):
-            alike = [eye for eye in eyes if densities[eye] == density]
-            images |= self._exposed(frame, sampled.scene, moved, density, alike)
+        images = self._exposed(frame, sampled, motion_blur, densities)
         points = {eye: camera.lens_px(eye)[:2] for eye in EYES}
         if chains:
             images = {eye: chains[eye].raw_image(image, densities[eye]) for eye, image in images.items()}
             points = {eye: (chain.raw.cx_px, chain.raw.cy_px) for eye, chain in chains.items()}
         if not section.none():
-            images, values_by_eye = self._imperfect(images, points, number, sampled.view)
-            blurred = {"motion_blur": motion_blur} if motion_blur > 0 else {}
-            records["imperfections"] = {eye: values | blurred for eye, values in values_by_eye.items()}
-        views = {
+            records["imperfections"] = {}
+            for eye in EYES:
+                # All right views share the left eye's.
+                view = 0 if eye == "left" else sampled.view
+                of_eye = partial(generator, self._seed, Purpose.IMPERFECTIONS, number, eye, view)
+                rng = of_eye()
+                values = sample_imperfections(section, rng, of_eye)
+                records["imperfections"][eye] = recorded(values, section)
+                if motion_blur > 0:
+                    records["imperfections"][eye]["motion_blur"] = motion_blur
+                if eye in images:
+                    images[eye] = apply_imperfections(images[eye], values, rng, points[eye])
+        return {
             eye: self._rectified(chains[eye], image) if chains else {"image": image} for eye, image in images.items()
-        }
-        return CameraImages(views if left is None else views | {"left": left}, chains, records)
+        }, records
 
     def _exposed(
-        self, frame: Frame, scene: Scene, moved: Sequence[Scene], density: float, eyes: Sequence[Eye]
+        self, frame: Frame, sampled: SampledScene, motion_blur: float, densities: Mapping[Eye, float]
     ) -> Images:
-        """Return images of eyes whose lenses want one density, exposed at the moments of moved scenes, if any."""
-        camera = scaled_camera(scene.camera, density)
-        if density > 1:
-            scene = replace(scene, camera=camera)
-            images = self._renderer.render_images(scene, eyes)
-        else:
-            images = {eye: frame.view(eye).image for eye in eyes}
-        if not moved:
-            return images
-        return exposed(self._renderer, images, scene, [replace(each, camera=camera) for each in moved])
+        """Return the images of eyes in the densities that their lenses want, blurred by motion."""
+        images, scenes = Images(), [sampled.scene]
+        if motion_blur > 0:
+            count = self._config.imperfections.sub_frames
+            scenes = [sampled.moment(frames) for frames in moments(motion_blur, count)]
+        for density in dict.fromkeys(densities.values()):
+            alike = [eye for eye in densities if densities[eye] == density]
+            if density == 1 and motion_blur == 0:
+                images |= {eye: frame.view(eye).image for eye in alike}
+            else:
+                denser = scaled_camera(sampled.scene.camera, density)
+                images |= expose(self._renderer, [replace(scene, camera=denser) for scene in scenes], alike)
+        return images
 
-    def _rectified(self, chain: LensChain, raw_image: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
+    def _rectified(self, chain: LensChain, raw_image: NDArray[np.uint8]) -> Channels:
         """Return the channels of an eye's view that follow from its raw image, as the outputs ask."""
-        channels: dict[str, NDArray[Any]] = {"image": chain.rectify(raw_image)}
+        channels: Channels = {"image": chain.rectify(raw_image)}
         if "raw" in self._config.outputs:
             channels["raw"] = chain.within_view(raw_image)
         if "raw_map" in self._config.outputs:
             channels["raw_map"] = chain.raw_map.copy()
         return channels
 
-    def _imperfect(
-        self, images: Images, points: Mapping[Eye, tuple[float, float]], number: int, view: int
-    ) -> tuple[Images, dict[Eye, dict[str, Any]]]:
-        """Return images with imperfections, and both eyes' values as the provenance has them."""
-        section = self._config.imperfections
-        finished: Images = {}
-        records: dict[Eye, dict[str, Any]] = {}
-        for eye in EYES:
-            # All right views share the left eye's.
-            of_eye = partial(generator, self._seed, Purpose.IMPERFECTIONS, number, eye, 0 if eye == "left" else view)
-            rng = of_eye()
-            sampled = sample_imperfections(section, rng, of_eye)
-            records[eye] = recorded(sampled, section)
-            if eye in images:
-                finished[eye] = apply_imperfections(images[eye], sampled, rng, points[eye])
-        return finished, records
+    def _lens_chains(self, sequence: int, camera: StereoCamera) -> dict[Eye, LensChain]:
+        """Return both eyes' chains for a sequence, whose rectified pair is ``camera``; none without lenses.
 
-    def _lens_rng(self, sequence: int, eye: Eye) -> np.random.Generator:
-        return generator(self._seed, Purpose.LENS, sequence, eye)
+        Raises:
+            InputError: where OpenCV is missing, or a lens cannot be inverted over the rectified image.
+        """
+        section = self._config.lens
+        if section is None:
+            return {}
+        for eye in EYES:
+            raw = section.sample(eye, generator(self._seed, Purpose.LENS, sequence, eye))
+            key = raw, camera.width_px, camera.height_px, camera.lens_px(eye)
+            if eye not in self._chains or self._chains[eye][0] != key:
+                self._chains[eye] = key, LensChain(raw, camera, eye, section.border)
+        return {eye: chain for eye, (_, chain) in self._chains.items()}

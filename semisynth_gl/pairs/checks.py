@@ -1,7 +1,5 @@
 """Cheap checks of a rendered pair; a pair that fails them is sampled again from another sub-seed."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,39 +21,11 @@ _AT_NEAR_PLANE = 1e-5
 _FAR_BELOW = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class SceneGuarantees:
-    """The disparities that a scene guarantees.
-
-    Attributes:
-        everywhere: whether each pixel has a disparity.
-        least_px: lower limit of all disparities; -inf for none.
-    """
-
-    everywhere: bool
-    least_px: float
-
-    @classmethod
-    def of(cls, sampled: SampledScene, config: Config) -> "SceneGuarantees":
-        """Return what the scene of a pair guarantees.
-
-        The sky has no disparity, and neither has a point that a right camera's deviation shifts to the left. Signed
-        disparities have no lower limit.
-        """
-        camera, signed = sampled.scene.camera, config.disparity.signed
-        if signed or not camera.rectified:
-            return OPEN
-        return cls(not sampled.scene.sky.any(), _FAR_BELOW * float(camera.disparity_px(sampled.static.farthest_m)))
-
-
-OPEN = SceneGuarantees(everywhere=False, least_px=-np.inf)
-"""What a scene guarantees of a frame with borders: nothing."""
-
-
-def faults(frame: Frame, config: Config, guarantees: SceneGuarantees) -> list[str]:
+def faults(frame: Frame, config: Config, sampled: SampledScene | None = None) -> list[str]:
     """Return the faults of a pair, without repetition, such as "too dark: mean 3.0 levels, at least 8 wanted".
 
-    ``guarantees`` is what the pair's scene guarantees. The limits are those of the config's section checks.
+    The limits are those of the config's section checks. ``sampled`` is the scene that the frame shows as rendered, and
+    tells which disparities to expect; None for a frame whose lenses have left borders.
     """
     section, clauses, images = config.checks, [], (frame.left.image, frame.right.image)
     if not all(_surely_bright(image, section.min_brightness) for image in images):
@@ -65,17 +35,24 @@ def faults(frame: Frame, config: Config, guarantees: SceneGuarantees) -> list[st
     texture = least_texture(images)
     if texture < section.min_texture:
         clauses.append(f"too little texture: {texture:.2f} levels, at least {section.min_texture:g} wanted")
+    everywhere, least_px = False, -np.inf
+    # The sky has no disparity, and neither has a point that a right camera's deviation shifts to the left. Signed
+    # disparities have no lower limit.
+    if sampled is not None and frame.camera.rectified and not config.disparity.signed:
+        everywhere = not sampled.scene.sky.any()
+        least_px = _FAR_BELOW * float(sampled.scene.camera.disparity_px(sampled.sequence.static.farthest_m))
     for view in (frame.left, frame.right):
         disparity = view.get("disparity")
         if disparity is not None:
-            clauses += _disparity_faults(disparity, config, guarantees, _near_plane_px(frame, config))
+            near_plane_px = _near_plane_px(frame, config)
+            clauses += _disparity_faults(disparity, config, near_plane_px, least_px, everywhere=everywhere)
     return list(dict.fromkeys(clauses))
 
 
 def _disparity_faults(
-    disparity: NDArray[np.float32], config: Config, guarantees: SceneGuarantees, near_plane_px: float
+    disparity: NDArray[np.float32], config: Config, near_plane_px: float, least_px: float, *, everywhere: bool
 ) -> list[str]:
-    """Return the first fault of a view's disparity, or an empty list."""
+    """Return the first fault of a view's disparity, or an empty list; ``everywhere`` each pixel must have one."""
     valid, smallest, largest = finite_range(disparity)
     missing = disparity.size - valid
     if valid < config.checks.min_valid * disparity.size:
@@ -83,10 +60,10 @@ def _disparity_faults(
         return [f"too few pixels with truth: {share:.3f}, at least {least:g} wanted"]
     if valid and largest > near_plane_px:
         return [f"cut by the near plane: disparity {largest:.3f} px of {config.disparity.max_px:g}"]
-    if missing and guarantees.everywhere:
+    if missing and everywhere:
         return [f"too deep: no disparity for {missing} pixels in view"]
-    if valid and smallest < guarantees.least_px:
-        return [f"too deep: disparity {smallest:.3f} px in a room, at least {guarantees.least_px:.3f} wanted"]
+    if valid and smallest < least_px:
+        return [f"too deep: disparity {smallest:.3f} px in a room, at least {least_px:.3f} wanted"]
     return []
 
 

@@ -9,7 +9,7 @@ config -> scene    `MixSampler`: the objects of pair i, from (config, seed, i) a
 The first two steps are here; `semisynth_gl.dataset.generate` does the others.
 """  # noqa: D415 - the drawing is the summary
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any, Self
@@ -23,7 +23,7 @@ from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.cameras import Cameras
-from semisynth_gl.pairs.checks import OPEN, SceneGuarantees, faults
+from semisynth_gl.pairs.checks import faults
 from semisynth_gl.plugins import plugin_records
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.devices import check_libraries
@@ -52,28 +52,6 @@ class Pair:
     index: int
     frame: Frame
     provenance: dict[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
-class _Attempt:
-    """The attempt whose scenes a sequence takes, and the faults of each attempt before it."""
-
-    sequence: int
-    number: int = 0
-    redrawn: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Latest:
-    """The pairs of the latest scene that has several."""
-
-    number: int
-    crop: Crop | None
-    pairs: list[Pair]
-
-
-_Frames = list[tuple[Frame, dict[str, Any]]]
-"""Frames of a scene's right views, each with what the provenance says of its cameras."""
 
 
 def renderer_options(config: Config) -> dict[str, Any]:
@@ -140,9 +118,10 @@ class PairRenderer:
             pattern=self.sources.pattern,
             **renderer_options(config),
         )
-        self._cameras = Cameras(config, split.seed, self._renderer, self.sampler)
-        self._attempt = _Attempt(sequence=-1)
-        self._latest: _Latest | None = None
+        self._cameras = Cameras(config, split.seed, self._renderer)
+        # The latest sequence that passed its checks, and the faults of its failed attempts.
+        self._settled, self._redrawn = -1, list[str]()
+        self._latest: tuple[object, list[Pair]] | None = None  # the pairs of the latest scene, by number and crop
         plugins = plugin_records(config.used_plugins().values())
         self._made_by = {
             "program": "semisynth-gl",
@@ -213,13 +192,13 @@ class PairRenderer:
         index = to_whole("index", index, 0, LARGEST_NUMBER)
         number, view = divmod(index, self.config.views)
         if not checked:
-            return self._pairs(number, crop, _Attempt(number // self.config.sequence.length), [view])[0]
+            return self._pairs(number, crop, [view])[0]
         if self.config.views == 1:
             return self.render_scene(number, crop=crop)[0]
-        if self._latest is None or (self._latest.number, self._latest.crop) != (number, crop):
+        if self._latest is None or self._latest[0] != (number, crop):
             self._latest = None
-            self._latest = _Latest(number, crop, self.render_scene(number, crop=crop))
-        return self._latest.pairs[view]
+            self._latest = (number, crop), self.render_scene(number, crop=crop)
+        return self._latest[1][view]
 
     def render_scene(self, number: int, *, crop: Crop | None = None, checked: bool = True) -> list[Pair]:
         """Render the pairs of scene ``number``, 0 or more: one for each right view. They share the left view's arrays.
@@ -239,14 +218,14 @@ class PairRenderer:
                 the checks.
         """
         number = to_whole("number", number, 0, LARGEST_NUMBER // self.config.views)
-        views, (sequence, moment) = range(self.config.views), divmod(number, self.config.sequence.length)
+        views, (sequence, frame) = range(self.config.views), divmod(number, self.config.sequence.length)
         if not checked:
-            return self._pairs(number, crop, _Attempt(sequence), views)
-        if self._attempt.sequence != sequence:
+            return self._pairs(number, crop, views)
+        if self._settled != sequence:
             first = self._settle(sequence, crop)
-            if moment == 0:
+            if frame == 0:
                 return first
-        return self._pairs(number, crop, self._attempt, views)
+        return self._pairs(number, crop, views, self._redrawn)
 
     def _settle(self, sequence: int, crop: Crop | None) -> list[Pair]:
         """Return the first scene of a sequence in the first attempt that passes the checks; keep the attempt.
@@ -258,39 +237,31 @@ class PairRenderer:
         for attempt in range(self.config.checks.attempts):
             sampled = self._sample(number, attempt)
             rendered = self._render(sampled, None, views)
-            clauses = self._faults(sampled, rendered, SceneGuarantees.of)
+            judged = ((frame, sampled.seen_by(view)) for view, frame in enumerate(rendered))
+            clauses = next(filter(None, (faults(frame, self.config, seen) for frame, seen in judged)), [])
             if not clauses:
-                taken = self._through_cameras(rendered, sampled, number, views)
+                taken = self._cameras.take(rendered, sampled, views)
                 # The rendered frames are judged as well, since noise hides that a scene is flat.
                 if not self.config.images_as_rendered:
-                    seen = self._faults(sampled, [frame for frame, _ in taken], lambda *_: OPEN)
-                    clauses = [f"{clause}, after lens and imperfections" for clause in seen]
+                    spoilt = next(filter(None, (faults(frame, self.config) for frame, _ in taken)), [])
+                    clauses = [f"{clause}, after lens and imperfections" for clause in spoilt]
             self._report("check")
             if not clauses:
-                self._attempt = _Attempt(sequence, attempt, tuple(redrawn))
-                return self._told(taken, sampled, number, crop, self._attempt, views)
+                self._settled, self._redrawn = sequence, redrawn
+                return self._described(taken, sampled, crop, views)
             redrawn.append("; ".join(clauses))
         raise InputError(
             f"sequence {sequence} failed its checks in {counted(len(redrawn), 'attempt')}. Fault of the last one: "
             f"{redrawn[-1]}. Change images, scene, lens or imperfections, or lower the limit in the section checks"
         )
 
-    def _faults(
-        self, sampled: SampledScene, frames: Sequence[Frame], known: Callable[[SampledScene, Config], SceneGuarantees]
-    ) -> list[str]:
-        """Return the faults of the first frame that has any; ``known`` says what holds of the scene a frame shows."""
-        for view, frame in enumerate(frames):
-            if clauses := faults(frame, self.config, known(sampled.seen_by(view), self.config)):
-                return clauses
-        return []
-
-    def _pairs(self, number: int, crop: Crop | None, attempt: _Attempt, views: Sequence[int]) -> list[Pair]:
-        """Return the pairs of some views of a scene, which are not checked."""
-        sampled = self._sample(number, attempt.number)
+    def _pairs(self, number: int, crop: Crop | None, views: Sequence[int], redrawn: Sequence[str] = ()) -> list[Pair]:
+        """Return the pairs of some views of a scene, which are not checked; ``redrawn`` has its failed attempts."""
+        sampled = self._sample(number, len(redrawn))
         # Lenses and imperfections need whole images.
         rendered = self._render(sampled, crop if self.config.images_as_rendered else None, views)
-        taken = self._through_cameras(rendered, sampled, number, views)
-        return self._told(taken, sampled, number, crop, attempt, views)
+        taken = self._cameras.take(rendered, sampled, views)
+        return self._described(taken, sampled, crop, views)
 
     def _sample(self, number: int, attempt: int) -> SampledScene:
         sampled = self.sampler.sample(number * self.config.views, attempt)
@@ -300,46 +271,29 @@ class PairRenderer:
     def _render(self, sampled: SampledScene, crop: Crop | None, views: Sequence[int]) -> list[Frame]:
         """Render the frames of some views of a scene, with the motions that outputs need."""
         outputs = self.config.outputs
-        future = self.sampler.motion(sampled, +1) if FUTURE_OUTPUTS.intersection(outputs) else None
-        past = self.sampler.motion(sampled, -1) if PAST_OUTPUTS.intersection(outputs) else None
+        future = sampled.motion(+1) if FUTURE_OUTPUTS.intersection(outputs) else None
+        past = sampled.motion(-1) if PAST_OUTPUTS.intersection(outputs) else None
         cameras = [sampled.views[view] for view in views]
         return self._renderer.render_rig(sampled.scene, cameras, crop, future=future, past=past)
 
-    def _through_cameras(
-        self, frames: Sequence[Frame], sampled: SampledScene, number: int, views: Sequence[int]
-    ) -> _Frames:
-        """Return frames with the images that the rig's cameras give, and what the provenance says of them."""
-        if self.config.images_as_rendered:
-            return [(frame, {}) for frame in frames]
-        result, left = [], None
-        for view, frame in zip(views, frames, strict=True):
-            taken = self._cameras.take(frame, sampled.seen_by(view), number, left)
-            left = taken.views["left"]
-            result.append((taken.frame(frame, self.config), taken.records))
-        if len(frames) > 1:
-            for array in (left or {}).values():
-                array.flags.writeable = False
-        return result
-
-    def _told(
+    def _described(
         self,
-        frames: _Frames,
+        frames: Sequence[tuple[Frame, dict[str, Any]]],
         sampled: SampledScene,
-        number: int,
         crop: Crop | None,
-        attempt: _Attempt,
         views: Sequence[int],
     ) -> list[Pair]:
         """Return the pairs of some views of a scene, cut to the crop, with their provenance."""
         pairs = []
+        number = sampled.sequence.number * self.config.sequence.length + sampled.frame
         for view, (frame, records) in zip(views, frames, strict=True):
             seen = sampled.seen_by(view)
             index = number * self.config.views + view
-            provenance = {"pair": index} | self._made_by | self.sampler.provenance(seen)
-            if attempt.redrawn:
-                provenance["redrawn"] = list(attempt.redrawn)
+            provenance = {"pair": index} | self._made_by | seen.provenance()
+            if sampled.sequence.attempt:
+                provenance["redrawn"] = list(self._redrawn)
             if "instances" in self.config.outputs:
-                provenance["instances"] = self.sampler.instance_table(seen)
+                provenance["instances"] = seen.instance_table()
             whole = frame.camera == seen.scene.camera
             pairs.append(Pair(index, frame.cropped(crop) if crop and whole else frame, provenance | records))
         self._report("check")

@@ -1,4 +1,4 @@
-"""Static instances on a floor: models that stand, lie and hang, and flat rectangles beside them."""
+"""Static instances on a floor: models that stand, lie and hang, flat rectangles beside them, and walls of a room."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,9 +13,9 @@ from semisynth_gl.geometry.parts import turned_about_z
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.background import FACE, OVERLAP
 from semisynth_gl.scene.instances import Instances, new_instances
+from semisynth_gl.scene.resting import surfaces_below
 from semisynth_gl.scene.rig import BEYOND_NEAR, NO_SWAY, Sway
 from semisynth_gl.scene.scene import placed_vertices
-from semisynth_gl.scene.support import surfaces_below
 
 # Kinds that wear a large patch, as walls do.
 _LARGE = frozenset({"house"})
@@ -59,6 +59,8 @@ class Catalogue:
     by_name: Mapping[str, Ints]  # the numbers of the library's models that may be chosen, by kind
     low: Floats  # (M, 3) the lower corner of each model's bounding box, model units
     high: Floats  # (M, 3) the opposite corner
+    uv_low: Floats  # (M, 2) the lowest UV of each model
+    uv_high: Floats  # (M, 2) the highest UV of each model
 
     def number(self, surface: Mesh) -> int:
         """Return the number of a surface model."""
@@ -226,3 +228,47 @@ class Arrangement:
     def take(self, x: float, y: float, radius_m: float) -> None:
         """Mark a circle on the floor as taken."""
         self._taken.append((x, y, radius_m))
+
+
+class Wall:
+    """A wall as it is seen from inside the room.
+
+    Args:
+        corner: (3,) top left corner, in the floor's frame.
+        right: (3,) edge from that corner to the right.
+        height_m: height of the wall.
+
+    Attributes:
+        down: (3,) edge from the corner down.
+        length_m: length of the edge to the right.
+        out: (3,) unit normal, from the room outwards.
+    """
+
+    def __init__(self, corner: Floats, right: Floats, height_m: float) -> None:
+        self.corner = corner
+        self.right = right
+        self.height_m = height_m
+        self.down = np.array([0, 0, -height_m])
+        self.length_m = float(np.linalg.norm(right))
+        self.out = cross(right, self.down) / (height_m * self.length_m)
+        # Opposite corners (u, v) of the doorway or niche, and of the things that hang on the wall.
+        self._taken: list[tuple[Corner, Corner]] = []
+
+    @property
+    def yaw_rad(self) -> float:
+        """The turn about z that puts a model's back, +y, to the wall."""
+        return float(np.arctan2(self.out[1], self.out[0]) - np.pi / 2)
+
+    def is_free(self, low: Corner, high: Corner) -> bool:
+        """Return whether a rectangle from lowest to highest (u, v) lies on the wall, clear of all taken rectangles."""
+        if min(low) < 0 or max(high) > 1:
+            return False
+        return not any(all(low[k] < end[k] and begin[k] < high[k] for k in (0, 1)) for begin, end in self._taken)
+
+    def take(self, low: Corner, high: Corner) -> None:
+        """Mark a rectangle as taken by a doorway, a niche or a thing that hangs."""
+        self._taken.append((low, high))
+
+    def at(self, u: float, v: float, out_m: float = 0.0) -> Floats:
+        """Return the place (3,) at shares ``u`` and ``v`` of the wall's edges, ``out_m`` behind the wall."""
+        return np.asarray(self.corner + u * self.right + v * self.down + out_m * self.out)

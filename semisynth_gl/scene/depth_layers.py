@@ -1,12 +1,38 @@
-"""The number of particles that each depth layer needs for a wanted distribution of disparity.
+"""The coverage that each depth layer needs for a wanted distribution of disparity.
 
-With particles thrown independently, a layer whose particles cover a pixel lambda times on average leaves it open with
-probability exp(-lambda) (a Boolean model). A pixel shows less than d px where no particle that covers it shows more:
+The Boolean model. Particles are thrown independently, so the number of a layer's particles that cover a given pixel has
+a Poisson distribution. Its mean, the coverage lambda_k of layer k, is a pure number: the sum of the particles' areas,
+px^2, over the area of the region into which they are thrown, px^2. A Poisson number is 0 with probability exp(-lambda).
 
-    F(d) = F_background(d) * product over layers k of exp(-lambda_k S_k(d)),
+Of the particles of layer k that cover a pixel, let each show d px or more with probability S_k(d), independently. Then
+the number of those that do is again Poisson, with mean lambda_k S_k(d). A pixel shows less than d px where the bare
+scene does, and no particle of any layer shows more. With F_bare(d) for the share of the bare view below d, this is
 
-where S_k(d) is the probability that a particle of layer k shows d px or more where it covers a pixel. Particles have
-depth, so S_k is not a step function: the lambdas are fitted to the wanted F at the edges of all layers at once.
+    F(d) = F_bare(d) * product over k of exp(-lambda_k S_k(d)).                                                  (1)
+
+The fit. The logarithm of (1) is linear in the lambdas. With the wanted F at the J = K - 1 inner edges d_j of the bins,
+
+    sum over k of lambda_k S_k(d_j) = log(F_bare(d_j) / F(d_j)).                                                 (2)
+
+Particles have depth and drift, so S_k is not a step at the layer's edge, and (2) couples all layers. There are K
+unknowns with limits, 0 <= least <= lambda <= 4, so (2) is solved by weighted least squares. An error e of log F is an
+error F e of F itself, hence each equation has the weight F(d_j)^2: first with the wanted F, then with the F of the
+first solution where that is larger. See `solve_coverage`.
+
+One particle (`DepthLayers.exceedance`). The middle of a particle's path lies at the depth Z, m, and the disparity
+d = f B / Z - doffs, px, where f is the focal length, px, and B the baseline, m. At the relative depth z = (depth) / Z
+something shows
+
+    d' = (d + doffs) / z - doffs,                                                                                (3)
+
+since f B / Z = d + doffs. Lengths over Z are px over f: a sphere with a radius of r px has the radius r / f in units of
+its depth. A surface point that stands out towards the camera by h radii, at an age t of the path (0 to 1) that leads
+away by a px in depth, has
+
+    z = 1 + (t - 1/2) a / f - h r / f.                                                                           (4)
+
+S_k(d) is the mean of [d' >= d] over particles, which count by their area r^2, as a pixel is covered in proportion to
+it. The mean is taken over 128 points that are spread evenly over (d, r, h, speed of the drift, heading, t).
 """
 
 from dataclasses import dataclass
@@ -33,7 +59,7 @@ _SAMPLES = 128
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthLayers:
-    """K layers of depth."""
+    """K depth layers: ranges of disparity in which the middles of particles' paths lie."""
 
     low_px: Floats  # (K,) lowest disparity of a particle's middle
     high_px: Floats  # (K,) highest disparity of a particle's middle; equal to `low_px` in a layer without room
@@ -72,18 +98,18 @@ class DepthLayers:
         near_m: float,
         relief_px: float = np.inf,
     ) -> Floats:
-        """Return how probably a particle of each layer shows at least some disparities where it covers a pixel.
+        """Return S_k(d) of the module's text: how probably a particle shows at least d where it covers a pixel.
 
-        Particles that come too near to the near plane are not drawn, and show nothing.
+        Particles that come too near to the near plane are not drawn, and show nothing: their S_k is 0.
 
         Args:
-            edges_px: (J,) the disparities.
+            edges_px: (J,) the disparities d.
             camera: the camera.
-            drift: ``particles.drift`` of the config.
+            drift: ``particles.drift`` of the config: speed aside and in depth, in units of the speed downwards.
             sizes: the particles' diameters.
-            heights: the models' mean relief, see `Silhouette`.
+            heights: the models' mean relief h, in radii, see `Silhouette`.
             near_m: depth of the near plane.
-            relief_px: largest radius of a model along the viewing axis.
+            relief_px: largest radius of a model along the viewing axis, px at its own depth.
 
         Returns:
             (K, J) probabilities.
@@ -95,9 +121,10 @@ class DepthLayers:
         height = heights[(where[:, 2] * len(heights)).astype(np.int64)]
         speed = drift.low + (drift.high - drift.low) * where[:, 3]
         # Half a turn of headings covers both directions of each axis. A particle is in the middle of its path at half
-        # its age.
+        # its age: this is t - 1/2.
         path, age = speed * path_px(camera, radius), where[:, 5] - 0.5
-        # All depths here are in units of the depth of the path's middle.
+        # Depths are in units of Z from here on. A drift in depth is cut so that the model, which reaches relief / f
+        # before its centre, stays beyond the near plane; `particles_at` cuts it likewise.
         room = 1 - relief / camera.focal_px - near_m / camera.depth_m(disparity)
         nearest = 2 * np.clip(room, 0.0, relief_px / camera.focal_px)
         depth = 1 + age * np.clip(path * np.cos(np.pi * where[:, 4]) / camera.focal_px, -nearest, nearest)
@@ -106,6 +133,7 @@ class DepthLayers:
         sideways = age * path * np.sin(2 * np.pi * where[:, 4])
         missing = np.maximum(sideways - np.maximum(-disparity, 0), 0)
         missing += np.maximum(-sideways - np.maximum(disparity, 0), 0)
+        # (3) and (4).
         shown = (disparity + camera.doffs_px) / (depth - height * relief / camera.focal_px) - camera.doffs_px
         # A larger particle covers more pixels. Particles that come nearer grow, but their distances grow as much.
         weight = np.where(room > 0, radius**2 / (radius**2).sum(axis=1, keepdims=True), 0.0)
@@ -121,16 +149,21 @@ def merge_bins(target: Histogram) -> Histogram:
 
 
 def solve_coverage(shares: Floats, bare: Floats, exceedances: Floats, least: Floats, has_room: Bools) -> Floats:
-    """Find the layers' mean coverages lambda, within their limits, that bring F nearest to the wanted F.
+    """Find the layers' coverages lambda, within their limits, that solve (2) of the module's text best.
 
-    This solver takes the place of scipy's `lsq_linear`, because it solves the views of all pilot scenes at once: for 32
-    views it takes a twentieth of the time. Importing scipy takes about as long as importing everything else that
-    samples scenes. Its solutions differ, too, so existing datasets would change.
+    With S for ``exceedances``, b_j for the right side of (2) and W for the diagonal matrix of the weights F(d_j)^2, it
+    minimises  (S^T lambda - b)^T W (S^T lambda - b),  whose gradient is twice  S W S^T lambda - S W b:  in the code
+    ``product @ lambda - aim``. The accelerated projected gradient (Beck and Teboulle 2009) steps along it and cuts the
+    result to the limits. Its step for lambda_k is 1 / (sum of row k of abs(product)): the diagonal matrix of these sums
+    minus ``product`` is diagonally dominant, hence positive semidefinite, so that no step is too long.
+
+    scipy's `lsq_linear` is no substitute: it solves one view at a time, which takes 20 times as long for 32 pilots, and
+    its solutions differ, so that existing datasets would change.
 
     Args:
-        shares: (K,) wanted share of a view in each bin.
-        bare: (..., K - 1) share of the view that shows less than each inner edge before the layers are filled.
-        exceedances: (..., K, K - 1), `DepthLayers.exceedance` at the inner edges.
+        shares: (K,) wanted share of a view in each bin; their running sum is F.
+        bare: (..., K - 1) F_bare at the inner edges: share of the view that shows less before the layers are filled.
+        exceedances: (..., K, K - 1) S: `DepthLayers.exceedance` at the inner edges.
         least: (..., K) smallest coverages.
         has_room: (K,) whether the layer can hold particles.
 
@@ -143,12 +176,9 @@ def solve_coverage(shares: Floats, bare: Floats, exceedances: Floats, least: Flo
     most = np.where(has_room, _DENSEST, 0.0)
     result, still_open = least, np.broadcast_to(wanted, bare.shape)
     for _ in range(2):
-        # Errors of log F matter in proportion to F: they are errors of F where much is open, and none where all is
-        # closed.
         weighted = exceedances * np.where(usable, np.maximum(still_open, wanted) ** 2, 0.0)[..., None, :]
         product = weighted @ np.swapaxes(exceedances, -1, -2)
         aim = weighted @ needed[..., None]
-        # Fast projected gradient (Beck and Teboulle 2009); the diagonal matrix of row sums bounds the quadratic form.
         step = 1 / np.maximum(np.abs(product).sum(axis=-1), np.finfo(np.float64).tiny)
         # In place: the arrays of one scene are so small that allocating new ones takes longer than filling them.
         momentum, before, ahead, result = 1.0, np.array(result), np.array(result), np.empty_like(result)
@@ -171,7 +201,7 @@ def solve_coverage(shares: Floats, bare: Floats, exceedances: Floats, least: Flo
 
 
 def expected_shares(coverage: Floats, bare: Floats, exceedances: Floats) -> Floats:
-    """Return the share of the view in each bin, (..., K), by the Boolean model.
+    """Return the share of the view in each bin, (..., K): differences of F of (1).
 
     ``coverage`` is (..., K); see `solve_coverage` for the other arguments.
     """
@@ -180,6 +210,7 @@ def expected_shares(coverage: Floats, bare: Floats, exceedances: Floats) -> Floa
 
 
 def _open_shares(coverage: Floats, bare: Floats, exceedances: Floats) -> Floats:
+    """Return F of (1) at the inner edges, (..., K - 1)."""
     return np.asarray(bare * np.exp(-coverage[..., None, :] @ exceedances)[..., 0, :])
 
 

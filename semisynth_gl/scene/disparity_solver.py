@@ -1,8 +1,29 @@
-"""The numbers of particles in a scene, by depth layer and size, for the dataset's wanted disparities.
+"""The numbers of particles in a scene, by depth layer, for the dataset's wanted distribution of disparity.
 
-Each scene is solved separately, with its own camera and background. Where a wall keeps a scene from the target, the
-other scenes compensate: pilot scenes, which have only camera, background and structures, give the dataset's
-mean, and the aim of all scenes is shifted until the mean is the target.
+The wanted distribution is a histogram of shares over bins of disparity, px. There is a depth layer for each bin, and
+`semisynth_gl.scene.depth_layers` finds its coverage: how many particles cover a pixel, on average. This module takes a
+dataset from the wanted shares to whole numbers of particles:
+
+1. Pilots. A dataset cannot be measured before it is made, so 32 pilot scenes stand for it. They have camera,
+   background, structures and furniture, but no particles. A pilot gives the share of its view that is bare of
+   particles below each disparity.
+2. Aim. Each scene is solved separately, with its own camera and background. A wall keeps some scenes from the target,
+   and the others must compensate. So scenes are solved for an aim that is shifted until the mean of the pilots is the
+   target:  aim <- aim + wanted - achieved,  a fixed-point iteration of shares. Of its steps, the aim whose mean has the
+   smallest total difference from the target is taken.
+3. Coverage to numbers. One particle adds c = A / R to the mean coverage, where A px^2 is the mean area of its
+   silhouette and R px^2 the area of the region in which it may be (`expected_cover`). A layer with coverage lambda thus
+   has n = lambda / c particles on average.
+4. Sizes and density. At the stated sizes, n follows. A density asks for a number in view instead: since c grows with
+   the square of the sizes, the number falls with it, and a bisection over the logarithm of a factor of all sizes finds
+   the wanted number. Sizes grow as well where n adds up to more than ``particles.most``.
+5. Counts. Particles that are thrown independently have Poisson numbers. The number of layer k in sequence s is the
+   quantile u = (u_0 + s * sqrt(p_k)) mod 1 of the Poisson distribution of mean n, where p_k is the layer's prime and
+   u_0 comes from the seed. Multiples of an irrational number are spread evenly over [0, 1), so that few scenes reach
+   the mean that independent samples reach with many.
+
+Layers that the config states (``particles.layers``) are not solved, and clutter (``particles.clutter``) is added to
+what is solved. Both count in what is bare of solved particles.
 """
 
 from collections.abc import Sequence
@@ -24,7 +45,7 @@ from semisynth_gl.scene.pilots import Pilot, sample_pilots
 from semisynth_gl.scene.rig import check_reachable, near_depth_m, relief_px
 from semisynth_gl.seeds.seeds import Purpose, generator
 
-# Number of pilot scenes in which objects are counted to find the sizes for a density.
+# Number of pilot scenes in which particles are counted to find the sizes for a density.
 _COUNTED_PILOTS = 8
 # Number of times that the aim is shifted towards the target.
 _CORRECTIONS = 6
@@ -50,24 +71,17 @@ _LEAST_OF_AIM = 0.1
 _POPULATED = 0.5
 
 
-class InView(NamedTuple):
-    """The average content of the left views, by the Boolean model."""
-
-    objects: float  # number of particles that reach into the view
-    still: float  # share of the view, 0 to 1, that shows background, structures and other still things
-
-
 class _Views(NamedTuple):
     """The effect of particles in K layers on V views."""
 
-    bare: Floats  # (V, K - 1) share of the view below each inner edge of the target's bins, without solved particles
-    exceedances: Floats  # (V, K, K - 1), see `DepthLayers.exceedance`
+    bare: Floats  # (V, K - 1) F_bare: share of the view below each inner edge of the bins, without solved particles
+    exceedances: Floats  # (V, K, K - 1) S: see `DepthLayers.exceedance`
     least: Floats  # (V, K) smallest coverages
-    cover: Floats  # (V, K) coverage that one particle adds
+    cover: Floats  # (V, K) c: coverage that one particle adds
 
 
 class _Aim(NamedTuple):
-    """The aim that each scene is solved for."""
+    """The distribution that each scene is solved for, so that the mean of all scenes is the target."""
 
     shares: Floats  # (K,) in the target's bins
     achieved: Floats  # (K,) mean shares in scenes that are solved for this aim
@@ -158,46 +172,6 @@ class DisparitySolver:
             below = np.mean([self._bare_shares(camera, bare_px) for camera, bare_px in self._pilots], axis=0)
             shares = np.diff(np.concatenate([[0.0], below, [1.0]]))
         return Histogram.from_counts(self.target.edges_px, shares)
-
-    def in_view(self) -> InView:
-        """Return the average content of the left views: the mean over the pilot scenes.
-
-        Raises:
-            InputError: where the target cannot be met, see `sample`.
-        """
-        if self._solved:
-            seen = [one for aim in self._mean_aims() for one in self._solved_in_view(aim)]
-        else:
-            seen = [self._one_in_view(camera, bare_px) for camera, bare_px in self._pilots]
-        return InView(*np.mean(seen, axis=0).tolist())
-
-    def _solved_in_view(self, aim: _Aim) -> list[InView]:
-        """Return the content of each pilot scene's view, with particles that are solved for an aim."""
-        views = self._views(self._pilots, aim.sizes)
-        seen, coverages = [], self._coverage(aim.shares, views)
-        for n, ((camera, bare_px), coverage) in enumerate(zip(self._pilots, coverages, strict=True)):
-            visible = self._visible(self._layers, camera, aim.sizes)
-            reaching = visible * expected_in_view(camera, aim.sizes, self._layers.middle_px)
-            objects = float(coverage / views.cover[n] @ reaching)
-            cover = np.append(coverage @ visible, coverage @ views.exceedances[n])
-            seen.append(self._one_in_view(camera, bare_px, objects, cover))
-        return seen
-
-    def _one_in_view(
-        self, camera: StereoCamera, bare_px: Floats, objects: float = 0.0, cover: Floats | float = 0.0
-    ) -> InView:
-        """Return the content of one view, with the stated particles and a number ``objects`` of solved ones.
-
-        ``cover`` (K,) says how many times the solved particles cover a pixel: first with any disparity, then with at
-        least each inner edge of the target's bins.
-        """
-        for stated in self._stated:
-            layer = DepthLayers.of(stated)
-            visible = self._visible(layer, camera, stated.sizes)[0]
-            objects += stated.count.middle * float(visible * expected_in_view(camera, stated.sizes, layer.middle_px)[0])
-        edges = np.append(-np.inf, self.target.edges_px[1:-1])
-        before = np.append(cover + self._stated_cover(camera, edges), 0.0)
-        return InView(objects, float(np.exp(-np.interp(bare_px, self.target.edges_px, before)).mean()))
 
     def _mean_aims(self) -> list[_Aim]:
         """Return the aims over which a dataset's mean is taken."""
@@ -296,12 +270,13 @@ class DisparitySolver:
 
     def _in_view(self, sizes: Sizes) -> float:
         """Return the mean number of particles in the left views of the first pilot scenes."""
-        pilots, in_view = self._pilots[:_COUNTED_PILOTS], []
+        pilots, layers, in_view = self._pilots[:_COUNTED_PILOTS], self._layers, []
         views = self._views(pilots, sizes)
         numbers = self._coverage(self.target.shares, views) / views.cover
         for number, (camera, _) in zip(numbers, pilots, strict=True):
-            visible = self._visible(self._layers, camera, sizes)
-            in_view.append(float(number * visible @ expected_in_view(camera, sizes, self._layers.middle_px)))
+            # The others would cross the near plane.
+            visible = self._exceedance(layers, np.array([-np.inf]), camera, sizes)[:, 0]
+            in_view.append(float(number * visible @ expected_in_view(camera, sizes, layers.middle_px)))
         return float(np.mean(in_view))
 
     @cached_property
@@ -334,10 +309,6 @@ class DisparitySolver:
             cover = expected_cover(camera, stated.sizes, layer.middle_px, self._silhouette.fill)[0]
             total += cover * stated.count.middle * self._exceedance(layer, edges_px, camera, stated.sizes)[0]
         return total
-
-    def _visible(self, layers: DepthLayers, camera: StereoCamera, sizes: Sizes) -> Floats:
-        """Return the share of the particles that are visible, (K,): the others cross the near plane."""
-        return self._exceedance(layers, np.array([-np.inf]), camera, sizes)[:, 0]
 
     def _exceedance(self, layers: DepthLayers, edges_px: Floats, camera: StereoCamera, sizes: Sizes) -> Floats:
         disparity, drift = self._config.disparity, self._config.particles.drift

@@ -6,8 +6,7 @@ import numpy as np
 
 from semisynth_gl.config.scene_sections import RoomSection
 from semisynth_gl.scene import Floats
-from semisynth_gl.scene.arrangement import Arrangement, Corner, Diameters
-from semisynth_gl.scene.wall import Wall
+from semisynth_gl.scene.arrangement import Arrangement, Corner, Diameters, Wall
 
 _STANDING: Final[Diameters] = {
     "table": (1.1, 1.9),

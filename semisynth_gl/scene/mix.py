@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
 
@@ -13,9 +12,7 @@ from semisynth_gl.histogram import Histogram, mix_histograms
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Ints
 from semisynth_gl.scene.depth_layers import merge_bins
-from semisynth_gl.scene.disparity_solver import InView
 from semisynth_gl.scene.sampler import SampledScene, SceneSampler
-from semisynth_gl.scene.scene import Motion, Scene
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
@@ -36,21 +33,9 @@ class Shares:
         self._ends = np.cumsum(shares)[:-1]
         self._first = generator(seed, Purpose.RECIPES).random()
 
-    def recipe(self, sequence: int) -> int:
-        """Return the number of a sequence's recipe."""
-        return int(self._recipes(np.array(sequence)))
-
-    def firsts(self) -> dict[int, int]:
-        """Return the first sequence of each recipe, by the recipe's number.
-
-        Recipes whose share is so tiny that the first 100,000 sequences have none of them are left out.
-        """
-        numbers, sequences = np.unique(self._recipes(np.arange(_SOUGHT)), return_index=True)
-        return dict(zip(numbers.tolist(), sequences.tolist(), strict=True))
-
-    def _recipes(self, sequences: Ints) -> Ints:
-        places: Ints = np.searchsorted(self._ends, (self._first + sequences * _STEP) % 1.0, side="right")
-        return places
+    def recipes(self, sequences: Ints) -> Ints:
+        """Return the numbers of the recipes of sequences, (N,) each."""
+        return np.searchsorted(self._ends, (self._first + sequences * _STEP) % 1.0, side="right")
 
 
 class MixSampler:
@@ -87,7 +72,7 @@ class MixSampler:
         rest = self._rest(stated) if 0 < len(stated) < len(made) else None
         by_name = stated | samplers(solved=True, wanted=rest)
         self.samplers = tuple(by_name[recipe.name] for recipe in self.recipes)
-        # The models that `Scene.model` refers to: the models of still things, then the models of all recipes.
+        # The models that `Scene.model` refers to: the surface models, then the models of all recipes.
         self.models: tuple[Mesh, ...] = self.samplers[0].models
 
     def sample(self, index: int, attempt: int = 0) -> SampledScene:
@@ -95,22 +80,6 @@ class MixSampler:
         sampler = self._sampler(index // self._sequence_pairs)
         with _named(sampler.recipe):
             return sampler.sample(index, attempt)
-
-    def motion(self, sampled: SampledScene, frames: int) -> Motion:
-        """Return the motion of a scene's instances; see `SceneSampler.motion`."""
-        return self._sampler(sampled.sequence).motion(sampled, frames)
-
-    def moment(self, sampled: SampledScene, frames: float) -> Scene:
-        """Return a scene's instances at another moment; see `SceneSampler.moment`."""
-        return self._sampler(sampled.sequence).moment(sampled, frames)
-
-    def provenance(self, sampled: SampledScene) -> dict[str, Any]:
-        """Return the origin of a pair's scene; see `SceneSampler.provenance`."""
-        return self._sampler(sampled.sequence).provenance(sampled)
-
-    def instance_table(self, sampled: SampledScene) -> list[dict[str, Any]]:
-        """Return a row for each instance; see `SceneSampler.instance_table`."""
-        return self._sampler(sampled.sequence).instance_table(sampled)
 
     def expected(self) -> Histogram:
         """Return the mean distribution of the disparities of the dataset's pairs.
@@ -126,21 +95,11 @@ class MixSampler:
     def overview(self, pairs: int) -> list[int]:
         """Return the numbers of some ``pairs``, at least 1, that show as many recipes as possible, in ascending order.
 
-        The first pair of each recipe is taken, beginning with the most frequent recipe, and then the first of the
-        dataset's other pairs.
+        The first pair of each recipe is taken, and then the first of the dataset's other pairs. Recipes whose share is
+        so tiny that the first 100,000 sequences have none of them are left out.
         """
-        firsts = self._shares.firsts()
-        frequent = sorted(firsts, key=lambda number: (-self.recipes[number].share, firsts[number]))
-        chosen = [firsts[number] * self._sequence_pairs for number in frequent]
-        return sorted(list(dict.fromkeys([*chosen, *range(pairs)]))[:pairs])
-
-    def in_view(self) -> list[InView]:
-        """Return what the left views of each recipe show on average; see `DisparitySolver.in_view`."""
-        seen = []
-        for sampler in self.samplers:
-            with _named(sampler.recipe):
-                seen.append(sampler.disparity_solver.in_view())
-        return seen
+        firsts = np.unique(self._shares.recipes(np.arange(_SOUGHT)), return_index=True)[1] * self._sequence_pairs
+        return sorted(list(dict.fromkeys([*sorted(firsts.tolist()), *range(pairs)]))[:pairs])
 
     def _expected(self, sampler: SceneSampler) -> Histogram:
         with _named(sampler.recipe):
@@ -157,7 +116,7 @@ class MixSampler:
         return Histogram.from_counts(target.edges_px, np.maximum(rest, 0))
 
     def _sampler(self, sequence: int) -> SceneSampler:
-        return self.samplers[self._shares.recipe(sequence)]
+        return self.samplers[int(self._shares.recipes(np.array(sequence)))]
 
 
 @contextmanager

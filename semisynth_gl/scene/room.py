@@ -9,7 +9,7 @@ from semisynth_gl.config import Config, Range
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.scene import Floats
-from semisynth_gl.scene.arrangement import Arrangement, Catalogue, Corner, camera_over_floor
+from semisynth_gl.scene.arrangement import Arrangement, Catalogue, Corner, Wall, camera_over_floor
 from semisynth_gl.scene.furnishing import fill_niche, furnish
 from semisynth_gl.scene.rig import BEYOND_NEAR, Sway, check_reachable, near_depth_m
 from semisynth_gl.scene.view_volume import (
@@ -20,7 +20,6 @@ from semisynth_gl.scene.view_volume import (
     fitted_offsets,
     smallest_offsets,
 )
-from semisynth_gl.scene.wall import Wall
 
 # Range of the wall's depth, metres, in rooms of true size; a nearer or farther room is scaled.
 _TRUE = Range(2.5, 9.0)

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -14,12 +14,12 @@ from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.disparity_solver import DisparitySolver
 from semisynth_gl.scene.instances import Instances, new_instances, to_scene
 from semisynth_gl.scene.mapping import CHANCE, PatchMapping, choose
-from semisynth_gl.scene.particles import Particles, Release, Slots, particles_at, sample_release, sample_slots
+from semisynth_gl.scene.particles import Particles, Release, particles_at, sample_release, sample_slots
 from semisynth_gl.scene.projector import projector_record, sample_projector
 from semisynth_gl.scene.resting import come_to_rest, triangles_of
 from semisynth_gl.scene.rig import relief_px
-from semisynth_gl.scene.scene import Motion, Projector, Scene
-from semisynth_gl.scene.structures import SURFACE_MODELS, StaticScene, sample_static_scene, take_stock
+from semisynth_gl.scene.scene import Motion, Scene
+from semisynth_gl.scene.structures import SURFACE_MODELS, sample_static_scene, take_stock
 from semisynth_gl.scene.view_volume import clear_depth_m
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
@@ -28,68 +28,6 @@ from semisynth_gl.textures.atlas import Patch
 _REDRAWN = 2**31
 # First key of generations that were released before time 0; no later generation's number reaches it.
 _BEFORE = 2**30
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SampledScene:
-    """A scene with one right view's camera, and the table of its instances, of which the static ones come first."""
-
-    scene: Scene
-    static: StaticScene
-    instances: Instances  # (N,) in the order of the scene's arrays
-    view: int  # number of the right view whose camera the scene has
-    recipe: str | None  # name of the scene's recipe; None where the config has no recipes
-    sequence: int  # number of the sequence
-    frame: int  # number of the frame within the sequence
-    attempt: int  # number of earlier attempts at the sequence, which failed
-
-    @property
-    def views(self) -> tuple[StereoCamera, ...]:
-        """The camera of each right view; the cameras differ only in the right eye."""
-        return self.static.views
-
-    def seen_by(self, view: int) -> "SampledScene":
-        """Return the same scene with the camera of another right view."""
-        return replace(self, scene=replace(self.scene, camera=self.views[view]), view=view)
-
-
-@dataclass(frozen=True, slots=True)
-class _Generators:
-    """The source of one sequence's random numbers."""
-
-    seed: int
-    sequence: int
-    attempt: int
-
-    def generator(self, purpose: Purpose, *numbers: int) -> np.random.Generator:
-        redrawn = (_REDRAWN, self.attempt) if self.attempt else ()
-        return generator(self.seed, purpose, self.sequence, *numbers, *redrawn)
-
-    def per_slot(self, purpose: Purpose, generation: Ints, slot: Ints, width: int, first_key: int = 0) -> Floats:
-        """Return uniform random numbers (N, width) for slots and generations, (N,) each, whatever other slots exist.
-
-        The keys of the generations' generators count from ``first_key``.
-        """
-        result = np.empty((len(slot), width))
-        for number in np.unique(generation):
-            rows = generation == number
-            rng = self.generator(purpose, first_key + _generation_key(int(number)))
-            result[rows] = rng.random((int(slot[rows].max()) + 1, width))[slot[rows]]
-        return result
-
-
-def _generation_key(generation: int) -> int:
-    """Return the key of a generation's generator; keys must not be negative."""
-    return generation if generation >= 0 else _BEFORE - generation
-
-
-class _Sequence(NamedTuple):
-    """The state that all frames of a sequence share."""
-
-    generators: _Generators
-    static: StaticScene
-    slots: Slots
-    projector: Projector | None
 
 
 class SceneSampler:
@@ -102,6 +40,9 @@ class SceneSampler:
         patches: the atlas's patches, from the same config and seed, with small patches before large ones.
         recipe: the recipe's name; None where the dataset has no recipes.
         wanted: the distribution of disparity that the scenes aim for; by default the config's.
+
+    Attributes:
+        models: the models that `Scene.model` refers to: the surface models, then the library.
     """
 
     def __init__(
@@ -113,134 +54,120 @@ class SceneSampler:
         recipe: str | None = None,
         wanted: Histogram | None = None,
     ) -> None:
-        self._config = config
-        self.recipe = recipe
-        self._seed = seed
-        self._model_library = library
-        self._catalogue = take_stock(library)
-        # The models that `Scene.model` refers to: the surface models, then the library.
-        self.models = self._catalogue.models
-        self.disparity_solver = DisparitySolver(config, seed, library.silhouette, self._catalogue, wanted)
-        self._patches = patches
-        self._mapping = PatchMapping(config.textures, patches)
+        self.config, self.seed, self.library, self.patches, self.recipe = config, seed, library, patches, recipe
+        self.catalogue = take_stock(library)
+        self.models = self.catalogue.models
+        self.disparity_solver = DisparitySolver(config, seed, library.silhouette, self.catalogue, wanted)
+        self.mapping = PatchMapping(config.textures, patches)
         self._ends = np.cumsum(library.chances)
-        # The lowest and the highest UV of each model, (M, 2, 2).
-        self._uv = np.array([(mesh.uv.min(axis=0), mesh.uv.max(axis=0)) for mesh in library.models], np.float64)
-        self._latest: _Sequence | None = None
+        self._latest: SceneSequence | None = None
 
-    def sample(self, index: int, attempt: int = 0) -> SampledScene:
+    def sample(self, index: int, attempt: int = 0) -> "SampledScene":
         """Sample the scene of pair ``index``, 0 or more; each ``attempt`` samples the pair's whole sequence anew.
 
         Raises:
             InputError: where the config's disparities cannot be met, see `sample_static_scene` and
                 `DisparitySolver.sample`.
         """
-        scene, view = divmod(index, self._config.views)
-        number, frame = divmod(scene, self._config.sequence.length)
-        return self._sample_frame(self._sequence(number, attempt), frame, view)
+        scene, view = divmod(index, self.config.views)
+        number, frame = divmod(scene, self.config.sequence.length)
+        if self._latest is None or (self._latest.number, self._latest.attempt) != (number, attempt):
+            self._latest = SceneSequence(self, number, attempt)
+        return self._latest.sample(frame, view)
 
-    def motion(self, sampled: SampledScene, frames: int) -> Motion:
-        """Return the motion of a scene's instances to the frame that is ``frames`` later, or earlier if it is negative.
+    def choose_models(self, chance: Floats) -> Ints:
+        """Return the indices (N,) into `models` that uniform numbers (N,) choose among the library's models."""
+        return len(SURFACE_MODELS) + self.library.drawn[choose(self._ends, chance)]
 
-        That frame may lie before the first or after the last frame of the sequence.
-        """
-        sequence = self._sequence(sampled.sequence, sampled.attempt)
-        target = self._sample_frame(sequence, sampled.frame + frames, sampled.view)
-        static = len(sequence.static.instances)
-        now, then = sampled.instances[static:], target.instances[static:]
-        # A slot shows one model at a time.
-        row_of_slot = np.full(len(sequence.slots), -1)
-        row_of_slot[then["slot"]] = np.arange(len(then))
-        row = row_of_slot[now["slot"]]
-        stays = row >= 0
-        stays[stays] = then["generation"][row[stays]] == now["generation"][stays]
-        instance = np.concatenate([np.arange(static), np.where(stays, static + row, -1)])
-        return Motion(target.scene, self._moved(sequence, sampled, target.frame), instance)
 
-    def moment(self, sampled: SampledScene, frames: float) -> Scene:
-        """Return the scene with its own instances and their textures, where they and the camera are at another moment.
+class SceneSequence:
+    """A sequence: what its frames share, from which any frame can be sampled first.
 
-        The other moment is ``frames`` frame times later, or earlier if that is negative; it need not be a whole number.
-        """
-        sequence = self._sequence(sampled.sequence, sampled.attempt)
-        frame = sampled.frame + frames
-        return replace(
-            sampled.scene,
-            camera_from_world=sequence.static.sway.camera_from_world(frame * self._config.sequence.frame_s),
-            world_from_model=self._moved(sequence, sampled, frame),
+    Attributes:
+        number: its number.
+        attempt: number of earlier attempts at the sequence, which failed.
+        static: cameras and static instances.
+        slots: the streams of particles.
+        projector: the projector that lights the scenes, if any.
+    """
+
+    def __init__(self, sampler: SceneSampler, number: int, attempt: int) -> None:
+        self.sampler, self.number, self.attempt = sampler, number, attempt
+        config = sampler.config
+        self.static = static = sample_static_scene(config, sampler.catalogue, self._generator)
+        rng = self._generator(Purpose.PARTICLES, 0)
+        # An attempt has the layers' quantiles of a sequence so far away that no dataset has both.
+        quantiles_of = number + _REDRAWN * attempt
+        batches = sampler.disparity_solver.sample(quantiles_of, static.camera, static.bare_px, rng)
+        most_px = relief_px(static.camera, config.disparity.min_px, static.near_m)
+        self.slots = sample_slots(static.camera, config.particles, batches, rng, static.near_m, static.sway, most_px)
+        section = config.projector
+        self.projector = None if section is None else sample_projector(section, self._generator(Purpose.PROJECTOR))
+        self.slots = replace(self.slots, resting=self._resting())
+
+    def sample(self, frame: int, view: int) -> "SampledScene":
+        """Sample the scene of any frame, which may lie outside the sequence, with the camera of a right view."""
+        static, mapping = self.static, self.sampler.mapping
+        table = np.concatenate([static.instances, self._falling(frame)])
+        # Particles wear textures of their own.
+        count = len(static.instances)
+        table["texture"][count:] = np.arange(count, len(table))
+        slot, generation = table["slot"][count:], table["generation"][count:]
+        of_static = self._generator(Purpose.TEXTURE, 0).random((count, 4))
+        of_slots = self._per_slot(Purpose.TEXTURE, generation, slot, 4, first_key=1)
+        mapping.apply(table, np.concatenate([of_static, of_slots]).view(CHANCE)[:, 0], static.camera)
+        layer = mapping.layers(table["patch"], self.number, frame)
+        scene = to_scene(table, static.views[view], static.near_m, self.camera_from_world(frame), layer, self.projector)
+        return SampledScene(scene, table, self, frame, view)
+
+    def camera_from_world(self, frame: float) -> Floats:
+        """Return the left camera's pose, (4, 4), at a frame or between frames."""
+        return self.static.sway.camera_from_world(frame * self.sampler.config.sequence.frame_s)
+
+    def particles(self, frame: float, generation: Ints | None = None) -> Particles:
+        """Pose the models of all slots at a frame: of given generations (S,), or of those that the frame shows."""
+        config, camera = self.sampler.config, self.static.camera
+
+        def release(number: int) -> Release:
+            rng = self._generator(Purpose.PARTICLES, 1 + _generation_key(number))
+            return sample_release(camera, config.particles, self.slots, rng)
+
+        return particles_at(camera, self.slots, release, frame * config.sequence.frame_s, generation)
+
+    def _falling(self, frame: int) -> Instances:
+        """Return the table of the particles that a frame shows."""
+        slots, particles = self.slots, self.particles(frame)
+        # The near plane is in front of both cameras, so no model can swallow a camera.
+        slot = np.flatnonzero(slots.shown)
+        generation, pose = particles.generation[slot], particles.world_from_model[slot]
+        model = self._models(generation, slot)
+        return new_instances(
+            len(slot),
+            model=model,
+            pose=pose,
+            # Length of one UV unit: a particle's model unit times the mean of its scales.
+            unit_m=np.linalg.norm(pose[:, :3, :3], axis=1).mean(axis=1)[:, None],
+            # Use the depth of the path's middle, not the model's: a texture must not slide over its model.
+            depth_m=slots.depth_m[slot],
+            uv_low=self.sampler.catalogue.uv_low[model],
+            uv_high=self.sampler.catalogue.uv_high[model],
+            slot=slot,
+            generation=generation,
+            resting=np.isin(slot, list(slots.resting)),
         )
 
-    def provenance(self, sampled: SampledScene) -> dict[str, Any]:
-        """Return the origin of a pair's scene, in JSON's types.
-
-        ``models`` and ``images`` hold the number of instances by name; ``patches`` are indices into the dataset's
-        patches.
-        """
-        models = Counter(self.models[index].name for index in sampled.scene.model.tolist())
-        images = Counter(self._patches[index].source for index in sampled.instances["patch"].tolist())
-        return {
-            "sequence": sampled.sequence,
-            "frame": sampled.frame,
-            **({"view": sampled.view} if len(sampled.views) > 1 else {}),
-            **({} if sampled.recipe is None else {"recipe": sampled.recipe}),
-            "background": sampled.static.background,
-            **({"sky": True} if sampled.scene.sky.any() else {}),
-            **({} if sampled.scene.projector is None else {"projector": projector_record(sampled.scene.projector)}),
-            "near_m": sampled.scene.near_m,
-            "camera": sampled.scene.camera.values(deviation=not self._config.rig.none()),
-            "camera_from_world": sampled.scene.camera_from_world[:3].tolist(),
-            "models": dict(sorted(models.items())),
-            "images": dict(sorted(images.items())),
-            "patches": np.unique(sampled.instances["patch"]).tolist(),
-        }
-
-    def instance_table(self, sampled: SampledScene) -> list[dict[str, Any]]:
-        """Return a row for each instance, in JSON's types; row k describes id k + 1 of the output ``instances``."""
-        return [
-            {
-                "model": self.models[row["model"]].name,
-                "patch": int(row["patch"]),
-                # In a dataset's files, "still" tells walls, grounds and panels from furniture and particles.
-                "still": bool(row["model"] < len(SURFACE_MODELS)),
-                **({"resting": True} if row["resting"] else {}),
-                **({"sky": True} if row["sky"] else {}),
-                "world_from_model": row["pose"][:3].tolist(),
-            }
-            for row in sampled.instances
-        ]
-
-    def _sequence(self, number: int, attempt: int) -> _Sequence:
-        """Sample the state that all frames of a sequence share; the latest sequence is kept for the next call."""
-        generators = _Generators(self._seed, number, attempt)
-        if self._latest is None or self._latest.generators != generators:
-            config = self._config
-            static = sample_static_scene(config, self._catalogue, generators.generator)
-            camera, near_m = static.camera, static.near_m
-            rng = generators.generator(Purpose.PARTICLES, 0)
-            # A sequence that is sampled again gets a number that no other sequence has.
-            batches = self.disparity_solver.sample(number + _REDRAWN * attempt, camera, static.bare_px, rng)
-            most_px = relief_px(camera, config.disparity.min_px, near_m)
-            slots = sample_slots(camera, config.particles, batches, rng, near_m, static.sway, most_px)
-            section = config.projector
-            projector = None if section is None else sample_projector(section, generators.generator(Purpose.PROJECTOR))
-            falling = _Sequence(generators, static, slots, projector)
-            self._latest = falling._replace(slots=replace(slots, resting=self._resting(falling)))
-        return self._latest
-
-    def _resting(self, sequence: _Sequence) -> dict[int, Floats]:
+    def _resting(self) -> dict[int, Floats]:
         """Lower the models of some slots onto the surfaces below them; return their poses (4, 4) by slot."""
-        generators, static, slots, _ = sequence
-        chance = generators.generator(Purpose.RESTING).random(len(slots))
-        chosen = np.flatnonzero(chance < self._config.particles.resting)
+        static, slots, models = self.static, self.slots, self.sampler.models
+        chance = self._generator(Purpose.RESTING).random(len(slots))
+        chosen = np.flatnonzero(chance < self.sampler.config.particles.resting)
         if not len(chosen):
             return {}
         first, camera = np.zeros(len(slots), np.int64), static.camera
-        particles = self._particles(sequence, 0.0, first)
-        meshes = [
-            self._model_library.models[number] for number in self._sampled_models(generators, first[chosen], chosen)
-        ]
+        particles = self.particles(0.0, first)
+        meshes = [models[number] for number in self._models(first[chosen], chosen)]
         ground = static.instances[~static.instances["sky"]]
-        corners = triangles_of(self.models, ground["model"], ground["pose"])
+        corners = triangles_of(models, ground["model"], ground["pose"])
         rested = come_to_rest(particles.world_from_model[chosen], meshes, corners, static.up)
         resting = {}
         for number, pose in rested.items():
@@ -253,71 +180,127 @@ class SceneSampler:
                 resting[slot] = pose
         return resting
 
-    def _sample_frame(self, sequence: _Sequence, frame: int, view: int) -> SampledScene:
-        """Sample the scene of any frame of a sequence, as the right view of a number sees it."""
-        generators, static, _, projector = sequence
-        table = np.concatenate([static.instances, self._falling(sequence, frame)])
-        # Particles wear textures of their own.
-        count = len(static.instances)
-        table["texture"][count:] = np.arange(count, len(table))
-        slot, generation = table["slot"][count:], table["generation"][count:]
-        of_static = generators.generator(Purpose.TEXTURE, 0).random((count, 4))
-        of_slots = generators.per_slot(Purpose.TEXTURE, generation, slot, 4, first_key=1)
-        self._mapping.apply(table, np.concatenate([of_static, of_slots]).view(CHANCE)[:, 0], static.camera)
-        pose = static.sway.camera_from_world(frame * self._config.sequence.frame_s)
-        layer = self._mapping.layers(table["patch"], generators.sequence, frame)
-        return SampledScene(
-            scene=to_scene(table, static.views[view], static.near_m, pose, layer, projector),
-            static=static,
-            instances=table,
-            view=view,
-            recipe=self.recipe,
-            sequence=generators.sequence,
-            frame=frame,
-            attempt=generators.attempt,
-        )
+    def _models(self, generation: Ints, slot: Ints) -> Ints:
+        """Return the model, (N,), that each of N slots shows in its generation."""
+        return self.sampler.choose_models(self._per_slot(Purpose.SHAPE, generation, slot, 1)[:, 0])
 
-    def _falling(self, sequence: _Sequence, frame: int) -> Instances:
-        """Return the table of the particles that a frame shows."""
-        slots, particles = sequence.slots, self._particles(sequence, frame)
-        # The near plane is in front of both cameras, so no model can swallow a camera.
-        slot = np.flatnonzero(slots.shown)
-        generation, pose = particles.generation[slot], particles.world_from_model[slot]
-        model = self._sampled_models(sequence.generators, generation, slot)
-        return new_instances(
-            len(slot),
-            model=len(SURFACE_MODELS) + model,
-            pose=pose,
-            # Length of one UV unit: a particle's model unit times the mean of its scales.
-            unit_m=np.linalg.norm(pose[:, :3, :3], axis=1).mean(axis=1)[:, None],
-            # Use the depth of the path's middle, not the model's: a texture must not slide over its model.
-            depth_m=slots.depth_m[slot],
-            uv_low=self._uv[model, 0],
-            uv_high=self._uv[model, 1],
-            slot=slot,
-            generation=generation,
-            resting=np.isin(slot, list(slots.resting)),
-        )
+    def _generator(self, purpose: Purpose, *numbers: int) -> np.random.Generator:
+        redrawn = (_REDRAWN, self.attempt) if self.attempt else ()
+        return generator(self.sampler.seed, purpose, self.number, *numbers, *redrawn)
 
-    def _moved(self, sequence: _Sequence, sampled: SampledScene, frame: float) -> Floats:
-        """Return the poses (N, 4, 4) of a scene's instances at another frame, in which they need not be visible."""
-        moved, falling = sampled.instances["pose"].copy(), sampled.instances["slot"] >= 0
-        slots, generation = sampled.instances["slot"][falling], np.zeros(len(sequence.slots), np.int64)
-        generation[slots] = sampled.instances["generation"][falling]
-        moved[falling] = self._particles(sequence, frame, generation).world_from_model[slots]
+    def _per_slot(self, purpose: Purpose, generation: Ints, slot: Ints, width: int, first_key: int = 0) -> Floats:
+        """Return uniform random numbers (N, width) for slots and generations, (N,) each, whatever other slots exist.
+
+        The keys of the generations' generators count from ``first_key``.
+        """
+        result = np.empty((len(slot), width))
+        for number in np.unique(generation):
+            rows = generation == number
+            rng = self._generator(purpose, first_key + _generation_key(int(number)))
+            result[rows] = rng.random((int(slot[rows].max()) + 1, width))[slot[rows]]
+        return result
+
+
+def _generation_key(generation: int) -> int:
+    """Return the key of a generation's generator; keys must not be negative."""
+    return generation if generation >= 0 else _BEFORE - generation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampledScene:
+    """The scene of one pair, and where its instances come from."""
+
+    scene: Scene
+    instances: Instances  # (N,) in the order of the scene's arrays; the static instances come first
+    sequence: SceneSequence
+    frame: int  # number of the frame within the sequence
+    view: int  # number of the right view whose camera the scene has
+
+    @property
+    def recipe(self) -> str | None:
+        """Name of the scene's recipe; None where the config has no recipes."""
+        return self.sequence.sampler.recipe
+
+    @property
+    def views(self) -> tuple[StereoCamera, ...]:
+        """The camera of each right view; the cameras differ only in the right eye."""
+        return self.sequence.static.views
+
+    def seen_by(self, view: int) -> "SampledScene":
+        """Return the same scene with the camera of another right view."""
+        return replace(self, scene=replace(self.scene, camera=self.views[view]), view=view)
+
+    def motion(self, frames: int) -> Motion:
+        """Return the motion of the instances to the frame that is ``frames`` later, or earlier if it is negative.
+
+        That frame may lie before the first or after the last frame of the sequence.
+        """
+        target = self.sequence.sample(self.frame + frames, self.view)
+        static = len(self.sequence.static.instances)
+        now, then = self.instances[static:], target.instances[static:]
+        # A slot shows one model at a time.
+        row_of_slot = np.full(len(self.sequence.slots), -1)
+        row_of_slot[then["slot"]] = np.arange(len(then))
+        row = row_of_slot[now["slot"]]
+        stays = row >= 0
+        stays[stays] = then["generation"][row[stays]] == now["generation"][stays]
+        instance = np.concatenate([np.arange(static), np.where(stays, static + row, -1)])
+        return Motion(target.scene, self._moved(target.frame), instance)
+
+    def moment(self, frames: float) -> Scene:
+        """Return the scene with its own instances and their textures, where they and the camera are at another moment.
+
+        The other moment is ``frames`` frame times later, or earlier if that is negative; it need not be a whole number.
+        """
+        frame = self.frame + frames
+        pose = self.sequence.camera_from_world(frame)
+        return replace(self.scene, camera_from_world=pose, world_from_model=self._moved(frame))
+
+    def _moved(self, frame: float) -> Floats:
+        """Return the poses (N, 4, 4) of the instances at another frame, in which they need not be visible."""
+        moved, falling = self.instances["pose"].copy(), self.instances["slot"] >= 0
+        slots, generation = self.instances["slot"][falling], np.zeros(len(self.sequence.slots), np.int64)
+        generation[slots] = self.instances["generation"][falling]
+        moved[falling] = self.sequence.particles(frame, generation).world_from_model[slots]
         return moved
 
-    def _particles(self, sequence: _Sequence, frame: float, generation: Ints | None = None) -> Particles:
-        """Pose the models of all slots at a frame: of given generations (S,), or of those that the frame shows."""
-        camera, slots = sequence.static.camera, sequence.slots
+    def provenance(self) -> dict[str, Any]:
+        """Return the origin of the pair's scene, in JSON's types.
 
-        def release(number: int) -> Release:
-            rng = sequence.generators.generator(Purpose.PARTICLES, 1 + _generation_key(number))
-            return sample_release(camera, self._config.particles, slots, rng)
+        ``models`` and ``images`` hold the number of instances by name; ``patches`` are indices into the dataset's
+        patches.
+        """
+        scene, sampler, patches = self.scene, self.sequence.sampler, self.instances["patch"].tolist()
+        models = Counter(sampler.models[index].name for index in scene.model.tolist())
+        images = Counter(sampler.patches[index].source for index in patches)
+        return {
+            "sequence": self.sequence.number,
+            "frame": self.frame,
+            **({"view": self.view} if len(self.views) > 1 else {}),
+            **({} if self.recipe is None else {"recipe": self.recipe}),
+            "background": self.sequence.static.background,
+            **({"sky": True} if scene.sky.any() else {}),
+            **({} if scene.projector is None else {"projector": projector_record(scene.projector)}),
+            "near_m": scene.near_m,
+            "camera": scene.camera.values(deviation=not sampler.config.rig.none()),
+            "camera_from_world": scene.camera_from_world[:3].tolist(),
+            "models": dict(sorted(models.items())),
+            "images": dict(sorted(images.items())),
+            "patches": sorted(set(patches)),
+        }
 
-        return particles_at(camera, slots, release, frame * self._config.sequence.frame_s, generation)
-
-    def _sampled_models(self, generators: _Generators, generation: Ints, slot: Ints) -> Ints:
-        """Return the number, (N,), of the library's model that each of N slots shows in its generation."""
-        chance = generators.per_slot(Purpose.SHAPE, generation, slot, 1)[:, 0]
-        return self._model_library.drawn[choose(self._ends, chance)]
+    def instance_table(self) -> list[dict[str, Any]]:
+        """Return a row for each instance, in JSON's types; row k describes id k + 1 of the output ``instances``."""
+        models = self.sequence.sampler.models
+        return [
+            {
+                "model": models[row["model"]].name,
+                "patch": int(row["patch"]),
+                # In a dataset's files, "still" tells walls, grounds and panels from furniture and particles.
+                "still": bool(row["model"] < len(SURFACE_MODELS)),
+                **({"resting": True} if row["resting"] else {}),
+                **({"sky": True} if row["sky"] else {}),
+                "world_from_model": row["pose"][:3].tolist(),
+            }
+            for row in self.instances
+        ]

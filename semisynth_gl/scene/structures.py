@@ -65,8 +65,11 @@ def take_stock(library: ModelLibrary) -> Catalogue:
     names = np.array([library.models[number].name for number in drawn])
     by_name = {str(name): len(SURFACE_MODELS) + drawn[names == name] for name in np.unique(names)}
     models = (*SURFACE_MODELS, *library.models)
-    boxes = np.array([(mesh.positions.min(axis=0), mesh.positions.max(axis=0)) for mesh in models], np.float64)
-    return Catalogue(models, by_name, boxes[:, 0], boxes[:, 1])
+    boxes, uv = (
+        np.array([(array.min(axis=0), array.max(axis=0)) for array in arrays], np.float64).swapaxes(0, 1)
+        for arrays in ([mesh.positions for mesh in models], [mesh.uv for mesh in models])
+    )
+    return Catalogue(models, by_name, *boxes, *uv)
 
 
 def sample_static_scene(

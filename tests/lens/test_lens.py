@@ -14,9 +14,7 @@ from tiny_datasets import EYE, LENS, cheap, with_lens
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.config import load_config
-from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.dataset.generate import generate
-from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Deviation, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, VISIBLE
 from semisynth_gl.frame.frame import Frame
@@ -60,11 +58,11 @@ def test_the_formulas_are_opencvs(name):
     rng = np.random.default_rng(0)
     points = np.c_[rng.uniform(-0.5, 0.5, (50, 2)), np.ones(50)] * rng.uniform(1, 5, (50, 1))
     vector, _ = cv2.Rodrigues(np.array(raw.rotation).T)
-    project = cv2.fisheye.projectPoints if name == "fisheye" else cv2.projectPoints
+    lens = vector, np.zeros(3), raw.matrix, np.array(raw.distortion)
     if name == "fisheye":
-        expected, _ = project(points[:, None], vector, np.zeros(3), raw.matrix, np.array(raw.distortion))
+        expected, _ = cv2.fisheye.projectPoints(points[:, None], *lens)
     else:
-        expected, _ = project(points, vector, np.zeros(3), raw.matrix, np.array(raw.distortion))
+        expected, _ = cv2.projectPoints(points, *lens)
     pinhole = pinhole_of(CAMERA, "left")
     seen = points @ pinhole.T
     x, y = raw.raw(pinhole, seen[:, 0] / seen[:, 2], seen[:, 1] / seen[:, 2])
@@ -82,11 +80,10 @@ def test_positions_come_back_by_opencvs_undistort_points(name):
         back = cv2.fisheye.undistortPoints(there, raw.matrix, np.array(raw.distortion), **keys)
     else:
         criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-12)
-        undistort = getattr(cv2, "undistortPointsIter", None)
-        if undistort is None:
-            back = cv2.undistortPoints(there, raw.matrix, np.array(raw.distortion), criteria=criteria, **keys)
+        if hasattr(cv2, "undistortPointsIter"):  # OpenCV 4
+            back = cv2.undistortPointsIter(there, raw.matrix, np.array(raw.distortion), keys["R"], keys["P"], criteria)
         else:
-            back = undistort(there, raw.matrix, np.array(raw.distortion), keys["R"], keys["P"], criteria)
+            back = cv2.undistortPoints(there, raw.matrix, np.array(raw.distortion), criteria=criteria, **keys)
     np.testing.assert_allclose(back[:, 0], np.c_[x, y], atol=1e-3)
 
 
@@ -275,19 +272,15 @@ def test_imperfections_are_those_of_the_raw_image():
     assert (plain[0].left.image.astype(float) - plain[1].left.image).std() > 5.0
 
 
-@pytest.mark.parametrize("cx_px", [4, 59])
-def test_light_is_missing_around_the_raw_cameras_principal_point(cx_px):
-    lens = {eye: {"fx_px": 140, "cx_px": cx_px, "distortion": [0, 0, 0, 0]} for eye in EYES}
+def test_light_is_missing_around_the_raw_cameras_principal_point():
+    lens = {eye: {"fx_px": 140, "cx_px": 4, "distortion": [0, 0, 0, 0]} for eye in EYES}
     dark, full = (render_pair(with_lens(lens=lens, imperfections={"vignetting": share}), 0) for share in (0.6, 0))
     for eye in EYES:
         seen = (full.view(eye).valid == VISIBLE) & (full.view(eye).image[..., 1] > 60)
         columns = np.flatnonzero(seen.any(axis=0))
-        first, last = (columns[: len(columns) // 3], columns[-len(columns) // 3 :])
-        near, far = (first, last) if cx_px == 4 else (last, first)
-        shares = [
-            (dark.view(eye).image[..., 1] / np.maximum(full.view(eye).image[..., 1], 1))[:, part][seen[:, part]].mean()
-            for part in (near, far)
-        ]
+        light = dark.view(eye).image[..., 1] / np.maximum(full.view(eye).image[..., 1], 1)
+        near, far = columns[: len(columns) // 3], columns[-len(columns) // 3 :]
+        shares = [light[:, part][seen[:, part]].mean() for part in (near, far)]
         assert shares[0] > shares[1] + 0.05
 
 
@@ -303,16 +296,6 @@ def test_a_pair_says_its_lens_and_sequences_keep_it():
     assert (raw.cx_px, raw.cy_px) == (31.5, 23.5)
     again = render_pair(config, 3)
     np.testing.assert_array_equal(again.right.image, pairs[0].frame.right.image)
-
-
-@pytest.mark.parametrize("focal_px", [110, 300])
-def test_baselines_share_the_left_image(focal_px):
-    lens = {"raw_width_px": 130, "raw_height_px": 100, "left": EYE | {"fx_px": focal_px}}
-    config = with_lens(camera={"baselines": 2, "baseline_m": [0.1, 0.2]}, lens=lens)
-    with PairRenderer(config, 0) as renderer:
-        first, second = (renderer.render(index).frame for index in (0, 1))
-        np.testing.assert_array_equal(first.left.image, second.left.image)
-        np.testing.assert_array_equal(renderer.render(1).frame.right.image, second.right.image)
 
 
 @pytest.mark.parametrize(
@@ -348,24 +331,6 @@ def test_a_scaled_config_has_the_scaled_lens(tmp_path):
     assert lens.left.distortion[0].low == -0.3
 
 
-DEVIATING = {"right_roll_deg": 0.5, "right_y_px": 1}
-
-
-@pytest.mark.parametrize(
-    ("layout", "rig"), [*((layout, {}) for layout in LAYOUTS), ("middlebury", DEVIATING), ("webdataset", DEVIATING)]
-)
-def test_each_layout_keeps_what_verify_accepts(tmp_path, layout, rig):
-    config = with_lens(rig=rig) if layout != "kitti" else cheap(lens=LENS, outputs=["visibility", "valid", "instances"])
-    generate(config, tmp_path / "d", 2, layout=layout)
-    assert not all_findings(tmp_path / "d")
-    frame = next(iter(open_dataset(tmp_path / "d")))
-    expected = render_pair(config, 0)
-    for eye in EYES:
-        np.testing.assert_array_equal(frame.view(eye).valid, expected.view(eye).valid)
-        seen = (view.view(eye).visibility == VISIBLE for view in (frame, expected))
-        np.testing.assert_array_equal(*seen)
-
-
 # Motion that carries points into and out of borders.
 MOVING = {"sequence": {"length": 2}, "camera": {"sway_m": 0.1, "sway_deg": 6}}
 FLOWS = ["visibility", "valid", "flow", "flow_backward", "disparity_change"]
@@ -386,8 +351,7 @@ def test_masks_of_flow_leave_out_what_the_sensor_did_not_see():
             np.testing.assert_array_equal(seen.view(eye)[f"{name}_visibility"], expected)
 
 
-@pytest.mark.parametrize("border_disparity", [True, False])
-@pytest.mark.parametrize("files", [{}, {"flow": "png16", "disparity": "png16"}], ids=str)
+@pytest.mark.parametrize(("border_disparity", "files"), [(True, {"flow": "png16"}), (False, {})], ids=str)
 def test_verify_finds_masks_and_changes_that_ignore_the_lens(tmp_path, border_disparity, files):
     config = with_lens(outputs=FLOWS, files=files, lens={"border_disparity": border_disparity}, **MOVING)
     generate(config, tmp_path / "d", 2, layout="middlebury")
@@ -434,7 +398,6 @@ def without_borders(**changes):
 @pytest.mark.parametrize(
     "changes",
     [
-        {},
         {"truth": "left"},
         {"camera": {"doffs_px": 4}, "disparity": {"signed": True}, "background": {"cuboid": 0, "plane": 1, "sky": 1}},
         {"rig": {"right_roll_deg": 0.5, "right_y_px": 1}},

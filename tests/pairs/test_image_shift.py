@@ -11,7 +11,7 @@ from semisynth_gl.frame.raw_camera import RawCamera, rotation_of
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.lens.chain import LensChain, scaled_camera
-from semisynth_gl.pairs.exposure import exposed, moments
+from semisynth_gl.pairs.exposure import expose, moments
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.background import FACE
@@ -64,8 +64,7 @@ def drawn(mode, backend, poses=(), away=0.0, uv_away=0.0, camera=CAMERA):
     layer[0, ..., :3] = np.rint(waves(*np.meshgrid(texel, texel)))
     with Renderer([plane], layer, wrap="repeat", outputs=(), antialias=mode, backend=backend) as renderer:
         frame = renderer.render(scene)
-        images = {eye: frame.view(eye).image for eye in ("left", "right")}
-        images = exposed(renderer, images, scene, [replace(scene, camera_from_world=pose) for pose in poses])
+        images = expose(renderer, [replace(scene, camera_from_world=pose) for pose in poses] or [scene], EYES)
         return Frame.from_arrays(frame.camera, frame.arrays() | images)
 
 
@@ -111,18 +110,6 @@ def waves(u, v):
     return np.stack([127.5 + AMPLITUDE * np.sin(2 * np.pi * (a * u + b * v)) for a, b in WAVES], axis=-1)
 
 
-def test_the_shift_of_a_shifted_image():
-    y, x = np.mgrid[:60, :80].astype(float)
-
-    def image(x, y):
-        return 90 + 50 * np.sin(x / 5) * np.cos(y / 7 + x / 40)
-
-    expected = image(x, y)
-    gradients = [(image(x + dx, y + dy) - image(x - dx, y - dy)).ravel() for dx, dy in ((0.5, 0), (0, 0.5))]
-    moved = 0.9 * image(x - 0.03, y + 0.02) + 4
-    assert shift_px(moved.ravel(), expected.ravel(), *gradients) == pytest.approx((0.03, -0.02), abs=1e-3)
-
-
 @pytest.mark.parametrize("mode", ["none", "edges", "ssaa2", "ssaa3"])
 def test_images_lie_on_their_truth(backend, mode):
     try:
@@ -132,7 +119,7 @@ def test_images_lie_on_their_truth(backend, mode):
     assert shift < (0.001 if mode == "none" else 0.01)
 
 
-@pytest.mark.parametrize(("away", "uv_away"), [(8e3, 0), (1.049e6, 0), (1e7, 0), (40.0, 40.0), (0, 1e3), (0, 1e6)])
+@pytest.mark.parametrize(("away", "uv_away"), [(8e3, 0), (1e7, 0), (40.0, 40.0), (0, 1e6)])
 def test_images_lie_on_their_truth_however_far_a_model_stands_from_its_origin(backend, away, uv_away):
     frame = drawn("none", backend, away=away, uv_away=uv_away)
     near = drawn("none", backend)
@@ -157,13 +144,9 @@ OF_LEVELS = {"vignetting", "exposure_stops", "white_balance", "gamma"}
     "values",
     [
         {"blur_px": 2.0},
-        {"vignetting": 0.5},
-        {"exposure_stops": -0.7},
-        {"white_balance": (0.5, -0.5)},
-        {"noise": 8.0},
-        {"gamma": 1.5},
-        {"sharpening": 2.0},
-        *({"jpeg_quality": quality} for quality in (30, 50, 90)),
+        {"vignetting": 0.5, "exposure_stops": -0.7, "white_balance": (0.5, -0.5)},
+        {"gamma": 1.5, "sharpening": 2.0},
+        {"jpeg_quality": 30},
         {"vignetting": 0.3, "noise": 4.0, "gamma": 0.8, "sharpening": 1.0, "jpeg_quality": 80},
     ],
     ids=",".join,

@@ -73,7 +73,7 @@ def test_each_pair_is_that_of_a_rig_of_its_baseline_alone_bit_for_bit(backend, c
             for index, part in ((4, None), (3, None), (0, None), (5, crop), (3, crop), (1, crop), (2, None)):
                 frame = pairs.render(index, crop=part).frame
                 sampled = pairs.sampler.sample(index)
-                motions = {"future": pairs.sampler.motion(sampled, 1), "past": pairs.sampler.motion(sampled, -1)}
+                motions = {"future": sampled.motion(1), "past": sampled.motion(-1)}
                 assert sampled.scene.camera.baseline_m == SEVERAL[index % 3]
                 assert_same(frame, alone.render(sampled.scene, part, **motions), f"of pair {index}")
 

@@ -191,9 +191,7 @@ def test_flow_is_the_oracles_at_a_hundred_pixels_of_motion(backend):
                 same = np.abs(rendered - oracle.disparity_px(sampled.scene.camera, hits)) < 1e-3
                 assert same.mean() > 0.995
                 for name, step in (("flow", 1), ("flow_backward", -1)):
-                    expected = oracle.flow(
-                        sampled.scene, models, renderer.sampler.motion(sampled, step), eye, x, y, hits
-                    )
+                    expected = oracle.flow(sampled.scene, models, sampled.motion(step), eye, x, y, hits)
                     flow = pair.frame.view(eye)[name][row, column]
                     seen = np.isfinite(expected.flow_px).all(axis=1) & same
                     assert np.array_equal(np.isfinite(flow).all(axis=1)[same], seen[same])
@@ -293,7 +291,7 @@ def test_a_motion_leads_to_the_frame_that_is_rendered_next():
         sampler = renderer.sampler
     for index, step in ((0, 1), (1, 1), (1, -1), (2, -1), (300, 1)):
         sampled, then = sampler.sample(index), sampler.sample(index + step)
-        motion = sampler.motion(sampled, step)
+        motion = sampled.motion(step)
         np.testing.assert_array_equal(motion.scene.world_from_model, then.scene.world_from_model)
         np.testing.assert_array_equal(motion.scene.camera_from_world, then.scene.camera_from_world)
         there = motion.instance >= 0
@@ -311,8 +309,8 @@ def test_motion_goes_on_beyond_both_ends_of_a_sequence():
     with PairRenderer(moving(), 4) as renderer:
         sampler = renderer.sampler
     first, last = sampler.sample(0), sampler.sample(2)
-    before, after = sampler.motion(first, -1), sampler.motion(last, +1)
-    far = [sampler.motion(first, -step) for step in (400, 900)]
+    before, after = first.motion(-1), last.motion(+1)
+    far = [first.motion(-step) for step in (400, 900)]
     for sampled, motion in ((first, before), (last, after)):
         still = sampled.instances["slot"] < 0
         np.testing.assert_array_equal(motion.world_from_model[still], sampled.scene.world_from_model[still])

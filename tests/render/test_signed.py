@@ -78,7 +78,7 @@ def test_truth_is_the_oracles(backend, doffs_px, sky, kind, signed):
     config = open_scenes(doffs_px, sky, kind, signed=signed, more=MOVING)
     with PairRenderer(config, SEED, backend) as renderer:
         pair, sampled = renderer.render(0), renderer.sampler.sample(0)
-        scene, models, motion = sampled.scene, renderer.sampler.models, renderer.sampler.motion(sampled, +1)
+        scene, models, motion = sampled.scene, renderer.sampler.models, sampled.motion(+1)
     assert scene.sky.any() == (sky > 0)
     least, has_disparity = [], signed or doffs_px < 0
     for eye in EYES:
@@ -348,8 +348,8 @@ def test_a_share_of_the_open_scenes_has_a_sky_and_nothing_else_changes():
         config = open_scenes(0.0, sky, outputs=("instances",), more={"structures.panels": 2})
         with PairRenderer(config, SEED) as renderer:
             sampled = [renderer.sampler.sample(index) for index in range(20)]
-            tables = [renderer.sampler.instance_table(one) for one in sampled]
-            facts = [renderer.sampler.provenance(one).get("sky") for one in sampled]
+            tables = [one.instance_table() for one in sampled]
+            facts = [one.provenance().get("sky") for one in sampled]
             scenes.append([one.scene for one in sampled])
         assert facts == [True if scene.sky.any() else None for scene in scenes[-1]]
         assert [[row.get("sky", False) for row in rows] for rows in tables] == [s.sky.tolist() for s in scenes[-1]]

@@ -15,17 +15,13 @@ from semisynth_gl.config.scene_sections import ParticlesSection
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry import model_library
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
-from semisynth_gl.geometry.mesh import make_mesh, normalised
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.geometry.silhouette import height_map, mean_silhouette
-from semisynth_gl.histogram import Histogram, PixelCount, mix_histograms, total_variation, wasserstein_px
+from semisynth_gl.geometry.silhouette import mean_silhouette
+from semisynth_gl.histogram import Histogram, PixelCount, total_variation, wasserstein_px
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, solve_coverage
 from semisynth_gl.scene.disparity_solver import DisparitySolver, poisson_counts
-from semisynth_gl.scene.glance import glance
-from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.particles import Sizes, expected_cover, stated_layers
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SceneSampler
@@ -69,24 +65,6 @@ def test_distances_are_symmetric_and_bounded(one, other):
     assert a.rebinned(edges).shares == pytest.approx(a.shares)
 
 
-@given(shares, st.lists(st.floats(-1, 9), min_size=2, max_size=20, unique=True), st.integers(0, 3))
-def test_shares_in_other_bins_are_never_negative(weights, edges, empty):
-    """Bins that nothing falls in come out as 0, or they could not be mixed; sums of floats may end above 1."""
-    counts = [*weights, *[0] * empty]
-    rebinned = Histogram.from_counts(np.linspace(0, 7, len(counts) + 1), counts).rebinned(sorted(edges))
-    assert (rebinned.shares >= 0).all()
-    assert rebinned.shares.sum() == pytest.approx(1)
-
-
-def test_histograms_whose_last_bins_are_empty_are_mixed():
-    rng = np.random.default_rng(0)
-    edges = np.linspace(0, 95, 20)
-    for _ in range(200):
-        parts = [Histogram.from_counts(edges, [*rng.random(18), 0]) for _ in range(4)]
-        mix = mix_histograms([(0.25, part) for part in parts], np.linspace(0, 95, 96))
-        assert mix.shares[-5:] == pytest.approx(0, abs=1e-15)
-
-
 def test_pixels_beyond_the_edges_count_in_the_outer_bins():
     count = PixelCount([0, 10, 20])
     count.add(np.array([[-1, 3, np.inf], [15, 99, np.nan]]))
@@ -126,26 +104,17 @@ def test_a_gamma_has_its_mean_and_spread():
 @pytest.mark.parametrize(
     ("form", "message"),
     [
-        ({"form": "histogram", "bin_px": 50, "shares": [1, 1, 1, 1, 1, 1, 1, 1]}, r"25\.0% above"),
         ({"form": "uniform", "low_px": 200, "high_px": 500}, r"66\.7% above"),
         (
             {"form": "histogram", "bin_px": 1, "first_px": -5, "shares": [1, 1, 1, 1, 1, 1, 98]},
             "% of the pixels below and 0.0%",
         ),
-        ({"form": "gamma", "mean_px": 5000, "spread_px": 50}, r"100\.0% above"),
-        ({"form": "uniform", "high_px": 3}, "expected low_px < high_px, got 4 and 3"),
         ({"form": "histogram", "bin_px": 10, "shares": [0, 0]}, "above 0"),
-        ({"form": "gama", "mean_px": 1}, "gamma"),
     ],
 )
 def test_targets_that_no_scene_can_show_are_refused(form, message):
     with pytest.raises(InputError, match=message):
         target(form)
-
-
-def test_depths_beyond_infinity_have_no_distribution():
-    with pytest.raises(InputError, match="needs a min_px above 10"):
-        target({"form": "uniform-depth"}, **{"camera.doffs_px": -10.0})
 
 
 def test_narrow_bins_are_merged_for_layers():
@@ -172,11 +141,6 @@ def test_more_particles_than_allowed_are_refused_where_no_size_helps():
         SceneSampler(config, 0, library, PATCH).sample(0)
 
 
-def test_a_density_beyond_the_largest_number_of_particles_is_refused():
-    with pytest.raises(InputError, match=r"particles.* density goes up to 60 .* most allows 50"):
-        load_config("middlebury", ["particles.density=[20,60]", "particles.most=50"])
-
-
 @settings(max_examples=20)
 @given(st.floats(-1, 2.3), st.floats(0.01, 0.97), st.floats(0, 1))
 def test_narrow_ranges_meet_their_target(magnitude, width, doffs):
@@ -194,11 +158,6 @@ def test_narrow_ranges_meet_their_target(magnitude, width, doffs):
     assert 0 < (scene.instances["slot"] >= 0).sum() <= config.particles.most
 
 
-def test_another_form_takes_the_place_of_the_first():
-    config = load_config("middlebury", ["disparity.target.form=uniform"])
-    assert config.disparity.target.form == "uniform"
-
-
 def test_a_file_is_read_beside_its_config(tmp_path):
     (tmp_path / "wanted.csv").write_text("low_px,high_px,share\n# a comment\n4,24,1\n24,64,3\n")
     (tmp_path / "mine.yaml").write_text(
@@ -213,16 +172,13 @@ def test_a_file_is_read_beside_its_config(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (None, "No such file"),
         ("low_px,high_px,share\n", "expected lines low_px,high_px,share"),
         ("0,10,1\n20,30,1\n", r"wanted\.csv: .* got 20,30,1"),
         ("0,10,x\n", r"wanted\.csv: .*'x'"),
-        ("0,10,-1\n", r"wanted\.csv: .* got 0,10,-1"),
     ],
 )
 def test_files_that_are_no_histogram_are_told_of(tmp_path, text, message):
-    if text is not None:
-        (tmp_path / "wanted.csv").write_text(text)
+    (tmp_path / "wanted.csv").write_text(text)
     with pytest.raises(InputError, match=message):
         load_config("sceneflow", {"disparity.target": {"form": "file", "path": str(tmp_path / "wanted.csv")}})
 
@@ -264,21 +220,6 @@ def test_silhouettes_of_a_ball_and_a_cube():
     # A convex body shows a quarter of its surface on average (Cauchy): 6 a^2 / 4 with a = 2 / sqrt(3).
     cube = mean_silhouette([SIMPLE_KINDS["cube"](rng)], np.array([1.0]), RIGID, rng)
     assert cube.fill == pytest.approx(2 / np.pi, rel=0.02)
-
-
-def test_a_height_map_shows_the_nearest_surface():
-    low, high = [[-1, -1, -0.5], [1, -1, -0.5], [0, 1, -0.5]], [[-1, -1, 0.25], [0, -1, 0.25], [-1, 0, 0.25]]
-    mesh = normalised(make_mesh("two", np.array(low + high), np.zeros((6, 2)), [[0, 1, 2], [3, 4, 5]]))
-    seen = height_map(mesh, np.eye(3), 32)
-    scale = (
-        1
-        / np.linalg.norm(
-            np.array(low + high) - (np.array(low + high).max(0) + np.array(low + high).min(0)) / 2, axis=1
-        ).max()
-    )
-    values = np.unique(np.round(seen[np.isfinite(seen)], 5))
-    assert len(values) == 2
-    assert values[1] - values[0] == pytest.approx(0.75 * scale, rel=0.2)
 
 
 def test_expected_cover_is_what_thrown_discs_cover():
@@ -359,30 +300,6 @@ def test_layers_without_disparities_stand_where_most_wanted_pixels_are():
     assert (stated.disparity_px.low, stated.disparity_px.high) == (1, 2)
 
 
-@pytest.mark.parametrize(
-    ("background", "particles"),
-    [
-        ({}, {}),
-        ({"cuboid": 0, "plane": 1, "plane_disparity_px": [2, 4]}, {"density": "sparse"}),
-        ({}, {"layers": [{"count": [10, 30]}]}),
-    ],
-)
-def test_a_mix_says_how_many_objects_and_how_much_background_it_shows(background, particles):
-    config = tiny(particles=particles, background=background, models={"complex": 0})
-    library = build_library(config.models, config.particles, Split(0))
-    sampler, still, counts = SceneSampler(config, 0, library, PATCH), [], []
-    for index in range(48):
-        scene = sampler.sample(index).scene
-        counts.append(count_in_view(scene))
-        if index % 4 == 0:
-            instance = glance(scene, sampler.models).instance
-            still.append((scene.model[instance] < len(SURFACE_MODELS)).mean())
-    expected = sampler.disparity_solver.in_view()
-    assert expected.objects == pytest.approx(np.mean(counts), rel=0.15)
-    assert expected.still == pytest.approx(np.mean(still), abs=0.07)
-    assert MixSampler(config, 0, [library], PATCH).in_view() == [expected]
-
-
 @pytest.mark.parametrize("density", ["sparse", "dense", 100.0])
 def test_density_shares_the_area_out_to_more_or_fewer(density):
     config = tiny(particles={"density": density})
@@ -408,12 +325,6 @@ def test_a_range_of_densities_gives_each_sequence_a_number_of_its_own():
     assert total_variation(solver.target, solver.expected()) < 0.05
 
 
-def test_a_range_of_one_density_is_that_density():
-    one, same = (load_config("middlebury", {"particles.density": each}) for each in (30, [30, 30.0]))
-    assert one.digest() == same.digest()
-    assert one.model_dump(mode="json")["particles"]["density"] == 30.0
-
-
 def test_fewer_objects_than_can_cover_the_target_are_refused():
     config = tiny(particles={"density": 5.0})
     library = build_library(config.models, config.particles, Split(0))
@@ -426,11 +337,6 @@ def test_more_objects_than_can_be_made_are_refused():
     library = build_library(config.models, config.particles, Split(0))
     with pytest.raises(InputError, match=r"density: 100000 objects .* 0\.05 of the stated sizes"):
         SceneSampler(config, 0, library, PATCH).sample(0)
-
-
-def test_density_and_stated_layers_contradict_each_other():
-    with pytest.raises(InputError, match="give either density or layers"):
-        load_config("middlebury", ["particles={density: sparse, layers: [{disparity_px: 20, count: 3}]}"])
 
 
 def test_clutter_is_counted_in_what_the_target_asks_for():
@@ -487,7 +393,7 @@ def street():
     return structured(ground=1.0, panels=[2, 4], panel_disparity_px=[10, 185], panel_size_px=[200, 900])
 
 
-@pytest.mark.parametrize("index", range(4))
+@pytest.mark.parametrize("index", range(2))
 def test_structures_stay_beyond_the_near_plane(street, index):
     scene = street.sample(index).scene
     models = [SURFACE_MODELS[m].name for m in scene.model if m < len(SURFACE_MODELS)]
@@ -529,49 +435,7 @@ def test_panels_are_slanted_and_curved():
         assert 30 - 1e-6 <= np.rad2deg(np.arccos(abs(normal[2]))) <= 60 + 1e-6
 
 
-def test_without_structures_nothing_but_the_background_stands_still():
-    scene = structured().sample(0).scene
-    assert (scene.model < len(SURFACE_MODELS)).sum() == 1
-    assert SURFACE_MODELS[0] is FACE
-
-
 # Models
-
-
-def test_kinds_have_weights_within_their_family():
-    section = load_config("middlebury", {"models.kinds": {"cube": 0, "sphere": 7}, "models.variants": 1}).models
-    library = build_library(section, ParticlesSection(), Split(0))
-    chance = {mesh.name: c for mesh, c in zip(library.models, library.chances, strict=True)}
-    assert "cube" not in chance
-    assert chance["sphere"] == pytest.approx(7 * chance["cone"])
-    assert sum(chance[name] for name in ("sphere", "cone")) < 0.5 + 1e-9
-    with pytest.raises(InputError, match="did you mean chair"):
-        build_library(load_config("middlebury", {"models.kinds": {"chiar": 1}}).models, ParticlesSection(), Split(0))
-
-
-# One kind of each family is quickly built.
-FEW = dict.fromkeys([*SIMPLE_KINDS, *COMPLEX_KINDS], 0) | {"cube": 1, "table": 1}
-
-
-@pytest.mark.parametrize(
-    ("count", "weights", "share"),
-    [
-        (2, {}, 2 / 25 / (2 + 2 / 25)),  # about as much as two of the 50 built-in kinds
-        (30, {}, 1 / 3),
-        (2, {"user": 25.0}, 1 / 2),
-        (2, {"simple": 0.0, "complex": 0.0}, 1.0),
-    ],
-)
-def test_a_few_models_of_the_users_are_a_few_of_all(monkeypatch, count, weights, share):
-    cube = SIMPLE_KINDS["cube"](np.random.default_rng(0))
-    own = [replace(cube, name=f"{number}.obj") for number in range(count)]
-    # Reading files takes a process; tests/geometry/test_geometry_model_files.py reads them.
-    monkeypatch.setattr(model_library, "load_models", lambda _: (own, []))
-    keys = {"variants": 1, "folders": ["absent"], "kinds": FEW} | weights
-    section = load_config("middlebury", {f"models.{key}": value for key, value in keys.items()}).models
-    library = build_library(section, ParticlesSection(), Split(0))
-    assert library.user_count == count == sum(mesh.name.endswith(".obj") for mesh in library.models)
-    assert library.chances[:count] == pytest.approx([share / count] * count)
 
 
 def test_thin_models_are_thin():
@@ -581,3 +445,33 @@ def test_thin_models_are_thin():
     ratio = scale[:, 2] / scale[:, 0]
     assert (ratio > 0.049).all()
     assert (ratio < 0.101).all()
+
+
+def test_kinds_have_weights_within_their_family():
+    section = load_config("middlebury", {"models.kinds": {"cube": 0, "sphere": 7}, "models.variants": 1}).models
+    library = build_library(section, ParticlesSection(), Split(0))
+    chance = {mesh.name: c for mesh, c in zip(library.models, library.chances, strict=True)}
+    assert "cube" not in chance
+    assert chance["sphere"] == pytest.approx(7 * chance["cone"])
+    assert sum(chance[name] for name in ("sphere", "cone")) < 0.5 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("count", "weights", "share"),
+    [
+        (2, {}, 2 / 25 / (2 + 2 / 25)),  # about as much as two of the 50 built-in kinds
+        (30, {}, 1 / 3),
+        (2, {"user": 25.0}, 1 / 2),
+    ],
+)
+def test_a_few_models_of_the_users_are_a_few_of_all(monkeypatch, count, weights, share):
+    cube = SIMPLE_KINDS["cube"](np.random.default_rng(0))
+    own = [replace(cube, name=f"{number}.obj") for number in range(count)]
+    # Reading files takes a process; tests/geometry/test_geometry_model_files.py reads them.
+    monkeypatch.setattr(model_library, "load_models", lambda _: (own, []))
+    few = dict.fromkeys([*SIMPLE_KINDS, *COMPLEX_KINDS], 0) | {"cube": 1, "table": 1}
+    keys = {"variants": 1, "folders": ["absent"], "kinds": few} | weights
+    section = load_config("middlebury", {f"models.{key}": value for key, value in keys.items()}).models
+    library = build_library(section, ParticlesSection(), Split(0))
+    assert library.user_count == count == sum(mesh.name.endswith(".obj") for mesh in library.models)
+    assert library.chances[:count] == pytest.approx([share / count] * count)

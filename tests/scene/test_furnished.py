@@ -21,13 +21,11 @@ from semisynth_gl.scene.arrangement import Arrangement, camera_over_floor
 from semisynth_gl.scene.background import FACE, GROUND, grid_px
 from semisynth_gl.scene.glance import glance
 from semisynth_gl.scene.instances import Instances, to_scene
-from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import NO_SWAY, near_depth_m
 from semisynth_gl.scene.room import DOORWAYS, NICHES, sample_room
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import Scene, make_scene
-from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.scene.street import sample_street
 from semisynth_gl.scene.structures import SURFACE_MODELS, StaticScene, sample_static_scene, take_stock
 from semisynth_gl.seeds.seeds import generator
@@ -417,42 +415,6 @@ def test_a_swaying_camera_sees_no_end_of_the_scene(kind: str) -> None:
         for eye in EYES:
             depth_m = cast_rays(closed, sampler.models, eye, x.ravel(), y.ravel()).depth_m
             assert np.isfinite(depth_m).all(), (index, eye)
-
-
-def test_a_room_is_the_same_in_a_mix_as_alone() -> None:
-    room = "background: {cuboid: 0, room: 1}, models: {simple: 0}"
-    other = "{recipe: other, particles: {layers: []}, models: {complex: 0}}"
-    base = [*CLUTTER_ALONE, "particles.layers=[]", "models.variants=2"]
-    mix = load_config("middlebury", [*base, f"scenes=[{other}, {{recipe: room, {room}}}]"])
-    alone = load_config("middlebury", [*base, "background.cuboid=0", "background.room=1", "models.simple=0"])
-    mixed = MixSampler(mix, 3, recipe_libraries(mix, Split(3)), PATCH)
-    sampler = MixSampler(alone, 3, recipe_libraries(alone, Split(3)), PATCH)
-    rooms = [index for index in range(8) if mixed.sample(index).recipe == "room"]
-    assert len(rooms) >= 2
-    for index in rooms:
-        ours, theirs = mixed.sample(index).scene, sampler.sample(index).scene
-        for name in ("world_from_model", "uv_scale", "uv_offset", "layer"):
-            np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
-        shapes = [
-            [each.models[number].positions.tobytes() for number in scene.model]
-            for each, scene in ((mixed, ours), (sampler, theirs))
-        ]
-        assert shapes[0] == shapes[1]
-
-
-def test_any_frame_of_a_furnished_sequence_can_be_sampled_first() -> None:
-    config = furnished("middlebury", "room", "sequence.length=3", "camera.sway_m=0.01", "camera.sway_deg=1")
-    library = build_library(config.models, config.particles, Split(0))
-    samplers = [SceneSampler(config, 4, library, PATCH) for _ in range(2)]
-    forwards = [samplers[0].sample(index).scene for index in range(6)]
-    for index in (5, 0, 3):
-        again = samplers[1].sample(index).scene
-        np.testing.assert_array_equal(again.world_from_model, forwards[index].world_from_model)
-        np.testing.assert_array_equal(again.camera_from_world, forwards[index].camera_from_world)
-        np.testing.assert_array_equal(again.uv_offset, forwards[index].uv_offset)
-    # Things at rest do; only the camera moves.
-    np.testing.assert_array_equal(forwards[0].world_from_model, forwards[2].world_from_model)
-    assert not np.array_equal(forwards[0].camera_from_world, forwards[2].camera_from_world)
 
 
 @pytest.mark.parametrize(

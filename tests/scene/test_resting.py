@@ -12,9 +12,8 @@ from scenes import noise_layers
 from semisynth_gl import load_config
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.scene.resting import come_to_rest, triangles_of
+from semisynth_gl.scene.resting import come_to_rest, surfaces_below, triangles_of
 from semisynth_gl.scene.sampler import SceneSampler
-from semisynth_gl.scene.support import surfaces_below
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch
 
@@ -50,17 +49,10 @@ def test_models_at_rest_touch_what_was_below_them() -> None:
             heights = (vertices[:, [0, 2, 1]] * (1, 1, -1) - place) @ support.normal
             assert heights.min() == pytest.approx(0, abs=1e-9)
             touching += 1
-        rows = sampler.instance_table(sampled)
+        rows = sampled.instance_table()
         assert [row.get("resting", False) for row in rows] == sampled.instances["resting"].tolist()
         assert all(row["still"] is False for row in rows if "resting" in row)
     assert touching > 20
-
-
-def test_before_nothing_but_a_sky_all_fall() -> None:
-    sky = "background.sky=1", "background.plane=1", "background.cuboid=0", "particles.density=sparse"
-    sampled = sampler_of("particles.resting=1", *sky).sample(0)
-    assert sampled.instances["slot"].max() > 5
-    assert not sampled.instances["resting"].any()
 
 
 def test_those_that_fall_are_those_that_fall_without_it() -> None:
@@ -84,7 +76,7 @@ def test_they_stay_whatever_frame_is_sampled_first() -> None:
         again = other.sample(index)
         np.testing.assert_array_equal(again.scene.world_from_model, forwards[index].scene.world_from_model)
         np.testing.assert_array_equal(again.instances["resting"], forwards[index].instances["resting"])
-        motion = other.motion(again, +1)
+        motion = again.motion(+1)
         at_rest = again.instances["resting"]
         assert at_rest.sum() > 3
         # At rest in the world, whose camera sways; what falls does not stay.
@@ -124,7 +116,7 @@ def test_truth_of_a_moving_camera_over_models_at_rest_is_exact(open_renderer) ->
     renderer = open_renderer(sampler.models, noise_layers(1, 64), outputs=("flow", "instances"))
     sampled = sampler.sample(1)
     scene = sampled.scene
-    motion = sampler.motion(sampled, +1)
+    motion = sampled.motion(+1)
     left = renderer.render(scene, future=motion).left
     shown = np.isin(left.instances, 1 + np.flatnonzero(sampled.instances["resting"])) & np.isfinite(left.flow).all(
         axis=-1

@@ -63,11 +63,6 @@ def test_cameras_are_drawn_within_their_ranges():
     np.testing.assert_allclose(middle, (1500 - 1) / 2)
 
 
-def test_focal_length_in_millimetres():
-    section = small("camera.focal_mm=4", "camera.sensor_width_mm=6").camera
-    assert sample_camera(section, generator(0, Purpose.CAMERA)).focal_px == pytest.approx(4 / 6 * 150)
-
-
 def test_doffs_beyond_the_largest_disparity_are_refused():
     with pytest.raises(InputError, match=r"disparity\.min_px: 5 px lies beyond infinity"):
         near_depth_m(StereoCamera.centred(100, 100, 100.0, 0.1, -6.0), DISPARITY)
@@ -109,26 +104,6 @@ def test_a_ground_has_the_disparity_that_is_asked_for_whatever_the_rig(baseline_
     np.testing.assert_allclose(camera.disparity_px(hits.depth_m[:2]), drawn_px, rtol=1e-5)
 
 
-def test_a_ground_has_one_height(tmp_path):
-    path = tmp_path / "lab.yaml"
-    path.write_text("extends: middlebury\nstructures: {ground: 1, ground_disparity_px: [20, 80]}\n")
-    assert load_config(path).structures.ground_disparity_px == Range(20, 80)
-    assert load_config(path, ["structures.ground_height_m=3"]).structures.ground_disparity_px is None
-    assert load_config(path, ["structures.ground_height_m=3"]).structures.ground_height_m == Range(3, 3)
-    recipe = "scenes=[{recipe: a, structures: {ground_height_m: 3}}, {recipe: b}]"
-    heights = [recipe.config.structures.ground_disparity_px for recipe in load_config(path, [recipe]).recipes()]
-    assert heights == [None, Range(20, 80)]
-    path.write_text("extends: middlebury\nstructures: {ground_height_m: 3, ground_disparity_px: 20}\n")
-    with pytest.raises(
-        InputError, match=r"yaml:2: structures\.\w+: give either ground_height_m or ground_disparity_px, not"
-    ):
-        load_config(path)
-    camera, near = StereoCamera.centred(100, 100, 100.0, 0.1, -10.0), DisparitySection(min_px=20.0, max_px=150.0)
-    section = StructuresSection(ground=1, ground_disparity_px=Range(7, 7))
-    with pytest.raises(InputError, match=r"structures\.ground_disparity_px: 7 px lies beyond infinity"):
-        sample_structures(section, near, camera, 9.0, np.random.default_rng(0))
-
-
 def test_every_attempt_draws_everything_anew(library):
     sampler = SceneSampler(small(), 3, library, patches(400))
     first, again, second = sampler.sample(7, 1), sampler.sample(7, 1), sampler.sample(7, 2)
@@ -158,7 +133,7 @@ def planes(walls):
     return normal, (normal * walls["pose"][:, :3, 3]).sum(axis=1)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     st.integers(0, 2**31),
     st.floats(0, 40),
@@ -179,7 +154,7 @@ def test_no_wall_comes_nearer_than_the_largest_disparity(seed, turn, focal, doff
         assert camera.disparity_px(depth).max() <= DISPARITY.max_px
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**31))
 def test_faces_lie_in_their_planes_and_close_the_cuboid(seed):
     section = BackgroundSection(wall_disparity_px=Range(6, 40))
@@ -325,9 +300,9 @@ def test_scenes_of_an_ablation_differ_only_in_their_factor(names, factor):
 def test_frames_of_a_sequence_share_camera_and_background_and_move(library):
     sampler = SceneSampler(small("sequence.length=4", "sequence.frame_s=0.02"), 3, library, patches())
     first, second, next_sequence = (sampler.sample(index) for index in (4, 5, 8))
-    assert (first.sequence, first.frame, second.frame, next_sequence.sequence) == (1, 0, 1, 2)
+    assert (first.sequence.number, first.frame, second.frame, next_sequence.sequence.number) == (1, 0, 1, 2)
     assert first.scene.camera == second.scene.camera != next_sequence.scene.camera
-    assert first.static.background == "cuboid"
+    assert first.sequence.static.background == "cuboid"
     np.testing.assert_array_equal(first.scene.world_from_model[:6], second.scene.world_from_model[:6])
     assert len(first.scene) == len(second.scene) > 6
     moved = second.scene.world_from_model[6:, :3, 3] - first.scene.world_from_model[6:, :3, 3]
@@ -365,22 +340,6 @@ def test_texels_come_out_near_one_pixel(library):
     scale = np.linalg.norm(scene.world_from_model[6:, :3, :3], axis=1).mean(axis=1)
     pixels = scale * scene.camera.focal_px / scene.world_from_model[6:, 2, 3]
     np.testing.assert_allclose(scene.uv_scale[6:, 0] * 256 / pixels, 1)
-
-
-def test_families_are_drawn_by_their_weights():
-    config = small("models.simple=3", "models.complex=1", "models.variants=1")
-    library = build_library(config.models, config.particles, Split(0))
-    sampler = SceneSampler(config, 0, library, patches())
-    simple = 0
-    total = 0
-    for index in range(40):
-        names = [sampler.models[m].name for m in sampler.sample(index).scene.model[6:]]
-        total += len(names)
-        simple += sum(
-            name in {"cube", "cuboid", "sphere", "cone", "cylinder", "capsule", "torus", "pyramid", "prism"}
-            for name in names
-        )
-    assert simple / total == pytest.approx(0.75, abs=4 * np.sqrt(0.75 * 0.25 / total))
 
 
 @pytest.mark.parametrize(
