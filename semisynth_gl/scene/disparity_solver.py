@@ -167,15 +167,12 @@ class DisparitySolver:
             InputError: where the target cannot be met, see `sample`.
         """
         if self._solved:
-            shares = np.mean([aim.achieved for aim in self._mean_aims()], axis=0)
+            count = _QUANTILES if len(self._aims[1]) > 1 else 1
+            shares = np.mean([self._aim((k + 0.5) / count).achieved for k in range(count)], axis=0)
         else:
             below = np.mean([self._bare_shares(camera, bare_px) for camera, bare_px in self._pilots], axis=0)
             shares = np.diff(np.concatenate([[0.0], below, [1.0]]))
         return Histogram.from_counts(self.target.edges_px, shares)
-
-    def _mean_aims(self) -> list[_Aim]:
-        """Return the aims over which a dataset's mean is taken."""
-        return [self._aim((k + 0.5) / _QUANTILES) for k in range(_QUANTILES if len(self._aims[1]) > 1 else 1)]
 
     def _aim(self, quantile: float) -> _Aim:
         """Return the aim of a scene whose density is a quantile of the config's range, in [0, 1)."""
@@ -192,16 +189,17 @@ class DisparitySolver:
         """Rising numbers of objects in view, and the aim for each; only a range of densities has more than one."""
         density, sizes = self._config.particles.density, stated_sizes(self._config.particles)
         if density == "default":
-            return [0.0], [self._corrected(sizes)]
-        if isinstance(density, str):
-            wanted = _DENSITY[density] * self._in_view(sizes)
-            return [wanted], [self._corrected(sizes.scaled(self._scale(sizes, wanted, stated=False)))]
-        largest = self._scale(sizes, density.low, stated=True)
-        if density.low == density.high:
-            return [density.low], [self._corrected(sizes.scaled(largest))]
-        smallest = self._scale(sizes, density.high, stated=True)
-        scaled = [sizes.scaled(float(scale)) for scale in np.geomspace(largest, smallest, _DENSITIES)]
-        return [self._in_view(each) for each in scaled], [self._corrected(each) for each in scaled]
+            factors = [1.0]
+        elif isinstance(density, str):
+            factors = [self._scale(sizes, _DENSITY[density] * self._in_view(sizes), stated=False)]
+        else:
+            largest = self._scale(sizes, density.low, stated=True)
+            factors = [largest]
+            if density.low < density.high:
+                factors = np.geomspace(largest, self._scale(sizes, density.high, stated=True), _DENSITIES).tolist()
+        scaled = [sizes.scaled(factor) for factor in factors]
+        numbers = [self._in_view(each) for each in scaled] if len(scaled) > 1 else [0.0]
+        return numbers, [self._corrected(each) for each in scaled]
 
     def _scale(self, sizes: Sizes, wanted: float, *, stated: bool) -> float:
         """Return the factor of sizes at which a wanted number of objects is in the left view on average.

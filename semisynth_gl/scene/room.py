@@ -137,9 +137,7 @@ def _add_doorway(room: Arrangement, wall: Wall) -> None:
         low, high = _HOLES[place][0] - share * aside, _HOLES[place][1] + share * aside
         behind = _behind(wall, (low, 0.0), (high, 1.0), share * deep)
         if share * deep >= _SHALLOWEST_M * room.metre and _fits(room, behind):
-            room.add_rectangle(wall.corner, wall.right, wall.down, model=DOORWAYS[place])
-            wall.take(*_hole(place, _DOORWAY_ROWS))
-            _add_behind(room, behind)
+            _pierce(room, wall, DOORWAYS[place], _hole(place, _DOORWAY_ROWS), behind)
             return
     room.add_rectangle(wall.corner, wall.right, wall.down)
 
@@ -152,11 +150,19 @@ def _add_niche(room: Arrangement, wall: Wall) -> None:
     if not _fits(room, behind):
         room.add_rectangle(wall.corner, wall.right, wall.down)
         return
-    room.add_rectangle(wall.corner, wall.right, wall.down, model=NICHES[place])
-    wall.take(low, high)
-    _add_behind(room, behind)
+    _pierce(room, wall, NICHES[place], (low, high), behind)
     # The niche's floor, on which the things stand, lies a little below its hole.
     fill_niche(room, wall, low, (high[0], high[1] + _BEHIND), deep)
+
+
+def _pierce(room: Arrangement, wall: Wall, model: Mesh, hole: tuple[Corner, Corner], behind: list[_Rectangle]) -> None:
+    """Add a wall with a hole, and the rectangles that `_behind` returned; left and right side share a texture."""
+    room.add_rectangle(wall.corner, wall.right, wall.down, model=model)
+    wall.take(*hole)
+    *others, left, right = behind
+    for rectangle in others:
+        room.add_rectangle(*rectangle)
+    room.add_rectangle(*right, texture=room.add_rectangle(*left))
 
 
 def _fits(room: Arrangement, behind: list[_Rectangle]) -> bool:
@@ -181,11 +187,3 @@ def _behind(wall: Wall, low: Corner, high: Corner, deep: float) -> list[_Rectang
         (wall.at(left, top), out, down),
         (wall.at(right, top, deep), -out, down),
     ]
-
-
-def _add_behind(room: Arrangement, behind: list[_Rectangle]) -> None:
-    """Add the rectangles that `_behind` returned; the left and the right side share a texture."""
-    *others, left, right = behind
-    for rectangle in others:
-        room.add_rectangle(*rectangle)
-    room.add_rectangle(*right, texture=room.add_rectangle(*left))

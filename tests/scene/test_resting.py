@@ -7,17 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from samplers import sampler_of as make_sampler
 from scenes import noise_layers
 
 from semisynth_gl import load_config
 from semisynth_gl.geometry.mesh import make_mesh
-from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.resting import come_to_rest, surfaces_below, triangles_of
 from semisynth_gl.scene.sampler import SceneSampler
-from semisynth_gl.seeds.splits import Split
-from semisynth_gl.textures.atlas import Patch
 
-PATCH = (Patch("photo", 0, 0, 64, 0, 1, 10.0),)
 MOVING = ["sequence.length=3", "sequence.frame_s=2", "camera.sway_m=0.01", "camera.sway_deg=1"]
 GROUND = ["structures.ground=1", "structures.ground_disparity_px=[60,150]", "structures.panels=2"]
 
@@ -26,7 +23,7 @@ GROUND = ["structures.ground=1", "structures.ground_disparity_px=[60,150]", "str
 def sampler_of(*overrides: str) -> SceneSampler:
     few = "models.variants=1", "models.complex=0"
     config = load_config("middlebury", ["scenes=[]", "textures.large_px=0", *few, *overrides])
-    return SceneSampler(config, 3, build_library(config.models, config.particles, Split(3)), PATCH)
+    return make_sampler(config, 3)
 
 
 def test_models_at_rest_touch_what_was_below_them() -> None:

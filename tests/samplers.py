@@ -1,0 +1,31 @@
+"""Samplers of scenes, with the models of a config and with patches that nothing is cut for."""
+
+from functools import cache
+
+from semisynth_gl.config import Config, load_config
+from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.scene.arrangement import Catalogue
+from semisynth_gl.scene.sampler import SceneSampler
+from semisynth_gl.scene.structures import StaticScene, sample_static_scene, take_stock
+from semisynth_gl.seeds.seeds import generator
+from semisynth_gl.seeds.splits import Split
+from semisynth_gl.textures.atlas import Patch
+
+PATCH = (Patch("photo", 0, 0, 256, 0, 1, 9.0),)
+
+
+def sampler_of(config: Config, seed: int = 0, patches: tuple[Patch, ...] = PATCH) -> SceneSampler:
+    """Make the sampler of a config without recipes."""
+    return SceneSampler(config, seed, build_library(config.models, config.particles, Split(seed)), patches)
+
+
+@cache
+def catalogue() -> Catalogue:
+    """Build one model of each kind."""
+    config = load_config("middlebury", ["models.variants=1"])
+    return take_stock(build_library(config.models, config.particles, Split(0)))
+
+
+def static_scene_of(config: Config, seed: int) -> StaticScene:
+    """Sample a static scene of the catalogue's models."""
+    return sample_static_scene(config, catalogue(), lambda purpose: generator(seed, purpose))
