@@ -12,7 +12,7 @@ from semisynth_gl.geometry.mesh import Mesh, cross
 from semisynth_gl.geometry.parts import turned_about_z
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.background import FACE, OVERLAP
-from semisynth_gl.scene.instances import Instances, new_instances
+from semisynth_gl.scene.instances import INSTANCE, Instances, new_instances
 from semisynth_gl.scene.resting import surfaces_below
 from semisynth_gl.scene.rig import BEYOND_NEAR, NO_SWAY, Sway
 from semisynth_gl.scene.scene import placed_vertices
@@ -83,13 +83,19 @@ class Arrangement:
     rng: np.random.Generator
     farthest_m: float = np.inf  # depth that no view exceeds, if the walls could be brought in that far
     sway: Sway = NO_SWAY
-    rows: list[Instances] = field(default_factory=list)  # one row each, whose pose is floor_from_model
+    _rows: Instances = field(default_factory=lambda: new_instances(128))  # with room for more
+    _count: int = 0
     _taken: list[tuple[float, float, float]] = field(default_factory=list)  # circles on the floor: x, y and radius
     _raised: list[tuple[Corner, Corner, float]] = field(default_factory=list)  # two corners and the height between them
 
+    @property
+    def rows(self) -> Instances:
+        """The instances so far, whose pose is floor_from_model."""
+        return self._rows[: self._count]
+
     def table(self) -> Instances:
         """Return the table of the instances in the left camera's frame. Each has the depth of its origin."""
-        table = np.concatenate(self.rows)
+        table = self.rows.copy()
         table["pose"] = self.camera_from_floor @ table["pose"]
         table["depth_m"] = np.maximum(table["pose"][:, 2, 3], self.near_m)
         return table
@@ -130,9 +136,13 @@ class Arrangement:
             texture: number of the earlier instance whose texture it wears; by default it has a texture of its own.
             large: whether it wears a large patch, where there are any.
         """
-        number = len(self.rows)
-        own = number if texture is None else texture
-        self.rows.append(new_instances(1, model=model, pose=pose, unit_m=unit_m, texture=own, large=large))
+        number = self._count
+        if number == len(self._rows):
+            self._rows = np.concatenate([self._rows, new_instances(number)], dtype=INSTANCE)
+        row = self._rows[number]
+        row["model"], row["pose"], row["unit_m"], row["large"] = model, pose, unit_m, large
+        row["texture"] = number if texture is None else texture
+        self._count += 1
         return number
 
     def add_rectangle(
@@ -169,7 +179,7 @@ class Arrangement:
         turn = turned_about_z(yaw_rad)
         if self._too_near((-x, -y, 0), (x, y, z), turn, at):
             return None
-        first = len(self.rows)
+        first = self._count
         texture = first if texture is None else texture
         for corner, u, v in (
             ((-x, -y, z), (2 * x, 0, 0), (0, 0, -z)),
@@ -206,7 +216,7 @@ class Arrangement:
 
     def top(self, number: int, x: float, y: float) -> float | None:
         """Return the height of a thing's top over a place (x, y) on the floor; None where the top is not level."""
-        [row] = self.rows[number]
+        row = self.rows[number]
         mesh = self.catalogue.models[row["model"]]
         corners = placed_vertices(mesh, row["pose"])[mesh.triangles]
         top = surfaces_below(corners, np.array([[x, y, np.inf]]))[0]

@@ -123,7 +123,7 @@ def fill_niche(room: Arrangement, wall: Wall, low: Corner, high: Corner, deep_m:
 
 def _on_top(room: Arrangement, number: int) -> tuple[float, float, float] | None:
     """Sample a position (x, y, z) on top of the thing with a number; return None where the top is not level there."""
-    [row] = room.rows[number]
+    row = room.rows[number]
     low, high = room.catalogue.low[row["model"]], room.catalogue.high[row["model"]]
     spot = low + (high - low) * (*room.rng.uniform(0.12, 0.88, 2), 1)
     x, y, _ = row["pose"][:3, :3] @ spot + row["pose"][:3, 3]

@@ -12,7 +12,7 @@ from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.disparity_solver import DisparitySolver
-from semisynth_gl.scene.instances import Instances, new_instances, to_scene
+from semisynth_gl.scene.instances import INSTANCE, Instances, new_instances, to_scene
 from semisynth_gl.scene.mapping import CHANCE, PatchMapping, choose
 from semisynth_gl.scene.particles import Particles, Release, particles_at, sample_release, sample_slots
 from semisynth_gl.scene.projector import projector_record, sample_projector
@@ -108,7 +108,7 @@ class SceneSequence:
     def sample(self, frame: int, view: int) -> "SampledScene":
         """Sample the scene of any frame, which may lie outside the sequence, with the camera of a right view."""
         static, mapping = self.static, self.sampler.mapping
-        table = np.concatenate([static.instances, self._falling(frame)])
+        table = np.concatenate([static.instances, self._falling(frame)], dtype=INSTANCE)
         # Particles wear textures of their own.
         count = len(static.instances)
         table["texture"][count:] = np.arange(count, len(table))

@@ -80,7 +80,7 @@ def sample_street(
         camera_from_floor = camera_over_floor(height, yaw, pitch, roll)
     street = Arrangement(camera, camera_from_floor, near_m, catalogue, metre, rng)
     street.add(catalogue.number(FACE), np.linalg.inv(camera_from_floor) @ backdrop["pose"], backdrop["unit_m"])
-    street.rows[0]["sky"] = sky
+    street.rows["sky"] = sky
     _add_ground(street, Range(near_m, backdrop_m), height)
     ahead_m = near_m, min(backdrop_m, _FARTHEST * metre)
     road = section.road_width_m.sample(rng) * metre / 2

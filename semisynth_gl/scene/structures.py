@@ -16,7 +16,7 @@ from semisynth_gl.scene import Floats
 from semisynth_gl.scene.arrangement import Catalogue
 from semisynth_gl.scene.background import FACE, GROUND, Kind, lay_ground, sample_cuboid, sample_kind, sample_plane
 from semisynth_gl.scene.glance import GRID, measure
-from semisynth_gl.scene.instances import Instances, new_instances
+from semisynth_gl.scene.instances import INSTANCE, Instances, new_instances
 from semisynth_gl.scene.rig import BEYOND_NEAR, NO_SWAY, Sway, check_reachable, near_depth_m, sample_rig
 from semisynth_gl.scene.room import DOORWAYS, NICHES, sample_room
 from semisynth_gl.scene.scene import placed_vertices
@@ -108,7 +108,7 @@ def sample_static_scene(
         far_m = float(background["depth_m"][0] if sky else camera.depth_m(bare_px.min()))
         rng = generator_for(Purpose.STRUCTURES)
         structures = sample_structures(config.structures, config.disparity, camera, far_m, rng, sway)
-        table = np.concatenate([background, structures])
+        table = np.concatenate([background, structures], dtype=INSTANCE)
         table["texture"] = np.arange(len(table))
         # The background is measured as if nothing stood in front of it.
         seen_px = measure(table, camera, near_m / BEYOND_NEAR, catalogue.models, fixed=len(background))

@@ -18,7 +18,7 @@ from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.scene.arrangement import Arrangement, camera_over_floor
 from semisynth_gl.scene.background import FACE, grid_px
 from semisynth_gl.scene.glance import glance
-from semisynth_gl.scene.instances import Instances, to_scene
+from semisynth_gl.scene.instances import to_scene
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import NO_SWAY, near_depth_m
 from semisynth_gl.scene.room import DOORWAYS, NICHES, sample_room
@@ -96,17 +96,12 @@ def drawn(rig: str, kind: str, seed: int, **keys: object) -> Arrangement:
     return draw(config, CAMERAS[rig], catalogue(), rng(seed), NO_SWAY)
 
 
-def table_of(things: Arrangement) -> Instances:
-    """The instances in the floor's frame."""
-    return np.concatenate(things.rows)
-
-
 def corners_of(things: Arrangement) -> list[np.ndarray]:
     """The triangles (T, 3, 3) of each thing, in the floor's frame."""
-    meshes = [things.catalogue.models[number] for number in table_of(things)["model"]]
+    meshes = [things.catalogue.models[number] for number in things.rows["model"]]
     return [
         (mesh.positions.astype(float) @ matrix[:3, :3].T + matrix[:3, 3])[mesh.triangles]
-        for mesh, matrix in zip(meshes, table_of(things)["pose"], strict=True)
+        for mesh, matrix in zip(meshes, things.rows["pose"], strict=True)
     ]
 
 
@@ -116,7 +111,7 @@ def test_things_at_rest_stand_upright_and_on_something(rig: str, kind: str) -> N
     for seed in range(2):
         things = drawn(rig, kind, seed, **({"pictures": 20} if kind == "room" else {}))
         corners = corners_of(things)
-        for k, (number, matrix) in enumerate(zip(table_of(things)["model"], table_of(things)["pose"], strict=True)):
+        for k, (number, matrix) in enumerate(zip(things.rows["model"], things.rows["pose"], strict=True)):
             if number < len(SURFACE_MODELS):
                 continue
             points = corners[k].reshape(-1, 3)
@@ -148,13 +143,13 @@ def count(things: Arrangement) -> int:
 
 
 def number_of(*names: str):
-    return lambda things: sum(is_of(number, *names) for number in table_of(things)["model"])
+    return lambda things: sum(is_of(number, *names) for number in things.rows["model"])
 
 
 def gap_of_fences(things: Arrangement) -> float:
     x = [
         matrix[0, 3]
-        for number, matrix in zip(table_of(things)["model"], table_of(things)["pose"], strict=True)
+        for number, matrix in zip(things.rows["model"], things.rows["pose"], strict=True)
         if is_of(number, "fence")
     ]
     return max(x) - min(x)
@@ -221,10 +216,10 @@ CAMERAS = {
 @pytest.mark.parametrize("rig", RIGS)
 def test_sampling_the_same_again_gives_the_same(rig: str, kind: str) -> None:
     first, second = (drawn(rig, kind, 5) for _ in range(2))
-    np.testing.assert_array_equal(table_of(first), table_of(second))
-    assert np.isfinite(table_of(first)["pose"]).all()
+    np.testing.assert_array_equal(first.rows, second.rows)
+    assert np.isfinite(first.rows["pose"]).all()
     # What shares a texture shares it with an earlier thing that has its own.
-    texture = table_of(first)["texture"]
+    texture = first.rows["texture"]
     assert (texture <= np.arange(len(texture))).all()
     np.testing.assert_array_equal(texture[texture], texture)
 
@@ -277,12 +272,12 @@ def test_no_picture_hangs_before_a_hole(kind: str, rows: tuple[float, float]) ->
     beside, columns = 0, ((0.12, 0.4), (0.37, 0.63), (0.6, 0.88))
     for seed in range(4):
         things = drawn("middlebury", "room", seed, **{kind: 1, "pictures": 40, "furniture": 0, "small": 0})
-        matrices = [np.array(matrix) for matrix in table_of(things)["pose"]]
-        for wall, number in enumerate(table_of(things)["model"]):
+        matrices = [np.array(matrix) for matrix in things.rows["pose"]]
+        for wall, number in enumerate(things.rows["model"]):
             if not is_of(number, f"wall with a {kind}"):
                 continue
             left, right = columns[HOLES[kind].index(things.catalogue.models[number])]
-            for face, matrix in zip(table_of(things)["model"], matrices, strict=True):
+            for face, matrix in zip(things.rows["model"], matrices, strict=True):
                 corners = np.linalg.inv(matrices[wall]) @ matrix @ [[0, 1, 0], [0, 0, 1], [0, 0, 0], [1, 1, 1]]
                 u, v, out = corners[:3]
                 # A picture is parallel to its wall, a few centimetres before it.
@@ -298,11 +293,11 @@ def test_pictures_and_other_things_on_a_wall_meet_neither_each_other_nor_its_end
     hung, bare = 0, dict.fromkeys(("furniture", "small", "curtain", "pillars", "rug", "doorway", "niche"), 0)
     for seed in range(3):
         things = drawn("middlebury", "room", seed, pictures=60, **bare)
-        meshes = [things.catalogue.models[number] for number in table_of(things)["model"]]
+        meshes = [things.catalogue.models[number] for number in things.rows["model"]]
         # After the floor, the ceiling and the wall behind the camera.
-        for wall in table_of(things)["pose"][3:6]:
+        for wall in things.rows["pose"][3:6]:
             boxes = []
-            for mesh, matrix in zip(meshes, table_of(things)["pose"], strict=True):
+            for mesh, matrix in zip(meshes, things.rows["pose"], strict=True):
                 points = np.c_[mesh.positions, np.ones(len(mesh.positions))] @ (np.linalg.inv(wall) @ matrix).T
                 low, high = points[:, :3].min(axis=0), points[:, :3].max(axis=0)
                 # Of a picture its front: not its sides, nor those of a picture on the next wall.
@@ -326,7 +321,7 @@ def test_fences_and_houses_stand_clear_of_pavements() -> None:
         # The tops of slabs are level, and a hand above the ground.
         slabs = [each[..., 0] for each in corners if np.ptp(each[..., 2]) < 1e-9 and 0.05 < each[0, 0, 2] < 0.2]
         left, right = min(each.min() for each in slabs), max(each.max() for each in slabs)
-        for number, each in zip(table_of(things)["model"], corners, strict=True):
+        for number, each in zip(things.rows["model"], corners, strict=True):
             if is_of(number, "fence", "house"):
                 assert each[..., 0].max() < left or each[..., 0].min() > right
                 stood += 1
