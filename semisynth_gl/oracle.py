@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from semisynth_gl.frame.camera import OTHER_EYE, Eye, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.scene.raycast import Hits, cast_rays, triangles_near
+from semisynth_gl.scene.raycast import Hits, cast_rays
 from semisynth_gl.scene.scene import Motion, Scene
 
 # Largest relative difference of the depths at which two rays meet the same point; it covers float64's rounding, and a
@@ -208,35 +208,6 @@ def normals(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -> NDArr
         away = (unit * corners[:, 0]).sum(axis=1, keepdims=True) > 0
         result[hit] = np.where(away, -unit, unit)
     return result
-
-
-def normals_beside(
-    scene: Scene,
-    models: Sequence[Mesh],
-    eye: Eye,
-    x_px: NDArray[np.float64],
-    y_px: NDArray[np.float64],
-    reach_px: float,
-) -> Iterator[tuple[NDArray[np.intp], NDArray[np.float64]]]:
-    """Yield the normals of triangles with an edge on the image within ``reach_px`` of one of R pixel positions.
-
-    Rays may miss such a triangle if it is seen edge-on. Hidden triangles are among them.
-
-    Yields:
-        Numbers of positions (N,), and (N, 3) float64 unit vectors in the eye's frame, towards either side.
-    """
-    cx, cy, *focal = scene.camera.lens_px(eye)
-    for place, corners in triangles_near(scene, models, eye, x_px, y_px, reach_px):
-        on_image = np.array(focal) * corners[..., :2] / corners[..., 2:] + (cx, cy)
-        start = on_image - np.stack([x_px, y_px], axis=1)[place, None]
-        edge = np.roll(start, -1, axis=1) - start
-        squared = np.maximum((edge**2).sum(axis=2), np.finfo(np.float64).tiny)
-        along = np.clip(-(start * edge).sum(axis=2) / squared, 0, 1)
-        distance = np.linalg.norm(start + along[..., None] * edge, axis=2).min(axis=1)
-        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        length = np.linalg.norm(normal, axis=1)
-        beside = (distance < reach_px) & (length > 0)
-        yield place[beside], normal[beside] / length[beside, None]
 
 
 def _triangles_hit(

@@ -3,6 +3,7 @@
 import numpy as np
 from PIL import Image
 
+from semisynth_gl.codecs.flo import Flo
 from semisynth_gl.codecs.pfm import PFM, PFM3
 from semisynth_gl.codecs.png import GREY8, RGB8
 from semisynth_gl.dataset.reader import read_index
@@ -34,6 +35,10 @@ def change_disparity(path, change):
 
 def change_normals(path, change):
     path.write_bytes(PFM3.encode(np.asarray(change(PFM3.read(path)), np.float32)))
+
+
+def change_vectors(path, change):
+    path.write_bytes(Flo().encode(np.asarray(change(Flo().read(path)), np.float32)))
 
 
 def swap(scene, *stems):

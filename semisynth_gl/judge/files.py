@@ -1,8 +1,6 @@
 """Checks that all needed files are present and as recorded, and that no other file misleads a loader."""
 
 import hashlib
-import tarfile
-from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
 from io import BufferedReader
 from pathlib import Path
@@ -19,245 +17,145 @@ from semisynth_gl.inputs.errors import ReadError, counted
 from semisynth_gl.judge.findings import Verdict
 
 _ABOUT = frozenset({INDEX, PLAN, CARD})
-_SHOWN = 20
 # A pair that lacks one of these roles cannot be judged.
 _NEEDED = frozenset({"left", "right", "disparity_left", "provenance"})
-
-
-class StoredShard:
-    """A shard as it is stored.
-
-    Attributes:
-        split: the split of the shard's pairs.
-        numbers: the pairs' numbers in their split.
-        fault: why the shard's record cannot be read; None where it can.
-    """
-
-    def __init__(self, index: StoredIndex, shard: Shard) -> None:
-        self.split = shard.split
-        self.numbers = range(shard.first, shard.end)
-        self._shard = shard
-        self._index = index
-        self._record: Record | None = None
-        self.fault: str | None = None
-        self._samples: Mapping[int, Mapping[str, StoredFile]] = {}
-        try:
-            self._record = read_record(index.root, shard, packed=index.plan.layout.packed)
-            self._samples = {sample.pair: sample.files for sample in self._record.samples}
-        except ReadError as error:
-            why = "the shard is not finished, or its record was changed"
-            self.fault = f"{record_path(shard.name)} {error.reason}: {why}"
-
-    def check(self, verdict: Verdict) -> None:
-        """Compare the record with the index, and the tar's digest and list of members with the record."""
-        record, made = self._record, self._index.made
-        if record is None:
-            verdict.add("shard", str(self.fault))
-            return
-        entry = record if made is None else made.shard_entries[self._shard.number]
-        for key in ("bytes", "sha256"):
-            ours, theirs = getattr(record, key), getattr(entry, key)
-            if ours != theirs:
-                verdict.add("shard", f"{self._shard.name}: {key} is {ours!r} in its record, {theirs!r} in the index")
-        if record.tar is not None:
-            self._check_tar(record, verdict)
-
-    def _check_tar(self, record: Record, verdict: Verdict) -> None:
-        name = tar_path(self._shard.name)
-        try:
-            with (self._index.root / name).open("rb") as file:
-                digest = hashlib.file_digest(cast("BufferedReader", file), "sha256").hexdigest()
-                file.seek(0)
-                with tarfile.open(fileobj=file) as tar:
-                    members = [(member.name, member.isreg(), member.offset_data, member.size) for member in tar]
-        except FileNotFoundError:
-            verdict.add("shard", f"{name} is missing")
-            return
-        except ReadError as error:
-            verdict.add("shard", f"{name} {error.reason}")
-            return
-        except (OSError, tarfile.TarError, ValueError, OverflowError, RecursionError) as error:
-            verdict.add("shard", f"{name} cannot be read as a tar: {error}")
-            return
-        if digest != record.sha256:
-            verdict.add("shard", f"{name} has the sha256 {digest[:12]}, its record {record.sha256:.12}")
-        expected = [
-            (name, True, file.offset, file.bytes) for files in self._samples.values() for name, file in files.items()
-        ]
-        if members != expected:
-            first = min((file for file, *_ in set(members) ^ set(expected)), default="their order")
-            counts = f"{name} has {counted(len(members), 'file')}, its record lists {len(expected)}"
-            verdict.add("shard", f"{counts}; the first difference is {first}")
-
-    def listed(self, number: int) -> Mapping[str, StoredFile] | None:
-        """Return a pair's files by name, as the record lists them; None where it has no such pair or is unreadable."""
-        return self._samples.get(number)
-
-    def read(self, number: int, name: str) -> bytes:
-        """Read a file of pair ``number``; its name is relative to the dataset's folder, or a member of the tar.
-
-        Raises:
-            ReadError: where the file or, of a tar, its shard's record is missing or cannot be read.
-        """
-        root = self._index.root
-        if not self._index.plan.layout.packed:
-            try:
-                return read_whole(root, name)
-            except ReadError as error:
-                raise ReadError(Path(name), error.reason) from None
-        if self._record is None:
-            raise ReadError(Path(name), f"cannot be read from its shard: {self.fault}")
-        try:
-            return read_members(root, self._shard, self._record, number, [name])[name]
-        except ReadError as error:
-            raise ReadError(Path(name), f"cannot be read from its shard: {error.path} {error.reason}") from None
-
-    def check_digest(self, number: int, name: str, data: bytes, verdict: Verdict) -> None:
-        """Compare a file's digest with the record; files in a tar have none, since the whole tar has one digest."""
-        file = self._samples.get(number, {}).get(name)
-        if file is None or file.sha256 is None:
-            return
-        digest = hashlib.sha256(data).hexdigest()
-        if digest != file.sha256:
-            verdict.add("sha256", f"{name} has {digest[:12]}, its shard's record {file.sha256:.12}")
-
-
-def unmade_pairs(index: StoredIndex, shard: Shard, present: AbstractSet[str]) -> range:
-    """Return the numbers of a shard's pairs that an unfinished dataset does not have yet.
-
-    The range is empty for a finished dataset, and for a shard that has a record. ``present`` has the names of all of
-    the dataset's files.
-    """
-    numbers = range(shard.first, shard.end)
-    if index.fault is None or record_path(shard.name) in present:
-        return numbers[:0]
-    if index.plan.layout.packed:
-        return numbers[:0] if tar_path(shard.name) in present else numbers
-    made = [number for number in numbers if not present.isdisjoint(index.plan.files(shard.split, number).values())]
-    # A worker makes the pairs of a shard in order, so the pairs after the last one with a file are not made yet.
-    return range(made[-1] + 1 if made else shard.first, shard.end)
 
 
 def check_index(index: StoredIndex, present: AbstractSet[str], unmade: int, verdict: Verdict) -> None:
     """Check that the index agrees with itself, and that the names of the dataset's files are as the index says.
 
-    Args:
-        index: the dataset's index.
-        present: names of all files of the dataset.
-        unmade: number of pairs that are not made yet.
-        verdict: gets the findings.
+    ``present`` are the names of all files of the dataset, ``unmade`` is the number of pairs that are not made yet.
     """
+    plan, root = index.plan, index.root
     if index.fault is not None:
         verdict.add("index", index.fault)
     if unmade:
-        verdict.add("index", f"{unmade} of {counted(sum(index.plan.pairs.values()), 'pair')} not made yet")
+        verdict.add("index", f"{unmade} of {counted(sum(plan.pairs.values()), 'pair')} not made yet")
     # The plan has the config without the keys that this version does not know.
     stored = PLAN if index.made is None else INDEX
-    values = JSON_OBJECT.decode(read_whole(index.root, stored), Path(stored))
-    digest, recorded = digest_of(values["config_values"]), index.plan.config_sha256
-    if digest != recorded:
-        verdict.add("index", f"config_values have the digest {digest[:12]}, config_sha256 is {recorded:.12}")
-    lists, links = index.plan.lists, index.plan.links
-    root = index.root
-    # Loaders take any file that they find for a part of a pair.
-    foreign = sorted(
-        name
-        for name in present - _ABOUT - lists.keys() - _shard_files(index) - index.plan.copies.keys()
-        if name != LOCK and not (name in links and is_local(root) and (root / name).is_symlink())
-    )
-    for name in foreign[:_SHOWN]:
-        verdict.add("files", f"{name} does not belong here: the index lists no such file")
-    if len(foreign) > _SHOWN:
-        verdict.add("files", f"{counted(len(foreign) - _SHOWN, 'more file')} that the index does not list")
+    digest = digest_of(JSON_OBJECT.decode(read_whole(root, stored), Path(stored))["config_values"])
+    if digest != plan.config_sha256:
+        verdict.add("index", f"config_values have the digest {digest[:12]}, config_sha256 is {plan.config_sha256:.12}")
+    _check_names(index, present, verdict)
     if index.fault is not None:
         return  # an unfinished dataset lacks the files that are written last
     for name in sorted(_ABOUT - present):
         verdict.add("files", f"{name} is missing")
-    for name, expected in lists.items():
-        _check_list(index, name, expected, verdict)
+    for name, expected in plan.lists.items():
+        try:
+            if read_whole(root, name) != expected:
+                verdict.add("files", f"{name} is not the list of the dataset's pairs in its layout")
+        except ReadError as error:
+            verdict.add("files", f"{name} {error.reason}")
 
 
-def _check_list(index: StoredIndex, name: str, expected: bytes, verdict: Verdict) -> None:
-    try:
-        data = read_whole(index.root, name)
-    except ReadError as error:
-        verdict.add("files", f"{name} {error.reason}")
-        return
-    if data != expected:
-        lines, expected_lines = data.decode("utf-8", "replace").splitlines(), expected.decode().splitlines()
-        missing = sorted(set(expected_lines) - set(lines))
-        example = f"; it lacks {missing[0]}" if missing else ""
-        counts = f"{counted(len(lines), 'line')}, not the {len(expected_lines)} of its layout"
-        verdict.add("files", f"{name} has {counts}{example}")
+def _check_names(index: StoredIndex, present: AbstractSet[str], verdict: Verdict) -> None:
+    """Check that there are no files that the index does not list: loaders take any for a part of a pair."""
+    plan, root = index.plan, index.root
+    known = _ABOUT | plan.lists.keys() | _shard_files(index) | plan.copies.keys() | {LOCK}
+    links = {name for name in plan.links if is_local(root) and (root / name).is_symlink()}
+    foreign = sorted(present - known - links)
+    if foreign:
+        files = counted(len(foreign), "file")
+        verdict.add("files", f"{files} that the index does not list and loaders may take for a pair's: {foreign[0]}")
 
 
 def _shard_files(index: StoredIndex) -> set[str]:
     """Return the names of the files, records and logs of all shards."""
-    names = [shard.name for shard in index.plan.shards]
-    paths = {path(name) for name in names for path in (record_path, log_path)}
-    if index.plan.layout.packed:
-        return paths.union(map(tar_path, names))
-    return paths.union(
-        *(
-            index.plan.files(split, number).values()
-            for split, pairs in index.plan.pairs.items()
-            for number in range(pairs)
-        )
-    )
+    plan = index.plan
+    kinds = [record_path, log_path, *([tar_path] if plan.layout.packed else [])]
+    paths = {path(shard.name) for shard in plan.shards for path in kinds}
+    if plan.layout.packed:
+        return paths
+    files = (plan.files(split, number).values() for split, pairs in plan.pairs.items() for number in range(pairs))
+    return paths.union(*files)
 
 
-def read_pair(index: StoredIndex, shard: StoredShard, number: int, verdict: Verdict) -> StoredFrame | None:
-    """Read a pair's files, and compare their names and digests with the layout and with the shard's record.
+def check_shard(index: StoredIndex, shard: Shard, verdict: Verdict) -> Record | None:
+    """Compare a shard's record with the index, and its tar with the record; return the record, None if unreadable."""
+    try:
+        record = read_record(index.root, shard, packed=index.plan.layout.packed)
+    except ReadError as error:
+        why = "the shard is not finished, or its record was changed"
+        verdict.add("shard", f"{record_path(shard.name)} {error.reason}: {why}")
+        return None
+    entry = record if index.made is None else index.made.shard_entries[shard.number]
+    for key in ("bytes", "sha256"):
+        ours, theirs = getattr(record, key), getattr(entry, key)
+        if ours != theirs:
+            verdict.add("shard", f"{shard.name}: {key} is {ours!r} in its record, {theirs!r} in the index")
+    if record.tar is not None:
+        name = tar_path(shard.name)
+        try:
+            with (index.root / name).open("rb") as file:
+                digest = hashlib.file_digest(cast("BufferedReader", file), "sha256").hexdigest()
+        except OSError as error:
+            verdict.add("shard", f"{name} cannot be read: {error}")
+        else:
+            if digest != record.sha256:
+                verdict.add("shard", f"{name} has the sha256 {digest[:12]}, its record {record.sha256:.12}")
+    return record
 
-    Faults of the files become findings. The result is None where the pair cannot be judged further.
+
+def read_pair(
+    index: StoredIndex, shard: Shard, record: Record | None, number: int, verdict: Verdict
+) -> StoredFrame | None:
+    """Read a pair's files, and compare their names, digests, sizes and origin with index, layout and record.
+
+    Faults become findings. The result is None where the pair cannot be judged further.
     """
-    if index.plan.layout.packed and shard.fault is not None:
+    plan = index.plan
+    if plan.layout.packed and record is None:
         return None  # the shard has the finding
-    expected = index.plan.files(shard.split, number)
-    listed = shard.listed(number)
-    if listed is not None:
-        for name in sorted(set(expected.values()) - listed.keys()):
-            verdict.add("files", f"{name} is not in the shard's record, but layout and outputs ask for it")
-        for name in sorted(listed.keys() - set(expected.values())):
-            verdict.add("files", f"{name} does not belong to the pair, but the shard's record lists it")
+    expected = plan.files(shard.split, number)
+    listed = record.samples[number - shard.first].files if record is not None else None
+    for name in sorted(set(expected.values()) ^ listed.keys()) if listed is not None else ():
+        verdict.add("files", f"{name} is not both in the shard's record and asked for by layout and outputs")
     values: dict[str, Any] = {}
     for role, name in expected.items():
         try:
-            data = shard.read(number, name)
-            shard.check_digest(number, name, data, verdict)
-            values[role] = decode_file(index.plan.layout, role, data, Path(name), index.plan.encodings)
+            data = _read_file(index, shard, record, number, name)
+            _check_digest(name, data, (listed or {}).get(name), verdict)
+            values[role] = decode_file(plan.layout, role, data, Path(name), plan.encodings)
         except ReadError as error:
-            verdict.add("files", f"{error.path} {error.reason}")
+            verdict.add("files", f"{name} {error.reason}")
     if not values.keys() >= _NEEDED:
         return None
-    for role, fault in wrong_sizes(values, index.plan.size):
+    _check_origin(values["provenance"], index, shard, number, verdict)
+    sizes = list(wrong_sizes(values, plan.size))
+    for role, fault in sizes:
         verdict.add("size", f"{expected[role]} {fault}")
+    if sizes:
+        return None
     try:
-        return assemble_frame(index.plan.key(shard.split, number), values, index.plan.encodings)
+        return assemble_frame(plan.key(shard.split, number), values, plan.encodings)
     except ReadError as error:
         verdict.add("files", f"{error.path} {error.reason}")
         return None
 
 
-def is_of_one_size(frame: StoredFrame) -> bool:
-    """Return whether all arrays of a pair have the size of its camera."""
-    values = {**frame.arrays(), "provenance": {"lens": frame.provenance.get("lens")}}
-    return not any(wrong_sizes(values, (frame.camera.height_px, frame.camera.width_px)))
+def _read_file(index: StoredIndex, shard: Shard, record: Record | None, number: int, name: str) -> bytes:
+    if index.plan.layout.packed and record is not None:
+        return read_members(index.root, shard, record, number, [name])[name]
+    return read_whole(index.root, name)
 
 
-def check_origin(frame: StoredFrame, index: StoredIndex, verdict: Verdict) -> None:
+def _check_digest(name: str, data: bytes, file: StoredFile | None, verdict: Verdict) -> None:
+    """Compare a file's digest with the record; files in a tar have none, since the whole tar has one."""
+    digest = hashlib.sha256(data).hexdigest()
+    if file is not None and file.sha256 not in (None, digest):
+        verdict.add("sha256", f"{name} has {digest[:12]}, its shard's record {file.sha256:.12}")
+
+
+def _check_origin(provenance: dict[str, Any], index: StoredIndex, shard: Shard, number: int, verdict: Verdict) -> None:
     """Compare a pair's provenance with the index, and with the pair's place in the dataset."""
-    provenance, plan = frame.provenance, index.plan
-    stated = {name: getattr(plan, name) for name in ("program", "version", "config_sha256", "seed")}
-    for key, expected in ({"config": plan.name} | stated).items():
-        if provenance.get(key) != expected:
-            verdict.add("origin", f"{key} is {provenance.get(key)!r}, in the index {expected!r}")
-    recorded = {group: names for group, names in index.plan.plugin_records.items() if group != "layouts"}
-    if provenance.get("plugins", {}) != recorded:
-        verdict.add("origin", f"plugins are {provenance.get('plugins', {})!r}, in the index {recorded!r}")
-    place: dict[str, object] = {"pair": frame.index, "split": frame.split}
-    if index.plan.views > 1:
-        place["view"] = frame.index % index.plan.views
-    for key, expected in place.items():
-        if provenance.get(key) != expected:
-            verdict.add("origin", f"{key} is {provenance.get(key)!r}, by the place of its files {expected!r}")
+    plan = index.plan
+    expected: dict[str, Any] = {name: getattr(plan, name) for name in ("program", "version", "config_sha256", "seed")}
+    expected |= {"config": plan.name, "pair": number, "split": shard.split}
+    expected["plugins"] = {group: names for group, names in plan.plugin_records.items() if group != "layouts"}
+    if plan.views > 1:
+        expected["view"] = number % plan.views
+    for key, value in expected.items():
+        found = provenance.get(key, {} if key == "plugins" else None)
+        if found != value:
+            verdict.add("origin", f"{key} is {found!r}, in the index {value!r}")

@@ -1,10 +1,11 @@
 """Findings: the faults that checks report, and the numbers that they measure."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+
+from semisynth_gl.inputs.errors import counted
 
 DATASET = "dataset"
 """The scene's name in findings about the dataset itself."""
@@ -16,8 +17,8 @@ class Finding:
 
     Attributes:
         scene: name of the pair's scene, with its split in a dataset of several splits; or `DATASET`.
-        check: name of the check.
-        message: the expected and the found values, on one line.
+        check: name of the check; checks of one array have its channel's name.
+        message: the fault, on one line.
     """
 
     scene: str
@@ -43,14 +44,7 @@ class Verdict:
         """Add a finding; line breaks become blanks."""
         self.findings.append(Finding(self.scene, check, " ".join(message.split())))
 
-    def add_pixels(
-        self,
-        check: str,
-        array: str,
-        fault: str,
-        wrong: NDArray[np.bool_],
-        detail: str | Callable[[tuple[int, int]], str] = "",
-    ) -> None:
+    def add_pixels(self, check: str, array: str, fault: str, wrong: NDArray[np.bool_]) -> None:
         """Add a finding with the number of an array's wrong pixels and the place of the first; none if all are right.
 
         Args:
@@ -58,21 +52,12 @@ class Verdict:
             array: name of the array.
             fault: the part of the sentence between the array's name and "in 12 pixels", such as "is NaN".
             wrong: (H, W) bool.
-            detail: end of the message; a function gets row and column of the first wrong pixel and returns it.
         """
         if wrong.any():
-            row, column = np.argwhere(wrong)[0].tolist()
-            end = detail if isinstance(detail, str) else detail((row, column))
-            self.add(check, f"{array} {fault} in {count_pixels(wrong)}, the first at ({column}, {row}){end}")
+            row, column = np.argwhere(wrong)[0]
+            pixels = counted(int(wrong.sum()), "pixel")
+            self.add(check, f"{array} {fault} in {pixels}, the first at ({column}, {row})")
 
-
-def count_pixels(where: NDArray[np.bool_]) -> str:
-    """Return the number of pixels that are True in a mask of any shape, as text: "12 pixels"."""
-    number = int(where.sum())
-    return f"{number} pixel{'' if number == 1 else 's'}"
-
-
-def format_vector(values: NDArray[np.floating]) -> str:
-    """Return a vector (C,) as text: one plain number, or several numbers in parentheses."""
-    numbers = ", ".join(f"{float(value):.6g}" for value in values)
-    return numbers if len(values) == 1 else f"({numbers})"
+    def keep_largest(self, measure: str, value: float) -> None:
+        """Set a measure to the larger of its value so far and this value."""
+        self.measures[measure] = max(value, self.measures.get(measure, value))

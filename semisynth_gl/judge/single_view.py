@@ -1,257 +1,232 @@
-"""Checks of one view by itself: disparity, depth, instances, sky, normals; and of the pair's calibration.
+"""Checks of one view by itself, channel by channel, and of the pair's calibration."""
 
-Each check takes a pair as it was read, and adds findings and measures to the verdict.
-"""
-
-from math import isclose, isfinite
-from typing import Any
+from math import inf, isclose, isfinite
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import Eye
-from semisynth_gl.frame.channels import SKY, Channel, View
-from semisynth_gl.inputs.errors import counted
-from semisynth_gl.judge.agreement import all_components, dot
-from semisynth_gl.judge.findings import Verdict, count_pixels
+from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, SKY, VISIBLE
+from semisynth_gl.judge.findings import Verdict
+from semisynth_gl.judge.lens import find_borders
 
 Where = NDArray[np.bool_]
 
-# Bounds; docs/verify.md has them.
-# calib.txt writes vmin and vmax with six digits, which loses at most 5e-6 of the value.
-_SIX_DIGITS = 1e-5
-# In d = f B / Z - doffs, f B, doffs, the depth and the difference are each rounded to float32 once, and GPUs may divide
-# with an error of 2.5 units in the last place. 8 units of 2**-23 leave a margin of about two.
-FLOAT32 = 8 * 2.0**-23
-"""Largest error of a disparity that follows from a depth, relative to the disparity, and to f B / Z and doffs."""
-DEVIATING_PX = 1e-3
-"""Largest error of correspondences where the right camera deviates, px; they are computed in more steps."""
+# Bounds; docs/verify.md has them. Shares of a value by float32 (depth) and by the six digits of calib.txt's vmin, vmax.
+_DEPTH_SHARE, _TEXT_SHARE = 1e-6, 1e-5
+_VECTOR_PX, _CHANGED_PX = 1e-3, 0.01
 _UNIT_LENGTH = 1e-5
-# Rasterisers move edges by less than this, px, so a pixel beside an edge may show a surface that its own ray meets
-# from behind.
+# Rasterisers move edges by less than this: pixels beside one may show a surface that their rays meet from behind.
 _EDGE_PX = 1 / 16
-LAST_VALID_PX = 2.0
-"""Largest disparity of the last valid pixel of a surface that leaves the valid range, px; it passes through 0."""
+# Largest disparity of the last valid pixel of a surface that leaves the valid range; it passes through 0.
+_LAST_VALID_PX = 2.0
+# The values that masks may have.
+_VALUES = {
+    **dict.fromkeys(("visibility", "flow_visibility", "flow_backward_visibility"), (OUTSIDE, OCCLUDED, VISIBLE)),
+    "valid": (OUTSIDE, VISIBLE),
+    "sky": (0, SKY),
+}
 
 
-def check_disparity(frame: StoredFrame, eye: Eye, verdict: Verdict, *, largest_px: float | None) -> None:
+def check_view(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict: Verdict) -> None:
+    """Check the arrays of a view; ``largest_px`` is the config's limit of disparities."""
+    _check_values(frame, eye, verdict)
+    if "disparity" in frame.view(eye):
+        _check_disparity(frame, eye, largest_px, verdict)
+        _check_motion(frame, eye, largest_px, verdict)
+        for check in (_check_depth, _check_instances, _check_normals, _check_correspondence):
+            check(frame, eye, verdict)
+
+
+def _check_values(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+    """Check that masks have only their values, and that vectors and depths are finite or inf, all components alike."""
+    for name, array in frame.view(eye).items():
+        role = f"{name}_{eye}"
+        if name in _VALUES:
+            wrong = ~np.isin(array, _VALUES[name])
+            verdict.add_pixels(name, role, f"is not one of {', '.join(map(str, _VALUES[name]))}", wrong)
+        elif CHANNELS[name].nothing == inf:
+            values = array.reshape(*array.shape[:2], -1)
+            infinite = np.isposinf(values).sum(axis=2)
+            verdict.add_pixels(name, role, "is NaN or -inf", (np.isnan(values) | np.isneginf(values)).any(axis=2))
+            mixed = (infinite > 0) & (infinite < values.shape[2])
+            verdict.add_pixels(name, role, "is inf in only one component", mixed)
+
+
+def _check_disparity(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict: Verdict) -> None:
     """Check a view's disparity.
 
-    It may not be NaN, or above the config's limit, ``largest_px``. It must be positive or, if signed, at least that of
-    infinity. It may be inf only where the rig allows it.
+    It must be positive or, if signed, at least that of infinity, and at most the config's limit, ``largest_px``. It may
+    be inf only where the rig allows it: the background fills the view, so that each pixel has a depth. Then
+    d = f B / Z - doffs is above 0, unless doffs is positive and the surface is far away.
     """
-    disparity, name = frame.view(eye).get("disparity"), f"disparity_{eye}"
-    if disparity is None:
-        return
-    valid, infinite = np.isfinite(disparity), np.isposinf(disparity)
-    share = float(infinite.mean())
-    verdict.measures["invalid_share"] = max(share, verdict.measures.get("invalid_share", 0.0))
-    verdict.add_pixels("disparity", name, "is NaN or -inf", ~(valid | infinite))
-    negative, fault = valid & (disparity <= 0), "is 0 or below"
-    if frame.encodings.signed:
-        infinity_px = -frame.camera.doffs_px
-        bound = _SIX_DIGITS * abs(infinity_px) + frame.rounding_px(infinity_px)
-        # Where the right camera deviates, the disparity of infinity differs from pixel to pixel.
-        negative = valid & (disparity < infinity_px - bound) & frame.camera.rectified
-        fault = f"is below {infinity_px:g}, which is infinitely far away,"
-    least = float(disparity.min(where=negative, initial=np.inf))
-    verdict.add_pixels("disparity", name, fault, negative, f"; the least is {least:g} px")
-    if largest_px is not None and valid.any():
-        largest = float(disparity[valid].max())
-        if largest > largest_px + _SIX_DIGITS * abs(largest_px) + float(frame.rounding_px(largest)):
-            verdict.add("disparity", f"{name} reaches {largest:g} px, the config allows {largest_px:g} px")
+    disparity, name, camera = frame.view(eye)["disparity"], f"disparity_{eye}", frame.camera
+    finite, infinite = np.isfinite(disparity), np.isposinf(disparity)
+    verdict.keep_largest("invalid_share", float(infinite.mean()))
+    if not frame.encodings.signed:
+        verdict.add_pixels("disparity", name, "is 0 or below", finite & (disparity <= 0))
+    elif camera.rectified:
+        least_px = -camera.doffs_px - _TEXT_SHARE * abs(camera.doffs_px) - frame.encodings.disparity.error_px
+        verdict.add_pixels("disparity", name, "is below that of infinity", finite & (disparity < least_px))
+    most_px = inf if largest_px is None else largest_px * (1 + _TEXT_SHARE) + frame.encodings.disparity.error_px
+    verdict.add_pixels("disparity", name, f"is above {largest_px} px", finite & (disparity > most_px))
     left_out = frame.left_out(eye)
-    verdict.add_pixels("disparity", name, "is known in a border", valid & left_out)
-    lacking = _lacking(frame, eye, infinite & ~left_out)
-    if lacking is not None and lacking.any():
-        _check_infinite(frame, eye, disparity, lacking, verdict)
+    verdict.add_pixels("disparity", name, "is known in a border", finite & left_out)
+    sky_has_one = frame.encodings.signed or (camera.doffs_px < 0 and camera.rectified)
+    sky = np.zeros_like(finite) if sky_has_one else frame.sky(eye)
+    if sky is None:
+        return  # no output tells where the sky is
+    lacking = infinite & ~left_out & ~sky
+    if not _count_beyond(frame, "disparity", eye, lacking, verdict, exact=_always_valid(frame)):
+        _check_lacking(frame, "disparity", name, lacking, disparity, verdict)
 
 
-def always_valid(frame: StoredFrame) -> bool:
+def _check_lacking(
+    frame: StoredFrame, check: str, name: str, lacking: Where, disparity: NDArray[np.floating], verdict: Verdict
+) -> None:
+    """Check that pixels lack a value only beside small disparities, since a surface leaves the range through 0."""
+    padded = np.pad(lacking, 1)
+    beside = padded[2:, 1:-1] | padded[:-2, 1:-1] | padded[1:-1, 2:] | padded[1:-1, :-2]
+    around = disparity[beside & np.isfinite(disparity)]
+    if _always_valid(frame) or (around.size and around.min() > _LAST_VALID_PX):
+        verdict.add_pixels(check, name, "is inf", lacking)
+
+
+def _always_valid(frame: StoredFrame) -> bool:
     """Return whether the rig and the encoding give every surface but the sky a valid disparity."""
     return frame.encodings.signed or (frame.camera.doffs_px <= 0 and frame.camera.rectified)
 
 
-def _lacking(frame: StoredFrame, eye: Eye, infinite: Where) -> Where | None:
-    """Return where a disparity is inf, except in a sky that has none; None where the place of the sky is not known."""
-    if frame.encodings.signed or (frame.camera.doffs_px < 0 and frame.camera.rectified):
-        return infinite
-    sky = frame.sky(eye)
-    return None if sky is None else infinite & ~sky
+def _count_beyond(
+    frame: StoredFrame, channel: str, eye: Eye, lacking: Where, verdict: Verdict, *, exact: bool = False
+) -> int:
+    """Return how many values were beyond the encoding by the provenance; at least (or exactly) as many must lack."""
+    limit_px = frame.encodings.codec(CHANNELS[channel].codec).limit_px
+    counts = frame.provenance.get(CHANNELS[channel].beyond_key)
+    count = counts.get(eye) if isinstance(counts, dict) and isfinite(limit_px) else 0
+    beyond, found = count if isinstance(count, int) else 0, int(lacking.sum())
+    if found < beyond or (exact and beyond and found > beyond):
+        fault = f"is inf in {found} pixels, the provenance counts {beyond} beyond the encoding"
+        verdict.add(channel, f"{channel}_{eye} {fault}")
+    return beyond
 
 
-def check_sky(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
-    """Check a view's mask of the sky: its values, and whether instances, depth and disparity agree with it."""
-    view, name, doffs_px = frame.view(eye), f"sky_{eye}", frame.camera.doffs_px
-    mask = view.get("sky")
-    if mask is None:
+def _check_depth(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+    """Check a view's depth, if any, by the disparity that it leads to, up to the rounding of both."""
+    view, camera = frame.view(eye), frame.camera
+    disparity, depth = view["disparity"], view.get("depth")
+    if depth is None:
         return
-    sky = mask == SKY
-    verdict.add_pixels("sky", name, f"is neither 0 nor {SKY}", (mask != 0) & ~sky)
-    known = frame.sky_of_instances(eye)
-    if known is not None:
-        verdict.add_pixels("sky", name, "is not that of the instances in the pair's provenance", sky != known)
-    depth, disparity = view.get("depth"), view.get("disparity")
-    if depth is not None:
-        verdict.add_pixels("sky", name, "has a finite depth", sky & np.isfinite(depth))
-    if disparity is None or not frame.camera.rectified:
-        return
-    if frame.encodings.signed or doffs_px < 0:
-        bound = _SIX_DIGITS * abs(doffs_px) + frame.rounding_px(disparity)
-        beyond = np.isinf(disparity) & (abs(doffs_px) > frame.encodings.disparity.limit_px)
-        wrong = sky & ~frame.left_out(eye) & ~beyond & ~(np.abs(disparity + doffs_px) <= bound)
-        verdict.add_pixels("sky", name, f"has another disparity than {-doffs_px:g} px", wrong)
-    else:
-        verdict.add_pixels("sky", name, "has a disparity", sky & np.isfinite(disparity))
+    y, x = np.mgrid[: depth.shape[0], : depth.shape[1]].astype(np.float64)
+    expected = camera.correspondence(eye, x, y, depth.astype(np.float64))[..., 0] * (-1 if eye == "left" else 1)
+    bound = _DEPTH_SHARE * (np.abs(expected) + 2 * abs(camera.doffs_px)) + frame.rounding_px(disparity)
+    bound += 0.0 if camera.rectified else _VECTOR_PX
+    encodable = (np.abs(expected) < frame.encodings.disparity.limit_px - bound) & ~frame.left_out(eye)
+    missing = np.isfinite(depth) & (depth > 0) & ((expected > bound) | frame.encodings.signed) & encodable
+    wrong = np.where(np.isfinite(disparity), ~(np.abs(disparity - expected) <= bound), missing)
+    verdict.add_pixels("depth", f"depth_{eye}", "is not that of the disparity", wrong)
 
 
-def _check_infinite(
-    frame: StoredFrame, eye: Eye, disparity: NDArray[np.float32], infinite: Where, verdict: Verdict
-) -> None:
-    """Check that a disparity is inf only where a surface may have left the valid range.
+def _check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+    """Check that instance ids are row numbers, from 1, of pair.json's ``instances``, and 0 only without a disparity.
 
-    The background fills the view, so each pixel has a depth. Then d = f B / Z - doffs is above 0, unless doffs is
-    positive and the surface is far away. A surface that extends so far passes through 0 first, so the disparities
-    beside inf must be small. If the provenance counts disparities beyond the encoding, only the number of inf can be
-    judged.
+    The mask of the sky must be that of the instances, and the sky's depth inf.
     """
-    name, doffs_px = f"disparity_{eye}", frame.camera.doffs_px
-    beyond = count_beyond(frame, View.disparity, eye)
-    if beyond:
-        count = int(infinite.sum())
-        if count < beyond or (always_valid(frame) and count != beyond):
-            fault = f"is inf in {count_pixels(infinite)}, the provenance counts {beyond} beyond the encoding"
-            verdict.add("disparity", f"{name} {fault}")
+    view, rows, sky = frame.view(eye), frame.provenance.get("instances"), frame.sky_of_instances(eye)
+    if "instances" in view:
+        ids, name, listed = view.instances, f"instances_{eye}", len(rows) if isinstance(rows, list) else 0
+        verdict.add_pixels("instances", name, f"is above the {listed} that the pair lists", ids > listed)
+        verdict.add_pixels(
+            "instances", name, "is 0 in spite of a disparity", (ids == 0) & np.isfinite(view["disparity"])
+        )
+    if "sky" in view and sky is not None:
+        verdict.add_pixels("sky", f"sky_{eye}", "is not that of the instances", (view.sky == SKY) != sky)
+    if "sky" in view and "depth" in view:
+        verdict.add_pixels("sky", f"sky_{eye}", "has a finite depth", (view.sky == SKY) & np.isfinite(view.depth))
+
+
+def _check_normals(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+    """Check that a view's normals are unit vectors towards the eye, or 0 where no other channel shows a surface."""
+    view, camera, name = frame.view(eye), frame.camera, f"normals_{eye}"
+    if "normals" not in view:
         return
-    if always_valid(frame):
-        why = "a signed encoding" if frame.encodings.signed else f"a doffs of {doffs_px:g} px"
-        verdict.add_pixels("disparity", name, "is inf", infinite, f"; {why} rules that out")
+    normals, disparity = view.normals.astype(np.float64), view["disparity"]
+    seen = np.isfinite(disparity) | np.isfinite(view.get("depth", inf)) | (view.get("instances", np.uint16(0)) > 0)
+    length, zero = np.linalg.norm(normals, axis=2), (normals == 0).all(axis=2)
+    wrong = ~(np.abs(length - 1) <= _UNIT_LENGTH) & (seen | ~zero)
+    verdict.add_pixels("normals", name, "is no unit vector", wrong)
+    row, column = np.mgrid[: disparity.shape[0], : disparity.shape[1]].astype(np.float64)
+    edge = _EDGE_PX / min(camera.focal_px, camera.focal_y_px)
+    away = (normals * camera.rays_of_eye(eye, column, row)).sum(axis=2) > _UNIT_LENGTH + edge
+    verdict.add_pixels("normals", name, "points away from the eye", away)
+
+
+def _check_correspondence(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+    """Check that a view's correspondences are what camera and disparity lead to, where there is a disparity."""
+    view = frame.view(eye)
+    if "correspondence" in view:
+        bound = _VECTOR_PX + frame.rounding_px(view["disparity"])
+        near = np.abs(view.correspondence - frame.correspondences(eye)) <= bound[..., None]
+        wrong = np.isfinite(view["disparity"]) & ~near.all(axis=2)
+        verdict.add_pixels("correspondence", f"correspondence_{eye}", "is not that of the disparity", wrong)
+
+
+def _check_motion(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict: Verdict) -> None:
+    """Check where a view has flow and a change of disparity, and to which disparities the change leads.
+
+    The change must be finite where disparity and flow are, and nowhere else.
+    """
+    view, name = frame.view(eye), f"disparity_change_{eye}"
+    beyond = {
+        channel: _count_beyond(frame, channel, eye, np.isinf(view[channel]).any(axis=2), verdict)
+        for channel in ("flow", "flow_backward")
+        if channel in view
+    }
+    if "disparity_change" not in view:
         return
-    around = disparity[neighbours(infinite) & np.isfinite(disparity)]
-    if around.size and float(around.min()) > LAST_VALID_PX:
-        least = f"; the disparities beside them are {float(around.min()):g} px or more"
-        verdict.add_pixels("disparity", name, "is inf", infinite, least)
-
-
-def count_beyond(frame: StoredFrame, channel: Channel[Any], eye: Eye) -> int:
-    """Return the number of a view's values that were beyond the encoding, as the provenance counts them."""
-    counts = frame.provenance.get(channel.beyond_key)
-    limited = isfinite(frame.encodings.codec(channel.codec).limit_px)
-    count = counts.get(eye) if isinstance(counts, dict) and limited else 0
-    return count if isinstance(count, int) else 0
-
-
-def _check_camera(frame: StoredFrame, verdict: Verdict) -> None:
-    recorded, values = frame.provenance.get("camera"), frame.camera.values()
-    if not isinstance(recorded, dict):
-        verdict.add("calib", "the pair's provenance has no camera to compare with")
+    change, disparity, flow = view.disparity_change, view["disparity"], view.get("flow")
+    known, later = np.isfinite(change) & np.isfinite(disparity), disparity.astype(np.float64) + change
+    verdict.add_pixels("disparity_change", name, "is finite without a disparity", np.isfinite(change) & ~known)
+    margin_px = _CHANGED_PX + frame.encodings.disparity.error_px
+    least_px = (-frame.camera.doffs_px if frame.encodings.signed else 0) - margin_px
+    most_px = (inf if largest_px is None else largest_px) + margin_px
+    impossible = known & ((later < least_px) | (later > most_px))
+    verdict.add_pixels("disparity_change", name, "leads to an impossible disparity", impossible)
+    if flow is None:
         return
-    del values["doffs_px"]
-    values.pop("deviation", None)  # the provenance's own
-    # Both leave out a ratio of 1.
-    recorded, values = ({"fy_over_fx": 1.0} | each for each in (recorded, values))
-    for name, value in values.items():
-        expected = recorded.get(name)
-        # The baseline is stored in millimetres, and fy in px, which may cost a last digit.
-        if not (isinstance(expected, int | float) and isclose(value, expected, rel_tol=1e-12, abs_tol=1e-12)):
-            verdict.add("calib", f"{name} is {value!r}, in the pair's provenance {expected!r}")
+    flows, none = np.isfinite(flow).all(axis=2), np.zeros_like(known)
+    error_px = frame.encodings.flow.error_px
+    lost, perhaps_lost = (none, none) if frame.border_disparity else find_borders(frame, eye, "flow", flow, error_px)
+    verdict.add_pixels("disparity_change", name, "is finite though a border hides the point at a frame", known & lost)
+    if not beyond["flow"]:
+        verdict.add_pixels("disparity_change", name, "is finite without flow", known & ~flows)
+    missing = np.isfinite(disparity) & flows & np.isposinf(change) & ~perhaps_lost
+    _check_lacking(frame, "disparity_change", name, missing, later, verdict)
 
 
 def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:
     """Check the camera against the pair's provenance, and calib.txt, where there is one, against the left disparity."""
-    calibration, camera = frame.calibration, frame.camera
-    _check_camera(frame, verdict)
+    recorded, camera, calibration = frame.provenance.get("camera"), frame.camera, frame.calibration
+    recorded, values = recorded if isinstance(recorded, dict) else {}, camera.values()
+    for key in ("doffs_px", "deviation"):
+        values.pop(key, None)  # not of calib.txt's own, or the provenance's own
+    # Both leave out a ratio of 1.
+    for key, value in ({"fy_over_fx": 1.0} | values).items():
+        expected = ({"fy_over_fx": 1.0} | recorded).get(key)
+        # The baseline is stored in millimetres, and fy in px, which may cost a last digit.
+        if not (isinstance(expected, int | float) and isclose(value, expected, rel_tol=1e-12, abs_tol=1e-12)):
+            verdict.add("calib", f"{key} is {value!r}, in the pair's provenance {expected!r}")
     if calibration is None:
         return
-    # All numbers are written with all their digits; only their difference is rounded, once.
     if not isclose(calibration.doffs_px, camera.doffs_px, rel_tol=1e-9, abs_tol=1e-9):
         verdict.add("calib", f"doffs is {calibration.doffs_px!r}, cx1 - cx0 is {camera.doffs_px!r}")
-    disparity = frame.view("left")["disparity"]
-    valid = disparity[np.isfinite(disparity)]
+    valid = frame.left.disparity[np.isfinite(frame.left.disparity)]
     if not valid.size:
         return
     least, largest = float(valid.min()), float(valid.max())
     for name, written, stored in (("vmin", calibration.vmin_px, least), ("vmax", calibration.vmax_px, largest)):
-        # The encoding rounds the file's disparities; calib.txt has six digits.
-        if abs(written - stored) > float(frame.rounding_px(stored)) + _SIX_DIGITS * max(1.0, abs(written), abs(stored)):
+        if abs(written - stored) > float(frame.rounding_px(stored)) + _TEXT_SHARE * max(1.0, abs(stored)):
             verdict.add("calib", f"{name} is {written:g}, the left disparity's is {stored:g} px")
-    if calibration.ndisp < largest * (1 - _SIX_DIGITS) - float(frame.rounding_px(largest)):
+    if calibration.ndisp < largest * (1 - _TEXT_SHARE) - frame.encodings.disparity.error_px:
         verdict.add("calib", f"ndisp {calibration.ndisp} is below the largest disparity, {largest:g} px")
-
-
-def check_depth(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
-    """Check a view's depth, if any, against Z = f B / (d + doffs), up to the rounding of float32 and the encoding."""
-    view, camera = frame.view(eye), frame.camera
-    disparity, depth = view.get("disparity"), view.get("depth")
-    if depth is None or disparity is None:
-        return
-    y, x = np.mgrid[: depth.shape[0], : depth.shape[1]].astype(np.float64)
-    way = camera.correspondence(eye, x, y, depth.astype(np.float64))
-    expected = way[..., 0] * (-1 if eye == "left" else 1)
-    bound = FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px)) + frame.rounding_px(disparity)
-    bound += 0.0 if camera.rectified else DEVIATING_PX
-    encodable = (np.abs(expected) < frame.encodings.disparity.limit_px - bound) & ~frame.left_out(eye)
-    missing = np.isfinite(depth) & (depth > 0) & ((expected > bound) | frame.encodings.signed) & encodable
-    wrong = np.where(np.isfinite(disparity), ~(np.abs(disparity - expected) <= bound), missing)
-
-    def values(at: tuple[int, int]) -> str:
-        return f", which has {depth[at]:g} m or {expected[at]:g} px, and a disparity of {disparity[at]:g} px"
-
-    verdict.add_pixels("depth", f"depth_{eye}", "is not that of the disparity", wrong, values)
-
-
-def check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
-    """Check that instance ids are row numbers, from 1, of pair.json's ``instances``, and 0 only without a disparity."""
-    view, name, rows = frame.view(eye), f"instances_{eye}", frame.provenance.get("instances")
-    ids, disparity = view.get("instances"), view.get("disparity")
-    if ids is None or disparity is None:
-        return
-    if not isinstance(rows, list):
-        verdict.add("instances", f"{name}: there are ids, but the pair's provenance has no list of instances")
-    elif int(ids.max()) > len(rows):
-        listed = counted(len(rows), "instance")
-        verdict.add("instances", f"{name} reaches {ids.max()}, the provenance lists {listed}")
-    verdict.add_pixels("instances", name, "is 0 in spite of a disparity", (ids == 0) & np.isfinite(disparity))
-
-
-def check_normals(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
-    """Check that a view's normals are unit vectors towards the eye, and 0 exactly where nothing is seen.
-
-    A disparity, a depth, an instance id or the sky's mask shows that something is seen. Their absence shows that
-    nothing is seen only if the sky is known, and the view has depth or ids or every surface must have a disparity.
-    """
-    view, camera, name = frame.view(eye), frame.camera, f"normals_{eye}"
-    normals, disparity, depth, ids = (view.get(key) for key in ("normals", "disparity", "depth", "instances"))
-    if normals is None or disparity is None:
-        return
-    seen = np.isfinite(disparity)
-    seen |= False if depth is None else np.isfinite(depth)
-    seen |= False if ids is None else ids > 0
-    beyond, sky = count_beyond(frame, View.disparity, eye), frame.sky(eye)
-    seen |= False if sky is None else sky
-    always_disparity = always_valid(frame) and camera.focal_baseline > 0 and beyond == 0
-    nothing_known = sky is not None and (depth is not None or ids is not None or always_disparity)
-    zero = all_components(normals == 0)
-    verdict.add_pixels("normals", name, "is 0 though something is seen", seen & zero)
-    unseen = ~(seen | frame.left_out(eye)) & nothing_known
-    verdict.add_pixels("normals", name, "is not 0 where nothing is seen", unseen & ~zero)
-    height, width = disparity.shape
-    column, row = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
-    length = np.sqrt(dot(normals, normals))
-    edge = _EDGE_PX / min(camera.focal_px, camera.focal_y_px)
-    away = dot(normals, camera.rays_of_eye(eye, column, row)) > _UNIT_LENGTH + edge
-    wrong = ~zero & ~(np.abs(length - 1) <= _UNIT_LENGTH)
-    detail = f"; the lengths of these go up to {length[wrong].max():.6g}" if wrong.any() else ""
-    verdict.add_pixels("normals", name, "is no unit vector", wrong, detail)
-    verdict.add_pixels("normals", name, "points away from the eye", away)
-
-
-def neighbours(where: Where) -> Where:
-    """Return the pixels that are neighbours, in row or column, of pixels that are True; both arrays are (H, W)."""
-    beside = np.zeros_like(where)
-    beside[1:] |= where[:-1]
-    beside[:-1] |= where[1:]
-    beside[:, 1:] |= where[:, :-1]
-    beside[:, :-1] |= where[:, 1:]
-    return beside

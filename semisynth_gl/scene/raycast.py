@@ -72,26 +72,6 @@ def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px
     return hits
 
 
-def triangles_near(
-    scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px: Floats, reach_px: float
-) -> Iterator[tuple[NDArray[np.intp], Floats]]:
-    """Yield the triangles whose bounding boxes on the image come within ``reach_px`` of R positions, hidden ones too.
-
-    Yields:
-        Numbers of positions (N,), and the triangles' corners (N, 3, 3), metres in the eye's frame. No corner is nearer
-        than the near plane.
-    """
-    by_row = np.argsort(y_px)
-    for number in range(len(scene)):
-        mesh, vertices, near_m = _in_view(scene, models, eye, number)
-        triangles = mesh.triangles[(vertices[mesh.triangles][..., 2] >= near_m).all(axis=1)]
-        if len(triangles):
-            boxes = _boxes(scene.camera, eye, vertices, triangles, near_m)
-            boxes += reach_px * np.array([[-1.0], [1.0], [-1.0], [1.0]])
-            for place, triangle in _inside(boxes, x_px[by_row], y_px[by_row]):
-                yield by_row[place], vertices[triangles[triangle]]
-
-
 def _in_view(scene: Scene, models: Sequence[Mesh], eye: Eye, number: int) -> tuple[Mesh, Floats, float]:
     """Return an instance's mesh, its vertices (V, 3), m in the eye's frame, and the least depth that the eye sees."""
     mesh, turn = models[int(scene.model[number])], scene.camera.turn(eye)

@@ -366,7 +366,7 @@ def test_verify_finds_masks_and_changes_that_ignore_the_lens(tmp_path, border_di
         # All of them; then a pixel of the border, and one that lies in the border at the other frame.
         lost = looked_up(valid, plain.left[name])
         change_image(path, lambda _, wrong=wrong: wrong)
-        assert checks(tmp_path / "d") == {"flow-mask"}
+        assert checks(tmp_path / "d") == {f"{name}_visibility"}
         for where in (~valid, valid & lost):
             row, column = np.argwhere(where & (wrong == VISIBLE))[-1]
             changed = right.copy()
@@ -382,13 +382,13 @@ def test_verify_finds_masks_and_changes_that_ignore_the_lens(tmp_path, border_di
     if not border_disparity:
         lost = valid & looked_up(valid, plain.left.flow)
         change_disparity(path, lambda _: np.where(valid, wrong, np.inf))
-        assert "change" in checks(tmp_path / "d")
+        assert "disparity_change" in checks(tmp_path / "d")
         inside = valid & ~lost & (np.asarray(Image.open(scene / "flow_mask0.png")) == VISIBLE)
         for where, value in ((lost, 0.25), (inside, np.inf)):
             changed = right.copy()
             changed[tuple(np.argwhere(where)[len(np.argwhere(where)) // 2])] = value
             change_disparity(path, lambda _, changed=changed: changed)
-            assert "change" in checks(tmp_path / "d")
+            assert "disparity_change" in checks(tmp_path / "d")
 
 
 def without_borders(**changes):
@@ -454,4 +454,4 @@ def test_verify_finds_a_wrong_border(tmp_path):
     path.write_bytes(GREY8.encode(right))
     mask = path.with_name("mask0nocc.png")
     mask.write_bytes(GREY8.encode(np.asarray(render_pair(cheap(), 0).left.visibility)))
-    assert "mask" in checks(tmp_path / "d")
+    assert "visibility" in checks(tmp_path / "d")

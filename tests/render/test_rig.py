@@ -367,7 +367,7 @@ FAULTS = {
     "a hole": ("correspondence0.flo", lambda way: np.where(way[..., :1] < np.median(way[..., 0]), np.inf, way),
                {"correspondence"}),
     "an image a row lower": ("im1.png", lambda image: np.roll(image, 1, axis=0), {"images"}),
-    "all seen": ("mask0nocc.png", lambda mask: np.full_like(mask, 255), {"mask"}),
+    "all seen": ("mask0nocc.png", lambda mask: np.full_like(mask, 255), {"visibility"}),
 }  # fmt: skip
 
 

@@ -1,0 +1,211 @@
+"""Vectors from one image into another: the vectors back, the disparities, the mask and the image at their ends.
+
+Disparities lead from one view of a pair to the other, flow from a frame of a sequence to the next or the previous one.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.dataset.sample import StoredFrame
+from semisynth_gl.frame.camera import EYES, OTHER_EYE, Eye
+from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.judge.bilinear import Floats, between, corners
+from semisynth_gl.judge.findings import Verdict
+from semisynth_gl.judge.images import MIN_PIXELS, check_images
+from semisynth_gl.judge.lens import find_borders
+
+Where = NDArray[np.bool_]
+Ints = NDArray[np.intp]
+
+OPPOSITE: Mapping[str, str] = {"flow": "flow_backward", "flow_backward": "flow"}
+"""The two channels of flow, each with the channel of the opposite direction."""
+# Bounds; docs/verify.md has them.
+_OUTSIDE_PX, _OUTSIDE_SHARE = 0.2, 0.02
+_MEDIAN_PX = 0.01
+_SEEN_SHARE, _HIDDEN_SHARE = 0.02, 0.1
+# So many pixels more than a share may be wrong: those around one thin object are wrong together.
+_FEW_PIXELS = 20
+# Below this difference, both images see the same point.
+_SAME_PX = 0.05
+# A point is hidden where all pixels around it have a disparity that is larger by more than this.
+_HIDDEN_PX = 0.25
+# Below this second difference, a pixel and its neighbours are one surface.
+_SMOOTH_PX = 0.25
+# A point that is nearer to the image's border may count as inside or outside.
+_BORDER_PX = 0.01
+# Enough pixels for shares and medians; more would only take longer.
+_MOST_PIXELS = 200_000
+
+
+def check_masks(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+    """Check the masks of a view's disparity and flow at each pixel.
+
+    They are 0 exactly where there is no vector or it leads out of the image, and not 255 where a lens hides the point.
+    """
+    view = frame.view(eye)
+    for channel in ("disparity", *OPPOSITE):
+        mask_name = str(CHANNELS[channel].mask)
+        if channel not in view or mask_name not in view:
+            continue
+        name, mask = f"{mask_name}_{eye}", view[mask_name]
+        vectors, error_px = _vectors(frame, eye, channel)
+        known = np.isfinite(vectors).all(axis=2)
+        height, width = mask.shape
+        x, y = np.arange(width) + vectors[..., 0], np.arange(height)[:, None] + vectors[..., 1]
+        # The image's border is half a pixel beyond the centres of its outer pixels.
+        within_px = 0.5 + np.minimum(np.minimum(x, width - 1 - x), np.minimum(y, height - 1 - y))
+        outside = known & (within_px < -_BORDER_PX - error_px)
+        inside = known & (within_px > _BORDER_PX + error_px)
+        border, _ = find_borders(frame, eye, channel, vectors, error_px)
+        verdict.add_pixels(mask_name, name, f"is not 0 without {channel}", ~known & (mask != OUTSIDE))
+        verdict.add_pixels(mask_name, name, "is not 0 for a point outside the image", outside & (mask != OUTSIDE))
+        verdict.add_pixels(mask_name, name, "is 0 for a point in the image", inside & (mask == OUTSIDE))
+        verdict.add_pixels(mask_name, name, "is 255 though a border hides the point", border & (mask == VISIBLE))
+
+
+def check_views(frame: StoredFrame, verdict: Verdict, *, imperfect: bool) -> None:
+    """Compare both views by disparity: disparities, masks and images, at the same points.
+
+    ``imperfect`` says whether the images have the imperfections of a rig, or a lossy encoding.
+    """
+    if any("disparity" not in frame.view(eye) for eye in EYES):
+        return
+    for eye in EYES:
+        own, other = frame.view(eye), frame.view(OTHER_EYE[eye])
+        match = _Match(frame, eye, "disparity", verdict)
+        now, there = own["disparity"][match.pixels], match.around(other["disparity"])
+        name = f"disparity_{eye} against disparity_{OTHER_EYE[eye]}"
+        hidden = match.compare("left-right", f"left_right_{eye}", name, now, there, 2 * match.error_px)
+        match.check_mask(match.surface & match.same, hidden)
+        if eye == "left":
+            images = own["image"], other["image"]
+            check_images("images", name, "", images, *match.on_surface, verdict, imperfect=imperfect)
+
+
+def check_frames(before: StoredFrame, after: StoredFrame, verdict: Verdict, *, images: bool) -> None:
+    """Check flow, its masks and changes of disparity between a frame and the next frame of its sequence.
+
+    ``images`` says whether both images show the same textures, apart from resampling, so that they can be compared too.
+    """
+    for eye in EYES:
+        for channel in OPPOSITE:
+            start, end = (before, after) if channel == "flow" else (after, before)
+            if channel in start.view(eye) and "disparity" in end.view(eye):
+                _check_flow(channel, eye, start, end, verdict, images=images)
+
+
+def _check_flow(
+    channel: str, eye: Eye, start: StoredFrame, end: StoredFrame, verdict: Verdict, *, images: bool
+) -> None:
+    own, other, name = start.view(eye), end.view(eye), f"{channel}_{eye}"
+    match = _Match(start, eye, channel, verdict)
+    now, there = own["disparity"][match.pixels], match.around(other["disparity"])
+    seen, hidden = np.zeros_like(match.visible), np.zeros_like(match.visible)
+    change = (own if channel == "flow" else other).get("disparity_change")
+    if change is not None:
+        # Compare the disparities at the later moment, to which the earlier frame's change leads.
+        now, there = (now + change[match.pixels], there) if channel == "flow" else (now, there + match.around(change))
+        label, error_px = f"disparity_change_{eye} by {name} of {start.name}", start.encodings.disparity.error_px
+        hidden = match.compare("disparity_change", f"{name}_change", label, now, there, 2 * error_px)
+    back = other.get(OPPOSITE[channel])
+    if back is not None:
+        label, there = f"{name} of {start.name} against that of {end.name}", -match.around(back)
+        match.compare("flow-frames", f"{name}_frames", label, own[channel][match.pixels], there, 2 * match.error_px)
+        # Only the flow back tells two surfaces of similar disparity apart.
+        seen = match.surface & match.same
+    match.check_mask(seen, hidden)
+    if images:
+        label, both = f"{name} of {start.name} to {end.name}", (own["image"], other["image"])
+        check_images("flow-images", label, f"{name}_", both, *match.on_surface, verdict)
+
+
+class _Match:
+    """Pixels of a view that lie on smooth surfaces, and their points in another image.
+
+    Attributes:
+        pixels: rows and columns (N,) of at most 200,000 pixels, evenly spread.
+        points: x and y (N,) px of their points.
+        error_px: largest error of the vectors by their encoding.
+        visible: (N,) where the mask says that the other image shows the point; without a mask, where nothing hides it.
+        surface: (N,) where the values around the point are those of one surface, in all comparisons so far.
+        same: (N,) where both images show the same point by all comparisons so far.
+    """
+
+    def __init__(self, frame: StoredFrame, eye: Eye, channel: str, verdict: Verdict) -> None:
+        vectors, self.error_px = _vectors(frame, eye, channel)
+        height, width = vectors.shape[:2]
+        values, smooth = np.dstack([vectors, frame.view(eye)["disparity"]]), np.zeros((height, width), bool)
+        bends = np.diff(values[1:-1], 2, axis=1), np.diff(values[:, 1:-1], 2, axis=0)
+        smooth[1:-1, 1:-1] = np.logical_and(*(np.abs(bend) < _SMOOTH_PX for bend in bends)).all(axis=2)
+        row, column = np.nonzero(smooth)
+        x, y = column + vectors[row, column, 0].astype(float), row + vectors[row, column, 1].astype(float)
+        inside = np.flatnonzero((x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1))
+        inside = inside[:: max(1, -(-len(inside) // _MOST_PIXELS))]
+        self.pixels, self.points = (row[inside], column[inside]), (x[inside], y[inside])
+        mask = frame.view(eye).get(str(CHANNELS[channel].mask))
+        self._mask = None if mask is None else mask[self.pixels]
+        self.visible = np.ones(len(inside), bool) if self._mask is None else self._mask == VISIBLE
+        self.surface, self.same = np.ones(len(inside), bool), np.ones(len(inside), bool)
+        self._certain = ~find_borders(frame, eye, channel, vectors, self.error_px)[1][self.pixels]
+        self._mask_name, self._eye, self._verdict = str(CHANNELS[channel].mask), eye, verdict
+
+    def around(self, array: Floats) -> Floats:
+        """Return the other image's array in the four pixels around the points, (4, N, C)."""
+        return corners(array, *self.points)
+
+    def compare(self, check: str, measure: str, name: str, own: Floats, around: Floats, error_px: float) -> Where:
+        """Judge values (N,) or (N, C) px by those around their points (4, N, C): outliers, and the median difference.
+
+        Returns:
+            Where all values around the point are larger: something nearer hides it, if they are disparities.
+        """
+        own, low, high = own.reshape(around.shape[1:]), around.min(axis=0), around.max(axis=0)
+        hidden = (low > own + _HIDDEN_PX + error_px).all(axis=1)
+        if self._mask is None:
+            self.visible &= ~hidden
+        bound = _OUTSIDE_PX + error_px
+        wrong = self.visible & ~(np.maximum(low - own, own - high) <= bound).all(axis=1)
+        self._verdict.measures[f"{measure}_outside_share"] = float(wrong.sum() / max(self.visible.sum(), 1))
+        if _too_many(wrong, self.visible, _OUTSIDE_SHARE):
+            pixels = f"{wrong.sum()} of {self.visible.sum()} visible pixels"
+            self._verdict.add(check, f"{name}: {pixels} are off by more than {bound:.3g} px")
+        self.surface &= (high - low < 1).all(axis=1)
+        differences, bound = np.abs(own - between(around, *self.points)), _MEDIAN_PX + error_px
+        self.same &= (differences < _SAME_PX + error_px).all(axis=1)
+        if (self.visible & self.surface).sum() >= MIN_PIXELS:
+            median = float(np.median(differences[self.visible & self.surface], axis=0).max())
+            self._verdict.measures[f"{measure}_median_px"] = median
+            if not median <= bound:
+                self._verdict.add(check, f"{name}: the median difference is {median:.3g} px, over {bound:.3g} px")
+        return np.asarray(hidden & np.isfinite(low).all(axis=1))
+
+    def check_mask(self, seen: Where, hidden: Where) -> None:
+        """Judge the mask by the points that the other image surely shows, (N,), or surely does not show."""
+        if self._mask is None:
+            return
+        seen, hidden, name = seen & self._certain, hidden & self._certain, f"{self._mask_name}_{self._eye}"
+        wrong = (seen & (self._mask != VISIBLE)) | (hidden & (self._mask != OCCLUDED))
+        self._verdict.measures[f"{name}_disagree_share"] = float(wrong.sum() / max((seen | hidden).sum(), 1))
+        for state, where, share in (("visible", seen, _SEEN_SHARE), ("occluded", hidden, _HIDDEN_SHARE)):
+            if _too_many(wrong & where, where, share):
+                counts = f"{(wrong & where).sum()} of {where.sum()} pixels"
+                self._verdict.add(self._mask_name, f"{name}: {counts} that are {state} have another value")
+
+    @property
+    def on_surface(self) -> tuple[tuple[Ints, Ints], tuple[Floats, Floats]]:
+        """The visible pixels on one surface, and their points; see ``pixels`` and ``points``."""
+        (row, column), (x, y), judged = self.pixels, self.points, self.visible & self.surface
+        return (row[judged], column[judged]), (x[judged], y[judged])
+
+
+def _vectors(frame: StoredFrame, eye: Eye, channel: str) -> tuple[Floats, float]:
+    """Return a view's vectors (H, W, 2) px by disparity or flow, and the largest error of the encoding, px."""
+    if channel == "disparity":
+        return frame.correspondences(eye), frame.encodings.disparity.error_px
+    return frame.view(eye)[channel], frame.encodings.flow.error_px
+
+
+def _too_many(wrong: Where, among: Where, share: float) -> bool:
+    return bool(wrong.sum() > share * among.sum() + _FEW_PIXELS)
