@@ -99,7 +99,14 @@ def report(
     index = read_index(dataset)
     opened, config = Dataset(index, split), index.plan.config
     width_px = WORKING_WIDTH if config.camera.width_px is None else working_width(round(config.camera.width_px))
-    place = _measured_place(images, disparity, png_scale, width_px)
+    png_scale, image_names, map_names = (
+        to_real("png_scale", png_scale, least=LEAST),
+        names_of(images),
+        names_of(disparity),
+    )
+    if map_names and not image_names:
+        raise InputError("expected photographs of the place, too: --images", argument="disparity")
+    place = measure_place(find_images(image_names), map_files(map_names), width_px, png_scale) if image_names else None
     target = config.shown_histogram()
     positions = spread(len(opened), max(sample, pairs))
     measured, achieved = measure_pairs(opened, positions, width_px, target, listener or Listener())
@@ -145,16 +152,6 @@ def report(
         )
     )
     return Report(page, measured, width_px, achieved, target, rows, place)
-
-
-def _measured_place(images: Files, disparity: Files, png_scale: float, width_px: int) -> MeasuredPlace | None:
-    png_scale = to_real("png_scale", png_scale, least=LEAST)
-    image_names, map_names = names_of(images), names_of(disparity)
-    if not image_names:
-        if map_names:
-            raise InputError("expected photographs of the place, too: --images", argument="disparity")
-        return None
-    return measure_place(find_images(image_names), map_files(map_names), width_px, png_scale)
 
 
 def _provenance(index: StoredIndex, split: SplitName | None) -> dict[str, str]:
