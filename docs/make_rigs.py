@@ -5,24 +5,18 @@ Run it as ``python docs/make_rigs.py docs/images``.
 
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 from make_picture import strip
-from matplotlib import pyplot as plt
 from matplotlib.colors import TwoSlopeNorm
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from semisynth_gl import load_config, render_pair
-from semisynth_gl.calibration.matching import match_images
-from semisynth_gl.calibration.vertical import fit_deviation, rectified_rows
-from semisynth_gl.frame.camera import RECTIFIED
 from semisynth_gl.frame.frame import as_rgb
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.textures.atlas import to_grey
 
 _OPEN = ("scenes=[]", "background.cuboid=0", "background.room=0")
 
@@ -131,31 +125,6 @@ def draw_cameras(path: Path) -> None:
     picture.save(path, quality=55, optimize=True)
 
 
-def draw_calibration(path: Path) -> None:
-    """Draw how far matched points of a pair are off in their rows, and how far when the fit has brought them back."""
-    config = load_config("sceneflow", ["rig.right_roll_deg=0.5", "rig.right_y_px=2", "rig.focal_ratio=1.01"])
-    frame = render_pair(config, index=2)
-    camera = replace(frame.camera, deviation=RECTIFIED)
-    matches = match_images(to_grey(frame.left.image), to_grey(frame.right.image))
-    fit = fit_deviation(matches, camera, pitch=False)
-    numbers = np.array([fit.y_px, fit.roll_rad, fit.focal_ratio, fit.pitch_rad])
-    rows = {
-        "as they are": matches.right[:, 1],
-        f"by {fit.y_px:.2f} px, {np.rad2deg(fit.roll_rad):.3f} degrees and a focal ratio of {fit.focal_ratio:.4f}": (
-            rectified_rows(matches.right, camera, numbers)
-        ),
-    }
-    figure, axes = plt.subplots(1, 2, figsize=(10, 3), sharey=True, layout="constrained")
-    for axis, (title, found) in zip(axes, rows.items(), strict=True):
-        shown = axis.scatter(
-            matches.right[:, 0], found - matches.left[:, 1], 3, matches.left[:, 1], cmap="viridis", rasterized=True
-        )
-        axis.set(title=title, xlabel="x in the right image, px", ylim=(-12, 12))
-    axes[0].set_ylabel("right row minus left row, px")
-    figure.colorbar(shown, label="row on the left, px")
-    figure.savefig(path, dpi=110, pil_kwargs={"quality": 80})
-
-
 def draw_lenses(path: Path) -> None:
     """Draw a raw image, the rectified one, and which of its pixels both cameras saw."""
     eye = {"fx_px": 1150, "distortion": [-0.35, 0.12, 0, 0], "rotation_deg": [0.3, -1.5, 1.2]}
@@ -181,7 +150,6 @@ DRAWN: dict[str, Callable[[Path], None]] = {
     "rigs-rectification.jpg": draw_rectification,
     "rigs-cameras.jpg": draw_cameras,
     "rigs-grey.jpg": draw_grey,
-    "rigs-calibration.jpg": draw_calibration,
     "rigs-lenses.jpg": draw_lenses,
     "rigs-projector.jpg": sample_projector,
 }

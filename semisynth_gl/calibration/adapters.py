@@ -5,15 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semisynth_gl.calibration.arrays import NO_BOUNDS, DisparityBounds, Size, camera_matrix
-from semisynth_gl.calibration.kinds import is_camera_matrix, is_rotation
+from semisynth_gl.calibration.arrays import NO_BOUNDS, DisparityBounds, camera_matrix
+from semisynth_gl.calibration.kinds import Size, is_camera_matrix, is_rotation
 from semisynth_gl.calibration.poses import pose_of
-from semisynth_gl.calibration.tree import Array, FormatError, Name, Tree
+from semisynth_gl.calibration.tree import Array, FormatError, Tree
 from semisynth_gl.frame.raw_camera import rotation_of
 from semisynth_gl.inputs.errors import abbreviate, shown
 
 _SAME_DOFFS_PX = 0.02
-_KITTI_PAIRS, _KITTI_FORMS = (("2", "3"), ("0", "1")), ("P_rect_0", "P")
 # Sizes of ZED's modes.
 _ZED_SIZES = {
     "4K": Size(3840, 2160),
@@ -37,14 +36,12 @@ class Format(NamedTuple):
         tree: the values, lengths in ``unit``.
         unit: unit of lengths in the format; None if the format has no unit.
         cameras: labels of the left and the right camera; None for the only two.
-        layout: layout of the benchmark whose format this is; None for any other.
         bounds: bounds of disparity.
     """
 
     tree: Tree
     unit: str | None = None
     cameras: tuple[str, str] | None = None
-    layout: str | None = None
     bounds: DisparityBounds = NO_BOUNDS
 
 
@@ -52,15 +49,13 @@ def middlebury(tree: Tree, _size: Size | None) -> Format | None:
     """Read calib.txt of Middlebury and ETH3D: cam0, cam1, and the baseline in mm."""
     if not tree.keys() >= {("cam0",), ("cam1",), ("baseline",)}:
         return None
-    k = [_array(tree, name) for name in ("cam0", "cam1")]
-    doffs_px = k[1][0, 2] - k[0][0, 2] if all(is_camera_matrix(each) and each.ndim == 2 for each in k) else np.nan
-    if ("doffs",) in tree and abs(_number(tree, "doffs") - doffs_px) > _SAME_DOFFS_PX:
-        raise FormatError(
-            f"doffs is {_number(tree, 'doffs'):g}, but cx of cam1 minus that of cam0 is {doffs_px:g}: one is wrong"
-        )
+    k = [each for each in (_array(tree, "cam0"), _array(tree, "cam1")) if is_camera_matrix(each)]
+    doffs_px = _number(tree, "doffs", missing=0)
+    if len(k) == 2 and ("doffs",) in tree and abs(k[1].flat[2] - k[0].flat[2] - doffs_px) > _SAME_DOFFS_PX:
+        found_px = k[1].flat[2] - k[0].flat[2]
+        raise FormatError(f"doffs is {doffs_px:g}, but cx of cam1 minus that of cam0 is {found_px:g}: one is wrong")
     bounds = DisparityBounds(*(_number(tree, key) if (key,) in tree else None for key in ("ndisp", "vmin", "vmax")))
-    in_metres: Tree = {("baseline",): np.array(_number(tree, "baseline") / 1000)}
-    return Format(tree | in_metres, "m", layout="middlebury", bounds=bounds)
+    return Format(tree | {("baseline",): np.array(_number(tree, "baseline") / 1000)}, "m", bounds=bounds)
 
 
 def zed(tree: Tree, size: Size | None) -> Format | None:
@@ -69,21 +64,13 @@ def zed(tree: Tree, size: Size | None) -> Format | None:
     if not modes or ("STEREO", "Baseline") not in tree:
         return None
     mode = _chosen({mode: _ZED_SIZES[mode] for mode in modes if mode in _ZED_SIZES}, size)
-    made: Tree = {
-        (eye.lower(), name[-1]): value
-        for eye in ("LEFT", "RIGHT")
-        for name, value in tree.items()
-        if name[0] == f"{eye}_CAM_{mode}"
-    }
+    eyes = {"LEFT_CAM_" + mode: "left", "RIGHT_CAM_" + mode: "right"}
+    made: Tree = {(eyes[name[0]], name[-1]): value for name, value in tree.items() if name[0] in eyes}
     shift = [-abs(_number(tree, "STEREO", "Baseline"))]
     shift += [_number(tree, "STEREO", name, missing=0.0) for name in ("TY", "TZ")]
     turn = [_number(tree, "STEREO", f"{axis}_{mode}", missing=0.0) for axis in ("RX", "CV", "RZ")]
-    stereo: Tree = {
-        ("R",): np.array(turn),
-        ("T",): np.array(shift) / 1000,
-        ("size",): np.array(_ZED_SIZES[mode], float),
-    }
-    return Format(made | stereo, "m")
+    made |= {("R",): np.array(turn), ("T",): np.array(shift) / 1000, ("size",): np.array(_ZED_SIZES[mode], float)}
+    return Format(made, "m")
 
 
 def realsense(tree: Tree, size: Size | None) -> Format | None:
@@ -113,55 +100,51 @@ def mrcal(tree: Tree, _size: Size | None) -> Format | None:
 
 def depthai(tree: Tree, _size: Size | None) -> Format | None:
     """Read what DepthAI's eepromToJsonFile writes of an OAK: cameras by socket, linked by poses in cm."""
-    cameras: dict[Name, Tree] = {}
-    for name, value in tree.items():
-        if name[0] == "cameraData" and len(name) > 2:
-            cameras.setdefault(name[:2], {})[name[2:]] = value
-    if not cameras:
-        return None
     made: Tree = {}
-    for camera in cameras.values():
-        socket, kind = int(_number(camera, "0")), int(_number(camera, "1", "cameraType", missing=0))
+    cameras = dict.fromkeys(name[:2] for name in tree if name[0] == "cameraData" and len(name) > 2)
+    for camera in cameras:
+        socket = int(_number(tree, *camera, "0"))
+        kind = int(_number(tree, *camera, "1", "cameraType", missing=0))
         if kind not in _DEPTHAI_LENSES:
             continue
         model, count = _DEPTHAI_LENSES[kind]
-        own = {"K": "intrinsicMatrix", "width": "width", "height": "height"}
-        made |= {(f"cam{socket}", name): camera["1", key] for name, key in own.items() if ("1", key) in camera}
-        made[f"cam{socket}", "D"] = _array(camera, "1", "distortionCoeff").ravel()[:count]
+        for name, key in {"K": "intrinsicMatrix", "width": "width", "height": "height"}.items():
+            made[f"cam{socket}", name] = _array(tree, *camera, "1", key)
+        made[f"cam{socket}", "D"] = _array(tree, *camera, "1", "distortionCoeff").ravel()[:count]
         made[f"cam{socket}", "distortion_model"] = model
         # The last camera of a chain leads to -1, with an empty rotation or one of zeros.
-        there = int(_number(camera, "1", "extrinsics", "toCameraSocket", missing=-1))
-        turn, shift = (_array(camera, "1", "extrinsics", key) for key in ("rotationMatrix", "translation"))
+        link = (*camera, "1", "extrinsics")
+        there = int(_number(tree, *link, "toCameraSocket", missing=-1))
+        turn, shift = _array(tree, *link, "rotationMatrix"), _array(tree, *link, "translation")
         if is_rotation(turn) and shift.size == 3:
             made[f"T_{there}_{socket}",] = pose_of(turn.reshape(3, 3), shift / 100)
-    left, right = (
-        str(int(_number(tree, "stereoRectificationData", f"{eye}CameraSocket"))) for eye in ("left", "right")
-    )
+    if not cameras:
+        return None
+    eyes = (int(_number(tree, "stereoRectificationData", f"{eye}CameraSocket")) for eye in ("left", "right"))
+    left, right = map(str, eyes)
     return Format(made, "m", (left, right))
 
 
 def kitti(tree: Tree, _size: Size | None) -> Format | None:
     """Read KITTI's files: of several cameras, the colour cameras are meant, or else the grey ones."""
     names = {name[-1] for name in tree}
-    pair = next((pair for pair in _KITTI_PAIRS for form in _KITTI_FORMS if {form + n for n in pair} <= names), None)
-    return None if pair is None else Format(tree, cameras=pair, layout="kitti")
+    for pair in (("2", "3"), ("0", "1")):
+        if any({form + number for number in pair} <= names for form in ("P_rect_0", "P")):
+            return Format(tree, cameras=pair)
+    return None
 
 
-Adapter = Callable[[Tree, Size | None], Format | None]
-"""Reads a tree of one format, None for others; the size is the user's or the photographs', None if both are silent."""
-ADAPTERS: tuple[Adapter, ...] = (middlebury, zed, realsense, mrcal, depthai, kitti)
+ADAPTERS: tuple[Callable[[Tree, Size | None], Format | None], ...] = (middlebury, zed, realsense, mrcal, depthai, kitti)
+"""Each reads a tree of one format, None for others; the size is the user's or the photographs', None for neither."""
 
 
 def _chosen(sizes: Mapping[str, Size], size: Size | None) -> str:
     """Return the mode whose images have a size. Raises FormatError where no mode has it."""
     fitting = [mode for mode, own in sizes.items() if own == size]
-    if fitting:
-        return fitting[0]
-    if size is None and len(sizes) == 1:
-        return next(iter(sizes))
-    listed = abbreviate([str(own) for own in sizes.values()])
+    if fitting or (size is None and len(sizes) == 1):
+        return next(iter((*fitting, *sizes)))
     got = "" if size is None else f", got {size}"
-    raise FormatError(f"is for images of {listed}: give the size of yours{got}")
+    raise FormatError(f"is for images of {abbreviate([*map(str, sizes.values())])}: give the size of yours{got}")
 
 
 def _array(tree: Tree, *name: str) -> Array:

@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from semisynth_gl.calibration.kinds import Size
 from semisynth_gl.calibration.tree import Array, FormatError
-from semisynth_gl.frame.camera import Eye
+from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel, RawCamera
 
 UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
@@ -33,36 +34,19 @@ _LENSES: dict[str, LensModel] = {
     **dict.fromkeys(_RADIAL_TANGENTIAL.split(), "radial-tangential"),
     **dict.fromkeys(_FISHEYE.split(), "fisheye"),
 }
-# Lenses of other models, and how to calibrate with one that is read.
-_KALIBR = "kalibr_calibrate_cameras --models pinhole-radtan or pinhole-equi"
-_BASALT = "Basalt's --cam-types kb4"
-_OTHERS = {
-    **dict.fromkeys(("omni", "omniradtan", "omninone", "dsnone", "eucmnone", "fov", "pinholefov", "atan"), _KALIBR),
-    **dict.fromkeys(("ds", "doublesphere", "eucm"), f"{_KALIBR}, or {_BASALT}"),
-    "ucm": _BASALT,
-    **dict.fromkeys(("mei", "scaramuzza", "ocam"), "camodocal's --camera-model kannala-brandt"),
-    **dict.fromkeys(("lensmodelcahvor", "lensmodelcahvore"), "mrcal-calibrate-cameras --lensmodel LENSMODEL_OPENCV8"),
-    "lensmodelsplinedstereographic": "mrcal-convert-lensmodel LENSMODEL_OPENCV8",
-}
+# Lenses of other models.
+_OTHERS = (
+    "omni omniradtan omninone dsnone eucmnone fov pinholefov atan ds doublesphere eucm ucm mei scaramuzza ocam "
+    "lensmodelcahvor lensmodelcahvore lensmodelsplinedstereographic"
+)
 # OpenCV's 14 coefficients end with the tilt of a sensor.
 _WITH_TILT, _WITHOUT_TILT = 14, 12
 # Images of radial-tangential lenses are hardly wider than this times the focal length, 100 degrees.
 _WIDE = 2.4
 _MOST_SKEW = 1e-4
 
-
-class Size(NamedTuple):
-    """Size of an image, pixels."""
-
-    width_px: int
-    height_px: int
-
-    def __str__(self) -> str:
-        return f"{self.width_px} x {self.height_px}"
-
-    def scaled(self, scale: float) -> "Size":
-        """Return the size times a factor, rounded to whole pixels."""
-        return Size(*(max(1, int(side * scale + 0.5)) for side in self))
+Pair = tuple[Array, Array]
+"""An array of the left eye, and one of the right eye."""
 
 
 class DisparityBounds(NamedTuple):
@@ -76,33 +60,11 @@ class DisparityBounds(NamedTuple):
 NO_BOUNDS = DisparityBounds()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class EyeArrays:
-    """The arrays of one eye; None for what a calibration does not say.
+class Lens(NamedTuple):
+    """Coefficients (N,) of a lens in OpenCV's order, and their model."""
 
-    Attributes:
-        k: camera matrix (3, 3) before rectification.
-        d: coefficients (N,) of the lens in OpenCV's order.
-        model: model of the lens.
-        r: rectified_from_raw, (3, 3).
-        p: projection matrix (3, 4) of the rectified images, its last column in pixels times metres.
-        fault: why the lens cannot be used; ``d`` and ``model`` are None then.
-    """
-
-    k: Array | None = None
-    d: Array | None = None
-    model: LensModel | None = None
-    r: Array | None = None
-    p: Array | None = None
-    fault: str | None = None
-
-    def camera(self, size: Size) -> RawCamera | None:
-        """Return the camera before rectification; its images have ``size``. None where K, D or R is missing."""
-        if self.k is None or self.d is None or self.model is None or self.r is None:
-            return None
-        (fx, _, cx), (_, fy, cy), _ = self.k.tolist()
-        rows = tuple(tuple(row) for row in self.r.tolist())
-        return RawCamera(*size, fx, fy, cx, cy, self.model, tuple(self.d.tolist()), rows)
+    coefficients: Array
+    model: LensModel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,44 +72,41 @@ class StereoArrays:
     """What a calibration says of a rig; None for what it does not say.
 
     Attributes:
-        left: arrays of the left eye.
-        right: arrays of the right eye.
         size: size of the images.
+        k: camera matrices (3, 3) before rectification.
+        lenses: lenses of both eyes, of one model.
         r: rotation R (3, 3), right_from_left.
         t_m: translation T (3,), metres.
+        rectification: rectified_from_raw of both eyes, (3, 3).
+        p: projection matrices (3, 4) of the rectified images, the last column in pixels times metres.
+        lens_fault: why lenses that are stated cannot be used; ``lenses`` is None then.
         bounds: bounds of disparity.
-        layout: layout of the benchmark whose calibration this is; None for any other.
         notes: sentences on what was concluded and not read.
         source: name of the file or files, for messages.
     """
 
-    left: EyeArrays
-    right: EyeArrays
     size: Size | None = None
+    k: Pair | None = None
+    lenses: tuple[Lens, Lens] | None = None
     r: Array | None = None
     t_m: Array | None = None
+    rectification: Pair | None = None
+    p: Pair | None = None
+    lens_fault: str | None = None
     bounds: DisparityBounds = NO_BOUNDS
-    layout: str | None = None
     notes: tuple[str, ...] = ()
     source: str = ""
 
-    @property
-    def is_rectified(self) -> bool:
-        """Whether the calibration projects rectified images."""
-        return self.left.p is not None and self.right.p is not None
-
-    @property
-    def lens_fault(self) -> str | None:
-        """Why the stated lenses cannot be used. None where they can, and where no lens is stated."""
-        models = {self.left.model, self.right.model} - {None}
-        if len(models) > 1:
-            return f"expected lenses of one model, got {self.left.model} left and {self.right.model} right"
-        return self.left.fault or self.right.fault
-
     def raw_cameras(self, size: Size) -> Mapping[Eye, RawCamera] | None:
-        """Return both cameras before rectification; None where one of them is missing."""
-        left, right = self.left.camera(size), self.right.camera(size)
-        return None if self.lens_fault or left is None or right is None else {"left": left, "right": right}
+        """Return both cameras before rectification, of images of ``size``; None where K, D or R are missing."""
+        if self.k is None or self.lenses is None or self.rectification is None:
+            return None
+        cameras: dict[Eye, RawCamera] = {}
+        for eye, k, lens, rotation in zip(EYES, self.k, self.lenses, self.rectification, strict=True):
+            (fx, _, cx), (_, fy, cy), _ = k.tolist()
+            rows = tuple(tuple(row) for row in rotation.tolist())
+            cameras[eye] = RawCamera(*size, fx, fy, cx, cy, lens.model, tuple(lens.coefficients.tolist()), rows)
+        return cameras
 
 
 def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> Array:
@@ -155,49 +114,46 @@ def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> Array:
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
 
 
-def projections(left: Array, right: Array, baseline: float) -> tuple[Array, Array]:
+def projections(left: Array, right: Array, baseline: float) -> Pair:
     """Return P (3, 4) of both rectified cameras from K (3, 3) of each and their distance."""
     shift = np.array([[-right[0, 0] * baseline], [0], [0]])
     return np.hstack([left, np.zeros((3, 1))]), np.hstack([right, shift])
 
 
-def lens_of(
-    d: Array | None, names: Iterable[str], k: Array | None = None, size: Size | None = None
-) -> tuple[Array, LensModel, str | None]:
-    """Return the coefficients and the model of a lens, and a note where the model was concluded.
+def model_of(names: Iterable[str]) -> LensModel | None:
+    """Return the model of a lens by what a calibration calls it, None for unknown names; FormatError for others."""
+    model: LensModel | None = None
+    for name in names:
+        key = re.sub(r"[^a-z0-9]", "", name.lower()).removeprefix("distortion").removeprefix("camera")
+        if key in _OTHERS.split():
+            raise FormatError(f"its lens is {name}: calibrate with a radial-tangential or equidistant (fisheye) lens")
+        model = _LENSES.get(key, model)
+    return model
+
+
+def make_lens(d: Array | None, model: LensModel | None, k: Array, size: Size | None) -> Lens:
+    """Return a lens of OpenCV's models.
 
     Args:
         d: coefficients in any shape; None or none for a lens that does not bend.
-        names: what the calibration calls the lens.
+        model: the stated model; None for a radial-tangential lens, if 4 coefficients cannot be a fisheye's.
         k: camera matrix (3, 3).
         size: size of the images.
 
     Raises:
-        FormatError: where the lens has another model than OpenCV's two, or another number of coefficients, or the
-            camera matrix has skew.
+        FormatError: where coefficients do not fit the model or tell none, or the camera matrix has skew.
     """
-    if k is not None and abs(k[0, 1]) > _MOST_SKEW * k[0, 0]:
+    if abs(k[0, 1]) > _MOST_SKEW * k[0, 0]:
         raise FormatError(f"a camera matrix has a skew of {k[0, 1]:g}: expected [fx 0 cx; 0 fy cy; 0 0 1]")
-    model: LensModel | None = None
-    for name in names:
-        key = re.sub(r"[^a-z0-9]", "", name.lower()).removeprefix("distortion").removeprefix("camera")
-        if key in _OTHERS:
-            raise FormatError(
-                f"its lens is {name}: expected radial-tangential or equidistant (fisheye). Calibrate with "
-                f"{_OTHERS[key]}"
-            )
-        model = _LENSES.get(key, model)
     coefficients = np.zeros(0) if d is None else d.ravel()
     if not np.isfinite(coefficients).all():
         raise FormatError(f"expected finite coefficients of the lens, got {coefficients.tolist()}")
-    note = None
-    if model is None and len(coefficients) == COEFFICIENTS["fisheye"][0] and coefficients.any():
-        if k is not None and size is not None and size.width_px > _WIDE * k[0, 0]:
-            raise FormatError(
-                "a wide lens with 4 coefficients may be radial-tangential or a fisheye: add the value "
-                "distortion_model, fisheye or radtan, to the file"
-            )
-        note = "4 coefficients were taken for a radial-tangential lens; for a fisheye, add `distortion_model: fisheye`"
+    wide = size is not None and size.width_px > _WIDE * k[0, 0]
+    if model is None and len(coefficients) == COEFFICIENTS["fisheye"][0] and coefficients.any() and wide:
+        raise FormatError(
+            "a wide lens with 4 coefficients may be radial-tangential or a fisheye: add the value "
+            "distortion_model, fisheye or radtan, to the file"
+        )
     model = model or "radial-tangential"
     if not len(coefficients):
         coefficients = np.zeros(4 if model == "fisheye" else 5)
@@ -209,7 +165,7 @@ def lens_of(
         counts = " or ".join(map(str, COEFFICIENTS[model]))
         tilt = ": the last two, a tilted sensor's, must be 0" if len(coefficients) == _WITH_TILT else ""
         raise FormatError(f"expected {counts} coefficients of a {model} lens, got {len(coefficients)}{tilt}")
-    return coefficients, model, note
+    return Lens(coefficients, model)
 
 
 def unit_of(length: float) -> str:

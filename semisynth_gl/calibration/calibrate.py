@@ -1,33 +1,29 @@
 """Making a config for `generate` from a rig's calibration and photographs."""
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
 
-from semisynth_gl.calibration.arrays import Size
 from semisynth_gl.calibration.disparity_range import disparity_range
 from semisynth_gl.calibration.draft import Draft, describe
-from semisynth_gl.calibration.matching import given_pairs, open_matcher, pairs_among
-from semisynth_gl.calibration.photographs import centre_crop, check_sizes, photograph_sizes
+from semisynth_gl.calibration.kinds import Size
+from semisynth_gl.calibration.photographs import check_sizes, photograph_sizes
 from semisynth_gl.calibration.raw_photographs import lens_chains, rectify_photographs
-from semisynth_gl.calibration.rectification import fitting_pairs, measure_rectification
 from semisynth_gl.calibration.rig import Rig, plain_rig
 from semisynth_gl.calibration.rig_files import read_rigs
-from semisynth_gl.calibration.summary import baseline_note, raw_note, rig_summary, style_summary, view_note
-from semisynth_gl.calibration.write import make_config, suited_layout, write
+from semisynth_gl.calibration.write import make_config, write
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config import Config
 from semisynth_gl.config.load import Overrides
 from semisynth_gl.frame.camera import Eye
-from semisynth_gl.histogram import total_variation
 from semisynth_gl.inputs.arguments import LEAST, to_real, to_whole
 from semisynth_gl.inputs.errors import BackendError, InputError, counted, shown
-from semisynth_gl.inputs.user_files import Files, expanded, names_of
+from semisynth_gl.inputs.user_files import Files, names_of
 from semisynth_gl.judge.measured_view import working_width
-from semisynth_gl.judge.place import MeasuredPlace, map_files, measure_place
+from semisynth_gl.judge.place import map_files, measure_place
 from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.listener import Listener
 from semisynth_gl.seeds.splits import Split
@@ -43,7 +39,7 @@ class Calibration:
         config: the config.
         text: the config as YAML, with comments on the origin of its numbers.
         summary: lines about the config, as ``semisynth-gl calibrate`` prints them.
-        notes: sentences on possible faults of the input.
+        notes: sentences on what was concluded or left out.
     """
 
     config: Config
@@ -64,11 +60,8 @@ def calibrate(
     calib_keys: Mapping[str, str] | None = None,
     cameras: tuple[str, str] | None = None,
     alpha: float | None = None,
-    fov_deg: float | None = None,
     disparity: Files = (),
-    depth: Files = (),
     png_scale: float = KITTI_DISPARITY.steps,
-    pairs: Sequence[tuple[str | PathLike[str], str | PathLike[str]]] = (),
     rectify_to: str | PathLike[str] | None = None,
     range_px: tuple[float, float] | None = None,
     range_m: tuple[float, float] | None = None,
@@ -93,16 +86,12 @@ def calibrate(
             do not tell.
         cameras: names or numbers of the left and the right camera, of a calibration with more than two.
         alpha: how to rectify a calibration that does not say it, as OpenCV's stereoRectify takes it: from 0, for images
-            without borders, to 1, for as much of the raw images as they can show; by default OpenCV's default.
-        fov_deg: angle, 10 to 170 degrees, that the width of the rectified images takes, instead of ``alpha``; by
-            default at most 100 for a fisheye.
+            without borders, to 1, for as much of the raw images as they can show; by default OpenCV's default, with a
+            view of at most 100 degrees for a fisheye.
         disparity: disparity maps, true or predicted, from which the wanted histogram is measured.
-        depth: depth maps instead: whole numbers in millimetres, or floating point in metres.
         png_scale: levels per pixel of disparity in 16-bit PNG maps.
-        pairs: left and right photographs of the rig, in which the right camera's deviation is measured; needs OpenCV.
-            By default the pairs among ``images`` that have names as in Middlebury, ETH3D or KITTI.
-        rectify_to: folder for rectified photographs, where ``images`` and ``pairs`` are photographs as the cameras take
-            them; the config then cuts patches from these.
+        rectify_to: folder for rectified photographs, where ``images`` are photographs as the cameras take them; the
+            config then cuts patches from these.
         range_px: least and largest disparity, instead of ``disparity``.
         range_m: least and largest distance, instead of ``range_px``.
         other_camera: whether another camera took the photographs, so that they may have any size.
@@ -117,89 +106,66 @@ def calibrate(
         ReadError: where a file cannot be read.
         BackendError: where OpenGL is missing, and ``trials`` is above 0.
     """
-    kind, image_sources = "depth" if depth else "disparity", names_of(images)
-    trials = to_whole("trials", trials, least=0)
+    sources, trials = names_of(images), to_whole("trials", trials, least=0)
     scale = None if scale is None else to_real("scale", scale, least=LEAST)
     png_scale = to_real("png_scale", png_scale, least=LEAST)
     range_px, range_m = _two_numbers("range_px", range_px), _two_numbers("range_m", range_m)
-    _check_one(
-        "states the disparities", range_px=range_px, range_m=range_m, disparity=disparity or None, depth=depth or None
-    )
-    _check_one("chooses the view", alpha=alpha, fov_deg=fov_deg)
-    for argument, value in {"rectify_to": rectify_to, "pairs": pairs}.items():
-        if other_camera and value:
-            raise InputError("needs photographs of the rig, but other_camera is set", argument=argument)
-    given, stated = _given_pairs(pairs), _size(size)
-    notes: list[str] = []
-    photographed = [] if other_camera else photograph_sizes(find_images(image_sources))
-    reading = {
-        "alpha": None if alpha is None else to_real("alpha", alpha, 0, 1),
-        "fov_deg": None if fov_deg is None else to_real("fov_deg", fov_deg, 10, 170),
-        "unit": unit,
-        "cameras": cameras,
-        "keys": calib_keys,
-        "photographed": _calibrated(photographed, scale),
-    }
-    rigs = _rigs(names_of(calib), focal_px, baseline_m, stated, reading)
-    notes += dict.fromkeys(note for rig in rigs for note in rig.notes)
-    if crop := centre_crop(photographed, [rig.size for rig in rigs], scale):
-        notes.append(
-            f"the photographs are taken for the centre, {crop}, of the calibrated images, {rigs[0].size}: principal "
-            "points were moved with it. If they show another part, give the calibration of such images"
+    ranges = {"range_px": range_px, "range_m": range_m, "disparity": disparity or None}
+    given = [argument for argument, value in ranges.items() if value is not None]
+    if len(given) > 1:
+        raise InputError(f"{given[0]} also states the disparities: give only one of them", argument=given[1])
+    if other_camera and rectify_to is not None:
+        raise InputError("needs photographs of the rig, but other_camera is set", argument="rectify_to")
+    files, stated = names_of(calib), _size(size)
+    photographed = [] if other_camera else photograph_sizes(find_images(sources))
+    alpha = None if alpha is None else to_real("alpha", alpha, 0, 1)
+    if files:
+        for argument, value in {"focal_px": focal_px, "baseline_m": baseline_m}.items():
+            if value is not None:
+                raise InputError("the calibration states the same: give one or the other", argument=argument)
+        rigs = read_rigs(
+            files,
+            size=stated,
+            photographed=_calibrated(photographed, scale),
+            unit=unit,
+            alpha=alpha,
+            cameras=cameras,
+            keys=calib_keys,
         )
-        rigs = [rig.cropped(crop) for rig in rigs]
-    maps = map_files(names_of(depth or disparity), kind)
-    scaled = rigs if scale is None else [rig.scaled(scale) for rig in rigs]
+    else:
+        rigs = [_plain_rig(focal_px, baseline_m, stated, alpha)]
+    notes = list(dict.fromkeys(note for rig in rigs for note in rig.notes))
+    calibrated = [rig.size for rig in rigs]
+    rigs = rigs if scale is None else [rig.scaled(scale) for rig in rigs]
+    maps = map_files(names_of(disparity))
     if rectify_to is not None:
-        folder = expanded(fspath(rectify_to))
-        given = _rectified(image_sources, given, scaled, folder, notes)
-        image_sources = [str(folder)]
-        photographed = photograph_sizes(find_images(image_sources))
-    fitting_count = 0 if other_camera else check_sizes(photographed, [rig.size for rig in rigs], scale)
-    depths = kind == "depth"
-    disparity_px = disparity_range(scaled, maps, png_scale=png_scale, depths=depths, range_px=range_px, range_m=range_m)
-    matched = [] if other_camera else _matched_pairs(given, image_sources, scaled, notes)
-    draft = describe(
-        name,
-        scaled,
-        image_sources,
-        disparity_px,
-        scale=scale,
-        fitting_count=fitting_count,
-        rectification=measure_rectification(matched, scaled) if matched else None,
-        lenses=_lenses(scaled, notes),
-        overrides=overrides,
-    )
+        notes += rectify_photographs(sources, _raw_rig(rigs), Path(rectify_to))
+        sources = [fspath(rectify_to)]
+        photographed = photograph_sizes(find_images(sources))
+    check_sizes(photographed, calibrated, scale)
+    disparities = disparity_range(rigs, maps, png_scale=png_scale, range_px=range_px, range_m=range_m)
+    draft = describe(name, rigs, sources, disparities, _lenses(rigs, notes), overrides)
     # The config is checked before the trials, which take longest.
     config = make_config(draft)
-    if trials and [recipe.recipe for recipe in config.scenes] != [recipe.name for recipe in draft.recipes]:
-        raise InputError(
-            "scenes cannot be set where trial pairs weigh the recipes: make no trials, or change scenes in the file "
-            "that is written",
-            argument="overrides",
-        )
-    draft = replace(draft, layout=suited_layout(config, rigs))
     # Prepares the dataset's patches: unusable photographs are reported now, and the patches are cached.
-    report = prepare_atlas(config.textures, Split(0)).report
-    place = None
+    patches = prepare_atlas(config.textures, Split(0)).report.total("kept")
     if trials:
-        width_px = working_width(draft.size.width_px)
-        depths_of = scaled[0].camera if depths else None
-        place = measure_place(find_images(image_sources), maps, width_px, png_scale, depths_of)
-        draft = _fitted(draft, place, trials, listener or Listener())
-    config = make_config(draft)
-    expected = [_expectation(config)] if trials else []
-    summary = [*rig_summary(draft, report), *style_summary(draft.style, place), *expected]
-    unrectified = raw_note(draft, place) if rectify_to is None else None
-    narrowed = view_note(draft) if alpha is None and fov_deg is None else None
-    notes += filter(None, [narrowed, baseline_note(draft.ranges["baseline_m"]), unrectified])
-    return Calibration(config, write(draft), summary, notes)
+        if [recipe.recipe for recipe in config.scenes] != [recipe.name for recipe in draft.recipes]:
+            raise InputError(
+                "scenes cannot be set where trial pairs weigh the recipes: make no trials, or change scenes in the "
+                "file that is written",
+                argument="overrides",
+            )
+        place = measure_place(find_images(sources), maps, working_width(draft.size.width_px), png_scale)
+        # Imported here: loading OpenGL and models takes longer than writing a config without trials.
+        from semisynth_gl.calibration.trial import fit  # noqa: PLC0415
 
-
-def _check_one(effect: str, **sources: object) -> None:
-    given = [argument for argument, value in sources.items() if value is not None]
-    if len(given) > 1:
-        raise InputError(f"{given[0]} also {effect}: give only one of them", argument=given[1])
+        try:
+            draft = fit(draft, place.values, trials, listener or Listener())
+        except BackendError as error:
+            message = f"{error}\nWithout OpenGL, make no trials: the config is then made without trial pairs"
+            raise BackendError(message) from None
+    return Calibration(make_config(draft), write(draft), _summary(draft, patches), notes)
 
 
 def _two_numbers(name: str, values: Sequence[float] | None) -> tuple[float, float] | None:
@@ -218,36 +184,6 @@ def _size(size: tuple[int, int] | None) -> Size | None:
     return Size(*(to_whole("size", side, least=1) for side in size))
 
 
-def _given_pairs(pairs: Sequence[tuple[str | PathLike[str], str | PathLike[str]]]) -> list[tuple[Path, Path]]:
-    for pair in pairs:
-        if isinstance(pair, str) or not isinstance(pair, Sequence) or len(pair) != 2:
-            raise InputError(f"expected pairs of a left and a right photograph, got {shown(pair)}", argument="pairs")
-    return [pair for left, right in pairs for pair in given_pairs(fspath(left), fspath(right))]
-
-
-def _rigs(
-    calib: Sequence[str],
-    focal_px: float | None,
-    baseline_m: float | None,
-    size: Size | None,
-    reading: Mapping[str, Any],
-) -> list[Rig]:
-    """Read the rigs, or make one of plain numbers; ``reading`` has the other arguments of `read_rigs`."""
-    plain = {"focal_px": focal_px, "baseline_m": baseline_m}
-    if calib:
-        for argument, value in plain.items():
-            if value is not None:
-                raise InputError("the calibration states the same: give one or the other", argument=argument)
-        return read_rigs(calib, size=size, **reading)
-    for argument in ("alpha", "fov_deg"):
-        if reading[argument] is not None:
-            raise InputError("is for the lenses of a calibration: give one, or leave this out", argument=argument)
-    missing = [argument for argument, value in (plain | {"size": size}).items() if value is None]
-    if missing or size is None:
-        raise InputError("missing: give a calibration, or focal length, baseline and size", argument=missing[0])
-    return [plain_rig(to_real("focal_px", focal_px), to_real("baseline_m", baseline_m), size)]
-
-
 def _calibrated(photographs: Sequence[Size], scale: float | None) -> Size | None:
     """Return the size that calibrated images have by most of the photographs of the rig; None without any."""
     if not photographs:
@@ -256,20 +192,26 @@ def _calibrated(photographs: Sequence[Size], scale: float | None) -> Size | None
     return size.scaled(1 / (scale or 1)) if 2 * count > len(photographs) else None
 
 
-def _matched_pairs(
-    given: list[tuple[Path, Path]], images: Sequence[str], rigs: Sequence[Rig], notes: list[str]
-) -> list[tuple[Path, Path]]:
-    """Return the pairs to match: the given pairs, or those among the photographs, which need OpenCV or get a note."""
-    pairs = given or fitting_pairs(pairs_among(find_images(images)), rigs)
-    if pairs:
-        try:
-            open_matcher()
-        except InputError as error:
-            if given:
-                raise
-            notes.append(f"the deviation of rows in {counted(len(pairs), 'pair')} was not measured: {error}")
-            return []
-    return pairs
+def _plain_rig(focal_px: float | None, baseline_m: float | None, size: Size | None, alpha: float | None) -> Rig:
+    if alpha is not None:
+        raise InputError("is for the lenses of a calibration: give one, or leave this out", argument="alpha")
+    if focal_px is None or baseline_m is None or size is None:
+        given = {"focal_px": focal_px, "baseline_m": baseline_m, "size": size}
+        missing = next(argument for argument, value in given.items() if value is None)
+        raise InputError("missing: give a calibration, or focal length, baseline and size", argument=missing)
+    return plain_rig(to_real("focal_px", focal_px), to_real("baseline_m", baseline_m), size)
+
+
+def _raw_rig(rigs: Sequence[Rig]) -> Rig:
+    """Return the only rig, if its cameras before rectification are known."""
+    if len(rigs) > 1 or rigs[0].raw is None:
+        fault = next((f"; {rig.source}: {rig.lens_fault}" for rig in rigs if rig.lens_fault), "")
+        raise InputError(
+            "expected the calibration of one rig with its cameras before rectification (K and D of both, with R1 and "
+            f"R2 or R and T): give it, or rectified photographs{fault}",
+            argument="rectify_to",
+        )
+    return rigs[0]
 
 
 def _lenses(rigs: Sequence[Rig], notes: list[str]) -> Mapping[Eye, LensChain] | None:
@@ -287,42 +229,42 @@ def _lenses(rigs: Sequence[Rig], notes: list[str]) -> Mapping[Eye, LensChain] | 
         return None
 
 
-def _rectified(
-    images: Sequence[str], given: list[tuple[Path, Path]], rigs: Sequence[Rig], folder: Path, notes: list[str]
-) -> list[tuple[Path, Path]]:
-    """Rectify photographs into a folder; return the rectified ones of the given pairs."""
-    if len(rigs) > 1 or rigs[0].raw is None:
-        fault = next((f"; {rig.source}: {rig.lens_fault}" for rig in rigs if rig.lens_fault), "")
-        raise InputError(
-            "expected the calibration of one rig with its cameras before rectification (K and D of both, with R1 and "
-            f"R2 or R and T): give it, or rectified photographs{fault}",
-            argument="rectify_to",
+def _summary(draft: Draft, patches: int) -> list[str]:
+    """Return lines about the rig, its disparities, photographs, scenes and textures."""
+    ranges, disparity, style = draft.ranges, draft.disparity, draft.style
+    views = [rig.view_deg for rig in draft.rigs]
+    near_m, far_m = min(_distances_m(draft, disparity.max_px)), max(_distances_m(draft, disparity.min_px))
+    mix = (f"{weight:.0%} {recipe.name}" for weight, recipe in zip(style.weights, style.recipes, strict=True))
+    low, high = style.texels_per_pixel
+    lines = [
+        f"image size       {draft.size}",
+        f"focal length     {_shown(ranges['focal_px'], 'px')}, a view of {_shown((min(views), max(views)), 'degrees')}",
+        f"baseline         {_shown(ranges['baseline_m'], 'm')}",
+        f"doffs            {_shown(ranges['doffs_px'], 'px')}",
+        f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {disparity.target.mean_px:.2f} px",
+        f"                 {disparity.origin}",
+        f"distance         {near_m:.3g} to {far_m:.3g} m",
+        f"photographs      {draft.photographs}{', all grey' * draft.grey}, which give {counted(patches, 'patch')}",
+        f"recipes          {', '.join(mix)}",
+        f"textures         {low:g} to {high:g} texels per pixel, blurred by {style.blur_px:g} px",
+    ]
+    if draft.lenses is not None:
+        borders = (f"{1 - float(chain.valid.mean()):.1%} of the {eye} image" for eye, chain in draft.lenses.items())
+        density = max(chain.density for chain in draft.lenses.values())
+        lines.append(
+            f"lens             {draft.lenses['left'].raw.model}; borders: {', '.join(borders)}; raw images are up to "
+            f"{density:.2f} times as fine"
         )
-    photographs = find_images(images)
-    written, told = rectify_photographs(photographs, given or pairs_among(photographs), images, rigs[0], folder)
-    notes += told
-    return [(written[left], written[right]) for left, right in given if {left, right} <= written.keys()]
+    return lines
 
 
-def _fitted(draft: Draft, place: MeasuredPlace, trials: int, listener: Listener) -> Draft:
-    """Render and measure trial pairs for the draft's style."""
-    # Imported here: loading OpenGL and models takes longer than writing a config without trials.
-    from semisynth_gl.calibration.trial import fit  # noqa: PLC0415
-
-    try:
-        return fit(draft, place.values, trials, listener)
-    except BackendError as error:
-        message = f"{error}\nWithout OpenGL, make no trials: the config is then made without trial pairs"
-        raise BackendError(message) from None
+def _distances_m(draft: Draft, disparity_px: float) -> list[float]:
+    """Return the distance of a disparity for each rig, m."""
+    sums = ((rig.camera.focal_baseline, disparity_px + rig.camera.doffs_px) for rig in draft.rigs)
+    return [focal_baseline / px if px > 0 else math.inf for focal_baseline, px in sums]
 
 
-def _expectation(config: Config) -> str:
-    """Return a line on the expected distance of the mix's disparities from the wanted ones."""
-    # Imported here: loading models takes longer than writing a config without trials.
-    from semisynth_gl.scene.mix import MixSampler  # noqa: PLC0415
-    from semisynth_gl.scene.sources import prepare_sources  # noqa: PLC0415
-
-    sources = prepare_sources(config, Split(0))
-    mix = MixSampler(config, 0, sources.libraries, sources.atlas.patches)
-    variation = total_variation(mix.expected(), config.shown_histogram())
-    return f"                 disparities expected at a total variation of {variation:.3f} from the wanted ones"
+def _shown(ends: tuple[float, float], unit: str) -> str:
+    """Return a range as a person reads it, such as ``994.978 px`` or ``0.16 to 0.38 m``."""
+    low, high = (f"{end:.6g}" for end in ends)
+    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"

@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.calibration.arrays import Size
+from semisynth_gl.calibration.kinds import Size
 from semisynth_gl.calibration.rig import Rig, median_size
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.histogram import Histogram, PixelCount
 from semisynth_gl.inputs.errors import InputError, abbreviate, counted
-from semisynth_gl.judge.place import disparity_of_depths
 
 # Quantiles between which the range lies: predictions and lidar have a few values that are far off.
 _LOWEST, _HIGHEST = 0.001, 0.999
@@ -61,29 +60,11 @@ class DisparityRange:
         return self.min_px <= 0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MeasuredMaps:
-    """The disparities of several maps, each with the same weight whatever its number of values.
-
-    Attributes:
-        histogram: distribution of disparity in fine bins, px at the rigs' median width.
-        pixels: number of pixels of all maps.
-        valid: number of pixels with a disparity.
-        scaled: sizes of the maps whose disparities were scaled to the rigs' median width.
-    """
-
-    histogram: Histogram
-    pixels: int
-    valid: int
-    scaled: tuple[Size, ...] = ()
-
-
 def disparity_range(
     rigs: Sequence[Rig],
     maps: Sequence[Path] = (),
     *,
     png_scale: float = KITTI_DISPARITY.steps,
-    depths: bool = False,
     range_px: tuple[float, float] | None = None,
     range_m: tuple[float, float] | None = None,
 ) -> DisparityRange:
@@ -93,7 +74,6 @@ def disparity_range(
         rigs: the rigs.
         maps: the user's maps, one for each scene.
         png_scale: number of levels per pixel in 16-bit PNG maps.
-        depths: whether the maps hold depths instead.
         range_px: least and largest disparity, instead of maps.
         range_m: least and largest distance, instead of ``range_px``.
 
@@ -103,12 +83,13 @@ def disparity_range(
     """
     least_doffs_px = min(rig.camera.doffs_px for rig in rigs)
     if maps:
-        measured = measure_maps(maps, rigs, png_scale, depths=depths)
-        origin = _origin(maps, measured, rigs, "depth map" if depths else "disparity map")
-        return replace(measured_range(measured.histogram, least_doffs_px), origin=origin)
+        names = abbreviate([str(path) for path in maps], _NAMED)
+        found = measured_range(measure_maps(maps, rigs, png_scale), least_doffs_px)
+        return replace(found, origin=f"Measured from {counted(len(maps), 'disparity map')}: {names}.")
     low_px: float | None
     if range_px is not None:
-        (low_px, high_px), origin = range_px, "The range is the one given"
+        low_px, high_px = range_px
+        origin = "the range given"
     elif range_m is not None:
         near_m, far_m = range_m
         if not 0 < near_m < far_m:
@@ -117,40 +98,22 @@ def disparity_range(
             )
         low_px = min(rig.camera.focal_baseline / far_m - rig.camera.doffs_px for rig in rigs)
         high_px = max(rig.camera.focal_baseline / near_m - rig.camera.doffs_px for rig in rigs)
-        origin = f"The range is that of distances from {near_m:g} to {far_m:g} m, as given"
+        origin = f"distances from {near_m:g} to {far_m:g} m"
     else:
-        low_px, high_px, origin = _calibrated_bounds(rigs, least_doffs_px)
-    smooth = "the histogram is chosen, not measured: wide and smooth; with disparity maps it would be measured."
-    return replace(chosen_range(low_px, high_px, least_doffs_px), origin=f"{origin}; {smooth}")
-
-
-def _origin(maps: Sequence[Path], measured: MeasuredMaps, rigs: Sequence[Rig], kind: str) -> str:
-    """Return the sentences on the origin of a measured range."""
-    names = abbreviate([str(path) for path in maps], _NAMED)
-    low, high = (measured.histogram.quantile(share) for share in (_LOWEST, _HIGHEST))
-    text = (
-        f"Measured from {counted(len(maps), kind)}, each counting the same: {names}; {measured.pixels} pixels, "
-        f"{measured.valid / measured.pixels:.1%} with a disparity, all but a thousandth of them above {low:.4g} px and "
-        f"below {high:.4g} px. max_px leaves a tenth of room above that."
+        low_px, high_px = _calibrated_bounds(rigs)
+        origin = "the calibration's bounds"
+    return replace(
+        chosen_range(low_px, high_px, least_doffs_px),
+        origin=f"A wide and smooth histogram over {origin}, not measured.",
     )
-    if measured.scaled:
-        least, most = min(measured.scaled), max(measured.scaled)
-        size = f"{least}" if least == most else f"{least} to {most}"
-        text += (
-            f" Disparities of the {len(measured.scaled)} of other sizes ({size}) are scaled to a width of "
-            f"{median_size(rigs).width_px} px by the ratio of the widths, which is right for one view at several "
-            "resolutions."
-        )
-    return text
 
 
-def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[float | None, float, str]:
-    """Return both ends of the range of disparity that calibrations state, and their origin; an unknown low is None."""
+def _calibrated_bounds(rigs: Sequence[Rig]) -> tuple[float | None, float]:
+    """Return both ends of the range of disparity that calibrations state; an unknown low is None."""
     largest = []
     for rig in rigs:
-        bounds = {"ndisp": rig.bounds.ndisp, "vmax": rig.bounds.vmax_px}
-        known = [(px, name, rig.source) for name, px in bounds.items() if px is not None and 0 < px < math.inf]
-        largest += known[:1]
+        bounds = (rig.bounds.ndisp, rig.bounds.vmax_px)
+        largest += [px for px in bounds if px is not None and 0 < px < math.inf][:1]
     if not largest:
         camera = rigs[0].camera
         raise InputError(
@@ -158,67 +121,45 @@ def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[floa
             "maps, or the range in pixels or metres: at a distance of Z m, this rig has "
             f"{camera.focal_baseline:.4g} / Z - {camera.doffs_px:.4g} px"
         )
-    high_px, name, source = max(largest)
     # A vmin of 0 stands for an unknown one, and a vmin beyond infinity is not valid.
     named = [(rig.bounds.vmin_px, -rig.camera.doffs_px) for rig in rigs]
     least = [vmin_px for vmin_px, infinity_px in named if vmin_px and vmin_px > min(infinity_px, 0.0)]
     # The least vmin is a bound for all rigs only if every rig has one.
-    low_px = min(least) if len(least) == len(rigs) else None
-    upper, lower = f"{name} of the calibration", "vmin of the calibration"
-    if len(rigs) > 1:
-        upper = f"the largest of {counted(len(largest), 'calibration')}, {name} of {source}"
-        lower = "the least vmin of all"
-    if low_px is None:
-        lower = "a fiftieth of "
-        lower += f"the way there from -doffs, {-least_doffs_px:g} px" if least_doffs_px < 0 else "that"
-    return low_px, high_px, f"max_px is {upper}, min_px {lower}"
+    return min(least) if len(least) == len(rigs) else None, max(largest)
 
 
-def measure_maps(
-    paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = KITTI_DISPARITY.steps, *, depths: bool = False
-) -> MeasuredMaps:
-    """Measure the disparities of one or more maps; `read_values` says which numbers mark missing values.
+def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = KITTI_DISPARITY.steps) -> Histogram:
+    """Measure the disparities of one or more maps, in fine bins, px at the rigs' median width.
 
+    Each map has the same weight, whatever its number of values; `read_values` says which numbers mark missing values.
     Disparities are in proportion to the width of the image. If a map's size is not that of any rig, its disparities are
     multiplied by the ratio of the rigs' median width to the map's width. ``png_scale`` is the number of levels per
-    pixel of disparity in a 16-bit PNG. With ``depths``, the maps hold depths of the first rig instead. Raises
-    InputError where a map does not fit the rigs or has no value, and ReadError where it cannot be read.
+    pixel of disparity in a 16-bit PNG. Raises InputError where a map does not fit the rigs or has no value, and
+    ReadError where it cannot be read.
     """
-    if depths and len(rigs) > 1:
-        raise InputError(
-            f"expected the maps and the calibration of one rig, got {len(rigs)} calibrations", argument="depth"
-        )
     sizes, median = {rig.size for rig in rigs}, median_size(rigs)
     widest = max(width for width, _ in sizes)
     # Bins begin at 0, or at infinity's disparity where that is below 0.
     first_px = -max(0.0, *(rig.camera.doffs_px for rig in rigs))
     edges = np.arange(math.floor(first_px / _FINE_PX), round(widest / _FINE_PX) + 1) * _FINE_PX
     shares = np.zeros(len(edges) - 1)
-    pixels = valid = 0
-    scaled = list[Size]()
     for path in paths:
-        disparity = disparity_of_depths(path, rigs[0].camera) if depths else read_values(path, rigs, png_scale)
+        disparity = read_values(path, rigs, png_scale)
         size = Size(*disparity.shape[::-1])
-        has_value = np.isfinite(disparity)
-        count = int(has_value.sum())
-        if count == 0:
+        if not np.isfinite(disparity).any():
             raise InputError(f"{path}: holds no disparity: all of its {size} values are 0 or below, inf or nan")
-        largest = float(disparity[has_value].max())
+        largest = float(np.nanmax(disparity))
         if largest > size.width_px:
             raise InputError(
-                f"{path}: holds disparities up to {largest:g} px in an image {size.width_px} px wide: expected "
-                f"disparities up to the width. If a PNG has not {png_scale:g} levels per pixel, give its "
-                "scale; if the map holds depths, give it as a depth map"
+                f"{path}: holds disparities up to {largest:g} px in an image {size.width_px} px wide. If a PNG has not "
+                f"{png_scale:g} levels per pixel, give its scale"
             )
         if size not in sizes:
             disparity = disparity * np.float32(_scale_to(median, size, path))
-            scaled.append(size)
-        counted = PixelCount(edges)
-        counted.add(disparity)
-        shares += counted.histogram.shares
-        pixels += disparity.size
-        valid += count
-    return MeasuredMaps(Histogram.from_counts(edges, shares), pixels, valid, tuple(scaled))
+        count = PixelCount(edges)
+        count.add(disparity)
+        shares += count.histogram.shares
+    return Histogram.from_counts(edges, shares)
 
 
 def read_values(path: Path, rigs: Sequence[Rig], png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np.float32]:
@@ -250,18 +191,12 @@ def _scale_to(rig: Size, size: Size, path: Path) -> float:
     """Return the factor that scales a map's disparities; raises InputError where shape or width differ too much."""
     scale = rig.width_px / size.width_px
     shape = (rig.width_px / rig.height_px) / (size.width_px / size.height_px)
-    if not 1 / _MOST_SHAPE <= shape <= _MOST_SHAPE:
-        problem = (
-            f"its shape differs by a factor of {max(shape, 1 / shape):.3g}, and at most {_MOST_SHAPE:g} is expected"
+    if not (1 / _MOST_SHAPE <= shape <= _MOST_SHAPE and 1 / _MOST_SCALE <= scale <= _MOST_SCALE):
+        raise InputError(
+            f"{path}: has {size} pixels, but the images of the calibration have {rig}: expected maps of this rig, of "
+            f"nearly the same shape, at most {_MOST_SCALE:g} times as wide or narrow"
         )
-    elif not 1 / _MOST_SCALE <= scale <= _MOST_SCALE:
-        problem = f"its width by a factor of {max(scale, 1 / scale):.3g}, and at most {_MOST_SCALE:g} is expected"
-    else:
-        return scale
-    raise InputError(
-        f"{path}: has {size} pixels, but the images of the calibration have {rig}: {problem}. Disparities are scaled "
-        "by the ratio of the widths, which is right for one view at several resolutions: give maps of this rig"
-    )
+    return scale
 
 
 def farthest_px(least_doffs_px: float, *, signed: bool = False) -> float:

@@ -5,22 +5,23 @@ with a translation. Names tell the eye, and which of several arrays of a kind is
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from semisynth_gl.calibration.arrays import (
     UNITS,
-    EyeArrays,
-    Size,
+    Lens,
+    Pair,
     StereoArrays,
     camera_matrix,
-    lens_of,
+    make_lens,
+    model_of,
     projections,
     unit_of,
 )
 from semisynth_gl.calibration.kinds import (
+    Size,
     are_numbers,
     checked_size,
     is_camera_matrix,
@@ -57,13 +58,13 @@ _KINDS = {
 _REDERIVED = {"new", "optimal", "opt", "rect", "rectified", "rectification", "undistorted", "roi", "virtual"}
 # Words of angles about axes, which are no rotation vector.
 _ANGLE_WORDS = ("angle", "euler", "rpy", "roll", "deg")
-_BASELINES = ("baseline", "stereobaseline", "b", "bl")
+# Words of text that names the model of a lens.
+_MODEL_WORDS = {"model", "type", "lens", "lensmodel", "distortion", "projection"}
+_BASELINE = re.compile(r"(?:stereo)?baseline(mm|cm|m|meters|metres)?|b|bl")
 # Relative differences of the translation's length and the baseline of P: up to the first one both say the same, above
 # the second one the finder ignores the translation.
 _SAME_BASELINE, _MOST_BASELINE = 0.02, 0.8
 _LISTED = 40
-
-_Pair = tuple[Array, Array]
 
 
 class Finder:
@@ -86,15 +87,11 @@ class Finder:
         size: Size | None = None,
     ) -> None:
         self.tree, self.unit, self.user_size = tree, unit, size
-        self.cameras: tuple[str, str] | None = None
-        if cameras is not None:
-            left, right = (eye_of((each,)) or each for each in cameras)
-            self.cameras = left, right
+        self.cameras = cameras and (eye_of(cameras[:1]) or cameras[0], eye_of(cameras[1:]) or cameras[1])
         arrays = [Entry(name, value) for name, value in tree.items() if isinstance(value, np.ndarray)]
         self.entries = [*with_parts(by_columns(arrays))]
         self.given = {key: self._named(key, name) for key, name in (given or {}).items()}
         self.notes: list[str] = []
-        self.lens_fault: str | None = None
 
     def arrays(self) -> StereoArrays | None:
         """Return the arrays that the tree has of a rig; None where they make no rig.
@@ -104,46 +101,46 @@ class Finder:
         """
         self._check_windows()
         k, p = self._eyes("K"), self._eyes("P")
-        size = self._size(k, p)
+        size, fault = self._size(k, p)
         p = p or self._right_alone()
-        rotation, shift = self._stereo_pose()
-        turns = self._eyes("R")
-        if p is None and rotation is None:
-            p, k = self._projections(k, turns)
-        if p is None and k is None and rotation is not None:
+        turn, shift = self._stereo_pose()
+        rectification = self._eyes("R")
+        if p is None and turn is None:
+            p, k = self._projections(k, rectification)
+        if p is None and k is None and turn is not None:
             k = self._shared("K")
-        if p is None and (k is None or rotation is None or shift is None):
+        if p is None and (k is None or turn is None or shift is None):
             return None
-        moved_m, p = self._in_metres(shift, p)
-        lenses = self._lenses(k, size, required=p is None)
-        left, right = (
-            replace(
-                lens,
-                k=None if k is None else k[number],
-                r=None if turns is None or p is None else turns[number],
-                p=None if p is None else p[number],
-            )
-            for number, lens in enumerate(lenses)
-        )
-        return StereoArrays(left, right, size, rotation, moved_m, notes=tuple(self.notes))
+        shift_m, p = self._in_metres(shift, p)
+        lenses = None
+        if k is not None and fault is None:
+            try:
+                lenses = self._lenses(k, size or self.user_size)
+            except FormatError as error:
+                if p is None:
+                    raise
+                fault = str(error)
+        rectification, fault = (None if p is None else rectification), (None if k is None else fault)
+        return StereoArrays(size, k, lenses, turn, shift_m, rectification, p, fault, notes=tuple(self.notes))
 
     def listing(self) -> str:
         """Return the arrays of the tree with their shapes, as text for a message."""
         arrays = [(name, value) for name, value in self.tree.items() if isinstance(value, np.ndarray)]
         shown = [
-            f"{text_of(name)} ({' x '.join(map(str, value.shape)) or 'a number'})" for name, value in arrays[:_LISTED]
+            f"{text_of(name)} ({'a number' if value.size == 1 else ' x '.join(map(str, value.shape))})"
+            for name, value in arrays[:_LISTED]
         ]
         more = f" and {len(arrays) - _LISTED} more" if len(arrays) > _LISTED else ""
         return (", ".join(shown) + more) or "no numbers"
 
     def _named(self, key: str, name: str) -> Array:
-        for entry in self.entries:
-            if text_of(entry.name) == name:
-                kind = None if key == "R" else _KINDS.get(key.rstrip("12"))
-                if kind is not None and not kind[0](entry.value):
-                    raise FormatError(f"{name} is no {key}: it is {entry.value.tolist()}")
-                return entry.value
-        raise FormatError(f"has no {name}, which {key} was to be: it has {self.listing()}")
+        found = next((entry.value for entry in self.entries if text_of(entry.name) == name), None)
+        if found is None:
+            raise FormatError(f"has no {name}, which {key} was to be: it has {self.listing()}")
+        kind = None if key == "R" else _KINDS.get(key.rstrip("12"))
+        if kind is not None and not kind[0](found):
+            raise FormatError(f"{name} is no {key}: it is {found.tolist()}")
+        return found
 
     # --- arrays of both eyes ---
 
@@ -155,20 +152,22 @@ class Finder:
     def _of(self, key: str) -> dict[str, Entry]:
         """Return the entries of a kind by eye or number of the camera, the likeliest of each."""
         found: dict[str, Entry] = {}
-        for entry in sorted(self._fitting(key), key=lambda e: (_is_rederived(e) == (key in "KD"), len(e.name))):
+
+        def unlikely(entry: Entry) -> tuple[bool, int]:
+            return bool(_REDERIVED & set(entry.words)) == (key in "KD"), len(entry.name)
+
+        for entry in sorted(self._fitting(key), key=unlikely):
             found.setdefault(label_of(entry.name, self.cameras, rotation=key == "R"), entry)
         return found
 
-    def _eyes(self, key: str) -> _Pair | None:
+    def _eyes(self, key: str) -> Pair | None:
         """Return two arrays of a kind, left and right; None if the tree lacks either."""
-        pair = self._pair(self._of(key), key)
-        arrays = []
-        for number, entry in zip("12", pair or (None, None), strict=True):
-            if f"{key}{number}" in self.given:
-                arrays.append(self.given[f"{key}{number}"].reshape(_KINDS[key][2]))
-            elif entry is not None:
-                arrays.append(entry.value)
-        return (arrays[0], arrays[1]) if len(arrays) == len(EYES) else None
+        pair = self._pair(self._of(key), key) or (None, None)
+        left, right = (
+            self.given[key + number].reshape(_KINDS[key][2]) if key + number in self.given else entry and entry.value
+            for number, entry in zip("12", pair, strict=True)
+        )
+        return None if left is None or right is None else (left, right)
 
     def _pair(self, found: Mapping[str, Entry], key: str) -> tuple[Entry, Entry] | None:
         numbered = sorted(int(label) for label in found if label.isdigit())
@@ -191,7 +190,7 @@ class Finder:
         unlabelled = [e for e in fitting if eye_of(e.name) == ""]
         return min(unlabelled or fitting, key=lambda e: len(e.name), default=None)
 
-    def _shared(self, key: str) -> _Pair | None:
+    def _shared(self, key: str) -> Pair | None:
         """Return the only array of a kind for both eyes."""
         found = [*self._of(key).values()]
         if len(found) != 1:
@@ -205,36 +204,32 @@ class Finder:
         """Return R (3, 3) and T (3,), right_from_left, in the file's unit; None for what is not there."""
         turned, moved = self._rotations(), self._shifts()
         if {"R", "T"} & self.given.keys():
-            r = self.given.get("R", turned[""].value if "" in turned else None)
+            r = self.given.get("R", turned.get(""))
             t = self.given.get("T", moved[""].value if "" in moved else None)
             return None if r is None else _rotation(r), None if t is None else t.ravel()
         if "" in turned and "" in moved:
-            r, t = turned[""].value, moved[""].value
+            r, t = turned[""], moved[""].value
             return (r.T, -r.T @ t) if leads_to_left(moved[""].name) else (r, t)
-        poses = {
-            e.name: pose_of(e.value.reshape(-1, 4)[:3, :3], e.value.reshape(-1, 4)[:3, 3])
-            for e in self.entries
-            if is_pose(e.value)
-        }
+        matrices = {e.name: e.value.reshape(-1, 4) for e in self.entries if is_pose(e.value)}
+        poses = {name: pose_of(each[:3, :3], each[:3, 3]) for name, each in matrices.items()}
         labels = [label for label in moved if label in turned]
         if len(labels) > 1:
-            poses |= {moved[each].name: pose_of(turned[each].value, moved[each].value) for each in labels}
+            poses |= {moved[each].name: pose_of(turned[each], moved[each].value) for each in labels}
         if (pose := right_from_left(poses, self.cameras)) is not None:
             return pose[:3, :3], pose[:3, 3]
         # Calibrations of one camera against the other keep R and T beside the second camera; "rotation (R)" is no eye.
         if not labels and len(turned) == len(moved) == 1 and "" in moved:
-            return next(iter(turned.values())).value, moved[""].value
-        return (turned[labels[0]].value, moved[labels[0]].value) if len(labels) == 1 else (None, None)
+            return next(iter(turned.values())), moved[""].value
+        return (turned[labels[0]], moved[labels[0]].value) if len(labels) == 1 else (None, None)
 
-    def _rotations(self) -> dict[str, Entry]:
+    def _rotations(self) -> dict[str, Array]:
         """Return rotations (3, 3) that do not rectify, by eye: matrices rather than vectors."""
-        found: dict[str, Entry] = {}
+        found: dict[str, Array] = {}
         for entry in sorted(self.entries, key=lambda e: e.value.size != 9):
             named = starts(entry.words, ("r", *ROTATION_WORDS)) and not starts(entry.words, _ANGLE_WORDS)
             fits = is_rotation(entry.value) or (named and is_rotation_vector(entry.value))
             if fits and not starts(entry.words, ("rect", "rectif")):
-                turned = Entry(entry.name, _rotation(entry.value))
-                found.setdefault(label_of(entry.name, self.cameras, rotation=True), turned)
+                found.setdefault(label_of(entry.name, self.cameras, rotation=True), _rotation(entry.value))
         return found
 
     def _shifts(self) -> dict[str, Entry]:
@@ -247,65 +242,64 @@ class Finder:
 
     # --- projections of rectified images ---
 
-    def _right_alone(self) -> _Pair | None:
+    def _right_alone(self) -> Pair | None:
         """Return the projections where only the right eye's is stated, which holds the baseline."""
         found = self._fitting("P")
-        lefts = {"left"} if self.cameras is None else {self.cameras[0]}
-        if len(found) != 1 or found[0].value[0, 3] == 0 or label_of(found[0].name, self.cameras) in lefts:
+        left_label = "left" if self.cameras is None else self.cameras[0]
+        if len(found) != 1 or found[0].value[0, 3] == 0 or label_of(found[0].name, self.cameras) == left_label:
             return None
         left = found[0].value.copy()
         left[:, 3] = 0
         return left, found[0].value
 
-    def _projections(self, k: _Pair | None, turns: _Pair | None) -> tuple[_Pair | None, _Pair | None]:
+    def _projections(self, k: Pair | None, rectification: Pair | None) -> tuple[Pair | None, Pair | None]:
         """Return the projections that follow from a baseline or from Q, and the raw cameras' matrices beside them."""
+        alone = self._one("K")
         # OpenVSLAM's and Stella's K is of the rectified cameras, beside both raw ones and how they were turned.
-        middle = self._one("K")
-        if turns is not None and middle is not None and eye_of(middle.name) == "":
-            return self._plain(middle, None), k
-        if (plain := self._plain(middle, k)) is not None:
+        if rectification is not None and alone is not None and eye_of(alone.name) == "":
+            return self._of_baseline((alone.value, alone.value)), k
+        found = self._of_baseline(k or (alone and (alone.value, alone.value)))
+        if found is not None:
             self.notes += [
                 f"{text_of(e.name)} was left out: with a baseline and without R, images are taken to be rectified"
                 for e in self._of("D").values()
                 if e.value.any()
             ]
-            return plain, None
+            return found, None
         q = self._one("Q")
         return (None if q is None else _from_q(q.value)), k
 
-    def _plain(self, alone: Entry | None, k: _Pair | None) -> _Pair | None:
-        """Return the projections of rectified cameras of which camera matrix and baseline are stated."""
-        if k is None and alone is not None:
-            k = alone.value, alone.value
-        baseline = None if k is None else self._baseline(float(k[0][0, 0]))
-        return None if k is None or baseline is None else projections(*k, baseline)
+    def _of_baseline(self, k: Pair | None) -> Pair | None:
+        """Return the projections of rectified cameras with a stated baseline, in the file's unit; None without one.
 
-    def _baseline(self, fx: float) -> float | None:
-        """Return the baseline in the file's unit, by its name, or as the only number beside a matrix of bare rows."""
+        A baseline has a name of its own, or is the only number beside a matrix of bare rows; or it is b times f.
+        """
+        if k is None:
+            return None
         for entry in self.entries:
-            if not are_numbers(entry.value, 1):
-                continue
-            value, key = abs(float(entry.value.ravel()[0])), re.sub(r"[^a-z]", "", entry.key.lower())
-            stem = next((unit for unit in ("meters", "metres", "mm", "cm", "m") if key == f"baseline{unit}"), None)
-            if key in _BASELINES or stem is not None or re.fullmatch(r"rows \d+", entry.key):
-                self.unit = self.unit or (None if stem is None else stem if stem in UNITS else "m")
-                return value
-            if key in {"bf", "fb", "focalxbaseline"}:
-                return value / fx
+            if are_numbers(entry.value, 1):
+                value, key = abs(float(entry.value.ravel()[0])), re.sub(r"[^a-z]", "", entry.key.lower())
+                key = "baseline" if re.fullmatch(r"rows \d+", entry.key) else key
+                if found := _BASELINE.fullmatch(key):
+                    self.unit = self.unit or (found[1] and (found[1] if found[1] in UNITS else "m"))
+                    return projections(*k, value)
+                if key in {"bf", "fb", "focalxbaseline"}:
+                    return projections(*k, value / float(k[0][0, 0]))
         return None
 
-    def _in_metres(self, shift: Array | None, p: _Pair | None) -> tuple[Array | None, _Pair | None]:
+    def _in_metres(self, shift: Array | None, p: Pair | None) -> tuple[Array | None, Pair | None]:
         """Return the translation and the projections in metres; where their baselines differ, the translation's counts.
 
         DrivingStereo's small images have projections of twice the baseline.
         """
-        moved_m = None if shift is None else shift * self._factor(float(np.linalg.norm(shift)))
+        length = 0.0 if shift is None else float(np.linalg.norm(shift))
+        length_m = length * self._factor(length, noted=shift is not None)
+        shift_m = None if shift is None else shift * self._factor(length, noted=False)
         if p is None:
-            return moved_m, None
+            return shift_m, None
         left, right = (each[0, 3] / each[0, 0] for each in p)
-        factor = self._factor(abs(left - right), noted=moved_m is None)
+        factor = self._factor(abs(left - right), noted=shift is None)
         baseline_m = abs(left - right) * factor
-        length_m = 0.0 if moved_m is None else float(np.linalg.norm(moved_m))
         if _SAME_BASELINE < abs(length_m / (baseline_m or np.inf) - 1) < _MOST_BASELINE:
             self.notes.append(
                 f"the cameras are {baseline_m:.6g} m apart by P, and {length_m:.6g} m by T, which was taken: if P is "
@@ -313,9 +307,9 @@ class Finder:
             )
             factor *= length_m / baseline_m
         scale = np.array([1, 1, 1, factor])
-        return moved_m, (p[0] * scale, p[1] * scale)
+        return shift_m, (p[0] * scale, p[1] * scale)
 
-    def _factor(self, length: float, *, noted: bool = True) -> float:
+    def _factor(self, length: float, *, noted: bool) -> float:
         """Return metres per unit of a length."""
         unit = self.unit or unit_of(length)
         if self.unit is None and unit != "m" and noted:
@@ -326,41 +320,34 @@ class Finder:
 
     # --- lenses ---
 
-    def _lenses(self, k: _Pair | None, size: Size | None, *, required: bool) -> list[EyeArrays]:
-        """Return both eyes with their lenses, or with what is wrong with these; raises FormatError if ``required``."""
-        if k is None or self.lens_fault is not None:
-            return [EyeArrays(fault=None if k is None else self.lens_fault)] * 2
-        found = self._eyes("D") or self._other_coefficients(shared=k[0] is k[1])
-        eyes = []
-        for number, (own, stated) in enumerate(zip(k, found or (None, None), strict=True)):
-            try:
-                d, model, note = lens_of(stated, self._lens_names(number), own, size or self.user_size)
-            except FormatError as error:
-                if required:
-                    raise
-                eyes.append(EyeArrays(fault=str(error)))
-                continue
-            self.notes += [note] if note and note not in self.notes else []
-            eyes.append(EyeArrays(d=d, model=model))
-        return eyes
+    def _lenses(self, k: Pair, size: Size | None) -> tuple[Lens, Lens]:
+        """Return the lenses of both eyes; raises FormatError where they cannot be used."""
+        found = self._eyes("D") or self._other_coefficients(shared=k[0] is k[1]) or (None, None)
+        models = [model_of(self._lens_names(number)) for number in range(len(EYES))]
+        left, right = (make_lens(d, model, own, size) for d, model, own in zip(found, models, k, strict=True))
+        if left.model != right.model:
+            raise FormatError(f"expected lenses of one model, got {left.model} left and {right.model} right")
+        if None in models and left.coefficients.any() and len(left.coefficients) == 4:
+            self.notes.append(
+                "4 coefficients were taken for a radial-tangential lens; for a fisheye, add `distortion_model: fisheye`"
+            )
+        return left, right
 
     def _lens_names(self, number: int) -> Iterator[str]:
         """Yield what the tree calls the lens of an eye, and the model that the names of its values tell."""
-        kind = {"model", "type", "lens", "lensmodel", "distortion", "projection"}
         numbers = sorted({int(eye) for e in self.entries if e.value.size > 1 and (eye := eye_of(e.name)).isdigit()})
-        labels: Sequence[object] = self.cameras or (numbers if len(numbers) >= len(EYES) else EYES)
+        labels = self.cameras or (numbers if len(numbers) >= len(EYES) else EYES)
         own = {"", EYES[number], str(labels[number])}
         for name, value in self.tree.items():
-            if isinstance(value, str) and kind & set(words_of(name[-1:])) and label_of(name, self.cameras) in own:
+            if isinstance(value, str) and _MODEL_WORDS & {*words_of(name[-1:])} and label_of(name, self.cameras) in own:
                 yield value
-            is_switch = isinstance(value, str) or value.size == 1
-            if not is_switch and {"fisheye", "equidistant"} & set(words_of(name)):
+            if (isinstance(value, str) or value.size == 1) and {"fisheye", "equidistant"} & set(words_of(name)):
                 yield "fisheye"
         for entry in self.entries:
             if entry.key in {"radtan", "equidistant"} and label_of(entry.name, self.cameras) in own:
                 yield entry.key
 
-    def _other_coefficients(self, *, shared: bool) -> _Pair | None:
+    def _other_coefficients(self, *, shared: bool) -> Pair | None:
         """Return the coefficients that both eyes share; raises FormatError where they are of one eye, or too few."""
         named = [e for e in self.entries if starts(e.words, _LENS_WORDS) and e.value.size > 1]
         if not named:
@@ -368,46 +355,39 @@ class Finder:
             return None
         if shared or {eye_of(entry.name) for entry in named} == {""}:
             return self._shared("D")
-        raise FormatError(
-            f"{text_of(named[-1].name)}: expected 4, 5, 8, 12 or 14 coefficients of both lenses, got "
-            f"{', '.join(f'{entry.value.size} in {text_of(entry.name)}' for entry in named[:2])}"
-        )
+        counts = ", ".join(f"{entry.value.size} in {text_of(entry.name)}" for entry in named[:2])
+        raise FormatError(f"expected 4, 5, 8, 12 or 14 coefficients of both lenses, got {counts}")
 
     # --- images ---
 
     def _check_windows(self) -> None:
         """Refuse messages of ROS whose images are binned, or a window of the calibrated images."""
         for entry in self.entries:
-            if entry.key in {"binning_x", "binning_y"} and entry.value.size == 1 and entry.value > 1:
+            binned = entry.key in {"binning_x", "binning_y"} and entry.value.size == 1 and entry.value.max() > 1
+            if binned or (entry.key in {"x_offset", "y_offset"} and "roi" in entry.name and entry.value.any()):
                 raise FormatError(
-                    f"{text_of(entry.name)} is {entry.value:g}: binned images are smaller than the calibrated ones. "
-                    "Take images without binning; or, if both sides are binned alike, write 1 here and give the scale"
-                )
-            if entry.key in {"x_offset", "y_offset"} and "roi" in entry.name and entry.value.any():
-                raise FormatError(
-                    f"{text_of(entry.name)} is {entry.value:g}: the images are a window of the calibrated images. "
-                    "Take whole images; or write 0 here, and subtract the offsets from cx and cy of P"
+                    f"{text_of(entry.name)} is {entry.value.max():g}: binned images, or a window of the calibrated "
+                    "ones. Take whole images without binning"
                 )
 
-    def _size(self, k: _Pair | None, p: _Pair | None) -> Size | None:
-        """Return the size of the images, by the principal points of K and P where its sides may be in any order."""
+    def _size(self, k: Pair | None, p: Pair | None) -> tuple[Size | None, str | None]:
+        """Return the size of the images, and why the raw images cannot be used if they have another size.
+
+        The principal points of K and P tell the size where its sides may be in any order.
+        """
         if "size" in self.given:
-            return checked_size(*self.given["size"].ravel()[:2])
-        matrices = [*(k or ()), *(p or ())]
+            return checked_size(*self.given["size"].ravel()[:2]), None
+        matrices, fault = [*(k or ()), *(p or ())], None
         of_rectified, of_raw = stated_sizes(self.entries, self.cameras, matrices)
         if p is not None and of_rectified and of_raw and of_rectified[0] != of_raw[0]:
-            self.lens_fault = f"expected raw images of {of_rectified[0]}, as rectified ones, got {of_raw[0]}"
+            fault = f"expected raw images of {of_rectified[0]}, as rectified ones, got {of_raw[0]}"
         known = [*dict.fromkeys((of_raw or of_rectified) if p is None else (of_rectified or of_raw))]
         if len(known) > 1:
             raise FormatError(f"has images of {known[0]} and of {known[1]}: expected one size of both cameras")
         if known and self.user_size == tuple(reversed(known[0])) and is_turned(known[0], matrices):
             self.notes.append(f"its size, {known[0]}, was taken for height and width, as the photographs are")
-            return self.user_size
-        return known[0] if known else None
-
-
-def _is_rederived(entry: Entry) -> bool:
-    return bool(_REDERIVED & set(entry.words))
+            return self.user_size, fault
+        return (known[0] if known else None), fault
 
 
 def _rotation(value: Array) -> Array:
@@ -418,7 +398,7 @@ def _rotation(value: Array) -> Array:
     return np.array(rotation_of((x, y, z)))
 
 
-def _from_q(q: Array) -> tuple[Array, Array]:
+def _from_q(q: Array) -> Pair:
     """Return the projections that OpenCV's Q (4, 4) inverts."""
     # Q's last row ends in -1 / Tx and (cx - cx') / Tx.
     k = [camera_matrix(q[2, 3], q[2, 3], cx, -q[1, 3]) for cx in (-q[0, 3], q[3, 3] / q[3, 2] - q[0, 3])]

@@ -1,19 +1,20 @@
 """Kinds of arrays that their numbers tell: camera matrices, rotations, projections, poses, sizes."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from semisynth_gl.calibration.arrays import Size
 from semisynth_gl.calibration.names import Entry, eye_of
-from semisynth_gl.calibration.rig import turned_size_fault
 from semisynth_gl.calibration.tree import Array, FormatError, Name
 
 # Numbers are printed with six digits.
 _PRINTED = 1e-4
 _LARGEST = 1e9
 _LARGEST_SIDE_PX = 99_999
+# A principal point farther from the centre than this, as a fraction of the side, may be that of another size.
+_NEAR_CENTRE = 0.1
 # Names of a size, letters only.
 _WIDTHS = ("width", "imagewidth", "imgwidth", "imagew", "w", "cols", "resx")
 _HEIGHTS = ("height", "imageheight", "imgheight", "imageh", "h", "rows", "resy")
@@ -21,9 +22,28 @@ _SIZES = (
     *("size", "imagesize", "imgsize", "imsize", "imagersize", "framesize", "resolution", "imageresolution"),
     *("srect", "s", "wh", "dimensions", "shape", "imageshape", "imgshape", "hw"),
 )
-_HEIGHT_FIRST = ("shape", "hw")
 # Words in names of sizes of other things.
 _OTHERS = {"board", "pattern", "chessboard", "checkerboard", "chess", "grid", "tag", "marker", "roi", "crop"}
+
+
+class Size(NamedTuple):
+    """Size of an image, pixels."""
+
+    width_px: int
+    height_px: int
+
+    def __str__(self) -> str:
+        return f"{self.width_px} x {self.height_px}"
+
+    def scaled(self, scale: float) -> "Size":
+        """Return the size times a factor, rounded to whole pixels."""
+        return Size(*(max(1, int(side * scale + 0.5)) for side in self))
+
+
+def are_numbers(value: Array, *sizes: int) -> bool:
+    """Return whether an array has one of the sizes, and all its numbers are finite and of usable magnitude."""
+    # Written so that nan fails too.
+    return value.size in sizes and bool((np.abs(value) <= _LARGEST).all())
 
 
 def is_camera_matrix(value: Array) -> bool:
@@ -31,8 +51,7 @@ def is_camera_matrix(value: Array) -> bool:
     if not are_numbers(value, 9):
         return False
     k = value.reshape(3, 3)
-    zeros = abs(k[1, 0]) + abs(k[2, 0]) + abs(k[2, 1]) + abs(k[2, 2] - 1)
-    return bool(min(k[0, 0], k[1, 1]) > 1 and zeros < _PRINTED)
+    return bool(min(k[0, 0], k[1, 1]) > 1 and np.abs([k[1, 0], *(k[2] - (0, 0, 1))]).sum() < _PRINTED)
 
 
 def is_rotation(value: Array) -> bool:
@@ -55,10 +74,8 @@ def is_projection(value: Array) -> bool:
 
 def is_pose(value: Array) -> bool:
     """Return whether 12 or 16 numbers are a rotation and a translation."""
-    if not are_numbers(value, 12, 16):
-        return False
-    pose = value.reshape(-1, 4)
-    return is_rotation(pose[:3, :3]) and (len(pose) == 3 or np.allclose(pose[3], (0, 0, 0, 1)))
+    pose = value.reshape(-1, 4) if are_numbers(value, 12, 16) else np.zeros((3, 4))
+    return is_rotation(pose[:3, :3]) and np.allclose(pose[3:], (0, 0, 0, 1))
 
 
 def is_reprojection(value: Array) -> bool:
@@ -69,12 +86,6 @@ def is_reprojection(value: Array) -> bool:
     return bool(q[0, 0] == q[1, 1] == 1 and q[2, 3] > 1 and q[3, 2] != 0 and not q[2, :3].any())
 
 
-def are_numbers(value: Array, *sizes: int) -> bool:
-    """Return whether an array has one of the sizes, and all its numbers are finite and of usable magnitude."""
-    # Written so that nan fails too.
-    return value.size in sizes and bool((np.abs(value) <= _LARGEST).all())
-
-
 def is_coefficients(value: Array) -> bool:
     """Return whether an array may be the coefficients of a lens: none, or four and more in a row or a column."""
     return value.ndim < 3 and max(value.shape, default=0) == value.size and (value.size == 0 or value.size >= 4)
@@ -82,13 +93,12 @@ def is_coefficients(value: Array) -> bool:
 
 def checked_size(width: float, height: float) -> Size | None:
     """Return a size; None for 0 x 0, as OpenCV writes an unknown one. Raises FormatError for sides that are none."""
-    if width == 0 and height == 0:
+    if width == height == 0:
         return None
-    for side in (width, height):
-        if not (1 <= side <= _LARGEST_SIDE_PX and side == int(side)):
-            raise FormatError(
-                f"expected a width and height of 1 to {_LARGEST_SIDE_PX} whole pixels, got {width:g} x {height:g}"
-            )
+    if not all(1 <= side <= _LARGEST_SIDE_PX and side == int(side) for side in (width, height)):
+        raise FormatError(
+            f"expected a width and height of 1 to {_LARGEST_SIDE_PX} whole pixels, got {width:g} x {height:g}"
+        )
     return Size(int(width), int(height))
 
 
@@ -105,7 +115,7 @@ def stated_sizes(
     Raises:
         FormatError: where a side is no number of pixels.
     """
-    sizes: dict[bool, list[Size | None]] = {True: [], False: []}
+    rectified, raw = list[Size | None](), list[Size | None]()
     sides: dict[tuple[Name, str], dict[str, float]] = {}
     for entry in entries:
         key = re.sub(r"\(.*?\)|[^a-z]", "", entry.key.lower())
@@ -113,13 +123,18 @@ def stated_sizes(
         if not of_rig or _OTHERS & set(entry.words) or not are_numbers(entry.value, 1, 2, 3, 4):
             continue
         if entry.value.size > 1 and key in _SIZES:
-            sizes["rect" in entry.words] += _listed(entry.value, key, matrices)
+            # Basalt lists the sizes of both cameras, NumPy's shape ends with the number of channels.
+            rows = entry.value if entry.value.shape == (2, 2) else entry.value.reshape(1, -1)
+            found = [checked_size(*row[:2]) for row in rows.tolist()]
+            if key.endswith(("shape", "hw")):  # begins with the height, unless a script wrote shape[::-1]
+                turned = [each and Size(*reversed(each)) for each in found]
+                found = [a if b and is_turned(b, matrices) else b for a, b in zip(found, turned, strict=True)]
+            (rectified if "rect" in entry.words else raw).extend(found)
         elif entry.value.size == 1 and key in (*_WIDTHS, *_HEIGHTS):
             side = "width" if key in _WIDTHS else "height"
             sides.setdefault((entry.name[:-1], eye_of(entry.name)), {})[side] = float(entry.value.ravel()[0])
-    sizes[False] += [checked_size(found["width"], found["height"]) for found in sides.values() if len(found) == 2]
-    rectified, raw = ([size for size in sizes[key] if size is not None] for key in (True, False))
-    return rectified, raw
+    raw += [checked_size(**found) for found in sides.values() if len(found) == 2]
+    return [size for size in rectified if size], [size for size in raw if size]
 
 
 def is_turned(size: Size, matrices: Sequence[Array]) -> bool:
@@ -127,10 +142,21 @@ def is_turned(size: Size, matrices: Sequence[Array]) -> bool:
     return bool(matrices) and turned_size_fault(size, *matrices) is not None
 
 
-def _listed(value: Array, key: str, matrices: Sequence[Array]) -> Iterator[Size | None]:
-    """Yield the size that a list states, or the sizes of both cameras, as Basalt lists them."""
-    # NumPy's shape begins with the height, unless a script wrote shape[::-1], and ends with the number of channels.
-    shape = any(key.endswith(each) for each in _HEIGHT_FIRST)
-    for first, second in (value if value.shape == (2, 2) else value.reshape(1, -1))[:, :2].tolist():
-        size = checked_size(second, first) if shape else checked_size(first, second)
-        yield Size(*reversed(size)) if shape and size is not None and is_turned(size, matrices) else size
+def turned_size_fault(size: Size, *matrices: Array) -> str | None:
+    """Return what is wrong with a size whose width and height have changed places, by camera matrices; None for others.
+
+    The principal points are far from the centre of such a size, and near the centre of the turned one.
+    """
+
+    def distance(width_px: int, height_px: int) -> float:
+        return max(float(abs(m[k, 2] / side - 0.5)) for m in matrices for k, side in enumerate((width_px, height_px)))
+
+    turned = Size(size.height_px, size.width_px)
+    far = distance(*size)
+    if far <= _NEAR_CENTRE or distance(*turned) > min(_NEAR_CENTRE, far / 2):
+        return None
+    cx_px, cy_px = matrices[0][:2, 2]
+    return (
+        f"the principal point ({cx_px:.6g}, {cy_px:.6g}) is far from the centre of images of {size}, and near that of "
+        f"{turned}: the size is probably written as height, width: expected width, then height"
+    )

@@ -2,8 +2,7 @@
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 
 from semisynth_gl.calibration.tree import Array, Name
 
@@ -13,14 +12,13 @@ ROTATION_WORDS = ("rot", "rvec", "om", "rodrigues", "rmat")
 _BEFORE_A_LETTER = {"k", "d", "m", "p", "r", "mtx", "dist", "cam", "matrix", "coeffs", "kc", "rot", "cm"}
 
 
-@dataclass(frozen=True, eq=False)
-class Entry:
+class Entry(NamedTuple):
     """One array of a tree under its name."""
 
     name: Name
     value: Array
 
-    @cached_property
+    @property
     def words(self) -> tuple[str, ...]:
         """The name in lower-case words; numbers are words, and an eye's letter at the end of a word is one."""
         return words_of(self.name)
@@ -46,17 +44,11 @@ def eye_of(name: Name, *, rotation: bool = False) -> str:
     words = words_of(name)
     left, right = bool(LEFT & set(words)), bool(RIGHT - {"r"} & set(words))
     # The r of a rotation is its own name, unless another word says so, or there are two.
-    letters = words.count("r") - (rotation and not any(starts(words, (each,)) for each in ROTATION_WORDS))
-    right = right or letters > 0
-    if left != right:
-        return "left" if left else "right"
-    if left:
-        return ""
-    for part in reversed(name):
-        numbers = re.findall(r"\d+", part)
-        if numbers:
-            return str(int(numbers[-1]))
-    return ""
+    right = right or words.count("r") > (rotation and not starts(words, ROTATION_WORDS))
+    if left or right:
+        return "" if left and right else "left" if left else "right"
+    numbers = next((numbers for part in reversed(name) if (numbers := re.findall(r"\d+", part))), [])
+    return str(int(numbers[-1])) if numbers else ""
 
 
 def label_of(name: Name, cameras: tuple[str, str] | None, *, rotation: bool = False) -> str:
@@ -68,8 +60,3 @@ def label_of(name: Name, cameras: tuple[str, str] | None, *, rotation: bool = Fa
 def starts(words: Iterable[str], beginnings: Sequence[str]) -> bool:
     """Return whether a word is one of those of one letter or two, or begins with a longer one."""
     return any(word == each or (len(each) > 2 and word.startswith(each)) for word in words for each in beginnings)
-
-
-def last_word(name: Name) -> str:
-    """Return the last part of a name that is no number."""
-    return next((part for part in reversed(name) if not part.isdigit()), "")

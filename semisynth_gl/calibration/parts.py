@@ -12,39 +12,34 @@ from semisynth_gl.calibration.tree import Name
 
 # Names of single numbers, without separators: the entries of K, and of D in OpenCV's order.
 _SCALARS = {
-    "fx": (
-        *("fx", "fcx", "focallengthx", "focalx", "flx", "mu", "fu"),
-        *("focallengthpx", "focalpx", "f", "focal", "focallength"),
-    ),
-    "fy": ("fy", "fcy", "focallengthy", "focaly", "fly", "mv", "fv"),
-    "cx": ("cx", "ccx", "ppx", "u0", "cu", "principalpointx", "opticalcenterx", "px0"),
-    "cy": ("cy", "ccy", "ppy", "v0", "cv", "principalpointy", "opticalcentery", "py0"),
-    **{name: (name,) for name in ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")},
+    "fx": "fx fcx focallengthx focalx flx mu fu focallengthpx focalpx f focal focallength",
+    "fy": "fy fcy focallengthy focaly fly mv fv",
+    "cx": "cx ccx ppx u0 cu principalpointx opticalcenterx px0",
+    "cy": "cy ccy ppy v0 cv principalpointy opticalcentery py0",
+    **{name: name for name in ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")},
 }
 # Vectors of such numbers: Kalibr's intrinsics, Bouguet's and MATLAB's.
 _VECTORS = {
-    ("fx", "fy", "cx", "cy"): ("intrinsics", "intrinsic", "intrinsicsvector", "projectionparameters", "cameramatrix"),
-    ("fx", "fy"): ("fc", "focallength", "focal", "focallengths"),
-    ("cx", "cy"): ("cc", "principalpoint", "opticalcenter"),
-    ("k1", "k2"): ("radialdistortion",),
-    ("k1", "k2", "k3"): ("radialdistortion",),
-    ("p1", "p2"): ("tangentialdistortion",),
+    ("fx", "fy", "cx", "cy"): "intrinsics intrinsic intrinsicsvector projectionparameters cameramatrix",
+    ("fx", "fy"): "fc focallength focal focallengths",
+    ("cx", "cy"): "cc principalpoint opticalcenter",
+    ("k1", "k2"): "radialdistortion",
+    ("k1", "k2", "k3"): "radialdistortion",
+    ("p1", "p2"): "tangentialdistortion",
 }
-_SCALAR_OF = {alias: name for name, aliases in _SCALARS.items() for alias in aliases}
+_PARTS_OF = {
+    **{(alias, 1): (name,) for name, aliases in _SCALARS.items() for alias in aliases.split()},
+    **{(alias, len(names)): names for names, aliases in _VECTORS.items() for alias in aliases.split()},
+}
 _COEFFICIENTS = tuple(name for name in _SCALARS if name[0] in "kps")
 
 
 def by_columns(entries: Sequence[Entry]) -> list[Entry]:
     """Return entries with matrices that multiply from the right, as MATLAB's do, turned to ones from the left."""
-
-    def turned(entry: Entry) -> Entry:
-        square = entry.value.shape == (3, 3)
-        return Entry(entry.name, entry.value.T) if square else entry
-
-    by_rows = any(
-        e.value.shape == (3, 3) and is_camera_matrix(e.value.T) and not is_camera_matrix(e.value) for e in entries
-    )
-    return [turned(entry) for entry in entries] if by_rows else list(entries)
+    square = [e.value for e in entries if e.value.shape == (3, 3)]
+    if not any(is_camera_matrix(each.T) and not is_camera_matrix(each) for each in square):
+        return list(entries)
+    return [Entry(e.name, e.value.T if e.value.shape == (3, 3) else e.value) for e in entries]
 
 
 def with_parts(entries: Sequence[Entry]) -> Iterator[Entry]:
@@ -54,15 +49,12 @@ def with_parts(entries: Sequence[Entry]) -> Iterator[Entry]:
         yield entry
         if not are_numbers(entry.value, 1, 2, 3, 4):
             continue
-        words = words_of(entry.name[-1:])
+        words, size = words_of(entry.name[-1:]), entry.value.size
         eye = next((word for word in words if word in LEFT | RIGHT), "")
-        key, values = "".join(word for word in words if word not in LEFT | RIGHT), entry.value.ravel().tolist()
-        parts = next((names for names, aliases in _VECTORS.items() if key in aliases and len(values) == len(names)), ())
-        if entry.value.size == 1 and key not in _SCALAR_OF and (numbered := re.fullmatch(r"([a-z]+)(\d)", key)):
+        key = "".join(word for word in words if word not in LEFT | RIGHT)
+        if size == 1 and (key, 1) not in _PARTS_OF and (numbered := re.fullmatch(r"([a-z]+)(\d)", key)):
             key, eye = numbered[1], numbered[2]
-        if entry.value.size == 1 and key in _SCALAR_OF:
-            parts = (_SCALAR_OF[key],)
-        for part, value in zip(parts, values, strict=False):
+        for part, value in zip(_PARTS_OF.get((key, size), ()), entry.value.ravel().tolist(), strict=False):
             groups.setdefault(entry.name[:-1], {}).setdefault(eye, {}).setdefault(part, value)
     for name, eyes in groups.items():
         for eye in [each for each in eyes if each] or [""]:
@@ -88,7 +80,7 @@ def _numbered(entries: Iterable[Entry]) -> Iterator[Entry]:
 
 def _coefficients(name: Name, values: Mapping[str, float]) -> Iterator[Entry]:
     named = {key: value for key, value in values.items() if key in _COEFFICIENTS}
-    if {"k1", "k2"} <= named.keys() and "p1" in named:
+    if {"k1", "k2", "p1"} <= named.keys():
         last = max(_COEFFICIENTS.index(key) for key in named)
         count = next(count for count in (4, 5, 8, 12) if count > last)
         yield Entry((*name, "radtan"), np.array([named.get(key, 0.0) for key in _COEFFICIENTS[:count]]))

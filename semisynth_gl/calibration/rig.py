@@ -3,16 +3,19 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from semisynth_gl.calibration.arrays import NO_BOUNDS, DisparityBounds, Size, StereoArrays
+from semisynth_gl.calibration.arrays import NO_BOUNDS, DisparityBounds, StereoArrays
+from semisynth_gl.calibration.kinds import Size, turned_size_fault
 from semisynth_gl.calibration.tree import Array
 from semisynth_gl.config.fields import LARGEST, SMALLEST
 from semisynth_gl.config.rig_sections import MOST_FY_OVER_FX, MOST_PIXELS, WIDEST_PX
 from semisynth_gl.frame.camera import Eye, StereoCamera
 from semisynth_gl.frame.raw_camera import RawCamera
-from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.inputs.errors import InputError, ReadError
+from semisynth_gl.inputs.opencv import open_opencv
 
 # Largest differences between equal values, relative and in px: the rounding of calibrations that are printed with six
 # digits, which is invisible in images.
@@ -20,10 +23,13 @@ _SAME_FOCAL = 1e-4
 _SAME_CY_PX = 0.05
 # Largest distance of a rectified right camera from the x axis, as a fraction of the baseline; KITTI's is off by 0.5 %.
 _OFF_BASELINE = 0.01
-# A principal point farther from the centre than this, as a fraction of the side, may be that of another size.
-_NEAR_CENTRE = 0.1
 # Largest entry of a projection matrix: the product of a focal length and a baseline.
 _LARGEST_ENTRY = LARGEST**2
+# Tangent of half the angle that the width of a fisheye's rectified images takes at most by default, 100 degrees: wider,
+# OpenCV would shrink the middle.
+_WIDEST_FISHEYE = math.tan(math.radians(50))
+# Shorter translations, in any unit, are none.
+_NO_SHIFT = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +40,6 @@ class Rig:
         camera: the rectified cameras.
         source: name of the file or files, for messages.
         bounds: bounds of disparity that the calibration states.
-        layout: layout of the benchmark whose calibration this is; None for any other.
         raw: the cameras before rectification; None where they are not known, or give rectified images by themselves.
         lens_fault: why cameras that the calibration states cannot be used.
         notes: sentences on what was concluded from the calibration.
@@ -43,7 +48,6 @@ class Rig:
     camera: StereoCamera
     source: str
     bounds: DisparityBounds = NO_BOUNDS
-    layout: str | None = None
     raw: Mapping[Eye, RawCamera] | None = None
     lens_fault: str | None = None
     notes: tuple[str, ...] = ()
@@ -58,12 +62,11 @@ class Rig:
         limits = {
             "the focal length": (camera.focal_px, SMALLEST, LARGEST),
             "the baseline": (camera.baseline_m, SMALLEST, LARGEST),
-            "cx of the left camera": (camera.cx_left_px, -LARGEST, LARGEST),
-            "cx of the right camera": (camera.cx_right_px, -LARGEST, LARGEST),
-            "cy": (camera.cy_px, -LARGEST, LARGEST),
             "fy / fx": (camera.fy_over_fx, 1 / MOST_FY_OVER_FX, MOST_FY_OVER_FX),
         }
-        limits |= {name: (px, -LARGEST, LARGEST) for name, px in self.bounds._asdict().items() if px is not None}
+        positions = {"cx of the left camera": camera.cx_left_px, "cx of the right camera": camera.cx_right_px}
+        positions |= {"cy": camera.cy_px, **self.bounds._asdict()}
+        limits |= {name: (px, -LARGEST, LARGEST) for name, px in positions.items() if px is not None}
         for name, (value, least, most) in limits.items():
             if not least <= value <= most:
                 raise InputError(f"{self.source}: {name} is {value:g}: expected {least:g} to {most:g}")
@@ -77,29 +80,6 @@ class Rig:
     def view_deg(self) -> float:
         """Angle that the image's width takes, degrees."""
         return 2 * math.degrees(math.atan(self.camera.width_px / 2 / self.camera.focal_px))
-
-    def cropped(self, size: Size) -> "Rig":
-        """Return the rig of the images' centre, a window of ``size``."""
-        across, down = ((whole - part) / 2 for whole, part in zip(self.size, size, strict=True))
-        camera = replace(
-            self.camera,
-            width_px=size.width_px,
-            height_px=size.height_px,
-            cx_left_px=self.camera.cx_left_px - across,
-            cx_right_px=self.camera.cx_right_px - across,
-            cy_px=self.camera.cy_px - down,
-        )
-        raw = self.raw and {
-            eye: replace(
-                each,
-                width_px=size.width_px,
-                height_px=size.height_px,
-                cx_px=each.cx_px - across,
-                cy_px=each.cy_px - down,
-            )
-            for eye, each in self.raw.items()
-        }
-        return replace(self, camera=camera, raw=raw, source=f"{self.source}, the centre of {size}")
 
     def scaled(self, scale: float) -> "Rig":
         """Return the rig of images whose sides are multiplied by ``scale``: reduced below 1, enlarged above.
@@ -125,36 +105,68 @@ def plain_rig(focal_px: float, baseline_m: float, size: Size) -> Rig:
     return Rig(StereoCamera.centred(*size, focal_px, baseline_m), "the focal length, baseline and size given")
 
 
-def rectified(arrays: StereoArrays, size: Size | None) -> Rig:
-    """Check the projection matrices of a calibration, and return their rig.
+def stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None) -> StereoArrays:
+    """Return a calibration with R1, R2, P1 and P2, which OpenCV's stereoRectify makes of K, D, R and T.
 
-    Both matrices of a rectified pair are K [I | t] with the same fx, fy and cy, and with t along x only. ``size`` is
-    the user's size of the images; where the calibration states a size too, they must be equal. Raises InputError
-    where the pair is not rectified, the baseline is not above 0, or the size is missing or differs.
+    Args:
+        arrays: a calibration with K and lenses of both cameras, R and T.
+        size: of the raw and of the rectified images.
+        alpha: from 0, for images without borders, to 1, for as much of the raw images as they can show; None for
+            OpenCV's default, but with a view of at most 100 degrees for a fisheye. A fisheye's is OpenCV's ``balance``.
+
+    Raises:
+        ReadError: where the cameras have the same position, one stands above the other, or the size is written as
+            height and width.
+        InputError: where OpenCV is missing.
     """
-    left, right, source = arrays.left.p, arrays.right.p, arrays.source
-    if left is None or right is None:
+    k, lenses, turn, shift_m = arrays.k, arrays.lenses, arrays.r, arrays.t_m
+    if k is None or lenses is None or turn is None or shift_m is None:
+        raise ReadError(Path(arrays.source), "expected K and D of both cameras, R and T")
+    cv2 = open_opencv("rectifying by R and T, as the calibration has no P1 and P2,")
+    right_m, down_m, _ = (-turn.T @ shift_m).tolist()
+    fault = vertical_fault(right_m, down_m) or turned_size_fault(size, *k)
+    if np.linalg.norm(shift_m) < _NO_SHIFT:
+        fault = "expected cameras apart from each other, got a translation of 0 between them"
+    if fault is not None:
+        raise ReadError(Path(arrays.source), fault)
+    fisheye = lenses[0].model == "fisheye"
+    chosen = {} if alpha is None else {"balance" if fisheye else "alpha": alpha}
+    rectify = cv2.fisheye.stereoRectify if fisheye else cv2.stereoRectify
+    placed = tuple(size), np.array(turn), np.array(shift_m).reshape(3, 1)
+    of_eyes = (each for own, lens in zip(k, lenses, strict=True) for each in (own, lens.coefficients))
+    r1, r2, p1, p2, *_ = rectify(*of_eyes, *placed, flags=cv2.CALIB_ZERO_DISPARITY, **chosen)
+    least_focal_px = size.width_px / 2 / _WIDEST_FISHEYE
+    if alpha is None and fisheye and p1[0, 0] < least_focal_px:
+        baseline_m = p2[0, 3] / p2[0, 0]
+        p1[:2, :3] = least_focal_px * np.eye(2, 3)
+        p1[:2, 2] = (np.array(size) - 1) / 2
+        p2 = p1.copy()
+        p2[0, 3] = baseline_m * p2[0, 0]
+    how = "its default alpha" if alpha is None else f"alpha {alpha:g}"
+    source = f"{arrays.source}, rectified by stereoRectify with {how}"
+    return replace(arrays, source=source, rectification=(r1, r2), p=(p1, p2))
+
+
+def rectified(arrays: StereoArrays, size: Size) -> Rig:
+    """Check the projection matrices of a calibration, and return their rig, with images of ``size``.
+
+    Both matrices of a rectified pair are K [I | t] with the same fx, fy and cy, and with t along x only. Raises
+    InputError where the pair is not rectified, the baseline is not above 0, or the size is one of turned images.
+    """
+    source = arrays.source
+    if arrays.p is None:
         raise _not_rectified(source, "it has no projection matrices")
+    left, right = arrays.p
     baseline_m = _baseline_m(source, left, right)
-    if arrays.size is not None and size is not None and arrays.size != size:
-        raise InputError(
-            f"{source} is for images of {arrays.size}, not {size}: leave the size out, or give the scale if your "
-            "images are reduced",
-            argument="size",
-        )
-    size = arrays.size or size
-    if size is None:
-        raise InputError(f"{source}: does not say how large the images are: give the size, width and height")
     # The principal points of cameras that were turned a lot lie anywhere once they are rectified.
-    raw_matrices = [each.k for each in (arrays.left, arrays.right) if each.k is not None]
-    if (fault := turned_size_fault(size, *(raw_matrices or (left, right)))) is not None:
+    if (fault := turned_size_fault(size, *(arrays.k or arrays.p))) is not None:
         raise InputError(f"{source}: {fault}")
     (fx, _, cx_left, _), (_, fy, cy, _), _ = left.tolist()
     camera = StereoCamera(*size, fx, baseline_m, cx_left, float(right[0, 2]), cy, fy_over_fx=fy / fx)
     raw = arrays.raw_cameras(size)
     if raw is not None and all(each.is_pinhole(camera, eye) for eye, each in raw.items()):
         raw = None
-    return Rig(camera, source, arrays.bounds, arrays.layout, raw, arrays.lens_fault, arrays.notes)
+    return Rig(camera, source, arrays.bounds, raw, arrays.lens_fault, arrays.notes)
 
 
 def _baseline_m(source: str, left: Array, right: Array) -> float:
@@ -186,6 +198,19 @@ def _baseline_m(source: str, left: Array, right: Array) -> float:
     return baseline_m
 
 
+def _check_pinhole(source: str, name: str, matrix: Array) -> None:
+    """Check that the first three columns of a (3, 4) matrix are [fx 0 cx; 0 fy cy; 0 0 1], fx and fy above 0."""
+    if not (np.abs(matrix) <= _LARGEST_ENTRY).all():  # written so that nan fails too
+        fault = f"holds {matrix.tolist()}: expected finite numbers of at most {_LARGEST_ENTRY:g}"
+        raise InputError(f"{source}: the {name} projection matrix {fault}")
+    focal_px = float(min(matrix[0, 0], matrix[1, 1]))
+    if not focal_px > 0:
+        raise InputError(f"{source}: the {name} focal length is {focal_px:g} px: expected a number above 0")
+    zeros = (matrix[0, 1], matrix[1, 0], matrix[2, 0], matrix[2, 1])
+    if max(map(abs, zeros)) > _SAME_FOCAL * focal_px or abs(matrix[2, 2] - 1) > _SAME_FOCAL:
+        raise _not_rectified(source, f"the {name} projection matrix has rotation or skew: {matrix[:, :3].tolist()}")
+
+
 def vertical_fault(right_m: float, down_m: float) -> str | None:
     """Return what is wrong with a second camera rather above or below the first one than beside it; None for others.
 
@@ -200,23 +225,10 @@ def vertical_fault(right_m: float, down_m: float) -> str | None:
     )
 
 
-def turned_size_fault(size: Size, *matrices: Array) -> str | None:
-    """Return what is wrong with a size whose width and height have changed places, by camera matrices; None for others.
-
-    The principal points are far from the centre of such a size, and near the centre of the turned one.
-    """
-
-    def distance(width_px: int, height_px: int) -> float:
-        return max(float(abs(m[k, 2] / side - 0.5)) for m in matrices for k, side in enumerate((width_px, height_px)))
-
-    turned = Size(size.height_px, size.width_px)
-    far = distance(*size)
-    if far <= _NEAR_CENTRE or distance(*turned) > min(_NEAR_CENTRE, far / 2):
-        return None
-    cx_px, cy_px = matrices[0][:2, 2]
-    return (
-        f"the principal point ({cx_px:.6g}, {cy_px:.6g}) is far from the centre of images of {size}, and near that of "
-        f"{turned}: the size is probably written as height, width: expected width, then height"
+def _not_rectified(source: str, why: str) -> InputError:
+    return InputError(
+        f"{source}: is not rectified: {why}. Rectify first (OpenCV: stereoRectify), and give the calibration of the "
+        "rectified images"
     )
 
 
@@ -244,27 +256,3 @@ def rig_ranges(rigs: Sequence[Rig]) -> dict[str, tuple[float, float]]:
         for camera in (rig.camera for rig in rigs)
     ]
     return {key: (min(value[key] for value in values), max(value[key] for value in values)) for key in values[0]}
-
-
-def _check_pinhole(source: str, name: str, matrix: Array) -> None:
-    """Check that the first three columns of a (3, 4) matrix are [fx 0 cx; 0 fy cy; 0 0 1], fx and fy above 0."""
-    if not (np.abs(matrix) <= _LARGEST_ENTRY).all():  # written so that nan fails too
-        fault = f"holds {matrix.tolist()}: expected finite numbers of at most {_LARGEST_ENTRY:g}"
-        raise InputError(f"{source}: the {name} projection matrix {fault}")
-    focal_px = float(min(matrix[0, 0], matrix[1, 1]))
-    if not focal_px > 0:
-        raise InputError(f"{source}: the {name} focal length is {focal_px:g} px: expected a number above 0")
-    zeros = (matrix[0, 1], matrix[1, 0], matrix[2, 0], matrix[2, 1])
-    if max(map(abs, zeros)) > _SAME_FOCAL * focal_px or abs(matrix[2, 2] - 1) > _SAME_FOCAL:
-        raise _not_rectified(
-            source,
-            f"the {name} projection matrix has rotation or skew: expected [fx 0 cx; 0 fy cy; 0 0 1], got "
-            f"{matrix[:, :3].tolist()}",
-        )
-
-
-def _not_rectified(source: str, why: str) -> InputError:
-    return InputError(
-        f"{source}: is not rectified: {why}. Rectify first (OpenCV: stereoRectify), and give the calibration of the "
-        "rectified images"
-    )

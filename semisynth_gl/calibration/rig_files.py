@@ -5,18 +5,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from semisynth_gl.calibration.adapters import ADAPTERS, Format, kitti
-from semisynth_gl.calibration.arrays import UNITS, Size, StereoArrays, lens_of
+from semisynth_gl.calibration.arrays import UNITS, StereoArrays, model_of
 from semisynth_gl.calibration.finder import KEYS, Finder
-from semisynth_gl.calibration.rig import Rig, rectified
-from semisynth_gl.calibration.stereo_rectify import stereo_rectify
+from semisynth_gl.calibration.kinds import Size
+from semisynth_gl.calibration.rig import Rig, rectified, stereo_rectify
 from semisynth_gl.calibration.tree import EXTENSIONS, FormatError, Tree, joined, prefixes_of, read_tree
 from semisynth_gl.inputs.arguments import check_one_of
 from semisynth_gl.inputs.errors import InputError, ReadError
-from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.textures.image_files import find_files
-
-# First part of the name of a folder that ETH3D's archives have.
-_ETH3D = "two_view_"
 
 
 def read_rigs(
@@ -26,7 +22,6 @@ def read_rigs(
     photographed: Size | None = None,
     unit: str | None = None,
     alpha: float | None = None,
-    fov_deg: float | None = None,
     cameras: tuple[str, str] | None = None,
     keys: Mapping[str, str] | None = None,
 ) -> list[Rig]:
@@ -41,7 +36,6 @@ def read_rigs(
         photographed: size of the rig's photographs, which chooses or stands for the size where files do not state it.
         unit: unit of the translation: mm, cm or m; None for what the file states, or the likeliest.
         alpha: how to rectify files that do not say it, see `stereo_rectify`; None for other files.
-        fov_deg: likewise, instead of ``alpha``.
         cameras: names or numbers of the left and the right camera, of a file with more than two.
         keys: names of values in the files by `KEYS`, where names and numbers do not tell.
 
@@ -64,12 +58,7 @@ def read_rigs(
             arrays = _arrays(tree, size or photographed, cameras, unit, keys or {})
         except FormatError as error:
             raise ReadError(Path(source), str(error)) from None
-        if arrays is None:
-            return None
-        # ETH3D's files have the same form as Middlebury's, but lie in folders such as two_view_training.
-        of_eth3d = any(part.startswith(_ETH3D) for part in names[0].absolute().parts)
-        layout = "eth3d" if arrays.layout == "middlebury" and of_eth3d else arrays.layout
-        return replace(arrays, source=source, layout=layout)
+        return arrays and replace(arrays, source=source)
 
     trees = [read_tree(path) for path in paths]
     found = [arrays_of([path], tree) for path, tree in zip(paths, trees, strict=True)] if len(paths) > 1 else [None]
@@ -82,22 +71,15 @@ def read_rigs(
         if rig is None:
             raise _nothing_found(paths, whole, cameras)
         rigs = [rig]
-    return [_rig(each, size, photographed, alpha, fov_deg) for each in rigs]
+    return [_rig(each, size, photographed, alpha) for each in rigs]
 
 
 def _found(sources: Sequence[str | Path]) -> list[Path]:
     paths: dict[Path, None] = {}
     for source in sources:
-        if expanded(source).is_dir():
-            raise InputError(
-                f"{source} is a folder; give files, or a glob such as '{source}/*/calib.txt'", argument="calib"
-            )
         matches = find_files([source], EXTENSIONS)
         if not matches:
-            raise InputError(
-                f"{source}: no such file, and as a glob it matches no file with {', '.join(EXTENSIONS)}",
-                argument="calib",
-            )
+            raise InputError(f"{source}: no such file, nor a file with {', '.join(EXTENSIONS)} there", argument="calib")
         paths |= dict.fromkeys(matches)
     return [*paths]
 
@@ -110,13 +92,13 @@ def _arrays(
     if known.unit is not None and unit is not None:
         raise FormatError("its format states the unit: leave the unit out")
     arrays = Finder(known.tree, keys, cameras or known.cameras, known.unit or unit, size).arrays()
-    return None if arrays is None else replace(arrays, layout=known.layout, bounds=known.bounds)
+    return arrays and replace(arrays, bounds=known.bounds)
 
 
 def _nothing_found(paths: Sequence[Path], tree: Tree, cameras: tuple[str, str] | None) -> ReadError:
     source = Path(" and ".join(map(str, paths)))
     try:
-        lens_of(None, (value for value in tree.values() if isinstance(value, str)))
+        model_of(value for value in tree.values() if isinstance(value, str))
     except FormatError as error:
         return ReadError(source, str(error))
     chosen = "" if cameras is None else f" {' and '.join(cameras)}"
@@ -129,26 +111,19 @@ def _nothing_found(paths: Sequence[Path], tree: Tree, cameras: tuple[str, str] |
     )
 
 
-def _rig(
-    arrays: StereoArrays, size: Size | None, photographed: Size | None, alpha: float | None, fov_deg: float | None
-) -> Rig:
+def _rig(arrays: StereoArrays, size: Size | None, photographed: Size | None, alpha: float | None) -> Rig:
     if arrays.size is None and size is None and photographed is not None:
         size = photographed
         arrays = replace(arrays, notes=(*arrays.notes, f"images are taken to be of {size}, as the photographs are"))
-    if arrays.is_rectified:
-        for name, value in {"alpha": alpha, "fov_deg": fov_deg}.items():
-            if value is not None:
-                raise InputError(
-                    f"{arrays.source} states how its images are rectified: leave this out, or give a file with only "
-                    "K, D, R and T",
-                    argument=name,
-                )
-    else:
-        whole = arrays.size or size
-        if whole is None:
-            raise InputError(f"{arrays.source}: does not say how large the images are: give it", argument="size")
-        try:
-            arrays = stereo_rectify(arrays, whole, alpha, fov_deg)
-        except FormatError as error:
-            raise ReadError(Path(arrays.source), str(error)) from None
-    return rectified(arrays, size)
+    if arrays.size is not None and size is not None and arrays.size != size:
+        raise InputError(
+            f"{arrays.source} is for images of {arrays.size}, not {size}: leave the size out, or give the scale if "
+            "your images are reduced",
+            argument="size",
+        )
+    size = arrays.size or size
+    if size is None:
+        raise InputError(f"{arrays.source}: does not say how large the images are: give it", argument="size")
+    if arrays.p is not None and alpha is not None:
+        raise InputError(f"{arrays.source} states how its images are rectified: leave it out", argument="alpha")
+    return rectified(stereo_rectify(arrays, size, alpha) if arrays.p is None else arrays, size)

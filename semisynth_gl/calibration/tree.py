@@ -2,11 +2,11 @@
 
 import io
 import json
-import math
 import re
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from tokenize import TokenError
 from typing import Any
@@ -34,15 +34,17 @@ _LARGEST_BYTES = 1 << 20
 _LARGEST_YAML = 128 << 10
 # An .npz may hold the corners of all photographs of a board beside the calibration.
 _LARGEST_NUMPY = 256 << 20
-_MOST_VALUES, _MOST_NUMBERS, _DEEPEST = 20_000, 200_000, 40
-_LARGEST_NUMBER = 1e300
+_MOST_VALUES, _MOST_NUMBERS = 20_000, 200_000
+# What NumPy raises for a damaged file, or for pickled objects, which may run code and are not opened.
+_NO_ARRAY = (
+    *(ValueError, EOFError, OSError, SyntaxError, TokenError, TypeError, MemoryError, OverflowError, RuntimeError),
+    *(KeyError, zipfile.BadZipFile, zlib.error),
+)
 # Name of the only value of a file.
 _WHOLE: Name = ("values",)
 # Axes of a translation, of quaternions, and of a pose.
 _VECTORS = [tuple(axes.split()) for axes in ("x y z", "qx qy qz qw", "x y z w", "px py pz qx qy qz qw")]
-# At most one way to match each text: without alternatives to try, a text that does not match fails fast.
-_NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
-_NUMBERS = re.compile(rf"[\[({{]*\s*{_NUMBER}(?:[\s,;\[\](){{}}]+{_NUMBER})*[\s,;\])}}]*")
+_BRACKETS = str.maketrans(dict.fromkeys("[](){},", " "))
 _SECTION = re.compile(r"\[([A-Za-z_][^\]]*)\]")
 # OpenCV's reader needs no space after a colon, YAML does.
 _NO_SPACE = re.compile(r"^([ \t]*(?:- )?[A-Za-z_][\w.-]*):(?=[^\s/])", re.MULTILINE)
@@ -60,7 +62,7 @@ def read_tree(path: Path) -> Tree:
     """
     tree: Tree = {}
     try:
-        _add(tree, (), _parsed(path), 0)
+        _add(tree, (), _parsed(path))
     except FormatError as error:
         raise ReadError(path, str(error)) from None
     except RecursionError:
@@ -91,12 +93,10 @@ def text_of(name: Name) -> str:
 
 
 def _parsed(path: Path) -> Any:  # noqa: ANN401 - any nested value
-    numpy_file = path.suffix.lower() in {".npz", ".npy"}
-    data = read_bytes(path, _LARGEST_NUMPY if numpy_file else _LARGEST_BYTES)
-    if data.startswith(b"\x93NUMPY"):
-        return _array(data)
-    if data.startswith(b"PK"):
-        return _npz(data)
+    suffix = path.suffix.lower()
+    data = read_bytes(path, _LARGEST_NUMPY if suffix in {".npz", ".npy"} else _LARGEST_BYTES)
+    if data.startswith((b"\x93NUMPY", b"PK")):
+        return _numpy(data)
     try:
         text = data.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError:
@@ -104,34 +104,32 @@ def _parsed(path: Path) -> Any:  # noqa: ANN401 - any nested value
     start = text.lstrip()[:1]
     if start == "<":
         return _xml(text)
-    if start in {"{", "["} and (value := _json(text)) is not None:
-        return value
-    documents, fault = _yaml(text) if len(text) <= _LARGEST_YAML else ([], "")
-    if documents:
-        return documents[0] if len(documents) == 1 else {str(n): each for n, each in enumerate(documents, 1)}
-    if path.suffix.lower() in {".yaml", ".yml", ".json"} and len(text) > _LARGEST_YAML:
-        raise FormatError(f"has more than {_LARGEST_YAML >> 10} KiB of YAML: expected a calibration alone")
-    if path.suffix.lower() in {".yaml", ".yml", ".json"} and fault:
-        raise FormatError(f"is no YAML: {fault}")
-    return _lines(text)
-
-
-def _array(data: bytes) -> Any:  # noqa: ANN401 - any array
+    if start in {"{", "["}:
+        with suppress(ValueError):
+            return json.loads(text)
     try:
-        return np.load(io.BytesIO(data), allow_pickle=False)
-    # NumPy evaluates an array's header, and a damaged one raises whatever that finds wrong.
-    except (ValueError, EOFError, OSError, SyntaxError, TokenError, TypeError, MemoryError, OverflowError):
-        return None  # or pickled objects, which may run code
+        return _yaml(text) or _lines(text)
+    except FormatError:
+        if suffix in {".yaml", ".yml", ".json"}:
+            raise
+        return _lines(text)
 
 
-def _npz(data: bytes) -> dict[str, Any]:
+def _numpy(data: bytes) -> Any:  # noqa: ANN401 - an array, or arrays by name
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            if sum(each.file_size for each in archive.infolist()) > _LARGEST_NUMPY:
-                raise FormatError(f"expected arrays of at most {_LARGEST_NUMPY >> 20} MiB in total")
-            return {each.removesuffix(".npy"): _array(archive.read(each)) for each in archive.namelist()}
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, RuntimeError) as error:
-        raise FormatError(f"is no .npz: {error}") from None
+        file = np.load(io.BytesIO(data), allow_pickle=False)
+        if isinstance(file, np.ndarray):
+            return file
+        too_large = sum(each.file_size for each in file.zip.infolist()) > _LARGEST_NUMPY
+    except _NO_ARRAY as error:
+        raise FormatError(f"is no .npz or .npy without objects: {error}") from None
+    if too_large:
+        raise FormatError(f"expected arrays of at most {_LARGEST_NUMPY >> 20} MiB in total")
+    arrays = {}
+    for name in file.files:
+        with suppress(*_NO_ARRAY):
+            arrays[name] = file[name]
+    return arrays
 
 
 def _xml(text: str) -> Any:  # noqa: ANN401 - any nested value
@@ -152,31 +150,43 @@ def _element(element: ET.Element) -> Any:  # noqa: ANN401 - any nested value
     return {tag: each[0] if len(each) == 1 else each for tag, each in values.items()}
 
 
-def _json(text: str) -> Any:  # noqa: ANN401 - any nested value
-    try:
-        return json.loads(text)
-    except ValueError:
-        return None
-
-
-def _yaml(text: str) -> tuple[list[Mapping[str, Any]], str]:
-    """Return the distinct documents where all are mappings, else none; and what YAML says is wrong."""
+def _yaml(text: str) -> dict[str, Any] | None:
+    """Return the values of YAML's mappings; None for other YAML, FormatError for none."""
+    if len(text) > _LARGEST_YAML:
+        raise FormatError(f"has more than {_LARGEST_YAML >> 10} KiB of YAML: expected a calibration alone")
     # Scalars stay text: dates, sexagesimal numbers and tags mean nothing here.
     yaml = YAML(typ="base", pure=True)
     yaml.allow_duplicate_keys = True
-    # OpenCV's first line, %YAML:1.0, and tabs are not valid YAML. In flow mappings a colon needs a space as well.
+    # OpenCV's first line, %YAML:1.0, and tabs are not valid YAML.
     text = re.sub(r"\A\s*%YAML[^\n]*\n", "", text).replace("\t", "  ")
     try:
         documents = [each for each in yaml.load_all(_NO_SPACE.sub(r"\1: ", text)) if each]
     except (YAMLError, ValueError, AttributeError, TypeError, KeyError) as error:
         mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or str(error)
-        return [], f"line {mark.line + 1}: {problem}" if mark else problem
+        where = f"line {mark.line + 1}: " if mark else ""
+        raise FormatError(f"is no YAML: {where}{getattr(error, 'problem', None) or error}") from None
     if not all(isinstance(each, Mapping) for each in documents):
-        return [], ""
+        return None
+    if _expanded(documents, {}) > _MOST_NUMBERS:
+        raise FormatError(f"has more than {_MOST_NUMBERS} values")
     # `ros2 topic echo` without --once prints a camera's message again and again until it is stopped.
-    untimed = [{key: value for key, value in each.items() if key != "header"} for each in documents]
-    return [each for number, each in enumerate(documents) if untimed[number] not in untimed[:number]], ""
+    distinct: list[Mapping[str, Any]] = []
+    for each in documents:
+        untimed = {key: value for key, value in each.items() if key != "header"}
+        if untimed not in distinct:
+            distinct.append(untimed)
+    return dict(distinct[0]) if len(distinct) == 1 else {str(n): each for n, each in enumerate(distinct, 1)}
+
+
+def _expanded(node: Any, known: dict[int, int]) -> int:  # noqa: ANN401 - any nested value
+    """Return the number of values in a node, counting what an alias repeats as often as it is repeated."""
+    if not isinstance(node, Mapping | list):
+        return 1
+    if id(node) not in known:
+        known[id(node)] = 1  # for a node that contains itself
+        children = node.values() if isinstance(node, Mapping) else node
+        known[id(node)] = 1 + sum(_expanded(each, known) for each in children)
+    return known[id(node)]
 
 
 def _lines(text: str) -> dict[str, Any]:
@@ -189,16 +199,15 @@ def _lines(text: str) -> dict[str, Any]:
     name, rows = "", list[str]()
 
     def close() -> None:
-        nonlocal rows
         if rows:
             section[name or f"rows {len(values) + 1}"] = "; ".join(rows)
-        rows = []
+        rows.clear()
 
     for line in (each.strip() for each in text.splitlines()):
         if not line or line.startswith(("#", "//", "%")):
             close()
             name = name if line else ""
-        elif _NUMBERS.fullmatch(line):
+        elif _text_array(line) is not None:
             if not name and rows and len(rows[-1].split()) != len(line.split()):
                 close()
             rows.append(line)
@@ -208,7 +217,7 @@ def _lines(text: str) -> dict[str, Any]:
         else:
             close()
             name, value = _keyed(line)
-            if _NUMBERS.fullmatch(value):
+            if _text_array(value) is not None:
                 rows.append(value)
             elif value:
                 section[name] = value
@@ -222,106 +231,70 @@ def _keyed(line: str) -> tuple[str, str]:
     if found is not None:
         return line[: found.start()].strip(), line[found.end() :].strip().rstrip("; ")
     name, _, value = line.partition(" ")
-    return (name, value.strip()) if _NUMBERS.fullmatch(value.strip()) else (line, "")
+    return (line, "") if _text_array(value) is None else (name, value.strip())
 
 
-def _add(tree: Tree, name: Name, node: Any, depth: int) -> None:  # noqa: ANN401 - any nested value
-    if len(tree) > _MOST_VALUES or depth > _DEEPEST:
-        raise FormatError(f"has more than {_MOST_VALUES} values, or deeper ones than a calibration")
+def _add(tree: Tree, name: Name, node: Any) -> None:  # noqa: ANN401 - any nested value
+    if len(tree) > _MOST_VALUES:
+        raise FormatError(f"has more than {_MOST_VALUES} values: expected a calibration alone")
     if isinstance(node, np.ndarray) and node.dtype.kind == "U" and node.size == 1:
         node = str(node.item())
-    array = _numbers(node)
+    array = _array(node)
     if array is not None:
         tree[name or _WHOLE] = array
     elif isinstance(node, str):
         tree[name or _WHOLE] = node
-    elif isinstance(node, Mapping):
-        for key, value in node.items():
-            _add(tree, (*name, *([part for part in str(key).split(".") if part] or [str(key)])), value, depth + 1)
-    elif isinstance(node, list | tuple):
-        for number, value in enumerate(node):
-            _add(tree, (*name, str(number)), value, depth + 1)
+    elif isinstance(node, Mapping | list):
+        for key, value in node.items() if isinstance(node, Mapping) else enumerate(node):
+            parts = [part for part in str(key).split(".") if part] or [str(key)]
+            _add(tree, (*name, *parts), value)
 
 
-def _numbers(node: Any) -> Array | None:  # noqa: ANN401 - any nested value
+def _array(node: Any) -> Array | None:  # noqa: ANN401 - any nested value
     """Return the array that a node stands for; None for a node of names or words."""
-    array: Array | None = None
     match node:
-        case bool():
-            pass
-        case int() | float() if abs(node) < _LARGEST_NUMBER:
-            array = np.array(float(node))
-        case np.ndarray() if node.dtype.kind in "iuf" and node.size < _MOST_NUMBERS:
-            array = node.astype(np.float64)
         case str():
-            array = _text_numbers(node)
+            return _text_array(node)
         case Mapping():
-            array = _mapping_numbers(node)
-        case list() | tuple():
-            array = _list_numbers(node)
-    return array
+            return _mapping_array(node)
+        case np.ndarray() if node.dtype.kind in "iuf" and node.size < _MOST_NUMBERS:
+            return node.astype(np.float64)
+        case int() | float() | list() if not isinstance(node, bool):
+            with suppress(TypeError, ValueError, OverflowError):
+                return np.array(node, np.float64)
+    return None
 
 
-def _list_numbers(node: Sequence[Any]) -> Array | None:
+def _text_array(text: str) -> Array | None:
+    """Return the array of a text of numbers, in which semicolons end the rows of a matrix."""
     try:
-        return np.array(list(_rows(node, [0])), np.float64)
-    except (TypeError, ValueError, OverflowError):
-        return None
-
-
-def _rows(node: Sequence[Any], count: list[int]) -> Iterator[Any]:
-    """Yield the numbers of a list, and lists of them; raises TypeError for anything else."""
-    for each in node:
-        count[0] += 1
-        if count[0] > _MOST_NUMBERS:
-            raise FormatError(f"has a list of more than {_MOST_NUMBERS} numbers")
-        if isinstance(each, list | tuple):
-            yield list(_rows(each, count))
-        elif isinstance(each, bool | Mapping) or each is None:
-            raise TypeError
-        else:
-            yield float(each)
-
-
-def _text_numbers(text: str) -> Array | None:
-    text = text.strip()
-    try:
-        return np.array(float(text))
+        rows = [np.array(row.split(), np.float64) for row in text.translate(_BRACKETS).split(";") if row.strip()]
     except ValueError:
-        pass
-    if not _NUMBERS.fullmatch(text):
         return None
-    rows = [re.findall(_NUMBER, row) for row in text.split(";")]
-    rows = [row for row in rows if row]
-    if len({len(row) for row in rows}) == 1 and len(rows) > 1:
-        return np.array(rows, np.float64)
-    return np.array([number for row in rows for number in row], np.float64)
+    if len(rows) > 1 and len({row.size for row in rows}) == 1:
+        return np.array(rows)
+    return np.concatenate(rows) if rows else None
 
 
-def _mapping_numbers(node: Mapping[Any, Any]) -> Array | None:
+def _mapping_array(node: Mapping[Any, Any]) -> Array | None:
     """Return the array of a mapping that is one: a matrix of OpenCV's, a vector, quaternion or pose by its axes."""
     if "data" in node:
-        data, *sides = (_numbers(node.get(key)) for key in ("data", "rows", "cols"))
-        if data is None:
-            return None
-        # A shape that does not fit is no shape.
-        shape = [int(each) for each in sides if each is not None and each.ndim == 0 and each >= 1]
-        return data.reshape(shape) if len(shape) == 2 and math.prod(shape) == data.size else data.ravel()
-    vector = next((axes for axes in _VECTORS if node.keys() == set(axes)), ())
-    numbers = _numbers([node[axis] for axis in vector])
-    if numbers is None or not vector or numbers.ndim != 1:
+        data = _array(node["data"])
+        with suppress(KeyError, TypeError, ValueError, OverflowError):
+            return None if data is None else data.reshape([int(node[side]) for side in ("rows", "cols")])
+        return None if data is None else data.ravel()
+    axes = next((axes for axes in _VECTORS if node.keys() == set(axes)), ())
+    numbers = _array([node[axis] for axis in axes])
+    if numbers is None or len(axes) == 0 or numbers.ndim != 1:
         return None
-    if len(vector) == 3:
+    if len(axes) == 3:
         return numbers
     turn = _turn(numbers[-4:])
-    if len(vector) == 4:
-        return turn
-    return np.vstack([np.column_stack([turn, numbers[:3]]), [0, 0, 0, 1]])
+    return turn if len(axes) == 4 else np.vstack([np.column_stack([turn, numbers[:3]]), [0, 0, 0, 1]])
 
 
 def _turn(quaternion: Array) -> Array:
     """Return the rotation (3, 3) of a quaternion x y z w of any length; nan where it has none."""
     length = np.linalg.norm(quaternion)
-    unit = quaternion / length if length else np.full(4, np.nan)
-    turn: Array = rotation_from_quaternion(unit[None])[0]
+    turn: Array = rotation_from_quaternion((quaternion / length if length else np.full(4, np.nan))[None])[0]
     return turn

@@ -46,7 +46,7 @@ def fit(draft: Draft, place: Values, pairs: int, listener: Listener) -> Draft:
     width_px = draft.size.width_px
     blur_scale = width_px / working_width(width_px)
     listener.on_total(pairs * len(cells))
-    trial_values = _as_tried(config_values(replace(draft, tried=untried_style(tried))).values)
+    trial_values = _as_tried(config_values(replace(draft, tried=untried_style(tried))))
     with PairRenderer(parse_values(trial_values, "the trial's config", draft.overrides), _SEED) as renderer:
         for recipe, sampler in zip(renderer.sampler.recipes, renderer.sampler.samplers, strict=True):
             # Expected shares do not depend on texels.

@@ -102,35 +102,11 @@ def _cameras(_: click.Context, __: click.Parameter, text: str | None) -> tuple[s
     "--alpha",
     type=Number(min=0, max=1),
     help="stereoRectify's alpha, for a calibration that lacks P1 and P2: 0 leaves no borders, 1 keeps as much of the "
-    "raw images as possible; by default stereoRectify's.",
-)
-@option(
-    "--fov",
-    "fov_deg",
-    type=Number(min=10, max=170),
-    metavar="DEGREES",
-    help="Angle that the width of the rectified images takes, for a calibration that lacks P1 and P2, instead of "
-    "--alpha; by default at most 100 for a fisheye.",
+    "raw images as possible; by default stereoRectify's, with a view of at most 100 degrees for a fisheye.",
 )
 @map_options(
     "to measure the histogram",
     "Disparities of a map that is not as wide as the rig's images are scaled by the ratio of the widths. ",
-)
-@option(
-    "--depth",
-    type=FilesType(),
-    multiple=True,
-    metavar="PATH_OR_GLOB",
-    help="Depth maps instead of disparity maps: 16-bit .png in millimetres, .pfm or .npy in metres. May be repeated.",
-)
-@option(
-    "--pairs",
-    type=(FilesType(), FilesType()),
-    multiple=True,
-    metavar="LEFT RIGHT",
-    help="Left and right photographs by the rig (two files, folders or globs), to measure how far they are from "
-    "rectified; needs OpenCV, the extra opencv. May be repeated. By default, the pairs among "
-    "--images that have the names of Middlebury, ETH3D or KITTI.",
 )
 @option(
     "--rectify-to",
@@ -160,9 +136,7 @@ def calibrate(
     images: tuple[str, ...],
     calib: tuple[str, ...],
     disparity: tuple[str, ...],
-    depth: tuple[str, ...],
     png_scale: float,
-    pairs: tuple[tuple[str, str], ...],
     rectify_to: Path | None,
     settings: tuple[str, ...],
     out: Path,
@@ -177,9 +151,7 @@ def calibrate(
             images,
             calib=calib,
             disparity=disparity,
-            depth=depth,
             png_scale=png_scale,
-            pairs=pairs,
             rectify_to=rectify_to,
             overrides=settings,
             name=out.stem,

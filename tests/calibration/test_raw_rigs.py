@@ -6,21 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from calibration_files import D1, D2, FISHEYE, IMAGE, K1, K2, RAW, SIZE, R, T, projections, write_storage
+from calibration_files import D1, D2, IMAGE, K1, K2, RAW, SIZE, R, T, projections, write_storage
 from click.testing import CliRunner
 from config_texts import parse_config
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from semisynth_gl.calibration import calibrate as calibrating
 from semisynth_gl.calibration.calibrate import calibrate
-from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.cli.calibrate import calibrate as command
 from semisynth_gl.config.load import load_config
 from semisynth_gl.frame.raw_camera import RawCamera, rotation_of, vector_of
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.pairs.pipeline import render_pair
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.borders import black_border
@@ -137,24 +134,6 @@ def test_alpha_makes_the_borders_of_photographs_and_dataset(place):
         assert abs(border - photograph) < 0.03
 
 
-def test_photographs_that_are_not_rectified_are_noted(place, monkeypatch):
-    """The rectification of `place` leaves borders, which photographs as the cameras take them have not."""
-    # Trial pairs take seconds, and change nothing here.
-    monkeypatch.setattr(calibrating, "_fitted", lambda draft, *_: draft)
-    settings = {"calib": place / "stereo.yml", "range_px": (8, 60), "trials": 1}
-    raw = calibrate(place / "photos", **settings)
-    (note,) = (note for note in raw.notes if "probably not rectified" in note)
-    assert re.search(r"the lens leaves \d+\.\d% border, and they have 0\.0%", note)
-    assert "rectify_to" in note
-    rectified = calibrate(place / "photos", rectify_to=place / "rectified", **settings)
-    assert not any("probably" in note for note in rectified.notes)
-    assert "12 photographs rectified: 6 of the left camera, 6 of the right one (right/00.png, right/01.png, " in str(
-        rectified.notes
-    )
-    (line,) = (line for line in rectified.summary if line.startswith("lens"))
-    assert "at least 100% of each raw image in view" in line
-
-
 def test_patches_keep_clear_of_borders(place):
     config = made(place).config
 
@@ -178,26 +157,6 @@ def test_the_command_rectifies_twice_alike(place):
     assert load_config(place / "rig.yaml").textures.images == (str(place / "rectified"),)
 
 
-def test_pairs_show_how_well_the_calibration_fits(place):
-    """Photographs of one scene through both lenses, whose right camera stands 3 px lower than calibrated."""
-    flat = np.random.default_rng(1).integers(60, 256, (480, 640, 3), dtype=np.uint8)
-    flat = cv2.GaussianBlur(flat, (0, 0), 1.5)
-    flat = np.clip((flat.astype(int) - 157) * 4 + 157, 60, 255).astype(np.uint8)
-    values = projections(alpha=1)
-    for side, matrix, distortion, number, down in (("left", K1, D1, "1", 0), ("right", K2, D2, "2", 3)):
-        x, y = np.meshgrid(np.arange(640.0), np.arange(480.0))
-        points = np.stack([x.ravel(), y.ravel() - down], axis=1)[:, None]
-        seen = cv2.undistortPoints(points, matrix, distortion, R=values[f"R{number}"], P=values[f"P{number}"])
-        maps = (seen[:, 0, i].reshape(480, 640).astype(np.float32) for i in (0, 1))
-        raw = cv2.remap(flat, *maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
-        Image.fromarray(raw).save(place / f"pair-{side}.png")
-    pair = (place / "pair-left.png", place / "pair-right.png")
-    calibration = made(place, pairs=[pair])
-    rig, focal_px = calibration.config.rig, calibration.config.camera.focal_px.middle
-    down_px = rig.right_y_px.middle - np.tan(np.deg2rad(rig.right_pitch_deg.middle)) * focal_px
-    assert down_px == pytest.approx(3 * focal_px / K2[1, 1], abs=0.2)
-
-
 def test_wrong_photographs_are_refused_before_anything_is_written(place):
     with pytest.raises(InputError, match="lies among the photographs"):
         calibrate(place / "photos", calib=place / "stereo.yml", rectify_to=place / "photos" / "out", range_px=(2, 40))
@@ -206,27 +165,24 @@ def test_wrong_photographs_are_refused_before_anything_is_written(place):
     stored(place / "only-p.yml", projections())
     with pytest.raises(InputError, match="its cameras before rectification"):
         made(place, calib=place / "only-p.yml")
-    with pytest.raises(InputError, match=r"raw images have 320 x 240, but of 12 photographs none.* 640 x 480"):
+    with pytest.raises(InputError, match=r"raw images have 320 x 240, but of 12 photographs none.*640 x 480"):
         made(place, scale=0.5)
     for sources in (str(place / "photos" / "*" / "0*.png"), sorted((place / "photos" / "left").iterdir())):
         top = place / "photos" if isinstance(sources, str) else place / "photos" / "left"
         with pytest.raises(InputError, match=r"with other pixels|lies among the photographs"):
             calibrate(sources, calib=place / "stereo.yml", rectify_to=top, range_px=(2, 40), trials=0)
-    for pairs in ([("a",)], [("a", "b", "c")]):
-        with pytest.raises(InputError, match="pairs"):
-            made(place, pairs=pairs)
     Image.new("RGB", SIZE).save(place / "photos" / "left" / "00.jpg")
-    with pytest.raises(InputError, match="differ in more than their endings"):
+    with pytest.raises(InputError, match="differ only in the endings"):
         made(place)
     (place / "photos" / "left" / "00.jpg").unlink()
     assert not (place / "rectified").exists()
     (place / "rectified").write_text("")
-    with pytest.raises(InputError, match="rectified is a file: name a new folder"):
+    with pytest.raises(InputError, match="holds other images: name a new folder"):
         made(place)
     (place / "rectified").unlink()
     (place / "rectified").mkdir()
     Image.new("RGB", SIZE).save(place / "rectified" / "holiday.png")
-    with pytest.raises(InputError, match=r"holds 1 other image, such as holiday\.png"):
+    with pytest.raises(InputError, match="holds other images"):
         made(place)
 
 
@@ -234,7 +190,8 @@ def test_photographs_below_another_folder_and_turned_ones(place, monkeypatch):
     (place / "day").mkdir()
     Image.new("RGB", (100, 80)).save(place / "photos" / "small.png")
     monkeypatch.chdir(place / "day")
-    notes = made(Path(".."), calib="../stereo.yml", pairs=[("../photos/left", str(place / "photos" / "right"))]).notes
+    notes = made(Path(".."), calib="../stereo.yml").notes
+    assert "photographs rectified: 6 of the left camera, 6 of the right one" in notes
     assert any("1 photograph left out" in note and "640 x 480" in note for note in notes)
     assert len(list((place / "rectified").rglob("*.png"))) == 12
     exif = Image.Exif()
@@ -280,29 +237,3 @@ def test_lenses_of_several_rigs_or_without_opencv_are_left_out_with_a_note(place
         assert calibration.config.lens is None
         assert any(re.search(words, note) for note in calibration.notes)
         monkeypatch.setitem(sys.modules, "cv2", None)
-
-
-def test_a_narrowed_fisheye_is_noted_with_what_is_lost(place):
-    wide = np.array([[160.0, 0, 322], [0, 160, 236], [0, 0, 1]])
-    values = {"K1": wide, "K2": wide, "D1": FISHEYE, "D2": FISHEYE, "R": np.eye(3), "T": T}
-    path = stored(place / "wide.yml", values)
-    path.write_text(path.read_text() + "distortion_model: fisheye\n")
-    told = calibrate(place / "photos", calib=path, range_px=(2, 40), trials=0).notes
-    lost = [re.search(r"100 degrees across.*: (\d+)% of the fisheye's image is lost", note) for note in told]
-    (found,) = filter(None, lost)
-    (rig,) = read_rigs([path])
-    x, y = np.meshgrid(np.arange(0.0, SIZE[0], 5), np.arange(0.0, SIZE[1], 5))
-    chain = LensChain(rig.raw["left"], rig.camera, "left", "black")
-    column, row = rig.raw["left"].rectified(chain.pinhole, x, y)
-    seen = (column >= 0) & (column < SIZE[0]) & (row >= 0) & (row < SIZE[1])
-    assert int(found[1]) == pytest.approx(100 * (1 - seen.mean()), abs=2)
-    told = calibrate(place / "photos", calib=path, range_px=(2, 40), trials=0, fov_deg=100).notes
-    assert not any("is lost" in note for note in told)
-
-
-def test_alpha_is_refused_where_it_decides_nothing(place):
-    others = {"range_px": (2, 40), "trials": 0}
-    with pytest.raises(InputError, match="alpha: is for the lenses of a calibration"):
-        calibrate(place / "photos", focal_px=500, baseline_m=0.1, size=SIZE, alpha=1, **others)
-    with pytest.raises(InputError, match=r"alpha: must be from 0 to 1, got 1\.5"):
-        calibrate(place / "photos", calib="rig.yml", alpha=1.5, **others)

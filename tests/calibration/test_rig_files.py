@@ -33,8 +33,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shared_material import SHARED, needs_shared
 
-from semisynth_gl.calibration.arrays import EyeArrays, Size, StereoArrays
-from semisynth_gl.calibration.rig import rectified, turned_size_fault
+from semisynth_gl.calibration.arrays import StereoArrays
+from semisynth_gl.calibration.kinds import Size, turned_size_fault
+from semisynth_gl.calibration.rig import rectified
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.raw_camera import vector_of
@@ -494,29 +495,6 @@ def test_a_rectified_rig_in_any_format_is_read_back(tmp_path_factory, size, foca
             assert getattr(rig.camera, key) == pytest.approx(getattr(camera, key), rel=1e-9, abs=1e-9), name
 
 
-SHORT_KITTI = "".join(f"{line.replace('_rect_0', '')}\n" for line in KITTI.splitlines() if line.startswith("P_rect"))
-KITTIS = StereoCamera(1242, 375, 721.5377, 0.5327, 609.5593, 609.5593, 172.854)
-ETH3D = StereoCamera(942, 489, 541.764, 0.0599079, 553.869, 553.869, 232.396)
-BARE = StereoCamera(640, 480, 700.0, 0.12, 320.0, 320.0, 240.0)
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "camera", "layout"),
-    [
-        ("calib_cam_to_cam.txt", KITTI, KITTIS, "kitti"),
-        ("000000.txt", SHORT_KITTI, KITTIS, "kitti"),
-        ("two_view_training/calib.txt", middlebury(ETH3D), ETH3D, "eth3d"),
-        ("K.txt", "700 0 320 0 700 240 0 0 1\n0.12\n", BARE, None),
-        ("K.txt", "700 0 320\n0 700 240\n0 0 1\n\n0.12\n", BARE, None),
-    ],
-)
-def test_rectified_rigs_of_benchmarks(tmp_path, name, text, camera, layout):
-    (rig,) = read(tmp_path, {name: text}, size=Size(camera.width_px, camera.height_px))
-    assert (rig.layout, rig.raw) == (layout, None)
-    for key, value in camera.values().items():
-        assert getattr(rig.camera, key) == pytest.approx(value, abs=1e-4), key
-
-
 def test_the_right_camera_alone_holds_the_baseline(tmp_path):
     left, right = write(tmp_path, SHAPES["ros"])
     check(read_rigs([left, right])[0])
@@ -531,11 +509,25 @@ def test_the_right_camera_alone_holds_the_baseline(tmp_path):
         read_rigs([b, a])
 
 
-def test_bare_numbers_are_a_matrix_and_a_baseline(tmp_path):
-    for text in ("700 0 320 0 700 240 0 0 1\n0.12\n", "700 0 320\n0 700 240\n0 0 1\n\n0.12\n"):
-        (tmp_path / "K.txt").write_text(text)
-        (rig,) = read_rigs([tmp_path / "K.txt"], size=Size(640, 480))
-        assert rig.camera == StereoCamera(640, 480, 700.0, 0.12, 320.0, 320.0, 240.0)
+SHORT_KITTI = "".join(f"{line.replace('_rect_0', '')}\n" for line in KITTI.splitlines() if line.startswith("P_rect"))
+KITTIS = StereoCamera(1242, 375, 721.5377, 0.5327, 609.5593, 609.5593, 172.854)
+BARE = StereoCamera(640, 480, 700.0, 0.12, 320.0, 320.0, 240.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "camera"),
+    [
+        (KITTI, KITTIS),
+        (SHORT_KITTI, KITTIS),
+        ("700 0 320 0 700 240 0 0 1\n0.12\n", BARE),
+        ("700 0 320\n0 700 240\n0 0 1\n\n0.12\n", BARE),
+    ],
+)
+def test_rectified_rigs_of_benchmarks(tmp_path, text, camera):
+    (rig,) = read(tmp_path, {"calib.txt": text}, size=Size(camera.width_px, camera.height_px))
+    assert rig.raw is None
+    for key, value in camera.values().items():
+        assert getattr(rig.camera, key) == pytest.approx(value, abs=1e-4), key
 
 
 def realsense():
@@ -603,7 +595,7 @@ def test_the_unit_counts_for_the_baseline_alone(tmp_path):
 
 def test_the_size_comes_from_the_file_the_user_or_the_photographs(tmp_path):
     (tmp_path / "stereo.yml").write_text(opencv(size=False))
-    with pytest.raises(InputError, match=r"does not say how large the images are: give the size"):
+    with pytest.raises(InputError, match="does not say how large the images are"):
         read_rigs([tmp_path / "stereo.yml"])
     assert read_rigs([tmp_path / "stereo.yml"], size=Size(640, 480))[0].size == (640, 480)
     (rig,) = read_rigs([tmp_path / "stereo.yml"], photographed=Size(700, 500))
@@ -752,17 +744,6 @@ def test_a_fisheyes_alpha_is_opencvs_balance(tmp_path):
     np.testing.assert_allclose(rig.camera.focal_px, p1[0, 0], rtol=1e-9)
 
 
-@pytest.mark.parametrize("lens", ["equidistant", "radtan"])
-@pytest.mark.parametrize("fov_deg", [30, 90, 140])
-def test_a_field_of_view_is_that_of_the_rectified_images(tmp_path, lens, fov_deg):
-    (rig,) = read(tmp_path, {"chain.yaml": kalibr(lens, [FISHEYE] * 2)}, fov_deg=fov_deg)
-    camera = rig.camera
-    left, right = (np.degrees(np.arctan((x - camera.cx_left_px) / camera.focal_px)) for x in (-0.5, SIZE[0] - 0.5))
-    assert (-left, right) == (pytest.approx(fov_deg / 2), pytest.approx(fov_deg / 2))
-    assert (camera.cx_right_px, camera.cy_px) == (camera.cx_left_px, (SIZE[1] - 1) / 2)
-    assert camera.baseline_m == pytest.approx(np.linalg.norm(T))
-
-
 @pytest.mark.parametrize("focal_px", [520, 150, 100])
 def test_the_middle_of_a_wide_fisheye_stays_sharp(tmp_path, focal_px):
     """As OpenCV's default does not keep it."""
@@ -825,17 +806,17 @@ def m(old, new):
         (message("1") + message("1").replace("c1", "x"), ["describes no pair"]),
         (message("2") + message("1"), ["the baseline is -0.12", "swap"]),
         (message("2", P2=np.zeros((3, 4))), ["describes no pair"]),
-        (message("2").replace("binning_x: 0", "binning_x: 2"), ["binning", "the scale"]),
-        (message("2").replace("x_offset: 0", "x_offset: 8"), ["roi", "window"]),
+        (message("2").replace("binning_x: 0", "binning_x: 2"), ["binning_x is 2", "without binning"]),
+        (message("2").replace("x_offset: 0", "x_offset: 8"), ["roi.x_offset is 8", "window"]),
         (message("2").replace("width: 640", "width: -1"), ["-1 x 480"]),
-        (json.dumps(kalibr("omni")), ["omni", "pinhole-radtan"]),
-        (json.dumps(kalibr()).replace('"pinhole"', '"ds"'), ["ds", "pinhole-equi"]),
+        (json.dumps(kalibr("omni")), ["its lens is omni", "radial-tangential"]),
+        (json.dumps(kalibr()).replace('"pinhole"', '"ds"'), ["its lens is ds"]),
         (json.dumps(changed(kalibr(), "cam0", "resolution", to=[640, 200])), ["one size", "640 x 200"]),
-        (json.dumps(kalibr(coefficients=(D1, D2[:3]))), ["cam1.distortion_coeffs", "of both lenses", "3 in cam1"]),
+        (json.dumps(kalibr(coefficients=(D1, D2[:3]))), ["of both lenses", "3 in cam1.distortion_coeffs"]),
         (json.dumps(RAW | {"K2": K2 + np.eye(3, k=1), "imageSize": SIZE}, default=np.ndarray.tolist), ["a skew of 1"]),
         (json.dumps(kalibr("equidistant", (D1, D2))), ["expected 4 coefficients of a fisheye lens, got 5"]),
         (json.dumps(kalibr(size=(480, 640))), ["near that of 640 x 480: the size is probably"]),
-        (json.dumps(basalt("ds")), ["ds", "kb4"]),
+        (json.dumps(basalt("ds")), ["its lens is ds"]),
         (json.dumps(changed(basalt(), "value0", "T_imu_cam", 1, to=basalt()["value0"]["T_imu_cam"][0])), ["of 0"]),
         (json.dumps(depthai("nowhere")), ["describes no pair"]),
         (json.dumps(depthai(kind=2)), ["describes no pair"]),
@@ -873,7 +854,7 @@ def test_a_vertical_rig_is_named(tmp_path, lens):
     left, right = matrices()
     right[0, 3], right[1, 3] = 0, -100
     with pytest.raises(InputError, match=r"vertical rig: the right camera stands 0\.100505 m below"):
-        rectified(StereoArrays(EyeArrays(p=left), EyeArrays(p=right), Size(741, 500)), None)
+        rectified(StereoArrays(p=(left, right)), Size(741, 500))
 
 
 def test_alpha_is_refused_where_it_decides_nothing(tmp_path):
@@ -910,8 +891,8 @@ def test_pickled_arrays_are_not_opened(tmp_path):
 
 
 def test_files_that_are_not_there_are_refused(tmp_path):
-    for source, words in (("no.txt", "no such file"), ("*.txt", "as a glob it matches"), (".", "is a folder")):
-        with pytest.raises(InputError, match=words):
+    for source in ("no.txt", "*.txt", "."):
+        with pytest.raises(InputError, match="no such file, nor a file with"):
             read_rigs([tmp_path / source])
 
 
@@ -923,12 +904,10 @@ def test_a_size_whose_sides_changed_places_is_noticed(size, off):
     size = Size(*size)
     left_x, right_x = (size.width_px * (0.5 + each) for each in off[:2])
     camera = StereoCamera(*size, 500, 0.1, left_x, right_x, size.height_px * (0.5 + off[2]))
-    left, right = (EyeArrays(p=p) for p in matrices(camera))
-    assert rectified(StereoArrays(left, right, size), None).size == size
-    turned = Size(*reversed(size))
-    for stated, users in ((turned, None), (None, turned)):
-        with pytest.raises(InputError, match=f"near that of {size}: the size is probably written as height, width"):
-            rectified(StereoArrays(left, right, stated), users)
+    arrays = StereoArrays(p=matrices(camera))
+    assert rectified(arrays, size).size == size
+    with pytest.raises(InputError, match=f"near that of {size}: the size is probably written as height, width"):
+        rectified(arrays, Size(*reversed(size)))
 
 
 # --- rectified rigs whose lens cannot be used ---
