@@ -110,10 +110,7 @@ def disparity_range(
 
 def _calibrated_bounds(rigs: Sequence[Rig]) -> tuple[float | None, float]:
     """Return both ends of the range of disparity that calibrations state; an unknown low is None."""
-    largest = []
-    for rig in rigs:
-        bounds = (rig.bounds.ndisp, rig.bounds.vmax_px)
-        largest += [px for px in bounds if px is not None and 0 < px < math.inf][:1]
+    largest = [px for rig in rigs if (px := rig.bounds.ndisp or rig.bounds.vmax_px) is not None and px > 0]
     if not largest:
         camera = rigs[0].camera
         raise InputError(
@@ -155,7 +152,14 @@ def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = 
                 f"{png_scale:g} levels per pixel, give its scale"
             )
         if size not in sizes:
-            disparity = disparity * np.float32(_scale_to(median, size, path))
+            scale = median.width_px / size.width_px
+            shape = scale * size.height_px / median.height_px
+            if not (1 / _MOST_SHAPE <= shape <= _MOST_SHAPE and 1 / _MOST_SCALE <= scale <= _MOST_SCALE):
+                raise InputError(
+                    f"{path}: has {size} pixels, but the images of the calibration have {median}: expected maps of "
+                    f"this rig, of nearly the same shape, at most {_MOST_SCALE:g} times as wide or narrow"
+                )
+            disparity = disparity * np.float32(scale)
         count = PixelCount(edges)
         count.add(disparity)
         shares += count.histogram.shares
@@ -187,18 +191,6 @@ def read_values(path: Path, rigs: Sequence[Rig], png_scale: float = KITTI_DISPAR
     return np.where(known, values, np.float32(np.nan))
 
 
-def _scale_to(rig: Size, size: Size, path: Path) -> float:
-    """Return the factor that scales a map's disparities; raises InputError where shape or width differ too much."""
-    scale = rig.width_px / size.width_px
-    shape = (rig.width_px / rig.height_px) / (size.width_px / size.height_px)
-    if not (1 / _MOST_SHAPE <= shape <= _MOST_SHAPE and 1 / _MOST_SCALE <= scale <= _MOST_SCALE):
-        raise InputError(
-            f"{path}: has {size} pixels, but the images of the calibration have {rig}: expected maps of this rig, of "
-            f"nearly the same shape, at most {_MOST_SCALE:g} times as wide or narrow"
-        )
-    return scale
-
-
 def farthest_px(least_doffs_px: float, *, signed: bool = False) -> float:
     """Return the lower limit of all disparities, px: d > -doffs, and also d > 0 unless disparities are signed."""
     return -least_doffs_px if signed else max(0.0, -least_doffs_px)
@@ -225,8 +217,6 @@ def chosen_range(low_px: float | None, high_px: float, least_doffs_px: float = 0
     is the least cx_right - cx_left of the rigs. Raises InputError where the range is empty or reaches infinity.
     """
     farthest = farthest_px(least_doffs_px)
-    if farthest > 0:
-        _check_before_infinity(high_px, least_doffs_px, "the range of disparity ends at")
     low = farthest + _LOW_OF_HIGH * (high_px - farthest) if low_px is None else low_px
     if not (low < high_px < math.inf and (low > 0 or least_doffs_px > 0)):
         above = "" if least_doffs_px > 0 else ", both above 0"

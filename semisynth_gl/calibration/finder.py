@@ -70,12 +70,8 @@ _LISTED = 40
 class Finder:
     """The arrays of a rig in one tree.
 
-    Args:
-        tree: the values.
-        given: names in the tree by `KEYS`, which the user gives.
-        cameras: the left and the right camera by name or number, where there are more than two; None for any.
-        unit: unit of the translation; None for the likeliest.
-        size: size of the images, where the tree does not say it.
+    Its arguments are a tree, the user's names in it by `KEYS`, the left and the right camera where there are more than
+    two, the unit of the translation, and the size of the images where the tree does not say it; None for unknown ones.
     """
 
     def __init__(

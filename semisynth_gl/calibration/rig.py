@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from semisynth_gl.calibration.arrays import NO_BOUNDS, DisparityBounds, StereoArrays
+from semisynth_gl.calibration.arrays import NO_BOUNDS, DisparityBounds, StereoArrays, camera_matrix
 from semisynth_gl.calibration.kinds import Size, turned_size_fault
 from semisynth_gl.calibration.tree import Array
 from semisynth_gl.config.fields import LARGEST, SMALLEST
@@ -59,17 +59,15 @@ class Rig:
                 f"{self.source}: images of {self.size}: expected sides of at most {WIDEST_PX} and at most "
                 f"{MOST_PIXELS:,} pixels"
             )
-        limits = {
-            "the focal length": (camera.focal_px, SMALLEST, LARGEST),
-            "the baseline": (camera.baseline_m, SMALLEST, LARGEST),
-            "fy / fx": (camera.fy_over_fx, 1 / MOST_FY_OVER_FX, MOST_FY_OVER_FX),
-        }
-        positions = {"cx of the left camera": camera.cx_left_px, "cx of the right camera": camera.cx_right_px}
-        positions |= {"cy": camera.cy_px, **self.bounds._asdict()}
-        limits |= {name: (px, -LARGEST, LARGEST) for name, px in positions.items() if px is not None}
-        for name, (value, least, most) in limits.items():
-            if not least <= value <= most:
-                raise InputError(f"{self.source}: {name} is {value:g}: expected {least:g} to {most:g}")
+        known = [value for value in (*camera.values().values(), *self.bounds) if value is not None]
+        small = min(camera.focal_px, camera.baseline_m) < SMALLEST
+        if small or not all(abs(value) <= LARGEST for value in known):
+            raise InputError(
+                f"{self.source}: expected numbers of at most {LARGEST:g}, and a focal length and a baseline of at "
+                f"least {SMALLEST:g}, got {', '.join(f'{value:g}' for value in known)}"
+            )
+        if not 1 / MOST_FY_OVER_FX <= camera.fy_over_fx <= MOST_FY_OVER_FX:
+            raise InputError(f"{self.source}: fy is {camera.fy_over_fx:g} times fx: expected nearly equal ones")
 
     @property
     def size(self) -> Size:
@@ -171,14 +169,17 @@ def rectified(arrays: StereoArrays, size: Size) -> Rig:
 
 def _baseline_m(source: str, left: Array, right: Array) -> float:
     """Return the baseline of two projection matrices; raises InputError where they are of no rectified pair."""
-    for name, matrix in (("left", left), ("right", right)):
-        _check_pinhole(source, name, matrix)
-    for axis, name in enumerate(("fx", "fy")):
-        own, other = float(left[axis, axis]), float(right[axis, axis])
-        if abs(own - other) > _SAME_FOCAL * own:
-            raise _not_rectified(source, f"focal lengths differ: {name} is {own:g} px left, {other:g} right")
-    if abs(left[1, 2] - right[1, 2]) > _SAME_CY_PX:
-        raise _not_rectified(source, f"cy differs: {left[1, 2]:g} px left, {right[1, 2]:g} px right")
+    fx, fy = float(left[0, 0]), float(left[1, 1])
+    for eye, matrix in (("left", left), ("right", right)):
+        if not ((np.abs(matrix) <= _LARGEST_ENTRY).all() and min(fx, fy) > 0):  # written so that nan fails too
+            raise InputError(f"{source}: the {eye} projection matrix holds {matrix.tolist()}: expected usable numbers")
+        off = np.abs(matrix[:, :3] - camera_matrix(fx, fy, matrix[0, 2], left[1, 2]))
+        if off[1, 2] > _SAME_CY_PX or np.delete(off, 5).max() > _SAME_FOCAL * fx or off[2, 2] > _SAME_FOCAL:
+            raise _not_rectified(
+                source,
+                f"fx is {fx:g} px left, {right[0, 0]:g} right, fy {fy:g} and {right[1, 1]:g}, cy {left[1, 2]:g} and "
+                f"{right[1, 2]:g}, and the {eye} matrix is {matrix[:, :3].tolist()}",
+            )
     # Translations t, metres, from P = K [I | t]; their difference places the right camera in the left one's frame.
     left_m, right_m = (np.linalg.solve(matrix[:, :3], matrix[:, 3]) for matrix in (left, right))
     baseline_m, down_m, forward_m = map(float, left_m - right_m)
@@ -196,19 +197,6 @@ def _baseline_m(source: str, left: Array, right: Array) -> float:
             "swap left and right, in the calibration and in your images"
         )
     return baseline_m
-
-
-def _check_pinhole(source: str, name: str, matrix: Array) -> None:
-    """Check that the first three columns of a (3, 4) matrix are [fx 0 cx; 0 fy cy; 0 0 1], fx and fy above 0."""
-    if not (np.abs(matrix) <= _LARGEST_ENTRY).all():  # written so that nan fails too
-        fault = f"holds {matrix.tolist()}: expected finite numbers of at most {_LARGEST_ENTRY:g}"
-        raise InputError(f"{source}: the {name} projection matrix {fault}")
-    focal_px = float(min(matrix[0, 0], matrix[1, 1]))
-    if not focal_px > 0:
-        raise InputError(f"{source}: the {name} focal length is {focal_px:g} px: expected a number above 0")
-    zeros = (matrix[0, 1], matrix[1, 0], matrix[2, 0], matrix[2, 1])
-    if max(map(abs, zeros)) > _SAME_FOCAL * focal_px or abs(matrix[2, 2] - 1) > _SAME_FOCAL:
-        raise _not_rectified(source, f"the {name} projection matrix has rotation or skew: {matrix[:, :3].tolist()}")
 
 
 def vertical_fault(right_m: float, down_m: float) -> str | None:

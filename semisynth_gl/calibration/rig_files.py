@@ -34,10 +34,10 @@ def read_rigs(
         sources: names of files, and globs.
         size: size of the images, for files that do not state it; where a file does, both must be equal.
         photographed: size of the rig's photographs, which chooses or stands for the size where files do not state it.
-        unit: unit of the translation: mm, cm or m; None for what the file states, or the likeliest.
-        alpha: how to rectify files that do not say it, see `stereo_rectify`; None for other files.
-        cameras: names or numbers of the left and the right camera, of a file with more than two.
-        keys: names of values in the files by `KEYS`, where names and numbers do not tell.
+        unit: as `calibrate` takes it, like all that follow.
+        alpha: see `stereo_rectify`.
+        cameras: of a file with more than two.
+        keys: names of values in the files by `KEYS`.
 
     Raises:
         InputError: where there is no file, a rig is not rectified, or OpenCV is needed and missing.

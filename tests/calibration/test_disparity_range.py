@@ -190,9 +190,8 @@ def test_what_lies_beyond_infinity_is_refused_with_its_numbers():
         InputError, match=r"disparities lies below 4\.042 px, but with doffs = -5 px .* infinity is 5 px"
     ):
         measured_range(Histogram.from_counts([4.0, 46.0], [1.0]), -5.0)
-    for ends, words in (((5.0, 46.0), "begins at 5 px"), ((None, 4.0), "ends at 4 px")):
-        with pytest.raises(InputError, match=rf"range of disparity {words}, but with doffs = -5 px"):
-            chosen_range(*ends, -5.0)
+    with pytest.raises(InputError, match=r"range of disparity begins at 5 px, but with doffs = -5 px"):
+        chosen_range(5.0, 46.0, -5.0)
 
 
 def test_a_chosen_histogram_is_smooth_and_covers_its_range():

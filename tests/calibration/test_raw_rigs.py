@@ -187,10 +187,9 @@ def test_wrong_photographs_are_refused_before_anything_is_written(place):
 
 
 def test_photographs_below_another_folder_and_turned_ones(place, monkeypatch):
-    (place / "day").mkdir()
     Image.new("RGB", (100, 80)).save(place / "photos" / "small.png")
-    monkeypatch.chdir(place / "day")
-    notes = made(Path(".."), calib="../stereo.yml").notes
+    monkeypatch.chdir(place / "photos" / "left")
+    notes = made(Path("../.."), calib="../../stereo.yml").notes
     assert "photographs rectified: 6 of the left camera, 6 of the right one" in notes
     assert any("1 photograph left out" in note and "640 x 480" in note for note in notes)
     assert len(list((place / "rectified").rglob("*.png"))) == 12

@@ -37,10 +37,9 @@ from semisynth_gl.calibration.arrays import StereoArrays
 from semisynth_gl.calibration.kinds import Size, turned_size_fault
 from semisynth_gl.calibration.rig import rectified
 from semisynth_gl.calibration.rig_files import read_rigs
-from semisynth_gl.frame.camera import EYES, StereoCamera
+from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.raw_camera import vector_of
 from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
-from semisynth_gl.lens.chain import LensChain
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV, the extra opencv, is not installed")
 
@@ -589,10 +588,6 @@ def test_units_are_concluded_or_given(tmp_path):
         read_rigs([tmp_path / "calib.txt"], unit="mm")
 
 
-def test_the_unit_counts_for_the_baseline_alone(tmp_path):
-    check(read(tmp_path, {"rig.yml": Storage(RAW | IMAGE | {"T": T * 1000})}, unit="mm")[0])
-
-
 def test_the_size_comes_from_the_file_the_user_or_the_photographs(tmp_path):
     (tmp_path / "stereo.yml").write_text(opencv(size=False))
     with pytest.raises(InputError, match="does not say how large the images are"):
@@ -639,9 +634,6 @@ def test_the_pose_between_the_chosen_cameras_counts(tmp_path):
     }
     (path,) = write(tmp_path, {"rig.yaml": values | {"T_10": other, "T_21": POSE}})
     check(read_rigs([path], cameras=("cam1", "cam2"))[0])
-    small = changed(values, "cam1", "resolution", to=[320, 240]) | {"rect1": {"resolution": SIZE}, "T_21": POSE}
-    with pytest.raises(ReadError, match="images of 320 x 240 and of 640 x 480"):
-        read(tmp_path, {"rig.yaml": small}, cameras=("cam1", "cam2"))
     with pytest.raises(ReadError, match=r"no pair"):
         read_rigs([path], cameras=("cam0", "cam2"))
 
@@ -695,20 +687,14 @@ def test_a_file_names_its_lens(tmp_path, extension):
         assert rig.raw["left"].model == model
 
 
-@pytest.mark.parametrize(
-    ("values", "note"),
-    [
-        ({"K": K1, "D": D1, "R": R, "T": T}, "K was taken for both cameras"),
-        ({"K": [[500, 0, 320], [0, 500, 240], [0, 0, 1]], "D": D1, "baseline": 0.2}, "D was left out"),
-    ],
-)
-def test_what_is_concluded_is_noted(tmp_path, values, note):
-    (rig,) = read(tmp_path, {"rig.json": values | IMAGE})
-    assert any(each.startswith(note) for each in rig.notes)
-    if "R" in values:
-        np.testing.assert_allclose(rig.raw["right"].matrix, K1)
-    else:
-        assert (rig.camera.baseline_m, rig.raw) == (0.2, None)
+def test_what_is_concluded_is_noted(tmp_path):
+    (rig,) = read(tmp_path, {"rig.json": {"K": K1, "D": D1, "R": R, "T": T} | IMAGE})
+    assert rig.notes[0].startswith("K was taken for both cameras")
+    np.testing.assert_allclose(rig.raw["right"].matrix, K1)
+    camera = [[500, 0, 320], [0, 500, 240], [0, 0, 1]]
+    (rig,) = read(tmp_path, {"rig.json": {"K": camera, "D": D1, "baseline": 0.2} | IMAGE})
+    assert rig.notes[0].startswith("D was left out")
+    assert (rig.camera.baseline_m, rig.raw) == (0.2, None)
 
 
 def test_files_of_whole_rigs_are_several_rigs(tmp_path):
@@ -726,15 +712,6 @@ def test_files_of_whole_rigs_are_several_rigs(tmp_path):
 def test_alpha_rectifies_what_states_no_projections(tmp_path, alpha):
     (rig,) = read(tmp_path, {"rig.yml": Storage(RAW | IMAGE)}, alpha=alpha)
     check(rig, alpha)
-    chains = [LensChain(rig.raw[eye], rig.camera, eye, "black") for eye in EYES]
-    # OpenCV looks for the border at a few points of it, and leaves single pixels.
-    border = max(1 - chain.valid.mean() for chain in chains)
-    assert border < 1e-3 if alpha == 0 else border > 0.02
-    x, y = (each.ravel().astype(float) for each in np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1])))
-    for chain in chains:
-        column, row = chain.raw.rectified(chain.pinhole, x, y)
-        seen = (column > -1) & (column < SIZE[0]) & (row > -1) & (row < SIZE[1])
-        assert seen.all() == (alpha == 1)
 
 
 def test_a_fisheyes_alpha_is_opencvs_balance(tmp_path):
@@ -788,7 +765,6 @@ def m(old, new):
     ("text", "words"),
     [
         (m("cam1=[994.978 0", "cam1=[990 0"), ["not rectified", "994.978 px left, 990 right"]),
-        (m("279; 0 994.978 254.877", "279; 0 994.978 255.9"), ["cy differs", "254.877", "255.9"]),
         (m("994.978 0 311.193", "994.978 3 311.193"), ["not rectified", "has rotation or skew"]),
         (m("279; 0 994.978", "279; 0 990.1"), ["not rectified", "fy is 994.978 px left, 990.1 right"]),
         (m("0 994.978 254.877", "0 2500 254.877"), ["fy / fx is 2.51262: expected 0.5 to 2"]),
@@ -797,20 +773,14 @@ def m(old, new):
         (m("baseline=193.001", "baseline=wide"), ["baseline: expected a number, got 'wide'"]),
         (m("doffs=31.086", "doffs=0"), ["doffs is 0", "is 31.086"]),
         (m("width=741", "width=-3"), ["-3 x 500"]),
-        (m("width=741", "width=inf"), ["how large the images are"]),
-        (m("994.978", "nan"), ["describes no pair"]),
         (KITTI.replace("P_rect_03: 7.215377e+02", "P_rect_03: 7.0e+02"), ["not rectified"]),
         (KITTI.replace("2.199936e+00", "2.2e+01"), ["not rectified", "below"]),
-        (KITTI.replace(" 2.729905e-03", ""), ["describes no pair", "P_rect_03 (11)"]),
         (KITTI.replace("S_rect_03: 1.242", "S_rect_03: 1.250"), ["one size of both cameras", "1250"]),
-        (message("1") + message("1").replace("c1", "x"), ["describes no pair"]),
         (message("2") + message("1"), ["the baseline is -0.12", "swap"]),
-        (message("2", P2=np.zeros((3, 4))), ["describes no pair"]),
         (message("2").replace("binning_x: 0", "binning_x: 2"), ["binning_x is 2", "without binning"]),
         (message("2").replace("x_offset: 0", "x_offset: 8"), ["roi.x_offset is 8", "window"]),
         (message("2").replace("width: 640", "width: -1"), ["-1 x 480"]),
         (json.dumps(kalibr("omni")), ["its lens is omni", "radial-tangential"]),
-        (json.dumps(kalibr()).replace('"pinhole"', '"ds"'), ["its lens is ds"]),
         (json.dumps(changed(kalibr(), "cam0", "resolution", to=[640, 200])), ["one size", "640 x 200"]),
         (json.dumps(kalibr(coefficients=(D1, D2[:3]))), ["of both lenses", "3 in cam1.distortion_coeffs"]),
         (json.dumps(RAW | {"K2": K2 + np.eye(3, k=1), "imageSize": SIZE}, default=np.ndarray.tolist), ["a skew of 1"]),
@@ -819,17 +789,10 @@ def m(old, new):
         (json.dumps(basalt("ds")), ["its lens is ds"]),
         (json.dumps(changed(basalt(), "value0", "T_imu_cam", 1, to=basalt()["value0"]["T_imu_cam"][0])), ["of 0"]),
         (json.dumps(depthai("nowhere")), ["describes no pair"]),
-        (json.dumps(depthai(kind=2)), ["describes no pair"]),
         (json.dumps(depthai(lens=(np.full(14, 0.1),) * 2)), ["got 14: the last two, a tilted sensor's, must be 0"]),
-        (json.dumps(changed(depthai(), "cameraData", 2)), ["describes no pair of cameras"]),
         (json.dumps(changed(depthai(), "stereoRectificationData")), ["leftCameraSocket: expected a number"]),
         ("fx: 3\n", ["describes no pair", "fx (a number)"]),
-        (json.dumps({"K": K1.tolist(), "size": {"cols": 640, "rows": 480}}), ["describes no pair", "size.rows"]),
-        ("=== RESULTS ===\n.: 3\n", ["describes no pair"]),
         ("[[1, 2], [3, 4]]", ["describes no pair", "values (2 x 2)"]),
-        ("<x>3</x>", ["describes no pair"]),
-        ("", ["no numbers"]),
-        ("[1, 2", ["describes no pair"]),
         ("a: !!python/object:os.system b\n", ["no numbers"]),
         ("<!DOCTYPE x [<!ENTITY a 'b'>]><x>&a;</x>", ["without a document type"]),
         ("[" * 100_000, ["nested too deeply"]),
@@ -857,12 +820,6 @@ def test_a_vertical_rig_is_named(tmp_path, lens):
         rectified(StereoArrays(p=(left, right)), Size(741, 500))
 
 
-def test_alpha_is_refused_where_it_decides_nothing(tmp_path):
-    for files in (SHAPES["everything of stereoRectify"], SHAPES["ros"]):
-        with pytest.raises(InputError, match=r"alpha: .*states how its images are rectified"):
-            read(tmp_path, files, alpha=0.5)
-
-
 @settings(max_examples=60, deadline=None)
 @given(data=st.one_of(st.binary(max_size=300), st.text(max_size=300).map(lambda text: f"cam0=[{text}".encode())))
 @pytest.mark.parametrize("extension", ["yaml", "txt", "json", "xml", "npz", "npy"])
@@ -885,9 +842,8 @@ def test_large_files_of_other_things_are_refused_soon(tmp_path, line, extension)
 
 
 def test_pickled_arrays_are_not_opened(tmp_path):
-    np.savez(tmp_path / "rig.npz", K=np.array([{"a": 1}], dtype=object))
     with pytest.raises(ReadError, match="no numbers"):
-        read_rigs([tmp_path / "rig.npz"])
+        read(tmp_path, {"rig.npz": {"K": np.array([{"a": 1}], dtype=object)}})
 
 
 def test_files_that_are_not_there_are_refused(tmp_path):
