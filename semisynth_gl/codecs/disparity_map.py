@@ -1,4 +1,4 @@
-"""Disparity and depth maps from any source: PFM of any kind, NumPy arrays, 16-bit PNG."""
+"""Disparity maps from any source: PFM of any kind, NumPy arrays, 16-bit PNG."""
 
 import io
 from pathlib import Path
@@ -13,12 +13,8 @@ from semisynth_gl.codecs.png import GREY16, HEAD_BYTES
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, SIGNED_DISPARITY, DisparityPng16
 from semisynth_gl.inputs.errors import ReadError
 
-_MM_PER_M = 1000
-# The median depth of real scenes is smaller.
-_FARTHEST_M = 500.0
-
 MAP_EXTENSIONS = (".pfm", ".npy", ".png")
-"""Endings of the files that may be disparity or depth maps."""
+"""Endings of the files that may be disparity maps."""
 
 
 def read_disparity_map(
@@ -33,29 +29,6 @@ def read_disparity_map(
         ReadError: where the file cannot be read, has another format, or does not have one value per pixel.
     """
     return _float32(_stored(path, SIGNED_DISPARITY if signed else DisparityPng16(png_steps)))
-
-
-def read_depth_map(path: Path) -> NDArray[np.float32]:
-    """Read a depth map as (H, W) float32 metres, nan where it has no value.
-
-    Whole numbers, in a 16-bit grey PNG or an array, are millimetres; 0 and 65535 mean that there is no value. Floating
-    point, in a PFM or an array, is metres; 0, negative numbers, inf and nan mean that there is no value.
-
-    Raises:
-        ReadError: as `read_disparity_map`, and where depths in floating point are hardly metres.
-    """
-    stored = _stored(path, GREY16)
-    depth = _float32(stored)
-    known = np.isfinite(depth) & (depth > 0)
-    if stored.dtype.kind in "iu":
-        known &= depth != np.iinfo(np.uint16).max
-        depth = depth / np.float32(_MM_PER_M)
-    depth = np.where(known, depth, np.float32(np.nan))
-    if known.any() and (median_m := float(np.median(depth[known]))) > _FARTHEST_M:
-        raise ReadError(
-            path, f"holds depths of {median_m:g} m (median): expected metres in floating point, or whole millimetres"
-        )
-    return depth
 
 
 def is_disparity_map(path: Path) -> bool:

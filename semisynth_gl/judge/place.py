@@ -1,4 +1,4 @@
-"""The place that a dataset is made for: its photographs, and its disparity or depth maps, read and measured."""
+"""The place that a dataset is made for: its photographs, and its disparity maps, read and measured."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map, read_depth_map, read_disparity_map
+from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map, read_disparity_map
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.judge.comparison import Values, gather
@@ -41,8 +40,8 @@ class MeasuredPlace:
     notes: tuple[str, ...]
 
 
-def map_files(sources: Sequence[str | Path], kind: str = "disparity") -> list[Path]:
-    """Return the maps of a kind, disparity or depth, in files, folders and globs: .pfm, .npy and 16-bit grey .png.
+def map_files(sources: Sequence[str | Path]) -> list[Path]:
+    """Return the disparity maps in files, folders and globs: .pfm, .npy and 16-bit grey .png.
 
     Images and masks may lie beside maps, so PNG files of other kinds are ignored in folders and globs.
 
@@ -57,45 +56,27 @@ def map_files(sources: Sequence[str | Path], kind: str = "disparity") -> list[Pa
             maps = [path for path in maps if is_disparity_map(path)]
         if not maps:
             raise InputError(
-                f"{source}: no {kind} map there: expected .pfm, .npy or 16-bit grey .png, or a folder or glob of them",
-                argument=kind,
+                f"{source}: no disparity map there: expected .pfm, .npy 16-bit grey .png, or a folder or glob of them",
+                argument="disparity",
             )
         paths |= dict.fromkeys(maps)
     return list(paths)
 
 
-def disparity_of_depths(path: Path, camera: StereoCamera) -> NDArray[np.float32]:
-    """Read a depth map as disparity, (H, W) float32 px at the map's width, nan where it has no value.
-
-    Points so near that the right camera's image would not show them have no value either. ``camera`` is the rectified
-    pair, whose left image the map belongs to, at any resolution.
-
-    Raises:
-        ReadError: where the file cannot be read.
-    """
-    depth = read_depth_map(path)
-    disparity = (camera.focal_baseline / depth - camera.doffs_px) / camera.width_px
-    return np.where(disparity <= 1, disparity * depth.shape[1], np.nan).astype(np.float32)
-
-
-def read_map(
-    path: Path, png_scale: float = KITTI_DISPARITY.steps, depths_of: StereoCamera | None = None
-) -> NDArray[np.float32]:
+def read_map(path: Path, png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np.float32]:
     """Read a disparity map, (H, W) float32 px, with nan where it has no value.
 
     In .pfm and .npy, inf, nan, 0 and negative numbers mean that there is no value; in a 16-bit grey .png, 0 does. A PNG
-    has ``png_scale`` levels per pixel of disparity. With ``depths_of``, the map holds depths of this camera instead.
+    has ``png_scale`` levels per pixel of disparity.
 
     Raises:
         ReadError: where the file cannot be read.
     """
-    values = read_disparity_map(path, png_scale) if depths_of is None else disparity_of_depths(path, depths_of)
+    values = read_disparity_map(path, png_scale)
     return np.where(np.isfinite(values) & (values > 0), values, np.float32(np.nan))
 
 
-def map_view(
-    path: Path, width_px: int, png_scale: float = KITTI_DISPARITY.steps, depths_of: StereoCamera | None = None
-) -> MeasuredView:
+def map_view(path: Path, width_px: int, png_scale: float = KITTI_DISPARITY.steps) -> MeasuredView:
     """Return a map at the working width ``width_px``, with its image where there is one.
 
     The image is found by the names of Middlebury, ETH3D and KITTI. Right views, by the same names, are mirrored, so
@@ -105,7 +86,7 @@ def map_view(
         InputError: where the map has no disparity, or another size than its image.
         ReadError: where a file cannot be read.
     """
-    disparity = read_map(path, png_scale, depths_of)
+    disparity = read_map(path, png_scale)
     if not np.isfinite(disparity).any():
         raise InputError(f"{path}: holds no disparity: all of its values are 0 or below, inf or nan")
     beside = path.with_name(_IMAGE_OF_NAME.get(path.stem, path.name))
@@ -125,16 +106,14 @@ def measure_place(
     maps: Sequence[Path],
     width_px: int,
     png_scale: float = KITTI_DISPARITY.steps,
-    depths_of: StereoCamera | None = None,
 ) -> MeasuredPlace:
     """Measure a place's photographs and maps at a working width.
 
     Args:
         photographs: image files.
-        maps: disparity maps, true or predicted; see `read_map` for ``png_scale`` and ``depths_of``.
+        maps: disparity maps, true or predicted.
         width_px: the working width.
         png_scale: levels per pixel of disparity in 16-bit PNG.
-        depths_of: the rectified pair, if the maps hold depths of its left view instead.
 
     Raises:
         InputError: where no photograph can be read, or a map does not fit its image or has no disparity.
@@ -158,7 +137,7 @@ def measure_place(
             subjects.append({key: float(values.mean()) for key, values in gather(pictures).items() if values.size})
     if not subjects:
         raise InputError(f"no photograph of the place can be read: {'; '.join(notes[:1])}")
-    views = [map_view(path, width_px, png_scale, depths_of) for path in maps]
+    views = [map_view(path, width_px, png_scale) for path in maps]
     if narrow:
         notes.append(f"{counted(narrow, 'photograph')} narrower than {width_px} px, used for luminance only")
     if sparse := sum(view.surfaces is None for view in views):
