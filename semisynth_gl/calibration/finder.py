@@ -288,11 +288,10 @@ class Finder:
 
         DrivingStereo's small images have projections of twice the baseline.
         """
-        length = 0.0 if shift is None else float(np.linalg.norm(shift))
-        length_m = length * self._factor(length, noted=shift is not None)
-        shift_m = None if shift is None else shift * self._factor(length, noted=False)
+        shift_m = None if shift is None else shift * self._factor(float(np.linalg.norm(shift)), noted=True)
         if p is None:
             return shift_m, None
+        length_m = 0.0 if shift_m is None else float(np.linalg.norm(shift_m))
         left, right = (each[0, 3] / each[0, 0] for each in p)
         factor = self._factor(abs(left - right), noted=shift is None)
         baseline_m = abs(left - right) * factor

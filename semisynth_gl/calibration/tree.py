@@ -289,12 +289,7 @@ def _mapping_array(node: Mapping[Any, Any]) -> Array | None:
         return None
     if len(axes) == 3:
         return numbers
-    turn = _turn(numbers[-4:])
+    with np.errstate(all="ignore"):  # a quaternion of no length has no rotation but nan
+        quaternion = numbers[-4:] / np.linalg.norm(numbers[-4:])
+    turn: Array = rotation_from_quaternion(quaternion[None])[0]
     return turn if len(axes) == 4 else np.vstack([np.column_stack([turn, numbers[:3]]), [0, 0, 0, 1]])
-
-
-def _turn(quaternion: Array) -> Array:
-    """Return the rotation (3, 3) of a quaternion x y z w of any length; nan where it has none."""
-    length = np.linalg.norm(quaternion)
-    turn: Array = rotation_from_quaternion((quaternion / length if length else np.full(4, np.nan))[None])[0]
-    return turn

@@ -56,7 +56,7 @@ def map_files(sources: Sequence[str | Path]) -> list[Path]:
             maps = [path for path in maps if is_disparity_map(path)]
         if not maps:
             raise InputError(
-                f"{source}: no disparity map there: expected .pfm, .npy 16-bit grey .png, or a folder or glob of them",
+                f"{source}: no disparity map there: expected .pfm, .npy or 16-bit .png, or a folder or glob of them",
                 argument="disparity",
             )
         paths |= dict.fromkeys(maps)
