@@ -134,7 +134,6 @@ def _cameras(_: click.Context, __: click.Parameter, text: str | None) -> tuple[s
 @option("--overwrite", is_flag=True, help="Replace an existing --out, with what you may have changed there.")
 def calibrate(
     images: tuple[str, ...],
-    calib: tuple[str, ...],
     disparity: tuple[str, ...],
     png_scale: float,
     rectify_to: Path | None,
@@ -149,7 +148,6 @@ def calibrate(
     with Progress() as progress:
         made = calibrate_rig(
             images,
-            calib=calib,
             disparity=disparity,
             png_scale=png_scale,
             rectify_to=rectify_to,

@@ -634,8 +634,6 @@ def test_the_pose_between_the_chosen_cameras_counts(tmp_path):
     }
     (path,) = write(tmp_path, {"rig.yaml": values | {"T_10": other, "T_21": POSE}})
     check(read_rigs([path], cameras=("cam1", "cam2"))[0])
-    with pytest.raises(ReadError, match=r"no pair"):
-        read_rigs([path], cameras=("cam0", "cam2"))
 
 
 def test_photographs_tell_which_side_of_a_size_is_the_width(tmp_path):
@@ -765,9 +763,9 @@ def m(old, new):
     ("text", "words"),
     [
         (m("cam1=[994.978 0", "cam1=[990 0"), ["not rectified", "994.978 px left, 990 right"]),
-        (m("994.978 0 311.193", "994.978 3 311.193"), ["not rectified", "has rotation or skew"]),
-        (m("279; 0 994.978", "279; 0 990.1"), ["not rectified", "fy is 994.978 px left, 990.1 right"]),
-        (m("0 994.978 254.877", "0 2500 254.877"), ["fy / fx is 2.51262: expected 0.5 to 2"]),
+        (m("994.978 0 311.193", "994.978 3 311.193"), ["not rectified", "the left matrix is [[994.978, 3"]),
+        (m("279; 0 994.978", "279; 0 990.1"), ["not rectified", "fy 994.978 and 990.1"]),
+        (m("0 994.978 254.877", "0 2500 254.877"), ["fy is 2.51262 times fx"]),
         (m("0 994.978 254.877", "3 994.978 254.877"), ["describes no pair", "cam0 (3 x 3)"]),
         (m("baseline=193.001", "baseline=0"), ["baseline is 0 m"]),
         (m("baseline=193.001", "baseline=wide"), ["baseline: expected a number, got 'wide'"]),
