@@ -77,8 +77,21 @@ class ShardMaker:
             ContextLostError: where the driver was reset; this process can render no more.
             OSError: where the disk is full or cannot be written to.
         """
-        shard = self._job.plan.shards[number]
-        return write_pairs(self._job, shard, self._renderer_of(shard.split, listener), listener)
+        plan, shard = self._job.plan, self._job.plan.shards[number]
+        renderer = self._renderer_of(shard.split, listener)
+        threads = 0 if is_software(renderer.renderer_name) else _ENCODERS
+
+        def rendered() -> Iterator[Pair]:
+            for index in range(shard.first, shard.end):
+                if listener.stopping:
+                    return
+                yield renderer.render(index)
+
+        def tell(index: int, pair: PairFiles) -> None:
+            listener.on_pair(FinishedPair(shard.split, index, tuple(pair.redrawn), pair.share_beyond))
+
+        with closing(in_order(rendered(), partial(encode, plan, shard), threads)) as pairs:
+            return write_shard(open_root(self._job.address), plan, shard, pairs, tell)
 
     def _renderer_of(self, split: SplitName, listener: Listener) -> PairRenderer:
         if self._renderer is None or self._renderer.split.name != split:
@@ -106,24 +119,6 @@ def open_renderer(job: Job, split: SplitName, worker: int = 0) -> PairRenderer:
     """Open the renderer of a split, on the device of a worker; workers are numbered from 0."""
     device_index = egl_index_of_worker(job.gpus, worker)
     return PairRenderer(job.plan.config, job.plan.split(split), job.backend, device_index)
-
-
-def write_pairs(job: Job, shard: Shard, renderer: PairRenderer, listener: Listener) -> bool:
-    """Render, encode and write a shard with an open renderer; see `ShardMaker.make_shard`."""
-    plan = job.plan
-    threads = 0 if is_software(renderer.renderer_name) else _ENCODERS
-
-    def rendered() -> Iterator[Pair]:
-        for index in range(shard.first, shard.end):
-            if listener.stopping:
-                return
-            yield renderer.render(index)
-
-    def tell(index: int, pair: PairFiles) -> None:
-        listener.on_pair(FinishedPair(shard.split, index, tuple(pair.redrawn), pair.share_beyond))
-
-    with closing(in_order(rendered(), partial(encode, plan, shard), threads)) as pairs:
-        return write_shard(open_root(job.address), plan, shard, pairs, tell)
 
 
 def encode(plan: Plan, shard: Shard, pair: Pair) -> PairFiles:

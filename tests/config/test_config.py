@@ -200,18 +200,9 @@ PACKAGED = r"\S*/configs/[a-z-]+\.yaml:\d+"
 def test_the_key_that_was_set_last_is_blamed_and_the_others_named(tmp_path, name, settings, message):
     with pytest.raises(InputError, match=rf"^override {message}"):
         load_config(name, settings)
-    config = {}
-    for setting in settings:
-        key, _, value = setting.partition("=")
-        section, _, inner = key.partition(".")
-        config.setdefault(section, {})[inner] = value
-    lines = [
-        f"{section}:\n" + "".join(f"  {key}: {value}\n" for key, value in keys.items()) if "" not in keys
-        else f"{section}: {keys['']}\n"
-        for section, keys in config.items()
-    ]  # fmt: skip
-    path = written(tmp_path, f"extends: {name}\n" + "".join(lines))
     if len(settings) == 1 and "{" not in settings[0]:
+        section, key, value = settings[0].replace("=", ".", 1).split(".", 2)
+        path = written(tmp_path, f"extends: {name}\n{section}:\n  {key}: {value}\n")
         with pytest.raises(InputError, match=rf"^{path}:3: {message}"):
             load_config(path)
 

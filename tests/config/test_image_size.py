@@ -119,14 +119,10 @@ def test_a_scale_that_cannot_be_is_refused(tmp_path, text, said):
 
 # Keys that go over a camera of 1280 x 720 with the focal length 900 px and the points (650, 640, 350), and its points.
 CUTS = [
-    ({}, (650, 640, 350)),
-    ({"width_px": 1280}, (650, 640, 350)),
     ({"width_px": 640}, (330, 320, 350)),
     ({"width_px": 640, "height_px": 360}, (330, 320, 170)),
-    ({"height_px": 1000}, (650, 640, 490)),
     ({"width_px": 640, "cx_left_px": 300}, (300, 320, 350)),
     ({"width_px": 640, "doffs_px": 0}, (330, None, 350)),
-    ({"width_px": 640, "focal_px": 450}, (324.75, 319.75, 350)),
     ({"width_px": 640, "height_px": 360, "focal_px": 450}, (324.75, 319.75, 174.75)),
     ({"focal_px": 450}, (650, 640, 350)),
 ]
@@ -140,10 +136,8 @@ def test_principal_points_keep_their_place_beside_the_middle(tmp_path, keys, poi
     )
     (tmp_path / "other.yaml").write_text(f"extends: rig.yaml\ncamera: {keys}\n")
     by_file = load_config(tmp_path / "other.yaml")
-    for config in (
-        by_file,
-        load_config(tmp_path / "rig.yaml", {f"camera.{key}": value for key, value in keys.items()}),
-    ):
+    by_override = load_config(tmp_path / "rig.yaml", {f"camera.{key}": value for key, value in keys.items()})
+    for config in (by_file, by_override):
         camera = config.camera
         found = [each and each.middle for each in (camera.cx_left_px, camera.cx_right_px, camera.cy_px)]
         assert found == [each and pytest.approx(each) for each in points]

@@ -23,7 +23,6 @@ from semisynth_gl import (
     make_mesh,
     make_scene,
     render_pair,
-    report,
     score,
 )
 from semisynth_gl.inputs.errors import BackendError, InputError
@@ -57,24 +56,19 @@ WRONG = {
     "index": [lambda value: render_pair(CONFIG, value), ("0", 0.5, True, -(10**5000), 10**30)],
     "seed": [lambda value: PairRenderer(CONFIG, value), ("1", None, -1, 0.0)],
     "config": [lambda value: render_pair(value, 0), ("kitti", {"name": "kitti"})],
-    "backend": [lambda value: render_pair(CONFIG, 0, backend=value), (3, np.arange(2))],
     "focal_px": [lambda value: StereoCamera(64, 48, value, 0.1, 0, 0, 0), ("40", None, np.inf, np.nan, 1e7, 1e-12)],
     "baseline_m": [lambda value: StereoCamera(64, 48, 40.0, value, 0, 0, 0), (None, 10**400, np.nan, 1e-12)],
-    "layer": [lambda value: scene(layer=[value]), (0.5, None)],
     "world_from_model": [lambda value: scene(world_from_model=value), ("eye", [[1, 0], [1]], np.full((1, 4, 4), "1"))],
     "scene: world_from_model": [
         lambda value: scene(world_from_model=np.full((1, 4, 4), value)),
         (np.nan, np.inf, 1e12),
     ],
     "mesh m: positions": [lambda value: make_mesh("m", value, [[0, 0]], [[0, 0, 0]]), ("abc", [[0, 0, np.nan]])],
-    "device_index": [lambda value: Renderer([SQUARE], LAYERS, device_index=value), ("0", -1, 0.0)],
     "outputs": [lambda value: Renderer([SQUARE], LAYERS, outputs=value), ([3], [["depth"]], ["depht"])],
     "eye": [FRAME.points, ("middle", 0, np.arange(2))],
     "prediction": [lambda value: score(value, TRUTH, "kitti"), ("a.pfm", [[1], [1, 2]])],
-    "trials": [lambda value: calibrate("photos", **RIG, trials=value), (-1, 0.5, True)],
     "scale": [lambda value: calibrate("photos", **RIG, scale=value), ("half", 0, np.nan, np.inf)],
     "size": [lambda value: calibrate("photos", **RIG | {"size": value}), ((3, 4, 5), (3.5, 4))],
-    "sample": [lambda value: report("nowhere", sample=value), (0, 0.5)],
     "truth ": [lambda value: evaluate("tests", value), ("nowhere",)],
 }
 
@@ -88,12 +82,6 @@ def test_an_unfit_argument_is_named(argument):
         assert error.value.argument == argument.strip(), value
 
 
-def test_overrides_that_are_none_are_refused():
-    for overrides in ("camera.width_px=64", {"camera": 4}):
-        with pytest.raises(InputError):
-            load_config("kitti", overrides)
-
-
 def test_numbers_of_numpy_are_numbers(backend):
     crop = Crop(np.int64(3), np.uint8(2), np.int32(12), np.int16(10))
     camera = StereoCamera.centred(np.int64(40), np.int32(30), np.float32(40), np.float64(0.1))
@@ -102,7 +90,6 @@ def test_numbers_of_numpy_are_numbers(backend):
     assert StereoCamera.from_values(camera.values()) == camera
     # Rounded to float32 once, when it is made, and never in what it works out.
     assert camera.disparity_px(np.array([3.0]))[0] == float(np.float32(40)) * 0.1 / 3
-    assert {type(getattr(crop, name)) for name in ("x_px", "y_px", "width_px", "height_px")} == {int}
     with Renderer([SQUARE], LAYERS, backend=backend, device_index=np.int64(0)) as renderer:
         image = renderer.render(scene(camera=camera, model=np.uint8([0]), layer=np.float64([0])), crop).left.image
     assert image.shape == (10, 12, 3)

@@ -12,37 +12,23 @@ from PIL import Image
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.cli.options import SceneOptions
 from semisynth_gl.codecs.disparity_map import read_disparity_map
-from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.config import Config, load_config
-from semisynth_gl.config.distributions import read_histogram
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.geometry.model_files import load_models
 from semisynth_gl.inputs.errors import InputError, SemisynthError
-from semisynth_gl.inputs.user_files import read_file
 from semisynth_gl.judge.truth import read_limits
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.image_files import find_files, find_images
-from semisynth_gl.textures.images import ImageError, read_image, stored_size
+from semisynth_gl.textures.images import read_image
 from semisynth_gl.textures.prepare import prepare_atlas
-
-
-def test_a_file_is_read_up_to_a_size(tmp_path):
-    (tmp_path / "file").write_bytes(b"12345")
-    assert read_file(tmp_path / "file", 5) == b"12345"
-    with pytest.raises(OSError, match="more than 4 bytes"):
-        read_file(tmp_path / "file", 4)
-
 
 # Each reads one path that a user, a config or a dataset names.
 READERS = {
     "config": load_config,
     "extends": lambda path: parse_config(f"extends: '{path}'\n"),
     "target": lambda path: load_config("kitti", {"disparity.target": {"form": "file", "path": str(path)}}),
-    "histogram": read_histogram,
     "image": read_image,
-    "image's size": stored_size,
     "map": read_disparity_map,
-    "mask": GREY8.read,
     "calib.txt of a scene": read_limits,
     "calibration": lambda path: read_rigs([path]),
     "images": lambda path: prepare_atlas(TexturesSection(source="images", images=(str(path),)), Split(0)),
@@ -97,13 +83,3 @@ def test_photographs_are_found_whatever_their_names(tmp_path, monkeypatch, name)
     config = SceneOptions("kitti", (str(folder),), (), 0, ("textures.patch_px=64",), "auto").config()
     assert prepare_atlas(config.textures, Split(0)).report.images_used == 1
     assert Config.model_validate(config.model_dump(mode="json")).digest() == config.digest()
-
-
-def test_paths_that_no_system_takes_are_told():
-    for path in ("x" * 5000, f"{'y' * 300}/z"):
-        for call in (lambda path=path: find_images([path]), lambda path=path: load_config(path)):
-            with pytest.raises(InputError) as caught:
-                call()
-            assert len(str(caught.value)) < 6000
-    with pytest.raises(ImageError):
-        read_image(Path("x" * 300))
