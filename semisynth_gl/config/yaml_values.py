@@ -40,7 +40,9 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int]]:
         raise
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        raise YamlError(mark.line + 1 if mark else None, f"not valid YAML: {error.problem or error.context}") from None
+        hint = ": put quotes around a text that begins with *" if "alias" in str(error.problem) else ""
+        reason = f"not valid YAML: {error.problem or error.context}{hint}"
+        raise YamlError(mark.line + 1 if mark else None, reason) from None
     except RecursionError:
         raise YamlError(None, "lists and mappings are nested too deeply") from None
     except Exception as error:  # noqa: BLE001 - a parser of any text raises anything
