@@ -36,7 +36,6 @@ class Channel(Generic[Value]):
     Attributes:
         dtype: the dtype of the values.
         meaning: the meaning of a value, with ``{view}`` and ``{other}`` for the names of the view and the other view.
-        codec: name of the codec, see `semisynth_gl.codecs.Encodings.codec`.
         components: values per pixel; the array is (H, W) for 1, else (H, W, components).
         or_grey: whether the array is (H, W) in spite of its components where the cameras are monochrome.
         nothing: the value of a pixel that shows nothing, or for which the quantity does not exist.
@@ -55,7 +54,6 @@ class Channel(Generic[Value]):
     dtype: np.dtype[Value]
     meaning: str
     _: KW_ONLY
-    codec: str
     components: int = 1
     or_grey: bool = False
     nothing: float = 0
@@ -123,13 +121,10 @@ class View(Mapping[str, NDArray[Any]]):
         components=3,
         or_grey=True,
         attachment="colour",
-        codec="image",
         of_own_view=True,
         is_truth=False,
     )
-    disparity = Channel(
-        _FLOAT32, "disparity of the {view} view's pixels", nothing=inf, codec="disparity", mask="visibility"
-    )
+    disparity = Channel(_FLOAT32, "disparity of the {view} view's pixels", nothing=inf, mask="visibility")
     visibility = Channel(
         _UINT8,
         f"8-bit: {VISIBLE} where the {{other}} view sees the point too, {OCCLUDED} where something hides it there, "
@@ -137,7 +132,6 @@ class View(Mapping[str, NDArray[Any]]):
         nothing=OUTSIDE,
         output="visibility",
         drawn_by="visibility",
-        codec="grey8",
     )
     correspondence = Channel(
         _FLOAT32,
@@ -146,13 +140,11 @@ class View(Mapping[str, NDArray[Any]]):
         nothing=inf,
         output="correspondence",
         drawn_by="correspondence",
-        codec="shift",
     )
     instances = Channel(
         np.dtype(np.uint16),
         "16-bit: k + 1 where instance k of the scene is seen, 0 where there is none",
         output="instances",
-        codec="grey16",
         of_own_view=True,
     )
     depth = Channel(
@@ -160,14 +152,12 @@ class View(Mapping[str, NDArray[Any]]):
         "planar depth in metres, float32; inf where nothing is seen",
         nothing=inf,
         output="depth",
-        codec="float",
         of_own_view=True,
     )
     sky = Channel(
         _UINT8,
         f"8-bit: {SKY} where the sky is seen, a backdrop that is infinitely far away, else 0",
         output="sky",
-        codec="grey8",
         of_own_view=True,
     )
     valid = Channel(
@@ -176,7 +166,6 @@ class View(Mapping[str, NDArray[Any]]):
         "rectification",
         output="valid",
         drawn_by="lens",
-        codec="grey8",
         of_own_view=True,
     )
     raw = replace(
@@ -195,7 +184,6 @@ class View(Mapping[str, NDArray[Any]]):
         nothing=inf,
         output="raw_map",
         drawn_by="lens",
-        codec="shift",
         of_own_view=True,
         is_truth=False,
     )
@@ -206,7 +194,6 @@ class View(Mapping[str, NDArray[Any]]):
         components=3,
         output="normals",
         reads_triangles=True,
-        codec="vector",
         of_own_view=True,
     )
     flow = Channel(
@@ -217,7 +204,6 @@ class View(Mapping[str, NDArray[Any]]):
         output="flow",
         moment="next",
         drawn_by="flow",
-        codec="flow",
         mask="flow_visibility",
         of_own_view=True,
     )
@@ -229,7 +215,6 @@ class View(Mapping[str, NDArray[Any]]):
         output="flow",
         moment="next",
         drawn_by="flow",
-        codec="grey8",
         of_own_view=True,
     )
     flow_backward = replace(
@@ -254,7 +239,6 @@ class View(Mapping[str, NDArray[Any]]):
         output="disparity_change",
         moment="next",
         drawn_by="flow",
-        codec="float",
     )
 
     def __init__(self, channels: Mapping[str, NDArray[Any]]) -> None:

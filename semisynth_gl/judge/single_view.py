@@ -10,6 +10,7 @@ from semisynth_gl.frame.camera import Eye
 from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, SKY, VISIBLE
 from semisynth_gl.judge.findings import Verdict
 from semisynth_gl.judge.lens import find_borders
+from semisynth_gl.layouts.roles import codec_name
 
 Where = NDArray[np.bool_]
 
@@ -102,7 +103,7 @@ def _count_beyond(
     frame: StoredFrame, channel: str, eye: Eye, lacking: Where, verdict: Verdict, *, exact: bool = False
 ) -> int:
     """Return how many values were beyond the encoding by the provenance; at least (or exactly) as many must lack."""
-    limit_px = frame.encodings.codec(CHANNELS[channel].codec).limit_px
+    limit_px = frame.encodings.codec(codec_name(CHANNELS[channel])).limit_px
     counts = frame.provenance.get(CHANNELS[channel].beyond_key)
     count = counts.get(eye) if isinstance(counts, dict) and isfinite(limit_px) else 0
     beyond, found = count if isinstance(count, int) else 0, int(lacking.sum())

@@ -22,6 +22,14 @@ from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.layouts.key import Key
 
 _LARGEST_OBJECT = 255
+# Codec of a channel by its dtype and components, where a dataset's encodings do not choose it.
+_CODECS = {
+    ("uint8", 1): "grey8",
+    ("uint16", 1): "grey16",
+    ("float32", 1): "float",
+    ("float32", 2): "shift",
+    ("float32", 3): "vector",
+}
 _STOPS: Mapping[str, int] = {"right_under": -1, "right_over": 1}
 
 
@@ -62,6 +70,12 @@ class Role:
     def codec(self, encodings: Encodings) -> Codec[Any]:
         """Return the file's codec in a dataset with these encodings."""
         return encodings.codec(self.codec_or_name) if isinstance(self.codec_or_name, str) else self.codec_or_name
+
+
+def codec_name(channel: Channel[Any]) -> str:
+    """Return the name of a channel's codec, see `semisynth_gl.codecs.Encodings.codec`."""
+    chosen = {"image": "image", "raw": "image", "disparity": "disparity", "flow": "flow", "flow_backward": "flow"}
+    return chosen.get(channel.name) or _CODECS[channel.dtype.name, channel.components]
 
 
 def not_occluded_role(channel: Channel[Any], eye: Eye) -> str:
@@ -164,7 +178,7 @@ def _channel_role(eye: Eye, channel: Channel[Any]) -> Role:
         return sample.frame.view(eye).get(channel.name)
 
     meaning = channel.meaning.format(view=eye, other=OTHER_EYE[eye])
-    return Role(meaning, channel.codec, value, channel.output, eye if channel.is_truth else None)
+    return Role(meaning, codec_name(channel), value, channel.output, eye if channel.is_truth else None)
 
 
 def _mask_role(eye: Eye, mask: Channel[Any], channel: Channel[Any]) -> Role:
@@ -173,8 +187,8 @@ def _mask_role(eye: Eye, mask: Channel[Any], channel: Channel[Any]) -> Role:
         return stored_mask(view[mask.name], view[channel.name], channel) if mask.name in view else None
 
     seen = mask.meaning.format(view=eye, other=OTHER_EYE[eye]).partition(",")[0]
-    meaning = f"{seen}, {OCCLUDED} where it does not, {OUTSIDE} where there is no {channel.codec}"
-    return Role(meaning, mask.codec, value, mask.output, eye)
+    meaning = f"{seen}, {OCCLUDED} where it does not, {OUTSIDE} where there is no {codec_name(channel)}"
+    return Role(meaning, codec_name(mask), value, mask.output, eye)
 
 
 def _not_occluded(eye: Eye, channel: Channel[Any], mask: Channel[Any]) -> Role:
@@ -186,7 +200,7 @@ def _not_occluded(eye: Eye, channel: Channel[Any], mask: Channel[Any]) -> Role:
         return np.where(seen[..., None] if channel.components > 1 else seen, view[channel.name], np.float32(np.inf))
 
     meaning = f"{channel.role(eye)}, where its mask says that the point is visible too"
-    return Role(meaning, channel.codec, value, mask.output, eye)
+    return Role(meaning, codec_name(channel), value, mask.output, eye)
 
 
 def _vertical(eye: Eye) -> Role:
