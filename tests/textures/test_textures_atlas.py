@@ -171,12 +171,6 @@ def test_the_same_photograph_twice_counts_once(tmp_path: Path) -> None:
     assert build(frames, min_difference=0.04, sequence=True).report.total("kept") == 2
 
 
-def test_crops_a_pixel_apart_are_duplicates_of_each_other(tmp_path: Path) -> None:
-    pixels = np.asarray(Image.fromarray(noise(4, 4)).resize((65, 65), Image.Resampling.BICUBIC))
-    report = build(save(tmp_path, a=pixels), patch_px=64, min_difference=0.04).report
-    assert (report.total("kept"), report.total("duplicate")) == (1, 3)
-
-
 def test_left_out_crops_are_shown_by_examples_of_different_images(tmp_path: Path) -> None:
     images = {f"i{number}": noise(128, 128, number) for number in range(30)}
     for number, pixels in enumerate(images.values()):

@@ -72,12 +72,6 @@ def test_pictures_come_from_the_generator_alone_and_have_names_of_their_own() ->
     assert {picture.name for picture in (*first, *other)} <= set(names)
 
 
-def test_splits_draw_other_pictures() -> None:
-    section = TexturesSection()
-    firsts = [next(iter(split_pictures(section, split) or ())) for split in (TRAIN, VALIDATION, TEST)]
-    assert len({hashlib.sha256(picture.pixels.tobytes()).digest() for picture in firsts}) == 3
-
-
 def test_photographs_and_procedural_patches_are_without_pictures() -> None:
     for source in ("photographs", "procedural", "images"):
         assert split_pictures(TexturesSection(source=source), Split(0)) is None

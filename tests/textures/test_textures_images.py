@@ -59,12 +59,6 @@ def test_grey_palette_and_one_bit(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_image(save(Image.fromarray(bits), tmp_path / "1.png")), as_rgb(bits * 255))
 
 
-def test_opaque_alpha_changes_nothing(tmp_path: Path) -> None:
-    pixels = levels(8, 8, 4)
-    pixels[..., 3] = 255
-    np.testing.assert_array_equal(read_image(save(Image.fromarray(pixels), tmp_path / "a.png")), pixels[..., :3])
-
-
 def test_transparent_pixels_get_the_mean_of_the_visible_ones(tmp_path: Path) -> None:
     pixels = np.zeros((4, 4, 4), dtype=np.uint8)
     pixels[:2] = (100, 50, 10, 255)
