@@ -219,18 +219,6 @@ def test_a_planted_fault_is_found_in_its_pair(dataset, fault):
     assert any(finding.check == check and words in finding.message for finding in found), found
 
 
-@pytest.mark.parametrize("name", BENCHMARKS)
-@pytest.mark.parametrize("eye", [0, 1])
-def test_a_mask_of_another_pair_is_found(datasets, tmp_path, name, eye):
-    dataset = shutil.copytree(datasets / name, tmp_path / name, symlinks=True)
-    files = [read_index(dataset).plan.files("train", number) for number in (0, 1)]
-    mask = ("visibility_left", "visibility_right")[eye]
-    if mask not in files[0]:
-        pytest.skip("the layout has no such mask")
-    shutil.copy(dataset / files[0][mask], dataset / files[1][mask])
-    assert "visibility" in checks(dataset)
-
-
 @pytest.mark.parametrize("noise", [0, 5, 10])
 @pytest.mark.parametrize("off_px", [0, 0.5, -0.5, 1])
 @pytest.mark.parametrize("disparity_px", [4.0, 4.3, 4.5])
