@@ -14,7 +14,7 @@ from semisynth_gl import oracle
 from semisynth_gl.config import Range, load_config
 from semisynth_gl.config.scene_sections import ParticlesSection
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.geometry import model_library
+from semisynth_gl.geometry import model_files
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.geometry.silhouette import mean_silhouette
@@ -447,7 +447,7 @@ def test_a_few_models_of_the_users_are_a_few_of_all(monkeypatch, count, weights,
     cube = SIMPLE_KINDS["cube"](np.random.default_rng(0))
     own = [replace(cube, name=f"{number}.obj") for number in range(count)]
     # Reading files takes a process; tests/geometry/test_geometry_model_files.py reads them.
-    monkeypatch.setattr(model_library, "load_models", lambda _: (own, []))
+    monkeypatch.setattr(model_files, "load_models", lambda _: (own, []))
     few = dict.fromkeys([*SIMPLE_KINDS, *COMPLEX_KINDS], 0) | {"cube": 1, "table": 1}
     keys = {"variants": 1, "folders": ["absent"], "kinds": few} | weights
     section = load_config("middlebury", {f"models.{key}": value for key, value in keys.items()}).models
