@@ -40,21 +40,27 @@ def faults(frame: Frame, config: Config, sampled: SampledScene | None = None) ->
     sampled_texture = least_texture(image[::4, ::4] for image in images)
     if sampled_texture < _AMPLE * section.min_texture and (texture := least_texture(images)) < section.min_texture:
         clauses.append(f"too little texture: {texture:.2f} levels, at least {section.min_texture:g} wanted")
+    return list(dict.fromkeys(clauses + _disparity_faults(frame, config, sampled)))
+
+
+def _disparity_faults(frame: Frame, config: Config, sampled: SampledScene | None) -> list[str]:
+    """Return the first fault of each view's disparity."""
     everywhere, least_px = False, -np.inf
     # The sky has no disparity, and neither has a point that a right camera's deviation shifts to the left. Signed
     # disparities have no lower limit.
     if sampled is not None and frame.camera.rectified and not config.disparity.signed:
         everywhere = not sampled.scene.sky.any()
         least_px = _FAR_BELOW * float(sampled.scene.camera.disparity_px(sampled.sequence.static.farthest_m))
+    near_plane_px = _near_plane_px(frame, config)
+    clauses = []
     for view in (frame.left, frame.right):
         disparity = view.get("disparity")
         if disparity is not None:
-            near_plane_px = _near_plane_px(frame, config)
-            clauses += _disparity_faults(disparity, config, near_plane_px, least_px, everywhere=everywhere)
-    return list(dict.fromkeys(clauses))
+            clauses += _view_faults(disparity, config, near_plane_px, least_px, everywhere=everywhere)
+    return clauses
 
 
-def _disparity_faults(
+def _view_faults(
     disparity: NDArray[np.float32], config: Config, near_plane_px: float, least_px: float, *, everywhere: bool
 ) -> list[str]:
     """Return the first fault of a view's disparity, or an empty list; ``everywhere`` each pixel must have one."""
