@@ -120,9 +120,8 @@ def calibrate(
     photographed = [] if other_camera else photograph_sizes(find_images(sources))
     alpha = None if alpha is None else to_real("alpha", alpha, 0, 1)
     if files:
-        for argument, value in {"focal_px": focal_px, "baseline_m": baseline_m}.items():
-            if value is not None:
-                raise InputError("the calibration states the same: give one or the other", argument=argument)
+        stated_twice = "the calibration states the same: give one or the other"
+        _refuse({"focal_px": focal_px, "baseline_m": baseline_m}, stated_twice)
         rigs = read_rigs(
             files,
             size=stated,
@@ -133,7 +132,9 @@ def calibrate(
             keys=calib_keys,
         )
     else:
-        rigs = [_plain_rig(focal_px, baseline_m, stated, alpha)]
+        of_files = {"calib_keys": calib_keys, "cameras": cameras, "unit": unit, "alpha": alpha}
+        _refuse(of_files, "is about a calibration's files: give one, or leave this out")
+        rigs = [_plain_rig(focal_px, baseline_m, stated)]
     notes = list(dict.fromkeys(note for rig in rigs for note in rig.notes))
     calibrated = [rig.size for rig in rigs]
     rigs = rigs if scale is None else [rig.scaled(scale) for rig in rigs]
@@ -168,6 +169,13 @@ def calibrate(
     return Calibration(make_config(draft), write(draft), _summary(draft, patches), notes)
 
 
+def _refuse(arguments: Mapping[str, object], reason: str) -> None:
+    """Raise InputError if any of the arguments, by name, is given."""
+    for argument, value in arguments.items():
+        if value not in (None, {}):
+            raise InputError(reason, argument=argument)
+
+
 def _two_numbers(name: str, values: Sequence[float] | None) -> tuple[float, float] | None:
     if values is None:
         return None
@@ -192,9 +200,7 @@ def _calibrated(photographs: Sequence[Size], scale: float | None) -> Size | None
     return size.scaled(1 / (scale or 1)) if 2 * count > len(photographs) else None
 
 
-def _plain_rig(focal_px: float | None, baseline_m: float | None, size: Size | None, alpha: float | None) -> Rig:
-    if alpha is not None:
-        raise InputError("is for the lenses of a calibration: give one, or leave this out", argument="alpha")
+def _plain_rig(focal_px: float | None, baseline_m: float | None, size: Size | None) -> Rig:
     if focal_px is None or baseline_m is None or size is None:
         given = {"focal_px": focal_px, "baseline_m": baseline_m, "size": size}
         missing = next(argument for argument, value in given.items() if value is None)

@@ -40,6 +40,7 @@ from semisynth_gl.scene.sources import prepare_sources
 from semisynth_gl.seeds.splits import Split
 
 SMALL = plain_rig(30, 0.1, Size(40, 30))
+PLAIN = ("--focal-px", "9", "--baseline-m", "1", "--size", "9x9")
 
 
 def write(folder, name, text):
@@ -377,7 +378,10 @@ def test_both_views_of_a_pair_are_one_subject(call, tmp_path):
         (["--calib", "calib.txt", "--scale", "0.5"], ["371 x 250 times 0.5", "give the scale 1"]),
         (["--calib", "calib.txt", "--range-m", "1", "4", "--range-px", "2", "9"], ["--range-m: range_px also"]),
         (["--calib", "calib.txt", "--range-px", "1", "4", "--alpha", "1"], ["--alpha: calib.txt states how"]),
-        (["--focal-px", "9", "--baseline-m", "1", "--size", "9x9", "--alpha", "1"], ["--alpha: is for the lenses"]),
+        ([*PLAIN, "--alpha", "0"], ["--alpha: is about a calibration's files"]),
+        ([*PLAIN, "--unit", "mm"], ["--unit: is about"]),
+        ([*PLAIN, "--pair", "cam1,cam2"], ["--pair: is about"]),
+        ([*PLAIN, "--calib-keys", "K1=K"], ["--calib-keys: is about"]),
         (["--calib", "calib.txt", "--range-m", "4", "1"], ["--range-m: ", "the nearer one first"]),
         (["--calib", "calib.txt", "--disparity", "none.pfm"], ["none.pfm: no disparity map there"]),
         (["--calib", "calib.txt", "--images", "flat"], ["no patch can be cut"]),
