@@ -54,7 +54,7 @@ _KINDS = {
     "P": (is_projection, (), (3, 4)),
     "Q": (is_reprojection, (), (4, 4)),
 }
-# Words of arrays that stand beside the ones meant: a matrix of the rectified images, an optimal one.
+# Words in names of derived arrays, such as the matrix of rectified images, which lie beside the calibrated ones.
 _REDERIVED = {"new", "optimal", "opt", "rect", "rectified", "rectification", "undistorted", "roi", "virtual"}
 # Words of angles about axes, which are no rotation vector.
 _ANGLE_WORDS = ("angle", "euler", "rpy", "roll", "deg")
@@ -336,7 +336,8 @@ class Finder:
         for name, value in self.tree.items():
             if isinstance(value, str) and _MODEL_WORDS & {*words_of(name[-1:])} and label_of(name, self.cameras) in own:
                 yield value
-            if (isinstance(value, str) or value.size == 1) and {"fisheye", "equidistant"} & set(words_of(name)):
+            flag = {"fisheye", "equidistant"} & set(words_of(name)) and (isinstance(value, str) or value.size == 1)
+            if flag and not _is_false(value):
                 yield "fisheye"
         for entry in self.entries:
             if entry.key in {"radtan", "equidistant"} and label_of(entry.name, self.cameras) in own:
@@ -383,6 +384,10 @@ class Finder:
             self.notes.append(f"its size, {known[0]}, was taken for height and width, as the photographs are")
             return self.user_size, fault
         return (known[0] if known else None), fault
+
+
+def _is_false(value: Array | str) -> bool:
+    return value.strip().lower() in {"", "false", "no", "off", "none"} if isinstance(value, str) else not value.any()
 
 
 def _rotation(value: Array) -> Array:

@@ -685,6 +685,17 @@ def test_a_file_names_its_lens(tmp_path, extension):
         assert rig.raw["left"].model == model
 
 
+@pytest.mark.parametrize("flag", ["fisheye: 0", "fisheye: false", "is_fisheye: no", "fisheye: 1", "fisheye: true"])
+def test_a_flag_tells_a_fisheye_by_its_value(tmp_path, flag):
+    matrix, numbers = [700, 0, 320, 0, 700, 240, 0, 0, 1], [-0.1, 0.01, 0, 0]
+    arrays = {"K1": matrix, "D1": numbers, "K2": matrix, "D2": numbers, "R": np.eye(3).ravel().tolist()}
+    path = tmp_path / "rig.yaml"
+    path.write_text("\n".join([flag, "T: [-0.1, 0, 0]", *(f"{name}: {values}" for name, values in arrays.items())]))
+    (rig,) = read_rigs([path], size=Size(*SIZE))
+    expected = "fisheye" if flag.endswith(("1", "true")) else "radial-tangential"
+    assert {rig.raw[eye].model for eye in ("left", "right")} == {expected}
+
+
 def test_what_is_concluded_is_noted(tmp_path):
     (rig,) = read(tmp_path, {"rig.json": {"K": K1, "D": D1, "R": R, "T": T} | IMAGE})
     assert rig.notes[0].startswith("K was taken for both cameras")
