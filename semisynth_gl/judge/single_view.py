@@ -14,7 +14,8 @@ from semisynth_gl.layouts.roles import codec_name
 
 Where = NDArray[np.bool_]
 
-# Bounds; docs/verify.md has them. Shares of a value by float32 (depth) and by the six digits of calib.txt's vmin, vmax.
+# Bounds; docs/verify.md has them. Rounding as a share of a value: depth by float32, calib.txt's vmin and vmax by six
+# digits.
 _DEPTH_SHARE, _TEXT_SHARE = 1e-6, 1e-5
 _VECTOR_PX, _CHANGED_PX = 1e-3, 0.01
 _UNIT_LENGTH = 1e-5
@@ -86,11 +87,15 @@ def _check_disparity(frame: StoredFrame, eye: Eye, largest_px: float | None, ver
 def _check_lacking(
     frame: StoredFrame, check: str, name: str, lacking: Where, disparity: NDArray[np.floating], verdict: Verdict
 ) -> None:
-    """Check that pixels lack a value only beside small disparities, since a surface leaves the range through 0."""
+    """Check that pixels lack a value only beside small disparities, since a surface leaves the range through 0.
+
+    Where a view has no value at all, no pixel may lack one.
+    """
     padded = np.pad(lacking, 1)
     beside = padded[2:, 1:-1] | padded[:-2, 1:-1] | padded[1:-1, 2:] | padded[1:-1, :-2]
     around = disparity[beside & np.isfinite(disparity)]
-    if _always_valid(frame) or (around.size and around.min() > _LAST_VALID_PX):
+    allowed = around.min() <= _LAST_VALID_PX if around.size else np.isfinite(disparity).any()
+    if _always_valid(frame) or not allowed:
         verdict.add_pixels(check, name, "is inf", lacking)
 
 
@@ -211,7 +216,7 @@ def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:
     recorded, camera, calibration = frame.provenance.get("camera"), frame.camera, frame.calibration
     recorded, values = recorded if isinstance(recorded, dict) else {}, camera.values()
     for key in ("doffs_px", "deviation"):
-        values.pop(key, None)  # not of calib.txt's own, or the provenance's own
+        values.pop(key, None)  # doffs is compared below; calib.txt has no deviation
     # Both leave out a ratio of 1.
     for key, value in ({"fy_over_fx": 1.0} | values).items():
         expected = ({"fy_over_fx": 1.0} | recorded).get(key)

@@ -303,6 +303,21 @@ def test_a_change_may_be_missing_where_disparities_pass_through_0(least, wrong):
     assert [str(finding) for finding in verdict.findings] == (wanted if wrong else [])
 
 
+@pytest.mark.parametrize("channel", ["disparity", "disparity_change"])
+def test_no_view_lacks_all_values_of_a_channel(channel):
+    camera = StereoCamera.centred(8, 6, 10.0, 0.1, doffs_px=5.0)
+    channels = {
+        "image": np.zeros((6, 8, 3), np.uint8),
+        "disparity": np.full((6, 8), 9, np.float32),
+        "flow": np.zeros((6, 8, 2), np.float32),
+        "disparity_change": np.zeros((6, 8), np.float32),
+    }
+    left, right = View(channels | {channel: np.full((6, 8), np.inf, np.float32)}), View({"image": channels["image"]})
+    verdict = Verdict("it")
+    check_view(StoredFrame(camera, left, right), "left", 20.0, verdict)
+    assert f"it: {channel}: {channel}_left is inf in 48 pixels, the first at (0, 0)" in map(str, verdict.findings)
+
+
 def test_only_readable_frames_of_one_sequence_are_compared(copy):
     dataset = copy()
 
