@@ -65,6 +65,7 @@
   for (const link of document.querySelectorAll("a[data-pair]")) link.addEventListener("click", () => show(Number(link.dataset.pair)));
   find("flicker").addEventListener("click", flicker);
   stage.addEventListener("pointermove", read);
+  if (pairs.length === 0) return;
   document.addEventListener("keydown", (event) => event.ctrlKey || event.metaKey || event.altKey || event.repeat || keys[event.key.toLowerCase()]?.());
-  if (pairs.length > 0) show(0);
+  show(0);
 })();
