@@ -86,7 +86,7 @@ class Draft:
     def outdoors(self) -> bool:
         """Whether more than 2 % of the wanted pixels are farther than 20 m.
 
-        A view that ends so soon behind the nearest things that a wall has to close it is an indoor one.
+        A view whose largest depth is less than three times its smallest is indoors: a wall has to close it.
         """
         disparity, doffs_px = self.disparity, self.doffs_px
         if disparity.max_px + doffs_px < _DEPTH_OF_FLAT * (disparity.min_px + doffs_px):

@@ -13,7 +13,7 @@ import click
 from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_raise
 from semisynth_gl.inputs.errors import SemisynthError
 
-# Exit codes. Also runs that were stopped, or ran out of disk space, are refused: the same command goes on.
+# Exit codes. 2 also stands for a run that was stopped or ran out of disk space: the same command resumes it.
 _LOST, _REFUSED = 1, 2
 
 _COMMANDS = ("bench", "calibrate", "configs", "doctor", "evaluate", "generate", "preview", "report", "verify")

@@ -68,7 +68,7 @@ def evaluate(
                 predictions, truth, protocol, split=split, partial=partial, maps=maps, progress=progress.track
             )
     else:
-        raise click.UsageError("expected --gt, the truth, or --pred-right, which takes none of the other options")
+        raise click.UsageError("expected --gt, the truth, or --pred-right, which goes only with --json")
     if json_file is not None:
         write_json(json_file, report)
     for line in _confirmation_lines(report) if truth is None else _table_lines(report):

@@ -208,10 +208,10 @@ class _GenerationProgress(Progress):
 
     def conclude(self, config: Config, result: "GenerationResult") -> None:
         for reason in self._redrawn[:_REASONS_SHOWN]:
-            self.on_message(f"drawn again, {reason}")
+            self.on_message(f"rendered anew, {reason}")
         if self._redrawn:
             count = len(self._redrawn)
-            self.on_message(f"pairs drawn again after they failed their checks: {count} (see the shards' records)")
+            self.on_message(f"pairs rendered anew after they failed their checks: {count} (see the shards' records)")
         if self._shares_beyond:
             encoding = result.plan.layout.encodings_for(config).disparity.name
             self.on_message(

@@ -35,7 +35,7 @@ from semisynth_gl.seeds.splits import SPLITS, SplitName
 from semisynth_gl.textures.image_files import find_files, reaching_source
 from semisynth_gl.textures.images import image_extensions
 
-# Number of pairs from which on file systems are slower with single files than with tars.
+# From this number of pairs on, file systems are slower with single files than with tars.
 _MANY_PAIRS = 10_000
 _APART = "Its files would be used as photographs or models: choose a folder apart"
 

@@ -25,7 +25,7 @@ OPPOSITE: Mapping[str, str] = {"flow": "flow_backward", "flow_backward": "flow"}
 _OUTSIDE_PX, _OUTSIDE_SHARE = 0.2, 0.02
 _MEDIAN_PX = 0.01
 _SEEN_SHARE, _HIDDEN_SHARE = 0.02, 0.1
-# So many pixels more than a share may be wrong: those around one thin object are wrong together.
+# Added to each share's number of pixels: those around one thin object are wrong together.
 _FEW_PIXELS = 20
 # Below this difference, both images see the same point.
 _SAME_PX = 0.05

@@ -71,7 +71,8 @@ def _check_view(
             differences = np.where(values == rays[name], 0.0, np.abs(values - rays[name]))
         # The chord of a small angle is the angle in radians; its cosine would round to 1.
         error = np.linalg.norm(differences, axis=1) if name == "normals" else differences.max(axis=1)
-        # A lens's border may have taken values; changes of disparity at both moments, which `check_motion` judges.
+        # Borders of a lens may lack values. A change of disparity may lie in a border at the next frame, too: there,
+        # `single_view` judges what is missing.
         in_border = border | (name == "disparity_change" and not frame.border_disparity)
         lacking = in_border & np.isposinf(values).all(axis=1)
         wrong[name] = ~lacking & ~(error <= bounds[name])

@@ -74,7 +74,7 @@ def verify(
         dataset: a folder, or an address that fsspec knows.
         rays: number of pairs, evenly spread, whose scenes are sampled again and compared with float64 rays; by default
             4, or none where the scenes cannot be sampled again.
-        oracle: whether to compare all pairs with rays.
+        oracle: whether to compare all pairs with rays, whatever ``rays`` is.
         pixels: number of rays for each of these pairs.
         listener: is told the number of pairs, and each checked pair.
         on_finding: is called with each fault as soon as it is found.
@@ -143,7 +143,7 @@ def _verdicts(
 ) -> Iterator[Verdict]:
     plan, position = index.plan, -1
     verdict, present = Verdict(DATASET), frozenset(names_below(index.root))
-    # A run makes a shard without a record again, whole.
+    # Shards without a record are unfinished: the next run makes them from the start.
     unmade = {shard for shard in plan.shards if index.fault is not None and record_path(shard.name) not in present}
     check_index(index, present, sum(shard.end - shard.first for shard in unmade), verdict)
     yield verdict
@@ -160,7 +160,7 @@ def _verdicts(
                 frame = read_pair(index, shard, record, number, verdict)
             if frame is not None:
                 is_next = number // plan.views % plan.config.sequence.length > 0 and len(recent) == plan.views
-                # The same view's pair one frame before is as many pairs before as a scene has views.
+                # With V views a scene, the same view of the previous frame was V pairs ago: the oldest of `recent`.
                 _check_frame(frame, recent[0] if is_next else None, index, verdict)
                 if position in rayed:
                     check_rays(frame, scenes[shard.split], pixels, verdict)

@@ -24,9 +24,9 @@ from semisynth_gl.scene.view_volume import clear_depth_m
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
-# Mark before the attempt's number in the keys of generators; no generation's number reaches it.
+# Separates the attempt's number from a generation's number in the keys of generators; no generation reaches it.
 _REDRAWN = 2**31
-# First key of generations that were released before time 0; no later generation's number reaches it.
+# Keys from here on are those of generations released before time 0; no later generation reaches it.
 _BEFORE = 2**30
 
 
@@ -96,7 +96,7 @@ class SceneSequence:
         config = sampler.config
         self.static = static = sample_static_scene(config, sampler.catalogue, self._generator)
         rng = self._generator(Purpose.PARTICLES, 0)
-        # An attempt has the layers' quantiles of a sequence so far away that no dataset has both.
+        # A repeated attempt takes the layers' quantiles of another sequence, one that no dataset reaches.
         quantiles_of = number + _REDRAWN * attempt
         batches = sampler.disparity_solver.sample(quantiles_of, static.camera, static.bare_px, rng)
         most_px = relief_px(static.camera, config.disparity.min_px, static.near_m)
