@@ -239,6 +239,8 @@ def _add(tree: Tree, name: Name, node: Any) -> None:  # noqa: ANN401 - any neste
         raise FormatError(f"has more than {_MOST_VALUES} values: expected a calibration alone")
     if isinstance(node, np.ndarray) and node.dtype.kind == "U" and node.size == 1:
         node = str(node.item())
+    if isinstance(node, bool):  # JSON's; YAML's are text already
+        node = str(node).lower()
     array = _array(node)
     if array is not None:
         tree[name or _WHOLE] = array

@@ -696,6 +696,13 @@ def test_a_flag_tells_a_fisheye_by_its_value(tmp_path, flag):
     assert {rig.raw[eye].model for eye in ("left", "right")} == {expected}
 
 
+def test_a_flag_of_json_tells_a_fisheye(tmp_path):
+    for flag, expected in ((True, "fisheye"), (False, "radial-tangential")):
+        values = {"fisheye": flag, "K1": K1, "D1": D1[:4], "K2": K1, "D2": D1[:4], "R": R, "T": T}
+        (rig,) = read(tmp_path, {"rig.json": values}, size=Size(*SIZE))
+        assert rig.raw["left"].model == expected
+
+
 def test_what_is_concluded_is_noted(tmp_path):
     (rig,) = read(tmp_path, {"rig.json": {"K": K1, "D": D1, "R": R, "T": T} | IMAGE})
     assert rig.notes[0].startswith("K was taken for both cameras")
