@@ -158,7 +158,7 @@ def generate(
             scene.seed,
             layout=layout,
             backend=scene.backend,
-            engine=_open_engine(engine, workers, gpu_share, ray_address, pairs + validation + test),
+            engine=_open_engine(engine, workers, gpus, gpu_share, ray_address, pairs + validation + test),
             # Ray shows each task its GPU as number 0.
             gpus=gpus or ((0,) if gpu_share else ()),
             shard_pairs=shard_pairs,
@@ -171,7 +171,12 @@ def generate(
 
 
 def _open_engine(
-    name: str | None, workers: int | None, gpu_share: float, ray_address: str | None, pairs: int
+    name: str | None,
+    workers: int | None,
+    gpus: tuple[int, ...] | None,
+    gpu_share: float,
+    ray_address: str | None,
+    pairs: int,
 ) -> "Engine":
     """Return the engine that makes a number of pairs in all; refuse options that it does not take."""
     # Imported here: help and completion need no renderer.
@@ -180,6 +185,8 @@ def _open_engine(
 
     if workers is not None and (name == "ray" or (name == "serial" and workers > 1)):
         raise InputError(f"--workers is for --engine local, and not for {name}")
+    if name == "ray" and gpus:
+        raise InputError("--gpus is for --engine local: Ray chooses the GPUs of its processes, with --gpu-share")
     if name == "ray":
         return RayEngine(ray_address, gpus=gpu_share)
     if ray_address is not None or gpu_share:

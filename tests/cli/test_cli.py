@@ -152,6 +152,7 @@ def test_doctor_renders_its_test_pair_or_says_what_to_install():
         ("generate --config middlebury --layout nuscenes", ["layout", "crestereo"]),
         ("generate --config middlebury --outputs visibility,normal", ["--outputs", "normals"]),
         ("generate --config middlebury --engine ray --workers 1", ["--workers"]),
+        ("generate --config middlebury --engine ray --gpus 0,1", ["--gpus", "--gpu-share"]),
         ("generate --config middlebury --shards 7-9", ["shards 0-7"]),
         ("generate --config middlebury --shard-pairs 0", ["--shard-pairs"]),
         ("generate --config middlebury --layout kitti --set files.disparity=png16", ["files.disparity"]),
