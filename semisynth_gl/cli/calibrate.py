@@ -12,9 +12,7 @@ from semisynth_gl.calibration.calibrate import calibrate as calibrate_rig
 from semisynth_gl.cli.options import (
     NATURAL,
     Command,
-    FilesType,
     Number,
-    UserPath,
     above_0,
     images_option,
     map_options,
@@ -60,7 +58,6 @@ def _cameras(_: click.Context, __: click.Parameter, text: str | None) -> tuple[s
 @images_option(required=True)
 @option(
     "--calib",
-    type=FilesType(),
     multiple=True,
     metavar="FILE_OR_GLOB",
     help="Calibration file of any tool: YAML, JSON, XML, .npz, .npy, .conf or text. May be repeated, for the files of "
@@ -110,7 +107,7 @@ def _cameras(_: click.Context, __: click.Parameter, text: str | None) -> tuple[s
 )
 @option(
     "--rectify-to",
-    type=UserPath(),
+    type=click.Path(path_type=Path),
     metavar="DIR",
     help="The photographs are as the cameras take them: rectify them by --calib, which must have K, D and R of both "
     "cameras, and write them here; needs OpenCV, the extra opencv.",

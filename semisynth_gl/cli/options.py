@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial, wraps
-from pathlib import Path
 from typing import Any
 
 import click
@@ -25,10 +24,6 @@ COUNT = click.IntRange(min=1, max=_MOST)
 MOST_WORKERS = 1024
 # JSON readers in other languages take whole numbers of at most 64 bits.
 SEED = click.IntRange(min=0, max=(1 << 63) - 1)
-
-# The types of a folder, and of a file, folder, glob or address as the user wrote it.
-UserPath = partial(click.Path, path_type=Path)
-FilesType = click.types.StringParamType
 
 
 class Number(click.FloatRange):

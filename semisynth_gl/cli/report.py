@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import COUNT, Command, FilesType, images_option, map_options, option
+from semisynth_gl.cli.options import COUNT, Command, images_option, map_options, option
 from semisynth_gl.cli.outputs import OutputFile, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.dataset.root import open_root
@@ -14,7 +14,7 @@ from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 
 @click.command(cls=Command)
-@click.argument("directory", type=FilesType(), metavar="DIR_OR_ADDRESS")
+@click.argument("directory", metavar="DIR_OR_ADDRESS")
 @images_option(
     help="Photographs of the place that the dataset is made for, to compare it with: a file, folder or glob. May be "
     "repeated.",

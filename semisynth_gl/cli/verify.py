@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import COUNT, NATURAL, Command, FilesType, option
+from semisynth_gl.cli.options import COUNT, NATURAL, Command, option
 from semisynth_gl.cli.outputs import OutputFile, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.inputs.errors import counted
@@ -14,7 +14,7 @@ from semisynth_gl.judge.verify import verify as verify_dataset
 
 
 @click.command(cls=Command)
-@click.argument("directory", type=FilesType(), metavar="DIR_OR_ADDRESS")
+@click.argument("directory", metavar="DIR_OR_ADDRESS")
 @option(
     "--rays",
     type=NATURAL,
