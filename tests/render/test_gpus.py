@@ -22,11 +22,8 @@ DEVICES = [
     ("visible", "indices"),
     [
         (None, [1, 3, 0, 2]),
-        ("0,1,2,3", [1, 3, 0, 2]),
-        ("2,3", [0, 2]),
         (" 3 , 0 ", [2, 1]),
         ("1,-1,2", [3]),
-        ("GPU-2c111111-0000-0000-0000-000000000000", [0]),
         ("GPU-0a2,gpu", [3]),
         ("1,GPU-0A1", [3, 1]),
     ],
@@ -42,12 +39,10 @@ def test_the_device_is_found_within_those_that_cuda_sees(visible, indices):
     [
         (4, None, r"gpus: 4: CUDA sees GPUs 0, 1, 2, 3"),
         (2, "2,3", r"gpus: 2: with CUDA_VISIBLE_DEVICES=2,3 CUDA sees GPUs 0, 1"),
-        (0, "", "CUDA sees no GPU"),
         (0, "-1", "CUDA sees no GPU"),
         (-1, "0", "CUDA sees GPU 0"),
         (0, "7", r"CUDA_VISIBLE_DEVICES=7 names 7, but there is GPUs 0, 1, 2, 3"),
         (0, "GPU-0a", r"names GPU-0a, which is not exactly one .*3 is unknown.*Give numbers"),
-        (0, "GPU-ffff", "is not exactly one of EGL's devices"),
         (1, "0,MIG-0a111111", "names MIG-0a111111, which is not exactly one"),
     ],
 )

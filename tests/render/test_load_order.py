@@ -90,14 +90,12 @@ def test_the_library_lends_its_symbols_to_no_other(stand_in, backend, tmp_path):
 
 
 @pytest.mark.one_backend
-@pytest.mark.parametrize("fault", ["no library", "no folder", "broken library", "not a package", "no specification"])
+@pytest.mark.parametrize("fault", ["no library", "broken library", "not a package", "no specification"])
 def test_a_triton_without_a_sound_library_keeps_no_context_from_opening(stand_in, backend, tmp_path, fault):
     steps = ["context"]
     match fault:
         case "no library":
             stand_in.unlink()
-        case "no folder":
-            shutil.rmtree(stand_in.parent)
         case "broken library":
             stand_in.write_bytes(b"no library")
         case "not a package":

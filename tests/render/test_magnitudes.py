@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from scenes import noise_layers
+from scenes import noise_layers, one_model, posed
 
 from semisynth_gl.frame.camera import EYES, Deviation, StereoCamera
 from semisynth_gl.frame.channels import DRAWN_OUTPUTS
@@ -17,7 +17,7 @@ from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.oracle import disparity_px
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.scene import make_scene, move
+from semisynth_gl.scene.scene import move
 
 # A slanted wall of 4 x 4 m, 2 m away, and the numbers that a caller hands in; the pose makes the model's scale good.
 CORNERS = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.2], [1.0, 1.0, 0.4], [-1.0, 1.0, 0.2]])
@@ -45,13 +45,6 @@ ORDINARY = {
 LENGTHS = ("baseline_m", "near_m", "instance_scale", "depth_m", "moved_m")
 
 
-def placed(scale, at):
-    pose = np.eye(4)
-    pose[:3, :3] *= scale
-    pose[:3, 3] = at
-    return pose
-
-
 def drawn(antialias="none", **numbers):
     """Render the wall; return the frame, and what the oracle needs."""
     n = ORDINARY | numbers
@@ -67,14 +60,12 @@ def drawn(antialias="none", **numbers):
     size = n["instance_scale"] / scale
     shift = [n["instance_at"] - at * size + n["world_at"], -at * size, n["depth_m"] - at * size]
     pose = [[size, 0, 0, shift[0]], [0, size, 0, shift[1]], [0, 0, size, shift[2]], [0, 0, 0, 1.0]]
-    scene = make_scene(
+    scene = one_model(
         camera,
-        model=[0],
-        world_from_model=[pose],
-        layer=[0],
+        [pose],
         uv_scale=n["uv_scale"],
         uv_offset=n["uv_offset"],
-        camera_from_world=placed(1, [-n["world_at"], 0, 0]),
+        camera_from_world=posed(np.eye(3), [-n["world_at"], 0, 0]),
         near_m=n["near_m"],
     )
     then = np.array(pose)
@@ -179,17 +170,13 @@ def test_scenes_of_any_unit_that_float32_holds_are_drawn(scale):
     ("numbers", "said"),
     [
         ({"focal_px": 1e30}, "focal_px: must be 0 or 1e-09 to 1e\\+06 in magnitude, got 1e\\+30: float32"),
-        ({"focal_px": 1e-30}, "focal_px: must be"),
         ({"baseline_m": 1e30}, "baseline_m: must be 0 or 1e-09 to 1e\\+09 in magnitude, got 1e\\+30: float32"),
-        ({"baseline_m": 1e-30}, "baseline_m: must be"),
         ({"cx_right_px": -1e30}, "cx_right_px: must be at most 1e\\+06 in magnitude, got -1e\\+30"),
         ({"near_m": 1e-30}, "near_m: must be"),
-        ({"near_m": 1e30}, "near_m: must be"),
         ({"instance_scale": 1e300}, "scene: world_from_model: must be at most 1e\\+09 in magnitude, got 1e\\+300"),
         ({"moved_m": -1e300}, "world_from_model: must be at most 1e\\+09 in magnitude, got -1e\\+300"),
         ({"instance_scale": 1e-30}, "instance 0 is smaller, .*e-30 m: float32 does not hold"),
         ({"depth_m": 9.99e8, "instance_scale": 9e8}, "instance 0 reaches farther from the camera"),
-        ({"world_at": 1e18}, "must be at most 1e\\+09"),
         ({"uv_scale": 1e18}, "scene: uv_scale: must be at most"),
         ({"uv_offset": 1e18}, "scene: uv_offset: must be at most"),
         ({"model_scale": 1e18}, "mesh wall: positions: must be at most 1e\\+09 in magnitude, got .*1e\\+18: float32"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import facing, noise_layers
+from scenes import board, noise_layers, one_model
 
 from semisynth_gl.frame.camera import Crop, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, VISIBLE
@@ -14,17 +14,10 @@ from semisynth_gl.render.model_buffers import _by_last_corner
 from semisynth_gl.scene.scene import make_scene
 
 CAMERA = StereoCamera.centred(200, 24, 100.0, 0.1)
-FOCAL_BASELINE = 10.0
-
-
-def board(left_px: float, right_px: float, disparity_px: float, top_px: float = -0.5, bottom_px: float = 23.5):
-    """Place the unit square between edges on the *right* image."""
-    at = left_px + disparity_px + 0.5
-    return facing(CAMERA, at, top_px + 0.5, right_px - left_px, bottom_px - top_px, FOCAL_BASELINE / disparity_px)
 
 
 def column(open_renderer, square, x, *boards):
-    scene = make_scene(CAMERA, model=[0] * len(boards), world_from_model=boards, layer=[0] * len(boards))
+    scene = one_model(CAMERA, [board(CAMERA, *each) for each in boards])
     left = open_renderer([square], noise_layers(1, 16)).render(scene).left
     return left.disparity[:, x], left.visibility[:, x]
 
@@ -32,9 +25,8 @@ def column(open_renderer, square, x, *boards):
 @pytest.mark.parametrize(("gap_px", "expected"), [((100.3, 100.7), VISIBLE), ((100.6, 100.9), OCCLUDED)])
 def test_a_gap_narrower_than_a_pixel_shows_what_lies_behind(open_renderer, square, gap_px, expected):
     """The wall's pixel 105 is at 100.5 on the right, between two boards; the nearer one is beside it on the left."""
-    wall = board(-100, 300, 4.5)
-    boards = board(96, gap_px[0], 10.5), board(gap_px[1], 130, 12.5)
-    disparity, mask = column(open_renderer, square, 105, wall, *boards)
+    boards = (-100, 300, 4.5), (96, gap_px[0], 10.5), (gap_px[1], 130, 12.5)
+    disparity, mask = column(open_renderer, square, 105, *boards)
     np.testing.assert_allclose(disparity, 4.5, atol=1e-4)
     assert (mask == expected).all()
 
@@ -43,7 +35,7 @@ def test_a_gap_narrower_than_a_pixel_shows_what_lies_behind(open_renderer, squar
 @pytest.mark.parametrize("step_px", [0.26, 0.4, 3.0])
 def test_a_board_hides_up_to_its_edge_however_little_it_stands_out(open_renderer, square, edge_px, step_px, expected):
     """The wall's pixel 95 is at 89.1 on the right, where disparities between pixels 89 and 90 hardly differ."""
-    disparity, mask = column(open_renderer, square, 95, board(-100, 300, 5.9), board(edge_px, 140, 5.9 + step_px))
+    disparity, mask = column(open_renderer, square, 95, (-100, 300, 5.9), (edge_px, 140, 5.9 + step_px))
     np.testing.assert_allclose(disparity, 5.9, atol=1e-4)
     assert (mask == expected).all()
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from tiny_datasets import lean
 
-from semisynth_gl import open_dataset, oracle
-from semisynth_gl.dataset.generate import generate
+from semisynth_gl import oracle
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.raycast import cast_rays
@@ -53,7 +52,7 @@ def test_normals_are_those_of_the_triangles_that_rays_hit(name):
             assert (drawn[same & (hits.instance < 0)] == 0).all()
 
 
-def test_normals_point_to_their_eye_and_come_back_from_files(tmp_path):
+def test_normals_point_to_their_eye():
     with PairRenderer(small(), 3) as renderer:
         frame = renderer.render(0).frame
     row, column = np.mgrid[: frame.camera.height_px, : frame.camera.width_px].astype(float)
@@ -61,8 +60,3 @@ def test_normals_point_to_their_eye_and_come_back_from_files(tmp_path):
         normals = frame.view(eye).normals
         assert (np.linalg.norm(normals, axis=2) > 0.5).mean() > 0.9
         assert (normals * frame.camera.rays(eye, column, row)).sum(axis=2).max() <= 1e-6
-    # Other layouts take the same path through files in test_layouts.py.
-    generate(small(), tmp_path / "out", 1, 3, layout="webdataset")
-    stored = open_dataset(tmp_path / "out")[0]
-    for eye in EYES:
-        np.testing.assert_array_equal(stored.view(eye).normals, frame.view(eye).normals)

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from scenes import assert_equal, facing, noise_layers
+from scenes import SQUARE, assert_equal, facing, noise_layers
 
 from semisynth_gl.frame.camera import Crop, StereoCamera
 from semisynth_gl.geometry.mesh import make_mesh
@@ -18,7 +18,7 @@ from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.scene import make_scene
 
 CAMERA = StereoCamera.centred(161, 113, 150.0, 0.02)
-WHOLE, CROP = Crop(0, 0, 161, 113), Crop(90, 41, 50, 40)
+CROP = Crop(90, 41, 50, 40)
 
 
 def globe(side=12):
@@ -29,10 +29,6 @@ def globe(side=12):
     triangles = np.concatenate([corner + np.array(three) for three in ((0, side, 1), (1, side, side + 1))])
     uv = np.stack([down, around], axis=-1) / np.pi
     return make_mesh("globe", points.reshape(-1, 3), uv.reshape(-1, 2), triangles)
-
-
-SQUARE = make_mesh("square", [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]],
-                   [[0, 1, 2], [0, 2, 3]])  # fmt: skip
 
 
 @pytest.fixture
@@ -54,15 +50,15 @@ def drawn(backend, monkeypatch):
     return counts
 
 
-def assert_unchanged(renderer, scene, crop):
+def assert_unchanged(renderer, scene):
     """Compare with everything drawn, the whole image and a part of it."""
-    found, part = renderer.render(scene), renderer.render(scene, crop)
+    found, part = renderer.render(scene), renderer.render(scene, CROP)
     drawing = renderer._drawing  # noqa: SLF001 - there is no option
     search, drawing._occlusion = drawing._occlusion, None  # noqa: SLF001
     expected = renderer.render(scene)
     drawing._occlusion = search  # noqa: SLF001
-    assert_equal(found, expected, WHOLE)
-    assert_equal(part, expected, crop)
+    assert_equal(found, expected)
+    assert_equal(part, expected, CROP)
 
 
 @pytest.mark.one_backend
@@ -89,7 +85,7 @@ def test_crowds_are_as_if_everything_were_drawn(backend, drawn, monkeypatch, hid
             model, layer = rng.integers(0, 3, count), rng.integers(0, 5, count)
             model[:2] = 2  # the same place
             make = partial(make_scene, camera, model=model, world_from_model=poses, layer=layer)
-            assert_unchanged(renderer, make(near_m=0.6), CROP)
+            assert_unchanged(renderer, make(near_m=0.6))
     assert len(drawn) == 16 if "outputs" in options else drawn
 
 
@@ -110,5 +106,5 @@ def test_what_looks_out_is_drawn(backend, drawn, monkeypatch, far, seen):
     poses = np.stack([facing(CAMERA, *place) for place in places])
     scene = make_scene(CAMERA, model=[0, 0], world_from_model=poses, layer=[0, 1], near_m=0.5)
     with Renderer([SQUARE], noise_layers(2, 16), backend=backend) as renderer:
-        assert_unchanged(renderer, scene, CROP)
+        assert_unchanged(renderer, scene)
     assert drawn[1] == seen

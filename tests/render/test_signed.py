@@ -5,7 +5,8 @@ import pytest
 from heavy import heavy
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import assert_equal, facing, noise_layers
+from planted_faults import all_findings
+from scenes import assert_equal, board, facing, noise_layers, one_model, posed
 
 from semisynth_gl import InputError, open_dataset, oracle
 from semisynth_gl.codecs.pfm import PFM
@@ -20,7 +21,6 @@ from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, SKY, VISIBLE
 from semisynth_gl.judge.evaluate import evaluate
 from semisynth_gl.judge.protocol import PROTOCOLS
-from semisynth_gl.judge.verify import verify_dataset
 from semisynth_gl.layouts import LAYOUTS
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.background import FACE
@@ -157,20 +157,10 @@ def test_correspondences_of_a_right_camera_that_deviates_are_the_oracles(backend
 CAMERA = StereoCamera.centred(200, 24, 100.0, 0.1, doffs_px=20.0)
 
 
-def board(left_px, right_px, disparity_px):
-    """Place the unit square between edges on the *right* image, over all rows."""
-    at = left_px + disparity_px + 0.5
-    return facing(CAMERA, at, -1, right_px - left_px, 26, 10.0 / (disparity_px + 20.0))
-
-
-def drawn(open_renderer, *boards, sky=False, crop=None, **options):
-    scene = make_scene(CAMERA, model=[0] * len(boards), world_from_model=boards, layer=[0] * len(boards), sky=sky)
-    return open_renderer([FACE], noise_layers(1, 16), signed=True, **options).render(scene, crop)
-
-
 def test_negative_disparities_are_hidden_and_leave_the_image_where_paper_says(open_renderer):
     """The wall is at -12, the board at -5 and from 60 to 80 on the right: the wall's 48 to 68 is hidden there."""
-    frame = drawn(open_renderer, board(-100, 400, -12.0), board(60.25, 80.25, -5.0))
+    scene = one_model(CAMERA, [board(CAMERA, -100, 400, -12.0), board(CAMERA, 60.25, 80.25, -5.0)])
+    frame = open_renderer([FACE], noise_layers(1, 16), signed=True).render(scene)
     row, x = 12, np.arange(200)
     np.testing.assert_allclose(frame.left.disparity[row], np.where((x > 55.25) & (x < 75.25), -5, -12), atol=1e-4)
     expected = np.where((x + 12 > 60.25) & (x + 12 < 80.25), OCCLUDED, VISIBLE)
@@ -186,8 +176,8 @@ def test_negative_disparities_are_hidden_and_leave_the_image_where_paper_says(op
 
 @pytest.mark.parametrize("signed", [True, False])
 def test_crops_are_those_of_the_whole_image(open_renderer, signed):
-    boards = [board(-100, 400, -12.0), board(60.25, 80.25, -5.0), board(110.0, 130.0, 6.0)]
-    scene = make_scene(CAMERA, model=[0] * 3, world_from_model=boards, layer=[0] * 3, sky=[True, False, False])
+    boards = [board(CAMERA, -100, 400, -12.0), board(CAMERA, 60.25, 80.25, -5.0), board(CAMERA, 110.0, 130.0, 6.0)]
+    scene = one_model(CAMERA, boards, sky=[True, False, False])
     renderer = open_renderer([FACE], noise_layers(1, 16), signed=signed, outputs=("visibility", "sky", "depth"))
     whole = renderer.render(scene)
     assert np.isfinite(whole.left.disparity).all() == signed
@@ -199,10 +189,8 @@ def test_the_sky_has_no_parallax_and_turns_with_the_camera(open_renderer):
     """Neither the baseline nor a shift of the rig moves it; it is behind what stands farther away than its face."""
     camera = StereoCamera.centred(96, 64, 100.0, 0.5)
     sky, far = facing(camera, -300, -300, 700, 700, 2.0), facing(camera, 40, 20, 16, 16, 50.0)
-    turn = np.eye(4)
-    turn[:3, :3] = rotation_about_axis(np.array([[0.0, 1.0, 0]]), np.array([0.05]))[0]
-    shifted, turned = np.eye(4), turn.copy()
-    shifted[:3, 3] = turned[:3, 3] = 0.7, -0.2, 0.4
+    turn = rotation_about_axis(np.array([[0.0, 1.0, 0]]), np.array([0.05]))[0]
+    shifted, turned = (posed(linear, (0.7, -0.2, 0.4)) for linear in (np.eye(3), turn))
 
     def scene(pose):
         return make_scene(
@@ -223,7 +211,7 @@ def test_the_sky_has_no_parallax_and_turns_with_the_camera(open_renderer):
     both = (frame.left.sky == SKY) & (moved.left.sky == SKY)
     np.testing.assert_array_equal(frame.left.image[both], moved.left.image[both])
     y, x = (side.ravel() for side in np.mgrid[:64, :96])
-    then = camera.rays("left", x, y) @ turn[:3, :3].T
+    then = camera.rays("left", x, y) @ turn.T
     u = 100 * then[:, 0] / then[:, 2] + camera.cx_left_px - x
     in_sky = (frame.left.sky == SKY).ravel()
     np.testing.assert_allclose(frame.left.flow[..., 0].ravel()[in_sky], u[in_sky], atol=1e-4)
@@ -231,7 +219,7 @@ def test_the_sky_has_no_parallax_and_turns_with_the_camera(open_renderer):
 
 def test_a_sky_of_another_shape_is_refused():
     with pytest.raises(InputError, match=r"sky must be \(1,\) bool"):
-        make_scene(CAMERA, model=[0], world_from_model=[np.eye(4)], layer=[0], sky=[True, False])
+        one_model(CAMERA, [np.eye(4)], sky=[True, False])
 
 
 # Configs
@@ -239,46 +227,17 @@ def test_a_sky_of_another_shape_is_refused():
 
 BAD = [
     ({"disparity.min_px": 0}, "disparity.min_px: expected a number above 0 .*got 0"),
-    ({"disparity.min_px": -5, "disparity.max_px": -1}, "disparity.m.._px: expected a number above 0 .*got -[51]"),
-    ({"background.wall_disparity_px": [-1, 2]}, "wall_disparity_px: expected numbers above 0 .*got -1"),
-    ({"background.plane_disparity_px": 0}, "plane_disparity_px: expected numbers above 0 .*got 0"),
-    ({"structures.panel_disparity_px": -3}, "structures.panel_disparity_px: expected numbers above 0 .*got -3"),
-    ({"structures.ground_disparity_px": 1e-9}, "structures.ground_disparity_px: expected numbers above 0"),
-    (
-        {"particles.layers": [{"count": 3, "disparity_px": -2}]},
-        "particles.layers.0.disparity_px: expected numbers above 0",
-    ),
-    ({"particles.clutter": [{"count": 3, "disparity_px": -2}]}, "clutter.0.disparity_px: expected numbers above 0"),
     ({"disparity.target": {"form": "uniform", "low_px": -1}}, "low_px: expected a number above 0 .*got -1"),
+    ({"background.plane_disparity_px": 0}, "plane_disparity_px: expected numbers above 0 .*got 0"),
+    ({"particles.clutter": [{"count": 3, "disparity_px": -2}]}, "clutter.0.disparity_px: expected numbers above 0"),
     ({"disparity.target": {"form": "uniform", "high_px": 0}}, "target: expected low_px < high_px"),
-    (
-        {"disparity.target": {"form": "gamma", "mean_px": 0, "spread_px": 3}},
-        "mean_px: expected mean_px above",
-    ),
-    (
-        {"disparity.target": {"form": "gamma", "origin_px": -9, "mean_px": 3, "spread_px": 3}},
-        "origin_px: expected a number above 0 .*got -9",
-    ),
-    (
-        {"scenes": [{"recipe": "a", "disparity": {"signed": True}}]},
-        "a recipe cannot change this key, which holds for all",
-    ),
-    ({"background.sky": 1.5}, "background.sky: input should be less than or equal to 1"),
+    ({"scenes": [{"recipe": "a", "disparity": {"signed": True}}]}, "a recipe cannot change this key"),
 ]
 BAD_SIGNED = [
-    ({"disparity.signed": 1}, "disparity.signed: input should be a valid boolean"),
     ({"disparity.min_px": -10}, "disparity.min_px goes down to -10 px, .* doffs = 10 px, disparities end at -10 px"),
     ({"camera.doffs_px": [3, 10]}, "disparity.min_px goes down to -7 px, .* doffs = 3 px"),
     ({"background.plane_disparity_px": [-12, -5]}, "background.plane_disparity_px goes down to -12 px"),
     ({"disparity.target": {"form": "uniform", "low_px": -30}}, "of the pixels below and 0.0% above"),
-    (
-        {"particles.clutter": [{"count": 3, "disparity_px": -11}]},
-        "clutter.0.disparity_px goes down to -11 px",
-    ),
-    (
-        {"disparity.target": {"form": "gamma", "origin_px": 2, "mean_px": 1, "spread_px": 3}},
-        "mean_px: .*above origin_px, got 1 and 2",
-    ),
 ]
 
 
@@ -379,21 +338,24 @@ def test_signed_png16_keeps_all_but_what_is_too_large(values):
     np.testing.assert_array_equal(again, decoded)
 
 
-def check_read_back(data, config, made):
-    """Compare a dataset with its pairs as they were rendered, and let verify and evaluate judge it."""
+@pytest.mark.one_backend
+def test_datasets_are_read_back_verified_and_evaluated(tmp_path, backend):
+    config = open_scenes(6.5, 1.0, more=MOVING)
+    with PairRenderer(config, SEED, backend) as renderer:
+        made = [renderer.render(number) for number in range(2)]
+    encoded = config.model_copy(update={"files": config.files.model_copy(update={"disparity": "png16"})})
+    data, results, least = tmp_path / "data", tmp_path / "results", []
+    generate(encoded, data, 2, SEED, layout="webdataset", backend=backend)
     index = read_index(data)
     assert (index.signed, index.plan.format) == (True, 1)
-    assert [each for verdict in verify_dataset(index, pixels=50) for each in verdict.findings] == []
-    exact_px = SIGNED_DISPARITY.error_px if config.files.disparity == "png16" else 0.0
-    results = data.parent / f"{data.name}-results"
+    assert all_findings(data, 50) == []
     results.mkdir()
-    least = []
     for pair, expected in zip(open_dataset(data), made, strict=True):
         arrays, drawn_arrays = pair.arrays(), expected.frame.arrays()
         assert arrays.keys() == drawn_arrays.keys()
         for role, array in arrays.items():
             if role.startswith(("disparity_left", "disparity_right")):
-                np.testing.assert_allclose(array, drawn_arrays[role], atol=exact_px, rtol=0)
+                np.testing.assert_allclose(array, drawn_arrays[role], atol=SIGNED_DISPARITY.error_px, rtol=0)
                 least.append(array.min())
             elif role.startswith(("sky", "left", "right", "instances")):
                 np.testing.assert_array_equal(array, drawn_arrays[role])
@@ -407,27 +369,15 @@ def check_read_back(data, config, made):
         assert mean["coverage"] == PROTOCOLS[protocol].full_share, protocol
 
 
-@pytest.mark.one_backend
-def test_datasets_are_read_back_verified_and_evaluated(tmp_path, backend):
-    config = open_scenes(6.5, 1.0, more=MOVING)
-    with PairRenderer(config, SEED, backend) as renderer:
-        made = [renderer.render(number) for number in range(2)]
-    encoded = config.model_copy(update={"files": config.files.model_copy(update={"disparity": "png16"})})
-    generate(encoded, tmp_path / "data", 2, SEED, layout="webdataset", backend=backend)
-    check_read_back(tmp_path / "data", encoded, made)
-
-
 def test_verify_finds_what_no_sky_has(tmp_path):
     config = open_scenes(6.5, 1.0, outputs=("sky", "instances", "depth"))
     generate(config, tmp_path / "data", 1, SEED, layout="middlebury")
     folder = next((tmp_path / "data/MiddEval3/trainingF").glob("*"))
 
     def found(rays=0):
-        findings = [
-            each for verdict in verify_dataset(read_index(tmp_path / "data"), rays) for each in verdict.findings
-        ]
-        said.extend(finding.message for finding in findings if finding.check == "oracle")
-        return {finding.check for finding in findings} - {"sha256"}
+        every = all_findings(tmp_path / "data", rays)
+        said.extend(finding.message for finding in every if finding.check == "oracle")
+        return {finding.check for finding in every} - {"sha256"}
 
     said = []
     assert found(200) == set()
@@ -452,7 +402,7 @@ def test_a_sky_without_a_disparity_is_no_finding(tmp_path):
         generate(open_scenes(0.0, 1.0, signed=False, outputs=outputs), data, 1, SEED, layout="webdataset")
         [pair] = open_dataset(data)
         assert np.isinf(pair.left.disparity).any()
-        assert [each for verdict in verify_dataset(read_index(data)) for each in verdict.findings] == [], outputs
+        assert all_findings(data) == [], outputs
 
 
 def test_layouts_whose_files_have_no_negative_disparities_are_refused():
