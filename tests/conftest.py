@@ -3,14 +3,18 @@
 import gc
 import os
 import signal
+import sys
 from collections.abc import Callable, Generator, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
+from announcements import without_announcements
 from backends import backend_fault
 from hypothesis import HealthCheck, seed, settings
 from scenes import SQUARE
 
+from semisynth_gl.cli import main
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.devices import context_facts
@@ -130,3 +134,21 @@ def open_renderer(backend: Backend) -> Iterator[Callable[..., Renderer]]:
 def square() -> Mesh:
     """The unit square in x and y, with z = 0 and u, v along x, y."""
     return SQUARE
+
+
+@pytest.fixture
+def program(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> Callable[..., tuple[int, str, str]]:
+    """Run the program in this process, in a folder of the test; its status, what it prints, and what it says of it."""
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", ["semisynth-gl", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stopped:
+            main()
+        out, err = capsys.readouterr()
+        return stopped.value.code, out, without_announcements(err)
+
+    return run

@@ -96,8 +96,6 @@ def test_a_pattern_matches_the_files_of_its_role_and_no_others(layout: str, leng
 @pytest.mark.parametrize(
     ("licence", "hub", "name"),
     [
-        ("unknown", "unknown", None),
-        ("MIT", "mit", None),
         ("cc-by-nc-sa-4.0", "cc-by-nc-sa-4.0", None),
         ('my: "own" #1', "other", "my-own-1"),
         ("---\nlicense: mit <b>", "other", "license-mit-b"),

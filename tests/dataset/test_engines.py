@@ -192,6 +192,15 @@ def test_a_lost_context_is_an_error_that_a_rerun_mends(config, wanted, tmp_path,
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
+def test_shards_by_machine_make_the_whole(config, wanted, tmp_path, layout):
+    for shards, missing in ((range(2, 3), 2), (range(2), 0)):
+        made, _, _ = run(config, tmp_path / "o", layout=layout, shards=shards)
+        assert made.missing == missing
+        assert (tmp_path / "o/index.json").exists() == (missing == 0)
+    assert digests(tmp_path / "o") == wanted[layout]
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
 def test_a_full_disk_costs_no_complete_shard(config, wanted, tmp_path, layout):
     """The limit stands for the end of the disk: it holds for every file, and the largest are the tars."""
     out = tmp_path / "o"

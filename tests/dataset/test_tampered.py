@@ -3,7 +3,6 @@
 import json
 import math
 import shutil
-import sys
 import tarfile
 from functools import partial
 
@@ -12,7 +11,6 @@ import pytest
 from hand_made_datasets import SEED, config_of, write_dataset
 from hand_made_pairs import make_frame
 
-from semisynth_gl.cli import main
 from semisynth_gl.dataset.folder import begin, read_plan
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import DamagedIndexError, open_dataset, read_index, read_record
@@ -191,7 +189,7 @@ def test_a_tar_that_is_cut_or_anothers_is_refused(clean, tmp_path):
 
 
 @pytest.mark.parametrize("command", ["verify", "evaluate", "report"])
-def test_commands_end_with_one_message(dataset, tmp_path, monkeypatch, capsys, command):
+def test_commands_end_with_one_message(dataset, tmp_path, program, command):
     path = dataset / INDEX
     values = json.loads(path.read_text())
     (dataset / PLAN).unlink()
@@ -201,10 +199,7 @@ def test_commands_end_with_one_message(dataset, tmp_path, monkeypatch, capsys, c
         "evaluate": ["--pred", tmp_path, "--gt", dataset],
         "report": [dataset, "--out", tmp_path / "page.html"],
     }[command]
-    monkeypatch.setattr(sys, "argv", ["semisynth-gl", command, *map(str, arguments)])
-    with pytest.raises(SystemExit) as stopped:
-        main()
-    said = capsys.readouterr()
-    assert stopped.value.code == (1 if command == "verify" else 2)
-    assert "index.json: pairs.train: " in (said.out if command == "verify" else said.err)
-    assert "Traceback" not in said.err
+    code, out, err = program(command, *arguments)
+    assert code == (1 if command == "verify" else 2)
+    assert "index.json: pairs.train: " in (out if command == "verify" else err)
+    assert "Traceback" not in err
