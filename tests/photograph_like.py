@@ -18,10 +18,10 @@ def octaves(seed: int, height: int = 256, width: int = 256) -> Pixels:
     """Return an image with the same contrast at 1, 2, 4, ... 32 pixels."""
     rng = np.random.default_rng(seed)
     layers = [
-        rng.integers(0, 43, (height // n, width // n, 3), dtype=np.uint8).repeat(n, 0).repeat(n, 1)
+        rng.integers(0, 43, (-(-height // n), -(-width // n), 3), dtype=np.uint8).repeat(n, 0).repeat(n, 1)
         for n in (1, 2, 4, 8, 16, 32)
     ]
-    return np.sum(layers, axis=0).astype(np.uint8)
+    return np.sum([layer[:height, :width] for layer in layers], axis=0).astype(np.uint8)
 
 
 def save(folder: Path, **images: Pixels) -> list[Path]:

@@ -27,20 +27,6 @@ def test_images_have_an_equal_say_but_for_those_with_too_few_patches(counts):
     assert free == pytest.approx([max(shares.values())] * len(free))
 
 
-@pytest.mark.parametrize(
-    ("counts", "shares"),
-    [
-        ({"large": 400, "a": 40, "b": 40}, [1 / 3, 1 / 3, 1 / 3]),
-        ({"large": 99, "a": 1}, [0.96, 0.04]),
-        ({"a": 7}, [1.0]),
-        ({"large": 30, "a": 9, "b": 1}, [0.45, 0.45, 0.1]),
-    ],
-)
-def test_shares_of_some_photographs(counts, shares):
-    found = equal_shares(counts)
-    assert [found[name] for name in counts] == pytest.approx(shares)
-
-
 def test_patches_share_the_chance_of_their_subject():
     sources = [*("a",) * 20, "b", "b", "a", "b"]
     # 21 patches of a; b's three are capped.
@@ -59,9 +45,15 @@ def worn(config, patches, scenes):
     return patch[~large], patch[large]
 
 
-def test_surfaces_wear_photographs_equally_often():
+def test_surfaces_wear_subjects_equally_often():
     counts = {"huge": 60, "middling": 20, "little": 9}
-    small = [Patch(name, 0, 0, 64, 0, 1, 9.0) for name, count in counts.items() for _ in range(count)]
+    # Three photographs show the first subject.
+    sources = {"huge": "abc", "middling": ["middling"], "little": ["little"]}
+    small = [
+        Patch(sources[name][number % len(sources[name])], 0, 0, 64, 0, 1, 9.0, subject=name)
+        for name, count in counts.items()
+        for number in range(count)
+    ]
     large = [Patch(name, 0, 0, 64, 0, 1, 9.0, large=True) for name in counts]
     patches = tuple(replace(patch, first_layer=layer) for layer, patch in enumerate([*small, *large]))
     particles = {"layers": [{"disparity_px": [2, 12], "count": 150}]}
@@ -69,17 +61,5 @@ def test_surfaces_wear_photographs_equally_often():
     for seen in worn(config, patches, 12):
         assert len(seen) > 100
         tolerance = 4 * np.sqrt(0.25 / len(seen))  # four standard deviations
-        names = Counter(patches[number].source for number in seen)
+        names = Counter(patches[number].shown for number in seen)
         assert [names[name] / len(seen) for name in counts] == pytest.approx([1 / 3] * 3, abs=tolerance)
-
-
-def test_surfaces_wear_a_subject_as_often_as_a_photograph_alone():
-    patches = [Patch(name, 0, 0, 64, 0, 1, 9.0, subject="a") for name in "abc" for _ in range(15)]
-    patches += [Patch("alone", 0, 0, 64, 0, 1, 9.0) for _ in range(15)]
-    config = cheap(particles={"layers": [{"disparity_px": [2, 12], "count": 150}]})
-    numbered = tuple(replace(patch, first_layer=layer) for layer, patch in enumerate(patches))
-    seen, _ = worn(config, numbered, 12)
-    assert np.mean([patches[number].source == "alone" for number in seen]) == pytest.approx(
-        0.5, abs=2 / len(seen) ** 0.5
-    )
-    assert len(seen) > 1000

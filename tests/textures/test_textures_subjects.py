@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from photograph_like import save
-from PIL import Image
+from photograph_like import octaves, save
 
 from semisynth_gl.config.dataset_sections import SplitsSection
 from semisynth_gl.config.scene_sections import TexturesSection
@@ -17,29 +16,14 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.seeds.splits import SPLITS, Split
 from semisynth_gl.textures.image_files import builtin_photographs
 from semisynth_gl.textures.prepare import prepare_atlas, share_photographs, split_images
-from semisynth_gl.textures.subjects import groups_by_name, of_subjects, photographed_subjects, subject_numbers
+from semisynth_gl.textures.subjects import groups_by_name, photographed_subjects, subject_numbers
 
 HELD_OUT = {"validation": 0.1, "test": 0.1}
 
 
-def scene(seed, height=240, width=320):
-    """Like a photograph: blobs of every size, the same contrast at each."""
-    rng = np.random.default_rng(seed)
-    octaves = [
-        np.asarray(
-            Image.fromarray(rng.integers(0, 256, (-(-height // n), -(-width // n), 3), dtype=np.uint8)).resize(
-                (width, height), Image.Resampling.BICUBIC
-            ),
-            np.float64,
-        )
-        for n in (1, 4, 16, 64)
-    ]
-    return np.mean(octaves, axis=0).astype(np.uint8)
-
-
 def views(seed, near_px=40, far_px=12):
     """Both views of a scene: its lower half is nearer than the upper one."""
-    wide = scene(seed, width=320 + near_px)
+    wide = octaves(seed, 240, 320 + near_px)
     halves = [wide[:120, near_px - far_px : 320 + near_px - far_px], wide[120:, :320]]
     return wide[:, near_px:], np.concatenate(halves)
 
@@ -49,21 +33,17 @@ ONE_SUBJECT = [
     ["Piano_im0.png", "Piano_im1.png"],
     ["Art/view0.png", "Art/view3.png", "Art/view6.png", "Art/Illum1/Exp0/view1.png", "Art/Illum3/Exp2/view5.png"],
     ["room/im0.png", "room/ambient/L1/im0e0.png", "room/ambient/F0/im1e4.png"],
-    ["lab/left.png", "lab/right.png"],
     ["a/left_0001.jpg", "a/right_0001.jpg"],
-    ["a/0001-Left.jpg", "a/0001-Right.jpg"],
     ["a/imageLeft7.jpg", "a/imageRight7.jpg"],
     ["a/hall_l.jpg", "a/hall_r.jpg"],
     ["a/0017L.jpg", "a/0017R.jpg"],
     ["left/0001.png", "right/0001.png"],
     ["leftImg8bit/x/x_1_leftImg8bit.png", "rightImg8bit/x/x_1_rightImg8bit.png"],
     ["kitti/image_2/000017_10.png", "kitti/image_3/000017_10.png", "kitti/image_2/000017_11.png"],
-    ["kitti/colored_0/000003_10.png", "kitti/colored_1/000003_11.png"],
     ["drive/image_02/data/0000000005.png", "drive/image_03/data/0000000005.png"],
     ["mav0/cam0/data/14036365.png", "mav0/cam1/data/14036365.png"],
     ["a/cam1_0004.png", "a/cam2_0004.png", "a/cam3_0004.png"],
     ["eth3d/delivery_area_1l/im0.png", "eth3d/delivery_area_1s/im1.png"],
-    ["eth3d/delivery_area_2l.png", "eth3d/delivery_area_2s.png"],
 ]
 OTHERS = [
     # Frames, moments and scenes of one kind.
@@ -74,8 +54,6 @@ OTHERS = [
     # Numbers and words of other kinds.
     ["a/im0.png", "a/im1.png", "a/im2.png", "a/im12.png"],
     ["a/view1.png", "a/view9.png"],
-    ["a/camera_01.jpg", "a/camera_02.jpg"],
-    ["a/202401_05.jpg", "a/202401_06.jpg"],
     ["a/bright.png", "a/blight.png", "a/cleft.png", "a/cright.png"],
     ["a/hall.png", "a/hall_l.png", "a/hallway_r.png"],
     ["a/IMG_0001.jpg", "a/IMG_0002.jpg", "a/IMG_0003.jpg"],
@@ -178,10 +156,10 @@ def built(folder, **keys):
 
 
 def test_a_subject_has_one_say_however_many_photographs_show_it(tmp_path):
-    many = {f"im{number}": np.roll(scene(0), 7 * number, axis=1) for number in range(8)}
+    many = {f"im{number}": np.roll(octaves(0, 240, 320), 7 * number, axis=1) for number in range(8)}
     save(tmp_path / "many", **many)
     for number in range(1, 5):
-        save(tmp_path / "single", **{f"s{number}": scene(number)})
+        save(tmp_path / "single", **{f"s{number}": octaves(number, 240, 320)})
     full = built(tmp_path, max_patches=80)  # of 12 photographs with 20 squares each
     assert set(full.report.subjects.values()) == {"many/im0.png"}
     kept = Counter(patch.shown for patch in full.patches)
@@ -199,17 +177,10 @@ def test_a_subject_has_one_say_however_many_photographs_show_it(tmp_path):
 
 def test_large_patches_are_of_subjects(tmp_path):
     pairs_in(tmp_path / "pairs", 2)
-    save(tmp_path / "single", **{f"s{number}": scene(number) for number in range(2, 4)})
+    save(tmp_path / "single", **{f"s{number}": octaves(number, 240, 320) for number in range(2, 4)})
     atlas = built(tmp_path, max_patches=60, large_px=96)
     large = [patch for patch in atlas.patches if patch.large]
     assert Counter(patch.shown for patch in large) == {patch.shown: 1 for patch in atlas.patches}
     assert len(large) == 4
     again = built(tmp_path, max_patches=60, large_px=96)  # from the cache
     assert (again.patches, again.report) == (atlas.patches, atlas.report)
-
-
-def test_the_summary_counts_subjects(tmp_path):
-    summary = built(pairs_in(tmp_path, 2)).report.summary()
-    assert "4 images of 2 subjects" in summary
-    assert "note: that is few" in summary
-    assert (of_subjects(30, 12), of_subjects(2, 1), of_subjects(3, 3)) == (" of 12 subjects", " of 1 subject", "")
