@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from semisynth_gl.calibration.draft import Draft
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.raw_camera import rotation_of
 
@@ -99,3 +100,8 @@ def matrix(name, value, *, space=" "):
     return (
         f"{name}: !!opencv-matrix\n   rows:{space}{rows}\n   cols:{space}{columns}\n   dt: d\n   data:{space}[{data}]\n"
     )
+
+
+def facts(rigs, disparity):
+    """What a config is drafted from, with one photograph."""
+    return Draft("x", rigs, disparity, ["a"], 1, 1, 256)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from calibration_files import CAMERA
+from calibration_files import CAMERA, facts
 from config_texts import parse_config
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,7 +18,6 @@ from semisynth_gl.calibration.disparity_range import (
     measured_range,
     read_values,
 )
-from semisynth_gl.calibration.draft import Draft
 from semisynth_gl.calibration.kinds import Size
 from semisynth_gl.calibration.rig import Rig, plain_rig
 from semisynth_gl.calibration.style import untried_style
@@ -30,10 +29,6 @@ from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
 from semisynth_gl.judge.place import map_files, read_map
 
 SMALL = plain_rig(30, 0.1, Size(40, 30))
-
-
-def facts(rigs, disparity):
-    return Draft("x", rigs, disparity, ["a"], 1, 1, 256)
 
 
 def pfm(values, *, little=True):
@@ -77,7 +72,6 @@ def test_images_beside_maps_are_passed_over(tmp_path):
     [
         (np.full((30, 40), np.nan), ["holds no disparity", "40 x 30"]),
         (np.ones((40, 30)), ["has 30 x 40 pixels", "40 x 30", "maps of this rig"]),
-        (np.ones((19, 40)), ["has 40 x 19 pixels"]),
         (np.ones((2, 2)), ["has 2 x 2 pixels", "at most 16 times"]),
         (np.full((30, 40), 512.0), ["up to 512 px", "40 px wide", "256 levels per pixel"]),
         (np.ones((3, 30, 40)), ["one value per pixel", "(3, 30, 40)"]),
