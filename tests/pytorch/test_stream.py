@@ -13,8 +13,6 @@ from heavy import heavy
 from tiny_datasets import cheap
 
 from semisynth_gl.dataset.engines import threads_each
-from semisynth_gl.dataset.generate import generate
-from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import Crop, StereoCamera
 from semisynth_gl.frame.channels import View
 from semisynth_gl.frame.frame import Frame
@@ -81,28 +79,6 @@ def assert_same(sample, stored):
     return compared
 
 
-@pytest.mark.one_backend
-@pytest.mark.parametrize("layout", ["middlebury", "webdataset"])
-def test_the_stream_has_what_the_dataset_holds(backend, layout, tmp_path):
-    config = cheap()
-    generate(config, tmp_path / "set", {"train": 4, "validation": 3}, SEED, layout=layout, backend=backend)
-    for split, pairs in (("train", 4), ("validation", 3)):
-        dataset = open_dataset(tmp_path / "set", split)
-        options = {"split": split, "splits": ("train", "validation"), "backend": backend}
-        whole = StereoStream(config, SEED, pairs, **options)
-        places = set()
-        for checked in (True, False):
-            crops = StereoStream(config, SEED, pairs, crop=(20, 30), checked=checked, **options)
-            for sample, cropped, stored in zip(whole, crops, dataset, strict=True):
-                assert assert_same(sample, stored) == 10
-                assert sample["camera"]["focal_px"] == pytest.approx(stored.camera.focal_px)
-                place = place_of(cropped, sample["camera"]["cx_left_px"], sample["camera"]["cy_px"])
-                places.add(place)
-                assert cropped["left"].shape == (3, 20, 30)
-                assert_same(cropped, stored.cropped(place).with_own_masks())
-        assert len(places) == pairs
-
-
 def place_of(sample, cx_left_px, cy_px):
     """Where a crop of (20, 30) was cut, by its camera and the whole image's."""
     camera = sample["camera"]
@@ -110,17 +86,10 @@ def place_of(sample, cx_left_px, cy_px):
 
 
 @pytest.mark.one_backend
-def test_splits_hold_out_photographs(backend):
-    config = cheap()
-    only = StereoStream(config, SEED, 1, backend=backend)
-    beside = StereoStream(config, SEED, 1, splits=("train", "test"), backend=backend)
-    assert (only[0]["left"] != beside[0]["left"]).any()
-
-
-@pytest.mark.one_backend
-def test_samples_come_in_any_order_and_frames_of_a_sequence_share_their_crop(backend):
+@pytest.mark.parametrize("checked", [True, False])
+def test_samples_come_in_any_order_and_frames_of_a_sequence_share_their_crop(backend, checked):
     config, order = cheap(sequence={"length": 3}), [9, 0, 10, 4, 1, 3, -2]
-    stream, crops = StereoStream(config, SEED, 12, crop=(20, 30), backend=backend), {}
+    stream, crops = StereoStream(config, SEED, 12, crop=(20, 30), checked=checked, backend=backend), {}
     with PairRenderer(config, SEED, backend) as renderer:
         for index in order:
             sample = stream[index]
@@ -128,7 +97,7 @@ def test_samples_come_in_any_order_and_frames_of_a_sequence_share_their_crop(bac
             whole = renderer.render(index % 12).frame
             place = place_of(sample, whole.camera.cx_left_px, whole.camera.cy_px)
             assert crops.setdefault(index % 12 // 3, place) == place
-            assert_same(sample, whole.cropped(place).with_own_masks())
+            assert assert_same(sample, whole.cropped(place).with_own_masks()) == 10
     assert len(set(crops.values())) == 3
     stream.set_epoch(1)
     other = place_of(stream[9], whole.camera.cx_left_px, whole.camera.cy_px)
@@ -174,11 +143,8 @@ def test_a_renderer_opens_for_the_first_sample_and_closes_when_told(backend, mon
         ({"seed": -1}, "seed: must be 0 or more, got -1"),
         ({"pairs": 0}, "pairs: must be from 1 .* got 0"),
         ({"split": "training"}, "expected one of splits.*got split='training'"),
-        ({"split": "validation"}, "expected one of splits.*splits=\\('train',\\)"),
         ({"splits": ("train", "dev")}, "train, validation, test"),
         ({"crop": (49, 10)}, "up to \\(48, 64\\) px.*got \\(49, 10\\)"),
-        ({"crop": (0, 10)}, "got \\(0, 10\\)"),
-        ({"transform": "crop"}, "transform must be a function of a sample, got 'crop'"),
         ({"backend": "glx"}, "auto, egl, osmesa, got 'glx'"),
         ({"gpus": (-1,)}, "gpus: must be 0 or more"),
         ({"device": "gpu"}, "cpu, cuda, got 'gpu'"),
