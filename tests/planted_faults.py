@@ -46,3 +46,14 @@ def swap(scene, *stems):
         (scene / one).rename(scene / "swapped")
         (scene / other).rename(scene / one)
         (scene / "swapped").rename(scene / other)
+
+
+def at_pixel(row, column, value):
+    """What changes an array at one pixel."""
+
+    def change(array):
+        array = array.copy()
+        array[row, column] = value
+        return array
+
+    return change

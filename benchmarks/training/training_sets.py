@@ -24,7 +24,7 @@ class TrainingSet:
         what: its difference from the row ``clutter``.
         overrides: values of keys of ``rig.yaml``.
         of_place: whether it needs photographs of the place.
-        trials: those of the `calibrate` that writes the config, for the same rig and disparities; None for no such run.
+        trials: `calibrate --trials`, where `calibrate` writes the config for the rig and its disparities; else None.
         packaged: name of the packaged config whose scenes it has, scaled to the rig's width.
         own_rig: whether that config keeps its own cameras, disparities and pictures.
         pairs_of: another row, whose pairs are used instead of new ones; empty for none.

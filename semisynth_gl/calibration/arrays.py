@@ -98,7 +98,7 @@ class StereoArrays:
     source: str = ""
 
     def raw_cameras(self, size: Size) -> Mapping[Eye, RawCamera] | None:
-        """Return both cameras before rectification, of images of ``size``; None where K, D or R are missing."""
+        """Return both cameras before rectification, for images of ``size``; None where K, D or R is missing."""
         if self.k is None or self.lenses is None or self.rectification is None:
             return None
         cameras: dict[Eye, RawCamera] = {}

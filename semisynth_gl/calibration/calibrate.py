@@ -149,7 +149,8 @@ def calibrate(
     # The config is checked before the trials, which take longest.
     config = make_config(draft)
     # Prepares the dataset's patches: unusable photographs are reported now, and the patches are cached.
-    patches = prepare_atlas(config.textures, Split(0)).report.total("kept")
+    patches = prepare_atlas(config.textures, Split(0)).report
+    notes += [f"not readable: {skipped}" for skipped in patches.images_skipped]
     if trials:
         if [recipe.recipe for recipe in config.scenes] != [recipe.name for recipe in draft.recipes]:
             raise InputError(
@@ -166,7 +167,7 @@ def calibrate(
         except BackendError as error:
             message = f"{error}\nWithout OpenGL, make no trials: the config is then made without trial pairs"
             raise BackendError(message) from None
-    return Calibration(make_config(draft), write(draft), _summary(draft, patches), notes)
+    return Calibration(make_config(draft), write(draft), _summary(draft, patches.total("kept")), notes)
 
 
 def _refuse(arguments: Mapping[str, object], reason: str) -> None:

@@ -97,8 +97,7 @@ class Draft:
     @property
     def recipes(self) -> tuple[SceneRecipe, ...]:
         """The recipes that suit the scenes."""
-        scenes = ("outdoor",) if self.outdoors else ("indoor",)
-        return suitable_recipes(scenes, self.disparity, self.size.width_px, self.doffs_px)
+        return suitable_recipes(self.disparity, self.size.width_px, self.doffs_px, outdoors=self.outdoors)
 
 
 def describe(

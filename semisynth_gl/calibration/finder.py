@@ -268,7 +268,7 @@ class Finder:
     def _of_baseline(self, k: Pair | None) -> Pair | None:
         """Return the projections of rectified cameras with a stated baseline, in the file's unit; None without one.
 
-        A baseline has a name of its own, or is the only number beside a matrix of bare rows; or it is b times f.
+        A file names its baseline, names the product of focal length and baseline, or has one number beside a matrix.
         """
         if k is None:
             return None

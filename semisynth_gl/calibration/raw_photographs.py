@@ -43,7 +43,7 @@ def rectify_photographs(sources: Sequence[str], rig: Rig, folder: Path) -> list[
         folder: where they are written; it may hold the same photographs already, and no other images.
 
     Returns:
-        Notes: on the sides that photographs were taken for, and on those of another size, which are left out.
+        Notes, which say for which eye each photograph was taken, and name the photographs that were left out.
 
     Raises:
         InputError: where no photograph has the size of its raw camera, one is turned by its EXIF orientation, a

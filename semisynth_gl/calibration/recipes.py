@@ -1,6 +1,6 @@
 """The recipes of a calibrated config, which depend only on the wanted disparities and the kind of scenes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,7 +32,7 @@ class SceneRecipe:
 
 
 def suitable_recipes(
-    scenes: Sequence[str], disparity: DisparityRange, width_px: int, doffs_px: float = 0.0
+    disparity: DisparityRange, width_px: int, doffs_px: float = 0.0, *, outdoors: bool
 ) -> tuple[SceneRecipe, ...]:
     """Return the recipes that suit a place.
 
@@ -42,10 +42,10 @@ def suitable_recipes(
     the other recipes leave.
 
     Args:
-        scenes: the kinds of the place's scenes: "indoor", "outdoor" or both.
         disparity: the wanted disparities, px.
         width_px: width of the config's images.
         doffs_px: the rig's cx_right - cx_left.
+        outdoors: whether the place is outdoors.
     """
     # Rounded as in the written config, so that ranges lie within its limits.
     least, most = (float(f"{limit:.10g}") for limit in (disparity.min_px, disparity.max_px))
@@ -62,23 +62,20 @@ def suitable_recipes(
         "panel_slant_deg": [0, 45],
     }
     # Walls and panels keep a distance from the near plane.
-    if (most + doffs_px) / BEYOND_NEAR - doffs_px < disparity.target.quantile(_STILL_UP_TO):
-        scenes = ()
+    reached = (most + doffs_px) / BEYOND_NEAR - doffs_px >= disparity.target.quantile(_STILL_UP_TO)
     recipes = list[SceneRecipe]()
 
     def add(name: str, meaning: str, background: Mapping[str, Any], **keys: Any) -> None:  # noqa: ANN401 - of sections
         keys = {"background": {"cuboid": 0, "plane": 0, **background}, **keys, "particles": floating_things}
         recipes.append(SceneRecipe(name, meaning, keys))
 
-    if "indoor" in scenes:
+    if reached and not outdoors:
         room = {"room": 1, "wall_disparity_px": between(_ROOM_ENDS)}
         add("room", "furnished rooms", room)
         add("bare-room", "rooms with little in them", room, room={"furniture": [0, 3], "small": [2, 10]})
-    if "outdoor" in scenes:
-        add("street", "open scenes along a road", {"street": 1})
-    if "indoor" in scenes:
         add("still", "walls and panels, and little before them", {"cuboid": 1}, structures=panels)
-    if "outdoor" in scenes:
+    if reached and outdoors:
+        add("street", "open scenes along a road", {"street": 1})
         ground = {"ground": 1, **panels}
         add("still-outdoors", "ground and panels, and little before them", {"plane": 1}, structures=ground)
     recipes.append(SceneRecipe("sparse", "fewer and larger floating things", {"particles": {"density": "sparse"}}))

@@ -4,8 +4,8 @@ A mean or a distribution over the pairs of a mix is the weighted mean over its r
 suffice to predict any mix. Blur is applied to rendered images, so one pair can be measured with every amount of it.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.calibration.recipes import SceneRecipe
 from semisynth_gl.inputs.errors import counted
-from semisynth_gl.judge.comparison import FEWEST, Values, unit_of
+from semisynth_gl.judge.comparison import Values, unit_of
 from semisynth_gl.judge.measures import MEASURES
 
 # Tried values of textures.texels_per_pixel, and of imperfections.blur_px in pixels at the working width.
@@ -57,8 +57,6 @@ class Style:
         blur_px: ``imperfections.blur_px``, in pixels of the config's images.
         mix_origin: sentence on the origin of the weights, for a comment.
         look_origin: sentence on the origin of the other values, for a comment.
-        expected: expected mean of each measure over a dataset with this style, by the measure's key; empty where no
-            pairs were tried.
     """
 
     recipes: tuple[SceneRecipe, ...]
@@ -67,16 +65,6 @@ class Style:
     blur_px: float = 0.0
     mix_origin: str = "Equal weights: no pairs were tried."
     look_origin: str = "As in the packaged configs: no pairs were tried."
-    expected: Mapping[str, float] = field(default_factory=dict)
-
-    def near(self, place: Values) -> tuple[int, int]:
-        """Count the measures whose expected mean is at most the place's standard deviation off, and all compared."""
-        off = [
-            abs(expected - place[key].mean()) / unit
-            for key, expected in self.expected.items()
-            if len(place[key]) >= FEWEST and (unit := unit_of(place[key])) > 0
-        ]
-        return sum(each <= 1 for each in off), len(off)
 
 
 def untried_style(recipes: Sequence[SceneRecipe]) -> Style:
@@ -118,8 +106,7 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Values, bl
         mix_origin = f"Weights by {_named(of_maps)} and the wanted disparities of {trial_pairs}{_TRIED}"
     means = np.array([[_mean(values) for values in of_recipe] for of_recipe in trial.values])
     looks = _mean(means, weights)
-    compared = [number for number in pictured if np.isfinite(looks[..., number]).all()]
-    of_looks = [number for number in compared if not MEASURES[number].of_maps]
+    of_looks = [number for number in pictured if np.isfinite(looks[..., number]).all() and not MEASURES[number].of_maps]
     places = [place[MEASURES[number].key] for number in of_looks]
     off = (looks[..., of_looks] - [values.mean() for values in places]) / [unit_of(values) for values in places]
     texels, blur = map(int, np.unravel_index(np.argmin(_far(off)), looks.shape[:2]))
@@ -131,7 +118,6 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Values, bl
         float(f"{BLURS[blur] * blur_scale:.2g}"),
         mix_origin,
         f"By {_named(of_looks)} of {trial_pairs}{_TRIED}",
-        {MEASURES[number].key: float(looks[texels, blur, number]) for number in compared},
     )
 
 

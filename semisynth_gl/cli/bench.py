@@ -66,5 +66,5 @@ def accuracy(**options: Any) -> None:  # noqa: ANN401 - click's
     help="Number of workers. May be repeated.  [default: powers of two up to all cores]",
 )
 def speed(**options: Any) -> None:  # noqa: ANN401 - click's
-    """Measure the stages of a pair, and pairs per second by number of workers; let the machine do nothing else."""
+    """Time each stage of a pair, and count pairs per second by number of workers. Run nothing else meanwhile."""
     _run("speed", **options)

@@ -110,7 +110,7 @@ TargetSection = Annotated[
 def target_faults(target: TargetSection, min_px: float, max_px: float, low_px: float) -> Iterator[ConfigError]:
     """Yield a fault where scenes cannot show all but 2 % of the pixels of a target, by keys of the config.
 
-    ``min_px`` and ``max_px`` are those of the section ``disparity``; scenes show ``low_px`` to ``max_px``.
+    ``min_px`` and ``max_px`` are keys of the section ``disparity``. Scenes show ``low_px`` to ``max_px``.
     """
     keys = "disparity.target", "disparity.min_px", "disparity.max_px"
     if isinstance(target, UniformTarget):

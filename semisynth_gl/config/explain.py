@@ -64,7 +64,7 @@ def _types(annotation: Any) -> list[Any]:  # noqa: ANN401 - any annotation
 
 
 def _section_of(field: FieldInfo) -> type[BaseModel] | None:
-    """Return the section that a key holds; None where the key holds a value, or may have several forms."""
+    """Return a key's section; None where the key has a plain value, or takes one of several forms."""
     found = _types(field.annotation)
     is_section = len(found) == 1 and isinstance(found[0], type) and issubclass(found[0], BaseModel)
     return found[0] if is_section else None

@@ -60,7 +60,7 @@ class Layer:
     def said(self, text: str, keys: Iterable[Key], recipe: Key = ()) -> str:
         """Return a message on a fault of some keys, each with its place; the key that was set last comes first.
 
-        In the config of a recipe, whose own key is ``recipe``, the recipe's keys come before those of the config.
+        ``recipe`` is the key of the recipe whose config has the fault: the message prefers the recipe's keys.
         """
         whole = [(*recipe, *key) if holds(self.values, (*recipe, *key)) else key for key in keys]
         found = {key: self._placed(key) for key in [key for key in whole if holds(self.values, key)] or whole[:1]}

@@ -14,6 +14,7 @@ from PIL import Image
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.frame.frame import as_rgb
+from semisynth_gl.judge.bilinear import between, corners
 
 COLOUR_MAP = "inferno"
 """The colour map of disparities: perceptually uniform, and dark at small disparities."""
@@ -75,11 +76,7 @@ def _warped(frame: StoredFrame) -> NDArray[np.uint8]:
         seen &= frame.left.visibility == VISIBLE
     warped = np.full((height, width, 3), _UNSEEN, np.uint8)
     right, x, y = as_rgb(frame.right.image).astype(np.float32), x[seen], y[seen]
-    left, top = np.floor(x).astype(int), np.floor(y).astype(int)
-    beside, below = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
-    across, down = (x - left)[:, None], (y - top)[:, None]
-    above, under = (right[rows, left] * (1 - across) + right[rows, beside] * across for rows in (top, below))
-    warped[seen] = np.rint(above * (1 - down) + under * down)
+    warped[seen] = np.rint(between(corners(right, x, y), x, y))
     return warped
 
 

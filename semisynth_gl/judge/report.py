@@ -17,7 +17,7 @@ from semisynth_gl.inputs.user_files import Files, names_of
 from semisynth_gl.judge.charts import draw_report
 from semisynth_gl.judge.comparison import Row, compare, gather, lines, table
 from semisynth_gl.judge.measured_pairs import MeasuredPair, find_outliers, measure_pairs
-from semisynth_gl.judge.measured_view import WORKING_WIDTH, working_width
+from semisynth_gl.judge.measured_view import working_width
 from semisynth_gl.judge.pictures import BEYOND, HIDDEN, NO_DISPARITY, embed_pair
 from semisynth_gl.judge.place import MeasuredPlace, map_files, measure_place
 from semisynth_gl.listener import Listener
@@ -98,12 +98,8 @@ def report(
     pairs, sample = to_whole("pairs", pairs, least=0), to_whole("sample", sample, least=1)
     index = read_index(dataset)
     opened, config = Dataset(index, split), index.plan.config
-    width_px = WORKING_WIDTH if config.camera.width_px is None else working_width(round(config.camera.width_px))
-    png_scale, image_names, map_names = (
-        to_real("png_scale", png_scale, least=LEAST),
-        names_of(images),
-        names_of(disparity),
-    )
+    width_px, png_scale = working_width(config.camera.width_px), to_real("png_scale", png_scale, least=LEAST)
+    image_names, map_names = names_of(images), names_of(disparity)
     if map_names and not image_names:
         raise InputError("expected photographs of the place, too: --images", argument="disparity")
     place = measure_place(find_images(image_names), map_files(map_names), width_px, png_scale) if image_names else None

@@ -12,6 +12,7 @@ from backends import backend_fault
 from PIL import Image
 from planted_faults import (
     all_findings,
+    at_pixel,
     change_disparity,
     change_image,
     change_normals,
@@ -109,15 +110,6 @@ def normals(change):
     return lambda scene: change_normals(scene / "normals1.pfm", change)
 
 
-def pixel(value):
-    def change(array):
-        array = array.copy()
-        array[30, 40] = value
-        return array
-
-    return change
-
-
 def copied(name):
     return lambda scene: shutil.copy(scene.with_name("middlebury-000000") / name, scene / name)
 
@@ -169,7 +161,7 @@ FAULTS = {
     },
     "a disparity that calib.txt does not have": (disparity(lambda d: d * 1.01, *DISPARITIES), "calib", "vmax"),
     **{
-        f"one disparity of {value} in {name}": (disparity(pixel(value), name), "disparity", AT)
+        f"one disparity of {value} in {name}": (disparity(at_pixel(30, 40, value), name), "disparity", AT)
         for value in (-np.inf, np.inf, 0.0, -3.0, 1e6)
         for name in DISPARITIES
     },
@@ -189,7 +181,7 @@ FAULTS = {
     "depth": (lambda scene: change_disparity(scene / "depth0.pfm", lambda depth: depth * 1.0001), "depth", ""),
     "large ids": (large_ids, "instances", "is above the"),
     "correspondence": (
-        lambda scene: change_vectors(scene / "correspondence0.flo", pixel((-5, 0))),
+        lambda scene: change_vectors(scene / "correspondence0.flo", at_pixel(30, 40, (-5, 0))),
         "correspondence",
         "is not that of the disparity",
     ),
@@ -198,7 +190,7 @@ FAULTS = {
     "normals too long": (normals(lambda n: 1.0001 * n), "normals", "is no unit vector in 23375 pixels"),
     "normals of another length": (normals(lambda n: n / np.abs(n).max(2, keepdims=True)), "normals", "no unit vector"),
     **{
-        f"one normal of {value}": (normals(pixel(value)), "normals", f"is no unit vector {AT}")
+        f"one normal of {value}": (normals(at_pixel(30, 40, value)), "normals", f"is no unit vector {AT}")
         for value in (0, np.nan, np.inf)
     },
     "normals of another pair": (copied("normals1.pfm"), "oracle", "normals_right"),

@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 from backends import backend_fault
-from planted_faults import all_findings, change_disparity, change_image, checks, findings, swap
+from planted_faults import all_findings, at_pixel, change_disparity, change_image, checks, findings, swap
 from tiny_datasets import SCENES, tiny
 
 from semisynth_gl.codecs import FLOW_CODECS
@@ -96,17 +96,6 @@ def copy(datasets, tmp_path):
     )
 
 
-def plant(values):
-    """What changes arrays at one pixel alone."""
-
-    def change(array):
-        array = array.copy()
-        array[40, 50] = values
-        return array
-
-    return change
-
-
 @pytest.mark.parametrize("encoding", SUFFIXES)
 def test_a_clean_sequence_has_no_finding(datasets, encoding):
     first, *pairs = verify_dataset(read_index(datasets / encoding), 200)
@@ -179,7 +168,7 @@ def other_mask(dataset):
 
 
 def no_disparity(dataset):
-    change_disparity(dataset.scene() / "disp0GT.pfm", plant(np.float32(np.inf)))
+    change_disparity(dataset.scene() / "disp0GT.pfm", at_pixel(40, 50, np.float32(np.inf)))
 
 
 def one_more_beyond(dataset):
@@ -246,18 +235,22 @@ FAULTS = {
         "is 0 for a point in the image",
     ),
     "mask of other values": (mask_of(lambda mask: mask // 2, "flow_mask0"), "flow_visibility", "is not one of"),
-    "pfm NaN": (flow(plant((np.nan, 1)), "flow0"), "files", "got NaN at 1 pixels"),
-    "pfm -inf": (flow(plant((-np.inf, -np.inf)), "flow1"), "flow", f"flow_right is NaN or -inf {AT}"),
+    "pfm NaN": (flow(at_pixel(40, 50, (np.nan, 1)), "flow0"), "files", "got NaN at 1 pixels"),
+    "pfm -inf": (flow(at_pixel(40, 50, (-np.inf, -np.inf)), "flow1"), "flow", f"flow_right is NaN or -inf {AT}"),
     "pfm inf in one component": (
-        flow(plant((np.inf, 1)), "flow_backward0", number=1),
+        flow(at_pixel(40, 50, (np.inf, 1)), "flow_backward0", number=1),
         "flow_backward",
         f"flow_backward_left is inf in only one component {AT}",
     ),
-    "a pixel without flow": (flow(plant(np.inf), "flow0"), "flow_visibility", f"is not 0 without flow {AT}"),
-    "change without flow": (flow(plant(np.inf), "flow0"), "disparity_change", f"is finite without flow {AT}"),
+    "a pixel without flow": (flow(at_pixel(40, 50, np.inf), "flow0"), "flow_visibility", f"is not 0 without flow {AT}"),
+    "change without flow": (
+        flow(at_pixel(40, 50, np.inf), "flow0"),
+        "disparity_change",
+        f"is finite without flow {AT}",
+    ),
     "change without disparity": (no_disparity, "disparity_change", f"is finite without a disparity {AT}"),
     **{
-        f"a change of {value}": (change_of(plant(np.float32(value)), 1), "disparity_change", f"{words} {AT}")
+        f"a change of {value}": (change_of(at_pixel(40, 50, np.float32(value)), 1), "disparity_change", f"{words} {AT}")
         for value, words in (
             (np.nan, "is NaN or -inf"),
             (np.inf, "is inf"),
