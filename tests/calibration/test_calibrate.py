@@ -324,6 +324,15 @@ def calibrated(program, *options):
     return out, err
 
 
+def test_a_photograph_that_cannot_be_read_is_named(tmp_path):
+    folder = photographs(tmp_path / "photos", 3, (300, 280))
+    (folder / "broken.png").write_bytes((folder / "photo0.png").read_bytes()[:3000])
+    made = calibrate(
+        folder, focal_px=300, baseline_m=0.1, size=(300, 280), range_px=(3, 30), other_camera=True, trials=0
+    )
+    assert [note for note in made.notes if "broken.png" in note and note.startswith("not readable")]
+
+
 def test_both_views_of_a_pair_are_one_subject(program, tmp_path):
     for number in range(2):
         folder = photographs(tmp_path / f"photos/scene{number}", 2, (300, 300), 2 * number)
