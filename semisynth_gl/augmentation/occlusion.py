@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageStat
 
 from semisynth_gl.frame.camera import Crop
-from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, VISIBLE
+from semisynth_gl.frame.channels import CHANNELS, FLOW_OUTPUTS, OCCLUDED, VISIBLE
 from semisynth_gl.frame.frame import Frame
 
 
@@ -33,7 +33,7 @@ def occluded(frame: Frame, rectangles: Sequence[Crop]) -> Frame:
     for name in arrays.keys() - {"image"}:
         arrays[name][hidden] = CHANNELS[name].nothing
     for name, channel in CHANNELS.items():
-        if channel.moment != "now" and channel.mask in arrays:
+        if channel.output in FLOW_OUTPUTS and channel.mask in arrays:
             _hide(arrays[channel.mask], arrays[name], hidden)
     left = frame.left
     if "visibility" in left:

@@ -16,9 +16,6 @@ OCCLUDED = 128
 OUTSIDE = 0
 SKY = 255
 
-Moment = Literal["now", "next", "previous"]
-Pass = Literal["drawing", "visibility", "correspondence", "flow", "lens"]
-
 Colour = Literal["rgb", "grey"]
 TruthViews = Literal["both", "left"]
 TRUTH_VIEWS: tuple[TruthViews, ...] = get_args(TruthViews)
@@ -37,41 +34,26 @@ class Channel(Generic[Value]):
         dtype: the dtype of the values.
         meaning: the meaning of a value, with ``{view}`` and ``{other}`` for the names of the view and the other view.
         components: values per pixel; the array is (H, W) for 1, else (H, W, components).
-        or_grey: whether the array is (H, W) in spite of its components where the cameras are monochrome.
         nothing: the value of a pixel that shows nothing, or for which the quantity does not exist.
         output: the output that a user asks for to get the channel; None for a channel of every view that has truth.
-        moment: "next" or "previous" for a channel that compares the scene with that frame, which needs its motion.
-        drawn_by: the renderer's pass that writes the channel.
-        attachment: the pass's attachment that holds the channel; by default it has the channel's name.
-        reads_triangles: whether that pass looks up the scene's triangles, as all passes after the drawing do.
         mask: the channel that says whether the other view, or the other moment, shows the same point.
-        of_own_view: whether the channel does not depend on the other eye, so that pairs that share a view share it.
         is_truth: whether ``truth`` decides which views have the channel; else both views have it.
-        of_sensor: whether the array has the size of the raw image before rectification, not of the pair.
         name: the channel's name in `View`.
     """
 
     dtype: np.dtype[Value]
     meaning: str
-    _: KW_ONLY
     components: int = 1
-    or_grey: bool = False
+    _: KW_ONLY
     nothing: float = 0
-    output: str | None = None
-    moment: Moment = "now"
-    drawn_by: Pass = "drawing"
-    attachment: str = ""
-    reads_triangles: bool = False
+    output: str | None = ""  # by default the channel's name
     mask: str | None = None
-    of_own_view: bool = False
     is_truth: bool = True
-    of_sensor: bool = False
     name: str = field(init=False)
 
     def __set_name__(self, owner: type["View"], name: str) -> None:
         self.name = name
-        self.attachment = self.attachment or name
-        self.reads_triangles |= self.drawn_by not in ("drawing", "lens")
+        self.output = name if self.output == "" else self.output
 
     @overload
     def __get__(self, view: None, owner: type["View"]) -> Self: ...
@@ -88,9 +70,21 @@ class Channel(Generic[Value]):
             raise AttributeError(f"this view has no {self.name}: {hint} was not made")
         return array
 
-    def fits(self, shape: tuple[int, ...]) -> bool:
-        """Return whether an array of the channel may have this shape; only what follows (H, W) is checked."""
-        return shape[2:] in {() if self.components == 1 else (self.components,), *([()] if self.or_grey else [])}
+    @property
+    def of_sensor(self) -> bool:
+        """Whether the array has the size of the raw image before rectification, not of the pair."""
+        return self.name == "raw"
+
+    @property
+    def is_image(self) -> bool:
+        """Whether the array is an image, which is grey, (H, W), where the cameras are monochrome."""
+        return self.name in ("image", "raw")
+
+    @property
+    def shapes(self) -> list[tuple[int, ...]]:
+        """The shapes that a pixel's values may have."""
+        own: tuple[int, ...] = () if self.components == 1 else (self.components,)
+        return [own, ()] if self.is_image else [own]
 
     def role(self, eye: Eye) -> str:
         """Return the name of one eye's array in a frame: the eye for an image, or a name such as ``disparity_left``."""
@@ -115,130 +109,64 @@ class View(Mapping[str, NDArray[Any]]):
         InputError: where there is no channel of a name, or an array has another dtype or number of components.
     """
 
-    image = Channel(
-        _UINT8,
-        "{view} image, 8-bit",
-        components=3,
-        or_grey=True,
-        attachment="colour",
-        of_own_view=True,
-        is_truth=False,
-    )
-    disparity = Channel(_FLOAT32, "disparity of the {view} view's pixels", nothing=inf, mask="visibility")
+    image = Channel(_UINT8, "{view} image, 8-bit", 3, output=None, is_truth=False)
+    disparity = Channel(_FLOAT32, "disparity of the {view} view's pixels", nothing=inf, output=None, mask="visibility")
     visibility = Channel(
         _UINT8,
         f"8-bit: {VISIBLE} where the {{other}} view sees the point too, {OCCLUDED} where something hides it there, "
         f"{OUTSIDE} where it is outside the {{other}} image or has no disparity",
-        nothing=OUTSIDE,
-        output="visibility",
-        drawn_by="visibility",
     )
     correspondence = Channel(
         _FLOAT32,
         "way from the {view} view's pixels to the same points in the {other} view, right and down",
-        components=2,
+        2,
         nothing=inf,
-        output="correspondence",
-        drawn_by="correspondence",
     )
     instances = Channel(
-        np.dtype(np.uint16),
-        "16-bit: k + 1 where instance k of the scene is seen, 0 where there is none",
-        output="instances",
-        of_own_view=True,
+        np.dtype(np.uint16), "16-bit: k + 1 where instance k of the scene is seen, 0 where there is none"
     )
-    depth = Channel(
-        _FLOAT32,
-        "planar depth in metres, float32; inf where nothing is seen",
-        nothing=inf,
-        output="depth",
-        of_own_view=True,
-    )
-    sky = Channel(
-        _UINT8,
-        f"8-bit: {SKY} where the sky is seen, a backdrop that is infinitely far away, else 0",
-        output="sky",
-        of_own_view=True,
-    )
+    depth = Channel(_FLOAT32, "planar depth in metres, float32; inf where nothing is seen", nothing=inf)
+    sky = Channel(_UINT8, f"8-bit: {SKY} where the sky is seen, a backdrop that is infinitely far away, else 0")
     valid = Channel(
         _UINT8,
         f"8-bit: {VISIBLE} where the {{view}} sensor saw what the rectified pixel shows, else 0: a border of the "
         "rectification",
-        output="valid",
-        drawn_by="lens",
-        of_own_view=True,
     )
-    raw = replace(
-        image,
-        meaning="{view} image before rectification, 8-bit; black beyond what the rectified image shows",
-        output="raw",
-        drawn_by="lens",
-        attachment="",
-        of_sensor=True,
+    raw = Channel(
+        _UINT8,
+        "{view} image before rectification, 8-bit; black beyond what the rectified image shows",
+        3,
+        is_truth=False,
     )
     raw_map = Channel(
         _FLOAT32,
         "position in the raw image that the {view} view's pixels show, column and row, float32 px; inf behind "
         "the raw camera",
-        components=2,
+        2,
         nothing=inf,
-        output="raw_map",
-        drawn_by="lens",
-        of_own_view=True,
         is_truth=False,
     )
     normals = Channel(
         _FLOAT32,
         "unit normal of the surface seen, towards the camera and in its frame (x right, y down, z forward), float32; 0 "
         "where nothing is seen",
-        components=3,
-        output="normals",
-        reads_triangles=True,
-        of_own_view=True,
+        3,
     )
     flow = Channel(
-        _FLOAT32,
-        "flow of the {view} view's pixels to the next frame",
-        components=2,
-        nothing=inf,
-        output="flow",
-        moment="next",
-        drawn_by="flow",
-        mask="flow_visibility",
-        of_own_view=True,
+        _FLOAT32, "flow of the {view} view's pixels to the next frame", 2, nothing=inf, mask="flow_visibility"
     )
     flow_visibility = Channel(
         _UINT8,
         f"8-bit: {VISIBLE} where the {{view}} view shows the point at the next frame too, {OCCLUDED} where it does "
         f"not, {OUTSIDE} where the point has left the image or has no flow",
-        nothing=OUTSIDE,
         output="flow",
-        moment="next",
-        drawn_by="flow",
-        of_own_view=True,
     )
-    flow_backward = replace(
-        flow,
-        meaning=flow.meaning.replace("next", "previous"),
-        output="flow_backward",
-        moment="previous",
-        attachment="flow",
-        mask="flow_backward_visibility",
-    )
+    flow_backward = replace(flow, meaning=flow.meaning.replace("next", "previous"), mask="flow_backward_visibility")
     flow_backward_visibility = replace(
-        flow_visibility,
-        meaning=flow_visibility.meaning.replace("next", "previous"),
-        output="flow_backward",
-        moment="previous",
-        attachment="flow_visibility",
+        flow_visibility, meaning=flow_visibility.meaning.replace("next", "previous"), output="flow_backward"
     )
     disparity_change = Channel(
-        _FLOAT32,
-        "disparity of the point at the next frame minus the one here, float32 px; inf for none",
-        nothing=inf,
-        output="disparity_change",
-        moment="next",
-        drawn_by="flow",
+        _FLOAT32, "disparity of the point at the next frame minus the one here, float32 px; inf for none", nothing=inf
     )
 
     def __init__(self, channels: Mapping[str, NDArray[Any]]) -> None:
@@ -249,9 +177,8 @@ class View(Mapping[str, NDArray[Any]]):
                 raise InputError(f"expected channels of {', '.join(CHANNELS)}, got {name}", argument="view")
             if not isinstance(array, np.ndarray):
                 continue  # the renderer's reader may return tensors
-            if array.ndim < 2 or not channel.fits(array.shape) or array.dtype != channel.dtype:
-                expected = "(H, W)" if channel.components == 1 else f"(H, W, {channel.components})"
-                expected += " or (H, W)" if channel.or_grey else ""
+            if array.ndim < 2 or array.shape[2:] not in channel.shapes or array.dtype != channel.dtype:
+                expected = " or ".join(f"(H, W{''.join(f', {c}' for c in shape)})" for shape in channel.shapes)
                 raise InputError(
                     f"{name} must be {expected} {channel.dtype}, got {array.shape} {array.dtype}", argument="view"
                 )
@@ -283,20 +210,13 @@ OUTPUTS: tuple[str, ...] = tuple(
 )
 """The outputs that a user may ask for beside images and disparities."""
 DEFAULT_OUTPUTS = ("visibility",)
-DRAWN_OUTPUTS: tuple[str, ...] = tuple(
-    output
-    for output in OUTPUTS
-    if all(channel.drawn_by != "lens" for channel in CHANNELS.values() if channel.output == output)
-)
-"""The outputs that a renderer makes; the others come with the lenses of a config's pairs."""
-
-
-FUTURE_OUTPUTS, PAST_OUTPUTS = (
-    frozenset(channel.output for channel in CHANNELS.values() if channel.output and channel.moment == moment)
-    for moment in ("next", "previous")
-)
+LENS_OUTPUTS = ("valid", "raw", "raw_map")
+"""The outputs that come with the lenses of a config's pairs."""
+DRAWN_OUTPUTS = tuple(output for output in OUTPUTS if output not in LENS_OUTPUTS)
+"""The outputs that a renderer makes."""
+FUTURE_OUTPUTS, PAST_OUTPUTS = frozenset({"flow", "disparity_change"}), frozenset({"flow_backward"})
 FLOW_OUTPUTS = FUTURE_OUTPUTS | PAST_OUTPUTS
-"""The outputs that need a scene's motion."""
+"""The outputs that compare the scene with the next or the previous frame, and need its motion."""
 
 ROLES: Mapping[str, tuple[Eye, Channel[Any]]] = {
     channel.role(eye): (eye, channel) for channel in CHANNELS.values() for eye in EYES

@@ -15,7 +15,7 @@ from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.codecs.pfm import FlowPfm
 from semisynth_gl.codecs.png16 import CRESTEREO_DISPARITY, KITTI_DISPARITY, FlowPng16
 from semisynth_gl.frame.camera import EYES
-from semisynth_gl.frame.channels import CHANNELS, View
+from semisynth_gl.frame.channels import CHANNELS, FLOW_OUTPUTS, View
 from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.layout import Layout, view_stems
@@ -23,7 +23,7 @@ from semisynth_gl.layouts.roles import ROLES, Sample
 from semisynth_gl.seeds.splits import SplitName
 
 _PAIR_LINE = "{left} {right} {disparity_left}\n"
-_FLOW_ROLES = {channel.role(eye) for channel in CHANNELS.values() if channel.moment != "now" for eye in EYES}
+_FLOW_ROLES = {channel.role(eye) for channel in CHANNELS.values() if channel.output in FLOW_OUTPUTS for eye in EYES}
 # Middlebury's names for y_left - y_right in pairs that are not rectified.
 _VERTICAL = {"disparity_y_left": "disp0y", "disparity_y_right": "disp1y"}
 
@@ -41,7 +41,7 @@ def _scene_stems(**names: str) -> tuple[dict[str, str], dict[str, str]]:
     masks |= {"flow_backward_visibility": "flow_backward_mask{n}"}
     stems = view_stems({"image": "im{n}", "instances": "inst{n}", **masks, **names}, "{channel}{n}")
     now = {role: stem for role, stem in stems.items() if role not in _FLOW_ROLES}
-    flow = [channel.role(eye) for eye in EYES for channel in CHANNELS.values() if channel.moment != "now"]
+    flow = [channel.role(eye) for eye in EYES for channel in CHANNELS.values() if channel.output in FLOW_OUTPUTS]
     return now, {role: stems[role] for role in flow}
 
 

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Crop, Eye
-from semisynth_gl.frame.channels import CHANNELS
+from semisynth_gl.frame.channels import View
 from semisynth_gl.render.antialias import ColourTargets
 from semisynth_gl.render.edges import EdgePass
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.model_buffers import DrawRange
 from semisynth_gl.render.occlusion import Occlusion
+from semisynth_gl.render.options import OF_BOTH_VIEWS
 from semisynth_gl.render.pair_targets import COLOUR, DrawnPair, ImageTargets, PairTargets
 from semisynth_gl.render.programs import link_meshes, link_program
 from semisynth_gl.render.projector_light import ProjectorLight
@@ -34,8 +35,7 @@ class DrawPass:
     def __init__(self, state: RenderState) -> None:
         self._state, self._options = state, state.options
         self._gl = state.context.gl
-        drawn, antialias = self._options.drawn_by("drawing"), self._options.antialias
-        self._triangle_readers = frozenset(channel.attachment for channel in drawn if channel.reads_triangles)
+        antialias = self._options.antialias
         self._occlusion = Occlusion(state) if state.context.software else None
         self._light = None if state.pattern is None else ProjectorLight(state, state.pattern)
         # Programs by attachments, anisotropy, and whether a projector lights what they draw.
@@ -74,7 +74,7 @@ class DrawPass:
                 self._draw_disparity(each.scene, left, parts["left"])
             self._draw(pair, "right", parts["right"])
             yield pair
-            seen = {name: read for name, read in seen.items() if CHANNELS[name].of_own_view}
+            seen = {name: read for name, read in seen.items() if name not in OF_BOTH_VIEWS}
 
     def draw_image(self, transforms: InstanceTransforms, eye: Eye, sized: ImageTargets) -> NDArray[np.uint8]:
         """Draw only one eye's image; return it as the reader does, by default (H, W, 3) uint8 RGB or (H, W) grey."""
@@ -163,7 +163,7 @@ class DrawPass:
         self._state.constants.write(transforms.scene, eye)
         if targets.names:
             targets.limit(part)
-            if self._triangle_readers.intersection(targets.names):
+            if View.normals.name in targets.names:
                 self._state.models.bind_triangles(transforms, eye)
             seen = self._draw_once(transforms, eye, part, targets, filled)
             self._smooth(transforms, eye, targets, pair.crop)

@@ -13,16 +13,34 @@ from semisynth_gl.frame.channels import (
     DRAWN_OUTPUTS,
     FLOW_OUTPUTS,
     FUTURE_OUTPUTS,
+    LENS_OUTPUTS,
     PAST_OUTPUTS,
     TRUTH_VIEWS,
     Channel,
-    Pass,
     TruthViews,
+    View,
 )
 from semisynth_gl.inputs.arguments import check_one_of
 from semisynth_gl.inputs.errors import InputError, shown
 
 _OF_MOTIONS = {"future": FUTURE_OUTPUTS, "past": PAST_OUTPUTS}
+
+OF_BOTH_VIEWS = frozenset({"disparity", "visibility", "correspondence", "disparity_change"})
+"""The channels of a view that depend on the other eye; pairs that share a view share its other channels."""
+
+
+def pass_of(channel: Channel[Any]) -> str:
+    """Return the pass that writes a channel; the renderer leaves those of "lens" to the caller."""
+    if channel.name in LENS_OUTPUTS:
+        return "lens"
+    if channel.output in FLOW_OUTPUTS:
+        return "flow"
+    return channel.name if channel.name in ("visibility", "correspondence") else "drawing"
+
+
+def attachment_of(channel: Channel[Any]) -> str:
+    """Return the name of the attachment that holds a channel after its pass."""
+    return "colour" if channel is View.image else channel.name.replace("flow_backward", "flow")
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,9 +112,9 @@ class RenderOptions:
         """Return the outputs that need a motion of the scene, "future" or "past"."""
         return sorted(self.outputs & _OF_MOTIONS[motion])
 
-    def drawn_by(self, name: Pass) -> list[Channel[Any]]:
+    def drawn_by(self, name: str) -> list[Channel[Any]]:
         """Return the channels that a pass writes."""
-        return [channel for channel in self.channels if channel.drawn_by == name]
+        return [channel for channel in self.channels if pass_of(channel) == name]
 
     @property
     def visibility(self) -> bool:
@@ -116,7 +134,9 @@ class RenderOptions:
     @property
     def reads_triangles(self) -> bool:
         """Whether any pass looks up triangles."""
-        return self.corresponds or any(channel.reads_triangles for channel in self.channels)
+        return self.corresponds or any(
+            channel.name == "normals" or pass_of(channel) != "drawing" for channel in self.channels
+        )
 
     def attachments(self, eye: Eye) -> tuple[str, ...]:
         """Return the attachments that the drawing pass of an eye writes."""
@@ -129,5 +149,5 @@ class RenderOptions:
             "depth": flow or self.corresponds or (own and "depth" in self.outputs),
             "surface": self.visibility or flow or self.corresponds,
         }
-        names = {channel.attachment: own for channel in self.drawn_by("drawing")} | needed
+        names = {attachment_of(channel): own for channel in self.drawn_by("drawing")} | needed
         return tuple(name for name, drawn in names.items() if drawn)

@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 
 from semisynth_gl.frame.camera import EYES, Eye
-from semisynth_gl.frame.channels import CHANNELS, Moment
+from semisynth_gl.frame.channels import CHANNELS, FUTURE_OUTPUTS, PAST_OUTPUTS
 from semisynth_gl.render.correspondence import CorrespondencePass
 from semisynth_gl.render.flow import FlowPass, place_moved
 from semisynth_gl.render.instance_transforms import TransformComposer
+from semisynth_gl.render.options import attachment_of
 from semisynth_gl.render.pair_targets import DrawnPair
 from semisynth_gl.render.state import RenderState
 from semisynth_gl.render.targets import CORRESPONDENCE
@@ -40,7 +41,7 @@ class ReadbackPass:
             self._read_correspondence(self._correspondence, pair)
         for name, motion in motions.items():
             if self._flow is not None and motion is not None and self._options.needing(name):
-                self._read_flow(self._flow, pair, motion, "next" if name == "future" else "previous")
+                self._read_flow(self._flow, pair, motion, FUTURE_OUTPUTS if name == "future" else PAST_OUTPUTS)
 
     def _read_drawn(self, pair: DrawnPair, eye: Eye) -> None:
         """Read one eye's channels of the drawing pass and the visibility pass."""
@@ -49,29 +50,29 @@ class ReadbackPass:
         for channel in self._options.drawn_by("drawing"):
             drawn = eye in self._options.truth_eyes and (rectified or channel.name not in CORRESPONDENCE)
             if channel.name not in view and (channel is image or drawn):
-                view[channel.name] = targets.read(channel.attachment, pair.crop)
+                view[channel.name] = targets.read(attachment_of(channel), pair.crop)
         if targets.visibility is not None and rectified:
             for channel in self._options.drawn_by("visibility"):
-                view[channel.name] = targets.visibility.read(channel.attachment, pair.crop)
+                view[channel.name] = targets.visibility.read(attachment_of(channel), pair.crop)
 
     def _read_correspondence(self, correspondence: CorrespondencePass, pair: DrawnPair) -> None:
         """Find and read the correspondences and, for a pair that deviates, disparities and masks."""
-        found = [channel for channel in self._options.channels if channel.attachment in CORRESPONDENCE]
+        found = [channel for channel in self._options.channels if attachment_of(channel) in CORRESPONDENCE]
         if pair.transforms.scene.camera.rectified:
             found = self._options.drawn_by("correspondence")
         for eye in self._options.truth_eyes:
             compared = correspondence.draw(pair, eye)
             for channel in found:
-                pair.views[eye][channel.name] = compared.read(channel.attachment, pair.crop)
+                pair.views[eye][channel.name] = compared.read(attachment_of(channel), pair.crop)
 
-    def _read_flow(self, flow_pass: FlowPass, pair: DrawnPair, motion: Motion, moment: Moment) -> None:
+    def _read_flow(self, flow_pass: FlowPass, pair: DrawnPair, motion: Motion, outputs: frozenset[str]) -> None:
         """Find the flow to another moment, and read its channels."""
         moved = place_moved(pair.transforms, motion, self._composer)
-        of_moment = [row for row in self._options.drawn_by("flow") if row.moment == moment]
+        of_moment = [row for row in self._options.drawn_by("flow") if row.output in outputs]
         for eye in self._options.truth_eyes:
             channels = [row for row in of_moment if row.name not in pair.views[eye]]
             if not channels:
                 continue
             targets = flow_pass.draw(pair, moved, eye)
             for channel in channels:
-                pair.views[eye][channel.name] = targets.read(channel.attachment, pair.crop)
+                pair.views[eye][channel.name] = targets.read(attachment_of(channel), pair.crop)

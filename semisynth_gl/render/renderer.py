@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import EYES, Crop, Eye, StereoCamera
-from semisynth_gl.frame.channels import CHANNELS, DEFAULT_OUTPUTS, TruthViews, View
+from semisynth_gl.frame.channels import DEFAULT_OUTPUTS, TruthViews, View
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.geometry.mesh import Mesh, centred
 from semisynth_gl.inputs.arguments import to_whole
@@ -29,7 +29,7 @@ from semisynth_gl.render.context import open_context
 from semisynth_gl.render.draw_pass import DrawPass
 from semisynth_gl.render.instance_transforms import TransformComposer
 from semisynth_gl.render.model_buffers import ModelBuffers
-from semisynth_gl.render.options import RenderOptions
+from semisynth_gl.render.options import OF_BOTH_VIEWS, RenderOptions
 from semisynth_gl.render.pair_targets import TargetCache
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.readback_pass import ReadbackPass
@@ -244,7 +244,7 @@ class Renderer:
                 shown_camera = camera if crop is None else camera.cropped(crop)
                 frames.append(Frame(shown_camera, View(pair.views["left"]), View(pair.views["right"])))
         for name, array in frames[0].left.items() if len(frames) > 1 else ():
-            if CHANNELS[name].of_own_view:
+            if name not in OF_BOTH_VIEWS:
                 array.flags.writeable = False
         return frames
 

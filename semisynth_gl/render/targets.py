@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Crop
-from semisynth_gl.frame.channels import CHANNELS, Pass
+from semisynth_gl.frame.channels import CHANNELS
 from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.context import GraphicsContext
+from semisynth_gl.render.options import attachment_of, pass_of
 from semisynth_gl.render.readers import Reader, Viewport, read_array
 
 
@@ -29,13 +30,14 @@ class Attachment:
         return 4 if self.components == 3 else self.components
 
 
-def _attachments(drawn_by: Pass) -> dict[str, Attachment]:
+def _attachments(drawn_by: str) -> dict[str, Attachment]:
     attachments = {}
     for channel in CHANNELS.values():
-        if channel.drawn_by == drawn_by:
+        if pass_of(channel) == drawn_by:
+            name = attachment_of(channel)
             # Colours are stored as bytes that stand for 0 to 1, since the driver filters and averages them.
-            kind = "f1" if channel.attachment == "colour" else f"{channel.dtype.kind}{channel.dtype.itemsize}"
-            attachments[channel.attachment] = Attachment(channel.components, kind, channel.nothing)
+            kind = "f1" if name == "colour" else f"{channel.dtype.kind}{channel.dtype.itemsize}"
+            attachments[name] = Attachment(channel.components, kind, channel.nothing)
     return attachments
 
 

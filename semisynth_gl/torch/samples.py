@@ -41,7 +41,7 @@ def to_sample(index: int, frame: Frame) -> Sample:
     camera |= {f"right_{name}": float(getattr(deviation, name)) for name in ("roll_rad", "pitch_rad", "y_px")}
     camera["focal_ratio"] = float(deviation.focal_ratio)
     tensors = {role: _tensor(array) for role, array in frame.arrays().items()}
-    images = {role: tensor for role, tensor in tensors.items() if ROLES[role][1].or_grey}
+    images = {role: tensor for role, tensor in tensors.items() if ROLES[role][1].is_image}
     tensors |= {role: image.reshape(-1, *image.shape[-2:]) for role, image in images.items()}
     return {"index": index, "camera": camera, **tensors}
 
@@ -88,7 +88,7 @@ def _of_one_size(name: str, values: list[Any]) -> list[Any]:
     if name not in ROLES:
         return values
     channel = ROLES[name][1]
-    if channel.or_grey and len({value.shape[0] for value in values}) > 1:
+    if channel.is_image and len({value.shape[0] for value in values}) > 1:
         values = [value.expand(3, -1, -1) for value in values]
     height, width = (max(value.shape[axis] for value in values) for axis in (-2, -1))
     return [

@@ -51,11 +51,9 @@ def test_a_row_of_the_table_fits_the_others(channel):
     nothing = np.full_like(array, channel.nothing)
     np.testing.assert_array_equal(codec.decode(codec.encode(nothing), channel.name), nothing)
     assert (channel.output is None) == (channel.name in ("image", "disparity"))
-    assert channel.moment == "now" or channel.output in FLOW_OUTPUTS
     if channel.mask is not None:
         mask = CHANNELS[channel.mask]
         assert (mask.dtype, mask.components, mask.nothing) == (np.uint8, 1, 0)
-        assert mask.moment == channel.moment
         assert mask.mask is None
         # What has no value is no point that another image could show.
         assert np.isinf(channel.nothing)
