@@ -76,9 +76,8 @@ def write_arrays(
 
 
 def run(open_peer: Callable[[PeerScene, Options], Peer]) -> None:
-    """Run the loop with the options of the command line; Blender's own options end with ``--``."""
-    arguments = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
-    options = _parse(arguments)
+    """Run the loop with the options of the command line."""
+    options = _parse()
     peer = open_peer(load_scene(options.scene), options)
     first_frame_s = _timed(peer, options.frames[0], options.out)
     print("READY", flush=True)
@@ -96,14 +95,14 @@ def run(open_peer: Callable[[PeerScene, Options], Peer]) -> None:
     print("\nDONE " + json.dumps(measured), flush=True)
 
 
-def _parse(arguments: list[str]) -> Options:
+def _parse() -> Options:
     parser = argparse.ArgumentParser(description="Draw pairs of a scene; benchmarks/peers/run.py starts this.")
     parser.add_argument("--scene", type=Path, required=True)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--frames", required=True, help="numbers, with commas")
     parser.add_argument("--variant", required=True)
     parser.add_argument("--our-encoders", action="store_true")
-    given = parser.parse_args(arguments)
+    given = parser.parse_args()
     frames = [int(number) for number in given.frames.split(",")]
     return Options(given.scene, given.out, frames, given.variant, given.our_encoders)
 

@@ -1,24 +1,20 @@
-"""Blender, as the bpy package or as the program (``blender -b -P peer_blender.py -- OPTIONS``).
+"""Blender, as the bpy package.
 
-Variants: workbench (flat, textured) and eevee (emission alone, one sample), neither antialiased. One object for each
-instance. Workbench renders each eye by itself, Eevee both as the views of one render, which takes Blender 3.4 less
-time. Blender writes the images as PNG at its usual compression, and its compositor writes f B / depth of the left eye
-as ZIP-compressed float EXR.
+Variants: workbench (flat, textured) and eevee (emission only, one sample), neither antialiased. One object for each
+instance. Workbench renders each eye by itself, Eevee both as the views of one render. Blender writes the images as PNG
+at its usual compression, and its compositor writes f B / depth of the left eye as ZIP-compressed float EXR.
 
 For our encoders its pixels must leave it: it writes uncompressed Targa and EXR to memory (/dev/shm where there is one),
 which are read back from there.
 """
 
 import atexit
-import os
 import shutil
 import sys
 import tempfile
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-# Blender the program has a Python of its own, without isal and Pillow.
-sys.path.extend(filter(None, [os.environ.get("PEER_PACKAGES")]))
 
 import bpy
 import gpu
@@ -87,7 +83,7 @@ class Blender:
             wall.material_slots[0].material = self._materials[patch]
         self._blender.frame_set(frame)
         target = self._scratch or folder
-        _set_folder(self._disparity, target)
+        self._disparity.directory = str(target)
         if self._in_one_render:
             self._render(target / "view", self._left)
             for name in ("left", "right"):
@@ -175,24 +171,15 @@ class Blender:
 
     def _disparity_output(self) -> bpy.types.Node:
         """Let the compositor divide f B by the depth pass and write the result; return the node that writes."""
-        if _is_version_5():
-            tree = bpy.data.node_groups.new("compositor", "CompositorNodeTree")
-            self._blender.compositing_node_group = tree
-            tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
-            image, divide = tree.nodes.new("NodeGroupOutput"), tree.nodes.new("ShaderNodeMath")
-            output = tree.nodes.new("CompositorNodeOutputFile")
-            output.file_name = "disp_"
-            output.format.media_type, output.format.color_mode = "IMAGE", "BW"
-            output.file_output_items.new("FLOAT", "disparity")
-            self._blender.render.compositor_device = "CPU"
-        else:
-            self._blender.use_nodes = True
-            tree = self._blender.node_tree
-            tree.nodes.clear()
-            image, divide = tree.nodes.new("CompositorNodeComposite"), tree.nodes.new("CompositorNodeMath")
-            output = tree.nodes.new("CompositorNodeOutputFile")
-            output.file_slots.clear()
-            output.file_slots.new("disp_")
+        tree = bpy.data.node_groups.new("compositor", "CompositorNodeTree")
+        self._blender.compositing_node_group = tree
+        tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+        image, divide = tree.nodes.new("NodeGroupOutput"), tree.nodes.new("ShaderNodeMath")
+        output = tree.nodes.new("CompositorNodeOutputFile")
+        output.file_name = "disp_"
+        output.format.media_type, output.format.color_mode = "IMAGE", "BW"
+        output.file_output_items.new("FLOAT", "disparity")
+        self._blender.render.compositor_device = "CPU"
         output.format.file_format, output.format.color_depth = "OPEN_EXR", "32"
         output.format.exr_codec = "NONE" if self._scratch else "ZIP"
         layers = tree.nodes.new("CompositorNodeRLayers")
@@ -224,17 +211,6 @@ def _material(patch: Path) -> bpy.types.Material:
     tree.nodes.active = texture  # what Workbench shows
     texture.select = True
     return material
-
-
-def _set_folder(output: bpy.types.Node, folder: Path) -> None:
-    if _is_version_5():
-        output.directory = str(folder)
-    else:
-        output.base_path = str(folder)
-
-
-def _is_version_5() -> bool:
-    return bpy.app.version >= (5, 0, 0)
 
 
 def _scratch_folder() -> Path:

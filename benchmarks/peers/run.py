@@ -1,14 +1,12 @@
 """Renderers a user could pick, side by side: one scene, one loop, files written.
 
-    python benchmarks/peers/run.py --setup pyrender,blender,pygfx
+    python benchmarks/peers/run.py --setup pyrender,blender
     python benchmarks/peers/run.py --frames 12 --rounds 3 --json peers.json
 
-A peer that lacks a program, a library or its environment is left out with a message. Where such a peer was named with
---peers, the exit code is 3 once the others are measured and written.
+A peer without an environment, which --setup makes, is left out. The table says which peer could not be run.
 """
 
 import argparse
-import ctypes
 import json
 import os
 import shlex
@@ -26,7 +24,7 @@ from typing import Any
 
 import numpy as np
 from accuracy import cast_truth, errors_px
-from scene import PeerScene, library_meshes, make_scene, read_meshes
+from scene import PeerScene, library_meshes, make_scene
 
 from semisynth_gl.bench.summary import machine_facts, markdown
 from semisynth_gl.dataset.engines import THREADS
@@ -35,24 +33,12 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 
 OURS = "semisynth_gl"
-# The Python of a machine's own Blender finds `ENCODER_PACKAGES` in the environment of the Blender package.
-SYSTEM_BLENDER = "blender-system"
 PACKAGES = {
     "pyrender": ("pyrender==0.1.45", "numpy==1.26.4", "trimesh==4.5.3", "PyOpenGL-accelerate==3.1.10"),
     "blender": ("bpy==5.0.1",),  # for Python 3.11 alone
-    "pygfx": ("pygfx==0.17.0", "wgpu==0.32.0"),
 }
 # What semisynth_gl.codecs imports beside numpy, which every peer depends on; peers read patches with Pillow too.
 ENCODER_PACKAGES = ("isal", "Pillow")
-# What a peer needs besides its environment: programs, shared libraries, and Debian's packages that have them.
-PROGRAMS: dict[str, dict[str, str]] = {SYSTEM_BLENDER: {"blender": "blender", "xvfb-run": "xvfb", "xauth": "xauth"}}
-LIBRARIES: dict[str, dict[str, str]] = {
-    "pyrender": {"libEGL.so.1": "libegl1 libegl-mesa0 libgl1-mesa-dri"},
-    "blender": {"libEGL.so.1": "libegl1 libegl-mesa0 libgl1-mesa-dri"},
-    "pygfx": {"libvulkan.so.1": "mesa-vulkan-drivers"},
-}
-# Meshes that a folder shared/ beside the project may hold.
-SHARED_MESHES = ROOT.parent / "shared" / "peers" / "scene" / "meshes.npz"
 CHECKED_FRAMES = (0, 1)
 
 
@@ -91,17 +77,12 @@ CANDIDATES = (
             ("pyrender", "msaa4", "pyrender as it ships, 4x multisampled", 1),
             ("pyrender", "none", "pyrender, multisampling patched out", 1),
             ("blender", "workbench", "Blender 5.0 Workbench", 1),
-            (SYSTEM_BLENDER, "workbench", "Blender of the system, Workbench", 1),
-            ("pygfx", "none", "pygfx", 1),
             ("blender", "eevee", "Blender 5.0 Eevee, 1 sample", 4),
-            (SYSTEM_BLENDER, "eevee", "Blender of the system, Eevee, 1 sample", 4),
         )
         for our_encoders in (False, True)
     ),
 )
-PEERS = (OURS, *PACKAGES, SYSTEM_BLENDER)
-# The exit code of a run that is complete but for peers that it was asked for. Python's own for errors are 1 and 2.
-SOME_LEFT_OUT = 3
+PEERS = (OURS, *PACKAGES)
 # The reference that the others are compared with, as a user would run both and both with our encoders.
 REFERENCE = CANDIDATES[0]
 
@@ -151,20 +132,15 @@ def main() -> None:
         for peer in options.setup:
             set_up(peer, options.work)
         return
-    meshes, source = _meshes(options.meshes)
-    scene = make_scene(options.work / "scene", meshes, options.frames)
+    scene = make_scene(options.work / "scene", library_meshes(), options.frames)
     triangles = float(np.mean([len(scene.models[number].triangles) for number in scene.model.ravel()]))
-    print(f"Meshes: {source}, {triangles:.0f} triangles per instance", file=sys.stderr)
-    lacking = {peer: missing(peer, options.work) for peer in options.peers or PEERS}
-    for peer, reasons in lacking.items():
-        if reasons:
-            print(f"{peer} is left out: {'; '.join(reasons)}", file=sys.stderr)
     candidates = [
         candidate
         for candidate in CANDIDATES
         if candidate == REFERENCE
         or (
-            not lacking.get(candidate.peer, ["not asked for"])
+            (candidate.peer == OURS or _python_of(candidate.peer, options.work).is_file())
+            and (not options.peers or candidate.peer in options.peers)
             and (not options.variants or candidate.variant in options.variants)
         )
     ]
@@ -177,7 +153,6 @@ def main() -> None:
         "scene": {
             "size_px": [scene.width_px, scene.height_px],
             "instances": scene.model.shape[1],
-            "meshes": source,
             "triangles_per_instance": round(triangles),
             "frames": options.frames,
         },
@@ -187,26 +162,6 @@ def main() -> None:
     if options.json:
         options.json.write_text(json.dumps(report, indent=1) + "\n")
     print(table(report))
-    if options.peers and any(lacking.values()):
-        sys.exit(SOME_LEFT_OUT)
-
-
-def missing(peer: str, work: Path) -> list[str]:
-    """Say what a peer lacks on this machine, and how to get it."""
-    reasons = [
-        f"the program {program} is not in PATH (Debian: apt-get install {package})"
-        for program, package in PROGRAMS.get(peer, {}).items()
-        if shutil.which(program) is None
-    ]
-    reasons += [
-        f"the library {library} cannot be loaded (Debian: apt-get install {package})"
-        for library, package in LIBRARIES.get(peer, {}).items()
-        if not _can_load(library)
-    ]
-    if peer in PACKAGES and not _python_of(peer, work).is_file():
-        folder = work / f"venv-{peer}"
-        reasons.append(f"no environment in {folder} (python benchmarks/peers/run.py --setup {peer})")
-    return reasons
 
 
 def set_up(peer: str, work: Path) -> None:
@@ -270,7 +225,6 @@ def run_together(
     environment.pop(THREADS, None)
     if parallel.threads is not None:
         environment[THREADS] = parallel.threads
-    environment["PEER_PACKAGES"] = str(next(iter((work / "venv-blender").glob("lib/*/site-packages")), ""))
     log = work / f"{candidate.name}.log"
     processes = []
     started = time.perf_counter()
@@ -278,7 +232,7 @@ def run_together(
         try:
             for number in range(parallel.processes):
                 own_frames = ",".join(str(frame) for frame in frames[number :: parallel.processes])
-                command = [*_command(candidate, work, number), "--scene", str(scene), "--out", str(out)]
+                command = [*_command(candidate, work), "--scene", str(scene), "--out", str(out)]
                 command += ["--frames", own_frames, "--variant", candidate.variant]
                 command += ["--our-encoders"] if candidate.our_encoders else []
                 pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": errors}
@@ -356,7 +310,6 @@ def _parse() -> argparse.Namespace:
         "--frames", type=int, default=max(12, 2 * cores), help="pairs of a run, shared evenly by its processes"
     )
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--meshes", type=Path, help="an .npz of meshes; see scene.py")
     parser.add_argument("--work", type=Path, default=HERE / "made", help="folder of environments, scene and output")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
@@ -373,33 +326,12 @@ def _parse() -> argparse.Namespace:
     return options
 
 
-def _meshes(path: Path | None) -> tuple[dict, str]:
-    if path is None and SHARED_MESHES.is_file():
-        path = SHARED_MESHES
-    if path is not None:
-        return read_meshes(path), path.name
-    return library_meshes(), "the project's own models"
-
-
-def _can_load(library: str) -> bool:
-    try:
-        ctypes.CDLL(library)
-    except OSError:
-        return False
-    return True
-
-
 def _python_of(peer: str, work: Path) -> Path:
     return work / f"venv-{peer}" / "bin" / "python"
 
 
-def _command(candidate: Candidate, work: Path, number: int) -> list[str]:
+def _command(candidate: Candidate, work: Path) -> list[str]:
     """Return the command that starts a candidate's process."""
-    if candidate.peer == SYSTEM_BLENDER:
-        # Its own range of display numbers for each process: xvfb-run does not look for free ones safely.
-        display = ["xvfb-run", "--auto-servernum", "--server-num", str(100 + 20 * number)]
-        blender = ["blender", "--background", "--factory-startup", "--python-exit-code", "1"]
-        return [*display, *blender, "--python", str(HERE / "peer_blender.py"), "--"]
     python = sys.executable if candidate.peer == OURS else str(_python_of(candidate.peer, work))
     return [python, str(HERE / f"peer_{candidate.peer}.py")]
 

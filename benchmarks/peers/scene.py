@@ -97,13 +97,6 @@ class PeerScene:
         return self.focal_px * self.baseline_m
 
 
-def read_meshes(path: Path) -> dict[str, Model]:
-    """Read models from an .npz of NAME_v, NAME_t and NAME_f arrays: positions, UV and triangles."""
-    with np.load(path) as arrays:
-        names = sorted({key[:-2] for key in arrays.files})
-        return {name: Model(arrays[f"{name}_v"], arrays[f"{name}_t"], arrays[f"{name}_f"]) for name in names}
-
-
 def library_meshes() -> dict[str, Model]:
     """Build `LIBRARY_KINDS`."""
     from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS  # noqa: PLC0415 - peers read scenes without the project
