@@ -1,219 +1,238 @@
-"""Alternatives that the program does not offer, measured beside those that it offers.
+"""Speed against error: ways to get a pixel's disparity, and antialiasing modes.
 
     python benchmarks/alternatives.py --json alternatives.json
 
-Two tables, as choices.py has them: variants of how a pixel gets its disparity, and encodings of
-disparities. The default is bold; a star marks alternatives that no other one dominates.
+All alternatives draw the same scenes in turns. The default is bold, and a star marks alternatives that no other one
+dominates in time and error.
 """
 
-import argparse
-import io
 import json
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
-from choices import section, table
-from disparity_encodings import DEFAULT_DISPARITY_ENCODING, Encoding, measure_encodings, offered_encodings
-from disparity_variants import RENDERERS_VARIANT, DisparityVariants, Variant
-from isal import isal_zlib
+from disparity_variants import RENDERERS_VARIANT, VARIANTS, DisparityVariants, Variant
 from numpy.typing import NDArray
-from timing import alternated, alternative_rows, compare_times
+from PIL import Image, ImageFilter
 
-from semisynth_gl.bench.accuracy import headline, scene_facts
+from semisynth_gl.bench.accuracy import errors_text, headline, scene_facts
 from semisynth_gl.bench.scenes import BenchScenes, SampledTruth, cast_truth, sample_scenes
-from semisynth_gl.bench.summary import error_stats, machine_facts
+from semisynth_gl.bench.summary import error_stats, machine_facts, markdown
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.frame.camera import EYES
+from semisynth_gl.frame.frame import as_rgb
 from semisynth_gl.render.backends import BACKENDS, Backend
+from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.scene.scene import Scene
 
-VARIANT_TEXTS: Mapping[Variant, str] = {
-    "depth24": "24-bit depth buffer, near plane at 0.05 m, made linear in float64",
-    "depth24-tight": "24-bit depth buffer, near plane at the largest disparity, made linear in float64",
-    "depth32f": "32-bit float depth buffer, reversed, made linear in float64",
-    "linear": "interpolated linear depth",
-    "w": "1/gl_FragCoord.w, by way of depth",
-    "w-direct": "gl_FragCoord.w times f B",
-    "plane": "plane equation of the triangle, float32",
-    "plane64": "plane equation of the triangle, double precision",
+MODES: Mapping[str, str] = {
+    "none": "one sample at the pixel's centre",
+    "edges": "shares of pixels along outlines",
+    "ssaa2": "4 samples, averaged",
+    "ssaa3": "9 samples, averaged",
 }
-_GRID_STEPS = 1024
-_NOTHING = -1  # on the grid, where the disparity is inf
-_LARGEST_GRID_PX = (2**31 - 1) // _GRID_STEPS
-_Map = NDArray[np.float32]
-_Shape = tuple[int, ...]
+"""The measured antialiasing modes, with their descriptions."""
+DEFAULT_MODE, REFERENCE = "none", "ssaa8"
+# Repeated timings differ by this share.
+_TIE = 0.05
 
 
 def measure(config: Config, seed: int, backend: Backend, pairs: int, rays: int, repeats: int) -> dict[str, Any]:
-    """Measure all alternatives on the first pairs of a config; the report is in JSON's types."""
+    """Measure all alternatives on the first pairs of a config.
+
+    Returns:
+        In JSON's types: the scenes, the machine, and rows of `timed_rows` under "get" and "antialias".
+    """
     bench = sample_scenes(config, seed, pairs)
-    with bench.open_renderer(backend, outputs=("instances",)) as renderer:
+    with bench.open_renderer(backend, outputs=("instances",), truth="both") as renderer:
         frames, driver = [renderer.render(scene) for scene in bench.scenes], renderer.facts
-    truths, _ = cast_truth(bench, frames, rays, np.random.default_rng(seed))
+    truths, outlines = cast_truth(bench, frames, rays, np.random.default_rng(seed))
     with DisparityVariants(bench.models, backend) as variants:
-        rows, refused = measure_variants(bench, variants, truths, repeats), variants.left_out
-    maps = [frame.view(eye).disparity for frame in frames for eye in EYES]
-    encodings = [*offered_encodings(), *more_disparity_encodings()]
-    stored = measure_encodings(maps, encodings, DEFAULT_DISPARITY_ENCODING, repeats)
+        disparities = measure_variants(bench, variants, truths, repeats)
     return {
         **scene_facts(bench, seed, truths),
         "machine": machine_facts() | driver,
-        "get": section(RENDERERS_VARIANT, refused, rows),
-        "store": section(DEFAULT_DISPARITY_ENCODING, {}, stored),
+        "get": disparities,
+        "antialias": measure_modes(bench, outlines, backend, repeats),
     }
 
 
 def measure_variants(
     bench: BenchScenes, variants: DisparityVariants, truths: Sequence[SampledTruth], repeats: int
 ) -> list[dict[str, Any]]:
-    """Measure every variant that the driver can do; each draws all scenes ``repeats`` times, in turns.
-
-    Returns:
-        A row of each variant. The time is that to draw and read back the disparity of both eyes; "on_front" says that
-        no other variant is both faster and more exact (at 99.9 %).
-    """
+    """Measure the variants that the driver can do: the time to draw and read back both disparities, and the error."""
     truth = np.concatenate([part.disparity_px for part in truths])
-    errors = {}
-    for variant in variants.usable:
-        drawn = [
-            variants.disparity(bench.scenes[part.scene], part.eye, variant)[part.row, part.column] for part in truths
-        ]
-        errors[variant] = error_stats(np.concatenate(drawn), truth)
 
     def draw(variant: Variant) -> None:
         for scene in bench.scenes:
             for eye in EYES:
                 variants.disparity(scene, eye, variant)
 
-    seconds = alternated({variant: partial(draw, variant) for variant in variants.usable}, repeats)
-    return alternative_rows(
-        {variant: VARIANT_TEXTS[variant] for variant in variants.usable},
-        compare_times(seconds, RENDERERS_VARIANT, len(bench.scenes)),
-        {variant: {"error": error} for variant, error in errors.items()},
-        {variant: [error["p999_px"]] for variant, error in errors.items()},
+    def error(variant: Variant) -> dict[str, Any]:
+        drawn = [
+            variants.disparity(bench.scenes[part.scene], part.eye, variant)[part.row, part.column] for part in truths
+        ]
+        return error_stats(np.concatenate(drawn), truth)
+
+    errors = {variant: error(variant) for variant in variants.usable}
+    return timed_rows(
+        {variant: partial(draw, variant) for variant in errors},
+        {
+            variant: {"text": VARIANTS[variant], "error": each, "weight": each["p999_px"]}
+            for variant, each in errors.items()
+        },
+        RENDERERS_VARIANT,
+        repeats,
+        len(bench.scenes),
     )
 
 
-def more_disparity_encodings() -> list[Encoding]:
-    """List the encodings of disparity that the program does not offer; blosc2 where it is installed."""
-    encodings = [
-        Encoding("half", "half float, NPY", _encode_half, _decode_half),
-        Encoding("deflate", "float32, bytes shuffled, deflate", _shuffled, _decode_shuffled),
-        Encoding("delta", "float32, difference of bits to the left, shuffled, deflate", _encode_delta, _decode_delta),
-        Encoding("grid", "float32 rounded to 1/1024 px, shuffled, deflate", _encode_grid, _decode_shuffled),
-        Encoding(
-            "grid-delta",
-            "multiple of 1/1024 px, difference to the left, shuffled, deflate",
-            _encode_grid_delta,
-            _decode_grid_delta,
-        ),
+def measure_modes(
+    bench: BenchScenes, outlines: Sequence[NDArray[np.bool_]], backend: Backend, repeats: int
+) -> list[dict[str, Any]]:
+    """Measure the antialiasing modes: the time to draw both images with both disparities, and PSNR.
+
+    Args:
+        bench: the scenes.
+        outlines: for each scene, the left and then the right eye's (H, W) mask of pixels that touch another instance.
+        backend: as of `Renderer`.
+        repeats: how often each mode is timed.
+
+    Returns:
+        Rows with "psnr_db", "psnr_outline_db" and "psnr_inside_db" against `REFERENCE`, 64 samples a pixel: over all
+        pixels, over outline pixels and their eight neighbours, and over the rest.
+    """
+    near = np.concatenate([_neighbours(outline).ravel() for outline in outlines])
+    with ExitStack() as stack:
+        renderers = {
+            mode: stack.enter_context(bench.open_renderer(backend, outputs=(), antialias=mode))
+            for mode in (*MODES, REFERENCE)
+        }
+        reference = _pixels(renderers.pop(REFERENCE), bench.scenes)
+        figures = {}
+        for mode, renderer in renderers.items():
+            squares = (_pixels(renderer, bench.scenes).astype(np.float64) - reference) ** 2
+            errors = {"db": squares.mean(), "outline_db": squares[near].mean(), "inside_db": squares[~near].mean()}
+            psnr = {f"psnr_{name}": float(10 * np.log10(255**2 / error)) for name, error in errors.items()}
+            figures[mode] = {"text": MODES[mode], **psnr, "weight": float(squares.mean())}
+        calls = {mode: partial(_pixels, renderer, bench.scenes) for mode, renderer in renderers.items()}
+        return timed_rows(calls, figures, DEFAULT_MODE, repeats, len(bench.scenes))
+
+
+def timed_rows(
+    calls: Mapping[str, Callable[[], object]],
+    figures: Mapping[str, Mapping[str, Any]],
+    default: str,
+    repeats: int,
+    pairs: int,
+) -> list[dict[str, Any]]:
+    """Time alternatives in turns, each turn beginning with another one, and weigh time against error.
+
+    Args:
+        calls: draws the pairs, by the name of the alternative.
+        figures: keys and values of each alternative's row; "weight" is its error.
+        default: the alternative with which the others are compared.
+        repeats: number of turns.
+        pairs: number of pairs that a call draws.
+
+    Returns:
+        Rows with "name", the figures, "default", "seconds_per_pair" (median over the turns), "time_ratio" (median of
+        the time over the default's in the same turn), and "on_front": no other alternative is better in time or error
+        by 5 % without being worse in the other by as much.
+    """
+    names, seconds = list(calls), {name: np.zeros(repeats) for name in calls}
+    for turn in range(repeats):
+        for number in range(len(names)):
+            name = names[(turn + number) % len(names)]
+            start = time.perf_counter()
+            calls[name]()
+            seconds[name][turn] = time.perf_counter() - start
+    ratios = {name: float(np.median(own / seconds[default])) for name, own in seconds.items()}
+
+    def dominates(other: str, name: str) -> bool:
+        both = [(ratios[other], ratios[name]), (figures[other]["weight"], figures[name]["weight"])]
+        return all(a <= b * (1 + _TIE) for a, b in both) and any(a * (1 + _TIE) < b for a, b in both)
+
+    return [
+        {
+            "name": name,
+            **figures[name],
+            "default": name == default,
+            "seconds_per_pair": float(np.median(seconds[name])) / pairs,
+            "time_ratio": ratios[name],
+            "on_front": not any(dominates(other, name) for other in names),
+        }
+        for name in names
     ]
-    if find_spec("blosc2"):
-        encodings.append(Encoding("blosc2", "float32, blosc2, shuffled, LZ4", _encode_blosc2, _decode_blosc2))
-    return encodings
 
 
-def _encode_half(disparity: _Map) -> bytes:
-    file = io.BytesIO()
-    np.save(file, disparity.astype(np.float16))
-    return file.getvalue()
+def table(report: Mapping[str, Any]) -> str:
+    """Return a report as two tables in Markdown."""
 
+    def rows(part: str, cells: Callable[[Mapping[str, Any]], Sequence[str]]) -> list[tuple[str, ...]]:
+        return [
+            (
+                (f"**{row['name']}**" if row["default"] else row["name"]) + " *" * row["on_front"],
+                f"{1e3 * row['seconds_per_pair']:.1f}",
+                f"{row['time_ratio']:.2f}",
+                *cells(row),
+                row["text"],
+            )
+            for row in report[part]
+        ]
 
-def _decode_half(data: bytes, _: _Shape) -> _Map:
-    return np.load(io.BytesIO(data)).astype(np.float32)
-
-
-def _shuffled(values: NDArray[Any]) -> bytes:
-    """Deflate all first bytes, then all second ones and so on: the high bytes of neighbours are alike."""
-    planes = np.ascontiguousarray(values).view(np.uint8).reshape(-1, 4).T
-    return isal_zlib.compress(np.ascontiguousarray(planes), 1)
-
-
-def _unshuffled(data: bytes) -> NDArray[np.uint8]:
-    planes = np.frombuffer(isal_zlib.decompress(data), np.uint8).reshape(4, -1)
-    return np.ascontiguousarray(planes.T)
-
-
-def _decode_shuffled(data: bytes, shape: _Shape) -> _Map:
-    return _unshuffled(data).view(np.float32).reshape(shape)
-
-
-def _differences(values: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    result = values.copy()
-    result[:, 1:] -= values[:, :-1]
-    return result
-
-
-def _sums(data: bytes, shape: _Shape) -> NDArray[np.uint32]:
-    return np.cumsum(_unshuffled(data).view(np.uint32).reshape(shape), axis=1, dtype=np.uint32)
-
-
-def _encode_delta(disparity: _Map) -> bytes:
-    return _shuffled(_differences(np.ascontiguousarray(disparity).view(np.uint32)))
-
-
-def _decode_delta(data: bytes, shape: _Shape) -> _Map:
-    return _sums(data, shape).view(np.float32)
-
-
-def _encode_grid(disparity: _Map) -> bytes:
-    return _shuffled(np.rint(disparity * np.float32(_GRID_STEPS)) / np.float32(_GRID_STEPS))
-
-
-def _encode_grid_delta(disparity: _Map) -> bytes:
-    kept = disparity < _LARGEST_GRID_PX
-    steps = np.rint(np.where(kept, disparity, 0).astype(np.float64) * _GRID_STEPS).astype(np.int32)
-    return _shuffled(_differences(np.where(kept, steps, np.int32(_NOTHING)).view(np.uint32)))
-
-
-def _decode_grid_delta(data: bytes, shape: _Shape) -> _Map:
-    steps = _sums(data, shape).view(np.int32)
-    return np.where(steps == _NOTHING, np.float32(np.inf), (steps / _GRID_STEPS).astype(np.float32))
-
-
-def _encode_blosc2(disparity: _Map) -> bytes:
-    import blosc2  # noqa: PLC0415 - not installed everywhere
-
-    blosc2.set_nthreads(1)
-    return blosc2.compress(
-        np.ascontiguousarray(disparity), typesize=4, clevel=5, filter=blosc2.Filter.SHUFFLE, codec=blosc2.Codec.LZ4
+    errors, psnr = ("median, px", "p99.9, px", "worst, px"), ("PSNR, dB", "at outlines", "inside")
+    got = rows("get", lambda row: errors_text(row["error"]))
+    modes = rows("antialias", lambda row: [f"{row[f'psnr_{key}']:.1f}" for key in ("db", "outline_db", "inside_db")])
+    return "\n\n".join(
+        markdown((first, "ms a pair", "x", *figures, "what it is"), cells)
+        for first, figures, cells in (("to get disparity", errors, got), ("to antialias", psnr, modes))
     )
 
 
-def _decode_blosc2(data: bytes, shape: _Shape) -> _Map:
-    import blosc2  # noqa: PLC0415 - not installed everywhere
-
-    return np.frombuffer(blosc2.decompress(data), np.float32).reshape(shape)
-
-
-def command_line() -> argparse.ArgumentParser:
-    """Return the parser of this script's options."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--config", default="eth3d", help="whose scenes: a name or a YAML file")
-    parser.add_argument("--set", dest="settings", action="append", default=[], metavar="dotted.key=value")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--backend", choices=BACKENDS, default="auto")
-    parser.add_argument("--pairs", type=int, default=3)
-    parser.add_argument("--rays", type=int, default=20_000, help="rays cast for each eye of a pair")
-    parser.add_argument("--repeats", type=int, default=7)
-    parser.add_argument("--json", type=Path)
-    return parser
+def _pixels(renderer: Renderer, scenes: Sequence[Scene]) -> NDArray[np.uint8]:
+    """Draw scenes; return the pixels of all images, (N, 3)."""
+    frames = [renderer.render(scene) for scene in scenes]
+    return np.concatenate([as_rgb(frame.view(eye).image).reshape(-1, 3) for frame in frames for eye in EYES])
 
 
-def main() -> None:
-    """Measure, print the tables, and write JSON where a path is given."""
-    options = command_line().parse_args()
-    config = load_config(options.config, options.settings)
-    report = measure(config, options.seed, options.backend, options.pairs, options.rays, options.repeats)
+def _neighbours(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return a mask (H, W) grown by a pixel in all directions."""
+    return np.asarray(Image.fromarray(mask.astype(np.uint8)).filter(ImageFilter.MaxFilter(3)), bool)
+
+
+@click.command()
+@click.option("--config", "name", default="eth3d", show_default=True)
+@click.option("--set", "settings", multiple=True, metavar="dotted.key=value")
+@click.option("--seed", default=0, show_default=True)
+@click.option("--backend", type=click.Choice(BACKENDS), default="auto", show_default=True)
+@click.option("--pairs", default=3, show_default=True)
+@click.option("--rays", default=20_000, show_default=True, help="Rays cast for each eye of a pair.")
+@click.option("--repeats", default=7, show_default=True)
+@click.option("--json", "out", type=click.Path(path_type=Path), help="Also write the report here.")
+def main(
+    name: str,
+    settings: tuple[str, ...],
+    seed: int,
+    backend: Backend,
+    pairs: int,
+    rays: int,
+    repeats: int,
+    out: Path | None,
+) -> None:
+    """Measure, and print the tables."""
+    report = measure(load_config(name, settings), seed, backend, pairs, rays, repeats)
     report["command"] = shlex.join(["python", "benchmarks/alternatives.py", *sys.argv[1:]])
-    if options.json:
-        options.json.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-    print(f"{headline(report)}\n\n{table(report)}")
+    if out is not None:
+        out.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    click.echo(f"{headline(report)}\n\n{table(report)}")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
 """Variants of how a pixel gets its disparity: the renderer's own and those that it does not offer."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Literal, Self, get_args
+from typing import Literal, Self
 
 import moderngl
 import numpy as np
@@ -21,17 +22,20 @@ from semisynth_gl.render.projection import clip_from_view
 from semisynth_gl.render.targets import EyeTargets
 from semisynth_gl.scene.scene import Scene
 
-Variant = Literal["depth24", "depth24-tight", "depth32f", "linear", "w", "w-direct", "plane", "plane64"]
-VARIANTS: tuple[Variant, ...] = get_args(Variant)
+Variant = Literal["depth24", "depth24-tight", "depth32f", "linear", "w-direct", "plane64"]
+VARIANTS: Mapping[Variant, str] = {
+    "depth24": "24-bit depth buffer, near plane at 0.05 m, made linear in float64",
+    "depth24-tight": "24-bit depth buffer, near plane at the largest disparity, made linear in float64",
+    "depth32f": "32-bit float depth buffer, reversed, made linear in float64",
+    "linear": "interpolated linear depth",
+    "w-direct": "gl_FragCoord.w times f B",
+    "plane64": "plane equation of the triangle, double precision",
+}
+"""What is drawn, by the name of the variant."""
 RENDERERS_VARIANT: Variant = "w-direct"
 
 _DEPTH_BUFFER_VARIANTS: tuple[Variant, ...] = ("depth24", "depth24-tight", "depth32f")
-_DEFINES: dict[Variant, dict[str, int]] = {
-    "linear": {"LINEAR": 1},
-    "w": {"W": 1},
-    "plane": {"PLANE": 1},
-    "plane64": {"PLANE64": 1},
-}
+_DEFINES: dict[Variant, dict[str, int]] = {"linear": {"LINEAR": 1}, "plane64": {"PLANE64": 1}}
 # A near plane as viewers set it, without knowing the scene.
 _CUSTOMARY_NEAR_M = 0.05
 # A 24-bit buffer's step in 1/Z is (1/near - 1/far) / 2^24: the far plane does not matter and is put far away.
@@ -64,8 +68,7 @@ class DisparityVariants:
         backend: "auto", "egl" or "osmesa".
 
     Attributes:
-        usable: the variants that the driver can do, in the order of `VARIANTS`.
-        left_out: the driver's reason for each variant that it cannot do.
+        usable: the variants that the driver can do, in the order of `VARIANTS`; not every driver has doubles.
 
     Raises:
         BackendError: where no context can be opened.
@@ -84,7 +87,6 @@ class DisparityVariants:
         self._depth_m: EyeTargets | None = None
         self._depth_only: dict[int, tuple[moderngl.Renderbuffer, moderngl.Framebuffer]] = {}
         self._programs: dict[Variant, moderngl.Program] = {}
-        self.left_out: dict[str, str] = {}
         depth_only = link_program(self._context, *VARIANT_SHADERS, {})
         for variant in VARIANTS:
             if variant in _DEPTH_BUFFER_VARIANTS:
@@ -92,12 +94,8 @@ class DisparityVariants:
             elif variant == RENDERERS_VARIANT:
                 self._programs[variant] = link_meshes(self._context, {"DISPARITY": 0})
             else:
-                try:
-                    program = link_program(self._context, *VARIANT_SHADERS, _DEFINES[variant])
-                except BackendError as error:
-                    self.left_out[variant] = str(error)
-                else:
-                    self._programs[variant] = program
+                with suppress(BackendError):
+                    self._programs[variant] = link_program(self._context, *VARIANT_SHADERS, _DEFINES[variant])
         self.usable = tuple(self._programs)
         self._from_depth = link_program(self._context, "whole_image.vert", str(_SHADERS / "variant_depth.frag"), {})
         self._from_depth_vao = self._gl.vertex_array(self._from_depth, [])
@@ -135,7 +133,7 @@ class DisparityVariants:
 
     def _from_shader(self, scene: Scene, eye: Eye, variant: Variant) -> NDArray[np.float32]:
         targets, program, camera = self._sized(scene), self._programs[variant], scene.camera
-        if variant in ("linear", "w") and self._depth_m is not None:
+        if variant == "linear" and self._depth_m is not None:
             self._depth_m.framebuffer.use()
             self._depth_m.framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
             self._draw(scene, eye, program)
@@ -151,7 +149,6 @@ class DisparityVariants:
             constants = (camera.cx_px(eye), camera.cy_px), camera.focal_px, camera.focal_baseline, camera.doffs_px, 0.0
             self._camera_64.write(np.array(constants, CAMERA_64))
             self._camera_64.bind_to_uniform_block(_CAMERA_64)
-        if variant in ("plane", "plane64"):
             self._models.bind_triangles(self._composer.compose(scene), eye)
         targets.clear()
         self._draw(scene, eye, program)

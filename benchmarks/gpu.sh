@@ -84,7 +84,7 @@ for each; do
         tests) part tests 240 -m pytest -q -m opengl --numprocesses auto --dist worksteal ;;
         memory) part memory 120 benchmarks/memory_rates.py --config sceneflow --workers 1,2,4,8,16 ;;
         speed) part speed 120 -m semisynth_gl bench speed --pairs 64 --json "$out/speed.json" ;;
-        accuracy) part accuracy 120 benchmarks/choices.py --json "$out/accuracy.json" ;;
+        accuracy) part accuracy 120 benchmarks/alternatives.py --json "$out/accuracy.json" ;;
         training) part training 240 examples/train.py --data zero-shot --crop 320 640 --batch 8 --out "$out/network" ;;
         *) say "$each: expected doctor, tests, memory, speed, accuracy or training"; exit 2 ;;
     esac

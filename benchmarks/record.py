@@ -1,8 +1,7 @@
 """Measure what docs/accuracy.md and docs/performance.md rest on, and write it to benchmarks/results.
 
-    python benchmarks/record.py accuracy     # measure again, write results/accuracy.json and results/accuracy.md
-    python benchmarks/record.py --pages      # write all pages anew from the JSON that is there
-    python benchmarks/record.py --plots      # draw docs/images/accuracy.png and docs/images/speed.png from it
+    python benchmarks/record.py alternatives   # measure again, write results/alternatives.json and .md
+    python benchmarks/record.py --pages        # write all pages anew from the JSON that is there
 
 Times hold for a machine that does nothing else meanwhile.
 """
@@ -15,11 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import choices
+import alternatives
 import click
 import hard_cases
 
-from semisynth_gl.bench import accuracy, speed
+from semisynth_gl.bench import speed
+from semisynth_gl.bench.accuracy import headline
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
@@ -57,21 +57,13 @@ def _peers_headline(report: Mapping[str, Any]) -> str:
     )
 
 
-_ROWS = """\
-The default is bold. A star marks alternatives that no other one dominates in all that is weighed, where 5 % count as a
-tie. Times are medians over the turns, and the column x is the time relative to the default's, taken turn by turn.
+_ALTERNATIVES = """\
+The default is bold. A star marks alternatives that no other one dominates in time and error, where 5 % count as a tie.
+Times are medians over the turns, and the column x is the time relative to the default's, taken turn by turn.
 
-Errors of the disparity are those against a float64 ray cast, away from edges. Encodings write both arrays of a pair in
-memory, with one thread; time to write, time to read, bytes and worst error are weighed."""
-_ACCURACY = f"""\
-{_ROWS}
-
-Antialiasing is timed on pairs with both disparities, without masks; time and PSNR are weighed. PSNR is against 64
-samples a pixel: of all pixels, of those within 1 px of another instance, and of the rest."""
-_ALTERNATIVES = f"""\
-{_ROWS}
-
-Of variants of the disparity, time and error at 99.9 % are weighed."""
+Errors of the disparity are those against a float64 ray cast, away from edges; the error at 99.9 % is weighed.
+Antialiasing is timed on pairs with both disparities, without masks. PSNR is against 64 samples a pixel: of all pixels,
+of those within 1 px of another instance, and of the rest."""
 _SPEED = """\
 Stages: one thread, and the driver finishes each one before the next begins.
 
@@ -85,23 +77,14 @@ Errors of the disparity against the oracle, both eyes, more than two pixels from
 of pixels that are not exact (1e-3 px) but lie exactly on a surface that the oracle sees within 1/16 px, or on a surface
 at such a grazing angle that 2.5e-4 px aside its disparity is that; they are left out of the errors. *Visibility* is the
 share of all pixels that agree with a second ray to the other eye."""
-_PEER_ROWS = ("--peers", "pyrender,blender,blender-system", "--variants", "edges,msaa4,ssaa2,all,none,workbench")
+_PEER_ROWS = ("--variants", "edges,msaa4,ssaa2,all,none,workbench")
 MEASUREMENTS: Mapping[str, Result] = {
-    "accuracy": Result(
-        "Accuracy and cost of what the program offers", _ACCURACY, ("benchmarks/choices.py",),
-        accuracy.headline, choices.table,
-    ),
-    "accuracy-middlebury": Result(
-        "Accuracy and cost of what the program offers, `middlebury`", _ACCURACY,
-        ("benchmarks/choices.py", "--config", "middlebury", "--pairs", "2"), accuracy.headline, choices.table,
-    ),
     "alternatives": Result(
-        "Accuracy and cost beside alternatives that are not offered", _ALTERNATIVES, ("benchmarks/alternatives.py",),
-        accuracy.headline, choices.table,
+        "Speed against error", _ALTERNATIVES, ("benchmarks/alternatives.py",), headline, alternatives.table
     ),
     "alternatives-middlebury": Result(
-        "Accuracy and cost beside alternatives that are not offered, `middlebury`", _ALTERNATIVES,
-        ("benchmarks/alternatives.py", "--config", "middlebury", "--pairs", "2"), accuracy.headline, choices.table,
+        "Speed against error, `middlebury`", _ALTERNATIVES,
+        ("benchmarks/alternatives.py", "--config", "middlebury", "--pairs", "2"), headline, alternatives.table,
     ),
     "speed": Result(
         "Speed", _SPEED, ("-m", "semisynth_gl", "bench", "speed", "--pairs", "24"), speed.headline, speed.table
@@ -137,23 +120,14 @@ def page(name: str, report: Mapping[str, Any]) -> str:
 @click.command()
 @click.argument("names", nargs=-1, type=click.Choice(list(MEASUREMENTS)))
 @click.option("--pages", is_flag=True, help="Write all pages from the JSON that is there.")
-@click.option("--plots", is_flag=True, help="Draw the pictures of the documentation from the JSON that is there.")
-def main(names: tuple[str, ...], *, pages: bool, plots: bool) -> None:
+def main(names: tuple[str, ...], *, pages: bool) -> None:
     """Measure NAMES anew, and write their JSON and pages."""
     for name in names:
         command = [sys.executable, *MEASUREMENTS[name].command, "--json", f"benchmarks/results/{name}.json"]
-        code = subprocess.run(command, cwd=ROOT, check=False).returncode
-        # Peers that are not set up are no fault of the others' rows.
-        if code and not (name == "peers" and code == peers.SOME_LEFT_OUT):
-            raise SystemExit(code)
+        subprocess.run(command, cwd=ROOT, check=True)
     for name in MEASUREMENTS if pages else names:
         report = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
         (RESULTS / f"{name}.md").write_text(page(name, report), encoding="utf-8")
-    if plots:
-        for picture, reports in (("accuracy", ("alternatives", "accuracy")), ("speed", ("speed",))):
-            files = [str(RESULTS / f"{report}.json") for report in reports]
-            command = [sys.executable, "benchmarks/plot.py", *files, "--out", f"docs/images/{picture}.png"]
-            subprocess.run(command, cwd=ROOT, check=True)
 
 
 if __name__ == "__main__":

@@ -1,22 +1,18 @@
 #version 450 core
-// Variants of a pixel's disparity that mesh.frag does not offer, for benchmarks/alternatives.py. LINEAR and W write planar
-// depth, for variant_depth.frag; PLANE and PLANE64 write disparity; without any of them only the depth buffer is filled.
+// Variants of a pixel's disparity that mesh.frag does not offer, for benchmarks/alternatives.py. LINEAR writes planar
+// depth, for variant_depth.frag; PLANE64 writes disparity; without both, only the depth buffer is filled.
 
 in float view_depth_m;
 flat in int scene_instance;
 flat in int scene_triangle;
 
-#if defined(LINEAR) || defined(W)
+#if defined(LINEAR)
 layout(location = 0) out float depth_m;
 
 void main() {
-#ifdef LINEAR
     depth_m = view_depth_m;
-#else
-    depth_m = 1.0 / gl_FragCoord.w;
-#endif
 }
-#elif defined(PLANE) || defined(PLANE64)
+#elif defined(PLANE64)
 #include "common_constants.glsl"
 #include "common_disparity.glsl"
 
@@ -24,17 +20,6 @@ layout(location = 0) out float disparity_px;
 
 #include "common_triangles.glsl"
 
-#ifdef PLANE
-void main() {
-    Instance own = instance_at(uint(scene_instance));
-    uint triangle = uint(scene_triangle);
-    float inverse_depth = inverse_depth_at(corner_of(own, triangle, 0), corner_of(own, triangle, 1),
-                                           corner_of(own, triangle, 2), gl_FragCoord.xy - 0.5);
-    disparity_px = disparity_at(inverse_depth);
-}
-#endif
-
-#ifdef PLANE64
 layout(std430, binding = 4) readonly buffer Poses { dvec4 view_from_model_row[]; };  // three of each instance
 
 layout(std140, binding = 1) uniform Camera64 {
@@ -59,7 +44,6 @@ void main() {
     double exact_px = focal_baseline_64 * dot(normal, ray) / dot(normal, a) - doffs_px_64;
     disparity_px = exact_px > 0.0 ? float(exact_px) : INVALID;
 }
-#endif
 #else
 void main() {
 }
