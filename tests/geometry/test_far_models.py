@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scenes import facing, noise_layers
 
-from semisynth_gl.frame.camera import EYES, Deviation, StereoCamera
+from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.channels import DRAWN_OUTPUTS, FLOW_OUTPUTS
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import centred, make_mesh
@@ -14,7 +14,6 @@ from semisynth_gl.geometry.model_files import load_models
 from semisynth_gl.geometry.topology import is_solid, marked_solid, neighbours
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.scene import make_scene, move
-from semisynth_gl.scene.structures import SURFACE_MODELS
 
 AWAY_M = np.array([6e6, -4.9e6, 5.3e6])
 PERIODS = np.float64(2e6)
@@ -96,24 +95,6 @@ def test_every_output_of_far_models_is_that_of_near_ones(open_renderer, antialia
                 assert np.quantile(error, 0.995) <= 1e-4, name
 
 
-@pytest.mark.one_backend
-def test_far_models_before_cameras_that_share_the_left_view_and_deviate(open_renderer):
-    scene, models = cluttered(2)
-    there = replace(scene, world_from_model=brought_back(scene.world_from_model))
-    cameras = [scene.camera, replace(scene.camera, deviation=Deviation(roll_rad=0.02, y_px=1.5))]
-    near, far = (
-        open_renderer(meshes, noise_layers(1, 32), rectified=False).render_rig(shown, cameras)
-        for meshes, shown in ((models, scene), ([far_away(mesh) for mesh in models], there))
-    )
-    for expected, found in zip(near, far, strict=True):
-        for eye in EYES:
-            known = np.isfinite(expected.view(eye).disparity) & np.isfinite(found.view(eye).disparity)
-            error = np.abs(expected.view(eye).disparity - found.view(eye).disparity)[known]
-            assert known.mean() > 0.5
-            assert np.quantile(error, 0.995) <= 1e-4
-            assert (expected.view(eye).visibility != found.view(eye).visibility).mean() <= 1e-3
-
-
 def test_far_meshes_keep_their_shape_and_what_follows_from_it():
     ball = SIMPLE_KINDS["sphere"](np.random.default_rng(0))
     far = make_mesh("far", ball.positions + AWAY_M, ball.uv + PERIODS, ball.triangles)
@@ -126,16 +107,6 @@ def test_far_meshes_keep_their_shape_and_what_follows_from_it():
     assert is_solid(far)
     np.testing.assert_array_equal(neighbours(far), neighbours(ball))
     assert make_mesh("near", ball.positions + 5, ball.uv, ball.triangles).positions.dtype == np.float32
-
-
-def test_models_of_the_program_are_drawn_where_they_are():
-    meshes = [build(np.random.default_rng(0)) for build in (SIMPLE_KINDS | COMPLEX_KINDS).values()]
-    for mesh in (*meshes, *SURFACE_MODELS):
-        drawn = centred(mesh)
-        assert drawn.mesh.positions is mesh.positions, mesh.name
-        assert drawn.mesh.uv is mesh.uv, mesh.name
-        assert not drawn.origin.any()
-        assert not drawn.uv_origin.any()
 
 
 def test_models_of_files_lose_nothing_far_from_their_origin(tmp_path):

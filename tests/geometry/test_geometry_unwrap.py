@@ -5,8 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from semisynth_gl.geometry.kinds import SIMPLE_KINDS
-from semisynth_gl.geometry.surfaces import box
-from semisynth_gl.geometry.unwrap import DIRECTIONS, facing_axes, project_uv
+from semisynth_gl.geometry.unwrap import DIRECTIONS, project_uv
 
 
 def test_bound_is_the_worst_angle_over_the_sphere() -> None:
@@ -38,17 +37,3 @@ def test_sphere_reaches_the_bound_and_keeps_its_surface() -> None:
     assert 1.1 < stretch(mesh).max() <= STRETCH_BOUND + 1e-3
     assert volume(mesh) == pytest.approx(volume(sphere), rel=1e-6)
     assert (mesh.positions[mesh.triangles] == sphere.positions[sphere.triangles]).all()
-
-
-def test_vertices_are_duplicated_only_where_charts_meet() -> None:
-    cube = box((1, 1, 1))
-    corners, index = np.unique(cube.positions, axis=0, return_inverse=True)
-    mesh = project_uv("cube", corners, index.ravel()[cube.triangles])
-    assert len(mesh.positions) == 24
-    assert stretch(mesh).max() == pytest.approx(1, abs=1e-5)
-
-
-def test_side_faces_stand_upright() -> None:
-    u, v = facing_axes(np.array([[1.0, 0, 0], [0, 0, 1]]))
-    assert u.tolist() == [[0, 1, 0], [1, 0, 0]]
-    assert v.tolist() == [[0, 0, -1], [0, -1, 0]]
