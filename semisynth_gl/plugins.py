@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import Distribution, entry_points
 from pathlib import Path
-from typing import Any, Final, Literal, cast, get_args
+from typing import Any, Literal, cast, get_args
 
 from semisynth_gl.inputs.errors import InputError, did_you_mean, near, shown
 
@@ -20,7 +20,7 @@ Group = Literal["layouts", "textures", "models", "recipes"]
 
 GROUPS: tuple[Group, ...] = get_args(Group)
 
-NOUNS: Final[Mapping[str, str]] = {
+NOUNS: Mapping[Group, str] = {
     "layouts": "layout",
     "textures": "texture source",
     "models": "family of models",
@@ -28,7 +28,7 @@ NOUNS: Final[Mapping[str, str]] = {
 }
 """The noun for a plug-in of each group, for messages."""
 
-BUILT_IN: Final[Mapping[Group, tuple[str, ...]]] = {
+BUILT_IN: Mapping[Group, tuple[str, ...]] = {
     "layouts": ("crestereo", "eth3d", "kitti", "middlebury", "middlebury-2014", "sceneflow", "webdataset"),
     "textures": ("images", "builtin", "photographs", "procedural"),
     "models": (),  # a config has their weights beside those of plug-ins, not among them

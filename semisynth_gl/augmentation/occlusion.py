@@ -38,19 +38,15 @@ def occluded(frame: Frame, rectangles: Sequence[Crop]) -> Frame:
     left = frame.left
     if "visibility" in left:
         left = left.with_channels({"visibility": left.visibility.copy()})
-        covered, reach = np.flatnonzero(hidden.any(axis=1)), frame.descent_px("left") + 1
-        top, bottom = max(0, int(covered[0]) - reach), int(covered[-1]) + 1 + reach
-        _hide(left.visibility[top:bottom], frame.correspondences("left", slice(top, bottom)), hidden, top)
+        _hide(left.visibility, frame.correspondences("left"), hidden)
     return Frame(frame.camera, left, frame.right.with_channels(arrays))
 
 
-def _hide(
-    mask: NDArray[np.uint8], way: NDArray[np.floating[Any]], hidden: NDArray[np.bool_], first_row: int = 0
-) -> None:
+def _hide(mask: NDArray[np.uint8], way: NDArray[np.floating[Any]], hidden: NDArray[np.bool_]) -> None:
     """Set to `OCCLUDED` where a mask says visible, but the way (H, W, 2) leads into what is hidden, (H, W) bool."""
     y, x = np.nonzero((mask == VISIBLE) & np.isfinite(way[..., 0]))
     column = np.rint(x + way[y, x, 0]).astype(np.intp)
-    row = np.rint(y + way[y, x, 1]).astype(np.intp) + first_row
+    row = np.rint(y + way[y, x, 1]).astype(np.intp)
     height, width = hidden.shape
     within = (column >= 0) & (column < width) & (row >= 0) & (row < height)
     y, x, row, column = y[within], x[within], row[within], column[within]

@@ -11,7 +11,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.inputs.arguments import LEAST, MOST_PX, to_magnitude, to_real, to_whole
+from semisynth_gl.inputs.arguments import LEAST, MOST, MOST_PX, to_real, to_whole
 from semisynth_gl.inputs.errors import InputError
 
 Eye = Literal["left", "right"]
@@ -30,7 +30,7 @@ class Crop:
         height_px: number of rows.
 
     Raises:
-        InputError: where the rectangle is empty, or begins before pixel 0.
+        InputError: where the rectangle is empty or begins before pixel 0.
     """
 
     x_px: int
@@ -39,10 +39,8 @@ class Crop:
     height_px: int
 
     def __post_init__(self) -> None:
-        for name in ("x_px", "y_px", "width_px", "height_px"):
-            object.__setattr__(self, name, to_whole(name, getattr(self, name)))
-        if min(self.x_px, self.y_px) < 0 or min(self.width_px, self.height_px) < 1:
-            raise InputError(f"a crop begins at 0 or more and holds at least 1 x 1 pixel, got {self}")
+        for name, least in (("x_px", 0), ("y_px", 0), ("width_px", 1), ("height_px", 1)):
+            object.__setattr__(self, name, to_whole(name, getattr(self, name), least))
 
     @property
     def right_px(self) -> int:
@@ -81,20 +79,13 @@ class Deviation:
     focal_ratio: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("roll_rad", "pitch_rad", "focal_ratio"):
-            object.__setattr__(self, name, to_real(name, getattr(self, name)))
-        object.__setattr__(self, "y_px", to_magnitude("y_px", self.y_px, most=MOST_PX))
-        if max(abs(self.roll_rad), abs(self.pitch_rad)) > MOST_TURN_RAD:
-            degrees = np.rad2deg([MOST_TURN_RAD, self.roll_rad, self.pitch_rad])
-            raise InputError(
-                f"a right camera may turn by up to {degrees[0]:g} degrees, got a roll of {degrees[1]:g} and a pitch of "
-                f"{degrees[2]:g}: rectify first"
-            )
-        if not 1 / MOST_FOCAL_RATIO <= self.focal_ratio <= MOST_FOCAL_RATIO:
-            raise InputError(
-                f"focal_ratio must be {1 / MOST_FOCAL_RATIO:g} to {MOST_FOCAL_RATIO:g}, got {self.focal_ratio:g}: "
-                "rectify first"
-            )
+        for name, least, most in (
+            ("roll_rad", -MOST_TURN_RAD, MOST_TURN_RAD),
+            ("pitch_rad", -MOST_TURN_RAD, MOST_TURN_RAD),
+            ("y_px", -MOST_PX, MOST_PX),
+            ("focal_ratio", 1 / MOST_FOCAL_RATIO, MOST_FOCAL_RATIO),
+        ):
+            object.__setattr__(self, name, to_real(name, getattr(self, name), least, most))
 
     @property
     def rotation(self) -> NDArray[np.float64]:
@@ -142,28 +133,23 @@ class StereoCamera:
 
     def __post_init__(self) -> None:
         for name in ("width_px", "height_px"):
-            object.__setattr__(self, name, to_whole(name, getattr(self, name), most=_MOST_PX))
-        object.__setattr__(self, "focal_px", to_magnitude("focal_px", self.focal_px, least=LEAST, most=MOST_PX))
-        object.__setattr__(self, "fy_over_fx", to_real("fy_over_fx", self.fy_over_fx))
-        object.__setattr__(self, "baseline_m", to_magnitude("baseline_m", self.baseline_m, least=LEAST))
-        for name in ("cx_left_px", "cx_right_px", "cy_px"):
-            object.__setattr__(self, name, to_magnitude(name, getattr(self, name), most=MOST_PX))
-        if self.width_px < 1 or self.height_px < 1:
-            raise InputError(f"an image needs at least 1 x 1 pixel, got {self.width_px} x {self.height_px}")
-        for name in ("focal_px", "fy_over_fx"):
-            if getattr(self, name) <= 0:
-                raise InputError(f"{name} must be positive, got {getattr(self, name)}")
-        to_magnitude("focal_y_px", self.focal_y_px, least=LEAST, most=MOST_PX)
-        if self.baseline_m < 0:
-            raise InputError(f"baseline_m must be zero or positive, got {self.baseline_m}")
+            object.__setattr__(self, name, to_whole(name, getattr(self, name), 1, _MOST_PX))
+        for name, least, most in (
+            ("focal_px", LEAST, MOST_PX),
+            ("fy_over_fx", LEAST, MOST),
+            ("baseline_m", LEAST, MOST),
+            *((name, -MOST_PX, MOST_PX) for name in ("cx_left_px", "cx_right_px", "cy_px")),
+        ):
+            value = to_real(name, getattr(self, name), least, most, or_0=name == "baseline_m")
+            object.__setattr__(self, name, value)
+        to_real("focal_y_px", self.focal_y_px, LEAST, MOST_PX)
 
     @classmethod
     def centred(
         cls, width_px: int, height_px: int, focal_px: float, baseline_m: float, doffs_px: float = 0.0
     ) -> "StereoCamera":
         """Build a camera whose principal points lie at the image centre, half of ``doffs_px`` to either side."""
-        width_px = to_whole("width_px", width_px, most=_MOST_PX)
-        height_px = to_whole("height_px", height_px, most=_MOST_PX)
+        width_px, height_px = to_whole("width_px", width_px), to_whole("height_px", height_px)
         doffs_px = to_real("doffs_px", doffs_px)
         cx, cy = (width_px - 1) / 2, (height_px - 1) / 2
         return cls(width_px, height_px, focal_px, baseline_m, cx - doffs_px / 2, cx + doffs_px / 2, cy)
@@ -179,10 +165,9 @@ class StereoCamera:
         return cls(**known | {"deviation": Deviation(**values["deviation"]) if "deviation" in values else RECTIFIED})
 
     def values(self, *, deviation: bool = False) -> dict[str, Any]:
-        """Return the camera in JSON's types: the attributes by name but a fy_over_fx of 1, and "doffs_px".
+        """Return the camera in JSON's types: the attributes by name, without a fy_over_fx of 1, and "doffs_px".
 
-        Args:
-            deviation: whether a rectified pair has the key "deviation", too.
+        A rectified pair has the key "deviation" only with ``deviation``.
         """
         values = asdict(self)
         stated = values.pop("deviation")
@@ -285,14 +270,8 @@ class StereoCamera:
     ) -> NDArray[np.float64]:
         """Return the way from pixel positions in one view to the positions of the same points in the other view.
 
-        Args:
-            eye: the view.
-            x_px: (...) columns.
-            y_px: (...) rows.
-            depth_m: (...) planar depths of the points in that view; inf for points at infinity.
-
-        Returns:
-            (..., 2) float64 px, right and down; not finite where the point is not in front of the other eye.
+        ``depth_m`` (...) has the planar depths of the points in the view ``eye``, inf at infinity. The result is
+        (..., 2) float64 px, right and down; not finite where the point is not in front of the other eye.
         """
         if self.rectified:
             along = self.disparity_px(depth_m) * (-1 if eye == "left" else 1)
@@ -301,27 +280,16 @@ class StereoCamera:
         with np.errstate(divide="ignore", invalid="ignore"):
             place = direction + shift / np.asarray(depth_m, np.float64)[..., None]
             z = np.where(place[..., 2] > 0, place[..., 2], np.nan)
-            return np.stack(
-                [
-                    fx * place[..., 0] / z + (cx - np.asarray(x_px)),
-                    fy * place[..., 1] / z + (cy - np.asarray(y_px)),
-                ],
-                axis=-1,
-            )
+            right = fx * place[..., 0] / z + (cx - np.asarray(x_px))
+            down = fy * place[..., 1] / z + (cy - np.asarray(y_px))
+        return np.stack([right, down], axis=-1)
 
     def depth_at(
         self, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64], disparity_px: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the planar depths, in one view, of points with a disparity x_left - x_right.
+        """Return the planar depths in one view, (...) float64 m, of pixels (...) with disparities x_left - x_right.
 
-        Args:
-            eye: the view.
-            x_px: (...) columns.
-            y_px: (...) rows.
-            disparity_px: (...) disparities x_left - x_right.
-
-        Returns:
-            (...) float64 m; inf, negative values and nan stand for no depth.
+        Inf, negative values and nan stand for no depth.
         """
         if self.rectified:
             return self.depth_m(disparity_px)
@@ -330,10 +298,9 @@ class StereoCamera:
         # The column in the other view, from its principal point: an equation in which only the depth is unknown.
         column = np.asarray(x_px, np.float64) + sign * np.asarray(disparity_px, np.float64) - cx
         with np.errstate(divide="ignore", invalid="ignore"):
-            result: NDArray[np.float64] = (fx * shift[0] - column * shift[2]) / (
-                column * direction[..., 2] - fx * direction[..., 0]
+            return np.asarray(
+                (fx * shift[0] - column * shift[2]) / (column * direction[..., 2] - fx * direction[..., 0])
             )
-        return result
 
     def rays_of_eye(self, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return directions (..., 3) with z = 1 through pixel positions (...), in the eye's own frame."""

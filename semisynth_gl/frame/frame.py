@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import ceil, isfinite
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 from semisynth_gl.frame.camera import EYES, Crop, Eye, StereoCamera
 from semisynth_gl.frame.channels import CHANNELS, OUTSIDE, ROLES, SKY, View
 from semisynth_gl.inputs.arguments import check_one_of
-from semisynth_gl.inputs.errors import InputError
 
 
 def as_rgb(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -24,11 +22,6 @@ def as_rgb(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 def finite_range(values: NDArray[np.float32]) -> tuple[int, float, float]:
     """Return the number of finite values, the smallest and the largest of them; all three are 0 where there is none."""
-    if values.size:
-        # If both are finite, all values are. This is so in most pairs, and needs no copy.
-        low, high = float(values.min()), float(values.max())
-        if isfinite(low) and isfinite(high):
-            return values.size, low, high
     finite = values[np.isfinite(values)]
     return (finite.size, float(finite.min()), float(finite.max())) if finite.size else (0, 0.0, 0.0)
 
@@ -71,60 +64,35 @@ class Frame:
         """Return one eye's view."""
         return self.left if eye == "left" else self.right
 
-    def correspondences(self, eye: Eye, rows: slice = slice(None)) -> NDArray[np.float64]:
+    def correspondences(self, eye: Eye) -> NDArray[np.float64]:
         """Return the way from each pixel of a view to the same point in the other view, by the view's disparity.
 
-        The view must have a disparity. The output ``correspondence`` has the same values, rounded once.
-
-        Args:
-            eye: the view.
-            rows: successive rows; by default all H.
-
-        Returns:
-            (H, W, 2) float64 px, to the right and down; nan where there is no disparity.
+        The result is (H, W, 2) float64 px, to the right and down, and nan where there is no disparity. The output
+        ``correspondence`` has the same values, rounded once.
         """
-        first, last, _ = rows.indices(self.camera.height_px)
-        disparity = self.view(eye).disparity[rows].astype(np.float64)
+        disparity = self.view(eye).disparity.astype(np.float64)
         disparity[~np.isfinite(disparity)] = np.nan
         if self.camera.rectified:
             along = -disparity if eye == "left" else disparity
             return np.stack([along, 0 * along], axis=-1)
-        y_px, x_px = np.mgrid[first:last, : disparity.shape[1]].astype(np.float64)
+        y_px, x_px = np.indices(disparity.shape, np.float64)
         depth_m = self.camera.depth_at(eye, x_px, y_px, disparity)
         return self.camera.correspondence(eye, x_px, y_px, depth_m)
-
-    def descent_px(self, eye: Eye) -> int:
-        """Return by how many rows at most a view's points lie higher or lower in the other view, up to all rows."""
-        camera = self.camera
-        if camera.rectified:
-            return 0
-        _, low, high = finite_range(self.view(eye).disparity)
-        # The way down is largest at a corner, for the nearest or the farthest point.
-        height, width = camera.height_px, camera.width_px
-        y, x, d = np.meshgrid((0.0, height - 1.0), (0.0, width - 1.0), (low, high))
-        down = float(np.abs(camera.correspondence(eye, x, y, camera.depth_at(eye, x, y, d))[..., 1]).max())
-        return min(height, ceil(down)) if isfinite(down) else height
 
     def points(self, eye: Eye = "left") -> NDArray[np.float32]:
         """Return the point that each pixel of a view shows, from its disparity and the calibration.
 
-        Args:
-            eye: the view.
-
-        Returns:
-            (H, W, 3) float32: x right, y down and z forward in the left camera's frame, metres, for either view. All
-            three are nan where the pixel has no disparity or shows a point at infinity, such as the sky, and everywhere
-            with a baseline of 0.
+        The result is (H, W, 3) float32: x right, y down and z forward in the left camera's frame, metres, for either
+        view. All three are nan where the pixel has no disparity or shows a point at infinity, such as the sky, and
+        everywhere with a baseline of 0.
 
         Raises:
-            InputError: where there is no such view, or the view has no disparity.
+            InputError: where there is no such view.
+            AttributeError: where the view has no disparity.
         """
         check_one_of("eye", eye, EYES)
-        disparity = self.view(eye).get("disparity")
-        if disparity is None:
-            raise InputError(f"points of the {eye} view: expected its disparity, got none: it was not made")
-        height, width = disparity.shape
-        y_px, x_px = np.mgrid[:height, :width]
+        disparity = self.view(eye).disparity
+        y_px, x_px = np.indices(disparity.shape)
         depth_m = self.camera.depth_at(eye, x_px, y_px, disparity)
         has_point = np.isfinite(disparity) & np.isfinite(depth_m) & (depth_m > 0)
         if self.camera.rectified:
@@ -150,13 +118,11 @@ class Frame:
         """
         camera = self.camera.cropped(crop)
         part = slice(crop.y_px, crop.bottom_px), slice(crop.x_px, crop.right_px)
-        views = (
-            View(
-                {name: array.copy() if CHANNELS[name].of_sensor else array[part].copy() for name, array in view.items()}
-            )
+        left, right = (
+            View({name: (array if CHANNELS[name].of_sensor else array[part]).copy() for name, array in view.items()})
             for view in (self.left, self.right)
         )
-        return Frame(camera, *views)
+        return Frame(camera, left, right)
 
     def with_own_masks(self) -> "Frame":
         """Return the frame with masks of its own images: 0 also where a point lies outside of a crop."""
@@ -165,31 +131,15 @@ class Frame:
             view, masks = self.view(eye), {}
             for name, channel in CHANNELS.items():
                 if channel.mask is not None and channel.mask in view:
-                    stays = self._stays(eye) if name == "disparity" else _within(view[name])
-                    masks[channel.mask] = np.where(stays, view[channel.mask], np.uint8(OUTSIDE))
+                    way = self.correspondences(eye) if name == "disparity" else view[name]
+                    masks[channel.mask] = np.where(_within(way), view[channel.mask], np.uint8(OUTSIDE))
             views.append(view.with_channels(masks))
         return Frame(self.camera, *views)
 
-    def _stays(self, eye: Eye) -> NDArray[np.bool_]:
-        """Return where a view's points lie within the other image, (H, W) bool."""
-        disparity, columns = self.view(eye).disparity, np.arange(self.camera.width_px, dtype=np.float32)
-        stays = _inside(columns - disparity if eye == "left" else columns + disparity, self.camera.width_px)
-        descent = self.descent_px(eye)
-        if descent:
-            rows = np.arange(self.camera.height_px)[:, None]
-            for part in (slice(0, descent), slice(-descent, None)):
-                stays[part] &= _inside(rows[part] + self.correspondences(eye, part)[..., 1], self.camera.height_px)
-        return stays
 
-
-def _inside(position: NDArray[np.floating[Any]], length_px: int) -> NDArray[np.bool_]:
-    """Return which columns or rows an image has, of any shape."""
-    inside: NDArray[np.bool_] = (position >= -0.5) & (position < length_px - 0.5)
-    return inside
-
-
-def _within(way: NDArray[np.float32]) -> NDArray[np.bool_]:
+def _within(way: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
     """Return where ways (H, W, 2) from the pixels of an image end within it, (H, W) bool."""
     height, width = way.shape[:2]
-    columns, rows = np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)[:, None]
-    return _inside(columns + way[..., 0], width) & _inside(rows + way[..., 1], height)
+    x, y = np.arange(width) + way[..., 0], np.arange(height)[:, None] + way[..., 1]
+    within: NDArray[np.bool_] = (x >= -0.5) & (x < width - 0.5) & (y >= -0.5) & (y < height - 0.5)
+    return within

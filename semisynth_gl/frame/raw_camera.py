@@ -55,11 +55,7 @@ class RawCamera:
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> Self:
-        """Build a camera from what `record` returns.
-
-        Raises:
-            KeyError, TypeError, ValueError: where values are missing, or are no camera's.
-        """
+        """Build a camera from what `record` returns; raises KeyError, TypeError or ValueError where it is no camera."""
         (fx, _, cx), (_, fy, cy), _ = record["K"]
         rotation = tuple(tuple(float(each) for each in row) for row in record["R"])
         distortion = tuple(float(each) for each in record["D"])
@@ -123,44 +119,34 @@ class RawCamera:
     def rectified(self, pinhole: Floats, x_px: Floats, y_px: Floats) -> tuple[Floats, Floats]:
         """Return the positions in a rectified image, px, of positions (...) in the raw image.
 
-        Args:
-            pinhole: (3, 3) camera matrix of the rectified camera.
-            x_px: (...) columns of the raw image.
-            y_px: (...) rows.
-
-        Returns:
-            Columns and rows (...), nan for points that the rectified camera has not before it.
+        ``pinhole`` is the (3, 3) camera matrix of the rectified camera. Points behind it become nan.
         """
         x, y = self.undistorted((x_px - self.cx_px) / self.fx_px, (y_px - self.cy_px) / self.fy_px)
-        ray = np.stack([x, y, np.ones_like(x)], axis=-1) @ (pinhole @ np.array(self.rotation)).T
-        with np.errstate(all="ignore"):
-            ahead = np.where(ray[..., 2] > 0, ray[..., 2], np.nan)
-            return ray[..., 0] / ahead, ray[..., 1] / ahead
+        return _project(pinhole @ np.array(self.rotation), x, y)
 
     def raw(self, pinhole: Floats, x_px: Floats, y_px: Floats) -> tuple[Floats, Floats]:
         """Return the positions in the raw image, px, of positions (...) in a rectified image; see `rectified`."""
-        ray = (
-            np.stack([x_px, y_px, np.ones_like(x_px)], axis=-1) @ (np.array(self.rotation).T @ np.linalg.inv(pinhole)).T
-        )
+        along, down = _project(np.array(self.rotation).T @ np.linalg.inv(pinhole), x_px, y_px)
         with np.errstate(all="ignore"):
-            ahead = np.where(ray[..., 2] > 0, ray[..., 2], np.nan)
-            x, y = self.distorted(ray[..., 0] / ahead, ray[..., 1] / ahead)
+            x, y = self.distorted(along, down)
         return x * self.fx_px + self.cx_px, y * self.fy_px + self.cy_px
 
     def is_pinhole(self, camera: StereoCamera, eye: Eye) -> bool:
         """Return whether raw images are rectified already, to the rounding of printed calibrations."""
-        bends = bool(np.any(self.distortion)) or self.model == "fisheye"
-        same = np.allclose(self.matrix, pinhole_of(camera, eye), rtol=_PRINTED) and np.allclose(
-            np.array(self.rotation), np.eye(3), atol=_PRINTED
+        return (
+            not np.any(self.distortion)
+            and self.model != "fisheye"
+            and (self.width_px, self.height_px) == (camera.width_px, camera.height_px)
+            and np.allclose(self.matrix, pinhole_of(camera, eye), rtol=_PRINTED)
+            and np.allclose(np.array(self.rotation), np.eye(3), atol=_PRINTED)
         )
-        return same and not bends and (self.width_px, self.height_px) == (camera.width_px, camera.height_px)
 
     def scaled(self, scale: float) -> "RawCamera":
         """Return the camera whose images have sides multiplied by ``scale``, rounded to whole pixels."""
-        width_px, height_px = (max(1, int(side * scale + 0.5)) for side in (self.width_px, self.height_px))
-        cx_px, cy_px = ((c + 0.5) * scale - 0.5 for c in (self.cx_px, self.cy_px))
-        fx_px, fy_px = self.fx_px * scale, self.fy_px * scale
-        return RawCamera(width_px, height_px, fx_px, fy_px, cx_px, cy_px, self.model, self.distortion, self.rotation)
+        sides = (max(1, int(side * scale + 0.5)) for side in (self.width_px, self.height_px))
+        centre = ((c + 0.5) * scale - 0.5 for c in (self.cx_px, self.cy_px))
+        focal = self.fx_px * scale, self.fy_px * scale
+        return RawCamera(*sides, *focal, *centre, self.model, self.distortion, self.rotation)
 
     def record(self) -> dict[str, object]:
         """Return K, D, R and the size in JSON's types, by the names of OpenCV's stereoRectify."""
@@ -172,6 +158,14 @@ class RawCamera:
             "D": list(self.distortion),
             "R": [list(row) for row in self.rotation],
         }
+
+
+def _project(matrix: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Return the positions (...) to which a (3, 3) matrix takes points at z = 1; nan where their z is not positive."""
+    ray = np.stack([x, y, np.ones_like(x)], axis=-1) @ matrix.T
+    with np.errstate(all="ignore"):
+        ahead = np.where(ray[..., 2] > 0, ray[..., 2], np.nan)
+        return ray[..., 0] / ahead, ray[..., 1] / ahead
 
 
 def rotation_of(vector_rad: tuple[float, float, float]) -> tuple[tuple[float, ...], ...]:

@@ -42,14 +42,13 @@ def to_whole(name: str, value: object, least: int | None = None, most: int | Non
     if not isinstance(value, Integral) or isinstance(value, bool):
         raise _unfit(name, "a whole number", value)
     number = int(value)
-    if not (-inf if least is None else least) <= number <= (inf if most is None else most):
-        end = f"{most} or less" if least is None else f"from {least} to {most}"
-        raise _unfit(name, f"{least} or more" if most is None else end, number)
+    if (least is not None and number < least) or (most is not None and number > most):
+        raise _unfit(name, f"{least} or more" if most is None else f"from {least} to {most}", number)
     return number
 
 
-def to_real(name: str, value: object, least: float = -inf, most: float = inf) -> float:
-    """Convert a finite real number from ``least`` to ``most``, of any type, to Python's int or float.
+def to_real(name: str, value: object, least: float = -inf, most: float = inf, *, or_0: bool = False) -> float:
+    """Convert a finite real number from ``least`` to ``most``, or 0 with ``or_0``, of any type, to Python's.
 
     A NumPy float32 would lower the precision of everything that is computed with it.
     """
@@ -60,28 +59,15 @@ def to_real(name: str, value: object, least: float = -inf, most: float = inf) ->
     if not finite:
         raise _unfit(name, "a finite number", value)
     number = value if isinstance(value, int) else float(cast("Real", value))
-    if not least <= number <= most:
-        raise _unfit(name, f"from {least:g} to {most:g}", number)
-    return number
-
-
-def to_magnitude(name: str, value: object, *, least: float = 0.0, most: float = MOST) -> float:
-    """Convert a number to int or float; check that it is 0, or from ``least`` to ``most`` in magnitude."""
-    number = to_real(name, value)
-    if abs(number) > most or 0 < abs(number) < least:
-        expected = f"0 or {least:g} to {most:g}" if least else f"at most {most:g}"
-        raise _unfit(name, f"{expected} in magnitude", value, OTHER_UNITS)
+    if not (least <= number <= most or (or_0 and number == 0)):
+        raise _unfit(name, f"{'0 or ' * or_0}from {least:g} to {most:g}", number)
     return number
 
 
 def check_magnitudes(name: str, array: NDArray[Any]) -> None:
     """Check that the numbers of an array are finite, and at most `MOST` in magnitude."""
-    low, high = float(array.min(initial=0)), float(array.max(initial=0))
-    if low >= -MOST and high <= MOST:
-        return
-    if not np.isfinite(array).all():
-        raise InputError("has values that are not finite", argument=name)
-    raise _unfit(name, f"at most {MOST:g} in magnitude", low if -low > high else high, OTHER_UNITS)
+    if not (np.abs(array) <= MOST).all():
+        raise _unfit(name, f"at most {MOST:g} in magnitude", array.flat[np.abs(array).argmax()].item(), OTHER_UNITS)
 
 
 def to_array(name: str, value: object, dtype: DTypeLike) -> NDArray[Any]:
@@ -89,14 +75,15 @@ def to_array(name: str, value: object, dtype: DTypeLike) -> NDArray[Any]:
 
     Strings and objects are refused, and so are numbers that an integer dtype cannot hold exactly.
     """
+    hint = ""
     try:
         array = np.asarray(value)
         result = array.astype(dtype, copy=False)
+        if array.dtype.kind not in "USO" and (result.dtype.kind not in "iu" or np.array_equal(array, result)):
+            return result
     except (TypeError, ValueError, OverflowError) as error:
-        raise _unfit(name, f"an array of {np.dtype(dtype)}", value, described(error)) from None
-    if array.dtype.kind in "USO" or (result.dtype.kind in "iu" and not np.array_equal(array, result)):
-        raise _unfit(name, f"an array of {np.dtype(dtype)}", value)
-    return result
+        hint = described(error)
+    raise _unfit(name, f"an array of {np.dtype(dtype)}", value, hint)
 
 
 def _unfit(name: str, expected: str, value: object, hint: str = "") -> InputError:

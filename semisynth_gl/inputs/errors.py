@@ -1,10 +1,8 @@
 """Errors whose cause lies outside the program, helpers for their messages, and records of skipped files."""
 
 import difflib
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import requires
 from pathlib import Path
 from typing import Self
 
@@ -30,7 +28,7 @@ class InputError(SemisynthError):
 
     @property
     def text(self) -> str:
-        """What was expected, what came and what to do, without the argument."""
+        """The message without the argument."""
         return super().__str__()
 
     def __str__(self) -> str:
@@ -123,10 +121,5 @@ def did_you_mean(names: Iterable[str], otherwise: str = "") -> str:
 
 
 def how_to_install(extra: str) -> str:
-    """Return the commands that install an extra of pyproject.toml: from an index, or beside a wheel or a checkout."""
-    ours = re.compile(rf"(.*?)\s*;.*\bextra\s*==\s*['\"]{extra}['\"]")
-    packages = [f"'{found[1]}'" for text in requires("semisynth-gl") or () if (found := ours.match(text))]
-    return (
-        f"pip install 'semisynth-gl[{extra}]', or, where semisynth-gl came as a wheel or a checkout, "
-        f"pip install {' '.join(packages)}"
-    )
+    """Return the command that installs an extra of pyproject.toml; it adds to any installation, also to a checkout."""
+    return f"pip install 'semisynth-gl[{extra}]'"

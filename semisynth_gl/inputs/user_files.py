@@ -23,8 +23,7 @@ def expanded(path: str | Path) -> Path:
     try:
         return Path(path).expanduser()
     except RuntimeError:
-        name = str(path).partition("/")[0]
-        raise InputError(f"{path}: there is no user {name[1:]!r} whose home {name} would be; write ./{name}") from None
+        raise InputError(f"{path}: there is no such user; write ./{path} for a file of that name") from None
 
 
 def read_file(path: Path, most_bytes: int | None = None) -> bytes:

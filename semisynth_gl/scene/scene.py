@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Eye, StereoCamera
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.inputs.arguments import LEAST, check_magnitudes, to_array, to_magnitude
+from semisynth_gl.inputs.arguments import LEAST, MOST, check_magnitudes, to_array, to_real
 from semisynth_gl.inputs.errors import InputError
 
 # Smallest depth of a point for a deviating right camera, in units of its depth for the left one, in a view that is no
@@ -47,11 +47,7 @@ class Projector:
             raise InputError(f"projector_from_camera must be rigid, (4, 4), got {pose.tolist()}", argument="projector")
         check_magnitudes("projector: projector_from_camera", pose)
         for name in ("focal_px", "power", "ambient"):
-            value = to_magnitude(f"projector: {name}", getattr(self, name), least=LEAST)
-            if value < 0 or (value == 0 and name == "focal_px"):
-                raise InputError(
-                    f"projector: {name} must be {'above 0' if name == 'focal_px' else '0 or more'}, got {value}"
-                )
+            value = to_real(f"projector: {name}", getattr(self, name), LEAST, MOST, or_0=name != "focal_px")
             object.__setattr__(self, name, value)
 
 
@@ -92,9 +88,7 @@ class Scene:
     projector: Projector | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "near_m", to_magnitude("near_m", self.near_m, least=LEAST))
-        if self.near_m <= 0:
-            raise InputError(f"near_m must be positive, got {self.near_m}")
+        object.__setattr__(self, "near_m", to_real("near_m", self.near_m, LEAST, MOST))
         n = len(self.model)
         if not self.sky.any():
             object.__setattr__(self, "sky", np.zeros(n, bool))

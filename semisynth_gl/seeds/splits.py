@@ -42,25 +42,18 @@ class Split:
     def share(self, items: Sequence[Item], what: str, purpose: int, names: Sequence[str] | None = None) -> list[Item]:
         """Return the items that this split takes, in their order; no two splits take the same item.
 
-        Items are shuffled by the dataset's seed and cut into splits by the shares of ``held_out``.
-
-        Args:
-            items: all items of the dataset.
-            what: what the error calls the items, a plural noun.
-            purpose: number of the kind of items; each kind is shuffled independently.
-            names: a unique name for each item. With names, a further item moves only items next to a border between
-                splits. Without names, items are shuffled by their positions.
-
-        Raises:
-            InputError: where there are too few items for each split to take one.
+        Items are shuffled by the dataset's seed and ``purpose``, the number of their kind, and cut into splits by the
+        shares of ``held_out``. With ``names``, a unique name for each item, a further item moves only items next to a
+        border between splits. Raises InputError, which calls the items ``what``, where they are too few for each split
+        to take one.
         """
         counts = {name: max(1, round(share * len(items))) for name, share in self.held_out.items()}
         rest = len(items) - sum(counts.values())
         if rest < 1:
             shares = ", ".join(f"{count} for {name}" for name, count in counts.items())
             raise InputError(
-                f"too few {what} to hold some out, {len(items)} in all: {shares}, which leaves {max(rest, 0)} for "
-                "train; give more, make fewer splits, or lower the shares in the config's section splits"
+                f"too few {what} to hold some out, {len(items)} in all: {shares}, which leaves none for train; give "
+                "more, make fewer splits, or lower the shares in the config's section splits"
             )
         if names is None:
             order = generator(self.dataset_seed, Purpose.SPLIT, len(SPLITS), purpose).permutation(len(items))

@@ -83,7 +83,7 @@ def test_spheres_beside_the_view_are_culled():
 @pytest.mark.parametrize(
     ("values", "word"),
     [
-        ((0, 10, 1.0, 0.1, 0, 0, 0), "at least 1 x 1"),
+        ((0, 10, 1.0, 0.1, 0, 0, 0), "width_px"),
         ((10, 10, 0.0, 0.1, 0, 0, 0), "focal_px"),
         ((10, 10, np.inf, 0.1, 0, 0, 0), "focal_px"),
         ((10, 10, 1.0, -0.1, 0, 0, 0), "baseline_m"),

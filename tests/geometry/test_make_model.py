@@ -28,7 +28,7 @@ def test_a_model_is_scaled_and_gets_uv_in_its_units():
         ((corners, [[0, 1, 5]]), "triangle index 5 is out of range"),
         ((corners, [[0, 1, -1]]), "index -1 is negative"),
         ((corners[:, :2], triangles), r"positions must be \(V, 3\)"),
-        ((corners * np.nan, triangles), "not finite"),
+        ((corners * np.nan, triangles), "got nan"),
         ((corners, triangles, corners[:2, :2]), "5 positions but 2 uv"),
         ((corners, [[0, 0, 1]]), "has no triangle with an area"),
         ((corners, []), "has no triangles"),

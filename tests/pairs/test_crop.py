@@ -77,8 +77,8 @@ def test_a_cropped_camera_sees_a_point_at_the_same_disparity():
     [
         ((600, 0, 41, 1), "must lie within the image of 640 x 480 px"),
         ((0, 480, 1, 1), "must lie within the image of 640 x 480 px"),
-        ((-1, 0, 5, 5), "at least 1 x 1 pixel"),
-        ((0, 0, 5, 0), "at least 1 x 1 pixel"),
+        ((-1, 0, 5, 5), "x_px: must be 0 or more"),
+        ((0, 0, 5, 0), "height_px: must be 1 or more"),
     ],
 )
 def test_crops_beyond_the_image_and_crops_of_nothing_are_refused(numbers, said):
