@@ -75,7 +75,7 @@ class Frame:
         if self.camera.rectified:
             along = -disparity if eye == "left" else disparity
             return np.stack([along, 0 * along], axis=-1)
-        y_px, x_px = np.indices(disparity.shape, np.float64)
+        y_px, x_px = np.mgrid[: disparity.shape[0], : disparity.shape[1]].astype(np.float64)
         depth_m = self.camera.depth_at(eye, x_px, y_px, disparity)
         return self.camera.correspondence(eye, x_px, y_px, depth_m)
 
@@ -92,8 +92,8 @@ class Frame:
         """
         check_one_of("eye", eye, EYES)
         disparity = self.view(eye).disparity
-        y_px, x_px = np.indices(disparity.shape)
-        depth_m = self.camera.depth_at(eye, x_px, y_px, disparity)
+        y_px, x_px = np.mgrid[: disparity.shape[0], : disparity.shape[1]]
+        depth_m = self.camera.depth_at(eye, x_px, y_px, disparity.astype(np.float64))
         has_point = np.isfinite(disparity) & np.isfinite(depth_m) & (depth_m > 0)
         if self.camera.rectified:
             has_point &= disparity != np.float32(-self.camera.doffs_px)

@@ -4,7 +4,7 @@ The formulas are OpenCV's. A position is in px, and pixel centres have whole num
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -143,10 +143,15 @@ class RawCamera:
 
     def scaled(self, scale: float) -> "RawCamera":
         """Return the camera whose images have sides multiplied by ``scale``, rounded to whole pixels."""
-        sides = (max(1, int(side * scale + 0.5)) for side in (self.width_px, self.height_px))
-        centre = ((c + 0.5) * scale - 0.5 for c in (self.cx_px, self.cy_px))
-        focal = self.fx_px * scale, self.fy_px * scale
-        return RawCamera(*sides, *focal, *centre, self.model, self.distortion, self.rotation)
+        return replace(
+            self,
+            width_px=max(1, int(self.width_px * scale + 0.5)),
+            height_px=max(1, int(self.height_px * scale + 0.5)),
+            fx_px=self.fx_px * scale,
+            fy_px=self.fy_px * scale,
+            cx_px=(self.cx_px + 0.5) * scale - 0.5,
+            cy_px=(self.cy_px + 0.5) * scale - 0.5,
+        )
 
     def record(self) -> dict[str, object]:
         """Return K, D, R and the size in JSON's types, by the names of OpenCV's stereoRectify."""
