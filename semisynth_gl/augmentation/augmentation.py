@@ -1,8 +1,9 @@
-"""What a training changes in pairs, sampled anew for each sample and epoch: `Augmentation`, and `PRESETS`."""
+"""Random changes of pairs for training, sampled for each sequence and epoch: `Augmentation`, and `PRESETS`."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from math import ceil, inf, pi, radians, sin
+from typing import Annotated, Any, get_type_hints
 
 import numpy as np
 
@@ -14,42 +15,18 @@ from semisynth_gl.frame.channels import CHANNELS, View
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import to_real
 from semisynth_gl.inputs.errors import InputError, shown
-from semisynth_gl.pairs.imperfections import Imperfections
 from semisynth_gl.seeds.seeds import Purpose, generator
 
 Interval = tuple[float, float]
 Sides = tuple[int, int]
 
 
-_CHANGED = frozenset(name for name, channel in CHANNELS.items() if channel.is_truth or name == View.image.name)
-
-
-# The least and the largest value of each range; all other values are shares.
-_LIMITS = {
-    "scale": (0.1, 10.0),
-    "stretch": (0.5, 2.0),
-    "right_y_px": (-20.0, 20.0),
-    "right_roll_deg": (-5.0, 5.0),
-    "brightness": (0.0, 10.0),
-    "contrast": (0.0, 10.0),
-    "saturation": (0.0, 10.0),
-    "hue_turns": (-0.5, 0.5),
-    "white_balance": (0.1, 10.0),
-    "gamma": (0.1, 10.0),
-    "blur_px": (0.0, 20.0),
-    "noise": (0.0, 100.0),
-    "jpeg_quality": (1.0, 100.0),
-    "rectangles": (1.0, 20.0),
-    "rectangle_px": (1.0, 10000.0),
-}
-
-
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Augmentation:
     """Changes of pairs for training. The default changes nothing.
 
-    Ranges are (low, high), from which values are sampled evenly; shares are of samples. What is sampled depends on the
-    seed, the sequence and the epoch; the noise on the pair, too. All frames of a sequence change alike, so that flow
+    Ranges are (low, high), from which values are sampled evenly; shares are of samples. The seed, the sequence and the
+    epoch decide all values; the noise depends on the pair, too. All frames of a sequence change alike, so that flow
     leads from frame to frame.
 
     The truth stays that of the changed pair at the centre of each pixel, see `semisynth_gl.augmentation.resampling`.
@@ -59,8 +36,8 @@ class Augmentation:
         scale: factors of both sides; sampled evenly in the logarithm.
         stretch: further factors of the width; likewise.
         mirrored: share that is mirrored, whose eyes change places. Needs truth of both views and a rectified rig.
-        right_y_px: by which the right image is moved down, as in a badly rectified rig. Disparities stay those along
-            the row, and the output ``correspondence``, where the pairs have it, has the way down. Needs rectified rigs.
+        right_y_px: by which the right image is moved down, as in a badly rectified rig. Disparities stay along the row,
+            and the output ``correspondence``, where the pairs have it, has the way down. Needs rectified rigs.
         right_roll_deg: by which the right image is turned about its principal point, clockwise; likewise.
         brightness: factors of all levels.
         contrast: factors of the distance from the mean luminance of both images.
@@ -69,45 +46,44 @@ class Augmentation:
         white_balance: factors of red, green and blue, each sampled by itself.
         gamma: exponents of the tone curve.
         asymmetric: share in which each eye's colours (from brightness to gamma) are sampled by themselves.
-        blur_px: standard deviations of a blur, px; of each eye by itself, as are noise and JPEG.
+        blur_px: standard deviations of a blur, px; of each eye by itself, as is noise.
         noise: standard deviations of noise, levels.
-        jpeg_quality: qualities of a JPEG.
-        jpeg: share of images that go through JPEG.
-        occluded: share of pairs with rectangles in the right image that hide the scene, see `occlusion`.
-        rectangles: their least and largest number.
+        occluded: share of pairs with one or two rectangles in the right image that hide the scene, see `occlusion`.
         rectangle_px: their sides.
 
     Raises:
         InputError: where a value cannot be used.
     """
 
-    scale: Interval = (1.0, 1.0)
-    stretch: Interval = (1.0, 1.0)
+    scale: Annotated[Interval, 0.1, 10] = (1, 1)
+    stretch: Annotated[Interval, 0.5, 2] = (1, 1)
     mirrored: float = 0.0
-    right_y_px: Interval = (0.0, 0.0)
-    right_roll_deg: Interval = (0.0, 0.0)
-    brightness: Interval = (1.0, 1.0)
-    contrast: Interval = (1.0, 1.0)
-    saturation: Interval = (1.0, 1.0)
-    hue_turns: Interval = (0.0, 0.0)
-    white_balance: Interval = (1.0, 1.0)
-    gamma: Interval = (1.0, 1.0)
+    right_y_px: Annotated[Interval, -20, 20] = (0, 0)
+    right_roll_deg: Annotated[Interval, -5, 5] = (0, 0)
+    brightness: Annotated[Interval, 0, 10] = (1, 1)
+    contrast: Annotated[Interval, 0, 10] = (1, 1)
+    saturation: Annotated[Interval, 0, 10] = (1, 1)
+    hue_turns: Annotated[Interval, -0.5, 0.5] = (0, 0)
+    white_balance: Annotated[Interval, 0.1, 10] = (1, 1)
+    gamma: Annotated[Interval, 0.1, 10] = (1, 1)
     asymmetric: float = 0.0
-    blur_px: Interval = (0.0, 0.0)
-    noise: Interval = (0.0, 0.0)
-    jpeg_quality: Interval = (60.0, 95.0)
-    jpeg: float = 0.0
+    blur_px: Annotated[Interval, 0, 20] = (0, 0)
+    noise: Annotated[Interval, 0, 100] = (0, 0)
     occluded: float = 0.0
-    rectangles: Interval = (1, 2)
-    rectangle_px: Interval = (50, 100)
+    rectangle_px: Annotated[Interval, 1, 10000] = (50, 100)
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if each.name in _LIMITS:
-                object.__setattr__(self, each.name, _checked(each.name, value))
-            elif not 0 <= to_real(each.name, value) <= 1:
-                raise InputError(f"{each.name}: expected a share from 0 to 1, got {shown(value)}")
+        for name, hint in get_type_hints(Augmentation, include_extras=True).items():
+            value = getattr(self, name)
+            if hint is float:
+                to_real(name, value, 0, 1)
+                continue
+            if not isinstance(value, (tuple, list)) or len(value) != 2:
+                raise InputError(f"expected (low, high), got {shown(value)}", argument=name)
+            low, high = (to_real(name, end, *hint.__metadata__) for end in value)
+            if low > high:
+                raise InputError(f"expected (low, high) in rising order, got {shown(value)}", argument=name)
+            object.__setattr__(self, name, (low, high))
 
     def check(self, crop: Sides | None, sides: Sides) -> None:
         """Check that crops of a size can be made of images of a size, both (height, width); otherwise raise InputError.
@@ -124,9 +100,9 @@ class Augmentation:
         least = max(side / most for side, most in zip(crop, room, strict=True)) if min(room) >= 1 else inf
         if least > self.scale[1]:
             raise InputError(
-                f"scale: expected at least {least:.3g} as its upper end, got {self.scale[1]:g}: crops of "
-                f"{crop[1]} x {crop[0]} px, with {self._margin(sides)} px around them, must fit into {sides[1]} x "
-                f"{sides[0]} px"
+                f"expected at least {least:.3g} as its upper end, got {self.scale[1]:g}: crops of {crop[1]} x "
+                f"{crop[0]} px must fit into {sides[1]} x {sides[0]} px",
+                argument="scale",
             )
 
     def sample(self, crop: Sides | None, sides: Sides, seed: int, sequence: int, epoch: int = 0) -> "Changes":
@@ -144,36 +120,29 @@ class Augmentation:
         rng = generator(seed, Purpose.AUGMENTATION, sequence, epoch)
         scale, stretch = (float(np.exp(rng.uniform(*np.log(each)))) for each in (self.scale, self.stretch))
         is_mirrored, is_asymmetric, is_occluded = rng.random(3) < (self.mirrored, self.asymmetric, self.occluded)
-        moved = rng.uniform(*self.right_y_px), np.deg2rad(rng.uniform(*self.right_roll_deg))
         size = sides if crop is None else crop
-        margin = self._margin(sides)
-        wide, high = scale * stretch, scale
+        high, wide = scale, scale * stretch
         if self._moves:
             height, width = self._room(sides)
             high, wide = max(high, size[0] / height), max(wide, size[1] / width)
-        warp = Warp(wide, high, float(moved[0]), float(moved[1]))
-        colours: dict[Eye, Colours] = {}
-        shared = self._colours(rng)
-        for eye in EYES:
-            tone = self._colours(rng) if is_asymmetric else shared
-            quality = round(rng.uniform(*self.jpeg_quality)) if rng.random() < self.jpeg else None
-            blur_px, noise = rng.uniform(*self.blur_px), rng.uniform(*self.noise)
-            camera = Imperfections(blur_px=blur_px, noise=noise, gamma=tone.camera.gamma, jpeg_quality=quality)
-            colours[eye] = replace(tone, camera=camera)
+        right_y_px, right_roll_deg = rng.uniform(*self.right_y_px), rng.uniform(*self.right_roll_deg)
+        warp = Warp(wide, high, right_y_px, radians(right_roll_deg), self._margin(sides))
+        tone = self._tone(rng)
+        tones = tone, self._tone(rng) if is_asymmetric else tone
+        colours = {
+            eye: Colours(**of_eye, blur_px=rng.uniform(*self.blur_px), noise=rng.uniform(*self.noise))
+            for eye, of_eye in zip(EYES, tones, strict=True)
+        }
         rectangles = self._rectangles(rng, size) if is_occluded else ()
-        return Changes(warp, bool(is_mirrored), colours, rectangles, crop, margin)
-
-    def noise_rng(self, seed: int, index: int, epoch: int = 0) -> np.random.Generator:
-        """Return the generator of a pair's noise."""
-        return generator(seed, Purpose.AUGMENTATION, index, epoch, "noise")
-
-    @property
-    def _moves(self) -> bool:
-        return self.scale != (1, 1) or self.stretch != (1, 1) or self._moves_right
+        return Changes(warp, bool(is_mirrored), colours, rectangles, crop)
 
     @property
     def _moves_right(self) -> bool:
         return self.right_y_px != (0, 0) or self.right_roll_deg != (0, 0)
+
+    @property
+    def _moves(self) -> bool:
+        return self.scale != (1, 1) or self.stretch != (1, 1) or self._moves_right
 
     def _room(self, sides: Sides) -> Sides:
         """Return height and width of the largest crop that can be made of images at scale 1; below 1 px for none."""
@@ -181,30 +150,25 @@ class Augmentation:
         return sides[0] - taken, sides[1] - taken
 
     def _margin(self, sides: Sides) -> int:
-        """Return by how many px at most the right image moves at scale 1, and what its filters need around them."""
+        """Return the margin of a moved right image, px: the largest movement at scale 1, and the filters' radius."""
         if not self._moves_right:
             return 0
         turned = sin(radians(max(map(abs, self.right_roll_deg)))) * sum(sides)
-        shifted = max(map(abs, self.right_y_px)) / self.scale[0]
-        return ceil(turned + shifted) + 5
+        return ceil(turned + max(map(abs, self.right_y_px)) / self.scale[0]) + 5
 
-    def _colours(self, rng: np.random.Generator) -> Colours:
+    def _tone(self, rng: np.random.Generator) -> dict[str, Any]:
         names = ("brightness", "contrast", "saturation", "hue_turns", "gamma")
-        brightness, contrast, saturation, hue_turns, gamma = (
-            float(rng.uniform(*getattr(self, name))) for name in names
-        )
-        red, green, blue = rng.uniform(*self.white_balance, 3).tolist()
-        return Colours(brightness, contrast, saturation, hue_turns, (red, green, blue), Imperfections(gamma=gamma))
+        tone = {name: float(rng.uniform(*getattr(self, name))) for name in names}
+        return tone | {"white_balance": tuple(rng.uniform(*self.white_balance, 3).tolist())}
 
     def _rectangles(self, rng: np.random.Generator, size: Sides) -> tuple[Crop, ...]:
         """Sample rectangles whose first corner lies in the image, as RAFT-Stereo does."""
-        count = int(rng.integers(int(self.rectangles[0]), int(self.rectangles[1]) + 1))
-        sampled = []
-        for _ in range(count):
+        rectangles = []
+        for _ in range(rng.integers(1, 3)):
             y, x = (int(rng.integers(side)) for side in size)
-            sides = rng.integers(int(self.rectangle_px[0]), int(self.rectangle_px[1]) + 1, 2)
-            sampled.append(Crop(x, y, min(int(sides[0]), size[1] - x), min(int(sides[1]), size[0] - y)))
-        return tuple(sampled)
+            width, height = rng.integers(int(self.rectangle_px[0]), int(self.rectangle_px[1]) + 1, 2).tolist()
+            rectangles.append(Crop(x, y, min(width, size[1] - x), min(height, size[0] - y)))
+        return tuple(rectangles)
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,7 +181,6 @@ class Changes:
         colours: of each eye.
         rectangles: in the changed right image.
         size: height and width of the result; None for that of the image.
-        margin: around what the result is made of, px.
     """
 
     warp: Warp
@@ -225,12 +188,11 @@ class Changes:
     colours: Mapping[Eye, Colours]
     rectangles: tuple[Crop, ...]
     size: Sides | None
-    margin: int
 
     @property
     def source(self) -> Sides | None:
         """Height and width of the part of the image that the result is made of, px; None for all of it."""
-        return None if self.size is None else self.warp.source(self.size, self.margin)
+        return None if self.size is None else self.warp.source(self.size)
 
     def applied(self, frame: Frame, rng: np.random.Generator) -> Frame:
         """Return the changed pair.
@@ -242,11 +204,12 @@ class Changes:
         Raises:
             InputError: where the pair lacks what a change needs; the message names the change.
         """
-        frame = _without_raw(frame)
+        kept = [name for name, channel in CHANNELS.items() if channel.is_truth or name == "image"]
+        frame = Frame(frame.camera, *(View({n: v[n] for n in kept if n in v}) for v in (frame.left, frame.right)))
         if self.mirrored:
             frame = mirrored(frame)
         if self.size is not None:
-            frame = self.warp.applied(frame, self.size, self.margin).with_own_masks()
+            frame = self.warp.applied(frame, self.size).with_own_masks()
         frame = occluded(frame, self.rectangles)
         images = {eye: frame.view(eye).image for eye in EYES}
         # One mean for both eyes, so that changes that are alike leave them alike.
@@ -256,22 +219,6 @@ class Changes:
             frame.view(eye).with_channels({"image": self.colours[eye].applied(images[eye], mean, rng)}) for eye in EYES
         )
         return Frame(frame.camera, left, right)
-
-
-def _without_raw(frame: Frame) -> Frame:
-    left, right = (View({name: array for name, array in frame.view(eye).items() if name in _CHANGED}) for eye in EYES)
-    return Frame(frame.camera, left, right)
-
-
-def _checked(name: str, value: object) -> Interval:
-    """Return (low, high) as a tuple of numbers; raise InputError for other values and beyond the limits."""
-    least, most = _LIMITS[name]
-    if not isinstance(value, (tuple, list)) or len(value) != 2:
-        raise InputError(f"{name}: expected (low, high), got {shown(value)}")
-    low, high = (to_real(name, each) for each in value)
-    if not least <= low <= high <= most:
-        raise InputError(f"{name}: expected (low, high) in rising order from {least:g} to {most:g}, got {shown(value)}")
-    return low, high
 
 
 PRESETS: Mapping[str, Augmentation] = {
@@ -288,8 +235,6 @@ PRESETS: Mapping[str, Augmentation] = {
         hue_turns=(-0.5 / pi, 0.5 / pi),
         asymmetric=0.2,
         occluded=0.5,
-        rectangles=(1, 2),
-        rectangle_px=(50, 100),
     ),
     # Ours, as benchmarks/training/compare_sets.py chose it: each camera has another exposure, white balance, tone
     # curve and noise. It does not scale: rendered pairs show many scales already, and scaling them taught no more.

@@ -1,7 +1,7 @@
 """Changes of an image's colours: brightness, contrast, saturation and hue at once, then what a camera adds."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,8 @@ def mean_luminance(images: Sequence[NDArray[np.uint8]]) -> float:
 class Colours:
     """Changes of one image. The default leaves it as it is.
 
-    Until the camera's part, a pixel's new colour follows from its colour alone, rounded once. Where two images differ
-    by a level, strong saturation and turns of the hue may make that 5 levels.
+    Brightness to white balance change a pixel's colour at once, rounded once; the rest is a camera's, see
+    `Imperfections`. Where two images differ by a level, strong saturation and turns of the hue may make that 5 levels.
 
     Attributes:
         brightness: factor of all levels.
@@ -33,7 +33,9 @@ class Colours:
         saturation: factor of the distance from grey; 0 for a grey image.
         hue_turns: turn of the hue, as a share of the colour circle.
         white_balance: factors of red, green and blue, after all that.
-        camera: blur, noise, tone curve and JPEG.
+        gamma: exponent of the tone curve.
+        blur_px: standard deviation of a blur, px.
+        noise: standard deviation of the noise, levels.
     """
 
     brightness: float = 1.0
@@ -41,7 +43,9 @@ class Colours:
     saturation: float = 1.0
     hue_turns: float = 0.0
     white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    camera: Imperfections = field(default_factory=Imperfections)
+    gamma: float = 1.0
+    blur_px: float = 0.0
+    noise: float = 0.0
 
     def applied(self, image: NDArray[np.uint8], mean: float, rng: np.random.Generator) -> NDArray[np.uint8]:
         """Return a changed image.
@@ -51,20 +55,17 @@ class Colours:
             mean: the luminance from which contrast counts, see `mean_luminance`.
             rng: source of the noise.
         """
-        if replace(self, camera=Imperfections()) != Colours():
-            image = self._mixed(image, mean * self.brightness)
-        return apply_imperfections(image, self.camera, rng)
-
-    def _mixed(self, image: NDArray[np.uint8], mean: float) -> NDArray[np.uint8]:
-        """Apply what is linear in red, green and blue, and round once."""
+        if self == Colours():
+            return image
+        camera = Imperfections(blur_px=self.blur_px, noise=self.noise, gamma=self.gamma)
+        factor, offset = self.brightness * self.contrast, (1 - self.contrast) * mean * self.brightness
         if image.ndim == 2:
-            levels = np.arange(256) * self.brightness * self.contrast + (1 - self.contrast) * mean
-            return through_levels(image, np.rint(levels).clip(0, 255).astype(np.uint8))
+            levels = np.rint(np.arange(256) * factor + offset).clip(0, 255).astype(np.uint8)
+            return apply_imperfections(through_levels(image, levels), camera, rng)
         cos, sin = np.cos(2 * np.pi * self.hue_turns), np.sin(2 * np.pi * self.hue_turns)
-        turn = np.array([[1, 0, 0], [0, cos, -sin], [0, sin, cos]])
-        chroma = np.diag([1.0, self.saturation, self.saturation])
-        matrix = np.linalg.solve(_YIQ, turn @ chroma @ _YIQ) * self.brightness * self.contrast
-        table = np.column_stack([matrix, np.full(3, (1 - self.contrast) * mean)])
+        mixing = np.eye(3)
+        mixing[1:, 1:] = self.saturation * np.array([[cos, -sin], [sin, cos]])
+        table = np.column_stack([np.linalg.solve(_YIQ, mixing @ _YIQ) * factor, np.full(3, offset)])
         table *= np.array(self.white_balance)[:, None]
-        mixed: NDArray[np.uint8] = np.asarray(Image.fromarray(image).convert("RGB", tuple(table.ravel().tolist())))
-        return mixed
+        mixed = np.asarray(Image.fromarray(image).convert("RGB", tuple(table.ravel().tolist())))
+        return apply_imperfections(mixed, camera, rng)

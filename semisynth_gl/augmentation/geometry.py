@@ -3,7 +3,7 @@
 The changed pair is one that a camera could have taken: its calibration and all its arrays change by one rule each.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import ceil
 from typing import Any
@@ -12,18 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from semisynth_gl.augmentation.resampling import Points, sheared
-from semisynth_gl.frame.camera import EYES, OTHER_EYE, RECTIFIED, Eye, StereoCamera
+from semisynth_gl.augmentation.resampling import Points, Positions, sheared
+from semisynth_gl.frame.camera import EYES, OTHER_EYE, Crop, Deviation, Eye, StereoCamera
 from semisynth_gl.frame.channels import View
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 
-_SURFACE_PX = 0.1
-"""By how much three disparities (or ways) in a row on one surface may be off a line."""
-_SURFACE_SHARE = 2e-3
-"""The same for inverse depths, as a share of each."""
-_NEAREST = ("visibility", "instances", "sky", "valid", "normals", "flow_visibility", "flow_backward_visibility")
-_WAYS = ("correspondence", "flow", "flow_backward")
+_FLOWS = ("flow", "flow_backward")
+# By how much three disparities (or ways) in a row on one surface may be off a line; of inverse depths, a share.
+_SURFACE_PX, _SURFACE_SHARE = 0.1, np.float32(2e-3)
+# What is counted in px: along rows, and along rows and columns.
+_ACROSS, _WAYS = {"disparity", "disparity_change"}, {"correspondence", *_FLOWS}
 
 
 def mirrored(frame: Frame) -> Frame:
@@ -32,24 +31,20 @@ def mirrored(frame: Frame) -> Frame:
     Raises:
         InputError: where only the left view has truth, or the right camera deviates from the rectified one.
     """
-    if set(frame.left) != set(frame.right):
-        raise InputError("mirrored: expected truth of both views, got the left one's: set truth: both, or leave it out")
-    if not frame.camera.rectified:
-        raise InputError("mirrored: expected a rectified rig, got a right camera that deviates: leave it out")
     camera, last = frame.camera, frame.camera.width_px - 1
-    left, right = (_flipped(frame.view(OTHER_EYE[eye])) for eye in EYES)
-    return Frame(
-        replace(camera, cx_left_px=last - camera.cx_right_px, cx_right_px=last - camera.cx_left_px), left, right
-    )
-
-
-def _flipped(view: View) -> View:
-    """Flip the columns of a view's arrays, and the directions that they hold."""
-    arrays = {name: np.flip(array, 1).copy() for name, array in view.items()}
-    for name in arrays.keys() & {*_WAYS, "normals"}:
-        across = arrays[name][..., 0]
-        np.negative(across, out=across, where=np.isfinite(across))
-    return View(arrays)
+    if set(frame.left) != set(frame.right):
+        raise InputError("expected truth of both views: set truth: both, or leave it out", argument="mirrored")
+    if not camera.rectified:
+        raise InputError("expected a rectified rig, got a right camera that deviates", argument="mirrored")
+    views = []
+    for eye in EYES:
+        arrays = {name: np.flip(array, 1).copy() for name, array in frame.view(OTHER_EYE[eye]).items()}
+        for name in arrays.keys() & {*_WAYS, "normals"}:
+            across = arrays[name][..., 0]
+            np.negative(across, out=across, where=np.isfinite(across))
+        views.append(View(arrays))
+    seen = replace(camera, cx_left_px=last - camera.cx_right_px, cx_right_px=last - camera.cx_left_px)
+    return Frame(seen, *views)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,76 +56,81 @@ class Warp:
         scale_y: factor of the height.
         right_y_px: by which the right image is moved down, px of the changed pair.
         right_roll_rad: by which the right image is turned about its principal point, clockwise.
+        margin: px around the part, which a moved right image needs.
     """
 
     scale_x: float = 1.0
     scale_y: float = 1.0
     right_y_px: float = 0.0
     right_roll_rad: float = 0.0
+    margin: int = 0
 
-    @property
-    def rectified(self) -> bool:
-        """Whether the right image stays where it is."""
-        return self.right_y_px == self.right_roll_rad == 0
+    def source(self, size: tuple[int, int]) -> tuple[int, int]:
+        """Return height and width of what a crop of so many px is made of, with the margin on all sides."""
+        height, width = size
+        return ceil(height / self.scale_y) + 2 * self.margin, ceil(width / self.scale_x) + 2 * self.margin
 
-    def source(self, sides: tuple[int, int], margin: int) -> tuple[int, int]:
-        """Return height and width of what a crop of so many px is made of, with a margin on all sides."""
-        height, width = sides
-        return ceil(height / self.scale_y) + 2 * margin, ceil(width / self.scale_x) + 2 * margin
-
-    def applied(self, frame: Frame, sides: tuple[int, int], margin: int) -> Frame:
+    def applied(self, frame: Frame, size: tuple[int, int]) -> Frame:
         """Return the changed pair.
 
         Args:
             frame: as large as `source` says.
-            sides: height and width of the result, px.
-            margin: of the pair, px.
+            size: height and width of the result, px.
 
         Raises:
-            InputError: where the right image is moved and the pair is not rectified, or has a channel that this
-                module cannot move.
+            InputError: where the right image is moved, and the pair is not rectified or has disparity changes.
         """
-        camera = frame.camera
-        if not self.rectified and not camera.rectified:
-            raise InputError("right_y_px, right_roll_deg: expected a rectified rig, got a right camera that deviates")
-        if not self.rectified and "disparity_change" in frame.left:
-            raise InputError("right_y_px, right_roll_deg: a moved right image has no disparity_change: leave one out")
-        (height, width), (scale_x, scale_y) = sides, (self.scale_x, self.scale_y)
-        turn = _Turn(self, camera)
-        x = margin + (np.arange(width)[None] + 0.5) / scale_x - 0.5
-        y = margin + (np.arange(height)[:, None] + 0.5) / scale_y - 0.5
-        box = (float(margin), float(margin), margin + width / scale_x, margin + height / scale_y)
-        views: dict[Eye, View] = {}
+        moves = (self.right_y_px, self.right_roll_rad) != (0, 0)
+        if moves and not (frame.camera.rectified and "disparity_change" not in frame.left):
+            raise InputError("right_y_px, right_roll_deg: expected a rectified rig without the output disparity_change")
+        (height, width), scale, margin = size, np.array([self.scale_x, self.scale_y]), self.margin
+        x = margin + (np.arange(width)[None] + 0.5) / self.scale_x - 0.5
+        y = margin + (np.arange(height)[:, None] + 0.5) / self.scale_y - 0.5
+        movement = _Movement(self, frame.camera)
+        views = []
         for eye in EYES:
-            view = frame.view(eye)
-            image, at = view.image, (x, y)
-            if eye == "right" and not self.rectified:
-                image, at = turn.image(image), turn.undone(x, y)
-            arrays: dict[str, NDArray[Any]] = {"image": _resized(image, sides, box)}
-            if len(view) > 1:
-                arrays |= _truth(view, Points(*at, image.shape[:2]))
-                if not self.rectified:
-                    arrays |= turn.truth(eye, arrays, x, y, at)
-                _scaled(arrays, scale_x, scale_y)
-            views[eye] = View(arrays)
-        deviation = replace(camera.deviation, y_px=camera.deviation.y_px * scale_y)
-        if not self.rectified:
-            deviation = replace(RECTIFIED, roll_rad=self.right_roll_rad, y_px=self.right_y_px)
+            view, at = frame.view(eye), (x, y)
+            image = view.image
+            if moves and eye == "right":
+                image, at = movement.image(image), movement.source(x, y)
+            arrays = _truth(view, Points(*at, image.shape[:2]))
+            if moves and arrays:
+                arrays |= movement.truth(eye, arrays, x, y)
+            for names, factor in ((_ACROSS, scale[0]), (_WAYS, scale)):
+                for name in arrays.keys() & names:
+                    arrays[name] *= factor
+            views.append(View({"image": self._resized(image, size)} | arrays))
+        inner = Crop(margin, margin, frame.camera.width_px - 2 * margin, frame.camera.height_px - 2 * margin)
+        camera = frame.camera.cropped(inner).scaled(self.scale_x, self.scale_y, size)
+        if moves:
+            camera = replace(camera, deviation=Deviation(self.right_roll_rad, 0.0, self.right_y_px))
+        return Frame(camera, *views)
 
-        def moved(position: float, scale: float) -> float:
-            return (position - margin + 0.5) * scale - 0.5
-
-        changed = replace(
-            camera, width_px=width, height_px=height, focal_px=camera.focal_px * scale_x,
-            cx_left_px=moved(camera.cx_left_px, scale_x), cx_right_px=moved(camera.cx_right_px, scale_x),
-            cy_px=moved(camera.cy_px, scale_y), deviation=deviation,
-            fy_over_fx=camera.fy_over_fx * scale_y / scale_x,
-        )  # fmt: skip
-        return Frame(changed, views["left"], views["right"])
+    def _resized(self, image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+        (height, width), start = size, self.margin
+        if self.scale_x == self.scale_y == 1:
+            return image[start : start + height, start : start + width].copy()
+        box = start, start, start + width / self.scale_x, start + height / self.scale_y
+        return np.array(Image.fromarray(image).resize((width, height), Image.Resampling.BILINEAR, box))
 
 
-class _Turn:
-    """The movement of the right image, in px of the unscaled pair."""
+def _truth(view: View, points: Points) -> dict[str, NDArray[Any]]:
+    """Return all arrays of a view but its image at other points."""
+    arrays: dict[str, NDArray[Any]] = {}
+    for name in view.keys() - {"image"}:
+        if view[name].dtype != np.float32 or name == "normals":
+            arrays[name] = points.nearest(view[name])
+        elif name == "depth":
+            with np.errstate(divide="ignore"):
+                inverse = np.reciprocal(view.depth)
+                arrays[name] = np.reciprocal(points.on_surface(inverse, _SURFACE_SHARE * inverse))
+        else:
+            arrays[name] = points.on_surface(view[name], _SURFACE_PX)
+    return arrays
+
+
+class _Movement:
+    """The turn and shift of the right image, in px of the unscaled pair."""
 
     def __init__(self, warp: Warp, camera: StereoCamera) -> None:
         self._cos, self._sin = np.cos(warp.right_roll_rad), np.sin(warp.right_roll_rad)
@@ -139,98 +139,54 @@ class _Turn:
         self._lean = self._sin / camera.fy_over_fx
         self._cx, self._cy, self._down = camera.cx_right_px, camera.cy_px, warp.right_y_px / warp.scale_y
 
-    def done(self, x: NDArray[Any], y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return where points of the right image go."""
-        across, along = x - self._cx, y - self._cy
-        return (
-            self._cx + self._cos * across - self._lean * along,
-            self._cy + self._down + self._fall * across + self._cos * along,
-        )
-
-    def undone(self, x: NDArray[Any], y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return where points of the moved image come from."""
+    def source(self, x: Positions, y: Positions) -> tuple[Positions, Positions]:
+        """Return the points of the right image that come to stand at points."""
         across, along = x - self._cx, y - self._cy - self._down
         return self._cx + self._cos * across + self._lean * along, self._cy - self._fall * across + self._cos * along
 
     def image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return the moved image."""
+        """Return the moved right image: three shears make a turn."""
         height, width = image.shape[:2]
         across, along = np.arange(width) - self._cx, np.arange(height) - self._cy
         lean = self._lean / (1 + self._cos)
-        # Three shears make a turn.
-        values = image.reshape(height, width, -1).astype(np.float32)
-        values = sheared(values, lean * along, axis=1)
-        values = sheared(values, -self._fall * across - self._down, axis=0)
-        values = sheared(values, lean * (along - self._down), axis=1)
+        values = sheared(image.reshape(height, width, -1).astype(np.float32), lean * along)
+        values = sheared(values.swapaxes(0, 1), -self._fall * across - self._down).swapaxes(0, 1)
+        values = sheared(values, lean * (along - self._down))
         return np.rint(values).clip(0, 255).astype(np.uint8).reshape(image.shape)
 
     def truth(
-        self, eye: Eye, arrays: Mapping[str, NDArray[Any]], x: NDArray[Any], y: NDArray[Any], at: tuple[Any, Any]
+        self, eye: Eye, arrays: Mapping[str, NDArray[Any]], x: Positions, y: Positions
     ) -> dict[str, NDArray[Any]]:
         """Return the truth of a view that the movement changes.
 
         Args:
             eye: the view.
-            arrays: its truth at ``at``, not moved.
-            x: columns of its pixels.
-            y: rows of its pixels.
-            at: columns and rows where the view shows the same, before the movement.
+            arrays: its truth before the movement, at the points that the pixels show.
+            x: columns of the pixels.
+            y: rows of the pixels.
         """
-        known = np.isfinite(arrays["disparity"])
-        disparity = np.where(known, arrays["disparity"].astype(np.float64), np.nan)
+        disparity = np.where(np.isfinite(arrays["disparity"]), arrays["disparity"], np.nan).astype(np.float64)
         if eye == "left":
-            other_x, other_y = self.done(x - disparity, np.broadcast_to(y, disparity.shape))
-            sign = -1
+            across, along = x - disparity - self._cx, y - self._cy
+            way_x = self._cx + self._cos * across - self._lean * along - x
+            way_y = self._cy + self._down + self._fall * across + self._cos * along - y
         else:
-            other_x, other_y = at[0] + disparity, np.broadcast_to(at[1], disparity.shape)
-            sign = 1
-        found = sign * (other_x - x)
-        if not (disparity[known] < 0).any():
-            known &= found > 0
-        changed: dict[str, NDArray[Any]] = {"disparity": np.where(known, found, np.inf).astype(np.float32)}
-        if "correspondence" in arrays:
-            way = np.stack([other_x - x, other_y - y], axis=-1)
-            changed["correspondence"] = np.where(known[..., None], way, np.inf).astype(np.float32)
+            source_x, source_y = self.source(x, y)
+            way_x, way_y = source_x + disparity - x, source_y + 0 * disparity - y
+        moved, way = -way_x if eye == "left" else way_x, np.stack([way_x, way_y], axis=-1)
+        if not (disparity < 0).any():  # only signed disparities may be 0 or less
+            moved[~(moved > 0)] = np.nan
+        way[np.isnan(moved)] = np.nan
+        changed = {"disparity": moved, "correspondence": way}
         if eye == "right":
-            in_px = np.array([[self._cos, -self._lean], [self._fall, self._cos]], np.float32)
-            in_metres = np.array([[self._cos, -self._sin], [self._sin, self._cos]], np.float32)
-            for name in ("normals", "flow", "flow_backward"):
+            in_px = np.array([[self._cos, -self._lean], [self._fall, self._cos]])
+            in_metres = np.array([[self._cos, -self._sin], [self._sin, self._cos]])
+            for name, turn in (("normals", in_metres), *((name, in_px) for name in _FLOWS)):
                 if name in arrays:
-                    vectors, turn = arrays[name].copy(), in_metres if name == "normals" else in_px
-                    finite = np.isfinite(vectors).all(-1)
-                    vectors[finite, :2] = vectors[finite, :2] @ turn.T
-                    changed[name] = vectors
-        return changed
-
-
-def _resized(
-    image: NDArray[np.uint8], sides: tuple[int, int], box: tuple[float, float, float, float]
-) -> NDArray[np.uint8]:
-    whole = (box[0], box[1], box[0] + sides[1], box[1] + sides[0])
-    if box == whole and box[1].is_integer():
-        return image[int(box[1]) : int(box[3]), int(box[0]) : int(box[2])].copy()
-    return np.array(Image.fromarray(image).resize(sides[::-1], Image.Resampling.BILINEAR, box))
-
-
-def _truth(view: View, points: Points) -> dict[str, NDArray[Any]]:
-    """Return all arrays of a view but its image at other points."""
-    rules: dict[str, Callable[[NDArray[Any]], NDArray[Any]]] = dict.fromkeys(_NEAREST, points.nearest)
-    rules |= dict.fromkeys(("disparity", "disparity_change", *_WAYS), lambda each: points.on_surface(each, _SURFACE_PX))
-    rules["depth"] = lambda each: _by_inverse(each, points)
-    return {name: rules[name](array) for name, array in view.items() if name != "image"}
-
-
-def _by_inverse(depth: NDArray[np.float32], points: Points) -> NDArray[np.float32]:
-    with np.errstate(divide="ignore"):
-        inverse = np.reciprocal(depth)
-        return np.reciprocal(points.on_surface(inverse, np.float32(_SURFACE_SHARE) * inverse))
-
-
-def _scaled(arrays: dict[str, NDArray[Any]], scale_x: float, scale_y: float) -> None:
-    """Scale what is counted in px, in place."""
-    for name in ("disparity", "disparity_change"):
-        if name in arrays:
-            arrays[name] *= np.float32(scale_x)
-    for name in _WAYS:
-        if name in arrays:
-            arrays[name] *= np.array([scale_x, scale_y], np.float32)
+                    changed[name] = np.where(np.isfinite(arrays[name]), arrays[name], np.nan)
+                    changed[name][..., :2] = changed[name][..., :2] @ turn.T
+        return {
+            name: np.where(np.isnan(array), np.inf, array).astype(np.float32)
+            for name, array in changed.items()
+            if name in arrays
+        }

@@ -1,7 +1,6 @@
 """Rectangles in front of the right camera, which hide the scene there and say so in the masks."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,26 +28,25 @@ def occluded(frame: Frame, rectangles: Sequence[Crop]) -> Frame:
     for each in rectangles:
         hidden[each.y_px : each.bottom_px, each.x_px : each.right_px] = True
     arrays = {name: array.copy() for name, array in frame.right.items()}
-    arrays["image"][hidden] = np.rint(ImageStat.Stat(Image.fromarray(frame.right.image)).mean).astype(np.uint8)
-    for name in arrays.keys() - {"image"}:
-        arrays[name][hidden] = CHANNELS[name].nothing
+    for name, array in arrays.items():
+        array[hidden] = CHANNELS[name].nothing
+    arrays["image"][hidden] = np.rint(ImageStat.Stat(Image.fromarray(frame.right.image)).mean)
     for name, channel in CHANNELS.items():
         if channel.output in FLOW_OUTPUTS and channel.mask in arrays:
-            _hide(arrays[channel.mask], arrays[name], hidden)
+            arrays[channel.mask] = _masked(arrays[channel.mask], arrays[name], hidden)
     left = frame.left
     if "visibility" in left:
-        left = left.with_channels({"visibility": left.visibility.copy()})
-        _hide(left.visibility, frame.correspondences("left"), hidden)
+        left = left.with_channels({"visibility": _masked(left.visibility, frame.correspondences("left"), hidden)})
     return Frame(frame.camera, left, frame.right.with_channels(arrays))
 
 
-def _hide(mask: NDArray[np.uint8], way: NDArray[np.floating[Any]], hidden: NDArray[np.bool_]) -> None:
-    """Set to `OCCLUDED` where a mask says visible, but the way (H, W, 2) leads into what is hidden, (H, W) bool."""
-    y, x = np.nonzero((mask == VISIBLE) & np.isfinite(way[..., 0]))
-    column = np.rint(x + way[y, x, 0]).astype(np.intp)
-    row = np.rint(y + way[y, x, 1]).astype(np.intp)
-    height, width = hidden.shape
-    within = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    y, x, row, column = y[within], x[within], row[within], column[within]
-    covered = hidden[row, column]
-    mask[y[covered], x[covered]] = OCCLUDED
+def _masked(mask: NDArray[np.uint8], way: NDArray[np.floating], hidden: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return a mask, `OCCLUDED` where it says visible, but the way (H, W, 2) leads into what is hidden, (H, W) bool."""
+    y, x = np.nonzero((mask == VISIBLE) & np.isfinite(way).all(axis=2))
+    column, row = np.rint(np.stack([x, y]) + way[y, x].T).astype(np.intp)
+    # Beyond the image, nothing is hidden: so is a border around it.
+    padded = np.pad(hidden, 1)
+    covered = padded[(row + 1).clip(0, padded.shape[0] - 1), (column + 1).clip(0, padded.shape[1] - 1)]
+    masked = mask.copy()
+    masked[y[covered], x[covered]] = OCCLUDED
+    return masked

@@ -16,52 +16,41 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float32]
 Positions = NDArray[np.floating[Any]]
 
-
+# Pixels beside a point that its value is made of.
 _TAPS = np.arange(-3, 5)
 
 
-def sheared(image: Floats, shifts_px: NDArray[np.float64], axis: int) -> Floats:
-    """Return an image whose columns or rows are moved along themselves; beyond the border, the last pixel is repeated.
+def sheared(lines: Floats, shifts_px: Positions) -> Floats:
+    """Return an image whose lines are moved along themselves; beyond the border, the last pixel is repeated.
 
     Each value lies on the polynomial through the eight nearest pixels, so that smooth structures come to stand where
     they belong. Shorter kernels move structures of a few pixels by up to 0.1 px, as their phase is not linear.
 
     Args:
-        image: (H, W, C).
-        shifts_px: by which pixels come from further on: (W,) of the columns for axis 0, (H,) of the rows for axis 1.
-        axis: 0 or 1.
+        lines: (N, L, C).
+        shifts_px: (N,); a line's pixels come from so much further on.
     """
     if not shifts_px.any():
-        return image
-    length, step = image.shape[axis], image.shape[2]
+        return lines
     whole = np.floor(shifts_px).astype(np.intp)
-    weights = _weights(shifts_px - whole)
-    before, after = max(0, -int(whole.min() + _TAPS[0])), max(0, int(whole.max() + _TAPS[-1]))
-    around = [(0, 0), (0, 0), (0, 0)]
-    around[axis] = before, after
-    source, moved = (each.reshape(len(each), -1) for each in (np.pad(image, around, "edge"), np.zeros_like(image)))
-    if axis == 0:
-        whole, weights = np.repeat(whole, step), np.repeat(weights, step, axis=1)
-        source, lines, step = source.T, moved.T, 1
-    else:
-        lines = moved
-    # Successive lines with one whole part have the same pixels beside each other.
-    for part in np.split(np.arange(len(whole)), np.flatnonzero(np.diff(whole)) + 1):
-        first, last = int(part[0]), int(part[-1]) + 1
-        for tap, weight in zip(_TAPS, weights[:, first:last, None], strict=True):
-            start = (before + int(whole[first] + tap)) * step
-            lines[first:last] += source[first:last, start : start + length * step] * weight
-    return moved.reshape(image.shape)
-
-
-def _weights(parts: NDArray[np.float64]) -> Floats:
-    """Return Lagrange's weights (8, N) of the pixels around points, which lie (N,) px after one of them."""
+    beyond = shifts_px - whole
     others = [_TAPS[tap != _TAPS] for tap in _TAPS]
-    weights = [
-        np.prod([(parts - other) / (tap - other) for other in beside], axis=0)
-        for tap, beside in zip(_TAPS, others, strict=True)
-    ]
-    return np.array(weights, np.float32)
+    # Lagrange's weights of the pixels around each point.
+    weights = np.array(
+        [
+            np.prod([(beyond - other) / (tap - other) for other in beside], axis=0)
+            for tap, beside in zip(_TAPS, others, strict=True)
+        ],
+        np.float32,
+    )
+    length, reach = lines.shape[1], int(np.abs(whole).max()) + len(_TAPS)
+    around, moved = np.pad(lines, ((0, 0), (reach, reach), (0, 0)), "edge"), np.zeros(lines.shape, np.float32)
+    for alike in np.split(np.arange(len(whole)), np.flatnonzero(np.diff(whole)) + 1):
+        part = slice(alike[0], alike[-1] + 1)
+        for tap, weight in zip(_TAPS, weights[:, part, None, None], strict=True):
+            start = reach + whole[alike[0]] + tap
+            moved[part] += around[part, start : start + length] * weight
+    return moved
 
 
 class Points:

@@ -196,6 +196,28 @@ class StereoCamera:
             cy_px=self.cy_px - crop.y_px,
         )
 
+    def scaled(self, x: float, y: float, size: tuple[int, int]) -> "StereoCamera":
+        """Return the camera of both images at ``x`` times their width and ``y`` times their height.
+
+        Args:
+            x: factor of the width.
+            y: factor of the height.
+            size: height and width of the result, px; the first pixels' outer corners stay where they are.
+        """
+        if x == y == 1:
+            return self
+        return replace(
+            self,
+            width_px=size[1],
+            height_px=size[0],
+            focal_px=self.focal_px * x,
+            cx_left_px=(self.cx_left_px + 0.5) * x - 0.5,
+            cx_right_px=(self.cx_right_px + 0.5) * x - 0.5,
+            cy_px=(self.cy_px + 0.5) * y - 0.5,
+            deviation=replace(self.deviation, y_px=self.deviation.y_px * y),
+            fy_over_fx=self.fy_over_fx * (y / x),
+        )
+
     @property
     def rectified(self) -> bool:
         """Whether the right camera does not deviate: then a point has the same row in both images."""

@@ -84,7 +84,7 @@ class SampleMaker:
         if self._augmentation is None or changes is None:
             sample = to_sample(index, frame if size is None else _with_own_masks(frame))
         else:
-            noise = self._augmentation.noise_rng(seed, index, epoch)
+            noise = generator(seed, Purpose.AUGMENTATION, index, epoch, "noise")
             sample = to_sample(index, changes.applied(frame, noise))
         return sample if self._transform is None else self._transform(sample)
 

@@ -14,12 +14,11 @@ from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.channels import View
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.pairs.imperfections import Imperfections
 
 SIDES, CROP = (240, 320), (120, 160)
 STRONG = replace(
     PRESETS["raft-stereo"], mirrored=0.5, right_roll_deg=(-0.3, 0.3), gamma=(0.8, 1.25), blur_px=(0, 1),
-    noise=(0, 4), jpeg=0.5, rectangle_px=(5, 10),
+    noise=(0, 4), rectangle_px=(5, 10),
 )  # fmt: skip
 
 
@@ -32,9 +31,6 @@ def test_equal_arguments_give_equal_changes_and_others_give_others():
     assert first == STRONG.sample(CROP, SIDES, 7, 3, 1)
     others = [STRONG.sample(CROP, SIDES, *key) for key in ((8, 3, 1), (7, 4, 1), (7, 3, 2))]
     assert all(first.warp != other.warp for other in others)
-    noise = [STRONG.noise_rng(*key).random() for key in ((7, 3, 1), (7, 3, 1), (7, 4, 1), (7, 3, 2), (8, 3, 1))]
-    assert noise[0] == noise[1]
-    assert len(set(noise)) == 4
 
 
 def test_draws_fill_their_ranges():
@@ -50,19 +46,12 @@ def test_draws_fill_their_ranges():
     assert abs(np.mean([bool(each.rectangles) for each in drawn]) - 0.5) < 0.1
     assert {len(each.rectangles) for each in drawn} == {0, 1, 2}
     tones = [
-        [(each.colours[eye].brightness, each.colours[eye].hue_turns, each.colours[eye].camera.gamma) for eye in EYES]
+        [(each.colours[eye].brightness, each.colours[eye].hue_turns, each.colours[eye].gamma) for eye in EYES]
         for each in drawn
     ]
     assert abs(np.mean([left != right for left, right in tones]) - 0.2) < 0.07
-    assert all(each.colours["left"].camera.noise != each.colours["right"].camera.noise for each in drawn)
-    qualities = [each.colours[eye].camera.jpeg_quality for each in drawn for eye in EYES]
-    assert abs(np.mean([quality is None for quality in qualities]) - 0.5) < 0.1
-    assert {60, 95} <= {quality for quality in qualities if quality is not None} <= set(range(60, 96))
-
-
-def test_each_eye_of_the_own_preset_has_another_white_balance():
-    drawn = many(PRESETS["semisynth"], 100)
-    balances = np.array([[each.colours[eye].white_balance for eye in EYES] for each in drawn])
+    assert all(each.colours["left"].noise != each.colours["right"].noise for each in drawn)
+    balances = np.array([[each.colours[eye].white_balance for eye in EYES] for each in many(PRESETS["semisynth"], 100)])
     assert 0.95 <= balances.min() < 0.955
     assert 1.045 < balances.max() <= 1.05
     assert len(np.unique(balances)) == balances.size
@@ -100,7 +89,7 @@ def test_the_default_changes_nothing():
 def test_masks_are_those_of_the_changed_pair_and_truth_does_not_depend_on_colours():
     pair = make_frame(3)
     plain = replace(STRONG, right_y_px=(0, 0), right_roll_deg=(0, 0), occluded=0)
-    grey = replace(plain, brightness=(1, 1), saturation=(0, 0), noise=(0, 0), blur_px=(0, 0), jpeg=0)
+    grey = replace(plain, brightness=(1, 1), saturation=(0, 0), noise=(0, 0), blur_px=(0, 0))
     for sequence in range(5):
         changed, other = (
             each.sample((20, 30), (32, 48), 0, sequence).applied(
@@ -168,7 +157,7 @@ def test_grey_images_have_brightness_and_contrast():
     np.testing.assert_allclose(coloured(grey, brightness=0.8), grey * 0.8, atol=0.51)
     np.testing.assert_allclose(coloured(grey, contrast=1.3), grey * 1.3 - 0.3 * grey.mean(), atol=0.51)
     np.testing.assert_array_equal(coloured(grey, saturation=0.0, hue_turns=0.3), grey)
-    noisy = coloured(grey, camera=Imperfections(noise=3.0))
+    noisy = coloured(grey, noise=3.0)
     assert 2.5 < (noisy - grey).std() < 3.5
 
 
@@ -178,12 +167,11 @@ def test_grey_images_have_brightness_and_contrast():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"scale": (1.2, 0.9)}, "scale: expected .low, high. in rising order from 0.1 to 10"),
+        ({"scale": (1.2, 0.9)}, r"scale: expected \(low, high\) in rising order"),
         ({"scale": 1.2}, r"scale: expected \(low, high\), got 1.2"),
-        ({"scale": (0, 1)}, "scale: expected"),
+        ({"scale": (0, 1)}, "scale: must be from 0.1 to 10, got 0"),
         ({"noise": (0, float("nan"))}, "noise: must be a finite number"),
-        ({"mirrored": 1.5}, "mirrored: expected a share from 0 to 1, got 1.5"),
-        ({"mirrored": True}, "mirrored: must be a finite number"),
+        ({"mirrored": 1.5}, "mirrored: must be from 0 to 1, got 1.5"),
         ({"hue_turns": "red"}, "hue_turns: expected"),
     ],
 )
