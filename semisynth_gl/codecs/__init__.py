@@ -13,22 +13,14 @@ from semisynth_gl.codecs.png16 import KITTI_DISPARITY, SIGNED_DISPARITY, FlowPng
 
 __all__ = ["DISPARITY_CODECS", "FLOW_CODECS", "IMAGE_CODECS", "Codec", "Encodings", "read_bytes"]
 
-
-def _by_name(*codecs: Codec[Any]) -> dict[str, Codec[Any]]:
-    return {codec.name: codec for codec in codecs}
-
-
-IMAGE_CODECS = _by_name(RGB8)
+IMAGE_CODECS: Mapping[str, Codec[Any]] = {"png": RGB8}
 """Codecs of (H, W, 3) uint8 RGB for the config's ``files.image``."""
 
-DISPARITY_CODECS = _by_name(PFM, KITTI_DISPARITY)
+DISPARITY_CODECS: Mapping[str, Codec[Any]] = {"pfm": PFM, "png16": KITTI_DISPARITY}
 """Codecs of (H, W) float32 px for ``files.disparity``; all store inf as "no disparity"."""
 
-FLOW_CODECS = _by_name(Flo(), FlowPfm(), FlowPng16())
+FLOW_CODECS: Mapping[str, Codec[Any]] = {"flo": Flo(), "pfm": FlowPfm(), "png16": FlowPng16()}
 """Codecs of (H, W, 2) float32 px for ``files.flow``; all store inf as "no flow"."""
-
-# Codec of grey images for each codec of RGB images.
-_GREY_CODECS: Mapping[Codec[Any], Codec[Any]] = {RGB8: GREY8, Jpeg(): Jpeg(grey=True)}
 
 _FIXED: Mapping[str, Codec[Any]] = {
     "grey8": GREY8,
@@ -46,8 +38,8 @@ class Encodings:
     ``signed`` says whether disparities are signed, so that 0 and below are valid.
     """
 
-    image: Codec[Any] = IMAGE_CODECS["png"]
-    disparity: Codec[Any] = DISPARITY_CODECS["pfm"]
+    image: Codec[Any] = RGB8
+    disparity: Codec[Any] = PFM
     flow: Codec[Any] = FLOW_CODECS["flo"]
     signed: bool = False
 
@@ -56,17 +48,16 @@ class Encodings:
         cls, image: str = "png", disparity: str = "pfm", flow: str = "flo", *, signed: bool = False
     ) -> "Encodings":
         """Return the codecs with these names in a config; raises KeyError for an unknown name."""
-        # Signed disparities have a codec of their own in place of one that cannot store 0 and below.
-        disparity_codecs = DISPARITY_CODECS | (_by_name(SIGNED_DISPARITY) if signed else {})
-        return cls(IMAGE_CODECS[image], disparity_codecs[disparity], FLOW_CODECS[flow], signed)
+        chosen = SIGNED_DISPARITY if signed and disparity == "png16" else DISPARITY_CODECS[disparity]
+        return cls(IMAGE_CODECS[image], chosen, FLOW_CODECS[flow], signed)
 
     def in_grey(self, *, three: bool) -> "Encodings":
         """Return the same formats for images of monochrome cameras, which are (H, W) uint8.
 
-        If ``three``, or where their format has no grey, image files get three equal channels.
+        If ``three``, image files get three equal channels.
         """
-        grey = None if three else _GREY_CODECS.get(self.image)
-        return replace(self, image=grey or ThreeEqual(self.image))
+        grey: Codec[Any] = Jpeg(grey=True) if isinstance(self.image, Jpeg) else GREY8
+        return replace(self, image=ThreeEqual(self.image) if three else grey)
 
     def codec(self, name: str) -> Codec[Any]:
         """Return the codec with the name that a channel or a role has for it.
@@ -75,5 +66,8 @@ class Encodings:
         ``vector`` (PFM of three channels) and ``shift`` (Middlebury's .flo) are the same in all datasets. Raises
         KeyError for other names.
         """
-        chosen: Mapping[str, Codec[Any]] = {"image": self.image, "disparity": self.disparity, "flow": self.flow}
-        return chosen[name] if name in chosen else _FIXED[name]
+        return (
+            _FIXED[name]
+            if name in _FIXED
+            else {"image": self.image, "disparity": self.disparity, "flow": self.flow}[name]
+        )

@@ -1,6 +1,7 @@
 """The cameras as text: Middlebury's calib.txt and KITTI's calib_cam_to_cam.txt."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from semisynth_gl.inputs.errors import InputError, ReadError
 # HSM takes lines by their position, such as ndisp from line 7, so the order matters.
 _KEYS = ("cam0", "cam1", "doffs", "baseline", "width", "height", "ndisp", "isint", "vmin", "vmax", "dyavg", "dymax")
 # Spaces around values are stripped afterwards, since a pattern for them would backtrack at each space.
-_LINE = re.compile(r"^[ \t]*(\w+)[ \t]*=(.*)$", re.MULTILINE)
+_LINE = re.compile(r"^[ \t]*(\w+)[ \t]*[=:](.*)$", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,33 +47,16 @@ class MiddleburyCalib(Codec[Calibration]):
         return "".join(f"{key}={text}\n" for key, text in zip(_KEYS, values, strict=True)).encode()
 
     def decode(self, data: bytes, path: Path) -> Calibration:
-        """Decode a calibration; raises ReadError also where lines are missing or in another order."""
-        text = _text(data, path)
-        lines = [line.partition("=") for line in text.splitlines()]
-        keys = tuple(key for key, _, _ in lines)
-        if keys != _KEYS:
-            raise ReadError(path, f"expected the lines {', '.join(_KEYS)} in this order, got {', '.join(keys)}")
-        if not text.endswith("\n"):
-            raise ReadError(path, f"the last line has no end, as if cut off: {text[-20:]!r}")
-        values = {key: value for key, _, value in lines}
+        """Decode a calibration; see `Codec.decode`."""
+        values = calib_values(data.decode("utf-8", "replace"))
         try:
-            left, right = calib_matrix(values["cam0"]), calib_matrix(values["cam1"])
-            number = {key: float(values[key]) for key in ("doffs", "baseline", "vmin", "vmax")}
-            count = {key: int(values[key]) for key in ("width", "height", "ndisp")}
-        except ValueError as error:
-            raise ReadError(path, str(error)) from None
-        fx, fy, cy = left[0], left[4], left[5]
-        for name, matrix in (("cam0", left), ("cam1", right)):
-            if matrix != [fx, 0.0, matrix[2], 0.0, fy, cy, 0.0, 0.0, 1.0]:
-                raise ReadError(
-                    path, f"{name} is not [fx 0 cx; 0 fy cy; 0 0 1] with fx, fy and cy of cam0: {values[name]}"
-                )
-        try:
-            sides, points = (count["width"], count["height"]), (left[2], right[2], cy)
-            camera = StereoCamera(*sides, fx, number["baseline"] / 1000, *points, fy_over_fx=fy / fx)
-        except (InputError, ZeroDivisionError) as error:
-            raise ReadError(path, str(error)) from None
-        return Calibration(camera, number["doffs"], count["ndisp"], number["vmin"], number["vmax"])
+            number = {key: float(values[key]) for key in _KEYS[2:]}
+            left, right = (_numbers(re.sub(r"[\[\];,]", " ", values[key])) for key in ("cam0", "cam1"))
+            sides = int(values["width"]), int(values["height"])
+            camera = _camera(sides, left, right, number["baseline"] / 1000)
+            return Calibration(camera, number["doffs"], int(values["ndisp"]), number["vmin"], number["vmax"])
+        except (KeyError, IndexError, ValueError, ZeroDivisionError, InputError) as error:
+            raise ReadError(path, f"expected the lines {', '.join(_KEYS)}: {error!r}") from None
 
 
 class KittiCalib(Codec[StereoCamera]):
@@ -98,24 +82,13 @@ class KittiCalib(Codec[StereoCamera]):
 
     def decode(self, data: bytes, path: Path) -> StereoCamera:
         """Decode a rectified pair of cameras; see `Codec.decode`."""
-        text = _text(data, path)
+        values = calib_values(data.decode("utf-8", "replace"))
         try:
-            lines = {name: rest.split() for name, _, rest in (line.partition(":") for line in text.splitlines())}
-            size = [int(value) for value in lines["S_rect_02"]]
-            left, right = ([float(value) for value in lines[f"P_rect_{number}"]] for number in ("02", "03"))
-            (fx, _, cx_left, _, _, fy, cy), (cx_right, shift) = left[:7], right[2:4]
-            if not text.endswith("\n") or size != [int(value) for value in lines["S_rect_03"]]:
-                raise ReadError(path, "the last line has no end, or the two cameras are not of one size")
-            for number, came, expected in (
-                ("02", left, [fx, 0, cx_left, 0, 0, fy, cy, 0, 0, 0, 1, 0]),
-                ("03", right, [fx, 0, cx_right, shift, 0, fy, cy, 0, 0, 0, 1, 0]),
-            ):
-                if came != expected:
-                    raise ReadError(
-                        path, f"P_rect_{number} is {came}, expected {expected}: fx, fy and cy of P_rect_02, no skew"
-                    )
-            width, height = size
-            return StereoCamera(width, height, fx, -shift / fx, cx_left, cx_right, cy, fy_over_fx=fy / fx)
+            left, right = (_numbers(values[f"P_rect_{number}"]) for number in ("02", "03"))
+            baseline_m = -right.pop(3) / right[0]
+            del left[3], left[6], left[9], right[6], right[9]
+            width, height = values["S_rect_02"].split()
+            return _camera((int(width), int(height)), left, right, baseline_m)
         except (KeyError, IndexError, ValueError, ZeroDivisionError, InputError) as error:
             raise ReadError(path, f"expected S_rect and P_rect of the cameras 02 and 03: {error!r}") from None
 
@@ -124,23 +97,18 @@ MIDDLEBURY_CALIB, KITTI_CALIB = MiddleburyCalib(), KittiCalib()
 
 
 def calib_values(text: str) -> dict[str, str]:
-    """Return the values of ``name=value`` lines by name; they may stand in any order, with other lines and spaces."""
+    """Return the values of ``name=value`` or ``name: value`` lines by name, in any order, among other lines."""
     return {key: value.strip(" \t\r") for key, value in _LINE.findall(text)}
 
 
-def calib_matrix(text: str) -> list[float]:
-    """Return the nine numbers of ``[a b c; d e f; g h i]``, row by row.
-
-    Commas may stand between the numbers, and semicolons may be missing. Raises ValueError for any other text.
-    """
-    rows = [row.replace(",", " ").split() for row in text.strip().removeprefix("[").removesuffix("]").split(";")]
-    if [len(row) for row in rows] not in ([3, 3, 3], [9]):
-        raise ValueError(f"expected a matrix [fx 0 cx; 0 fy cy; 0 0 1], got {text!r}")
-    return [float(value) for row in rows for value in row]
+def _numbers(text: str) -> list[float]:
+    return [float(number) for number in text.split()]
 
 
-def _text(data: bytes, path: Path) -> str:
-    try:
-        return data.decode("ascii")
-    except UnicodeDecodeError:
-        raise ReadError(path, "is not text") from None
+def _camera(sides: tuple[int, int], left: Sequence[float], right: Sequence[float], baseline_m: float) -> StereoCamera:
+    """Return a rectified pair of cameras from the rows of their matrices; raises ValueError for any other matrices."""
+    fx, fy, cy = left[0], left[4], left[5]
+    for matrix in (left, right):
+        if matrix != [fx, 0, matrix[2], 0, fy, cy, 0, 0, 1]:
+            raise ValueError(f"expected [fx 0 cx; 0 fy cy; 0 0 1] with fx, fy and cy of the left eye, got {matrix}")
+    return StereoCamera(*sides, fx, baseline_m, left[2], right[2], cy, fy_over_fx=fy / fx)

@@ -1,12 +1,16 @@
 """The base of all codecs: one file format, in both directions, with its limits."""
 
+import io
+import struct
+import zlib
 from abc import ABC, abstractmethod
 from math import inf
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.inputs.user_files import read_file
@@ -75,19 +79,45 @@ def read_bytes(path: Path, most_bytes: int | None = None) -> bytes:
         raise ReadError(path, f"cannot be read: {error.strerror}") from None
 
 
+def decode_image(
+    data: bytes, path: Path, kind: str, end: bytes, raw_mode: str | None = None
+) -> tuple[str, NDArray[Any]]:
+    """Decode an image with Pillow; return Pillow's mode, and the pixels, (H, W) or (H, W, C).
+
+    Args:
+        data: the file's bytes.
+        path: for messages.
+        kind: Pillow's name of the format.
+        end: the bytes at the end of each file of the format, without which Pillow may fill up with black.
+        raw_mode: how the decoder reads the stored bytes; by default as Pillow chooses.
+
+    Raises:
+        ReadError: where the bytes are cut off or have another format.
+    """
+    try:
+        with Image.open(io.BytesIO(data), formats=[kind]) as image:
+            if raw_mode is not None:
+                image.tile = [tile._replace(args=raw_mode) for tile in image.tile]
+            mode, pixels = image.mode, np.asarray(image)
+    except (ArithmeticError, OSError, SyntaxError, ValueError, struct.error, zlib.error) as error:
+        raise ReadError(path, f"cannot be decoded: {error}") from None
+    except Image.DecompressionBombError:
+        raise ReadError(path, "claims too many pixels") from None
+    if not data.endswith(end):
+        raise ReadError(path, f"does not end as a {kind} does: cut off, or something follows")
+    return mode, pixels
+
+
 def check_size(data: bytes, header_bytes: int, pixel_bytes: int, width: int, height: int, path: Path) -> None:
     """Raise ReadError where width or height is below 1, or too few or too many bytes for them follow the header."""
     if width < 1 or height < 1:
         raise ReadError(path, f"expected a width and height of 1 or more, got {width} x {height}")
     expected, present = pixel_bytes * width * height, len(data) - header_bytes
-    if present < expected:
-        raise ReadError(path, f"ends after {present} of {expected} bytes of {width} x {height} pixels")
-    if present > expected:
-        raise ReadError(path, f"has {present - expected} bytes after its {width} x {height} pixels")
+    if present != expected:
+        raise ReadError(path, f"expected {expected} bytes of {width} x {height} pixels, got {present}")
 
 
 def check_numbers(values: NDArray[np.float32], path: Path) -> None:
     """Raise ReadError where (H, W, C) values have a NaN; inf is allowed, and stands for "no value"."""
-    wrong = int(np.isnan(values).any(axis=2).sum())
-    if wrong:
-        raise ReadError(path, f"expected a number at each pixel, or inf for none, got NaN at {wrong} pixels")
+    if np.isnan(values).any():
+        raise ReadError(path, "expected a number at each pixel, or inf for none, got NaN")

@@ -2,14 +2,13 @@
 
 import io
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
 
-from semisynth_gl.codecs.codec import Codec, read_bytes
-from semisynth_gl.codecs.pfm import ANY_PFM
-from semisynth_gl.codecs.png import GREY16, HEAD_BYTES
+from semisynth_gl.codecs.codec import read_bytes
+from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, SIGNED_DISPARITY, DisparityPng16
 from semisynth_gl.inputs.errors import ReadError
 
@@ -28,32 +27,30 @@ def read_disparity_map(
     Raises:
         ReadError: where the file cannot be read, has another format, or does not have one value per pixel.
     """
-    return _float32(_stored(path, SIGNED_DISPARITY if signed else DisparityPng16(png_steps)))
+    data = read_bytes(path)
+    if data.startswith(b"\x93NUMPY"):
+        return _read_npy(data, path)
+    png = SIGNED_DISPARITY if signed else DisparityPng16(png_steps)
+    return (png if data.startswith(b"\x89PNG") else PFM).decode(data, path)
 
 
 def is_disparity_map(path: Path) -> bool:
-    """Return whether a file with an ending of `MAP_EXTENSIONS` may be a disparity map.
+    """Return whether a file with an ending of `MAP_EXTENSIONS` may be a disparity map; a PNG has to be 16-bit grey.
 
-    Only a PNG is opened, and has to be 16-bit grey. Raises ReadError where it cannot be read.
+    Raises ReadError where a PNG cannot be read.
     """
     if path.suffix.lower() != ".png":
         return True
     try:
-        with path.open("rb") as file:
-            return GREY16.is_kind_of(file.read(HEAD_BYTES))
-    except OSError as error:
-        raise ReadError(path, f"cannot be read: {error.strerror}") from None
+        with Image.open(path, formats=["PNG"]) as image:
+            return image.mode.startswith("I")
+    except UnidentifiedImageError:
+        return False
+    except (OSError, Image.DecompressionBombError) as error:
+        raise ReadError(path, f"cannot be read: {error}") from None
 
 
-def _stored(path: Path, png: Codec[NDArray[Any]]) -> NDArray[Any]:
-    """Return a map's values as they are in the file, (H, W); ``png`` decodes a PNG."""
-    data = read_bytes(path)
-    if data.startswith(b"\x93NUMPY"):
-        return _read_npy(data, path)
-    return (png if data.startswith(b"\x89PNG") else ANY_PFM).decode(data, path)
-
-
-def _read_npy(data: bytes, path: Path) -> NDArray[Any]:
+def _read_npy(data: bytes, path: Path) -> NDArray[np.float32]:
     try:
         values = np.load(io.BytesIO(data), allow_pickle=False)
     except (ValueError, OSError, EOFError, MemoryError) as error:
@@ -66,10 +63,5 @@ def _read_npy(data: bytes, path: Path) -> NDArray[Any]:
         values = values[0] if values.shape[0] == 1 else values[..., 0]
     if values.ndim != 2 or values.size == 0:
         raise ReadError(path, f"expected one value per pixel, (H, W), got an array of shape {shape}")
-    array: NDArray[Any] = values
-    return array
-
-
-def _float32(values: NDArray[Any]) -> NDArray[np.float32]:
     with np.errstate(over="ignore"):
         return np.asarray(values, np.float32)

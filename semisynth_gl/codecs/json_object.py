@@ -2,12 +2,11 @@
 
 import json
 from collections.abc import Mapping
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from semisynth_gl.codecs.codec import Codec
-from semisynth_gl.inputs.errors import ReadError, cut
+from semisynth_gl.inputs.errors import ReadError
 
 
 class JsonObject(Codec[Mapping[str, Any]]):
@@ -21,27 +20,18 @@ class JsonObject(Codec[Mapping[str, Any]]):
         return (json.dumps(value, indent=1) + "\n").encode()
 
     def decode(self, data: bytes, path: Path) -> dict[str, Any]:
-        """Decode a mapping; raises ReadError also where a number does not fit into a float64."""
+        """Decode a mapping; raises ReadError also where it has NaN or infinity."""
         try:
-            values = json.loads(data, parse_float=_real, parse_int=_whole, parse_constant=_real)
-        except ValueError as error:
+            values = json.loads(data, parse_constant=_refuse)
+        except (ValueError, RecursionError) as error:
             raise ReadError(path, f"is not JSON: {error}") from None
-        except RecursionError:
-            raise ReadError(path, "is not JSON that can be read: its objects or lists are nested too deeply") from None
         if not isinstance(values, dict):
             raise ReadError(path, f"expected a JSON object, got {type(values).__name__}")
         return values
 
 
-def _real(text: str) -> float:
-    if not isfinite(float(text)):
-        raise ValueError(f"expected finite numbers, got {cut(text)}")
-    return float(text)
-
-
-def _whole(text: str) -> int:
-    _real(text)
-    return int(text)
+def _refuse(name: str) -> None:
+    raise ValueError(f"expected finite numbers, got {name}")
 
 
 JSON_OBJECT = JsonObject()

@@ -9,25 +9,22 @@ from numpy.typing import NDArray
 from semisynth_gl.codecs.codec import Codec, check_numbers, check_size
 from semisynth_gl.inputs.errors import ReadError
 
-# All stereo loaders read the strict form; OpenCV, for one, returns nothing where lines end in CRLF.
-_STRICT = re.compile(rb"P[Ff]\n([0-9]{1,9}) ([0-9]{1,9})\n(-1\.0)\n")
-_TOLERANT = re.compile(rb"P[Ff]\s+([0-9]{1,9})\s+([0-9]{1,9})\s+([-+0-9.eE]{1,32})(?:\r\n|\s)")
+_HEADER = re.compile(rb"P[Ff]\s+([0-9]{1,9})\s+([0-9]{1,9})\s+([-+]?)[0-9.eE+-]{1,32}(?:\r\n|\s)")
 
 
 class Pfm(Codec[NDArray[np.float32]]):
     """PFM of (H, W) float32, or of (H, W, 3) float32 with 3 ``components``; inf stands for "no value".
 
-    The header must have three lines: the type, ``W H`` and ``-1.0``. A tolerant codec also decodes other people's PFM:
-    big-endian, any scale, whose magnitude is ignored as benchmarks do, and any white space in the header.
+    `decode` also reads other people's PFM: big-endian, any scale, whose magnitude is ignored as benchmarks do, and any
+    white space in the header.
     """
 
     name = "pfm"
     description = "PFM, float32"
 
-    def __init__(self, components: int = 1, *, tolerant: bool = False) -> None:
+    def __init__(self, components: int = 1) -> None:
         self._components = components
         self._type = "Pf" if components == 1 else "PF"
-        self._tolerant = tolerant
 
     def encode(self, value: NDArray[np.float32]) -> bytes:
         """Encode an image: little-endian, rows from bottom to top, as all stereo loaders expect.
@@ -41,17 +38,12 @@ class Pfm(Codec[NDArray[np.float32]]):
 
     def decode(self, data: bytes, path: Path) -> NDArray[np.float32]:
         """Decode an image, top row first; see `Codec.decode`."""
-        header = (_TOLERANT if self._tolerant else _STRICT).match(data)
+        header = _HEADER.match(data)
         if header is None or not data.startswith(self._type.encode()):
-            expected = f"{self._type}, width and height, scale" if self._tolerant else rf"{self._type}\nW H\n-1.0\n"
-            raise ReadError(path, f"expected a PFM header ({expected}), got {data[:24]!r}")
+            raise ReadError(path, f"expected a PFM header ({self._type}, width, height, scale), got {data[:24]!r}")
         width, height = int(header[1]), int(header[2])
         check_size(data, header.end(), 4 * self._components, width, height, path)
-        try:
-            little = float(header[3]) < 0
-        except ValueError:
-            raise ReadError(path, f"expected a number as the scale, got {header[3]!r}") from None
-        rows = np.frombuffer(data, "<f4" if little else ">f4", offset=header.end())
+        rows = np.frombuffer(data, "<f4" if header[3] == b"-" else ">f4", offset=header.end())
         shape = (height, width) if self._components == 1 else (height, width, self._components)
         return np.ascontiguousarray(rows.reshape(shape)[::-1], np.float32)
 
@@ -70,13 +62,9 @@ class FlowPfm(Codec[NDArray[np.float32]]):
         """Decode a flow; raises ReadError also where the third channel is not 0 or a value is NaN."""
         channels = PFM3.decode(data, path)
         check_numbers(channels, path)
-        nonzero = int(np.count_nonzero(channels[..., 2]))
-        if nonzero:
-            raise ReadError(
-                path, f"expected u, v and 0 at each pixel, got a third value that is not 0 at {nonzero} pixels"
-            )
+        if channels[..., 2].any():
+            raise ReadError(path, "expected u, v and 0 at each pixel, got third values that are not 0")
         return np.ascontiguousarray(channels[..., :2])
 
 
 PFM, PFM3 = Pfm(), Pfm(3)
-ANY_PFM = Pfm(tolerant=True)

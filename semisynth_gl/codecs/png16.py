@@ -50,10 +50,7 @@ class DisparityPng16(Codec[NDArray[np.float32]]):
     def exceeds_limit(self, value: NDArray[np.float32]) -> NDArray[np.bool_]:
         """Return where a finite disparity is out of the format's range, (H, W) bool."""
         counts = _counts(value, self.steps, self._middle)
-        exceeding = counts > _LARGEST
-        if self.signed:
-            exceeding |= counts < 1
-        return np.isfinite(value) & exceeding
+        return np.isfinite(value) & ((counts > _LARGEST) | ((counts < 1) & self.signed))
 
 
 class FlowPng16(Codec[NDArray[np.float32]]):
@@ -85,8 +82,7 @@ class FlowPng16(Codec[NDArray[np.float32]]):
 
 def _counts(value: NDArray[np.float32], steps: float, middle: int) -> NDArray[np.float64]:
     # The sum is exact in float64, so `rint` is the only rounding.
-    counts: NDArray[np.float64] = np.rint(value.astype(np.float64) * steps + middle)
-    return counts
+    return np.asarray(np.rint(value.astype(np.float64) * steps + middle))
 
 
 def _values(counts: NDArray[np.uint16], steps: float, middle: int) -> NDArray[np.float32]:
@@ -94,8 +90,7 @@ def _values(counts: NDArray[np.uint16], steps: float, middle: int) -> NDArray[np
 
 
 def _fits(counts: NDArray[np.float64]) -> NDArray[np.bool_]:
-    fitting: NDArray[np.bool_] = np.all((counts >= 0) & (counts <= _LARGEST), axis=2)
-    return fitting
+    return np.asarray(np.all((counts >= 0) & (counts <= _LARGEST), axis=2))
 
 
 KITTI_DISPARITY = DisparityPng16(_KITTI_STEPS)

@@ -308,7 +308,7 @@ def test_kittis_calibration_is_the_camera():
     assert came.baseline_m == pytest.approx(CAMERA.baseline_m)
     assert (came.focal_px, came.cx_left_px, came.cx_right_px) == (60.0, CAMERA.cx_left_px, CAMERA.cx_right_px)
     text = KITTI_CALIB.encode(CAMERA).decode()
-    for wrong in (text.replace("P_rect_03", "P_rect_04"), text.replace("P_rect_02: 60", "P_rect_02: 61"), text[:-1]):
+    for wrong in (text.replace("P_rect_03", "P_rect_04"), text.replace("P_rect_02: 60", "P_rect_02: 61"), text[:-2]):
         with pytest.raises(ReadError):
             KITTI_CALIB.decode(wrong.encode(), Path("c.txt"))
 
