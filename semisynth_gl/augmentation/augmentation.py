@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import ceil, inf, pi, radians, sin
+from math import ceil, pi, radians, sin
 from typing import Annotated, Any, get_type_hints
 
 import numpy as np
@@ -85,30 +85,10 @@ class Augmentation:
                 raise InputError(f"expected (low, high) in rising order, got {shown(value)}", argument=name)
             object.__setattr__(self, name, (low, high))
 
-    def check(self, crop: Sides | None, sides: Sides) -> None:
-        """Check that crops of a size can be made of images of a size, both (height, width); otherwise raise InputError.
-
-        Args:
-            crop: the size; None for whole images, which keep their size.
-            sides: of the images.
-        """
-        if crop is None:
-            if self._moves:
-                raise InputError("scale, stretch, right_y_px and right_roll_deg need crop=(height, width)")
-            return
-        room = self._room(sides)
-        least = max(side / most for side, most in zip(crop, room, strict=True)) if min(room) >= 1 else inf
-        if least > self.scale[1]:
-            raise InputError(
-                f"expected at least {least:.3g} as its upper end, got {self.scale[1]:g}: crops of {crop[1]} x "
-                f"{crop[0]} px must fit into {sides[1]} x {sides[0]} px",
-                argument="scale",
-            )
-
     def sample(self, crop: Sides | None, sides: Sides, seed: int, sequence: int, epoch: int = 0) -> "Changes":
         """Sample the changes of a sequence's pairs.
 
-        A scale is at least so large that the crop can be made of the image.
+        A scale is raised where the crop would not fit into the image.
 
         Args:
             crop: height and width of the result, px; None for whole images.
@@ -120,13 +100,16 @@ class Augmentation:
         rng = generator(seed, Purpose.AUGMENTATION, sequence, epoch)
         scale, stretch = (float(np.exp(rng.uniform(*np.log(each)))) for each in (self.scale, self.stretch))
         is_mirrored, is_asymmetric, is_occluded = rng.random(3) < (self.mirrored, self.asymmetric, self.occluded)
-        size = sides if crop is None else crop
+        size, margin = sides if crop is None else crop, self._margin(sides)
         high, wide = scale, scale * stretch
-        if self._moves:
-            height, width = self._room(sides)
-            high, wide = max(high, size[0] / height), max(wide, size[1] / width)
+        if self.moves:
+            # A part of a pixel takes a whole one.
+            high, wide = (
+                max(factor, side / max(most - 2 * margin - 1, 1))
+                for factor, side, most in zip((high, wide), size, sides, strict=True)
+            )
         right_y_px, right_roll_deg = rng.uniform(*self.right_y_px), rng.uniform(*self.right_roll_deg)
-        warp = Warp(wide, high, right_y_px, radians(right_roll_deg), self._margin(sides))
+        warp = Warp(wide, high, right_y_px, radians(right_roll_deg), margin)
         tone = self._tone(rng)
         tones = tone, self._tone(rng) if is_asymmetric else tone
         colours = {
@@ -137,17 +120,13 @@ class Augmentation:
         return Changes(warp, bool(is_mirrored), colours, rectangles, crop)
 
     @property
-    def _moves_right(self) -> bool:
-        return self.right_y_px != (0, 0) or self.right_roll_deg != (0, 0)
-
-    @property
-    def _moves(self) -> bool:
+    def moves(self) -> bool:
+        """Whether pixels move but for the mirror; then the result is a crop."""
         return self.scale != (1, 1) or self.stretch != (1, 1) or self._moves_right
 
-    def _room(self, sides: Sides) -> Sides:
-        """Return height and width of the largest crop that can be made of images at scale 1; below 1 px for none."""
-        taken = 2 * self._margin(sides) + self._moves
-        return sides[0] - taken, sides[1] - taken
+    @property
+    def _moves_right(self) -> bool:
+        return self.right_y_px != (0, 0) or self.right_roll_deg != (0, 0)
 
     def _margin(self, sides: Sides) -> int:
         """Return the margin of a moved right image, px: the largest movement at scale 1, and the filters' radius."""

@@ -3,18 +3,16 @@
 from os import PathLike
 from typing import Any
 
-from torch.utils.data import Dataset
-
 from semisynth_gl.augmentation import Augmentation
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import Crop
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.seeds.splits import Split, SplitName
-from semisynth_gl.torch.sample_maker import SampleMaker, Transform
+from semisynth_gl.torch.samples import PairDataset, Transform
 
 
-class StereoDataset(Dataset[Any]):
+class StereoDataset(PairDataset):
     """The pairs of a written dataset, in any layout: ``dataset[i]`` equals the sample of a `StereoStream`.
 
     A sample is a dictionary, see `to_sample`. Files are read when a sample is asked for, and no file stays open, so the
@@ -58,7 +56,7 @@ class StereoDataset(Dataset[Any]):
         if crop is not None or augmentation is not None:
             camera = self.pairs[0].camera
             sides = camera.height_px, camera.width_px
-        self._maker = SampleMaker(sides, crop, augmentation, transform)
+        super().__init__(sides, crop, augmentation, transform)
 
     def __len__(self) -> int:
         return len(self.pairs)
@@ -78,15 +76,4 @@ class StereoDataset(Dataset[Any]):
             frame = self.pairs[number]
             return frame if crop is None else frame.cropped(crop)
 
-        return self._maker.make(index, index // self._pairs_in_sequence, Split(self._seed, split).seed, read)
-
-    def set_epoch(self, epoch: int) -> None:
-        """Choose the crops and changes of an epoch; call it before each epoch. Running workers follow too.
-
-        Args:
-            epoch: from 0, with which a dataset begins.
-
-        Raises:
-            InputError: where the epoch is not a whole number of 0 or more.
-        """
-        self._maker.set_epoch(epoch)
+        return self._sample(index, index // self._pairs_in_sequence, Split(self._seed, split).seed, read)

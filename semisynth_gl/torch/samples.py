@@ -1,21 +1,116 @@
-"""A pair as a dictionary of tensors; batches of dictionaries."""
+"""A pair as a dictionary of tensors: cropped, augmented, transformed; batches of dictionaries."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from numbers import Integral
 from typing import Any
 
 import numpy as np
 import torch
 from torch.nn.functional import pad
-from torch.utils.data import default_collate
+from torch.utils.data import Dataset, default_collate
 
-from semisynth_gl.frame.channels import ROLES
+from semisynth_gl.augmentation import Augmentation
+from semisynth_gl.frame.camera import Crop
+from semisynth_gl.frame.channels import CHANNELS, ROLES
 from semisynth_gl.frame.frame import Frame
-from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.inputs.arguments import to_whole
+from semisynth_gl.inputs.errors import InputError, shown
+from semisynth_gl.seeds.seeds import LARGEST_NUMBER, Purpose, generator
 
 Sample = dict[str, Any]
 """A pair as `StereoStream` and `StereoDataset` make it, before `transform`: see `to_sample`."""
+Transform = Callable[[Sample], Any]
 
 _CAMERA = ("focal_px", "focal_y_px", "baseline_m", "doffs_px", "cx_left_px", "cx_right_px", "cy_px")
+
+
+class PairDataset(Dataset[Any]):
+    """What both datasets share: each pair becomes a sample, cropped, augmented and transformed.
+
+    Args:
+        sides: height and width of the images, px.
+        crop: height and width, px; None for whole images.
+        augmentation: changes of each pair; None for none.
+        transform: gets the sample and returns the object to use instead.
+
+    Raises:
+        InputError: where the crop does not fit.
+    """
+
+    def __init__(
+        self,
+        sides: tuple[int, int],
+        crop: tuple[int, int] | None,
+        augmentation: Augmentation | None,
+        transform: Transform | None,
+    ) -> None:
+        fits = crop is None or (
+            len(crop) == 2
+            and all(isinstance(side, Integral) and 1 <= side <= most for side, most in zip(crop, sides, strict=True))
+        )
+        if not fits:
+            raise InputError(f"crop: expected (height, width), whole numbers of up to {sides} px, got {shown(crop)}")
+        if augmentation is not None and augmentation.moves and crop is None:
+            raise InputError(
+                "an augmentation's scale, stretch, right_y_px and right_roll_deg need crop=(height, width)"
+            )
+        self._sides, self._crop, self._augmentation, self._transform = sides, crop, augmentation, transform
+        # In shared memory, for workers that outlive an epoch. PyTorch has no types for the method that puts it there.
+        epoch: Any = torch.zeros((), dtype=torch.int64)
+        self._epoch = epoch.share_memory_()
+
+    def set_epoch(self, epoch: int) -> None:
+        """Choose the crops and changes of an epoch; call it before each epoch. Running workers follow too.
+
+        Args:
+            epoch: from 0, with which a dataset begins.
+
+        Raises:
+            InputError: where the epoch is not a whole number of 0 or more.
+        """
+        self._epoch.fill_(to_whole("epoch", epoch, 0, LARGEST_NUMBER))
+
+    def _sample(self, index: int, sequence: int, seed: int, pair: Callable[[Crop | None], Frame]) -> Any:  # noqa: ANN401 - what the transform returns
+        """Make a sample; the seed, the sequence and the epoch decide its crop and its changes.
+
+        Args:
+            index: the pair's number in its split.
+            sequence: number of the pair's sequence, whose frames all get the same crop, so that flow leads from frame
+                to frame.
+            seed: of the split.
+            pair: returns the pair, cut to a crop where it gets one.
+
+        Raises:
+            InputError: where the pair lacks what a change needs.
+        """
+        epoch, size, crop, changes = int(self._epoch), self._crop, None, None
+        if self._augmentation is not None:
+            changes = self._augmentation.sample(size, self._sides, seed, sequence, epoch)
+            size = changes.source
+        if size is not None:
+            rng = generator(seed, Purpose.CROP, sequence, *([epoch] if epoch else []))
+            x, y = (int(rng.integers(self._sides[axis] - size[axis] + 1)) for axis in (1, 0))
+            crop = Crop(x, y, size[1], size[0])
+        frame = pair(crop)
+        if changes is not None:
+            frame = changes.applied(frame, generator(seed, Purpose.AUGMENTATION, index, epoch, "noise"))
+        elif crop is not None:
+            frame = _with_own_masks(frame)
+        sample = to_sample(index, frame)
+        return sample if self._transform is None else self._transform(sample)
+
+
+def _with_own_masks(frame: Frame) -> Frame:
+    """Return a crop with masks of its own; those of tensors on a GPU take the way through the computer's memory."""
+    if isinstance(frame.left.image, np.ndarray):
+        return frame.with_own_masks()
+    tensors: dict[str, Any] = frame.arrays()
+    arrays = {role: tensor.cpu().numpy() for role, tensor in tensors.items()}
+    masks = {channel.mask for channel in CHANNELS.values()}
+    for role, array in Frame.from_arrays(frame.camera, arrays).with_own_masks().arrays().items():
+        if ROLES[role][1].name in masks:
+            tensors[role] = torch.from_numpy(array).to(tensors[role].device)
+    return Frame.from_arrays(frame.camera, tensors)
 
 
 def to_sample(index: int, frame: Frame) -> Sample:

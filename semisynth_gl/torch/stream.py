@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any, Literal, get_args
 
 import torch
-from torch.utils.data import Dataset, get_worker_info
+from torch.utils.data import get_worker_info
 
 from semisynth_gl.augmentation import Augmentation
 from semisynth_gl.config import Config
@@ -13,7 +13,7 @@ from semisynth_gl.dataset.engines import THREADS, threads_each
 from semisynth_gl.frame.camera import Crop
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import check_one_of, check_type, to_whole
-from semisynth_gl.inputs.errors import BackendError, InputError, shown
+from semisynth_gl.inputs.errors import InputError, shown
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.backends import BACKENDS, Backend
 from semisynth_gl.render.devices import egl_index_of_worker
@@ -21,12 +21,12 @@ from semisynth_gl.render.readers import read_array
 from semisynth_gl.seeds.seeds import LARGEST_NUMBER
 from semisynth_gl.seeds.splits import SPLITS, SplitName
 from semisynth_gl.torch.cuda_reader import CudaReader
-from semisynth_gl.torch.sample_maker import SampleMaker, Transform
+from semisynth_gl.torch.samples import PairDataset, Transform
 
 TensorDevice = Literal["cpu", "cuda"]
 
 
-class StereoStream(Dataset[Any]):
+class StereoStream(PairDataset):
     """The pairs of a config, rendered when they are asked for: ``stream[i]`` is pair i of the dataset it would make.
 
     A sample is a dictionary, see `to_sample`. Each process that asks for samples opens a renderer for the first one and
@@ -91,7 +91,7 @@ class StereoStream(Dataset[Any]):
         self._reader: CudaReader | None = None
         self._process = os.getpid()
         sides = config.camera.height_px, config.camera.width_px
-        self._maker = SampleMaker(sides, crop, augmentation, transform)
+        super().__init__(sides, crop, augmentation, transform)
 
     def __len__(self) -> int:
         return self._pairs
@@ -111,22 +111,11 @@ class StereoStream(Dataset[Any]):
         def render(crop: Crop | None) -> Frame:
             return self._opened().render(index, crop=crop, checked=self._checked).frame
 
-        return self._maker.make(index, sequence, self._split.seed, render)
+        return self._sample(index, sequence, self._split.seed, render)
 
     def __getstate__(self) -> dict[str, Any]:
         # Workers open renderers of their own.
         return self.__dict__ | {"_renderer": None, "_reader": None}
-
-    def set_epoch(self, epoch: int) -> None:
-        """Choose the crops and changes of an epoch; call it before each epoch. Running workers follow too.
-
-        Args:
-            epoch: from 0, with which a stream begins.
-
-        Raises:
-            InputError: where the epoch is not a whole number of 0 or more.
-        """
-        self._maker.set_epoch(epoch)
 
     def close(self) -> None:
         """Release this process's renderer; the next sample opens another one."""
@@ -139,39 +128,29 @@ class StereoStream(Dataset[Any]):
 
     def _opened(self) -> PairRenderer:
         """Return this process's renderer; open it where there is none."""
-        if self._renderer is None or self._process != os.getpid():
-            self._renderer = self._open()
-            self._process = os.getpid()
-        return self._renderer
-
-    def _open(self) -> PairRenderer:
-        worker, number, name = get_worker_info(), 0, "the stream"
-        if worker is not None:
+        if self._process != os.getpid():
+            self._renderer, self._reader, self._process = None, None, os.getpid()
+        if self._renderer is None:
+            worker, gpus = get_worker_info(), self._gpus
+            if worker is not None:
+                os.environ.setdefault(THREADS, str(threads_each(worker.num_workers)))
             if self._device == "cuda":
-                raise InputError("device='cuda' needs num_workers=0, since tensors on a GPU do not leave their process")
-            number, name = worker.id, f"worker {worker.id} of {worker.num_workers}"
-            os.environ.setdefault(THREADS, str(threads_each(worker.num_workers)))
-        gpus = self._gpus
-        if self._device == "cuda":
-            gpus = gpus or (torch.cuda.current_device(),)
-            self._reader = CudaReader(torch.device("cuda", gpus[0]))
-        device_index, read = egl_index_of_worker(gpus, number), self._reader or read_array
-        try:
-            renderer = PairRenderer(self._config, self._split, self._backend, device_index, read)
-        except BackendError as error:
-            raise BackendError(f"{name} cannot render: {error}") from error
-        renderer.forget_pixels()
-        return renderer
+                if worker is not None:
+                    raise InputError("device='cuda' needs num_workers=0: tensors on a GPU do not leave their process")
+                gpus = gpus or (torch.cuda.current_device(),)
+                self._reader = CudaReader(torch.device("cuda", gpus[0]))
+            index = egl_index_of_worker(gpus, worker.id if worker is not None else 0)
+            read = self._reader or read_array
+            self._renderer = PairRenderer(self._config, self._split, self._backend, index, read)
+            self._renderer.forget_pixels()
+        return self._renderer
 
     def _check_cuda(self, augmentation: Augmentation | None) -> None:
         if self._checked or augmentation is not None or not self._config.images_as_rendered:
             raise InputError(
-                "device='cuda' needs checked=False and a config without a lens, imperfections or augmentation, since "
-                "these work on arrays in the computer's memory: change that, or leave device out and let the loader "
-                "pin memory (pin_memory=True)"
+                "device='cuda' needs checked=False and a config without a lens, imperfections or augmentation, which "
+                "work on arrays in the computer's memory: change that, or leave device out and let the loader pin "
+                "memory (pin_memory=True)"
             )
         if self._backend == "osmesa" or not torch.cuda.is_available():
-            raise InputError(
-                f"device='cuda' needs EGL and a GPU that torch finds, got backend={self._backend!r} and "
-                f"torch.cuda.is_available() {torch.cuda.is_available()}: leave device out"
-            )
+            raise InputError("device='cuda' needs EGL and a GPU that torch finds: leave device out")

@@ -18,7 +18,6 @@ from semisynth_gl.frame.channels import View
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.render import context
 
 torch = heavy("torch")
 pytestmark = pytest.mark.heavy
@@ -30,7 +29,7 @@ from semisynth_gl.torch.samples import to_sample  # noqa: E402
 
 TIMEOUT_S = 120
 SEED = 3
-STEPS = 240
+STEPS = 160
 WARM = 60
 
 
@@ -38,9 +37,8 @@ def indices(batches):
     return [batch["index"].tolist() for batch in batches]
 
 
-def loader(dataset, workers=0, batch=1, way="spawn", **options):
-    workers_options = {"multiprocessing_context": way, "timeout": TIMEOUT_S} if workers else {}
-    return DataLoader(dataset, batch_size=batch, num_workers=workers, **workers_options, **options)
+def loader(dataset, workers=1, batch=1, way="spawn", **options):
+    return DataLoader(dataset, batch, num_workers=workers, multiprocessing_context=way, timeout=TIMEOUT_S, **options)
 
 
 def test_tensors_have_torchs_order_of_axes_and_types_that_it_works_with():
@@ -106,34 +104,31 @@ def test_samples_come_in_any_order_and_frames_of_a_sequence_share_their_crop(bac
 
 @pytest.mark.one_backend
 def test_a_renderer_opens_for_the_first_sample_and_closes_when_told(backend, monkeypatch):
-    opened, released = [], []
+    held = []
 
     class Watched(PairRenderer):
         def __init__(self, *args, **options):
             super().__init__(*args, **options)
-            opened.append(self)
+            held.append(self)
 
         def release(self):
-            released.append(self)
+            held.remove(self)
             super().release()
 
     monkeypatch.setattr(import_module("semisynth_gl.torch.stream"), "PairRenderer", Watched)
     stream = StereoStream(cheap(), SEED, 5, backend=backend)
     stream.close()
-    assert len(stream) == 5
-    assert not opened
-    first = [stream[index]["left"] for index in (0, 3)]
-    assert (len(opened), len(released)) == (1, 0)
+    assert not held
+    first = [stream[index]["left"] for index in (0, 3)][1]
+    assert len(held) == 1
     stream.close()
     stream.close()
-    assert opened == released
-    assert torch.equal(stream[3]["left"], first[1])
-    assert len(opened) == 2
+    assert not held
+    assert torch.equal(stream[3]["left"], first)
     # Neither the renderer nor its atlas goes to a worker.
     assert len(pickle.dumps(stream)) < 10_000
-    failing = StereoStream(cheap(), SEED, 1, backend=backend, transform=lambda sample: sample["nothing"])
-    with pytest.raises(KeyError, match="nothing"):
-        failing[0]
+    with pytest.raises(IndexError):
+        stream[5]
 
 
 @pytest.mark.parametrize(
@@ -147,7 +142,6 @@ def test_a_renderer_opens_for_the_first_sample_and_closes_when_told(backend, mon
         ({"crop": (49, 10)}, "up to \\(48, 64\\) px.*got \\(49, 10\\)"),
         ({"backend": "glx"}, "auto, egl, osmesa, got 'glx'"),
         ({"gpus": (-1,)}, "gpus: must be 0 or more"),
-        ({"device": "gpu"}, "cpu, cuda, got 'gpu'"),
         ({"device": "cuda"}, "checked=False.*pin_memory=True"),
         ({"device": "cuda", "backend": "osmesa", "checked": False}, "EGL and a GPU that torch finds"),
     ],
@@ -157,33 +151,11 @@ def test_arguments_that_cannot_be_used_are_refused(options, message):
         StereoStream(**({"config": cheap(), "seed": SEED, "pairs": 2} | options))
 
 
-def test_numbers_that_a_stream_lacks_are_refused():
-    stream = StereoStream(cheap(), SEED, 2)
-    with pytest.raises(IndexError):
-        stream[2]
-    with pytest.raises(InputError, match="number: must be a whole number"):
-        stream["0"]
-
-
-def test_a_worker_without_a_context_says_what_to_do(monkeypatch):
-    def refuse(*_):
-        raise BackendError("device 0: eglGetError 0x3001")
-
-    # Forked workers inherit what is set here.
-    monkeypatch.setattr(context, "_opened_in", set())
-    monkeypatch.setattr(context, "_open_egl", refuse)
-    stream = StereoStream(cheap(), SEED, 2, backend="egl")
-    with pytest.raises(BackendError, match=r"(?s)the stream cannot render: no OpenGL context.*0x3001.*doctor"):
-        stream[0]
-    with pytest.raises(BackendError, match=r"(?s)worker 0 of 2 cannot render: no OpenGL context.*0x3001.*doctor"):
-        next(iter(loader(stream, 2, way="fork")))
-
-
 @pytest.mark.one_backend
 def test_workers_forked_from_a_process_with_opengl_are_told_apart(backend):
     stream = StereoStream(cheap(), SEED, 2, backend=backend)
     stream[0]
-    with pytest.raises(BackendError, match=r"worker 0 of 1 cannot render: this process was forked.*'spawn'"):
+    with pytest.raises(BackendError, match=r"this process was forked.*'spawn'"):
         next(iter(loader(stream, 1, way="fork")))
 
 
@@ -197,7 +169,7 @@ def test_workers_that_stay_render_what_one_process_renders(backend):
     batches = loader(stream, 2, 2, persistent_workers=True)
     for epoch in range(2):
         stream.set_epoch(epoch)
-        expected = [scores(batch) for batch in loader(stream, 0, 2)]
+        expected = [scores(batch) for batch in DataLoader(stream, 2)]
         found = list(batches)
         assert indices(found) == [[0, 1], [2, 3], [4, 5], [6]]
         assert [scores(batch) for batch in found] == expected

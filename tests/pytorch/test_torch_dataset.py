@@ -15,12 +15,12 @@ from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import Crop
 from semisynth_gl.frame.channels import CHANNELS, OUTPUTS, ROLES
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.layouts import find_layout, layout_names
+from semisynth_gl.layouts import find_layout
 
 torch = heavy("torch")
 pytestmark = pytest.mark.heavy
 
-from torch.utils.data import ConcatDataset, DataLoader, Subset, get_worker_info  # noqa: E402 - torch is optional
+from torch.utils.data import ConcatDataset, DataLoader, get_worker_info  # noqa: E402 - torch is optional
 
 from semisynth_gl.torch import StereoDataset, StereoStream, collate  # noqa: E402
 
@@ -74,7 +74,7 @@ def hand_made(tmp_path_factory):
 
 
 @pytest.mark.parametrize("backend", ["egl"], indirect=True)
-@pytest.mark.parametrize("layout", layout_names())
+@pytest.mark.parametrize("layout", ["webdataset", "kitti", "crestereo"])
 def test_a_dataset_has_the_samples_of_the_stream(backend, moving, streamed, layout, tmp_path):
     lacks = find_layout(layout).lacks | ({"raw"} if layout == "crestereo" else set())
     said = moving.model_copy(update={"outputs": tuple(output for output in moving.outputs if output not in lacks)})
@@ -117,17 +117,6 @@ def test_pairs_of_one_scene_share_their_crop_and_no_tensor(backend, tmp_path):
     assert [stored.pairs[index].provenance["view"] for index in range(7)] == [0, 1, 2, 0, 1, 2, 0]
 
 
-@pytest.mark.parametrize("layout", ["webdataset", "middlebury", "kitti"])
-def test_an_object_store_is_read_like_a_folder(layout, tmp_path):
-    pytest.importorskip("fsspec")
-    address = f"memory://{tmp_path.name}-{layout}"
-    for place in (address, tmp_path):
-        # KITTI's files have encodings and outputs of their own.
-        write_dataset(place, layout, {"train": 3}, 2, config_of(outputs=["visibility", "instances"]))
-    there, here = StereoDataset(address), StereoDataset(tmp_path)
-    assert [same(sample, other) for sample, other in zip(there, here, strict=True)] == [True] * 3
-
-
 def test_samples_are_what_was_written_and_stay_so(hand_made):
     dataset = StereoDataset(hand_made)
     for index, sample in enumerate(dataset):
@@ -144,7 +133,6 @@ def test_samples_are_what_was_written_and_stay_so(hand_made):
 
 
 def test_a_split_is_chosen(hand_made):
-    assert [sample["index"] for sample in StereoDataset(hand_made, "test")] == [0, 1, 2]
     assert [sample["index"] for sample in StereoDataset(hand_made, None)] == [*range(7), 0, 1, 2]
     with pytest.raises(InputError, match="expected a split of train, test, got 'validation'"):
         StereoDataset(hand_made, "validation")
@@ -181,30 +169,19 @@ def test_crops_are_parts_that_the_seed_and_the_epoch_choose(hand_made):
 
 
 def by_worker(sample):
-    """A transform that spawned workers find."""
     sample["worker"] = get_worker_info().id
     return sample
 
 
 @pytest.mark.parametrize("backend", ["egl"], indirect=True)
-@pytest.mark.parametrize(("way", "workers"), [("fork", 3), ("spawn", 2)])
-def test_workers_read_what_this_process_reads(backend, hand_made, way, workers):
+def test_forked_workers_read_what_this_process_reads(backend, hand_made):
     # Forked from a process that has drawn: a dataset needs no OpenGL.
     assert len(StereoStream(cheap(), SEED, 1, backend=backend)[0]["left"]) == 3
-    here = StereoDataset(hand_made, None, crop=CROP)
-    wanted = list(here)
     dataset = StereoDataset(hand_made, None, crop=CROP, transform=by_worker)
-    batches = DataLoader(dataset, 2, num_workers=workers, multiprocessing_context=way, timeout=TIMEOUT_S)
-    at, seen = 0, set()
-    for batch in batches:
-        seen.update(batch.pop("worker").tolist())
-        for number, index in enumerate(batch["index"].tolist()):
-            assert index == wanted[at]["index"]
-            for name in set(batch) - {"index", "camera"}:
-                assert torch.equal(batch[name][number], wanted[at][name]), name
-            at += 1
-    assert at == 10
-    assert seen == set(range(workers))
+    loader = DataLoader(dataset, None, num_workers=2, multiprocessing_context="fork", timeout=TIMEOUT_S)
+    found = list(loader)
+    assert [sample.pop("worker") for sample in found] == [0, 1] * 5
+    assert [same(*both) for both in zip(found, StereoDataset(hand_made, None, crop=CROP), strict=True)] == [True] * 10
 
 
 def test_workers_that_stay_follow_the_epoch(hand_made):
@@ -220,14 +197,10 @@ def test_workers_that_stay_follow_the_epoch(hand_made):
 def test_datasets_are_put_together_and_batched(hand_made, tmp_path):
     write_dataset(tmp_path, "eth3d", {"train": 3}, 2, config_of(name="other", outputs=["visibility", "depth"]))
     both = ConcatDataset([StereoDataset(hand_made, crop=CROP), StereoDataset(tmp_path, crop=CROP)])
-    assert len(both) == 10
-    assert same({**both[8]}, StereoDataset(tmp_path, crop=CROP)[1])
     batches = list(DataLoader(both, batch_size=5, collate_fn=collate))
     assert [batch["index"].tolist() for batch in batches] == [[0, 1, 2, 3, 4], [5, 6, 0, 1, 2]]
     # Depth is in the second dataset alone.
     assert all("depth_left" not in batch and batch["left"].shape == (5, 3, *CROP) for batch in batches)
-    default = next(iter(DataLoader(Subset(both, [0, 1]), batch_size=2)))
-    assert set(default) == set(batches[0])
 
 
 def test_what_lacks_pixels_is_filled_with_nothing(hand_made):
@@ -254,9 +227,8 @@ def test_what_lacks_pixels_is_filled_with_nothing(hand_made):
     ("options", "message"),
     [
         ({"crop": (0, 10)}, r"got \(0, 10\)"),
-        ({"crop": (10.0, 10)}, r"got \(10.0, 10\)"),
         ({"seed": -1}, "seed: must be 0 or more, got -1"),
-        ({"transform": "crop"}, "transform must be a function of a sample, got 'crop'"),
+        ({"augmentation": SMALL}, "need crop="),
     ],
 )
 def test_arguments_that_cannot_be_used_are_refused(hand_made, options, message):
@@ -270,13 +242,10 @@ def test_what_is_no_dataset_pair_or_sample_is_refused(hand_made, tmp_path):
     dataset = StereoDataset(hand_made)
     with pytest.raises(IndexError):
         dataset[7]
-    for number in ("0", 1.0, slice(2)):
-        with pytest.raises(InputError, match="number: must be a whole number"):
-            dataset[number]
+    with pytest.raises(InputError, match="number: must be a whole number"):
+        dataset[1.0]
     with pytest.raises(InputError, match="epoch: must be from 0"):
         dataset.set_epoch(-1)
-    with pytest.raises(InputError, match="expected one or more"):
-        collate([])
 
 
 # Augmentations
@@ -300,20 +269,11 @@ def test_a_dataset_has_the_augmented_samples_of_the_stream(backend, tmp_path):
     assert [same(*both) for both in zip(samples, unchecked, strict=True)] == [True] * 6
 
 
-def test_a_changed_sample_has_the_keys_of_another(hand_made):
-    plain, changed = (StereoDataset(hand_made, crop=CUT, augmentation=changes)[0] for changes in (None, SMALL))
-    assert list(plain) == list(changed)
-    assert plain["camera"].keys() == changed["camera"].keys()
-    assert plain["camera"]["focal_y_px"] == plain["camera"]["focal_px"]
-
-
 def test_a_stretched_sample_says_its_vertical_focal_length(hand_made):
-    stretched = StereoDataset(hand_made, crop=CUT, augmentation=Augmentation(stretch=(1.5, 1.5)))[0]["camera"]
-    assert stretched["focal_px"] == pytest.approx(1.5 * stretched["focal_y_px"])
-
-
-def test_augmentations_that_cannot_be_used_are_refused(hand_made):
-    with pytest.raises(InputError, match="need crop="):
-        StereoDataset(hand_made, augmentation=SMALL)
-    with pytest.raises(InputError, match="scale: expected at least"):
-        StereoDataset(hand_made, crop=(30, 40), augmentation=Augmentation(scale=(0.5, 0.8)))
+    plain, stretched = (
+        StereoDataset(hand_made, crop=CUT, augmentation=changes)[0]
+        for changes in (None, Augmentation(stretch=(1.5, 1.5)))
+    )
+    assert list(plain) == list(stretched)
+    assert plain["camera"]["focal_px"] == plain["camera"]["focal_y_px"] == stretched["camera"]["focal_y_px"]
+    assert stretched["camera"]["focal_px"] == pytest.approx(1.5 * stretched["camera"]["focal_y_px"])
