@@ -3,6 +3,7 @@
 import numpy as np
 
 from semisynth_gl.calibration.draft import Draft
+from semisynth_gl.calibration.recipes import suitable_recipes, untried_style
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.raw_camera import rotation_of
 
@@ -104,4 +105,4 @@ def matrix(name, value, *, space=" "):
 
 def facts(rigs, disparity):
     """What a config is drafted from, with one photograph."""
-    return Draft("x", rigs, disparity, ["a"], 1, 1, 256)
+    return Draft("x", rigs, disparity, ["a"], "1", 256, untried_style(suitable_recipes(rigs, disparity)))

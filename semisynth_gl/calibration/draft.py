@@ -1,30 +1,36 @@
-"""The draft of a config: what a rig, its photographs and its disparities tell, and the style that trials choose."""
+"""The draft of a config: what a rig, its photographs and its disparities tell, and the values that follow."""
 
 import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from semisynth_gl.calibration.disparity_range import DisparityRange
 from semisynth_gl.calibration.kinds import Size
-from semisynth_gl.calibration.photographs import are_grey, photograph_sizes
-from semisynth_gl.calibration.recipes import SceneRecipe, suitable_recipes
+from semisynth_gl.calibration.photographs import photograph_sizes
+from semisynth_gl.calibration.recipes import Style, is_outdoors, suitable_recipes, untried_style
 from semisynth_gl.calibration.rig import Rig, median_size, rig_ranges
-from semisynth_gl.calibration.style import Style, untried_style
-from semisynth_gl.config.load import Overrides
-from semisynth_gl.config.scene_sections import TexturesSection
+from semisynth_gl.config import Config
+from semisynth_gl.config.load import Overrides, parse_values
+from semisynth_gl.config.scene_sections import BackgroundSection, TexturesSection
 from semisynth_gl.frame.camera import Eye
+from semisynth_gl.frame.raw_camera import RawCamera, vector_of
 from semisynth_gl.inputs.user_files import expanded
-from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.textures.image_files import find_images
 from semisynth_gl.textures.subjects import of_subjects, photographed_subjects
 
 # Largest side of large patches, px. Two dozen patches of this side take 100 MB.
 _LARGEST_SIDE = 1024
-# Rooms, and most halls, have no pixels farther than this; outdoors a larger share of pixels is farther.
-_INDOOR_M, _OUTDOOR_FROM = 20.0, 0.02
-# Ratio of the largest to the smallest depth up to which a street or an open ground would not fit.
-_DEPTH_OF_FLAT = 3.0
+# Ratios of fy to fx nearer to 1 are rounding.
+_SQUARE = 1e-6
+# Diameters of particles as fractions of the image's width, as in the packaged configs: 60 and 420 px of 1500.
+_SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH = 0.04, 0.28
+# Back walls have the disparities of this farthest share of the wanted pixels. Particles can hide a wall that is too
+# far, but not one that is too near.
+_WALL_UP_TO = 0.05
+# Ends of the far plane's disparities, as fractions of the way from the farthest possible disparity to min_px.
+_PLANE_OF_MIN = (0.1, 0.7)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,68 +42,33 @@ class Draft:
         rigs: the rigs.
         disparity: range and wanted histogram of disparity.
         images: the user's sources of photographs, as absolute paths.
-        photograph_count: number of photographs.
-        subject_count: number of subjects that they show.
+        photographs: text with the number of photographs and, if that differs, the number of their subjects.
         large_px: side of large patches.
+        style: the mix of recipes and the look of surfaces.
         grey: whether all photographs are grey.
-        lenses: each eye's way through its lens; None without a calibration of the cameras before rectification.
+        lenses: the cameras before rectification; None where they are not known.
         overrides: keys that the user sets, as `load_config` takes them.
-        tried: the style that trial pairs chose; None before any were rendered.
     """
 
     name: str
     rigs: Sequence[Rig]
     disparity: DisparityRange
     images: Sequence[str]
-    photograph_count: int
-    subject_count: int
+    photographs: str
     large_px: int
+    style: Style
     grey: bool = False
-    lenses: Mapping[Eye, LensChain] | None = None
+    lenses: Mapping[Eye, RawCamera] | None = None
     overrides: Overrides = ()
-    tried: Style | None = None
-
-    @property
-    def style(self) -> Style:
-        """The mix of recipes and the look of surfaces; without trials, as in the packaged configs."""
-        return self.tried or untried_style(self.recipes)
-
-    @property
-    def photographs(self) -> str:
-        """Text with the number of photographs and, if that differs, the number of their subjects."""
-        return f"{self.photograph_count}{of_subjects(self.photograph_count, self.subject_count)}"
 
     @property
     def size(self) -> Size:
         """Size of the config's images: the median over the rigs."""
         return median_size(self.rigs)
 
-    @property
-    def ranges(self) -> dict[str, tuple[float, float]]:
-        """Least and largest value over the rigs, by key of the section ``camera``; see `rig_ranges`."""
-        return rig_ranges(self.rigs)
-
-    @property
-    def doffs_px(self) -> float:
-        """The middle of the rigs' cx_right - cx_left."""
-        return sum(self.ranges["doffs_px"]) / 2
-
-    @property
-    def outdoors(self) -> bool:
-        """Whether more than 2 % of the wanted pixels are farther than 20 m.
-
-        A view whose largest depth is less than three times its smallest is indoors: a wall has to close it.
-        """
-        disparity, doffs_px = self.disparity, self.doffs_px
-        if disparity.max_px + doffs_px < _DEPTH_OF_FLAT * (disparity.min_px + doffs_px):
-            return False
-        focal_px, baseline_m = (math.sqrt(math.prod(self.ranges[key])) for key in ("focal_px", "baseline_m"))
-        return float(disparity.target.cumulative(focal_px * baseline_m / _INDOOR_M - doffs_px)) > _OUTDOOR_FROM
-
-    @property
-    def recipes(self) -> tuple[SceneRecipe, ...]:
-        """The recipes that suit the scenes."""
-        return suitable_recipes(self.disparity, self.size.width_px, self.doffs_px, outdoors=self.outdoors)
+    def config(self) -> Config:
+        """Return the config; raises InputError where its numbers make no valid one."""
+        return parse_values(config_values(self), f"{self.name}.yaml", self.overrides)
 
 
 def describe(
@@ -105,26 +76,124 @@ def describe(
     rigs: Sequence[Rig],
     images: Sequence[str],
     disparity: DisparityRange,
-    lenses: Mapping[Eye, LensChain] | None = None,
+    lenses: Mapping[Eye, RawCamera] | None = None,
     overrides: Overrides = (),
 ) -> Draft:
-    """Describe a config by its rigs, its photographs and the other attributes of a `Draft`.
+    """Describe a config by its rigs, its photographs and the other attributes of a `Draft`, without trials.
 
     ``name`` is any text, such as a file's stem: the config's name has its letters and digits, and hyphens. ``images``
     are files, folders and globs. Raises InputError where there is no photograph.
     """
     photographs = find_images(images)
-    sides = sorted(map(min, photograph_sizes(photographs)))
-    median = sides[len(sides) // 2] if sides else 0
+    sides = sorted(map(min, photograph_sizes(photographs))) or [0]
+    subjects = len(photographed_subjects(photographs))
     return Draft(
         re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-") or "calibrated",
         rigs,
         disparity,
         [str(expanded(path).absolute()) for path in images],
-        len(photographs),
-        len(photographed_subjects(photographs)),
-        max(min(median, median_size(rigs).width_px, _LARGEST_SIDE), TexturesSection().patch_px),
-        are_grey(photographs),
-        lenses,
-        overrides,
+        f"{len(photographs)}{of_subjects(len(photographs), subjects)}",
+        max(min(sides[len(sides) // 2], median_size(rigs).width_px, _LARGEST_SIDE), TexturesSection().patch_px),
+        untried_style(suitable_recipes(rigs, disparity)),
+        lenses=lenses,
+        overrides=overrides,
     )
+
+
+def config_values(draft: Draft) -> dict[str, Any]:
+    """Return the values of a draft's config, before the user's overrides: sections and keys in the YAML's order."""
+    style, disparity, ranges, width_px = draft.style, draft.disparity, rig_ranges(draft.rigs), draft.size.width_px
+    fy_over_fx = sum(ranges.pop("fy_over_fx")) / 2
+    smallest, largest = (round(part * width_px) for part in (_SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH))
+    values = {
+        "name": draft.name,
+        "camera": {
+            "width_px": width_px,
+            "height_px": draft.size.height_px,
+            **ranges,
+            "fy_over_fx": fy_over_fx if abs(fy_over_fx - 1) > _SQUARE else None,
+            "colour": "grey" if draft.grey else None,
+        },
+        "lens": _lens(draft.lenses) if draft.lenses else None,
+        "outputs": ["visibility", "valid"] if draft.lenses else None,
+        "disparity": {
+            "signed": disparity.signed or None,
+            "min_px": disparity.min_px,
+            "max_px": disparity.max_px,
+            "target": {
+                "form": "histogram",
+                "bin_px": disparity.bin_px,
+                "first_px": float(disparity.target.edges_px[0]),
+                "shares": [round(float(share), 4) for share in disparity.target.shares],
+            },
+        },
+        "background": _background(draft, ranges),
+        "particles": {"size_px": (max(smallest, 1), max(largest, 2))},
+        "scenes": [
+            {"recipe": recipe["recipe"], "weight": weight, **recipe}
+            for recipe, weight in zip(style.recipes, style.weights, strict=True)
+        ],
+        "textures": {
+            "texels_per_pixel": style.texels_per_pixel,
+            "large_px": draft.large_px,
+            "source": "images",
+            "images": list(draft.images),
+        },
+        "imperfections": {"blur_px": style.blur_px},
+    }
+    made: dict[str, Any] = _rounded(values)
+    return made
+
+
+def _lens(lenses: Mapping[Eye, RawCamera]) -> dict[str, Any]:
+    eyes: dict[str, Any] = {
+        eye: {
+            **{key: getattr(raw, key) for key in ("fx_px", "fy_px", "cx_px", "cy_px")},
+            "distortion": list(raw.distortion),
+            "rotation_deg": [math.degrees(each) for each in vector_of(raw.rotation)],
+        }
+        for eye, raw in lenses.items()
+    }
+    raw = lenses["left"]
+    return {"model": raw.model, "raw_width_px": raw.width_px, "raw_height_px": raw.height_px, **eyes}
+
+
+def _background(draft: Draft, ranges: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
+    """Return a background of back walls, or outdoors of a far plane between min_px and infinity for the least doffs.
+
+    A wall turns so far that it lies in one bin of the target from the image's side to its middle: for a wall of
+    disparity d turned by a, d + doffs becomes (d + doffs) (1 + tan(a) x / f) at x px from the middle.
+    """
+    disparity = draft.disparity
+    min_px, (least_doffs_px, most_doffs_px) = disparity.min_px, ranges["doffs_px"]
+    if is_outdoors(draft.rigs, disparity):
+        farthest = -least_doffs_px if disparity.signed else max(0.0, -least_doffs_px)
+        ends = tuple(farthest + float(f"{part * (min_px - farthest):.2g}") for part in _PLANE_OF_MIN)
+        return {"cuboid": 0, "plane": 1, "plane_disparity_px": ends}
+    deep_px = float(f"{disparity.target.quantile(_WALL_UP_TO) - min_px:.2g}")
+    steepest = draft.size.width_px / 2 / ranges["focal_px"][0]
+    far_px = max(min_px + (least_doffs_px + most_doffs_px) / 2, disparity.bin_px)
+    turn_deg = float(f"{math.degrees(math.atan(disparity.bin_px / far_px / steepest)):.2g}")
+    return {
+        "cuboid": 1,
+        "plane": 0,
+        "wall_disparity_px": (min_px, min_px + deep_px),
+        "wall_turn_deg": turn_deg if turn_deg < BackgroundSection().wall_turn_deg else None,
+    }
+
+
+def _rounded(value: Any) -> Any:  # noqa: ANN401 - any value of a config
+    """Return a value without keys that are None, with numbers of ten digits, and ranges of equal ends as numbers."""
+    # Ten digits are enough for any calibration, and leave out the rounding errors of binary numbers.
+    match value:
+        case bool() | int() | str():
+            return value
+        case float():
+            rounded = float(f"{value:.10g}") + 0.0
+            return int(rounded) if rounded.is_integer() else rounded
+        case (low, high) if isinstance(value, tuple) and low == high:
+            return _rounded(low)
+        case Mapping():
+            return {key: _rounded(each) for key, each in value.items() if each is not None}
+        case _:
+            return [_rounded(each) for each in value]

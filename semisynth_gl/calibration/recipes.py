@@ -1,18 +1,25 @@
-"""The recipes of a calibrated config, which depend only on the wanted disparities and the kind of scenes."""
+"""The recipes of a calibrated config, and the style of its scenes before any trial."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from semisynth_gl.calibration.disparity_range import DisparityRange
+from semisynth_gl.calibration.rig import Rig, median_size, rig_ranges
 from semisynth_gl.scene.rig import BEYOND_NEAR
 
+TEXELS = ((0.8, 1.5), (0.4, 0.75))
+"""Tried values of textures.texels_per_pixel; without trials, the first."""
+
+# Rooms, and most halls, have no pixels farther than this; outdoors a larger share of pixels is farther.
+_INDOOR_M, _OUTDOOR_FROM = 20.0, 0.02
+# Ratio of the largest to the smallest depth up to which a street or an open ground would not fit.
+_DEPTH_OF_FLAT = 3.0
 # Number of particles in scenes that mostly show other objects. With two to six, views were either empty or full.
 _FLOATING = [12, 40]
 # Ends of ranges of disparity, as quantiles of the wanted distribution: of these particles, of walls, of panels.
-_NEAR = (0.4, 0.98)
-_ROOM_ENDS = (0.1, 0.4)
-_PANELS = (0.1, 0.8)
+_NEAR, _ROOM_ENDS, _PANELS = (0.4, 0.98), (0.1, 0.4), (0.1, 0.8)
 # Where still things must be able to come as near as this quantile of the wanted distribution.
 _STILL_UP_TO = 0.9
 # Sides of panels, as fractions of the image's width.
@@ -20,33 +27,50 @@ _PANEL_OF_WIDTH = (0.3, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
-class SceneRecipe:
-    """A recipe of the mix.
+class Style:
+    """The recipes of a config and the look of its surfaces.
 
-    ``meaning`` says what its scenes show, for a comment; ``keys`` are the keys that it changes, by section.
+    Attributes:
+        recipes: the R recipes as in a config, without weights; the last one is clutter.
+        weights: weight of each recipe, above 0; the sum is 1.
+        texels_per_pixel: low and high end of ``textures.texels_per_pixel``.
+        blur_px: ``imperfections.blur_px``, in pixels of the config's images.
+        origin: sentences on the origin of these values, for a comment.
     """
 
-    name: str
-    meaning: str
-    keys: Mapping[str, Mapping[str, Any]]
+    recipes: Sequence[dict[str, Any]]
+    weights: Sequence[float]
+    texels_per_pixel: tuple[float, float] = TEXELS[0]
+    blur_px: float = 0.0
+    origin: str = "Equal weights, and textures as in the packaged configs: no pairs were tried."
 
 
-def suitable_recipes(
-    disparity: DisparityRange, width_px: int, doffs_px: float = 0.0, *, outdoors: bool
-) -> tuple[SceneRecipe, ...]:
-    """Return the recipes that suit a place.
+def untried_style(recipes: Sequence[dict[str, Any]]) -> Style:
+    """Return the style of a config without trial pairs: equal weights, and surfaces as in the packaged configs."""
+    return Style(recipes, (1 / len(recipes),) * len(recipes))
+
+
+def is_outdoors(rigs: Sequence[Rig], disparity: DisparityRange) -> bool:
+    """Return whether more than 2 % of the wanted pixels are farther than 20 m.
+
+    A view whose largest depth is less than three times its smallest is indoors: a wall has to close it.
+    """
+    ranges = rig_ranges(rigs)
+    doffs_px = sum(ranges["doffs_px"]) / 2
+    if disparity.max_px + doffs_px < _DEPTH_OF_FLAT * (disparity.min_px + doffs_px):
+        return False
+    focal_px, baseline_m = (math.sqrt(math.prod(ranges[key])) for key in ("focal_px", "baseline_m"))
+    return float(disparity.target.cumulative(focal_px * baseline_m / _INDOOR_M - doffs_px)) > _OUTDOOR_FROM
+
+
+def suitable_recipes(rigs: Sequence[Rig], disparity: DisparityRange) -> list[dict[str, Any]]:
+    """Return the recipes that suit the wanted disparities.
 
     Recipes of furnished, open and still scenes state their particles as layers, since their walls, ground and panels
     already lie at the wanted disparities. Where the range is so narrow that walls cannot reach these, there are no such
-    recipes. The last two recipes, of which the last is clutter, are solved for the part of the wanted distribution that
-    the other recipes leave.
-
-    Args:
-        disparity: the wanted disparities, px.
-        width_px: width of the config's images.
-        doffs_px: the rig's cx_right - cx_left.
-        outdoors: whether the place is outdoors.
+    recipes. The last two recipes are solved for the part of the wanted distribution that the others leave.
     """
+    width_px, doffs_px = median_size(rigs).width_px, sum(rig_ranges(rigs)["doffs_px"]) / 2
     # Rounded as in the written config, so that ranges lie within its limits.
     least, most = (float(f"{limit:.10g}") for limit in (disparity.min_px, disparity.max_px))
 
@@ -54,30 +78,26 @@ def suitable_recipes(
         ends = (float(f"{disparity.target.quantile(share):.3g}") for share in shares)
         return [min(max(end, least), most) for end in ends]
 
-    floating_things: dict[str, Any] = {"layers": [{"disparity_px": between(_NEAR), "count": _FLOATING}]}
-    panels: dict[str, Any] = {
+    particles = {"layers": [{"disparity_px": between(_NEAR), "count": _FLOATING}]}
+    panels = {
         "panels": [3, 6],
         "panel_disparity_px": between(_PANELS),
         "panel_size_px": [float(round(share * width_px)) for share in _PANEL_OF_WIDTH],
         "panel_slant_deg": [0, 45],
     }
+    empty = {"cuboid": 0, "plane": 0}
+    room = {**empty, "room": 1, "wall_disparity_px": between(_ROOM_ENDS)}
+    indoor: list[dict[str, Any]] = [
+        {"recipe": "room", "background": room},
+        {"recipe": "bare-room", "background": room, "room": {"furniture": [0, 3], "small": [2, 10]}},
+        {"recipe": "still", "background": {**empty, "cuboid": 1}, "structures": panels},
+    ]
+    outdoor: list[dict[str, Any]] = [
+        {"recipe": "street", "background": {**empty, "street": 1}},
+        {"recipe": "still-outdoors", "background": {**empty, "plane": 1}, "structures": {"ground": 1, **panels}},
+    ]
     # Walls and panels keep a distance from the near plane.
     reached = (most + doffs_px) / BEYOND_NEAR - doffs_px >= disparity.target.quantile(_STILL_UP_TO)
-    recipes = list[SceneRecipe]()
-
-    def add(name: str, meaning: str, background: Mapping[str, Any], **keys: Any) -> None:  # noqa: ANN401 - of sections
-        keys = {"background": {"cuboid": 0, "plane": 0, **background}, **keys, "particles": floating_things}
-        recipes.append(SceneRecipe(name, meaning, keys))
-
-    if reached and not outdoors:
-        room = {"room": 1, "wall_disparity_px": between(_ROOM_ENDS)}
-        add("room", "furnished rooms", room)
-        add("bare-room", "rooms with little in them", room, room={"furniture": [0, 3], "small": [2, 10]})
-        add("still", "walls and panels, and little before them", {"cuboid": 1}, structures=panels)
-    if reached and outdoors:
-        add("street", "open scenes along a road", {"street": 1})
-        ground = {"ground": 1, **panels}
-        add("still-outdoors", "ground and panels, and little before them", {"plane": 1}, structures=ground)
-    recipes.append(SceneRecipe("sparse", "fewer and larger floating things", {"particles": {"density": "sparse"}}))
-    recipes.append(SceneRecipe("clutter", "many floating things", {}))
-    return tuple(recipes)
+    still = (outdoor if is_outdoors(rigs, disparity) else indoor) if reached else []
+    floating: list[dict[str, Any]] = [{"recipe": "sparse", "particles": {"density": "sparse"}}, {"recipe": "clutter"}]
+    return [*(recipe | {"particles": particles} for recipe in still), *floating]

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from semisynth_gl.calibration.arrays import NO_BOUNDS, DisparityBounds, StereoArrays, camera_matrix
+from semisynth_gl.calibration.arrays import StereoArrays, camera_matrix
 from semisynth_gl.calibration.kinds import Size, turned_size_fault
-from semisynth_gl.calibration.tree import Array
 from semisynth_gl.config.fields import LARGEST, SMALLEST
 from semisynth_gl.config.rig_sections import MOST_FY_OVER_FX, MOST_PIXELS, WIDEST_PX
 from semisynth_gl.frame.camera import Eye, StereoCamera
@@ -28,8 +27,6 @@ _LARGEST_ENTRY = LARGEST**2
 # Tangent of half the angle that the width of a fisheye's rectified images takes at most by default, 100 degrees: wider,
 # OpenCV would shrink the middle.
 _WIDEST_FISHEYE = math.tan(math.radians(50))
-# Shorter translations, in any unit, are none.
-_NO_SHIFT = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +36,6 @@ class Rig:
     Attributes:
         camera: the rectified cameras.
         source: name of the file or files, for messages.
-        bounds: bounds of disparity that the calibration states.
         raw: the cameras before rectification; None where they are not known, or give rectified images by themselves.
         lens_fault: why cameras that the calibration states cannot be used.
         notes: sentences on what was concluded from the calibration.
@@ -47,51 +43,42 @@ class Rig:
 
     camera: StereoCamera
     source: str
-    bounds: DisparityBounds = NO_BOUNDS
     raw: Mapping[Eye, RawCamera] | None = None
     lens_fault: str | None = None
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         camera = self.camera
-        if max(self.size) > WIDEST_PX or math.prod(self.size) > MOST_PIXELS:
+        known = camera.values().values()
+        if (
+            max(self.size) > WIDEST_PX
+            or math.prod(self.size) > MOST_PIXELS
+            or min(camera.focal_px, camera.baseline_m) < SMALLEST
+            or not all(abs(value) <= LARGEST for value in known)
+            or not 1 / MOST_FY_OVER_FX <= camera.fy_over_fx <= MOST_FY_OVER_FX
+        ):
             raise InputError(
-                f"{self.source}: images of {self.size}: expected sides of at most {WIDEST_PX} and at most "
-                f"{MOST_PIXELS:,} pixels"
+                f"{self.source}: expected images of at most {WIDEST_PX} px a side and {MOST_PIXELS:,} pixels, numbers "
+                f"of at most {LARGEST:g}, nearly equal fx and fy, and a focal length and a baseline of at least "
+                f"{SMALLEST:g}, got {', '.join(f'{value:g}' for value in known)}"
             )
-        known = [value for value in (*camera.values().values(), *self.bounds) if value is not None]
-        small = min(camera.focal_px, camera.baseline_m) < SMALLEST
-        if small or not all(abs(value) <= LARGEST for value in known):
-            raise InputError(
-                f"{self.source}: expected numbers of at most {LARGEST:g}, and a focal length and a baseline of at "
-                f"least {SMALLEST:g}, got {', '.join(f'{value:g}' for value in known)}"
-            )
-        if not 1 / MOST_FY_OVER_FX <= camera.fy_over_fx <= MOST_FY_OVER_FX:
-            raise InputError(f"{self.source}: fy is {camera.fy_over_fx:g} times fx: expected nearly equal ones")
 
     @property
     def size(self) -> Size:
         """Size of the images."""
         return Size(self.camera.width_px, self.camera.height_px)
 
-    @property
-    def view_deg(self) -> float:
-        """Angle that the image's width takes, degrees."""
-        return 2 * math.degrees(math.atan(self.camera.width_px / 2 / self.camera.focal_px))
-
     def scaled(self, scale: float) -> "Rig":
         """Return the rig of images whose sides are multiplied by ``scale``: reduced below 1, enlarged above.
 
-        Pixel centres are at whole numbers, so a position c becomes (c + 0.5) scale - 0.5. Middlebury's own reduced
-        calibrations have c times scale, which shifts both principal points equally and changes no disparity.
+        Pixel centres are at whole numbers, so a position c becomes (c + 0.5) scale - 0.5.
         """
         camera = self.camera
         left, right, cy = ((c + 0.5) * scale - 0.5 for c in (camera.cx_left_px, camera.cx_right_px, camera.cy_px))
         size, focal_px = self.size.scaled(scale), camera.focal_px * scale
         camera = StereoCamera(*size, focal_px, camera.baseline_m, left, right, cy, fy_over_fx=camera.fy_over_fx)
-        bounds = DisparityBounds(*(None if bound is None else bound * scale for bound in self.bounds))
         raw = self.raw and {eye: each.scaled(scale) for eye, each in self.raw.items()}
-        return replace(self, camera=camera, bounds=bounds, raw=raw)
+        return replace(self, camera=camera, raw=raw)
 
 
 def plain_rig(focal_px: float, baseline_m: float, size: Size) -> Rig:
@@ -113,8 +100,7 @@ def stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None) -> Ste
             OpenCV's default, but with a view of at most 100 degrees for a fisheye. A fisheye's is OpenCV's ``balance``.
 
     Raises:
-        ReadError: where the cameras have the same position, one stands above the other, or the size is written as
-            height and width.
+        ReadError: where the cameras have the same position, or one stands above the other.
         InputError: where OpenCV is missing.
     """
     k, lenses, turn, shift_m = arrays.k, arrays.lenses, arrays.r, arrays.t_m
@@ -122,11 +108,13 @@ def stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None) -> Ste
         raise ReadError(Path(arrays.source), "expected K and D of both cameras, R and T")
     cv2 = open_opencv("rectifying by R and T, as the calibration has no P1 and P2,")
     right_m, down_m, _ = (-turn.T @ shift_m).tolist()
-    fault = vertical_fault(right_m, down_m) or turned_size_fault(size, *k)
-    if np.linalg.norm(shift_m) < _NO_SHIFT:
-        fault = "expected cameras apart from each other, got a translation of 0 between them"
-    if fault is not None:
-        raise ReadError(Path(arrays.source), fault)
+    if abs(right_m) <= abs(down_m):
+        raise ReadError(
+            Path(arrays.source),
+            f"expected cameras apart and side by side, but the right one stands {right_m:.6g} m to the right of the "
+            f"left one and {down_m:.6g} m below it: turn the images of a vertical rig by a quarter, and calibrate the "
+            "turned images",
+        )
     fisheye = lenses[0].model == "fisheye"
     chosen = {} if alpha is None else {"balance" if fisheye else "alpha": alpha}
     rectify = cv2.fisheye.stereoRectify if fisheye else cv2.stereoRectify
@@ -140,9 +128,7 @@ def stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None) -> Ste
         p1[:2, 2] = (np.array(size) - 1) / 2
         p2 = p1.copy()
         p2[0, 3] = baseline_m * p2[0, 0]
-    how = "its default alpha" if alpha is None else f"alpha {alpha:g}"
-    source = f"{arrays.source}, rectified by stereoRectify with {how}"
-    return replace(arrays, source=source, rectification=(r1, r2), p=(p1, p2))
+    return replace(arrays, source=f"{arrays.source}, rectified by stereoRectify", rectification=(r1, r2), p=(p1, p2))
 
 
 def rectified(arrays: StereoArrays, size: Size) -> Rig:
@@ -151,73 +137,42 @@ def rectified(arrays: StereoArrays, size: Size) -> Rig:
     Both matrices of a rectified pair are K [I | t] with the same fx, fy and cy, and with t along x only. Raises
     InputError where the pair is not rectified, the baseline is not above 0, or the size is one of turned images.
     """
-    source = arrays.source
+    source, fault = arrays.source, None
     if arrays.p is None:
-        raise _not_rectified(source, "it has no projection matrices")
+        raise InputError(f"{source}: has no projection matrices")
     left, right = arrays.p
-    baseline_m = _baseline_m(source, left, right)
+    (fx, _, cx_left, _), (_, fy, cy, _), _ = left.tolist()
+    for matrix in arrays.p:
+        if not ((np.abs(matrix) <= _LARGEST_ENTRY).all() and min(fx, fy) > 0):  # written so that nan fails too
+            raise InputError(f"{source}: a projection matrix holds {matrix.tolist()}: expected usable numbers")
+        off = np.abs(matrix[:, :3] - camera_matrix(fx, fy, matrix[0, 2], cy))
+        if off[1, 2] > _SAME_CY_PX or np.delete(off, 5).max() > _SAME_FOCAL * fx or off[2, 2] > _SAME_FOCAL:
+            fault = f"the projection matrices are {left[:, :3].tolist()} and {right[:, :3].tolist()}"
+    # Translations t, metres, from P = K [I | t]; their difference is the right camera's position.
+    left_m, right_m = (np.linalg.solve(matrix[:, :3], matrix[:, 3]) for matrix in arrays.p)
+    baseline_m, down_m, forward_m = map(float, left_m - right_m)
+    if np.hypot(down_m, forward_m) > _OFF_BASELINE * abs(baseline_m):
+        fault = fault or (
+            f"the right camera stands {baseline_m:g} m to the right of the left one, but also {down_m:g} m below and "
+            f"{forward_m:g} m in front of it"
+        )
+    if fault is not None:
+        raise InputError(
+            f"{source}: is not rectified: {fault}. Rectify first (OpenCV: stereoRectify), and give the calibration of "
+            "the rectified images"
+        )
+    if baseline_m <= 0:
+        raise InputError(
+            f"{source}: the baseline is {baseline_m:g} m: swap left and right, in the calibration and in your images"
+        )
     # The principal points of cameras that were turned a lot lie anywhere once they are rectified.
     if (fault := turned_size_fault(size, *(arrays.k or arrays.p))) is not None:
         raise InputError(f"{source}: {fault}")
-    (fx, _, cx_left, _), (_, fy, cy, _), _ = left.tolist()
     camera = StereoCamera(*size, fx, baseline_m, cx_left, float(right[0, 2]), cy, fy_over_fx=fy / fx)
     raw = arrays.raw_cameras(size)
     if raw is not None and all(each.is_pinhole(camera, eye) for eye, each in raw.items()):
         raw = None
-    return Rig(camera, source, arrays.bounds, raw, arrays.lens_fault, arrays.notes)
-
-
-def _baseline_m(source: str, left: Array, right: Array) -> float:
-    """Return the baseline of two projection matrices; raises InputError where they are of no rectified pair."""
-    fx, fy = float(left[0, 0]), float(left[1, 1])
-    for eye, matrix in (("left", left), ("right", right)):
-        if not ((np.abs(matrix) <= _LARGEST_ENTRY).all() and min(fx, fy) > 0):  # written so that nan fails too
-            raise InputError(f"{source}: the {eye} projection matrix holds {matrix.tolist()}: expected usable numbers")
-        off = np.abs(matrix[:, :3] - camera_matrix(fx, fy, matrix[0, 2], left[1, 2]))
-        if off[1, 2] > _SAME_CY_PX or np.delete(off, 5).max() > _SAME_FOCAL * fx or off[2, 2] > _SAME_FOCAL:
-            raise _not_rectified(
-                source,
-                f"fx is {fx:g} px left, {right[0, 0]:g} right, fy {fy:g} and {right[1, 1]:g}, cy {left[1, 2]:g} and "
-                f"{right[1, 2]:g}, and the {eye} matrix is {matrix[:, :3].tolist()}",
-            )
-    # Translations t, metres, from P = K [I | t]; their difference places the right camera in the left one's frame.
-    left_m, right_m = (np.linalg.solve(matrix[:, :3], matrix[:, 3]) for matrix in (left, right))
-    baseline_m, down_m, forward_m = map(float, left_m - right_m)
-    if (fault := vertical_fault(baseline_m, down_m)) is not None:
-        raise InputError(f"{source}: {fault}")
-    if np.hypot(down_m, forward_m) > _OFF_BASELINE * abs(baseline_m):
-        raise _not_rectified(
-            source,
-            f"the right camera stands {baseline_m:g} m to the right, but also {down_m:g} m below and {forward_m:g} m "
-            f"in front of the left one, more than {_OFF_BASELINE:.0%} of the baseline",
-        )
-    if baseline_m <= 0:
-        raise InputError(
-            f"{source}: the baseline is {baseline_m:g} m: expected the right camera to the right of the left one; "
-            "swap left and right, in the calibration and in your images"
-        )
-    return baseline_m
-
-
-def vertical_fault(right_m: float, down_m: float) -> str | None:
-    """Return what is wrong with a second camera rather above or below the first one than beside it; None for others.
-
-    ``right_m`` and ``down_m`` lead from the first camera to the second.
-    """
-    if abs(down_m) <= abs(right_m):
-        return None
-    return (
-        f"is a vertical rig: the right camera stands {abs(down_m):.6g} m {'below' if down_m > 0 else 'above'} the left "
-        "one: expected cameras side by side. Turn the images of both by a quarter, as if the rig lay on its side, and "
-        "calibrate the turned images"
-    )
-
-
-def _not_rectified(source: str, why: str) -> InputError:
-    return InputError(
-        f"{source}: is not rectified: {why}. Rectify first (OpenCV: stereoRectify), and give the calibration of the "
-        "rectified images"
-    )
+    return Rig(camera, source, raw, arrays.lens_fault, arrays.notes)
 
 
 def median_size(rigs: Sequence[Rig]) -> Size:
@@ -228,19 +183,13 @@ def median_size(rigs: Sequence[Rig]) -> Size:
 def rig_ranges(rigs: Sequence[Rig]) -> dict[str, tuple[float, float]]:
     """Return the least and the largest value over one or more rigs, by key of the config's section ``camera``.
 
-    The keys are ``focal_px``, ``fy_over_fx``, ``baseline_m``, ``cx_left_px``, ``doffs_px`` and ``cy_px``. Principal
-    points are moved into images of `median_size`, so that they keep their distance from the centre.
+    Principal points are moved into images of `median_size`, so that they keep their distance from the centre.
     """
-    size = median_size(rigs)
-    values = [
-        {
-            "focal_px": camera.focal_px,
-            "fy_over_fx": camera.fy_over_fx,
-            "baseline_m": camera.baseline_m,
-            "cx_left_px": camera.cx_left_px + (size.width_px - camera.width_px) / 2,
-            "doffs_px": camera.doffs_px,
-            "cy_px": camera.cy_px + (size.height_px - camera.height_px) / 2,
-        }
-        for camera in (rig.camera for rig in rigs)
-    ]
-    return {key: (min(value[key] for value in values), max(value[key] for value in values)) for key in values[0]}
+    size, ranges = median_size(rigs), dict[str, tuple[float, float]]()
+    for key in ("focal_px", "fy_over_fx", "baseline_m", "cx_left_px", "doffs_px", "cy_px"):
+        values = [getattr(rig.camera, key) for rig in rigs]
+        if key in ("cx_left_px", "cy_px"):
+            side = key == "cy_px"
+            values = [value + (size[side] - rig.size[side]) / 2 for value, rig in zip(values, rigs, strict=True)]
+        ranges[key] = min(values), max(values)
+    return ranges

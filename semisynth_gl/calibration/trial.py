@@ -1,17 +1,22 @@
-"""Trial pairs: a few pairs of each recipe, rendered like the pairs of the dataset to come, and measured."""
+"""Trial pairs: a few pairs of each recipe, rendered and measured, choose the mix of recipes and the look of surfaces.
 
-from collections.abc import Mapping
+A mean or a distribution over the pairs of a mix is the weighted mean over its recipes, so a few pairs of each recipe
+suffice to predict any mix. Blur is applied to rendered images, so one pair can be measured with every amount of it.
+"""
+
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from semisynth_gl.calibration.draft import Draft
-from semisynth_gl.calibration.style import BLURS, TEXELS, Trial, fitted_style, untried_style
-from semisynth_gl.calibration.write import config_values
+from semisynth_gl.calibration.draft import Draft, config_values
+from semisynth_gl.calibration.recipes import TEXELS, Style, untried_style
 from semisynth_gl.config.load import parse_values
-from semisynth_gl.judge.comparison import Values
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.judge.comparison import Values, unit_of
 from semisynth_gl.judge.measured_view import make_view, working_width
 from semisynth_gl.judge.measures import MEASURES, measure_view
 from semisynth_gl.listener import FinishedPair, Listener
@@ -19,7 +24,18 @@ from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
 from semisynth_gl.seeds.seeds import Purpose, generator
 
+# Tried values of imperfections.blur_px, in pixels at the working width.
+BLURS = (0.0, 0.15, 0.3, 0.5, 0.8)
+
 _SEED = 0
+# Weights are multiples of one over this number.
+_PARTS = 20
+# Cost of uneven weights: this times the sum of their squares.
+_EVENNESS = 0.1
+# Share of pixels at unwanted disparities that costs as much as one measure that is off by one standard deviation.
+_SURPLUS = 0.07
+
+Floats = NDArray[np.float64]
 
 
 def fit(draft: Draft, place: Values, pairs: int, listener: Listener) -> Draft:
@@ -35,58 +51,140 @@ def fit(draft: Draft, place: Values, pairs: int, listener: Listener) -> Draft:
         InputError: where inputs cannot be used.
         BackendError: where OpenGL cannot be used.
     """
-    recipes, target = draft.recipes, draft.disparity.target
-    cells = {f"{recipe.name}-{k}": (r, k) for r, recipe in enumerate(recipes) for k in range(len(TEXELS))}
-    tried = [
-        replace(recipes[r], name=name, keys={**recipes[r].keys, "textures": {"texels_per_pixel": list(TEXELS[k])}})
-        for name, (r, k) in cells.items()
-    ]
-    values: list[list[list[NDArray[np.float64]]]] = [[[] for _ in TEXELS] for _ in recipes]
-    shares = np.zeros((len(recipes), len(target.shares)))
-    width_px = draft.size.width_px
+    recipes, target, width_px = draft.style.recipes, draft.disparity.target, draft.size.width_px
     blur_scale = width_px / working_width(width_px)
+    cells = {f"{recipe['recipe']}-{k}": (r, k) for r, recipe in enumerate(recipes) for k in range(len(TEXELS))}
+    tried = [
+        recipes[r] | {"recipe": name, "textures": {"texels_per_pixel": TEXELS[k]}} for name, (r, k) in cells.items()
+    ]
+    values = config_values(replace(draft, style=untried_style(tried)))
+    # Recipes without layers get targets of their own: solving them for what a mix lacks takes long.
+    wanted = {"target": values["disparity"].pop("target")}
+    for recipe in values["scenes"]:
+        if "layers" not in recipe.get("particles", {}):
+            recipe["disparity"] = wanted
+    # Only what is measured.
+    config = parse_values(values | {"outputs": [], "truth": "left"}, "the trial's config", draft.overrides)
+    if {recipe.name for recipe in config.recipes()} != set(cells):
+        raise InputError(
+            "scenes cannot be set where trial pairs weigh the recipes: make no trials, or change scenes in the file "
+            "that is written",
+            argument="overrides",
+        )
+    shares = np.zeros((len(recipes), len(target.shares)))
+    measures: dict[str, list[Floats]] = {name: [] for name in cells}
     listener.on_total(pairs * len(cells))
-    trial_values = _as_tried(config_values(replace(draft, tried=untried_style(tried))))
-    with PairRenderer(parse_values(trial_values, "the trial's config", draft.overrides), _SEED) as renderer:
-        for recipe, sampler in zip(renderer.sampler.recipes, renderer.sampler.samplers, strict=True):
+    with PairRenderer(config, _SEED) as renderer:
+        for made, sampler in zip(renderer.sampler.recipes, renderer.sampler.samplers, strict=True):
             # Expected shares do not depend on texels.
-            r, k = cells[str(recipe.name)]
-            if k == 0 and recipe.config.particles.layers is not None:
-                shares[r] = sampler.disparity_solver.expected().rebinned(target.edges_px).shares
+            if made.config.particles.layers is not None:
+                shares[cells[str(made.name)][0]] = sampler.disparity_solver.expected().rebinned(target.edges_px).shares
         for number in range(pairs * len(cells)):
             # Skip the checks: redrawn scenes would have the same statistics.
             pair = renderer.render(number, checked=False)
-            r, k = cells[pair.provenance["recipe"]]
-            values[r][k].append(_blurred(pair, width_px, blur_scale))
+            measures[pair.provenance["recipe"]].append(_blurred(pair, width_px, blur_scale))
             listener.on_pair(FinishedPair("train", number))
-    shape = -1, len(BLURS), len(MEASURES)
-    trial = Trial([[np.reshape(each, shape) for each in of_recipe] for of_recipe in values], shares, target.shares)
-    return replace(draft, tried=fitted_style(recipes, trial, place, blur_scale))
+    of_cells = [np.reshape(measures[name], (-1, len(BLURS), len(MEASURES))) for name in cells]
+    of_recipes = [of_cells[first : first + len(TEXELS)] for first in range(0, len(of_cells), len(TEXELS))]
+    return replace(draft, style=fitted_style(recipes, of_recipes, shares, target.shares, place, blur_scale))
 
 
-def _blurred(pair: Pair, width_px: int, blur_scale: float) -> NDArray[np.float64]:
+def _blurred(pair: Pair, width_px: int, blur_scale: float) -> Floats:
     """Return a trial pair's measures with each of `BLURS`, (B, M), nan where it has none."""
     view = pair.frame.left
-    measured = make_view(working_width(width_px), view.image, view.disparity)
-    of_map = measure_view(measured, [measure for measure in MEASURES if measure.of_maps])
     found = []
     for blur in BLURS:
         imperfections = Imperfections(blur * blur_scale, 0.0, 0.0, 1.0)
         image = apply_imperfections(view.image, imperfections, generator(_SEED, Purpose.IMPERFECTIONS, pair.index))
-        blurred = replace(measured, luminance=make_view(working_width(width_px), image).luminance)
-        measures = of_map | measure_view(blurred, [measure for measure in MEASURES if not measure.of_maps])
+        measures = measure_view(make_view(working_width(width_px), image, view.disparity))
         found.append([measures.get(measure.key, np.nan) for measure in MEASURES])
     return np.array(found, np.float64)
 
 
-def _as_tried(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a config's values with only the outputs that are measured, and targets only in recipes without ``layers``.
+def fitted_style(
+    recipes: Sequence[dict[str, Any]],
+    trial: Sequence[Sequence[Floats]],
+    shares: Floats,
+    wanted: Floats,
+    place: Values,
+    blur_scale: float,
+) -> Style:
+    """Choose the style whose pairs are expected to be nearest to a place, in standard deviations of its pictures.
 
-    With targets of their own, these recipes are solved separately: solving them for what a mix lacks takes long.
+    The weights of recipes are chosen by the distributions of the measures of disparity maps, and by the wanted
+    disparities, since no recipe can remove pixels that a mix has too many of. Texture scale and blur are chosen by the
+    means of the measures of images.
+
+    Args:
+        recipes: the R recipes to mix; the last one is clutter.
+        trial: for each recipe, and for each of `TEXELS`, (P, B, M), the M measures of its P pairs with each of `BLURS`;
+            nan where a pair does not have the measure.
+        shares: (R, K), expected share of each recipe's pixels in each of the K bins of the wanted histogram; 0 for
+            recipes that are solved for the disparities that the other recipes lack.
+        wanted: (K,), shares of the wanted histogram.
+        place: the measures of the place's pictures, at the working width.
+        blur_scale: pixels of the config's images per pixel at the working width, to convert the tried `BLURS`.
     """
-    disparity, recipes = dict(values["disparity"]), []
-    target = disparity.pop("target")
-    for recipe in values["scenes"]:
-        of_own = "layers" not in recipe.get("particles", {})
-        recipes.append(recipe | ({"disparity": {"target": target}} if of_own else {}))
-    return {**values, "disparity": disparity, "scenes": recipes, "outputs": [], "truth": "left"}
+    # Measures of disparity maps do not depend on blur.
+    maps = [np.concatenate([values[:, 0] for values in of_recipe]) for of_recipe in trial]
+    pictured = [number for number, measure in enumerate(MEASURES) if place[measure.key].any()]
+    of_maps = [k for k in pictured if MEASURES[k].of_maps and all(np.isfinite(each[:, k]).any() for each in maps)]
+    weights, origin = np.full(len(recipes), 1 / len(recipes)), "Equal weights: no disparity map says otherwise."
+    if of_maps:
+        mixes = _mixes(len(recipes))
+        apart = [_apart(mixes, [values[:, k] for values in maps], place[MEASURES[k].key]) for k in of_maps]
+        surplus = np.maximum(mixes @ shares - wanted, 0).sum(axis=1) / _SURPLUS
+        far = _far(np.stack([*apart, surplus])) + _EVENNESS * (mixes**2).sum(axis=1)
+        weights, origin = mixes[np.argmin(far)], "Weights by trial pairs beside the disparity maps."
+    looks = _mean([[_mean(values) for values in of_recipe] for of_recipe in trial], weights)
+    of_looks = [k for k in pictured if np.isfinite(looks[..., k]).all() and not MEASURES[k].of_maps]
+    places = [place[MEASURES[k].key] for k in of_looks]
+    off = (looks[..., of_looks] - [values.mean() for values in places]) / [unit_of(values) for values in places]
+    texels, blur = map(int, np.unravel_index(np.argmin(_far(np.moveaxis(off, -1, 0))), looks.shape[:2]))
+    kept = np.flatnonzero(weights).tolist()
+    return Style(
+        tuple(recipes[number] for number in kept),
+        tuple(float(weights[number]) for number in kept),
+        TEXELS[texels],
+        float(f"{BLURS[blur] * blur_scale:.2g}"),
+        f"{origin} Textures by trial pairs beside the photographs.",
+    )
+
+
+def _mean(values: ArrayLike, weights: Floats | None = None) -> Floats:
+    """Return weighted means along the first axis over the values that are not nan; nan where all are nan."""
+    known = np.ma.masked_invalid(np.asarray(values, np.float64))
+    means: Floats = np.ma.filled(np.ma.average(known, axis=0, weights=weights), np.nan)
+    return means
+
+
+def _apart(mixes: Floats, tried: Sequence[Floats], pictures: Floats) -> Floats:
+    """Return the Wasserstein-1 distances, (N,), between a measure's distributions in N mixes and in the place.
+
+    ``mixes`` are weights (N, R) of recipes, ``tried`` the measure of each recipe's trial pairs, ``pictures`` of the
+    place, in whose `unit_of` distances are. A mix's distribution function is the weighted mean of its recipes'.
+    """
+    samples = [values[np.isfinite(values)] for values in (*tried, pictures)]
+    steps = np.unique(np.concatenate(samples))
+    *ours, theirs = (np.searchsorted(np.sort(each), steps[:-1], "right") / len(each) for each in samples)
+    apart: Floats = np.abs(mixes @ np.array(ours) - theirs) @ np.diff(steps) / unit_of(pictures)
+    return apart
+
+
+def _far(off: Floats) -> Floats:
+    """Add up the first axis; in a sum of squares, one measure that is far off would outweigh all others."""
+    far: Floats = (np.sqrt(1 + off**2) - 1).sum(axis=0)
+    return far
+
+
+def _mixes(recipes: int) -> Floats:
+    """Return all N sets of weights of R ``recipes``, (N, R), in twentieths with a sum of 1.
+
+    The last weight is above 0: the last recipe, clutter, adds the wanted disparities that the other recipes lack.
+    """
+    places = _PARTS + recipes - 2
+    cuts = np.array([(-1, *cut, places) for cut in combinations(range(places), recipes - 1)])
+    parts = np.diff(cuts, axis=1) - 1.0
+    parts[:, -1] += 1
+    weights: Floats = parts / _PARTS
+    return weights

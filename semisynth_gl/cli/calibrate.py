@@ -18,6 +18,7 @@ from semisynth_gl.cli.options import (
     map_options,
     option,
     set_option,
+    split,
 )
 from semisynth_gl.cli.outputs import OutputFile
 from semisynth_gl.cli.progress import Progress
@@ -45,15 +46,6 @@ def _calib_keys(_: click.Context, __: click.Parameter, text: str | None) -> dict
     return {key.strip(): name.strip() for key, _, name in pairs}
 
 
-def _cameras(_: click.Context, __: click.Parameter, text: str | None) -> tuple[str, str] | None:
-    if text is None:
-        return None
-    left, comma, right = text.partition(",")
-    if not (comma and left.strip() and right.strip()):
-        raise InputError(f"--pair {text}: expected the left and the right camera, such as cam1,cam2")
-    return left.strip(), right.strip()
-
-
 @click.command(cls=Command)
 @images_option(required=True)
 @option(
@@ -73,7 +65,7 @@ def _cameras(_: click.Context, __: click.Parameter, text: str | None) -> tuple[s
 @option(
     "--pair",
     "cameras",
-    callback=_cameras,
+    callback=split(click.STRING),
     metavar="LEFT,RIGHT",
     help="The left and the right camera in a calibration of more than two, such as cam1,cam2.",
 )
@@ -106,13 +98,6 @@ def _cameras(_: click.Context, __: click.Parameter, text: str | None) -> tuple[s
     "Disparities of a map that is not as wide as the rig's images are scaled by the ratio of the widths. ",
 )
 @option(
-    "--rectify-to",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="The photographs are as the cameras take them: rectify them by --calib, which must have K, D and R of both "
-    "cameras, and write them here; needs OpenCV, the extra opencv.",
-)
-@option(
     "--range-px", type=(_ANY_NUMBER, _ANY_NUMBER), help="Smallest and largest disparity in pixels, without --disparity."
 )
 @option(
@@ -123,8 +108,8 @@ def _cameras(_: click.Context, __: click.Parameter, text: str | None) -> tuple[s
     "--trials",
     type=NATURAL,
     default=6,
-    help="Pairs to render and measure for each recipe, with each of two texture scales. With 0, all "
-    "recipes get the same weight, and textures are as in the packaged configs.",
+    help="Pairs to render and measure for each recipe, with each of two texture scales. With 0, which needs no "
+    "OpenGL, all recipes get the same weight, and textures are as in the packaged configs.",
 )
 @set_option()
 @option("--out", type=OutputFile(".yaml", ".yml"), required=True, help="YAML file to write.")
@@ -133,7 +118,6 @@ def calibrate(
     images: tuple[str, ...],
     disparity: tuple[str, ...],
     png_scale: float,
-    rectify_to: Path | None,
     settings: tuple[str, ...],
     out: Path,
     overwrite: bool,
@@ -147,7 +131,6 @@ def calibrate(
             images,
             disparity=disparity,
             png_scale=png_scale,
-            rectify_to=rectify_to,
             overrides=settings,
             name=out.stem,
             listener=progress,
@@ -159,7 +142,7 @@ def calibrate(
     for note in made.notes:
         click.echo(f"note: {note}", err=True)
     config, data = shlex.quote(str(out)), shlex.quote(f"data/{made.config.name}")
-    sources = [f"--images {shlex.quote(source)}" for source in (images if rectify_to is None else [str(rectify_to)])]
+    sources = [f"--images {shlex.quote(source)}" for source in images]
     sources += [f"--disparity {shlex.quote(source)}" for source in disparity]
     if disparity and png_scale != KITTI_DISPARITY.steps:
         sources.append(f"--png-scale {png_scale:g}")

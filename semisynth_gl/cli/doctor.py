@@ -79,4 +79,4 @@ def _opencv_version() -> str:
     try:
         return str(open_opencv("the section lens").__version__)
     except InputError:
-        return "not installed: the section lens needs it, and calibrate for --rectify-to and lenses"
+        return "not installed: the section lens needs it, and calibrate for lenses"

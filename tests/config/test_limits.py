@@ -102,8 +102,8 @@ def test_a_plan_of_too_many_shards_is_refused():
 # Calibrations and histograms
 
 MIDDLEBURY = "cam0=[{f} 0 {cx}; 0 {f} {cy}; 0 0 1]\ncam1=[{f} 0 {cx}; 0 {f} {cy}; 0 0 1]\ndoffs=0\nbaseline={b}\n"
-MIDDLEBURY += "width={w}\nheight={h}\nndisp={n}\n"
-USUAL = {"f": "700", "cx": "320", "cy": "240", "b": "100", "w": "640", "h": "480", "n": "64"}
+MIDDLEBURY += "width={w}\nheight={h}\n"
+USUAL = {"f": "700", "cx": "320", "cy": "240", "b": "100", "w": "640", "h": "480"}
 P = "{{rows: 3, cols: 4, data: [{f}, 0, {cx}, {t}, 0, {f}, 240, 0, 0, 0, 1, 0]}}"
 ROS = "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\nP1: " + P.replace("{t}", "0") + "\nP2: " + P + "\n"
 HUGE = ("1e300", "inf", ".nan", "-inf", DIGITS, "1e7000", "[1, 2]")
