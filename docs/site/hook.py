@@ -3,13 +3,19 @@
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, get_args, get_origin
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files, InclusionLevel
 from mkdocs.structure.pages import Page
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
-from semisynth_gl.config.explain import ConfigKey, config_keys
+from semisynth_gl.config import Range
+from semisynth_gl.config.explain import config_keys, meaning, section_of
+from semisynth_gl.config.fields import written_range
+from semisynth_gl.config.yaml_values import write_yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -41,20 +47,41 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 def keys_tables() -> str:
     """Return a table of each section's keys, from the docstrings that ``semisynth-gl configs NAME`` prints too."""
     lines = [*_HEAD]
-    for key in config_keys():
-        if key.is_section:
-            lines += ["", f"### {key.dotted}", "", _text(key), "", *_HEAD]
+    for name, field in config_keys().items():
+        if (section := section_of(field)) is not None:
+            lines += ["", f"### {name}", "", _text(section.__doc__ or ""), "", *_HEAD]
         else:
-            default = ", ".join(filter(None, ("range" if key.is_range else "", key.default)))
-            lines.append(f"| `{key.dotted.rpartition('.')[2]}` | {default} | {_text(key)} |")
+            default = ", ".join(filter(None, ("range" if _is_range(field.annotation) else "", _default(field))))
+            lines.append(f"| `{name.rpartition('.')[2]}` | {default} | {_text(meaning(field))} |")
     return "\n".join(lines)
 
 
 _HEAD = ("| key | default | meaning |", "|---|---|---|")
 
 
-def _text(key: ConfigKey) -> str:
-    return " ".join(key.meaning.replace("``", "`").split())
+def _text(docstring: str) -> str:
+    return " ".join(docstring.replace("``", "`").split())
+
+
+def _is_range(annotation: Any) -> bool:  # noqa: ANN401 - any annotation
+    """Return whether a key takes a range; a list of ranges does not count."""
+    return annotation is Range or (get_origin(annotation) is not tuple and any(map(_is_range, get_args(annotation))))
+
+
+def _default(field: FieldInfo) -> str:
+    """Return a key's default as YAML; "" where it is None, empty, or told by the key's text."""
+    if field.is_required():
+        return "required"
+    value = field.get_default(call_default_factory=True)
+    return "" if value in (None, (), {}) or isinstance(value, BaseModel) else write_yaml(_plain(value))
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401 - any value of a config
+    if isinstance(value, Range):
+        value = written_range(value)
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def _files_beside_docs(config: MkDocsConfig) -> Iterator[tuple[str, Path]]:

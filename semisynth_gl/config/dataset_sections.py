@@ -132,19 +132,10 @@ class SplitsSection(Section):
     models: bool = False
     """hold out the same shares of models too"""
 
-    def _faults(self) -> Iterator[ConfigError]:
-        if self.validation + self.test >= 1:
-            text = f"validation and test add up to {self.validation + self.test:g}: expected less than 1"
-            yield ConfigError(text, ("validation", "test"))
-
     def split(self, name: SplitName, splits: Collection[SplitName], seed: int) -> Split:
-        """Return the split ``name`` of a dataset; ``splits`` are all splits that the dataset has.
-
-        ``seed`` is the dataset's seed, which chooses the subjects that are held out.
-        """
+        """Return the split ``name`` of a dataset with this seed; ``splits`` are all splits that the dataset has."""
         shares: dict[SplitName, float] = {"validation": self.validation, "test": self.test}
-        held_out = {held: share for held, share in shares.items() if held in splits}
-        return Split(seed, name, held_out, self.models)
+        return Split(seed, name, {held: share for held, share in shares.items() if held in splits}, self.models)
 
 
 class LicencesSection(Section):

@@ -101,6 +101,11 @@ class HistogramTarget(Section):
         if not sum(self.shares) > 0:
             yield ConfigError("expected at least one share above 0", ("shares",))
 
+    def histogram(self) -> Histogram:
+        """Return the shares with the bins' edges."""
+        edges_px = self.first_px + np.arange(len(self.shares) + 1) * self.bin_px
+        return Histogram.from_counts(edges_px, self.shares)
+
 
 TargetSection = Annotated[
     UniformTarget | UniformDepthTarget | GammaTarget | HistogramTarget, Field(discriminator="form")
@@ -113,12 +118,22 @@ def target_faults(target: TargetSection, min_px: float, max_px: float, low_px: f
     ``min_px`` and ``max_px`` are keys of the section ``disparity``. Scenes show ``low_px`` to ``max_px``.
     """
     keys = "disparity.target", "disparity.min_px", "disparity.max_px"
-    if isinstance(target, UniformTarget):
-        low, high = _ends(target, min_px, max_px)
-        if low >= high:
-            yield ConfigError(f"expected low_px < high_px, got {low:g} and {high:g}", keys)
+    match target:
+        case UniformDepthTarget():
             return
-    below, to_end = _uncut_histogram(target, min_px, max_px).cumulative([low_px, max_px])
+        case UniformTarget():
+            low, high = _ends(target, min_px, max_px)
+            if low >= high:
+                yield ConfigError(f"expected low_px < high_px, got {low:g} and {high:g}", keys)
+                return
+            whole = Histogram.from_counts([low, high], [1.0])
+        case GammaTarget():
+            reach_px = _SPREADS * target.spread_px
+            first = max(target.origin_px, target.mean_px - reach_px)
+            whole = target.histogram(np.linspace(first, target.mean_px + reach_px, _GAMMA_BINS + 1))
+        case HistogramTarget():
+            whole = target.histogram()
+    below, to_end = whole.cumulative([low_px, max_px])
     if max(below, 1 - to_end) > _OUT_OF_REACH:
         yield ConfigError(
             f"disparity.target wants {below:.1%} of the pixels below and {1 - to_end:.1%} above what this config can "
@@ -130,8 +145,7 @@ def target_faults(target: TargetSection, min_px: float, max_px: float, low_px: f
 def wanted_histogram(target: TargetSection, min_px: float, max_px: float, doffs_px: float) -> Histogram:
     """Return a target as a histogram of disparity, px; see `semisynth_gl.config.model.Config.wanted_histogram`.
 
-    ``doffs_px`` is the mean cx_right - cx_left of the cameras. Raises InputError where a target uniform in depth
-    reaches beyond infinity.
+    ``doffs_px`` is the mean cx_right - cx_left of the cameras.
     """
     edges_px = np.linspace(min_px, max_px, _BINS + 1, dtype=np.float64)
     match target:
@@ -146,31 +160,14 @@ def wanted_histogram(target: TargetSection, min_px: float, max_px: float, doffs_
         case GammaTarget():
             return target.histogram(edges_px)
         case UniformTarget():
-            return _uncut_histogram(target, min_px, max_px).rebinned(edges_px)
+            return Histogram.from_counts(_ends(target, min_px, max_px), [1.0]).rebinned(edges_px)
         case HistogramTarget():
-            return _uncut_histogram(target, min_px, max_px)
+            return target.histogram()
 
 
 def _ends(target: UniformTarget, min_px: float, max_px: float) -> tuple[float, float]:
     low_px, high_px = target.low_px, target.high_px
     return min_px if low_px is None else low_px, max_px if high_px is None else high_px
-
-
-def _uncut_histogram(target: TargetSection, min_px: float, max_px: float) -> Histogram:
-    """Return a distribution before it is cut at the limits of the section ``disparity``."""
-    match target:
-        case UniformTarget():
-            return Histogram.from_counts(_ends(target, min_px, max_px), [1.0])
-        case UniformDepthTarget():
-            # A placeholder: callers need only the range.
-            return Histogram.from_counts([min_px, max_px], [1.0])
-        case GammaTarget():
-            reach_px = _SPREADS * target.spread_px
-            first = max(target.origin_px, target.mean_px - reach_px)
-            return target.histogram(np.linspace(first, target.mean_px + reach_px, _GAMMA_BINS + 1))
-        case HistogramTarget():
-            edges = target.first_px + np.arange(len(target.shares) + 1) * target.bin_px
-            return Histogram.from_counts(edges, target.shares)
 
 
 def read_histogram(path: Path) -> dict[str, Any]:
@@ -187,8 +184,7 @@ def read_histogram(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: expected lines low_px,high_px,share, but {error}") from None
     wrong = ~((lows >= -LARGEST) & (lows < highs) & (highs <= LARGEST) & (shares >= 0) & (shares <= LARGEST))
     wrong[1:] |= np.abs(lows[1:] - highs[:-1]) > _RESOLUTION_PX
-    if wrong.any():
-        low, high, share = (values[wrong][0] for values in (lows, highs, shares))
+    for low, high, share in zip(lows[wrong], highs[wrong], shares[wrong], strict=True):
         raise InputError(
             f"{path}: expected low_px < high_px, each bin to begin where the previous one ends, and a share of 0 or "
             f"more, all at most {LARGEST:g}, got {low:g},{high:g},{share:g}"

@@ -51,11 +51,10 @@ def _line(fault: ErrorDetails, layer: Layer) -> str:
 def _hint(key: Key) -> str:
     """Return a question with the keys that an unknown key may have been meant for: similar, or in another section."""
     *above, last = key
-    keys = config_keys()
-    known = [each.dotted for each in keys]
-    if above and dotted(tuple(above)) not in [each.dotted for each in keys if each.is_section]:
+    known = [*config_keys()]
+    if above and not any(each.startswith(f"{dotted(tuple(above))}.") for each in known):
         # The key is in a list, or in a target of some form.
         known = [dotted((*above, name)) for section in Section.__subclasses__() for name in section.model_fields]
-    elsewhere = [each.dotted for each in keys if each.dotted.rpartition(".")[2] == last]
+    elsewhere = [each for each in config_keys() if each.rpartition(".")[2] == last]
     names = dict.fromkeys([*near(dotted(key), known), *elsewhere[:2]])
     return did_you_mean(names, "`semisynth-gl configs NAME` lists all keys of a config")

@@ -1,94 +1,49 @@
 """The keys of a config with their documentation, and a config in full as YAML."""
 
 import textwrap
-import types
-import typing
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from functools import cache
-from inspect import cleandoc
-from typing import Any, get_args, get_origin
+from typing import get_args
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from semisynth_gl.config.fields import Range, written_range
 from semisynth_gl.config.model import RECIPE_KEYS, Config
 from semisynth_gl.config.yaml_values import write_yaml
 
 _WIDTH = 100
 
 
-@dataclass(frozen=True, slots=True)
-class ConfigKey:
-    """A key of a config, outside of lists and of the forms of a target.
-
-    ``dotted`` is the key as ``--set`` takes it, and ``meaning`` its docstring. ``default`` is YAML, "required", or ""
-    where the default is None or empty.
-    """
-
-    dotted: str
-    meaning: str
-    default: str = ""
-    is_section: bool = False
-    is_range: bool = False
-
-
 @cache
-def config_keys() -> tuple[ConfigKey, ...]:
-    """Return the keys outside of sections, and then each section followed by its keys, in the config's order."""
-    return tuple(_keys_of(Config, ""))
+def config_keys() -> Mapping[str, FieldInfo]:
+    """Return the keys outside of sections by their names, and then each section and its keys, by dotted name.
+
+    Keys in lists and in the forms of a target are left out.
+    """
+    return dict(_keys_of(Config, ""))
 
 
-def _keys_of(section: type[BaseModel], above: str) -> Iterator[ConfigKey]:
-    inner = list[tuple[str, type[BaseModel]]]()
-    for name, field in section.model_fields.items():
-        if (below := _section_of(field)) is not None:
-            inner.append((f"{above}{name}", below))
-        else:
-            is_range = Range in _types(field.annotation)
-            yield ConfigKey(f"{above}{name}", _meaning(field), _default(field), is_range=is_range)
-    for name, below in inner:
-        yield ConfigKey(name, cleandoc(below.__doc__ or ""), is_section=True)
-        yield from _keys_of(below, f"{name}.")
+def _keys_of(section: type[BaseModel], above: str) -> Iterator[tuple[str, FieldInfo]]:
+    fields = section.model_fields.items()
+    yield from ((f"{above}{name}", field) for name, field in fields if section_of(field) is None)
+    for name, field in fields:
+        if (below := section_of(field)) is not None:
+            yield f"{above}{name}", field
+            yield from _keys_of(below, f"{above}{name}.")
 
 
-def _types(annotation: Any) -> list[Any]:  # noqa: ANN401 - any annotation
-    """Return the types that an annotation allows, besides None."""
-    match get_origin(annotation):
-        case typing.Union | types.UnionType:
-            return [each for part in get_args(annotation) for each in _types(part)]
-        case typing.Annotated:
-            return _types(get_args(annotation)[0])
-    return [] if annotation is types.NoneType else [annotation]
+def section_of(field: FieldInfo) -> type[BaseModel] | None:
+    """Return the section of a key; None where the key has a plain value, or takes one of several forms."""
+    found = [each for each in get_args(field.annotation) or (field.annotation,) if each is not type(None)]
+    match found:
+        case [type() as section] if issubclass(section, BaseModel):
+            return section
+    return None
 
 
-def _section_of(field: FieldInfo) -> type[BaseModel] | None:
-    """Return a key's section; None where the key has a plain value, or takes one of several forms."""
-    found = _types(field.annotation)
-    is_section = len(found) == 1 and isinstance(found[0], type) and issubclass(found[0], BaseModel)
-    return found[0] if is_section else None
-
-
-def _meaning(field: FieldInfo) -> str:
-    section = _section_of(field)
-    return " ".join((field.description or (section.__doc__ if section else None) or "").split())
-
-
-def _default(field: FieldInfo) -> str:
-    if field.is_required():
-        return "required"
-    value = field.get_default(call_default_factory=True)
-    # A target's default is told by its text.
-    return "" if value in (None, (), {}) or isinstance(value, BaseModel) else write_yaml(_short(value))
-
-
-def _short(value: Any) -> Any:  # noqa: ANN401 - any value of a config
-    if isinstance(value, Range):
-        value = written_range(value)
-    if isinstance(value, list | tuple):
-        return [_short(each) for each in value]
-    return int(value) if isinstance(value, float) and value.is_integer() else value
+def meaning(field: FieldInfo) -> str:
+    """Return the docstring of a key, or of its section."""
+    return " ".join((field.description or getattr(section_of(field), "__doc__", None) or "").split())
 
 
 def explain(config: Config) -> str:
@@ -104,8 +59,8 @@ def _section(section: BaseModel, indent: str) -> Iterator[str]:
         # Some keys are left out of the values where they are empty.
         value = values.get(key, inner)
         mark = f"{indent}# "
-        meaning = _meaning(field).replace("``", "")
-        yield from textwrap.wrap(meaning, _WIDTH, initial_indent=mark, subsequent_indent=mark)
+        text = meaning(field).replace("``", "")
+        yield from textwrap.wrap(text, _WIDTH, initial_indent=mark, subsequent_indent=mark)
         if value is None:
             yield f"{indent}# {key}:"
         elif key == "scenes" and value:

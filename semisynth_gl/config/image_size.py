@@ -16,7 +16,7 @@ _TEXELS = "texels_per_pixel"
 _SIDES = ("width_px", "height_px", "raw_width_px", "raw_height_px")
 _POINTS = {"cx_left_px": "width_px", "cx_right_px": "width_px", "cy_px": "height_px"}
 
-# What becomes of a value, by the name of its section and its key.
+# What becomes of a number, by the name of its section and its key.
 Change = Callable[[str, str, float], float]
 
 
@@ -24,23 +24,21 @@ def recentred(below: Values, above: Values) -> Values:
     """Return the values ``below`` with principal points moved to fit the image size that ``above`` states.
 
     ``above`` holds the values that will be merged over ``below``. Images of another size are cropped or extended about
-    their middle, so a principal point keeps its distance from the middle; the distance grows with the focal length
-    where ``above`` changes that too. Principal points that ``above`` states itself are not moved.
+    their middle, so a principal point keeps its distance from the middle. Principal points that ``above`` states itself
+    are not moved.
     """
     before, stated = below.get("camera"), above.get("camera")
     if not (isinstance(before, dict) and isinstance(stated, dict)):
         return below
-    after = {**before, **stated}
-    focal_px, new_focal_px = _focal_px(before), _focal_px(after)
-    growth = new_focal_px / focal_px if focal_px and new_focal_px else 1.0
 
     def beside_middle(section: str, key: str, at: float) -> float:
-        old, new = (sides.get(_POINTS.get(key, "")) for sides in (before, after))
-        if section == "camera" and is_number(old) and is_number(new) and old != new and key not in stated:
-            return (new - 1) / 2 + growth * (at - (old - 1) / 2)
+        side = _POINTS.get(key, "")
+        old, new = before.get(side), stated.get(side)
+        if section == "camera" and key not in stated and is_number(old) and is_number(new) and old != new:
+            return (new - 1) / 2 + (at - (old - 1) / 2)
         return at
 
-    return _with_recipes(below, beside_middle)
+    return _changed(below, beside_middle)
 
 
 def scaled(values: Values, factor: float) -> Values:
@@ -68,35 +66,21 @@ def scaled(values: Values, factor: float) -> Values:
         given = values.get(name, {})
         if isinstance(given, dict) and stated:
             full[name] = stated | given
-    return _with_recipes(full, at_scale)
+    return _changed(full, at_scale)
 
 
-def _with_recipes(values: Values, change: Change) -> Values:
+def _changed(values: Values, change: Change) -> Values:
     """Return the values with all numbers of their sections changed, in recipes too."""
-    changed = {name: _changed(name, "", each, change) for name, each in values.items()}
+
+    def changed(section: str, key: str, value: Any) -> Any:  # noqa: ANN401 - any YAML value
+        """Change all numbers in a value; ``key`` is the nearest key above them."""
+        if isinstance(value, dict):
+            return {name: changed(section, name, each) for name, each in value.items()}
+        if isinstance(value, list):
+            return [changed(section, key, each) for each in value]
+        return change(section, key, value) if is_number(value) else value
+
+    result = {name: changed(name, "", each) for name, each in values.items()}
     if isinstance(recipes := values.get("scenes"), list):
-        changed["scenes"] = [_with_recipes(each, change) if isinstance(each, dict) else each for each in recipes]
-    return changed
-
-
-def _changed(section: str, key: str, value: Any, change: Change) -> Any:  # noqa: ANN401 - any YAML value
-    """Return a value with all numbers in it changed; ``key`` is the nearest key above them."""
-    if isinstance(value, dict):
-        return {name: _changed(section, name, each, change) for name, each in value.items()}
-    if isinstance(value, list):
-        return [_changed(section, key, each, change) for each in value]
-    return change(section, key, value) if is_number(value) else value
-
-
-def _focal_px(camera: Values) -> float | None:
-    """Return the middle of the range of focal lengths; None where it cannot be computed."""
-    focal = _middle(camera.get("focal_px"))
-    if focal is not None:
-        return focal
-    focal_mm, sensor_mm, width = (_middle(camera.get(key)) for key in ("focal_mm", "sensor_width_mm", "width_px"))
-    return focal_mm / sensor_mm * width if focal_mm and sensor_mm and width else None
-
-
-def _middle(value: Any) -> float | None:  # noqa: ANN401 - any YAML value
-    ends = value if isinstance(value, list) else [value]
-    return sum(ends) / len(ends) if ends and all(map(is_number, ends)) else None
+        result["scenes"] = [_changed(each, change) if isinstance(each, dict) else each for each in recipes]
+    return result

@@ -66,13 +66,14 @@ class Layer:
         found = {key: self._placed(key) for key in [key for key in whole if holds(self.values, key)] or whole[:1]}
         order = [(), *self.places]
         last, *others = sorted(found, key=lambda key: order.index(found[key]), reverse=True)
-        place, places = self.places.get(found[last], ""), {key: self.places.get(found[key]) for key in others}
-        notes = [f"{dotted(key)} of {its_place}" for key, its_place in places.items() if its_place != place]
+        place = self.places.get(found[last], "")
+        # What was set in one place is not said twice.
+        apart = [(dotted(key), self.places.get(found[key])) for key in others]
+        notes = [f"{name} of {its_place}" for name, its_place in apart if its_place != place]
         if recipe and not any(key[:2] == recipe for key in found):
             notes.append(dotted(recipe))
-        end = f" (with {', '.join(notes)})" if notes else ""
-        start = [f"{place} {dotted(last)}"] if place == OVERRIDE else [place, dotted(last)]
-        return ": ".join(filter(None, [*start, text])) + end
+        start = f"{place} {dotted(last)}" if place == OVERRIDE else ": ".join(filter(None, (place, dotted(last))))
+        return f"{start}: {text}" + (f" (with {', '.join(notes)})" if notes else "")
 
     def _placed(self, key: Key) -> Key:
         """Return the longest beginning of a key that has a place, or else a key in it."""
@@ -82,11 +83,11 @@ class Layer:
 
 def holds(values: Any, key: Key) -> bool:  # noqa: ANN401 - any YAML value
     """Return whether nested mappings and lists have a key."""
-    for part in key:
-        try:
+    try:
+        for part in key:
             values = values[part]
-        except (LookupError, TypeError):
-            return False
+    except (LookupError, TypeError):
+        return False
     return True
 
 

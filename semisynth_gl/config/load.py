@@ -1,7 +1,7 @@
 """Reading a config: layers of YAML and overrides, merged and then checked once."""
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import reduce
@@ -85,7 +85,7 @@ def _validated(layer: Layer) -> Config:
     installed_plugins()  # refuses one that has a built-in name, which the config may mean
     used = config.used_plugins()
     if config.layout is not None and config.layout not in LAYOUTS:
-        used[("layout",)] = ("layouts", config.layout)
+        used["layout",] = ("layouts", config.layout)
     for key, (group, name) in used.items():
         with _about(layer, key):
             find_plugin(group, name)
@@ -110,9 +110,8 @@ def _find_config(name: str) -> Path:
     if path.parent == Path() and stem in names:
         return Path(str(data_root("configs"))) / f"{stem}.yaml"
     hint = did_you_mean(near(stem, names))
-    raise InputError(
-        f"no such config: {cut(name)}; {hint}{' ' if hint else ''}expected a YAML file, or one of: {', '.join(names)}"
-    )
+    expected = f"expected a YAML file, or one of: {', '.join(names)}"
+    raise InputError(f"no such config: {cut(name)}; {f'{hint} ' if hint else ''}{expected}")
 
 
 def _read(path: Path, above: tuple[str, ...]) -> Layer:
@@ -123,8 +122,7 @@ def _read(path: Path, above: tuple[str, ...]) -> Layer:
     try:
         values, lines = read_yaml(read_file(path, MOST_BYTES).decode("utf-8"))
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise InputError(f"{file}: cannot be read as YAML: {reason}") from None
+        raise InputError(f"{file}: cannot be read as YAML: {error}") from None
     except YamlError as error:
         raise InputError(f"{file}{'' if error.line is None else f':{error.line}'}: {error}") from None
     if not isinstance(values, dict):
@@ -175,8 +173,7 @@ def _keys_of(value: Any, key: Key) -> list[Key]:  # noqa: ANN401 - any YAML valu
 
 def _over(below: Layer, layer: Layer) -> Layer:
     """Merge a layer over another, which is scaled or recentred where the layer changes the images."""
-    factor = layer.values.get("scale")
-    values = below.values
+    values, factor = below.values, layer.values.get("scale")
     if factor is not None:
         if not (is_number(factor) and 1 / _MOST_TIMES <= factor <= _MOST_TIMES):
             expected = f"expected a number from 1/{_MOST_TIMES} to {_MOST_TIMES}"
@@ -188,33 +185,39 @@ def _over(below: Layer, layer: Layer) -> Layer:
 
 def _with_plugin_recipes(layer: Layer) -> Layer:
     """Merge each recipe over the plug-in's recipe that it extends."""
-    recipes = layer.values.get("scenes")
-    if not isinstance(recipes, list):
-        return layer
-    whole = list(recipes)
-    for number, recipe in enumerate(recipes):
-        name = recipe.get("extends") if isinstance(recipe, dict) else None
+
+    def whole(recipe: Values, at: Key) -> Values:
+        name, below = recipe.get("extends"), Values()
         if isinstance(name, str):
-            with _about(layer, ("scenes", number, "extends")):
-                whole[number] = merged({"recipe": name} | find_plugin("recipes", name).value, recipe)
-    return replace(layer, values=layer.values | {"scenes": whole})
+            with _about(layer, (*at, "extends")):
+                below = {"recipe": name} | find_plugin("recipes", name).value
+        return merged(below, recipe)
+
+    return _with_recipes(layer, whole)
 
 
 def _with_histograms(layer: Layer, folder: Path) -> Layer:
     """Replace targets of form ``file``, whose path is relative to ``folder``, by histograms."""
 
-    def replaced(sections: Any, at: Key) -> Any:  # noqa: ANN401 - any YAML value
-        match sections:
-            case {"disparity": {"target": {"form": "file", "path": str(path), **others}}} if not others:
-                with _about(layer, (*at, "disparity", "target", "path")):
+    def replaced(values: Values, at: Key) -> Values:
+        match values:
+            case {"disparity": {"target": {"form": "file", **keys}} as section}:
+                target = *at, "disparity", "target"
+                path = keys.get("path")
+                if not isinstance(path, str) or len(keys) > 1:
+                    raise InputError(layer.said("expected the form and the path of a file, and no other key", [target]))
+                with _about(layer, (*target, "path")):
                     histogram = read_histogram(folder / expanded(path))
-                return sections | {"disparity": sections["disparity"] | {"target": histogram}}
-            case {"disparity": {"target": {"form": "file"}}}:
-                text = "expected the form and the path of a file, and no other key"
-                raise InputError(layer.said(text, [(*at, "disparity", "target")]))
-        return sections
+                return values | {"disparity": section | {"target": histogram}}
+        return values
 
-    values = replaced(layer.values, ())
-    if isinstance(recipes := values.get("scenes"), list):
-        values = values | {"scenes": [replaced(each, ("scenes", number)) for number, each in enumerate(recipes)]}
-    return replace(layer, values=values)
+    return _with_recipes(replace(layer, values=replaced(layer.values, ())), replaced)
+
+
+def _with_recipes(layer: Layer, change: Callable[[Values, Key], Values]) -> Layer:
+    """Return a layer with each recipe changed by a function, which gets the recipe and its key."""
+    recipes = layer.values.get("scenes")
+    if not isinstance(recipes, list):
+        return layer
+    changed = [change(each, ("scenes", n)) if isinstance(each, dict) else each for n, each in enumerate(recipes)]
+    return replace(layer, values=layer.values | {"scenes": changed})

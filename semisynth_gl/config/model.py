@@ -5,7 +5,7 @@ import json
 import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
@@ -23,7 +23,6 @@ from semisynth_gl.config.dataset_sections import (
 from semisynth_gl.config.distributions import target_faults, wanted_histogram
 from semisynth_gl.config.fields import (
     FROM_LIST,
-    SMALLEST,
     ConfigError,
     Name,
     PluginName,
@@ -50,6 +49,9 @@ from semisynth_gl.histogram import Histogram, mix_histograms
 from semisynth_gl.plugins import Group
 
 _MOST_RECIPES = 100
+
+# A config without a lens or a projector keeps the digest that it had before there were any.
+_LEFT_OUT = Field(exclude_if=lambda section: section is None)
 
 RECIPE_KEYS = ("recipe", "extends", "weight")
 """The keys of a recipe beside its sections."""
@@ -82,7 +84,7 @@ class RecipeSection(Section):
     """name of a plug-in's recipe, over which the keys are merged when the config is read"""
     weight: Weight = 1.0
     """weight of the recipe; its share of the sequences is in proportion to this"""
-    given: Annotated[dict[str, Any], Field(max_length=_MOST_RECIPES)]
+    given: dict[str, Any]
     """the keys that the recipe states: a mapping for each section, None for each value"""
     config: "Config"
     """the whole config with the recipe's keys merged in, and without recipes"""
@@ -90,12 +92,12 @@ class RecipeSection(Section):
     @field_validator("given")
     @classmethod
     def _holds_for_scenes(cls, given: dict[str, Any]) -> dict[str, Any]:
-        for section, keys in given.items():
-            allowed, field = _OF_RECIPES.get(section), Config.model_fields.get(section)
-            known = getattr(field and field.annotation, "model_fields", {})
-            wrong = [f"{section}.{key}" for key in keys or () if key in known and key not in (allowed or ())]
-            if (allowed is None and field) or wrong:
-                key = section if allowed is None else wrong[0]
+        for section in given.keys() & Config.model_fields.keys():
+            known = getattr(Config.model_fields[section].annotation, "model_fields", {})
+            stated = [key for key in given[section] or () if key in known]
+            fixed = [f"{section}.{key}" for key in stated if key not in _OF_RECIPES.get(section, known)]
+            if section not in _OF_RECIPES or fixed:
+                key = fixed[0] if fixed else section
                 text = f"a recipe cannot change this key, which holds for all pairs: set {key} beside scenes"
                 raise ConfigError(text, (key,))
         return given
@@ -112,8 +114,8 @@ def _whole(base: Values, recipe: Any) -> Any:  # noqa: ANN401 - any YAML value
     if not isinstance(recipe, dict):
         return recipe
     head = {key: recipe[key] for key in RECIPE_KEYS if key in recipe}
-    changes = {key: value for key, value in recipe.items() if key not in head}
-    return head | {"given": _given(changes), "config": merged(base, changes)}
+    given = {key: value for key, value in recipe.items() if key not in head}
+    return head | {"given": _given(given), "config": merged(base, given)}
 
 
 def _given(value: Any) -> Any:  # noqa: ANN401 - any YAML value
@@ -123,7 +125,7 @@ def _given(value: Any) -> Any:  # noqa: ANN401 - any YAML value
 
 
 def _picked(values: Any, given: Any) -> Any:  # noqa: ANN401 - any JSON value
-    """Return the values of the keys that are given."""
+    """Return, of the values of a config, those that a recipe states."""
     if given is None:
         return values
     return {key: _picked(value, given[key]) for key, value in values.items() if key in given}
@@ -161,8 +163,8 @@ class Config(Section):
     scenes: Annotated[tuple[RecipeSection, ...], FROM_LIST, Field(max_length=_MOST_RECIPES)] = ()
     """list of recipes; each sequence takes one, by weight"""
     rig: RigSection = RigSection()
-    lens: LensSection | None = None
-    projector: ProjectorSection | None = None
+    lens: Annotated[LensSection | None, _LEFT_OUT] = None
+    projector: Annotated[ProjectorSection | None, _LEFT_OUT] = None
     sequence: SequenceSection = SequenceSection()
     imperfections: ImperfectionsSection = ImperfectionsSection()
     checks: ChecksSection = ChecksSection()
@@ -185,12 +187,6 @@ class Config(Section):
         base = {key: value for key, value in values.items() if key not in ("scenes", "layout")}
         return values | {"scenes": [_whole(base, recipe) for recipe in values["scenes"]]}
 
-    @model_serializer(mode="wrap")
-    def _without_none(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        # A config without a lens or a projector keeps the digest that it had before there were any.
-        none = {key for key in ("lens", "projector") if getattr(self, key) is None}
-        return {key: value for key, value in serialise(self).items() if key not in none}
-
     def _faults(self) -> Iterator[ConfigError]:
         yield from self._disparity_faults()
         if "disparity_change" in self.outputs and not self.rig.none():
@@ -204,35 +200,22 @@ class Config(Section):
             yield ConfigError("expected a weight above 0 for at least one recipe", ("scenes",))
 
     def _disparity_faults(self) -> Iterator[ConfigError]:
-        shown, limit, doffs_px = self._shown_px(), self.disparity.max_px, self.camera.all_doffs_px.low
-        if self.disparity.signed:
-            lowest = {"disparity.min_px": self.disparity.min_px} | {key: each.low for key, each in shown.items()}
-            for key, low_px in lowest.items():
-                if low_px + doffs_px <= 0:
-                    yield ConfigError(
-                        f"{key} goes down to {low_px:g} px, but where the principal points differ by doffs = "
-                        f"{doffs_px:g} px, disparities end at {-doffs_px:g} px, which is infinitely far away: raise "
-                        f"{key} above that, or raise camera.doffs_px",
-                        (key, "camera.doffs_px", "camera.cx_left_px", "camera.cx_right_px"),
-                    )
+        signed, doffs_px = self.disparity.signed, self.camera.all_doffs_px.low
+        shown, least, most = self._shown_px(), -doffs_px if signed else 0.0, self.disparity.max_px
+        if signed:
+            why = f"which is infinitely far away where the principal points differ by doffs = {doffs_px:g} px"
+            others: tuple[str, ...] = ("camera.doffs_px", "camera.cx_left_px", "camera.cx_right_px")
         else:
-            for key, values in self._stated_px().items():
-                if values.low < SMALLEST:
-                    text = f"expected numbers above 0 where disparity.signed is false, got {values.low:g}"
-                    yield ConfigError(text, (key,))
-        for key, values in shown.items():
-            if values.high > limit:
-                yield ConfigError(
-                    f"{key} goes up to {values.high:g} px, but disparity.max_px, the limit, is {limit:g}: lower the "
-                    "first or raise the second",
-                    (key, "disparity.max_px"),
-                )
-        if limit < 0 and len(self.camera.baseline_ranges_m) > 1 and self.camera.cx_right_px is None:
-            yield ConfigError(
-                f"disparity.max_px is {limit:g} px, but shorter baselines have disparities nearer to "
-                "0: state camera.cx_left_px and cx_right_px, which hold for all baselines, or one baseline",
-                ("disparity.max_px", "camera.baselines"),
-            )
+            why, others = "as disparity.signed is false", ("disparity.signed",)
+        lowest = {"disparity.min_px": self.disparity.min_px} | {key: px.low for key, px in shown.items()}
+        for key, low_px in lowest.items():
+            if low_px <= least:
+                text = f"{key} goes down to {low_px:g} px: expected more than {least:g}, {why}"
+                yield ConfigError(text, (key, *others))
+        for key, px in shown.items():
+            if px.high > most:
+                text = f"{key} goes up to {px.high:g} px: expected at most {most:g}, the limit disparity.max_px"
+                yield ConfigError(text, (key, "disparity.max_px"))
 
     def _lens_faults(self) -> Iterator[ConfigError]:
         outputs = self.outputs
@@ -250,35 +233,27 @@ class Config(Section):
             text = "with lens.border_disparity false, disparity_change is missing where flow leads into a border"
             yield ConfigError(f"{text}: add flow to outputs", ("lens.border_disparity", "outputs"))
 
-    def _stated_px(self) -> dict[str, Range]:
-        """Return all disparities that the sections state, by dotted key."""
-        stated: dict[str, Range | None] = {
-            f"{section}.{key}": getattr(getattr(self, section), key)
-            for section in ("background", "structures")
-            for key in type(getattr(self, section)).model_fields
-            if key.endswith("disparity_px")
-        }
-        for name, layers in (("layers", self.particles.layers or ()), ("clutter", self.particles.clutter)):
-            stated |= {f"particles.{name}.{k}.disparity_px": each.disparity_px for k, each in enumerate(layers)}
-        return {key: disparity_px for key, disparity_px in stated.items() if disparity_px is not None}
-
     def _shown_px(self) -> dict[str, Range]:
         """Return the disparities that the sections state for objects that scenes can show, by dotted key."""
-        shown = {f"background.{key}": disparity_px for key, disparity_px in self.background.shown_px().items()}
-        return shown | {key: each for key, each in self._stated_px().items() if not key.startswith("background")}
+        shown: dict[str, Range | None] = {f"background.{key}": px for key, px in self.background.shown_px().items()}
+        for key in ("ground_disparity_px", "panel_disparity_px"):
+            shown[f"structures.{key}"] = getattr(self.structures, key)
+        for name, layers in (("layers", self.particles.layers or ()), ("clutter", self.particles.clutter)):
+            shown |= {f"particles.{name}.{k}.disparity_px": layer.disparity_px for k, layer in enumerate(layers)}
+        return {key: px for key, px in shown.items() if px is not None}
 
     def target_faults(self) -> Iterator[tuple[Key, ConfigError]]:
         """Yield the targets that scenes cannot show, each with the key of its recipe, () for the config's own.
 
         The mix as a whole meets the config's target, not each recipe.
         """
-        mix = [section.config for section in self.scenes if section.weight > 0] or [self]
-        parts: list[tuple[Key, Config, list[Config]]] = [((), self, mix)]
+        lowest_px = min(recipe.config.lowest_px() for recipe in self.recipes())
+        found: list[tuple[Key, Config, float]] = [((), self, lowest_px)]
         for number, each in enumerate(self.scenes):
-            parts += [(("scenes", number), each.config, [each.config])] if "disparity" in each.given else []
-        for key, config, shown in parts:
-            wanted, lowest_px = config.disparity, min(each.lowest_px() for each in shown)
-            yield from ((key, fault) for fault in target_faults(wanted.target, wanted.min_px, wanted.max_px, lowest_px))
+            found += [(("scenes", number), each.config, each.config.lowest_px())] if "disparity" in each.given else []
+        for key, config, low_px in found:
+            wanted = config.disparity
+            yield from ((key, fault) for fault in target_faults(wanted.target, wanted.min_px, wanted.max_px, low_px))
 
     @property
     def images_as_rendered(self) -> bool:
@@ -316,15 +291,6 @@ class Config(Section):
             if section.weight > 0
         ) or (Recipe(None, 1.0, self),)
 
-    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Return a copy with other values, also in the configs of recipes where they hold for all pairs."""
-        copy = super().model_copy(update=update, deep=deep)
-        of_all = {key: value for key, value in (update or {}).items() if key not in (*_OF_RECIPES, "scenes", "layout")}
-        if not (of_all and copy.scenes):
-            return copy
-        recipes = [each.model_copy(update={"config": each.config.model_copy(update=of_all)}) for each in copy.scenes]
-        return super(Config, copy).model_copy(update={"scenes": tuple(recipes)})
-
     def wanted_histogram(self) -> Histogram:
         """Return the distribution of disparity, px, that ``disparity.target`` asks for.
 
@@ -335,16 +301,13 @@ class Config(Section):
             InputError: where a target uniform in depth reaches beyond infinity.
         """
         section = self.disparity
-        return wanted_histogram(section.target, section.min_px, section.max_px, self.camera.mean_doffs_px)
+        return wanted_histogram(section.target, section.min_px, section.max_px, self.camera.all_doffs_px.middle)
 
     def shown_histogram(self) -> Histogram:
         """Return the distribution of disparity over all pairs, if scenes match the wanted distribution.
 
-        The two distributions differ where a scene has several baselines: the longest baseline has the wanted one, and
-        pairs with shorter baselines show smaller disparities.
-
-        Raises:
-            InputError: see `wanted_histogram`.
+        Where a scene has several baselines, the longest has the wanted distribution, and pairs with shorter baselines
+        show smaller disparities. Raises InputError as `wanted_histogram` does.
         """
         wanted = self.wanted_histogram()
         if self.views == 1:
@@ -356,12 +319,12 @@ class Config(Section):
 
     def across_baselines(self, longest: Histogram) -> Histogram:
         """Return the distribution of disparity over all pairs, given that of the longest baselines' pairs."""
-        ratios = self.camera.baseline_ratios()
+        ratios, counts = self.camera.baseline_ratios()
         if len(ratios) == 1:
             return longest
         # Without a stated cx_right, doffs is in proportion to the baseline, as disparity is; see `sample_views`.
-        doffs_px = 0.0 if self.camera.cx_right_px is None else self.camera.mean_doffs_px
-        parts = [(share, longest.seen_from(ratio, doffs_px)) for share, ratio in ratios]
+        doffs_px = 0.0 if self.camera.cx_right_px is None else self.camera.all_doffs_px.middle
+        parts = [(count, longest.seen_from(ratio, doffs_px)) for ratio, count in zip(ratios, counts, strict=True)]
         lowest = float(min(part.edges_px[0] for _, part in parts))
         if not self.disparity.signed:
             # Disparities that are not signed end at 0.
@@ -369,22 +332,21 @@ class Config(Section):
         width = longest.edges_px[1] - longest.edges_px[0]
         below = np.linspace(lowest, longest.edges_px[0], 1 + math.ceil((longest.edges_px[0] - lowest) / width))
         edges = np.concatenate([below[:-1], longest.edges_px])
-        return Histogram.from_counts(edges, sum(share * np.diff(part.cumulative(edges)) for share, part in parts))
+        return Histogram.from_counts(edges, sum(count * np.diff(part.cumulative(edges)) for count, part in parts))
 
     def used_plugins(self) -> dict[Key, tuple[Group, str]]:
         """Return the group and name of each plug-in that the config asks for, by the key that names it."""
         used: dict[Key, tuple[Group, str]] = {}
         if self.textures.source not in TEXTURE_SOURCES:
             used["textures", "source"] = ("textures", self.textures.source)
-        base = self.models.families
-        families: dict[Key, float] = {("models", "families", name): weight for name, weight in base.items()}
-        for number, section in enumerate(self.scenes):
-            if section.extends is not None:
-                used["scenes", number, "extends"] = ("recipes", section.extends)
-            weights = section.config.models.families
-            stated = (section.given.get("models") or {}).get("families") or ()
-            families |= {("scenes", number, "models", "families", name): weights[name] for name in stated}
-        return used | {key: ("models", str(key[-1])) for key, weight in families.items() if weight > 0}
+        recipes = [(("scenes", number), section) for number, section in enumerate(self.scenes)]
+        used |= {(*at, "extends"): ("recipes", each.extends) for at, each in recipes if each.extends is not None}
+        configs: list[tuple[Key, Config]] = [((), self), *((at, each.config) for at, each in recipes)]
+        for at, config in configs:
+            for name in (name for name, weight in config.models.families.items() if weight > 0):
+                if ("models", name) not in used.values():
+                    used[*at, "models", "families", name] = ("models", name)
+        return used
 
     def digest(self) -> str:
         """Return the SHA-256 of the config's values, 64 hex digits; notation does not change it."""

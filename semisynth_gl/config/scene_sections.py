@@ -152,12 +152,6 @@ class StructuresSection(Section):
     panel_curved: Share = 0.5
     """share of panels bent into a third of a cylinder"""
 
-    def _faults(self) -> Iterator[ConfigError]:
-        default = type(self).model_fields["ground_height_m"].default
-        if self.ground_disparity_px is not None and self.ground_height_m != default:
-            text = "give either ground_height_m or ground_disparity_px, not both"
-            yield ConfigError(text, ("ground_height_m", "ground_disparity_px"))
-
 
 class DepthLayerSection(Section):
     """One depth layer of particles."""

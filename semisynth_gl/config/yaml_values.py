@@ -43,9 +43,7 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int]]:
         hint = ": put quotes around a text that begins with *" if "alias" in str(error.problem) else ""
         reason = f"not valid YAML: {error.problem or error.context}{hint}"
         raise YamlError(mark.line + 1 if mark else None, reason) from None
-    except RecursionError:
-        raise YamlError(None, "lists and mappings are nested too deeply") from None
-    except Exception as error:  # noqa: BLE001 - a parser of any text raises anything
+    except Exception as error:  # noqa: BLE001 - a parser of any text raises anything, RecursionError too
         raise YamlError(None, f"not valid YAML: {str(error)[:200]}") from None
 
 

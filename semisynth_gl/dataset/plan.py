@@ -87,7 +87,7 @@ def make_plan(
             "format": FORMAT,
             "config": config.name,
             "config_sha256": config.digest(),
-            "config_values": config,
+            "config_values": config.model_dump(mode="json"),
             "seed": seed,
             "layout": layout_name,
             "pairs": counts,

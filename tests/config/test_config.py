@@ -119,7 +119,10 @@ MINIMAL = "name: m\n" + CAMERA + DISPARITY
         (MINIMAL + "models: {simple: 0, complex: 0, user: 0}\n", "weight above 0"),
         (MINIMAL + "textures: {sequence: 1}\n", "textures.sequence: input should be a valid boolean, got 1"),
         ("name: m\n" + CAMERA.replace("50", ".nan") + DISPARITY, ":2: camera.focal_px: expected a number or"),
-        ("name: m\n" + CAMERA.replace("focal_px: 50", "focal_mm: 5") + DISPARITY, "and sensor_width_mm go together"),
+        (
+            "name: m\n" + CAMERA.replace("focal_px: 50", "focal_mm: 5") + DISPARITY,
+            "give either focal_px, or focal_mm",
+        ),
         ("- a list\n", "mine.yaml:1: expected sections"),
         ("", "mine.yaml:1: expected sections"),
         ("camera: 3\n", "mine.yaml:1: camera: input should be a valid dictionary"),

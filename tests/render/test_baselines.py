@@ -240,15 +240,6 @@ def test_baselines_that_cannot_be_are_refused(keys, said):
         CameraSection.model_validate({"width_px": 64, "height_px": 48, "focal_px": 60, **keys})
 
 
-def test_a_limit_that_shorter_baselines_pass_is_refused():
-    below = {"signed": True, "min_px": -12, "max_px": -8, "target": {"form": "uniform"}}
-    others = {"disparity": below, "background": {"wall_disparity_px": -10}, "particles": {}}
-    with pytest.raises(ValueError, match=r"max_px is -8 px, but shorter baselines have disparities nearer to 0"):
-        several([0.4, 0.1], {"doffs_px": 16}, **others)
-    assert several([0.4, 0.1], {"cx_left_px": 30, "cx_right_px": 46}, **others).disparity.max_px == -8
-    assert several([0.4], {"doffs_px": 16}, **others).disparity.max_px == -8
-
-
 # Files
 
 

@@ -197,13 +197,6 @@ def test_a_fault_of_one_recipe_that_it_does_not_state_itself_names_it(tmp_path):
     load_config(path)
 
 
-def test_a_copy_changes_what_holds_for_all_recipes():
-    config = mixed(small())
-    copy = config.model_copy(update={"outputs": ("sky",)})
-    assert {recipe.config.outputs for recipe in copy.recipes()} == {("sky",)}
-    assert copy == Config.model_validate(config.model_dump(mode="json") | {"outputs": ["sky"]})
-
-
 # The scenes of a mix
 
 
