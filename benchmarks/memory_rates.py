@@ -43,7 +43,7 @@ def rate(config: str, settings: tuple[str, ...], workers: int, pairs: int, devic
 def main(config: str, settings: tuple[str, ...], pairs: int, workers: str, device: str) -> None:
     """Measure and print."""
     with PairRenderer(load_config(config, settings), 0) as renderer:
-        click.echo(f"{config} {' '.join(settings)}: {renderer.facts['renderer']}")
+        click.echo(f"{config} {' '.join(settings)}: {renderer.renderer_name}")
     for number in [0] if device == "cuda" else map(int, workers.split(",")):
         made = rate(config, settings, number, pairs * max(1, number), device)
         click.echo(f"{max(1, number)} processes: {made:.1f} pairs/s")

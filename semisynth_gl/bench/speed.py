@@ -118,12 +118,12 @@ def _time_stages(config: Config, seed: int, backend: Backend, pairs: int) -> tup
             for shard in job.plan.shards:
                 # The first pair makes the buffers and compiles the shaders.
                 if shard.first <= 1:
-                    renderer.listener = clock = _StageClock()
+                    renderer.renderer.listener = clock = _StageClock()
                 encoded = encode(job.plan, shard, renderer.render(shard.first))
                 clock.on_stage("encode")
                 write_shard(open_root(scratch), job.plan, shard, [encoded])
                 clock.on_stage("write")
-            return renderer.facts, clock.seconds
+            return renderer.renderer.facts, clock.seconds
 
 
 class _PairClock(Listener):

@@ -66,7 +66,7 @@ def preview(scene: SceneOptions, out: Path, ply: Path | None, patches: bool, pai
         for index in indices:
             shown.append(renderer.render(index))
             progress.advance()
-        expected = renderer.expected_histogram()
+        expected = renderer.sampler.expected()
         title = f"{config.name}, seed {scene.seed}, {counted(len(shown), 'pair')}, {renderer.renderer_name}"
     of_recipe = [[pair for pair in shown if pair.provenance.get("recipe") == recipe.name] for recipe in recipes]
     grouped = [(recipe, pair, len(its)) for recipe, its in zip(recipes, of_recipe, strict=True) for pair in its]

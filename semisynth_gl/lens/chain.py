@@ -7,7 +7,7 @@
 Truth takes no part: it stays that of the rectified pixel's centre.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -28,17 +28,6 @@ _INVERSE_PX = 1e-3
 _SAME_DENSITY = 1 + 1e-4
 # Rounding of OpenCV's float32 maps, px, at a border.
 _BORDER_PX = 1e-3
-
-
-def scaled_camera(camera: StereoCamera, density: float) -> StereoCamera:
-    """Return the camera of the same view with ``density`` times as many pixels along each side, rounded up."""
-    if density == 1:
-        return camera
-    width, height = (int(np.ceil(side * density)) for side in (camera.width_px, camera.height_px))
-    moved = {name: (getattr(camera, name) + 0.5) * density - 0.5 for name in ("cx_left_px", "cx_right_px", "cy_px")}
-    deviation = replace(camera.deviation, y_px=camera.deviation.y_px * density)
-    focal_px = camera.focal_px * density
-    return replace(camera, width_px=width, height_px=height, focal_px=focal_px, deviation=deviation, **moved)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +121,7 @@ class LensChain:
         """Return what the sensor sees of a drawn image, whose border is repeated outwards.
 
         Args:
-            drawn: the image of `scaled_camera`, (H, W, 3) or (H, W) uint8.
+            drawn: the image of the scaled camera, (H, W, 3) or (H, W) uint8.
             density: how much denser than the rectified image it is.
 
         Returns:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,9 @@ from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import EYES, Eye, StereoCamera
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.lens.borders import with_borders
-from semisynth_gl.lens.chain import LensChain, scaled_camera
+from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.pairs.exposure import expose, moments
-from semisynth_gl.pairs.imperfections import apply_imperfections, recorded, sample_imperfections
+from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections, sample_imperfections
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.seeds.seeds import Purpose, generator
@@ -99,11 +100,9 @@ class Cameras:
                 of_eye = partial(generator, self._seed, Purpose.IMPERFECTIONS, number, eye, view)
                 rng = of_eye()
                 values = sample_imperfections(section, rng, of_eye)
-                records["imperfections"][eye] = recorded(values, section)
-                if motion_blur > 0:
-                    records["imperfections"][eye]["motion_blur"] = motion_blur
+                records["imperfections"][eye] = values | ({"motion_blur": motion_blur} if motion_blur > 0 else {})
                 if eye in images:
-                    images[eye] = apply_imperfections(images[eye], values, rng, points[eye])
+                    images[eye] = apply_imperfections(images[eye], Imperfections(**values), rng, points[eye])
         return {
             eye: self._rectified(chains[eye], image) if chains else {"image": image} for eye, image in images.items()
         }, records
@@ -121,7 +120,9 @@ class Cameras:
             if density == 1 and motion_blur == 0:
                 images |= {eye: frame.view(eye).image for eye in alike}
             else:
-                denser = scaled_camera(sampled.scene.camera, density)
+                camera = sampled.scene.camera
+                size = ceil(camera.height_px * density), ceil(camera.width_px * density)
+                denser = camera.scaled(density, density, size)
                 images |= expose(self._renderer, [replace(scene, camera=denser) for scene in scenes], alike)
         return images
 

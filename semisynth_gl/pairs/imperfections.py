@@ -7,17 +7,15 @@ Values are rounded to whole levels after the lens blur, the tone curve, sharpeni
 """
 
 import io
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
-from semisynth_gl.config import Range
 from semisynth_gl.config.dataset_sections import ImperfectionsSection
-from semisynth_gl.frame.frame import through_levels
 
 # Number of values that are processed at a time.
 _BLOCK = 1 << 17
@@ -26,16 +24,6 @@ LUMINANCE = np.array([0.299, 0.587, 0.114], np.float32)
 # The unsharp mask blurs rows and columns with 1 4 6 4 1 (of 16), nearly a Gaussian of 1 px. Here, weights and their sum
 # are divided by 6.
 _NEAR, _FAR, _ALL = np.float32(4 / 6), np.float32(1 / 6), np.float32(16 / 6)
-
-# Keys that are sampled from one generator, in this order.
-_FIRST = ("blur_px", "exposure_stops", "noise", "gamma")
-# Functions that sample the other keys. Each key has its own generator, and is sampled only if it is not the default.
-_FURTHER: Mapping[str, Callable[[Range, np.random.Generator], Any]] = {
-    "vignetting": Range.sample,
-    "white_balance": lambda values, rng: (values.sample(rng), values.sample(rng)),
-    "sharpening": Range.sample,
-    "jpeg_quality": lambda values, rng: round(values.sample(rng)),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +46,7 @@ class Imperfections:
     exposure_stops: float = 0.0
     noise: float = 0.0
     gamma: float = 1.0
-    white_balance: tuple[float, float] = (0.0, 0.0)
+    white_balance: Sequence[float] = (0.0, 0.0)
     vignetting: float = 0.0
     sharpening: float = 0.0
     jpeg_quality: int | None = None
@@ -82,32 +70,12 @@ def apply_imperfections(
         return image
     if sampled.blur_px > 0:
         image = np.asarray(Image.fromarray(image).filter(ImageFilter.GaussianBlur(sampled.blur_px)))
-    if sampled.noise > 0 or sampled.vignetting > 0:
-        image = _pixel_by_pixel(image, sampled, rng, principal_point_px)
-    else:
-        image = _by_levels(image, sampled)
+    image = _pixel_by_pixel(image, sampled, rng, principal_point_px)
     if sampled.sharpening > 0:
         image = _sharpened(image, sampled.sharpening)
     if sampled.jpeg_quality is not None:
         image = _through_jpeg(image, sampled.jpeg_quality)
     return image
-
-
-def _gains(sampled: Imperfections, channels: int) -> NDArray[np.float32]:
-    """Return the (channels,) factors of exposure and white balance."""
-    red, blue = sampled.white_balance
-    stops = (red, 0.0, blue) if channels == 3 else (0.0,)
-    return np.array([2.0 ** (sampled.exposure_stops + each) for each in stops], np.float32)
-
-
-def _by_levels(image: NDArray[np.uint8], sampled: Imperfections) -> NDArray[np.uint8]:
-    """Apply exposure, white balance and tone curve by a table of levels for each channel."""
-    gains = _gains(sampled, _channels(image))
-    levels = np.arange(256, dtype=np.float32)
-    tables = np.stack([_bent(levels * gain, sampled.gamma).astype(np.uint8) for gain in gains])
-    if (gains == gains[0]).all():
-        return through_levels(image, tables[0])
-    return np.array(Image.fromarray(image).point(tables.ravel().tolist()))
 
 
 def _pixel_by_pixel(
@@ -117,9 +85,11 @@ def _pixel_by_pixel(
     principal_point_px: tuple[float, float] | None,
 ) -> NDArray[np.uint8]:
     """Apply vignetting, exposure, white balance, noise and tone curve to each pixel."""
-    height, width = image.shape[:2]
-    channels = _channels(image)
-    gains, falloff = np.tile(_gains(sampled, channels), width), None
+    height, width, channels = *image.shape[:2], _channels(image)
+    red, blue = sampled.white_balance
+    stops = (red, 0.0, blue) if channels == 3 else (0.0,)
+    gains = np.tile(np.array([2.0 ** (sampled.exposure_stops + each) for each in stops], np.float32), width)
+    falloff = None
     if sampled.vignetting > 0:
         x, y = ((width - 1) / 2, (height - 1) / 2) if principal_point_px is None else principal_point_px
         # Light falls off with cos^4 = 1 / (1 + tan^2)^2 of the angle. Pixels from the centre times this factor are tan.
@@ -195,35 +165,26 @@ def _channels(image: NDArray[np.uint8]) -> int:
 
 def sample_imperfections(
     section: ImperfectionsSection, rng: np.random.Generator, further: Callable[[str], np.random.Generator]
-) -> Imperfections:
-    """Sample the imperfections of one eye's view, except motion blur.
+) -> dict[str, Any]:
+    """Sample the imperfections of one eye's view, except motion blur, as arguments of `Imperfections` in JSON's types.
+
+    White balance, vignetting, sharpening and JPEG are left out where the config leaves them at the default.
 
     Args:
         section: the ranges from which imperfections are sampled.
         rng: source of lens blur, exposure, noise and gamma.
         further: returns the generator of any other key. So no key changes the value of another key.
     """
-    values = {key: getattr(section, key).sample(rng) for key in _FIRST}
-    for key in _given(section):
-        values[key] = _FURTHER[key](getattr(section, key), further(key))
-    return Imperfections(**values)
-
-
-def recorded(sampled: Imperfections, section: ImperfectionsSection) -> dict[str, Any]:
-    """Return sampled values in JSON's types.
-
-    Of ``white_balance``, ``vignetting``, ``sharpening`` and ``jpeg_quality``, those are left out that the config leaves
-    at the default.
-    """
-    given = _given(section)
-    return {
-        key: list(value) if isinstance(value, tuple) else value
-        for key, value in asdict(sampled).items()
-        if key not in _FURTHER or key in given
+    values: dict[str, Any] = {
+        key: getattr(section, key).sample(rng) for key in ("blur_px", "exposure_stops", "noise", "gamma")
     }
-
-
-def _given(section: ImperfectionsSection) -> list[str]:
-    """Return the further keys that the config does not leave at the default."""
-    given = section.model_dump(include=set(_FURTHER), exclude_defaults=True)
-    return [key for key in _FURTHER if key in given]
+    given = section.model_dump(exclude_defaults=True)
+    for key in ("white_balance", "vignetting", "sharpening", "jpeg_quality"):
+        if key in given:
+            span, of_key = getattr(section, key), further(key)
+            values[key] = span.sample(of_key)
+            if key == "white_balance":
+                values[key] = [values[key], span.sample(of_key)]
+            if key == "jpeg_quality":
+                values[key] = round(values[key])
+    return values

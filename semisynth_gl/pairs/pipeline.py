@@ -1,13 +1,4 @@
-"""From a config to pairs. Data flows as follows:
-
-config -> scene    `MixSampler`: the objects of pair i, from (config, seed, i) alone
-       -> frame    `Renderer`: images, disparities and visibilities as arrays
-       -> sample   `encode_pair`: files in memory
-       -> shard    `ShardWriter`: a fixed range of samples on disk, complete or absent
-       -> dataset  `DatasetFiles`: shards, and at last an index
-
-The first two steps are here; `semisynth_gl.dataset.generate` does the others.
-"""  # noqa: D415 - the drawing is the summary
+"""From a config to pairs: a scene is sampled, rendered, checked, and seen by the cameras of its rig."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,10 +9,8 @@ from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import Crop
 from semisynth_gl.frame.channels import DRAWN_OUTPUTS, FUTURE_OUTPUTS, PAST_OUTPUTS
 from semisynth_gl.frame.frame import Frame
-from semisynth_gl.histogram import Histogram
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, counted
-from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.cameras import Cameras
 from semisynth_gl.pairs.checks import faults
 from semisynth_gl.plugins import plugin_records
@@ -31,7 +20,7 @@ from semisynth_gl.render.readers import Reader, read_array
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sampler import SampledScene
-from semisynth_gl.scene.sources import Sources, prepare_sources
+from semisynth_gl.scene.sources import prepare_sources
 from semisynth_gl.seeds.seeds import LARGEST_NUMBER
 from semisynth_gl.seeds.splits import Split
 
@@ -78,13 +67,14 @@ class PairRenderer:
         device_index: EGL's number of the device.
         read: fetches the pixels; with another reader than `read_array`, pairs must be rendered with
             ``checked=False``.
-        sources: what `prepare_sources` makes of this config and split, if that is done already.
 
     Attributes:
         config: the configuration.
         split: the split of the pairs.
         sources: patches and models; see `forget_pixels`.
         sampler: makes the scenes of the pairs.
+        renderer: draws them; its listener hears the end of each stage of `PAIR_STAGES`.
+        renderer_name: the driver's name of the renderer (GL_RENDERER).
 
     Raises:
         InputError: where images or models cannot be used.
@@ -98,17 +88,15 @@ class PairRenderer:
         backend: Backend = "auto",
         device_index: int = 0,
         read: Reader = read_array,
-        sources: Sources | None = None,
     ) -> None:
         check_type("config", config, Config, "load_config(NAME_OR_PATH) reads one")
-        split = seed if isinstance(seed, Split) else Split(to_whole("seed", seed, least=0))
         self.config = config
-        self.split = split
+        self.split = split = seed if isinstance(seed, Split) else Split(to_whole("seed", seed, least=0))
         check_libraries(backend)
-        self.sources = sources or prepare_sources(config, split)
+        self.sources = prepare_sources(config, split)
         atlas = self.sources.atlas
         self.sampler = MixSampler(config, split.seed, self.sources.libraries, atlas.patches)
-        self._renderer = Renderer(
+        self.renderer = Renderer(
             self.sampler.models,
             atlas.layers,
             large_layers=atlas.large_layers if len(atlas.large_layers) else None,
@@ -118,7 +106,8 @@ class PairRenderer:
             pattern=self.sources.pattern,
             **renderer_options(config),
         )
-        self._cameras = Cameras(config, split.seed, self._renderer)
+        self.renderer_name = self.renderer.renderer_name
+        self._cameras = Cameras(config, split.seed, self.renderer)
         # The latest sequence that passed its checks, and the faults of its failed attempts.
         self._settled, self._redrawn = -1, list[str]()
         self._latest: tuple[object, list[Pair]] | None = None  # the pairs of the latest scene, by number and crop
@@ -131,8 +120,8 @@ class PairRenderer:
             "seed": split.dataset_seed,
             "split": split.name,
             **({"plugins": plugins} if plugins else {}),
-            "renderer": self._renderer.renderer_name,
-            "backend": self._renderer.backend,
+            "renderer": self.renderer_name,
+            "backend": self.renderer.backend,
         }
 
     def __enter__(self) -> Self:
@@ -143,109 +132,68 @@ class PairRenderer:
 
     def release(self) -> None:
         """Free the renderer's OpenGL objects; a second call does nothing."""
-        self._renderer.release()
+        self.renderer.release()
 
     def forget_pixels(self) -> None:
         """Drop the patches' pixels from ``sources``, to save memory in each worker: the driver has its own copy."""
         self.sources = self.sources.without_pixels()
 
-    @property
-    def listener(self) -> Listener | None:
-        """A listener that hears the end of each stage of `PAIR_STAGES`, for measurements; see `Renderer`."""
-        return self._renderer.listener
-
-    @listener.setter
-    def listener(self, listener: Listener | None) -> None:
-        self._renderer.listener = listener
-
-    @property
-    def renderer_name(self) -> str:
-        """The driver's name of the renderer (GL_RENDERER)."""
-        return self._renderer.renderer_name
-
-    def expected_histogram(self) -> Histogram:
-        """Return the expected distribution of the disparity over many pairs; see `MixSampler.expected`."""
-        return self.sampler.expected()
-
-    @property
-    def facts(self) -> dict[str, str]:
-        """Backend, renderer and OpenGL version, as the driver names them; see `Renderer.facts`."""
-        return self._renderer.facts
-
-    def count_objects(self) -> dict[str, int]:
-        """Count the OpenGL objects by kind, to search for leaks."""
-        return self._renderer.count_objects()
-
     def render(self, index: int, *, crop: Crop | None = None, checked: bool = True) -> Pair:
         """Render pair ``index``, 0 or more: scene ``index // views`` with right view ``index % views``.
 
-        Where scenes have several pairs, those of the latest scene are kept, since checks need all of them.
+        A sequence whose first frame fails its checks with any right view is sampled again from the next sub-seed. Pairs
+        of one scene share the left view's arrays; those of the latest scene are kept, since checks need all of them.
 
         Args:
             index: the pair's number.
-            crop: see `render_scene`.
-            checked: see `render_scene`. Without checks, only this pair of its scene is rendered.
+            crop: the part of both images to return; None for all. Checks need whole images, so the first frame of a
+                sequence is rendered whole and cut afterwards. All other frames are rendered only as far as the crop
+                needs, and so are all frames without checks, unless the config has a lens or imperfections.
+            checked: whether to check pairs. Without checks, pairs with faults are returned; the dataset has a pair that
+                was sampled again instead.
 
         Raises:
-            InputError: as `render_scene` does.
+            InputError: where the number is negative, the config's ranges leave no scene for it, or all attempts fail
+                the checks.
         """
         index = to_whole("index", index, 0, LARGEST_NUMBER)
         number, view = divmod(index, self.config.views)
         if not checked:
             return self._pairs(number, crop, [view])[0]
         if self.config.views == 1:
-            return self.render_scene(number, crop=crop)[0]
+            return self._checked_pairs(number, crop)[0]
         if self._latest is None or self._latest[0] != (number, crop):
             self._latest = None
-            self._latest = (number, crop), self.render_scene(number, crop=crop)
+            self._latest = (number, crop), self._checked_pairs(number, crop)
         return self._latest[1][view]
 
-    def render_scene(self, number: int, *, crop: Crop | None = None, checked: bool = True) -> list[Pair]:
-        """Render the pairs of scene ``number``, 0 or more: one for each right view. They share the left view's arrays.
-
-        A sequence whose first frame fails its checks with any right view is sampled again from the next sub-seed.
-
-        Args:
-            number: the scene's number.
-            crop: the part of both images to return; None for all. Checks need whole images, so the first frame of a
-                sequence is rendered whole and cut afterwards. All other frames are rendered only as far as the crop
-                needs, and so are all frames without checks, unless the config has a lens or imperfections.
-            checked: whether to check pairs. Without checks, pairs with faults are returned; the dataset has a
-                pair that was sampled again instead.
-
-        Raises:
-            InputError: where the number is negative, the config's ranges leave no scene for it, or all attempts fail
-                the checks.
-        """
-        number = to_whole("number", number, 0, LARGEST_NUMBER // self.config.views)
-        views, (sequence, frame) = range(self.config.views), divmod(number, self.config.sequence.length)
-        if not checked:
-            return self._pairs(number, crop, views)
+    def _checked_pairs(self, number: int, crop: Crop | None) -> list[Pair]:
+        """Return the pairs of a scene in the first attempt that passes the checks of its sequence's first frame."""
+        sequence, frame = divmod(number, self.config.sequence.length)
         if self._settled != sequence:
             first = self._settle(sequence, crop)
             if frame == 0:
                 return first
-        return self._pairs(number, crop, views, self._redrawn)
+        return self._pairs(number, crop, range(self.config.views), self._redrawn)
 
     def _settle(self, sequence: int, crop: Crop | None) -> list[Pair]:
         """Return the first scene of a sequence in the first attempt that passes the checks; keep the attempt.
 
-        Checks judge the rendered frames and, where lenses or imperfections change them, the frames that cameras give.
+        Checks judge the rendered frames and, where lenses or imperfections change them, the frames that cameras give:
+        noise hides that a scene is flat.
         """
         redrawn: list[str] = []
-        number, views = sequence * self.config.sequence.length, range(self.config.views)
+        views = range(self.config.views)
         for attempt in range(self.config.checks.attempts):
-            sampled = self._sample(number, attempt)
-            rendered = self._render(sampled, None, views)
-            judged = ((frame, sampled.seen_by(view)) for view, frame in enumerate(rendered))
-            clauses = next(filter(None, (faults(frame, self.config, seen) for frame, seen in judged)), [])
+            sampled = self._sample(sequence * self.config.sequence.length, attempt)
+            frames, taken = self._render(sampled, None, views), []
+            judged = (faults(frame, self.config, sampled.seen_by(view)) for view, frame in enumerate(frames))
+            clauses = next(filter(None, judged), [])
             if not clauses:
-                taken = self._cameras.take(rendered, sampled, views)
-                # The rendered frames are judged as well, since noise hides that a scene is flat.
+                taken = self._cameras.take(frames, sampled, views)
                 if not self.config.images_as_rendered:
-                    spoilt = next(filter(None, (faults(frame, self.config) for frame, _ in taken)), [])
-                    clauses = [f"{clause}, after lens and imperfections" for clause in spoilt]
-            self._report("check")
+                    judged = (faults(frame, self.config) for frame, _ in taken)
+                    clauses = [f"{clause}, after lens and imperfections" for clause in next(filter(None, judged), [])]
             if not clauses:
                 self._settled, self._redrawn = sequence, redrawn
                 return self._described(taken, sampled, crop, views)
@@ -259,9 +207,9 @@ class PairRenderer:
         """Return the pairs of some views of a scene, which are not checked; ``redrawn`` has its failed attempts."""
         sampled = self._sample(number, len(redrawn))
         # Lenses and imperfections need whole images.
-        rendered = self._render(sampled, crop if self.config.images_as_rendered else None, views)
-        taken = self._cameras.take(rendered, sampled, views)
-        return self._described(taken, sampled, crop, views)
+        before, after = (crop, None) if self.config.images_as_rendered else (None, crop)
+        taken = self._cameras.take(self._render(sampled, before, views), sampled, views)
+        return self._described(taken, sampled, after, views)
 
     def _sample(self, number: int, attempt: int) -> SampledScene:
         sampled = self.sampler.sample(number * self.config.views, attempt)
@@ -274,7 +222,7 @@ class PairRenderer:
         future = sampled.motion(+1) if FUTURE_OUTPUTS.intersection(outputs) else None
         past = sampled.motion(-1) if PAST_OUTPUTS.intersection(outputs) else None
         cameras = [sampled.views[view] for view in views]
-        return self._renderer.render_rig(sampled.scene, cameras, crop, future=future, past=past)
+        return self.renderer.render_rig(sampled.scene, cameras, crop, future=future, past=past)
 
     def _described(
         self,
@@ -294,14 +242,13 @@ class PairRenderer:
                 provenance["redrawn"] = list(self._redrawn)
             if "instances" in self.config.outputs:
                 provenance["instances"] = seen.instance_table()
-            whole = frame.camera == seen.scene.camera
-            pairs.append(Pair(index, frame.cropped(crop) if crop and whole else frame, provenance | records))
+            pairs.append(Pair(index, frame.cropped(crop) if crop else frame, provenance | records))
         self._report("check")
         return pairs
 
     def _report(self, stage: str) -> None:
-        if self.listener is not None:
-            self.listener.on_stage(stage)
+        if self.renderer.listener is not None:
+            self.renderer.listener.on_stage(stage)
 
 
 def render_pair(config: Config, index: int, seed: int = 0, backend: Backend = "auto") -> Frame:

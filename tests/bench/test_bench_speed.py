@@ -47,9 +47,9 @@ def test_a_renderer_reports_its_stages_in_their_order():
         pytest.skip("no OpenGL here")
     recorder = Recorder()
     with PairRenderer(load_config("eth3d", SMALL), 0) as renderer:
-        renderer.listener = recorder
+        renderer.renderer.listener = recorder
         pair = renderer.render(0)
-        renderer.listener = None
+        renderer.renderer.listener = None
         plain = renderer.render(0)
     assert tuple(dict.fromkeys(recorder.stages)) == PAIR_STAGES == tuple(STAGES)[: len(PAIR_STAGES)]
     np.testing.assert_array_equal(pair.frame.left.image, plain.frame.left.image)

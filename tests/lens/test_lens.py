@@ -23,7 +23,7 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.measured_view import make_view
 from semisynth_gl.judge.measures import measure_view
 from semisynth_gl.lens.borders import bordered
-from semisynth_gl.lens.chain import LensChain, scaled_camera
+from semisynth_gl.lens.chain import LensChain
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV, the extra opencv, is not installed")
@@ -176,7 +176,7 @@ def test_as_much_is_drawn_as_the_sensor_resolves():
     raw = raw_camera("four", focal_px=300.0, size=(400, 300))
     chain = LensChain(raw, CAMERA, "left", "black")
     assert chain.density == pytest.approx(300 * 1.02 / 150, rel=0.02)
-    camera = scaled_camera(CAMERA, 2.0)
+    camera = CAMERA.scaled(2, 2, (240, 320))
     assert (camera.width_px, camera.height_px, camera.focal_px) == (320, 240, 300)
     for eye in EYES:
         # The ray through a pixel's left border is that through the border of its first half.

@@ -1,6 +1,5 @@
 """A part of a pair is drawn as it is in the whole, bit for bit."""
 
-import numpy as np
 import pytest
 from scenes import assert_equal
 from tiny_datasets import lean
@@ -19,7 +18,6 @@ CROPS = (Crop(0, 0, 24, 16), Crop(100, 61, 87, 64), Crop(60, 40, 1, 1), Crop(0, 
         {"outputs": ("visibility", "instances", "depth")},
         {"truth": "left", "antialias": "ssaa2"},
         {"outputs": (), "antialias": "edges"},
-        {"antialias": "edges"},
     ],
 )
 def test_a_crop_has_the_pixels_of_the_whole_image(backend, changes):
@@ -59,26 +57,11 @@ def test_a_crop_of_a_later_frame_is_of_the_attempt_that_passed(backend):
             assert (unchecked.frame.left.image != pair.frame.cropped(CROPS[1]).left.image).any()
 
 
-def test_a_cropped_camera_sees_a_point_at_the_same_disparity():
-    camera = StereoCamera(640, 480, 500.0, 0.2, 310.0, 325.0, 240.0)
-    cropped = camera.cropped(Crop(100, 50, 200, 100))
-    assert (cropped.width_px, cropped.height_px) == (200, 100)
-    assert cropped.disparity_px(2.0) == camera.disparity_px(2.0)
-    for eye in ("left", "right"):
-        np.testing.assert_allclose(
-            cropped.rays(eye, np.array(3.0), np.array(4.0)),
-            camera.rays(eye, np.array(103.0), np.array(54.0)),
-            rtol=1e-15,
-        )
-
-
 @pytest.mark.parametrize(
     ("numbers", "said"),
     [
         ((600, 0, 41, 1), "must lie within the image of 640 x 480 px"),
-        ((0, 480, 1, 1), "must lie within the image of 640 x 480 px"),
-        ((-1, 0, 5, 5), "x_px: must be 0 or more"),
-        ((0, 0, 5, 0), "height_px: must be 1 or more"),
+        ((0, 0, 5, 0), "height_px: must be 1 or more, got 0"),
     ],
 )
 def test_crops_beyond_the_image_and_crops_of_nothing_are_refused(numbers, said):

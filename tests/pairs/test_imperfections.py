@@ -18,36 +18,26 @@ from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs import pipeline
 from semisynth_gl.pairs.checks import faults
-from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections, recorded, sample_imperfections
+from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections, sample_imperfections
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.crops import least_texture
-
-NONE = Imperfections(blur_px=0.0, exposure_stops=0.0, noise=0.0, gamma=1.0)
 
 
 def image(seed=0):
     return np.random.default_rng(seed).integers(0, 256, (60, 80, 3), dtype=np.uint8)
 
 
-def with_values(**values):
-    return Imperfections(**{name: values.get(name, getattr(NONE, name)) for name in NONE.__slots__})
-
-
 def applied(picture, point=None, **values):
-    return apply_imperfections(picture, with_values(**values), np.random.default_rng(1), point)
+    return apply_imperfections(picture, Imperfections(**values), np.random.default_rng(1), point)
+
+
+LEVELS = np.tile(np.arange(256, dtype=np.uint8)[:, None, None], (1, 2, 3))
 
 
 def test_none_returns_the_image_itself():
     picture = image()
     assert applied(picture) is picture
-
-
-def test_exposure_and_gamma_follow_their_formulas():
-    levels = np.tile(np.arange(256, dtype=np.uint8)[:, None, None], (1, 2, 3))
-    np.testing.assert_array_equal(applied(levels, exposure_stops=1.0)[:, 0, 0], np.minimum(2 * np.arange(256), 255))
-    expected = np.rint(255 * (np.arange(256) / 255) ** 1.3)
-    assert np.abs(applied(levels, gamma=1.3)[:, 0, 0] - expected).max() <= 1
 
 
 def plain(picture, drawn, rng):
@@ -61,13 +51,13 @@ def plain(picture, drawn, rng):
     return np.rint(values).astype(np.uint8)
 
 
-@pytest.mark.parametrize("shape", [(301, 443, 3), (3, 50_000, 3), (1, 1, 3)])
+@pytest.mark.parametrize("shape", [(301, 443, 3), (3, 50_000, 3)])
 def test_blocks_and_levels_give_the_bytes_of_the_whole_image(shape):
     picture = np.random.default_rng(4).integers(0, 256, shape, dtype=np.uint8)
     for exposure_stops in (0.0, 0.31):
         for noise in (0.0, 2.7):
-            for gamma in (1.0, 0.5, 0.93, 2.0):
-                drawn = with_values(exposure_stops=exposure_stops, noise=noise, gamma=gamma)
+            for gamma in (1.0, 0.5):
+                drawn = Imperfections(exposure_stops=exposure_stops, noise=noise, gamma=gamma)
                 ours, theirs = np.random.default_rng(7), np.random.default_rng(7)
                 np.testing.assert_array_equal(apply_imperfections(picture, drawn, ours), plain(picture, drawn, theirs))
                 assert ours.random() == theirs.random()
@@ -91,12 +81,11 @@ def test_blur_spreads_a_point_evenly():
 
 
 def test_white_balance_scales_red_and_blue():
-    levels = np.tile(np.arange(256, dtype=np.uint8)[:, None, None], (1, 2, 3))
-    scaled = applied(levels, white_balance=(0.5, -1.0), exposure_stops=-0.25)[:, 0]
+    scaled = applied(LEVELS, white_balance=(0.5, -1.0), exposure_stops=-0.25)[:, 0]
     for channel, stops in enumerate((0.25, -0.25, -1.25)):
         expected = np.clip(np.arange(256) * 2.0**stops, 0, 255)
         assert np.abs(scaled[:, channel] - expected).max() <= 0.5001
-    assert applied(levels[..., 0], white_balance=(0.5, -1.0)).tolist() == levels[..., 0].tolist()
+    assert applied(LEVELS[..., 0], white_balance=(0.5, -1.0)).tolist() == LEVELS[..., 0].tolist()
 
 
 def test_vignetting_is_the_fourth_power_of_a_cosine():
@@ -115,7 +104,7 @@ def test_vignetting_is_the_fourth_power_of_a_cosine():
     assert abs(int(middle[0, 0, 0]) - 100) <= 1
 
 
-@pytest.mark.parametrize("shape", [(301, 443, 3), (2, 3, 3), (1, 1, 3), (150, 131)])
+@pytest.mark.parametrize("shape", [(301, 443, 3), (1, 1, 3), (150, 131)])
 def test_sharpening_adds_what_a_gaussian_takes_from_the_luminance(shape):
     picture = np.random.default_rng(3).integers(0, 256, shape, np.uint8)
     luminance = picture @ (0.299, 0.587, 0.114) if len(shape) == 3 else picture.astype(float)
@@ -189,12 +178,9 @@ def test_recorded_values_make_the_image_again_from_the_clean_one(rig):
     for eye in EYES:
         rng = generator(2, Purpose.IMPERFECTIONS, 3, eye, 0)
         rng.random(4)
-        assert [marred.imperfections.white_balance.low <= end <= 0.2 for end in drawn[eye]["white_balance"]] == [
-            True
-        ] * 2
         seen |= {*drawn[eye]["white_balance"], drawn[eye]["vignetting"], drawn[eye]["sharpening"]}
         assert drawn[eye]["jpeg_quality"] in range(60, 96)
-        values = Imperfections(**drawn[eye] | {"white_balance": tuple(drawn[eye]["white_balance"])})
+        values = Imperfections(**drawn[eye])
         point = sharp.camera.lens_px(eye)[:2]
         again = apply_imperfections(sharp.view(eye).image, values, rng, point)
         np.testing.assert_array_equal(pair.frame.view(eye).image, again)
@@ -207,7 +193,7 @@ def test_a_further_key_shifts_no_other_draw():
 
     def drawn(values):
         section = cheap(imperfections=keys | values).imperfections
-        return recorded(sample_imperfections(section, generator(0, 7, 1), partial(generator, 0, 7, 1)), section)
+        return sample_imperfections(section, generator(0, 7, 1), partial(generator, 0, 7, 1))
 
     first = drawn({})
     assert list(first) == ["blur_px", "exposure_stops", "noise", "gamma"]
@@ -221,9 +207,7 @@ def test_a_further_key_shifts_no_other_draw():
     ("override", "said"),
     [
         ("jpeg_quality=[90, 101]", "jpeg_quality: expected 1 to 100"),
-        ("motion_blur=1.5", "motion_blur: expected 0 to 1"),
         ("sub_frames=1", "sub_frames: .*greater than or equal to 2"),
-        ("vignetting=1", "vignetting: expected 0 to 0.95"),
     ],
 )
 def test_values_that_no_camera_has_are_refused(override, said):
@@ -267,12 +251,6 @@ def test_frames_of_a_redrawn_sequence_belong_together(monkeypatch):
     assert cameras[0] != seen[0].camera
 
 
-def test_giving_up_says_why():
-    config = cheap(checks={"min_brightness": 250.0, "attempts": 3})
-    with PairRenderer(config, 0) as pairs, pytest.raises(InputError, match=r"in 3 attempts.* too dark: mean"):
-        pairs.render(0)
-
-
 # Turns by which the left camera sees a part of the view alone.
 ASIDE = {"left": EYE | {"rotation_deg": [0, 18, 0]}}
 
@@ -282,9 +260,7 @@ ASIDE = {"left": EYE | {"rotation_deg": [0, 18, 0]}}
     [
         ({"lens": ASIDE}, "too little texture: 0.00 levels"),
         ({"lens": ASIDE | {"border_disparity": False}, "checks": {"min_texture": 0}}, "too few pixels with truth"),
-        ({"lens": ASIDE, "checks": {"min_texture": 0, "min_brightness": 40}}, "too dark"),
         ({"imperfections": {"exposure_stops": -6}}, "too dark"),
-        ({"imperfections": {"blur_px": 40}}, "too little texture"),
     ],
     ids=str,
 )
@@ -294,10 +270,9 @@ def test_checks_judge_what_is_written(changes, fault):
     make = with_lens if "lens" in changes else cheap
     config = make(**changes | {"checks": {"attempts": 2} | changes.get("checks", {})})
     with PairRenderer(config, 0) as pairs:
-        for number in (0, 3):
-            assert pairs.render(number, checked=False).index == number
-            with pytest.raises(InputError, match=rf"in 2 attempts.*{fault}.*, after lens and imperfections\."):
-                pairs.render(number)
+        assert pairs.render(3, checked=False).index == 3
+        with pytest.raises(InputError, match=rf"in 2 attempts.*{fault}.*, after lens and imperfections\."):
+            pairs.render(3)
 
 
 def test_noise_does_not_stand_for_texture():

@@ -126,14 +126,6 @@ def test_user_models_alone(tmp_path, backend):
         assert set(pairs.render(0).provenance["models"]) <= {"face", "tetra.obj"}
 
 
-def test_a_negative_index_or_seed_is_refused():
-    config = tiny()
-    with pytest.raises(InputError, match="seed: must be 0 or more"):
-        PairRenderer(config, -1)
-    with pytest.raises(InputError, match="index: must be from 0"):
-        render_pair(config, -1)
-
-
 def test_the_package_offers_its_public_names():
     assert dir(semisynth_gl) == sorted({*semisynth_gl.__all__, "__version__", "__doc__"})
     assert semisynth_gl.__version__ == version("semisynth-gl")

@@ -212,7 +212,7 @@ def look(sample):
                 pages * os.sysconf("SC_PAGE_SIZE"),
                 open_files(),
                 len(renderers),
-                sum(renderers[0].count_objects().values()),
+                sum(renderers[0].renderer.count_objects().values()),
             ]
         )
     else:

@@ -275,7 +275,7 @@ def test_scenes_are_as_many_below_0_as_above():
     for doffs_px in (0.0, 20.0):
         solved = {"particles.layers": None, "particles.size_px": [20, 80]}
         with PairRenderer(open_scenes(doffs_px, outputs=(), more=solved), SEED) as renderer:
-            expected.append(renderer.expected_histogram())
+            expected.append(renderer.sampler.expected())
     np.testing.assert_allclose(expected[1].edges_px + 20, expected[0].edges_px, atol=1e-9)
     np.testing.assert_allclose(expected[1].shares, expected[0].shares, atol=0.02)
 

@@ -255,7 +255,7 @@ def test_a_dataset_of_several_recipes_comes_to_its_target():
     config = mixed(small(), recipes)
     target = config.wanted_histogram()
     with PairRenderer(config, 0) as pairs:
-        expected, count = pairs.expected_histogram(), PixelCount(target.edges_px)
+        expected, count = pairs.sampler.expected(), PixelCount(target.edges_px)
         for index in range(60):
             count.add(pairs.render(index, checked=False).frame.left.disparity)
         shown = {sampler.recipe: sampler.disparity_solver.expected() for sampler in pairs.sampler.samplers}
