@@ -16,7 +16,6 @@ from typing import Any
 
 import alternatives
 import click
-import hard_cases
 
 from semisynth_gl.bench import speed
 from semisynth_gl.bench.accuracy import headline
@@ -72,11 +71,6 @@ draws with; with 0 it draws in the thread that calls."""
 _PEERS = """\
 Left and right PNG and the left float32 disparity are written. Candidates take turns, each with the number of processes
 and threads that suits it best; times are medians over the rounds. [peers/README.md](../peers/README.md) says how."""
-_HARD_CASES = """\
-Errors of the disparity against the oracle, both eyes, more than two pixels from a depth edge. *Elsewhere* is the share
-of pixels that are not exact (1e-3 px) but lie exactly on a surface that the oracle sees within 1/16 px, or on a surface
-at such a grazing angle that 2.5e-4 px aside its disparity is that; they are left out of the errors. *Visibility* is the
-share of all pixels that agree with a second ray to the other eye."""
 _PEER_ROWS = ("--variants", "edges,msaa4,ssaa2,all,none,workbench")
 MEASUREMENTS: Mapping[str, Result] = {
     "alternatives": Result(
@@ -91,12 +85,6 @@ MEASUREMENTS: Mapping[str, Result] = {
     ),
     "peers": Result(
         "Renderers side by side", _PEERS, ("benchmarks/peers/run.py", *_PEER_ROWS), _peers_headline, peers.table
-    ),
-    "hard-cases": Result(
-        "Hard cases", _HARD_CASES, ("benchmarks/hard_cases.py",), hard_cases.headline, hard_cases.table
-    ),
-    "hard-cases-gpu": Result(
-        "Hard cases on a GPU", _HARD_CASES, ("benchmarks/hard_cases.py", "--gpu"), hard_cases.headline, hard_cases.table
     ),
 }  # fmt: skip
 

@@ -94,7 +94,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     out = [
         item
         for item in items
-        if item.get_closest_marker("one_backend") and item.callspec.params.get("backend") == "osmesa"
+        if item.get_closest_marker("one_backend")
+        and "backend" in item.fixturenames
+        and item.callspec.params["backend"] == "osmesa"
     ]
     if out:
         config.hook.pytest_deselected(items=out)

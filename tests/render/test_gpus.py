@@ -1,4 +1,4 @@
-"""Which EGL device a GPU is that the user names by CUDA's number."""
+"""Which EGL device a GPU is that the user names by CUDA's number, and what keeps EGL from a GPU."""
 
 import json
 
@@ -20,40 +20,30 @@ DEVICES = [
 
 @pytest.mark.parametrize(
     ("visible", "indices"),
-    [
-        (None, [1, 3, 0, 2]),
-        (" 3 , 0 ", [2, 1]),
-        ("1,-1,2", [3]),
-        ("GPU-0a2,gpu", [3]),
-        ("1,GPU-0A1", [3, 1]),
-    ],
+    [(None, [1, 3, 0, 2]), (" 3 , 0 ", [2, 1]), ("1,-1,2", [3]), ("GPU-0a2,gpu", [3]), ("1,GPU-0A1", [3, 1])],
 )
 def test_the_device_is_found_within_those_that_cuda_sees(visible, indices):
     assert [egl_index_of_gpu(gpu, DEVICES, visible) for gpu in range(len(indices))] == indices
-    with pytest.raises(InputError, match=f"gpus: {len(indices)}: .*CUDA sees GPU"):
+    with pytest.raises(InputError, match=f"gpus: {len(indices)}: "):
         egl_index_of_gpu(len(indices), DEVICES, visible)
 
 
 @pytest.mark.parametrize(
     ("gpu", "visible", "message"),
     [
-        (4, None, r"gpus: 4: CUDA sees GPUs 0, 1, 2, 3"),
-        (2, "2,3", r"gpus: 2: with CUDA_VISIBLE_DEVICES=2,3 CUDA sees GPUs 0, 1"),
-        (0, "-1", "CUDA sees no GPU"),
-        (-1, "0", "CUDA sees GPU 0"),
-        (0, "7", r"CUDA_VISIBLE_DEVICES=7 names 7, but there is GPUs 0, 1, 2, 3"),
-        (0, "GPU-0a", r"names GPU-0a, which is not exactly one .*3 is unknown.*Give numbers"),
+        (4, None, r"gpus: 4: .*GPUs 0, 1, 2, 3"),
+        (0, "-1", "gpus: 0: .*CUDA_VISIBLE_DEVICES=-1"),
+        (-1, "0", "gpus: -1"),
+        (0, "7", r"CUDA_VISIBLE_DEVICES=7 names 7"),
+        (0, "GPU-0a", r"names GPU-0a, which is not exactly one"),
         (1, "0,MIG-0a111111", "names MIG-0a111111, which is not exactly one"),
     ],
 )
 def test_what_there_is_is_said_where_a_gpu_is_not_found(gpu, visible, message):
     with pytest.raises(InputError, match=message):
         egl_index_of_gpu(gpu, DEVICES, visible)
-
-
-def test_devices_that_do_not_know_cuda_are_no_gpus():
-    with pytest.raises(InputError, match="gpus: 0: none of EGL's devices says"):
-        egl_index_of_gpu(0, DEVICES[-1:], None)
+    with pytest.raises(InputError, match=f"gpus: {gpu}: none of EGL's devices says"):
+        egl_index_of_gpu(gpu, DEVICES[-1:], visible)
 
 
 def test_a_mask_is_lifted_where_devices_are_asked_for_their_numbers(monkeypatch):
@@ -72,9 +62,8 @@ def test_a_mask_is_lifted_where_devices_are_asked_for_their_numbers(monkeypatch)
 )
 def test_workers_draw_on_the_first_gpu_that_cuda_shows(monkeypatch, visible, listed, index):
     monkeypatch.setattr(devices, "egl_devices", lambda: listed)
-    if visible is None:
-        monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
-    else:
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    if visible is not None:
         monkeypatch.setenv("CUDA_VISIBLE_DEVICES", visible)
     assert [egl_index_of_worker((), worker) for worker in (0, 1)] == [index, index]
     if len(listed) > 1 and visible != "":
@@ -97,8 +86,6 @@ def test_what_keeps_egl_from_a_gpu_is_told(tmp_path, monkeypatch):
     assert "no file tells EGL of it" in devices.nvidia_fault(mesa)
     (tmp_path / "10_nvidia.json").write_text(devices.NVIDIA_VENDOR_FILE)
     assert "MIG" in devices.nvidia_fault(mesa)
-    monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", str(tmp_path / "50_mesa.json"))
-    assert "no file tells EGL of it" in devices.nvidia_fault(mesa)
 
 
 def test_another_process_lists_the_same_devices(capsys):
@@ -110,5 +97,4 @@ def test_another_process_lists_the_same_devices(capsys):
 
 
 def test_a_uuid_is_written_as_cuda_writes_it():
-    text = devices.uuid_text(bytes(range(16)))
-    assert text == "GPU-00010203-0405-0607-0809-0a0b0c0d0e0f"
+    assert devices.uuid_text(bytes(range(16))) == "GPU-00010203-0405-0607-0809-0a0b0c0d0e0f"

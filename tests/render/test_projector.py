@@ -6,36 +6,37 @@ import numpy as np
 import pytest
 from PIL import Image
 from planted_faults import findings
+from scene_table import clutter, models
+from scene_table import wall as behind
 from scenes import SQUARE, assert_equal, facing, noise_layers, one_model, posed
 from scipy.ndimage import maximum_filter, minimum_filter
-from tiny_datasets import cheap, config_of
+from tiny_datasets import cheap
 
 from semisynth_gl.config.rig_sections import ProjectorSection
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.frame.camera import EYES, Crop, Deviation, StereoCamera
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.oracle import normals as normals_of
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.renderer import Renderer
-from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.projector import find_pattern, sample_projector
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import rotation_about_axis
-from semisynth_gl.scene.scene import Projector, make_scene, placed_vertices
-from semisynth_gl.scene.sources import prepare_sources
-from semisynth_gl.seeds.splits import Split
+from semisynth_gl.scene.scene import Projector, make_scene
 
-CAMERA = StereoCamera(160, 120, 150.0, 0.1, 78.0, 84.0, 58.5)
+CAMERA = StereoCamera(120, 90, 112.0, 0.1, 58.0, 63.0, 43.5)
 WHITE = np.full((1, 8, 8, 4), 255, np.uint8)
-FULL = np.full((90, 140), 255, np.uint8)
+FULL = np.full((68, 105), 255, np.uint8)
 
 
 def projector(position_m=(0.05, 0.02, 0.0), turn_rad=(0.0, 0.0, 0.0), **values):
     turn = np.array(turn_rad)
     angle = max(np.linalg.norm(turn), 1e-12)
     rotation = rotation_about_axis(turn[None] / angle, np.array([-angle]))[0]
-    values = {"focal_px": 90.0, "power": 1.2, "ambient": 0.2} | values
-    return Projector(posed(rotation, -rotation @ position_m), **values)
+    return Projector(
+        posed(rotation, -rotation @ position_m), **{"focal_px": 68.0, "power": 1.2, "ambient": 0.2} | values
+    )
 
 
 def plane(depth_m=1.5, tilt_rad=0.0, camera=CAMERA, **scene):
@@ -62,8 +63,7 @@ def expected_light(scene, models, eye, pattern=FULL):
     points = camera.rays(eye, x.ravel(), y.ravel()) * np.where(missed, 1.0, hits.depth_m)[:, None]
     points[:, 0] += camera.offset_m(eye)
     turn, shift = own.projector_from_camera[:3, :3], own.projector_from_camera[:3, 3]
-    from_there = points @ turn.T + shift
-    height, width = pattern.shape
+    from_there, (height, width) = points @ turn.T + shift, pattern.shape
     u = own.focal_px * from_there[:, 0] / from_there[:, 2] + (width - 1) / 2
     v = own.focal_px * from_there[:, 1] / from_there[:, 2] + (height - 1) / 2
     inside = (u > -0.5) & (u < width - 0.5) & (v > -0.5) & (v < height - 0.5) & (from_there[:, 2] > 0)
@@ -74,25 +74,18 @@ def expected_light(scene, models, eye, pattern=FULL):
     seen = cast_rays(there, models, "left", u, v)
     reached = inside & (np.abs(seen.depth_m - from_there[:, 2]) < 1e-6 * from_there[:, 2])
     decided = np.ones(len(u), bool)
-    for down in (0, 1):
-        for right in (0, 1):
-            at = np.floor(u) + right, np.floor(v) + down
-            around = cast_rays(there, models, "left", *at)
-            decided &= ~inside | ((around.instance == seen.instance) & (at[0] >= 0) & (at[1] >= 0))
-            decided &= ~inside | ((at[0] < width) & (at[1] < height))
-    normals = np.ones((len(u), 3))
-    for number in np.unique(hits.instance[hits.instance >= 0]):
-        mesh = models[int(scene.model[number])]
-        corners = placed_vertices(mesh, scene.view_from_model(number))[mesh.triangles]
-        of_triangle = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        mine = hits.instance == number
-        normals[mine] = of_triangle[hits.triangle[mine]]
-    source = -turn.T @ shift
-    way = points - source
-    eye_place = np.array([camera.offset_m(eye), 0, 0])
-    reached &= (normals * way).sum(1) * (normals * (points - eye_place)).sum(1) > 0
+    for down, right in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        at = np.floor(u) + right, np.floor(v) + down
+        around = cast_rays(there, models, "left", *at)
+        on_pattern = (at[0] >= 0) & (at[1] >= 0) & (at[0] < width) & (at[1] < height)
+        decided &= ~inside | ((around.instance == seen.instance) & on_pattern)
+    # In the left camera's frame, towards the eye.
+    eye_turn, normals = camera.turn(eye), normals_of(scene, models, eye, hits)
+    normals = normals if eye_turn is None else normals @ eye_turn
+    way = points + turn.T @ shift
+    reached &= (normals * way).sum(1) < 0
     distance = np.linalg.norm(way, axis=1)
-    cosine = np.abs((normals * way).sum(1)) / (np.linalg.norm(normals, axis=1) * distance)
+    cosine = np.abs((normals * way).sum(1)) / distance
     light = np.where(missed, 0, own.ambient + np.where(reached, own.power * cosine / distance**2, 0))
     return light.reshape(y.shape), decided.reshape(y.shape), reached.reshape(y.shape)
 
@@ -100,20 +93,18 @@ def expected_light(scene, models, eye, pattern=FULL):
 @pytest.mark.parametrize("tilt_rad", [0.0, 0.7, -1.2])
 @pytest.mark.parametrize("antialias", ["none", "ssaa2"])
 def test_a_plane_has_the_light_of_rays(tilt_rad, antialias):
-    lit = projector(turn_rad=(0.05, -0.1, 0.3), focal_px=130.0)
-    scene = plane(tilt_rad=tilt_rad, projector=lit)
+    scene = plane(tilt_rad=tilt_rad, projector=projector(turn_rad=(0.05, -0.1, 0.3), focal_px=98.0))
     frame = drawn(scene, antialias=antialias)
-    for eye in ("left", "right"):
+    for eye in EYES:
         light, decided, reached = expected_light(scene, [SQUARE], eye)
         assert reached.mean() > 0.3
         assert (~reached).mean() > 0.02
-        image = frame.view(eye).image[..., 0].astype(float)
-        off = np.abs(image - np.clip(255 * light, 0, 255))
+        off = np.abs(frame.view(eye).image[..., 0] - np.clip(255 * light, 0, 255))
         # Pixels of several samples may lie on both sides of the pattern's border, or of the wall's.
         even = minimum_filter(decided, 3)
         for side in (reached, light > 0):
             even &= minimum_filter(side, 3) == maximum_filter(side, 3)
-        assert even.mean() > 0.8
+        assert even.mean() > 0.75
         assert off[even].max() < 1.5
 
 
@@ -121,145 +112,104 @@ def test_a_plane_has_the_light_of_rays(tilt_rad, antialias):
 def test_a_camera_that_deviates_sees_the_same_light(fy_over_fx):
     camera = replace(CAMERA, deviation=Deviation(0.04, -0.03, 2.0, 1.02), fy_over_fx=fy_over_fx)
     scene = plane(tilt_rad=0.4, camera=camera, projector=projector())
-    frame = drawn(scene, rectified=False)
     light, decided, _ = expected_light(scene, [SQUARE], "right")
-    off = np.abs(frame.right.image[..., 0] - np.clip(255 * light, 0, 255))
+    off = np.abs(drawn(scene, rectified=False).right.image[..., 0] - np.clip(255 * light, 0, 255))
     assert off[decided].max() < 1.0
 
 
-def sampled(config, number):
-    """A sampled scene with white patches, as models, layers and the scene."""
-    split = Split(5)
-    sources = prepare_sources(config, split)
-    sampler = MixSampler(config, split.seed, sources.libraries, sources.atlas.patches)
-    scene = sampler.sample(number).scene
-    return sampler.models, np.full((int(scene.layer.max()) + 1, 4, 4, 4), 255, np.uint8), scene
-
-
-@pytest.mark.parametrize("number", range(4))
-def test_shadows_are_those_of_rays_in_sampled_scenes(number):
-    models, layers, scene = sampled(config_of(), number)
-    scale_m = float(np.median(np.linalg.norm(scene.view_from_model()[:, :3, 3], axis=1)))
-    lit = projector((0.1 * scale_m, -0.05 * scale_m, 0.0), power=0.5 * scale_m**2, focal_px=110.0)
-    scene = replace(scene, projector=lit)
-    frame = drawn(scene, models=models, layers=layers)
-    light, decided, reached = expected_light(scene, models, "left")
+@pytest.mark.parametrize("seed", range(2))
+def test_shadows_of_clutter_are_those_of_rays(seed):
+    lit = projector((0.3, -0.15, 0.0), power=5.0, focal_px=83.0)
+    scene = replace(clutter(seed, CAMERA, count=12), projector=lit)
+    light, decided, reached = expected_light(scene, models(), "left")
     assert 0.2 < reached.mean() < 0.999
-    off = np.abs(frame.left.image[..., 0] - np.clip(255 * light, 0, 255))
-    wrong = decided & (off >= 2.0)
+    image = drawn(scene, models=models(), layers=WHITE.repeat(4, axis=0)).left.image[..., 0]
     # Folds and steps of one instance that are finer than a texel.
-    assert wrong.mean() < 0.004
+    assert (decided & (np.abs(image - np.clip(255 * light, 0, 255)) >= 2.0)).mean() < 0.01
     assert decided.mean() > 0.6
 
 
-@pytest.mark.parametrize("distance_m", [0.05, 3.0, 4000.0])
+@pytest.mark.parametrize("distance_m", [0.05, 4000.0])
 @pytest.mark.parametrize("tilt_rad", [0.0, 1.3, 1.5])
 def test_no_plane_shades_itself(distance_m, tilt_rad):
-    scene = plane(distance_m, tilt_rad, near_m=distance_m / 100)
     lit = projector((0.03 * distance_m, 0.02 * distance_m, 0.0), power=50 * distance_m**2, ambient=0.0)
-    frame = drawn(replace(scene, projector=lit))
-    light, decided, reached = expected_light(replace(scene, projector=lit), [SQUARE], "left")
+    scene = plane(distance_m, tilt_rad, near_m=distance_m / 100, projector=lit)
+    light, decided, reached = expected_light(scene, [SQUARE], "left")
     seen = decided & reached & (light > 0.02)
     assert seen.mean() > 0.1
-    assert (frame.left.image[..., 0][seen] > 0).all()
+    assert (drawn(scene).left.image[..., 0][seen] > 0).all()
 
 
 def test_a_shadow_begins_where_a_thing_touches_the_ground():
-    """A post on a wall, lit from the left: no gap between it and its shadow wider than a texel."""
-    wall = facing(CAMERA, -200, -200, 600, 600, 2.0)
-    # A square that stands on the wall, seen from its edge.
+    """A post on a wall, seen from its edge and lit from the left: no gap of a texel between it and its shadow."""
     post = posed([[0, 0, 1], [0, 1, 0], [-0.3, 0, 0]], (0.1, -0.5, 2.0))
-    lit = projector((-1.0, 0.0, 0.0), power=2.0, ambient=0.0, focal_px=140.0)
-    scene = one_model(CAMERA, [wall, post], projector=lit)
-    image = drawn(scene, np.full((200, 300), 255, np.uint8)).left.image[60, :, 0]
+    lit = projector((-1.0, 0.0, 0.0), power=2.0, ambient=0.0, focal_px=105.0)
+    scene = one_model(CAMERA, [behind(CAMERA, 2.0), post], projector=lit)
+    image = drawn(scene, np.full((150, 225), 255, np.uint8)).left.image[45, :, 0]
     foot_px = CAMERA.focal_px * 0.1 / 2.0 + CAMERA.cx_left_px
-    before, after = image[int(foot_px) - 20 : int(foot_px)], image[int(foot_px) + 1 :]
-    assert (before > 0).all()
-    dark = np.flatnonzero(after == 0)
-    assert len(dark) > 10
-    texel_px = CAMERA.focal_px / 140.0
-    assert dark.min() <= texel_px + 1
+    assert (image[int(foot_px) - 15 : int(foot_px)] > 0).all()
+    dark = np.flatnonzero(image[int(foot_px) + 1 :] == 0)
+    assert len(dark) > 8
+    assert dark.min() <= CAMERA.focal_px / lit.focal_px + 1
 
 
 def test_dots_lie_at_the_disparity_of_the_truth():
     pattern = find_pattern(ProjectorSection(power=1, size_px=6, pattern_width_px=140, pattern_height_px=90))
-    scene = plane(1.2, 0.5, projector=projector(focal_px=80.0))
-    frame = drawn(scene, pattern, antialias="ssaa4")
-    left, right = (frame.view(eye).image[..., 0].astype(float) for eye in ("left", "right"))
-    columns = np.arange(CAMERA.width_px)
+    frame = drawn(plane(1.2, 0.5, projector=projector(focal_px=80.0)), pattern, antialias="ssaa4")
+    left, right = (frame.view(eye).image[..., 0].astype(float) for eye in EYES)
+    columns, visible = np.arange(CAMERA.width_px), frame.left.visibility == 255
 
     def off(shift_px):
-        other = np.stack(
-            [
-                np.interp(columns - d + shift_px, columns, row)
-                for d, row in zip(frame.left.disparity, right, strict=True)
-            ]
-        )
-        visible = frame.left.visibility == 255
+        rows = zip(frame.left.disparity, right, strict=True)
+        other = np.stack([np.interp(columns - d + shift_px, columns, row) for d, row in rows])
         return np.abs(other - left)[visible].mean()
 
     assert np.ptp(left) > 60
-    assert off(0) < 0.5 * min(off(0.5), off(-0.5))
-    assert off(0) < 1.5
+    assert off(0) < min(1.8, 0.5 * off(0.5), 0.5 * off(-0.5))
 
 
 def test_truth_does_not_know_of_the_projector_and_light_of_1_changes_nothing():
     scene = plane(tilt_rad=0.3)
-    outputs = ["visibility", "depth", "normals", "instances"]
-    options = {"layers": noise_layers(1, 64), "outputs": outputs}
+    options = {"layers": noise_layers(1, 64), "outputs": ["visibility", "depth", "normals", "instances"]}
     plain = drawn(scene, None, **options)
-    for name, lit in {"lit": projector(), "even": projector(power=0.0, ambient=1.0)}.items():
-        frame = drawn(replace(scene, projector=lit), **options)
-        for role, array in plain.arrays().items():
-            if role not in ("left", "right") or name == "even":
-                np.testing.assert_array_equal(frame.arrays()[role], array, err_msg=role)
-        assert name == "even" or (frame.left.image != plain.left.image).any()
-    for antialias in ("none", "edges"):
-        off, without = (drawn(scene, pattern, antialias=antialias, **options) for pattern in (FULL, None))
-        assert_equal(off, without)
+    assert_equal(drawn(scene, FULL, **options), plain)
+    assert_equal(drawn(replace(scene, projector=projector(power=0.0, ambient=1.0)), **options), plain)
+    lit = drawn(replace(scene, projector=projector()), **options).arrays()
+    for role, array in plain.arrays().items():
+        assert np.array_equal(lit[role], array) == (role not in EYES), role
 
 
 def test_a_sheet_hides_its_lit_side_from_the_eye_beyond_it():
     """A sheet that leads away from the left eye, with the projector on its other side."""
-    sheet = posed([[0.3, 0, 0], [0, 1, 0], [2, 0, 1]], (0.02, -0.5, 0.8))
-    images = []
+    sheet, images = posed([[0.3, 0, 0], [0, 1, 0], [2, 0, 1]], (0.02, -0.5, 0.8)), []
     for side_m in (-1.0, 1.0):
         lit = projector((side_m, 0.0, 0.0), turn_rad=(0.0, -0.6 * side_m, 0.0), ambient=0.2, power=3.0)
         scene = one_model(CAMERA, [sheet], projector=lit)
-        images.append(drawn(scene).left.image[60, :, 0])
+        images.append(drawn(scene).left.image[45, :, 0])
         light, decided, _ = expected_light(scene, [SQUARE], "left")
-        assert np.abs(images[-1] - np.clip(255 * light[60], 0, 255))[decided[60]].max() < 1.5
+        assert np.abs(images[-1] - np.clip(255 * light[45], 0, 255))[decided[45]].max() < 1.5
     seen = images[0] > 0
-    assert seen.sum() > 10
     # The eye sees one side of the sheet, and only one of the projectors lights that side.
-    one, other = ((image[seen] > 60).mean() for image in images)
-    assert {one > 0.8, other > 0.8} == {True, False}
+    assert {(image[seen] > 60).mean() > 0.8 for image in images} == {True, False}
 
 
-def test_the_sky_has_only_ambient_light():
-    wall, sky = facing(CAMERA, 40, 20, 60, 60, 1.0), facing(CAMERA, -200, -200, 600, 600, 5.0)
-    scene = one_model(CAMERA, [wall, sky], sky=[False, True], projector=projector())
-    image = drawn(scene).left.image[..., 0]
-    assert image[5, 5] == round(255 * 0.2)
-    assert image[50, 70] > 100
-
-
-def test_each_scene_has_its_own_shadows():
-    lit = projector((-0.6, 0.0, 0.0))
-    wall, post = facing(CAMERA, -200, -200, 600, 600, 2.0), facing(CAMERA, 60, 30, 20, 60, 1.0)
-    bare = one_model(CAMERA, [wall], projector=lit)
-    with_post = one_model(CAMERA, [wall, post], projector=lit)
+def test_the_sky_has_only_ambient_light_and_each_scene_its_own_shadows():
+    near, sky = facing(CAMERA, 30, 15, 45, 45, 1.0), behind(CAMERA, 5.0)
+    image = drawn(one_model(CAMERA, [near, sky], sky=[False, True], projector=projector())).left.image[..., 0]
+    assert image[4, 4] == round(255 * 0.2)
+    assert image[38, 52] > 100
+    lit, wall, post = projector((-0.6, 0.0, 0.0)), behind(CAMERA, 2.0), facing(CAMERA, 45, 22, 15, 45, 1.0)
+    bare, with_post = (one_model(CAMERA, poses, projector=lit) for poses in ([wall], [wall, post]))
     with Renderer([SQUARE], WHITE, pattern=FULL) as renderer:
         in_turn = [renderer.render(scene) for scene in (with_post, bare, with_post)]
     assert_equal(in_turn[1], drawn(bare))
     assert_equal(in_turn[2], in_turn[0])
     shadow = (in_turn[0].left.image < in_turn[1].left.image).all(axis=2)
-    assert 500 < shadow.sum() < 3000
+    assert 280 < shadow.sum() < 1700
 
 
-def test_crops_images_alone_and_shared_left_views_have_the_same_light():
-    scene = plane(tilt_rad=0.4, projector=projector())
-    crop = Crop(33, 21, 70, 50)
+def test_crops_grey_images_alone_and_shared_left_views_have_the_same_light():
+    scene, crop = plane(tilt_rad=0.4, projector=projector()), Crop(25, 16, 52, 37)
     with Renderer([SQUARE], WHITE, pattern=FULL) as renderer:
         whole = renderer.render(scene)
         assert_equal(renderer.render(scene, crop), whole, crop)
@@ -269,6 +219,7 @@ def test_crops_images_alone_and_shared_left_views_have_the_same_light():
             assert_equal(frame, renderer.render(replace(scene, camera=camera)))
     for eye, image in images.items():
         np.testing.assert_array_equal(image, whole.view(eye).image)
+    np.testing.assert_array_equal(drawn(scene, layers=WHITE[..., 0]).left.image, whole.left.image[..., 0])
 
 
 @pytest.mark.parametrize("grey", [False, True])
@@ -278,77 +229,56 @@ def test_outlines_have_the_light_of_many_samples(grey):
     corners = np.array([[-0.31, -0.22, 0], [0.33, -0.17, 0], [0.12, 0.36, 0]])
     triangle = make_mesh("triangle", corners, corners[:, :2], [[0, 1, 2]])
     turned = posed(rotation_about_axis(np.array([[0.6, 0.8, 0.0]]), np.array([0.9]))[0], (0.02, 0.03, 1.0))
-    wall = plane(3.0).world_from_model[0]
-    lights = {eye: projector(position_m=(CAMERA.offset_m(eye), 0, 0), power=1.5, ambient=0.1) for eye in EYES}
-    for eye, light in lights.items():
-        scene = make_scene(CAMERA, model=[0, 1], world_from_model=[wall, turned], layer=[0, 0], projector=light)
-        images = {
-            mode: drawn(scene, FULL, (SQUARE, triangle), layers, antialias=mode).view(eye).image.astype(float)
+    poses = plane(3.0).world_from_model[0], turned
+    for eye in EYES:
+        light = projector(position_m=(CAMERA.offset_m(eye), 0, 0), power=1.5, ambient=0.1)
+        scene = make_scene(CAMERA, model=[0, 1], world_from_model=poses, layer=[0, 0], projector=light)
+        none, edges, many = (
+            drawn(scene, FULL, (SQUARE, triangle), layers, antialias=mode).view(eye).image.astype(float)
             for mode in ("none", "edges", "ssaa8")
-        }
-        errors = {mode: ((image - images["ssaa8"]) ** 2).mean() for mode, image in images.items()}
-        assert errors["none"] > 5
-        assert errors["edges"] < 0.004 * errors["none"]
+        )
+        assert ((none - many) ** 2).mean() > 5
+        assert ((edges - many) ** 2).mean() < 0.005 * ((none - many) ** 2).mean()
         # Of the triangle's corners.
-        assert (np.abs(images["edges"] - images["ssaa8"]).reshape(120, 160, -1).max(axis=2) > 6).sum() <= 3
+        assert (np.abs(edges - many).reshape(90, 120, -1).max(axis=2) > 6).sum() <= 3
 
 
 def test_outlines_have_the_light_of_their_own_place():
     """Under a pattern that changes by 40 levels a pixel across the edge, light from beside it would be another."""
-    wave = np.abs(np.arange(1400) % 76 - 38) * 6.7
-    pattern = wave.astype(np.uint8)[None].repeat(900, axis=0)
+    camera = StereoCamera(160, 120, 150.0, 0.1, 78.0, 84.0, 58.5)
+    pattern = (np.abs(np.arange(1400) % 76 - 38) * 6.7).astype(np.uint8)[None].repeat(900, axis=0)
     light = projector(position_m=(0, 0, 0), focal_px=900.0, power=1.0, ambient=0.0)
-    pose = plane(3.0).world_from_model[0]
-    errors = {"none": [], "edges": []}
+    pose, errors = plane(3.0).world_from_model[0], []
     for slope in (0.4, -0.4):
         ends = 0.02 + slope / 2, 0.02 - slope / 2
         corners = np.array([[-0.5, -0.5, 1.0], [ends[0], -0.5, 1.0], [ends[1], 0.5, 1.0], [-0.5, 0.5, 1.0]])
         near = make_mesh("near", corners, corners[:, :2], [[0, 1, 2], [0, 2, 3]])
-        scene = make_scene(CAMERA, model=[0, 1], world_from_model=[pose, np.eye(4)], layer=[0, 0], projector=light)
-        images = {
-            mode: drawn(scene, pattern, (SQUARE, near), antialias=mode).left.image[..., 0].astype(float)
+        scene = make_scene(camera, model=[0, 1], world_from_model=[pose, np.eye(4)], layer=[0, 0], projector=light)
+        none, edges, many = (
+            drawn(scene, pattern, (SQUARE, near), antialias=mode).left.image[..., 0].astype(float)
             for mode in ("none", "edges", "ssaa8")
-        }
-        changed = images["edges"] != images["none"]
-        for mode, found in errors.items():
-            found.append(np.abs(images[mode] - images["ssaa8"])[changed])
+        )
+        errors.append(np.abs(edges - many)[edges != none])
     # 2.3 with the light of the pixel's centre, and 2.8 with that of the other side of the edge.
-    assert np.concatenate(errors["edges"]).mean() < 2.05
-    assert np.concatenate(errors["none"]).mean() > 15
+    assert np.concatenate(errors).mean() < 2.05
 
 
-def test_grey_images_have_the_light_of_colour():
-    scene = plane(tilt_rad=0.4, projector=projector())
-    grey = drawn(scene, layers=WHITE[..., 0]).left.image
-    np.testing.assert_array_equal(grey, drawn(scene).left.image[..., 0])
+GOOD = {"projector_from_camera": np.eye(4), "focal_px": 90.0, "power": 1.0}
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("make", "said"),
     [
-        ({"pattern": None}, "its projector throws a pattern"),
-        ({"pattern": np.zeros((4, 4), np.float32)}, r"pattern must be \(H, W\) uint8"),
+        (lambda: drawn(plane(projector=projector()), None), "its projector throws a pattern"),
+        (lambda: drawn(plane(projector=projector()), np.zeros((4, 4), np.float32)), r"pattern must be \(H, W\) uint8"),
+        *((lambda name=name, value=value: Projector(**(GOOD | {name: value})), "projector") for name, value in (
+            ("power", -1.0), ("focal_px", 0.0), ("projector_from_camera", 2 * np.eye(4)),
+            ("projector_from_camera", np.diag([-1.0, 1, 1, 1])), ("projector_from_camera", np.eye(3)))),
     ],
-)
-def test_what_cannot_be_lit_is_refused(values, words):
-    with pytest.raises(InputError, match=words):
-        drawn(plane(projector=projector()), **values)
-
-
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"power": -1.0},
-        {"focal_px": 0.0},
-        {"projector_from_camera": 2 * np.eye(4)},
-        {"projector_from_camera": np.diag([-1.0, 1, 1, 1])},
-        {"projector_from_camera": np.eye(3)},
-    ],
-)
-def test_a_projector_is_checked(values):
-    good = {"projector_from_camera": np.eye(4), "focal_px": 90.0, "power": 1.0}
-    with pytest.raises(InputError, match="projector"):
-        Projector(**(good | values))
+)  # fmt: skip
+def test_what_cannot_be_lit_is_refused(make, said):
+    with pytest.raises(InputError, match=said):
+        make()
 
 
 # --- configs ---
@@ -359,40 +289,32 @@ def test_a_projector_is_checked(values):
 def test_a_pattern_is_as_dense_as_asked_for(pattern, density):
     section = ProjectorSection(power=1, pattern=pattern, density=density, size_px=4)
     light = find_pattern(section)
-    assert light.shape == (800, 1280)
-    assert light.max() == 255
+    assert (light.shape, light.max()) == ((800, 1280), 255)
     assert light.mean() / 255 == pytest.approx(density, rel=0.15)
     np.testing.assert_array_equal(light, find_pattern(section))
-    if pattern == "stripes":
-        assert (light == light[0]).all()
+    assert (light == light[0]).all() == (pattern == "stripes")
 
 
 def test_the_place_of_a_projector_is_the_configs():
-    section = ProjectorSection(
-        power=2, ambient=0.5, position_m=(0.1, -0.2, 0.05), turn_deg=(0, 90, 0), field_of_view_deg=90
-    )
-    drawn_once = sample_projector(section, np.random.default_rng(0))
-    pose = drawn_once.projector_from_camera
+    turned = {"position_m": (0.1, -0.2, 0.05), "turn_deg": (0, 90, 0), "field_of_view_deg": 90}
+    sampled = sample_projector(ProjectorSection(power=2, ambient=0.5, **turned), np.random.default_rng(0))
+    pose = sampled.projector_from_camera
     np.testing.assert_allclose(pose @ [0.1, -0.2, 0.05, 1], [0, 0, 0, 1], atol=1e-12)
     # Turned by a right angle about y (down), the projector looks to the right.
     np.testing.assert_allclose(pose[:3, :3] @ [1, 0, 0], [0, 0, 1], atol=1e-12)
-    assert drawn_once.focal_px == pytest.approx(640)
-    assert (drawn_once.power, drawn_once.ambient) == (2, 0.5)
+    assert (sampled.focal_px, sampled.power, sampled.ambient) == (pytest.approx(640), 2, 0.5)
 
 
 def test_the_projector_is_on_in_a_share_of_the_sequences():
-    plain = cheap()
-    config = cheap(
-        projector={"power": [1, 2], "ambient": 0.4, "share": 0.5, "pattern_width_px": 160, "pattern_height_px": 100}
-    )
+    small = {"pattern_width_px": 160, "pattern_height_px": 100}
+    plain, config = cheap(), cheap(projector={"power": [1, 2], "ambient": 0.4, "share": 0.5, **small})
     with PairRenderer(plain, 1) as without, PairRenderer(config, 1) as lit:
         on = []
         for number in range(8):
             dark, pair = without.render(number, checked=False), lit.render(number, checked=False)
             on.append("projector" in pair.provenance)
-            same = np.array_equal(dark.frame.left.image, pair.frame.left.image)
-            assert same is not on[-1]
-            for eye in ("left", "right"):
+            assert np.array_equal(dark.frame.left.image, pair.frame.left.image) is not on[-1]
+            for eye in EYES:
                 np.testing.assert_array_equal(dark.frame.view(eye).disparity, pair.frame.view(eye).disparity)
     assert 1 <= sum(on) <= 7
     assert plain.digest() != config.digest()
@@ -413,39 +335,23 @@ def test_verify_finds_dots_that_lie_elsewhere_in_one_view(tmp_path):
     assert [finding.check for finding in findings(tmp_path / "here")] == ["images", "images"]
 
 
-def test_a_picture_is_thrown_as_it_is(tmp_path):
-    levels = np.random.default_rng(4).integers(0, 256, (90, 140), np.uint8)
-    Image.fromarray(levels).save(tmp_path / "own.png")
-    config = cheap(
-        projector={
-            "power": 1, "pattern": str(tmp_path / "own.png"), "pattern_width_px": 140, "pattern_height_px": 90
-        }
-    )  # fmt: skip
+def test_a_picture_is_thrown_as_it_is_and_a_dataset_goes_on_with_no_other(tmp_path):
+    path, levels = tmp_path / "own.png", np.random.default_rng(4).integers(0, 256, (90, 140), np.uint8)
+    Image.fromarray(levels).save(path)
+    config = cheap(projector={"power": 1, "pattern": str(path), "pattern_width_px": 140, "pattern_height_px": 90})
     np.testing.assert_array_equal(find_pattern(config.projector), levels)
     with PairRenderer(config, 1) as renderer:
         np.testing.assert_array_equal(renderer.sources.pattern, levels)
-        assert "projector" in renderer.render(0, checked=False).provenance
-
-
-def test_a_picture_that_does_not_fit_is_refused(tmp_path):
-    path = tmp_path / "own.png"
-    section = ProjectorSection(power=1, pattern=str(path))
-    with pytest.raises(InputError, match=r"projector.pattern: .*own\.png: cannot be read: No such file"):
-        find_pattern(section)
-    Image.fromarray(np.full((800, 1280, 4), [255, 255, 255, 0], np.uint8)).save(path)
-    with pytest.raises(InputError, match="save it without transparency"):
-        find_pattern(section)
-    Image.fromarray(np.zeros((4, 6, 3), np.uint8)).save(path)
-    with pytest.raises(InputError, match=r"expected 1280 x 800 px, got 6 x 4 px .* set pattern_width_px"):
-        find_pattern(section)
-
-
-def test_a_dataset_does_not_go_on_with_another_picture(tmp_path):
-    path = tmp_path / "own.png"
-    own = {"power": 1, "pattern": str(path), "pattern_width_px": 6, "pattern_height_px": 4}
-    Image.fromarray(np.zeros((4, 6), np.uint8)).save(path)
-    generate(cheap(projector=own), tmp_path / "set", 1)
-    Image.fromarray(np.ones((4, 6), np.uint8)).save(path)
+    generate(config, tmp_path / "set", 1)
+    Image.fromarray(levels + 1).save(path)
     with pytest.raises(InputError, match="pattern"):
-        generate(cheap(projector=own), tmp_path / "set", 2)
-    assert "pattern" not in prepare_sources(cheap(projector={"power": 1}), Split(1)).digests()
+        generate(config, tmp_path / "set", 2)
+    section = ProjectorSection(power=1, pattern=str(path))
+    for picture, said in (
+        (levels, r"expected 1280 x 800 px, got 140 x 90 px .* set pattern_width_px"),
+        (np.full((800, 1280, 4), [255, 255, 255, 0], np.uint8), "save it without transparency"),
+        (None, r"projector.pattern: .*own\.png: cannot be read: No such file"),
+    ):
+        path.unlink() if picture is None else Image.fromarray(picture).save(path)
+        with pytest.raises(InputError, match=said):
+            find_pattern(section)

@@ -1,0 +1,352 @@
+"""What the renderer claims, against equations: planes, spheres, sizes, and who hides whom."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scene_table import BALL, CAMERA, models, placed, turned, wall
+from scenes import SQUARE, assert_equal, board, facing, noise_layers, on_plane, one_model, posed
+
+from semisynth_gl.config import load_config
+from semisynth_gl.frame.camera import EYES, Deviation, StereoCamera
+from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.geometry.mesh import make_mesh
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.render import programs
+from semisynth_gl.render.context import GraphicsContext
+from semisynth_gl.scene.background import FACE, sample_cuboid
+from semisynth_gl.scene.raycast import cast_rays
+from semisynth_gl.scene.rig import sample_camera
+from semisynth_gl.scene.scene import make_scene, move
+from semisynth_gl.seeds.seeds import Purpose, generator
+
+pytestmark = pytest.mark.one_backend
+
+PLAIN = StereoCamera(160, 120, 225.0, 0.25, 80.1, 80.1, 57.7)
+NORMALS = [(0, 0, 1), (0.5, 0.2, 1), (-0.3, -0.6, 1), (0.2, -2.5, 1)]
+DEVIATIONS = [
+    *(Deviation(roll_rad=0.02), Deviation(pitch_rad=-0.015), Deviation(y_px=2.3), Deviation(focal_ratio=1.01)),
+    Deviation(-0.03, 0.02, -1.7, 0.98),
+]
+CAMERAS = {
+    "plain": PLAIN,
+    "doffs": replace(PLAIN, cx_right_px=94.4),
+    "negative doffs": replace(PLAIN, cx_right_px=75.1),
+    "high pixels": replace(PLAIN, fy_over_fx=1.25, cx_right_px=83.6),
+    "wide pixels": replace(PLAIN, fy_over_fx=0.8),
+    **{f"deviation {number}": replace(PLAIN, deviation=each) for number, each in enumerate(DEVIATIONS)},
+    "deviation, wide pixels, doffs": replace(PLAIN, deviation=DEVIATIONS[-1], fy_over_fx=0.8, cx_right_px=83.6),
+}
+
+
+def rotation(deviation):
+    """About z, then about x, both right-handed, written down axis by axis."""
+    roll, pitch = deviation.roll_rad, deviation.pitch_rad
+    about_z = [[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]]
+    about_x = [[1, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]]
+    return np.array(about_x) @ np.array(about_z)
+
+
+def lens(camera, eye):
+    """The rotation, focal lengths, principal point and place of an eye."""
+    if eye == "left":
+        return np.eye(3), camera.focal_px * np.array([1, camera.fy_over_fx]), (camera.cx_left_px, camera.cy_px), 0.0
+    deviation = camera.deviation
+    focal = camera.focal_px * deviation.focal_ratio * np.array([1, camera.fy_over_fx])
+    return rotation(deviation), focal, (camera.cx_right_px, camera.cy_px + deviation.y_px), camera.baseline_m
+
+
+def project(camera, eye, points):
+    """Pixel positions (..., 2) and depths of points in the left camera's frame, by K R (X - B)."""
+    turn, focal, centre, x_m = lens(camera, eye)
+    seen = (points - (x_m, 0, 0)) @ turn.T
+    return focal * seen[..., :2] / seen[..., 2:] + centre, seen[..., 2]
+
+
+def on_rays(camera, eye, normal, distance):
+    """Points (H, W, 3) of a plane that an eye sees, in the left camera's frame."""
+    turn, focal, centre, x_m = lens(camera, eye)
+    y, x = np.mgrid[: camera.height_px, : camera.width_px].astype(float)
+    rays = np.stack([(x - centre[0]) / focal[0], (y - centre[1]) / focal[1], np.ones_like(x)], -1) @ turn
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return (x_m, 0, 0) + rays * ((distance - normal[0] * x_m) / (rays @ normal))[..., None]
+
+
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
+def test_planes_have_their_analytic_truth(open_renderer, camera):
+    outputs = "depth", "normals", "correspondence"
+    renderer = open_renderer([SQUARE], noise_layers(1, 16), outputs=outputs, rectified=camera.rectified)
+    y, x = np.mgrid[: camera.height_px, : camera.width_px].astype(float)
+    for normal in np.array(NORMALS, float):
+        frame = renderer.render(one_model(camera, [on_plane(normal, 3.0, 10.0)]))
+        for eye, other, sign in (("left", "right", -1), ("right", "left", 1)):
+            points, view = on_rays(camera, eye, normal, 3.0), frame.view(eye)
+            way = project(camera, other, points)[0] - np.stack([x, y], -1)
+            seen = (points[..., 2] > 0.5) & (np.abs(points[..., :2]) < 9).all(axis=-1)
+            assert seen.mean() > 0.2
+            valid, invalid = seen & (sign * way[..., 0] > 1e-3), seen & (sign * way[..., 0] < -1e-3)
+            off = np.abs(view.disparity - sign * way[..., 0])[valid]
+            assert np.median(off) < 3e-5
+            assert np.quantile(off, 0.999) < 1e-4
+            assert np.quantile(np.abs(view.correspondence - way)[valid], 0.999) < 1e-4
+            # Zero and negative disparities are invalid, never clamped.
+            assert np.isposinf(view.disparity[invalid]).all()
+            assert np.isposinf(view.correspondence[invalid]).all()
+            depth = project(camera, eye, points)[1]
+            np.testing.assert_allclose(view.depth[seen], depth[seen], rtol=1e-5)
+            unit = lens(camera, eye)[0] @ -normal / np.linalg.norm(normal)
+            np.testing.assert_allclose(view.normals[seen], np.broadcast_to(unit, (seen.sum(), 3)), atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["doffs", "deviation, wide pixels, doffs"])
+def test_a_plane_that_moves_before_a_camera_that_turns_has_the_flow_of_equations(open_renderer, name):
+    camera, turn = CAMERAS[name], rotation(Deviation(0.05, -0.03))
+    changes = ("disparity_change",) if camera.rectified else ()
+    renderer = open_renderer(
+        [SQUARE], noise_layers(1, 16), outputs=("flow", "flow_backward", *changes), rectified=camera.rectified
+    )
+    scene = one_model(camera, [on_plane((0.2, 0.1, 1.0), 3.0, 16.0)])
+    moved, camera_moved = posed(rotation(Deviation(-0.02, 0.04)), (0.1, -0.05, 0.3)), posed(turn, (0.02, 0.01, -0.1))
+    poses = moved @ scene.world_from_model
+    future, past = move(scene, world_from_model=poses, camera_from_world=camera_moved), move(scene)
+    frame = renderer.render(scene, future=future, past=past)
+    y, x = np.mgrid[: camera.height_px, : camera.width_px].astype(float)
+    for eye in EYES:
+        points, view = on_rays(camera, eye, np.array([0.2, 0.1, 1.0]), 3.0), frame.view(eye)
+        then = points @ (turn @ moved[:3, :3]).T + turn @ moved[:3, 3] + camera_moved[:3, 3]
+        place = project(camera, eye, then)[0]
+        np.testing.assert_allclose(view.flow, place - np.stack([x, y], -1), atol=5e-5)
+        inside = (place >= -0.5).all(-1) & (place[..., 0] < 159.5) & (place[..., 1] < 119.5)
+        assert (view.flow_visibility == np.where(inside, VISIBLE, OUTSIDE)).mean() > 0.999
+        # What stands still has no flow at all.
+        assert not view.flow_backward.any()
+        if changes:
+            change = camera.focal_baseline * (1 / then[..., 2] - 1 / points[..., 2])
+            valid = np.isfinite(view.disparity) & np.isfinite(view.disparity_change)
+            assert valid.mean() > 0.2
+            np.testing.assert_allclose(view.disparity_change[valid], change[valid], atol=2e-5)
+
+
+# GPUs move corners of triangles before they interpolate. The processor's driver does not, so the vertex shader does it.
+STEPS = 256
+MOVE = f"""
+    if (gl_Position.w > 0.0) {{
+        vec2 size_px = round(2.0 * focal_px / vec2(clip_from_view[0][0], clip_from_view[1][1]));
+        precise vec2 place_px = (gl_Position.xy / gl_Position.w * 0.5 + 0.5) * size_px;
+        place_px = round(place_px * {STEPS}.0) / {STEPS}.0;
+        gl_Position.xy = (place_px / size_px * 2.0 - 1.0) * gl_Position.w;
+    }}
+}}
+"""
+
+
+@pytest.fixture
+def draw_moved(open_renderer, monkeypatch):
+    """Draw squares through a driver that moves corners, corrected or not."""
+    original = programs.shader_source
+
+    def source(name, defines=None):
+        text = original(name, defines)
+        return text.rstrip().removesuffix("}") + MOVE if name == "mesh.vert" else text
+
+    def draw(pose, camera, *, corrected=True, shared=False):
+        monkeypatch.setattr(programs, "shader_source", source)
+        monkeypatch.setattr(GraphicsContext, "corner_steps", STEPS if corrected else None)
+        scene, rectified = one_model(camera, [pose]), camera.rectified
+        renderer = open_renderer([SQUARE], noise_layers(1, 16), outputs=("depth",), rectified=rectified)
+        if shared:
+            return renderer.render_rig(scene, [camera, replace(camera, baseline_m=camera.baseline_m / 2)])[0]
+        return renderer.render(scene)
+
+    return draw
+
+
+# Slopes of planes, and half the sides of squares on them before the camera: GPUs clip before they move corners.
+PLANES = ((0.5, 0, 2.013), (-0.8, 0.3, 1.613), (0.2, -2.5, 0.613))
+
+
+@pytest.mark.parametrize("deviation", [Deviation(), Deviation(0.01, -0.01, 3.0, 1.1)], ids=["rectified", "deviating"])
+def test_planes_are_as_exact_where_corners_move(draw_moved, deviation):
+    camera = StereoCamera(320, 240, 450.0, 0.25, 160.1, 188.4, 115.7, deviation)
+    for *slope, half_m in PLANES:
+        normal, errors = np.array([*slope, 1]), {}
+        for corrected in (False, True):
+            frame = draw_moved(on_plane(normal, 2.0, half_m), camera, corrected=corrected)
+            for eye in EYES:
+                depth = project(camera, eye, on_rays(camera, eye, normal, 2.0))[1]
+                known = np.isfinite(frame.view(eye).depth) & (depth > 0.3) & (depth < 7)
+                assert known.mean() > 0.2
+                found = np.abs(frame.view(eye).depth - depth)[known] * camera.focal_baseline / depth[known] ** 2
+                errors.setdefault(corrected, []).append(found)
+        moved, exact = (np.concatenate(errors[corrected]) for corrected in (False, True))
+        assert np.median(moved) > 3 * np.median(exact)
+        assert np.median(exact) < 2e-5
+        assert np.quantile(exact, 0.999) < 1e-4
+
+
+def test_where_corners_move_left_views_are_shared_and_nothing_lies_beyond_the_horizon(draw_moved):
+    camera, pose = replace(PLAIN, cy_px=57.7), on_plane((-0.8, 0.3, 1), 2.0, 1.613)
+    assert_equal(draw_moved(pose, camera, shared=True), draw_moved(pose, camera))
+    ground = np.eye(4)
+    ground[:3] = [[2e8, 0, 0, -1e8], [0, 0, 1, 1.5], [0, 1e8, 0, 0.5]]
+    # The horizon passes a pixel's centre by less than corners move.
+    for horizon_px in (57.9985, 57.9995, 58.0, 58.0005, 58.0015):
+        frame = draw_moved(ground, replace(PLAIN, cy_px=horizon_px))
+        for eye in EYES:
+            assert np.isfinite(frame.view(eye).depth).any()
+            assert (frame.view(eye).depth > 0).all()
+
+
+def test_a_sphere_has_its_analytic_disparity_and_shows_nothing_through_it(open_renderer):
+    camera, centre, radius = StereoCamera.centred(200, 150, 250.0, 0.2), np.array([0.1, -0.05, 2.0]), 0.5
+    scene = make_scene(
+        camera, model=[0, BALL], world_from_model=[wall(camera, 9.0), placed(turned(1), radius, centre)], layer=[0, 0]
+    )
+    frame = open_renderer(models(), noise_layers(1, 16), outputs=("instances",)).render(scene)
+    y, x = np.mgrid[:150, :200].astype(float)
+    for eye in EYES:
+        rays = camera.rays(eye, x, y)
+        offset = centre - [camera.offset_m(eye), 0, 0]
+        a, b, c = (rays**2).sum(-1), rays @ offset, offset @ offset - radius**2
+        square_root = np.sqrt(np.maximum(b * b - a * c, 0))
+        depth = (b - square_root) / a
+        # The cosine between ray and normal; beside the limb the facets' own error is magnified without bound.
+        valid = square_root / np.sqrt(a) / radius > 0.3
+        assert valid.sum() > 5_000
+        np.testing.assert_allclose(frame.view(eye).disparity[valid], camera.disparity_px(depth[valid]), atol=4e-3)
+        inside = b * b - a * (offset @ offset - (0.99 * radius) ** 2) > 0
+        assert (frame.view(eye).instances[inside] == 2).all()
+        assert (frame.view(eye).instances[b * b - a * c < -0.02] == 1).all()
+
+
+def test_near_and_far_a_factor_of_a_million_apart(open_renderer):
+    camera = StereoCamera.centred(100, 50, 200.0, 0.1)
+    walls, post = [wall(camera, depth_m) for depth_m in (10_000.0, 9_999.0)], facing(camera, 45, 0, 10, 50, 0.05)
+    renderer = open_renderer([SQUARE], noise_layers(1, 16))
+    # The wall in front must win, whatever the order of drawing.
+    for order in (walls, walls[::-1]):
+        frame = renderer.render(one_model(camera, [*order, post], near_m=0.01))
+        np.testing.assert_allclose(frame.left.disparity[:, 45:55], 200 * 0.1 / 0.05, rtol=1e-6)
+        np.testing.assert_allclose(frame.left.disparity[:, :45], 200 * 0.1 / 9_999.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize("across_m", [2.0, 20.0, 200.0, 1000.0])
+def test_the_error_grows_with_the_size_of_a_triangle_over_its_distance(open_renderer, across_m):
+    camera = StereoCamera.centred(160, 120, 1500.0, 0.2)
+    renderer, rng = open_renderer([SQUARE], noise_layers(1, 16), outputs=()), np.random.default_rng(0)
+    for _ in range(3):
+        # About 1.5 m away and at 200 px, a wall that is seen anywhere in its middle half.
+        matrix = placed(np.eye(3), across_m, [*(-across_m * rng.uniform(0.25, 0.75, 2)), 1.5])
+        matrix[2, :2] = rng.uniform(-0.2, 0.2, 2) * across_m
+        matrix[2, 3] -= matrix[2, :2] @ (-matrix[:2, 3] / across_m)
+        frame, normal = renderer.render(one_model(camera, [matrix])), np.cross(matrix[:3, 0], matrix[:3, 1])
+        for eye in EYES:
+            expected = camera.disparity_px(on_rays(camera, eye, normal, normal @ matrix[:3, 3])[..., 2])
+            # In steps of float32 at the disparity.
+            error = np.abs(frame.view(eye).disparity - expected).max()
+            assert error <= 200 * 2.0**-24 * (4 + 0.5 * across_m / 1.5)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (941, 489), (7680, 4320)])
+def test_image_sizes(open_renderer, size):
+    width, height = size
+    camera = StereoCamera.centred(width, height, 0.9 * max(width, 8), 0.1)
+    # A plane that slopes in both directions, so that a wrong row length shows.
+    normal, renderer = np.array([0.1, 0.05, 1.0]), open_renderer([SQUARE], noise_layers(1, 64), outputs=())
+    frame = renderer.render(one_model(camera, [on_plane(normal, 2.0, 9.0)]))
+    step = max(1, height // 200)
+    y, x = (values.astype(float) for values in np.mgrid[:height:step, :width:step])
+    depth = 2.0 / (camera.rays("left", x, y) @ normal)
+    assert frame.left.image.shape == (height, width, 3)
+    np.testing.assert_allclose(frame.left.disparity[::step, ::step], camera.disparity_px(depth), rtol=3e-6)
+
+
+@pytest.mark.parametrize("index", [9, 113])
+def test_walls_leave_no_gap_where_they_meet(open_renderer, index):
+    """Two scenes with a pixel within 3e-6 of an edge of the room, where walls that only met showed what is behind."""
+    config = load_config("sceneflow")
+    camera = sample_camera(config.camera, generator(1, Purpose.CAMERA, index))
+    rng = generator(1, Purpose.BACKGROUND, index)
+    rng.random()  # the kind
+    room, _ = sample_cuboid(config.background, config.disparity, camera, rng)
+    scene = make_scene(camera, model=[0] * 6, world_from_model=room["pose"], layer=[0] * 6)
+    frame = open_renderer([FACE], noise_layers(1, 16)).render(scene)
+    assert np.isfinite(frame.left.disparity).all()
+    assert np.isfinite(frame.right.disparity).all()
+
+
+def test_what_float32_cannot_hold_of_poses_is_refused():
+    with pytest.raises(InputError, match="not finite"):
+        one_model(CAMERA, [np.full((4, 4), np.inf)])
+    with pytest.raises(InputError, match="not finite"):
+        make_mesh("bad", [[0, 0, np.nan], [1, 0, 0], [0, 1, 0]], np.zeros((3, 2)), [[0, 1, 2]])
+
+
+# Masks, on paper: f B = 10 px m.
+PAPER = StereoCamera.centred(200, 4, 100.0, 0.1, doffs_px=20.0)
+FLAT = replace(PAPER, cx_left_px=99.5, cx_right_px=99.5)
+
+
+@pytest.mark.parametrize(
+    ("signed", "wall_px", "board_px", "first_px", "last_px"),
+    [(False, 5.0, 20.0, 60.25, 140.25), (True, -12.0, -5.0, 60.25, 80.25), (True, -3.0, 4.0, 60.25, 80.25)],
+)
+def test_a_board_hides_what_paper_says(open_renderer, signed, wall_px, board_px, first_px, last_px):
+    """The board's edges are at ``first_px`` and ``last_px`` on the right."""
+    camera = PAPER if signed else FLAT
+    scene = one_model(camera, [board(camera, -100, 500, wall_px), board(camera, first_px, last_px, board_px)])
+    frame = open_renderer([SQUARE], noise_layers(1, 16), signed=signed).render(scene)
+    x, on_left = np.arange(200), (first_px + board_px, last_px + board_px)
+    for eye, shown, hidden, sign in (
+        ("left", on_left, (first_px, last_px), -1),
+        ("right", (first_px, last_px), on_left, 1),
+    ):
+        on_board = (x > shown[0]) & (x < shown[1])
+        disparity = np.where(on_board, board_px, wall_px)
+        there = x + sign * disparity
+        mask = np.where(~on_board & (there > hidden[0]) & (there < hidden[1]), OCCLUDED, VISIBLE)
+        mask[(there < -0.5) | (there >= 199.5)] = OUTSIDE
+        np.testing.assert_allclose(frame.view(eye).disparity[2], disparity, atol=1e-4)
+        np.testing.assert_array_equal(frame.view(eye).visibility[2], mask)
+
+
+@pytest.mark.parametrize(
+    ("x", "boards", "expected"),
+    [
+        # The wall's pixel 105 is at 100.5 on the right, in a gap between two boards or not.
+        *((105, ((-100, 300, 4.5), (96, a, 10.5), (b, 130, 12.5)), mask)
+          for a, b, mask in ((100.3, 100.7, VISIBLE), (100.6, 100.9, OCCLUDED))),
+        # Pixel 95 is at 89.1, where disparities between pixels 89 and 90 hardly differ.
+        *((95, ((-100, 300, 5.9), (edge, 140, 5.9 + step)), mask)
+          for edge, mask in ((89.05, OCCLUDED), (89.15, VISIBLE)) for step in (0.26, 3.0)),
+    ],
+)  # fmt: skip
+def test_masks_know_what_lies_between_pixels(open_renderer, x, boards, expected):
+    scene = one_model(FLAT, [board(FLAT, *each) for each in boards])
+    left = open_renderer([SQUARE], noise_layers(1, 16)).render(scene).left
+    np.testing.assert_allclose(left.disparity[:, x], boards[0][2], atol=1e-4)
+    assert (left.visibility[:, x] == expected).all()
+
+
+@pytest.mark.parametrize("radius_px", [9, 4.5])
+def test_fine_meshes_hide_what_is_behind_them(open_renderer, radius_px):
+    """Dozens of triangles lie across a pixel of a small ball of 100k triangles."""
+    at = np.array([[0.02, 0.01, 1.2], [-0.3, 0.15, 1.5], [0.25, -0.2, 1.8]])
+    poses = [placed(turned(k), radius_px * each[2] / CAMERA.focal_px, each) for k, each in enumerate(at)]
+    scene = make_scene(CAMERA, model=[0] + [BALL] * 3, world_from_model=[wall(CAMERA, 4.0), *poses], layer=np.zeros(4))
+    frame = open_renderer(models(), noise_layers(1, 16), outputs=("instances", "visibility")).render(scene)
+    y, x = (values.ravel().astype(float) for values in np.mgrid[:90, :120])
+    way = CAMERA.disparity_px(cast_rays(scene, models(), "left", x, y).depth_m)
+    there = cast_rays(scene, models(), "right", x - way, y)
+    expected = np.where(there.depth_m < CAMERA.depth_m(way) * (1 - 1e-9), OCCLUDED, VISIBLE)
+    expected[x - way < -0.5] = OUTSIDE
+    assert (expected == OCCLUDED).sum() > 40
+    assert (frame.left.visibility.ravel() != expected).sum() <= 1
+
+
+@pytest.mark.parametrize("shared_at_once", [1, 2048])
+def test_masks_do_not_depend_on_how_many_work_at_a_time(open_renderer, monkeypatch, shared_at_once):
+    scene = one_model(CAMERA, [wall(CAMERA, 4.0), *(facing(CAMERA, 20 * k, 9, 9.3, 60.2, 1 + k) for k in range(5))])
+    expected = open_renderer([SQUARE], noise_layers(1, 16)).render(scene)
+    monkeypatch.setattr("semisynth_gl.render.listed_steps._GROUPS_ON_SOFTWARE", shared_at_once)
+    assert_equal(open_renderer([SQUARE], noise_layers(1, 16)).render(scene), expected)

@@ -1,0 +1,319 @@
+"""Backends, contexts and limits, and what the renderer refuses."""
+
+import ctypes
+import hashlib
+import os
+import subprocess
+import sys
+from contextlib import suppress
+from dataclasses import replace
+from unittest.mock import Mock
+
+import moderngl
+import numpy as np
+import pytest
+from backends import backend_fault
+from scene_table import CASES, clutter, models
+from scenes import SQUARE, facing, noise_layers, one_model, posed
+from tiny_datasets import cheap
+
+from semisynth_gl.dataset.generate import generate
+from semisynth_gl.frame.camera import EYES, StereoCamera
+from semisynth_gl.frame.channels import DRAWN_OUTPUTS, FLOW_OUTPUTS
+from semisynth_gl.inputs.errors import BackendError, InputError
+from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.render import devices, pair_targets
+from semisynth_gl.render.context import open_context
+from semisynth_gl.render.devices import context_facts, egl_devices
+from semisynth_gl.render.model_buffers import ModelBuffers
+from semisynth_gl.render.pair_targets import ImageTargets, PairTargets
+from semisynth_gl.render.programs import shader_source
+from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.scene import sources
+from semisynth_gl.scene.scene import make_scene, move
+
+STILL = tuple(output for output in DRAWN_OUTPUTS if output not in FLOW_OUTPUTS)
+CAMERA = StereoCamera.centred(60, 40, 40.0, 0.1)
+SIMPLE = one_model(CAMERA, [facing(CAMERA, 0, 0, 60, 40, 2.0), facing(CAMERA, 10, 5, 8.5, 9, 1.0)])
+
+
+def frame_bytes(frame):
+    return b"".join(array.tobytes() for array in frame.arrays().values())
+
+
+def test_both_software_backends_give_the_same_bytes():
+    for name in ("egl", "osmesa"):
+        if backend_fault(name):
+            pytest.skip(f"no {name} here")
+        if "llvmpipe" not in context_facts(name).renderer:
+            pytest.skip(f"{name} is {context_facts(name).renderer} here, not software")
+    case = CASES["sky, signed"]()
+    for antialias in ("none", "edges", "ssaa2"):
+        digests, options = set(), {"antialias": antialias, "outputs": DRAWN_OUTPUTS, "signed": True}
+        for name in ("egl", "osmesa"):
+            with Renderer(models(), noise_layers(4, 32), backend=name, **options) as renderer:
+                frame = renderer.render(case.scene, future=case.future, past=case.past)
+                digests.add(hashlib.sha256(frame_bytes(frame)).hexdigest())
+        assert len(digests) == 1
+
+
+def test_two_renderers_draw_in_turn_and_outlive_each_other(backend):
+    """Each makes its own context current; object ids of one mean others in the other."""
+    dark, light = (np.full((1, 8, 8, 4), level, np.uint8) for level in (40, 200))
+    with Renderer([SQUARE], dark, backend=backend) as one:
+        alone = frame_bytes(one.render(SIMPLE))
+        with Renderer([SQUARE], light, backend=backend) as two:
+            for _ in range(2):
+                assert set(np.unique(two.render(SIMPLE).left.image)) == {200}
+                assert frame_bytes(one.render(SIMPLE)) == alone
+        assert frame_bytes(one.render(SIMPLE)) == alone
+    with pytest.raises(BackendError, match="was released"):
+        one.render(SIMPLE)
+
+
+@pytest.mark.one_backend
+@pytest.mark.parametrize("antialias", ["none", "edges", "ssaa2"])
+def test_targets_are_made_once_for_pairs_and_once_for_denser_images(open_renderer, antialias, monkeypatch):
+    made = []
+    for kind in (ImageTargets, PairTargets):
+        monkeypatch.setattr(
+            pair_targets, kind.__name__, Mock(side_effect=lambda *a, kind=kind, **k: made.append(kind) or kind(*a, **k))
+        )
+    scene, dense = (clutter(0, StereoCamera.centred(w, h, w, 0.1), count=5) for w, h in ((60, 40), (90, 60)))
+    renderer = open_renderer(models(), noise_layers(4, 32), antialias=antialias)
+    alone = [renderer.render(each) for each in (dense, scene)]
+    assert made == [PairTargets, PairTargets]
+    renderer.render_images(scene)
+    renderer.render_images(dense)
+    objects = renderer.count_objects()
+    for _ in range(3):
+        assert frame_bytes(renderer.render(scene)) == frame_bytes(alone[1])
+        for each, frame in ((dense, alone[0]), (scene, alone[1])):
+            for eye, image in renderer.render_images(each).items():
+                np.testing.assert_array_equal(image, frame.view(eye).image)
+    assert made == [PairTargets, PairTargets, ImageTargets]
+    assert renderer.count_objects() == objects
+    # One size for each eye, and no more.
+    others = [replace(scene, camera=replace(scene.camera, width_px=60 + k)) for k in range(1, 6)]
+    for each in others[:2]:
+        renderer.render_images(each)
+    objects = renderer.count_objects()
+    for each in others:
+        renderer.render_images(each)
+        assert renderer.count_objects() == objects
+    assert frame_bytes(renderer.render(dense)) == frame_bytes(alone[0])
+
+
+@pytest.mark.one_backend
+def test_pairs_of_many_sizes_leave_nothing_behind(open_renderer):
+    renderer = open_renderer([SQUARE], noise_layers(1, 64), outputs=DRAWN_OUTPUTS)
+
+    def counted():
+        for width in (200, 120, 61):
+            camera = StereoCamera.centred(width, 40, 100.0, 0.1)
+            # More instances than there is room for at first.
+            scene = one_model(camera, [facing(camera, -50, -50, width + 100, 140, 2.0)] * (700 if width == 61 else 2))
+            motion = move(scene, camera_from_world=posed(np.eye(3), (0.02, 0, 0)))
+            frame = renderer.render_rig(scene, [camera] * 2, future=motion, past=motion)[0]
+            np.testing.assert_allclose(frame.left.flow[..., 0], 1.0, atol=1e-5)
+        return renderer.count_objects()
+
+    assert counted() == counted()
+
+
+@pytest.mark.one_backend
+@pytest.mark.parametrize("antialias", ["none", "edges", "ssaa2"])
+def test_a_refused_size_leaves_the_renderer_as_it_was(open_renderer, antialias):
+    renderer = open_renderer([SQUARE], noise_layers(1, 16), antialias=antialias)
+    before = frame_bytes(renderer.render(SIMPLE))
+    side = context_facts(renderer.backend).limits["largest image side, px"]
+    large = StereoCamera.centred(side // 2 + 8 if antialias == "ssaa2" else side + 8, 4, 40.0, 0.1)
+    for draw in (renderer.render, renderer.render_images):
+        with pytest.raises(BackendError, match=r"goes up to \d+"):
+            draw(one_model(large, [np.eye(4)]))
+    assert frame_bytes(renderer.render(SIMPLE)) == before
+
+
+@pytest.mark.one_backend
+def test_instances_without_end_are_drawn_but_ids_end(open_renderer):
+    poses = np.tile(facing(CAMERA, 10, 10, 4, 4, 2.0), (100_000, 1, 1))
+    poses[-1] = facing(CAMERA, 30, 30, 4, 4, 1.0)
+    many = one_model(CAMERA, poses)
+    frame = open_renderer([SQUARE], noise_layers(1, 16)).render(many)
+    np.testing.assert_allclose(frame.left.disparity[30:34, 30:34], 4.0, rtol=1e-6)
+    assert np.isfinite(frame.left.disparity).sum() == 32
+    with pytest.raises(InputError, match="16-bit ids"):
+        open_renderer([SQUARE], noise_layers(1, 16), outputs=["instances"]).render(many)
+
+
+@pytest.mark.one_backend
+def test_outputs_are_made_only_when_asked_for(open_renderer):
+    full = open_renderer([SQUARE], noise_layers(1, 16), outputs=STILL).render(SIMPLE)
+    for names in ((), *((name,) for name in STILL)):
+        alone = open_renderer([SQUARE], noise_layers(1, 16), outputs=names).render(SIMPLE)
+        for eye in EYES:
+            assert set(alone.view(eye)) == {"image", "disparity", *names}
+            for name, array in alone.view(eye).items():
+                np.testing.assert_array_equal(array, full.view(eye)[name])
+
+
+@pytest.mark.one_backend
+@pytest.mark.parametrize("mode", ["edges", "ssaa2", "ssaa3"])
+def test_antialiasing_changes_colour_at_edges_only_and_truth_nowhere(open_renderer, mode):
+    camera, flat = StereoCamera.centred(200, 150, 200.0, 0.1), np.zeros((2, 16, 16, 4), np.uint8)
+    flat[1] = 200
+    poses = (
+        facing(camera, -50, -50, 300, 250, 3.0),
+        posed([[0.8, -0.3, 0], [0.3, 0.8, 0], [0, 0, 1]], (-0.3, -0.4, 1.5)),
+    )
+    scene = make_scene(camera, model=[0, 0], world_from_model=poses, layer=[0, 1])
+    plain, smooth = (
+        open_renderer([SQUARE], flat, outputs=STILL, antialias=each).render(scene) for each in ("none", mode)
+    )
+    assert set(plain.arrays()) == set(smooth.arrays())
+    for role, array in plain.arrays().items():
+        if role not in EYES:
+            np.testing.assert_array_equal(smooth.arrays()[role], array)
+    for eye in EYES:
+        before, after = plain.view(eye).image[..., 0], smooth.view(eye).image[..., 0]
+        changed, shades = before != after, np.unique(after)
+        assert ((shades > 0) & (shades < 200)).sum() >= 3
+        # Only within one pixel of the edge.
+        near = np.zeros_like(changed)
+        for dy, dx in np.ndindex(3, 3):
+            near |= np.roll(before, (dy - 1, dx - 1), (0, 1)) != before
+        assert not (changed & ~near).any()
+        # The mean brightness stays: no shift of the edge.
+        assert abs(float(after.mean()) - float(before.mean())) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"outputs": ("valid",)}, r"outputs: .*got 'valid'"),
+        *(({"antialias": text}, "antialias: expected none") for text in ("msaa4", "ssaa", "ssaa1", "ssaa9")),
+        ({"layers": np.zeros((1, 4, 4, 3), np.uint8)}, "layers must be"),
+        ({"layers": np.zeros((1, 4, 5, 4), np.uint8)}, "layers must be"),
+        ({"layers": np.zeros((1, 4, 4, 4))}, "layers must be"),
+        ({"layers": np.zeros((0, 4, 4, 4), np.uint8)}, "atlas is empty"),
+        ({"large_layers": np.zeros((1, 4, 4), np.uint8)}, "both be RGBA or both be grey"),
+        ({"anisotropy": 17}, "anisotropy must be"),
+        ({"models": []}, "at least one model"),
+    ],
+)
+def test_what_a_renderer_cannot_make_is_refused(options, said):
+    with pytest.raises(InputError, match=said):
+        Renderer(**{"models": [SQUARE], "layers": noise_layers(1, 16)} | options)
+
+
+@pytest.mark.one_backend
+def test_indices_out_of_range_are_refused(open_renderer):
+    renderer = open_renderer([SQUARE], noise_layers(2, 16))
+    for model, layer, said in (([1], [0], "model must be 0 to 0, got 1"), ([0], [-1], "layer must be 0 to 1, got -1")):
+        with pytest.raises(InputError, match=said):
+            renderer.render(make_scene(CAMERA, model=model, world_from_model=[np.eye(4)], layer=layer))
+
+
+def provoke(gl):
+    with suppress(moderngl.Error):
+        gl.buffer(reserve=16).bind_to_uniform_block(1 << 20)
+
+
+@pytest.mark.one_backend
+def test_an_error_of_its_opening_is_told_of_no_pair(backend, monkeypatch):
+    loaded, create = ModelBuffers.__init__, moderngl.create_context
+
+    def opened(**options):
+        provoke(gl := create(**options))
+        return gl
+
+    # Asking for limits that a driver does not know leaves errors behind.
+    monkeypatch.setattr(moderngl, "create_context", opened)
+    with Renderer([SQUARE], noise_layers(1, 8), backend=backend) as renderer:
+        assert renderer.render(SIMPLE) is not None
+
+    def faulty(self, gl, *given, **options):
+        loaded(self, gl, *given, **options)
+        provoke(gl)
+
+    monkeypatch.setattr(ModelBuffers, "__init__", faulty)
+    with pytest.raises(BackendError, match=r"reported GL_INVALID_VALUE while models and patches were loaded"):
+        Renderer([SQUARE], noise_layers(1, 8), backend=backend)
+
+
+def test_a_context_is_current_only_while_it_draws():
+    """A driver keeps all that a context holds while it is current, released or not."""
+    if backend_fault("egl"):
+        pytest.skip("no egl here")
+    current = ctypes.CDLL("libEGL.so.1").eglGetCurrentContext
+    current.restype = ctypes.c_void_p
+    context = open_context("egl")
+    assert current() is not None
+    context.release()
+    with Renderer([SQUARE], noise_layers(1, 8), backend="egl"):
+        assert current() is None
+
+
+@pytest.mark.parametrize("start", [PairRenderer, lambda *given: generate(given[0], "out", 1, backend=given[2])])
+@pytest.mark.parametrize("backend", ["auto", "egl", "osmesa"])
+def test_missing_libraries_are_told_before_anything_is_made(monkeypatch, tmp_path, start, backend):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(devices, "_loads", lambda _: False)
+    monkeypatch.setattr(devices, "open_context", Mock(side_effect=BackendError("none could be opened")))
+    monkeypatch.setattr(sources, "prepare_atlas", Mock(side_effect=AssertionError("it was begun")))
+    with pytest.raises(BackendError, match="none could be opened"):
+        start(cheap(), 0, backend)
+    devices.open_context.assert_called_once_with(backend)
+
+
+@pytest.mark.parametrize(
+    ("backend", "there", "enough"),
+    [
+        ("auto", {"libOSMesa.so.8"}, True),
+        ("auto", {"libEGL.so.1", "libGL.so.1"}, True),
+        ("egl", {"libEGL.so.1", "libOSMesa.so.8"}, False),
+        ("osmesa", {"libEGL.so.1", "libGL.so.1"}, False),
+    ],
+)
+def test_the_libraries_of_one_backend_are_enough(monkeypatch, backend, there, enough):
+    monkeypatch.setattr(devices, "_loads", there.__contains__)
+    monkeypatch.setattr(devices, "open_context", opened := Mock())
+    devices.check_libraries(backend)
+    assert opened.called != enough
+
+
+def opened(name, **environment):
+    """Open a backend in a new process: Mesa reads its variables once."""
+    script = f"from semisynth_gl.render.context import open_context; print(open_context({name!r}).backend)"
+    if backend_fault(name):
+        pytest.skip(f"no {name} here")
+    return subprocess.run(
+        [sys.executable, "-c", script], env=os.environ | environment, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.mark.parametrize("name", ["egl", "osmesa"])
+def test_too_old_opengl_and_devices_that_do_not_exist_are_told(name):
+    # Mesa can be made to pretend an older version.
+    done = opened(name, MESA_GL_VERSION_OVERRIDE="3.3")
+    assert done.returncode == 1
+    assert "BackendError: no OpenGL context could be opened" in done.stderr
+    assert "3.3" in done.stderr or "4.5" in done.stderr
+    if name == "egl":
+        assert len(egl_devices()) < 99
+        with pytest.raises(BackendError, match="device 99"):
+            open_context("egl", device_index=99)
+
+
+def test_glcontext_variables_override_nothing():
+    """GLCONTEXT_DEVICE_INDEX silently wins over arguments in glcontext's own front end."""
+    done = opened("egl", GLCONTEXT_DEVICE_INDEX="99", GLCONTEXT_LINUX_LIBGL="libNothing.so")
+    assert (done.returncode, done.stdout.strip()) == (0, "egl"), done.stderr
+
+
+def test_shaders_resolve_their_includes_and_know_what_is_defined():
+    assert "float disparity_at(" in shader_source("flow.comp")
+    assert "#include" not in shader_source("visibility.comp")
+    assert shader_source("visibility.comp", {"STEP": 1}).splitlines()[:2] == ["#version 450 core", "#define STEP 1"]
+    with pytest.raises(ValueError, match="does not know SETP"):
+        shader_source("visibility.comp", {"SETP": 1})

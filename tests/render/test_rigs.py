@@ -1,0 +1,532 @@
+"""Cameras that deviate, have several baselines, pixels that are not square or signed disparities: scenes and pairs."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from recorder import Recorder
+from scene_table import CAMERA, PYRAMID, _fence, models
+from scenes import SQUARE, assert_equal, facing, noise_layers, one_model, posed
+from test_exactness import project
+from tiny_datasets import cheap
+
+from semisynth_gl.config import Config, Range, load_config
+from semisynth_gl.config.rig_sections import CameraSection
+from semisynth_gl.config.scene_sections import ParticlesSection
+from semisynth_gl.frame.camera import EYES, Crop, Deviation, StereoCamera
+from semisynth_gl.frame.channels import DRAWN_OUTPUTS, OCCLUDED, SKY
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.layouts import Key
+from semisynth_gl.pairs import pipeline
+from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.scene.mix import MixSampler
+from semisynth_gl.scene.particles import Slots, sample_release
+from semisynth_gl.scene.rig import near_depth_m, rotation_about_axis, sample_camera, sample_views
+from semisynth_gl.scene.scene import make_scene, move
+from semisynth_gl.scene.sources import prepare_sources
+from semisynth_gl.scene.view_volume import height_of_view
+from semisynth_gl.seeds.seeds import Purpose, generator
+from semisynth_gl.seeds.splits import Split
+
+ROOT = Path(__file__).resolve().parents[2]
+SEVERAL, SEED = [0.4, 1.0, 0.7], 3
+SMALL = (
+    *("scenes=[]", "camera.cx_left_px=null", "camera.cx_right_px=null", "camera.cy_px=null", "models.variants=1"),
+    *("camera.width_px=120", "camera.height_px=80", "camera.focal_px=110", "camera.baseline_m=0.4", "models.complex=0"),
+    *("textures.max_patches=16", "textures.source=procedural", "textures.large_px=0", "background.cuboid=0"),
+    *("background.room=0", "checks.min_valid=0", "disparity.target={form: uniform}"),
+)
+
+
+def several(baselines=SEVERAL, camera=None, **changes):
+    """A config of pairs of several baselines that take milliseconds, with a camera that sways."""
+    values = cheap().model_dump(mode="json")
+    values["camera"] |= {"sway_m": 0.02, "sway_deg": 1.0, "baselines": baselines} | (camera or {})
+    if isinstance(baselines, list):
+        del values["camera"]["baseline_m"]
+    return Config.model_validate(values | changes)
+
+
+def open_scenes(doffs_px=0.0, sky=0.0, *, signed=True, outputs=(), more=None):
+    """A config of open scenes with few models; what is infinitely far away has the disparity -doffs."""
+    lowest = 3 - doffs_px if signed else max(2.0, 3 - doffs_px)
+    keys = {
+        "camera.doffs_px": doffs_px,
+        "disparity.signed": signed,
+        "disparity.min_px": lowest,
+        "disparity.max_px": lowest + 37,
+        "background.plane": 1.0,
+        "background.street": 0.0,
+        "background.plane_disparity_px": lowest - 1.5,
+        "background.sky": sky,
+        "particles.size_px": [8, 24],
+        "particles.layers": [{"count": 16, "disparity_px": [lowest, lowest + 20]}],
+    }
+    return load_config("kitti", [*SMALL, *(keys | (more or {})).items()]).model_copy(update={"outputs": outputs})
+
+
+# Cameras
+
+ANGLES = st.floats(-0.1, 0.1)
+
+
+@settings(max_examples=60, deadline=None)
+@example(0.0, -0.099609375, 0.0, 0.90234375, 0.0, 1.0, 320)
+@given(
+    ANGLES, ANGLES, st.floats(-20, 20), st.floats(0.9, 1.1), st.floats(-30, 30), st.floats(0.5, 2),
+    st.integers(0, 2**31),
+)  # fmt: skip
+def test_correspondence_and_depth_are_inverse_and_limits_hold(roll, pitch, down, ratio, doffs, aspect, seed):
+    camera = StereoCamera(
+        640, 480, 700.0, 0.3, 310.0, 310.0 + doffs, 250.0, Deviation(roll, pitch, down, ratio), aspect
+    )
+    rng = np.random.default_rng(seed)
+    x, y, depth = rng.uniform(0, 639, 50), rng.uniform(0, 479, 50), rng.uniform(0.5, 50, 50)
+    way = camera.correspondence("left", x, y, depth)
+    there, depth_there = project(camera, "right", camera.rays("left", x, y) * depth[:, None])
+    np.testing.assert_allclose(np.stack([x, y], axis=1) + way, there, atol=1e-8)
+    np.testing.assert_allclose(camera.depth_at("left", x, y, -way[:, 0]), depth, rtol=1e-8)
+    back = camera.correspondence("right", *there.T, depth_there)
+    np.testing.assert_allclose(back, -way, atol=1e-8)
+    np.testing.assert_allclose(camera.depth_at("right", *there.T, back[:, 0]), depth_there, rtol=1e-8)
+    far = camera.correspondence("left", x, y, np.full(50, np.inf))
+    beyond = project(camera, "right", camera.rays("left", x, y) * 1e12)[0]
+    np.testing.assert_allclose(np.stack([x, y], axis=1) + far, beyond, atol=1e-6)
+    assert StereoCamera.from_values(camera.values()) == camera
+    # Nothing that an image shows beyond the near plane exceeds the limit, nor does the rectified twin of the scene; and
+    # the limit is reached by one of the three.
+    section = load_config("middlebury").disparity.model_copy(update={"min_px": 150.0, "max_px": 300.0})
+    near_m = near_depth_m(camera, section)
+    x, y = (each.ravel() for each in np.meshgrid(np.linspace(-0.5, 639.5, 33), np.linspace(-0.5, 479.5, 33)))
+    left = (-camera.correspondence("left", x, y, np.full(len(x), near_m))[:, 0]).max()
+    right = camera.correspondence("right", x, y, near_m / camera.rays("right", x, y)[:, 2])[:, 0].max()
+    assert 300 - 1e-1 <= max(left, right, camera.disparity_px(near_m).item()) <= 300 + 1e-3
+
+
+@pytest.mark.parametrize(
+    ("camera", "limits", "said"),
+    [
+        ((100.0, 0.1, 320, 320, 240, Deviation(0.1, 0.17)), (5.0, 30.0), r"max_px: 30 px .* up to \d+\.\d+ px: raise"),
+        ((30.0, 0.1, 320, 320, 240, Deviation(0.1, 0.17)), (5.0, 30.0), "leaves no depth .* up to nan px: raise"),
+        ((600.0, 0.1, 300, 340, 240, Deviation(0.0, 0.02)), (0.1, 0.6), r"doffs = 40 px nothing is left of 0\.6 px"),
+    ],
+)
+def test_a_deviation_that_takes_the_largest_disparity_is_refused(camera, limits, said):
+    camera, (low, high) = StereoCamera(640, 480, *camera), limits
+    section = load_config("middlebury").disparity.model_copy(update={"min_px": low, "max_px": high})
+    with pytest.raises(InputError, match=said):
+        near_depth_m(camera, section)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        *(lambda each=each: Deviation(**each) for each in ({"roll_rad": 0.2}, {"pitch_rad": -1}, {"focal_ratio": 1.3})),
+        *(
+            lambda each=each: replace(CAMERA, **each)
+            for each in ({"fy_over_fx": 0}, {"focal_px": 9e5, "fy_over_fx": 2})
+        ),
+        lambda: one_model(CAMERA, [np.eye(4)], sky=[True, False]),
+        *(lambda each=each: load_config("kitti", [f"camera.fy_over_fx={each}"]) for each in ("0.4", "2.1", "[1, 1.1]")),
+        lambda: load_config("middlebury", ["rig.twin=true"]),
+        lambda: load_config("sceneflow", ["rig.right_y_px=1", "outputs=[disparity_change]", "sequence.length=2"]),
+        lambda: Renderer([SQUARE], noise_layers(1, 16), outputs=["disparity_change"], rectified=False),
+    ],
+)
+def test_impossible_rigs_are_refused(make):
+    with pytest.raises(InputError):
+        make()
+
+
+def test_a_ratio_of_1_is_the_config_without_it():
+    plain, wide = load_config("kitti"), load_config("kitti", ["camera.fy_over_fx=1.02", "scale=0.5"])
+    assert load_config("kitti", ["camera.fy_over_fx=1"]).digest() == plain.digest()
+    assert "fy_over_fx" not in plain.model_dump(mode="json")["camera"]
+    assert {recipe.config.camera.fy_over_fx for recipe in wide.recipes()} == {1.02}
+
+
+# Drawing
+
+
+@pytest.mark.one_backend
+@pytest.mark.parametrize("antialias", ["none", "edges", "ssaa2"])
+@pytest.mark.parametrize("deviation", [Deviation(), Deviation(y_px=2.3, focal_ratio=1.02)], ids=["rectified", "other"])
+def test_a_scene_stretched_as_much_is_the_same_through_square_pixels(open_renderer, antialias, deviation):
+    outputs = "visibility", "instances", "depth", "normals", "flow", "flow_backward", "correspondence"
+    rectified, frames, few = deviation == Deviation(), [], 6  # pixels in which rounding decides
+    renderer = open_renderer(
+        models()[: PYRAMID + 1], noise_layers(4, 32), outputs=outputs, antialias=antialias, rectified=rectified
+    )
+    for fy_over_fx, stretch in ((1.8, 1.0), (1.0, 1.8)):
+        scene, higher = _fence(replace(CAMERA, fy_over_fx=fy_over_fx, deviation=deviation)), np.diag([1, stretch, 1, 1])
+        later = higher @ posed([[1, 0, 0], [0.01, 1, 0], [0, 0, 1]], (0.03, -0.02, 0.1)) @ scene.world_from_model
+        scene = replace(scene, world_from_model=higher @ scene.world_from_model)
+        motion = move(scene, world_from_model=later)
+        frames.append(renderer.render(scene, future=motion, past=motion))
+    for eye in EYES:
+        own, other = (frame.view(eye) for frame in frames)
+        assert (own.visibility == OCCLUDED).sum() > 100
+        same = own.instances == other.instances
+        assert (~same).sum() <= few
+        for name in own.keys() - {"normals", "image"}:
+            alike = np.isclose(own[name], other[name], rtol=2e-5, atol=2e-4)
+            assert (~(alike if alike.ndim == 2 else alike.all(axis=2)) & same).sum() <= few, name
+        assert (np.abs(own.image.astype(int) - other.image).max(axis=2) > 2).sum() <= few
+
+
+@pytest.mark.one_backend
+@pytest.mark.parametrize("antialias", ["none", "edges", "ssaa2"])
+def test_a_rectified_pair_is_the_same_with_and_without_room_for_deviation(open_renderer, antialias):
+    scene = one_model(CAMERA, [facing(CAMERA, -100, -100, 300, 300, 2.0), facing(CAMERA, 30, 20, 30, 20, 1.0)])
+    outputs = [output for output in DRAWN_OUTPUTS if output != "disparity_change"]
+    moments = {"future": move(scene, camera_from_world=posed(np.eye(3), (0.1, 0, 0))), "past": move(scene)}
+    first, second = (
+        open_renderer([SQUARE], noise_layers(1, 16), outputs=outputs, antialias=antialias, rectified=rectified).render(
+            scene, **moments
+        )
+        for rectified in (True, False)
+    )
+    assert_equal(second, first)
+    for eye, sign in (("left", -1), ("right", 1)):
+        view = first.view(eye)
+        np.testing.assert_array_equal(view.correspondence[..., 0], sign * view.disparity)
+        assert not view.correspondence[..., 1].any()
+
+
+@pytest.mark.one_backend
+def test_the_right_near_plane_cuts_off_nothing_that_the_left_view_shows(open_renderer):
+    camera = replace(CAMERA, deviation=Deviation(pitch_rad=0.1))
+    scene = one_model(camera, [facing(camera, -100, -100, 300, 300, 2.01)], near_m=2.0)
+    outputs = "depth", "instances", "visibility"
+    frame = open_renderer([SQUARE], noise_layers(1, 16), outputs=outputs, rectified=False).render(scene)
+    assert frame.right.depth.min() < 1.99
+    assert (frame.right.instances == 1).all()
+    assert OCCLUDED not in frame.left.visibility
+    with pytest.raises(InputError, match="rectified=False"):
+        open_renderer([SQUARE], noise_layers(1, 16)).render(scene)
+
+
+@pytest.mark.one_backend
+def test_the_sky_has_no_parallax_and_turns_with_the_camera(open_renderer):
+    """Neither the baseline nor a shift of the rig moves it; it is behind what stands farther away than its face."""
+    camera = StereoCamera.centred(96, 64, 100.0, 0.5)
+    sky, far = facing(camera, -300, -300, 700, 700, 2.0), facing(camera, 40, 20, 16, 16, 50.0)
+    turn = rotation_about_axis(np.array([[0.0, 1.0, 0]]), np.array([0.05]))[0]
+    shifted, turned = (posed(linear, (0.7, -0.2, 0.4)) for linear in (np.eye(3), turn))
+
+    def scene(pose):
+        poses = {"world_from_model": [sky, far], "sky": [True, False], "camera_from_world": pose}
+        return make_scene(camera, model=[0, 0], layer=[0, 1], **poses)
+
+    outputs = "visibility", "instances", "depth", "sky", "flow"
+    renderer, still = open_renderer([SQUARE], noise_layers(2, 64), signed=True, outputs=outputs), scene(np.eye(4))
+    frame = renderer.render(still, future=move(still, camera_from_world=turned))
+    moved = renderer.render(scene(shifted), future=move(still))
+    assert (frame.left.instances[20:36, 40:56] == 2).all()
+    in_sky = frame.left.sky == SKY
+    assert in_sky.sum() == 96 * 64 - 16 * 16
+    for other in (frame.right, moved.left):
+        both = in_sky & (other.sky == SKY)
+        np.testing.assert_array_equal(frame.left.image[both], other.image[both])
+    assert (frame.left.disparity[in_sky] == 0).all()
+    assert np.isposinf(frame.left.depth[in_sky]).all()
+    y, x = np.mgrid[:64, :96]
+    then = camera.rays("left", x, y) @ turn.T
+    u = 100 * then[..., 0] / then[..., 2] + camera.cx_left_px - x
+    np.testing.assert_allclose(frame.left.flow[..., 0][in_sky], u[in_sky], atol=1e-4)
+
+
+# Shared left views
+
+
+@pytest.mark.one_backend
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"antialias": "edges"}, {"antialias": "ssaa2", "truth": "left"}, {"rig": {"right_roll_deg": 2.0}}],
+    ids=["rectified", "outlines", "samples-left", "deviating"],
+)
+def test_each_pair_is_that_of_a_rig_of_its_baseline_alone_bit_for_bit(backend, changes):
+    """All outputs of both views, whole and cropped, asked for in any order."""
+    outputs = [output for output in DRAWN_OUTPUTS if output != "disparity_change" or "rig" not in changes]
+    config, crop = several(sequence={"length": 2}, outputs=outputs, **changes), Crop(9, 7, 30, 21)
+    options = {"truth": config.truth, "antialias": config.antialias, "rectified": config.rig.none()}
+    with PairRenderer(config, SEED, backend) as pairs:
+        atlas = pairs.sources.atlas.layers
+        with Renderer(pairs.sampler.models, atlas, outputs=outputs, backend=backend, **options) as alone:
+            for index, part in ((4, None), (3, None), (0, None), (5, crop), (3, crop), (2, None)):
+                frame, sampled = pairs.render(index, crop=part).frame, pairs.sampler.sample(index)
+                motions = {"future": sampled.motion(1), "past": sampled.motion(-1)}
+                assert sampled.scene.camera.baseline_m == SEVERAL[index % 3]
+                assert_equal(frame, alone.render(sampled.scene, part, **motions), message=f"of pair {index}")
+
+
+@pytest.mark.one_backend
+def test_a_left_view_is_drawn_and_read_once_for_all_its_pairs(backend):
+    recorder = Recorder()
+    with PairRenderer(several(outputs=["visibility", "depth"]), SEED, backend) as pairs:
+        pairs.listener = recorder
+        made = [pairs.render(index).frame for index in range(3)]
+        assert (recorder.stages.count("sample"), recorder.stages.count("draw")) == (1, 3)
+    for frame in made[1:]:
+        for name in ("image", "depth"):
+            assert frame.left[name] is made[0].left[name]
+        assert not np.array_equal(frame.left.disparity, made[0].left.disparity)
+    with pytest.raises(ValueError, match="read-only"):
+        made[0].left.image[0, 0] = 0
+
+
+@pytest.mark.one_backend
+def test_one_pair_that_fails_its_checks_draws_its_scene_again_for_all(backend, monkeypatch):
+    """Of the first frame alone, and all right views are judged."""
+    judged = []
+
+    def faults(frame, _config, _closed):
+        judged.append(frame.camera.baseline_m)
+        return ["too short"] if judged.count(0.7) == 1 and frame.camera.baseline_m == 0.7 else []
+
+    monkeypatch.setattr(pipeline, "faults", faults)
+    with PairRenderer(several(sequence={"length": 2}), SEED, backend) as pairs:
+        made = [pairs.render(index) for index in (4, 0, 5, 2)]
+        assert judged == [0.4, 1.0, 0.7] * 2
+        for pair in made:
+            assert pair.provenance["redrawn"] == ["too short"]
+            expected = pairs.sampler.sample(pair.index, 1)
+            assert (expected.frame, expected.view) == divmod(pair.index, 3)
+            assert pair.provenance["view"] == expected.view
+            assert pair.provenance["camera"]["baseline_m"] == expected.scene.camera.baseline_m
+
+
+@pytest.mark.one_backend
+def test_imperfections_of_the_left_eye_belong_to_the_scene_and_of_the_right_one_to_the_pair(backend):
+    imperfections = {"exposure_stops": [-0.5, 0.5], "noise": [2.0, 4.0], "blur_px": [0.0, 1.0]}
+    config = several(imperfections=imperfections | {"motion_blur": [0.3, 0.6], "jpeg_quality": [60, 95]})
+    with PairRenderer(config, SEED, backend) as pairs, PairRenderer(config, SEED, backend) as others:
+        made, crop = [pairs.render(index) for index in range(6)], Crop(3, 2, 20, 10)
+        assert_equal(others.render(4).frame, made[4].frame)
+        assert_equal(others.render(2, checked=False).frame, made[2].frame)
+        for pair, expected in zip(others.render_scene(1), made[3:], strict=True):
+            assert pair.provenance == expected.provenance
+            assert_equal(pair.frame, expected.frame)
+        assert_equal(others.render(4, crop=crop).frame, made[4].frame, crop)
+    drawn = [pair.provenance["imperfections"] for pair in made]
+    for first in (0, 3):
+        for pair in made[first : first + 3]:
+            np.testing.assert_array_equal(pair.frame.left.image, made[first].frame.left.image)
+        assert len({json.dumps(each["left"]) for each in drawn[first : first + 3]}) == 1
+        assert len({json.dumps(each["right"]) for each in drawn[first : first + 3]}) == 3
+    assert drawn[0]["left"] != drawn[3]["left"]
+
+
+@pytest.mark.one_backend
+def test_cameras_that_differ_in_the_left_eye_share_no_view(open_renderer):
+    camera = StereoCamera.centred(32, 24, 30.0, 0.1)
+    renderer, scene = open_renderer([SQUARE], noise_layers(1, 16)), one_model(camera, [np.eye(4)])
+    for changed in ({"focal_px": 31.0}, {"cx_left_px": 3.0}, {"cy_px": 1.0}, {"width_px": 31}):
+        with pytest.raises(InputError, match="differ from the scene's in the right eye alone"):
+            renderer.render_rig(scene, [camera, replace(camera, **changed)])
+    with pytest.raises(InputError, match="expected at least one, got none"):
+        renderer.render_rig(scene, [])
+
+
+# Scenes of several baselines
+
+
+def test_scenes_are_made_for_their_longest_baseline():
+    section = CameraSection(width_px=64, height_px=48, focal_px=Range(60, 80), baseline_m=Range(0.1, 0.5), baselines=4)
+    plain = section.model_copy(update={"baselines": 1})
+    for number in range(20):
+        camera = sample_camera(section, generator(0, Purpose.CAMERA, number))
+        assert camera == sample_camera(plain, generator(0, Purpose.CAMERA, number))
+        rng = generator(0, Purpose.CAMERA, number)
+        views = sample_views(section, sample_camera(section, rng), rng)
+        assert views[0].baseline_m == camera.baseline_m
+        assert len({view.baseline_m for view in views}) == 4
+        assert all(0.1 <= view.baseline_m <= 0.5 and view.left_alone == camera.left_alone for view in views)
+
+
+def test_doffs_is_the_longest_baselines_unless_the_right_principal_point_is_stated():
+    base = {"width_px": 64, "height_px": 48, "focal_px": 60, "cx_left_px": 30, "baselines": [0.1, 0.4, 0.2]}
+    for keys, expected in (({"doffs_px": 8}, [2, 8, 4]), ({"cx_right_px": 38}, [8, 8, 8])):
+        section, rng = CameraSection.model_validate({**base, **keys}), np.random.default_rng(0)
+        views = sample_views(section, sample_camera(section, rng), rng)
+        assert [view.doffs_px for view in views] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("principal", [{"doffs_px": 1.5}, {"cx_left_px": 30, "cx_right_px": 31.5}])
+@pytest.mark.parametrize("baselines", [[0.1, 0.4, 0.3], 3])
+def test_pairs_are_expected_to_show_what_their_baselines_make_of_the_target(baselines, principal):
+    """Against draws: a disparity of the longest baseline, and the others of its scene."""
+    config = several(baselines, {"baseline_m": [0.1, 0.4]} | principal)
+    doffs_px = 1.5 if "cx_right_px" in principal else 0
+    rng, shown, wanted = np.random.default_rng(0), [], config.wanted_histogram()
+    for _ in range(4_000):
+        drawn = np.array([each.sample(rng) for each in config.camera.baseline_ranges_m])
+        shown.append(drawn / drawn.max() * (wanted.quantile(rng.random()) + doffs_px) - doffs_px)
+    shown, expected = np.concatenate(shown), config.shown_histogram()
+    assert expected.shares.sum() == pytest.approx(1)
+    below = [(shown[shown > 0] < px).mean() for px in expected.edges_px]
+    np.testing.assert_allclose(expected.cumulative(expected.edges_px), below, atol=0.02)
+    assert expected.mean_px < wanted.mean_px
+
+
+def test_signed_disparities_of_shorter_baselines_are_counted_below_0():
+    signed = {"signed": True, "min_px": -8, "max_px": 10, "target": {"form": "uniform"}}
+    others = {"disparity": signed, "background": {"wall_disparity_px": -8}, "particles": {}}
+    shown = several([0.4, 0.1], {"cx_left_px": 30, "cx_right_px": 40}, **others).shown_histogram()
+    # A quarter of the baseline: (d + 10) / 4 - 10 for d from -8 to 10, which is -9.5 to -5.
+    assert shown.edges_px[0] == pytest.approx(-9.5, abs=0.5)
+    assert shown.cumulative(-8) == pytest.approx(1 / 6, abs=0.02)
+    assert shown.cumulative(-5) == pytest.approx(1 / 2 + 1 / 12, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"baselines": 2, "baseline_m": 0.2}, "expected a range for 2 baselines, got only 0.2 m"),
+        *(({"baselines": each}, "give either baseline_m") for each in (3, [0.1, 0.2])),
+        *(({"baselines": number, "baseline_m": [1, 2]}, "baselines") for number in (0, 65, True)),
+        *(({"baselines": metres}, "baselines") for metres in ([], [0.1, "0.2"], [0.1, 0])),
+    ],
+)
+def test_baselines_that_cannot_be_are_refused(keys, said):
+    if keys == {"baselines": [0.1, 0.2]}:
+        keys = keys | {"baseline_m": 0.2}
+    with pytest.raises(ValueError, match=said):
+        CameraSection.model_validate({"width_px": 64, "height_px": 48, "focal_px": 60, **keys})
+
+
+def test_loaders_of_sequences_get_one_for_each_right_view():
+    keys = [Key("a", "train", index, 2, 3) for index in range(8)]
+    assert [(key.sequence, key.frame) for key in keys] == [
+        *((0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1)),
+        *((3, 0), (4, 0)),
+    ]
+
+
+# Scenes of signed disparities, and of other pixels
+
+
+BAD = [
+    (False, {"disparity.min_px": 0}, "disparity.min_px: expected a number above 0 .*got 0"),
+    (False, {"disparity.target": {"form": "uniform", "low_px": -1}}, "low_px: expected a number above 0 .*got -1"),
+    (False, {"background.plane_disparity_px": 0}, "plane_disparity_px: expected numbers above 0 .*got 0"),
+    (False, {"particles.clutter": [{"count": 3, "disparity_px": -2}]}, "clutter.0.disparity_px: expected numbers abo"),
+    (False, {"scenes": [{"recipe": "a", "disparity": {"signed": True}}]}, "a recipe cannot change this key"),
+    (True, {"disparity.min_px": -10}, "disparity.min_px goes down to -10 px, .* disparities end at -10 px"),
+    (True, {"camera.doffs_px": [3, 10]}, "disparity.min_px goes down to -7 px, .* doffs = 3 px"),
+    (True, {"background.plane_disparity_px": [-12, -5]}, "background.plane_disparity_px goes down to -12 px"),
+    (True, {"disparity.target": {"form": "uniform", "low_px": -30}}, "of the pixels below and 0.0% above"),
+]
+
+
+@pytest.mark.parametrize(("signed", "keys", "message"), BAD)
+def test_disparities_that_no_rig_has_are_refused_by_their_key(signed, keys, message):
+    values = open_scenes(10.0 if signed else 0.0, signed=signed).model_dump(mode="json").items()
+    with pytest.raises(InputError, match=message):
+        load_config("kitti", [*values, *keys.items()])
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        {"form": "uniform"},
+        {"form": "uniform-depth"},
+        {"form": "gamma", "origin_px": -16, "mean_px": -8, "spread_px": 5},
+        {"form": "gamma", "origin_px": 0, "mean_px": 6, "spread_px": 3},
+        {"form": "histogram", "first_px": -15, "bin_px": 5, "shares": [1, 2, 3, 2, 1]},
+    ],
+)
+def test_targets_reach_below_0(target):
+    config = open_scenes(20.0, more={"disparity.min_px": -15, "disparity.max_px": 18, "disparity.target": target})
+    wanted = config.wanted_histogram()
+    assert wanted.edges_px[0] == -15
+    assert wanted.shares.sum() == pytest.approx(1)
+    assert (wanted.shares >= 0).all()
+    assert (wanted.cumulative(0.0) > 1e-4) == (target.get("origin_px") != 0)
+
+
+def test_scenes_are_as_many_below_0_as_above():
+    """A rig of a large doffs shows what one without shows, all disparities less by that."""
+    expected, solved = [], {"particles.layers": None, "particles.size_px": [20, 80]}
+    for doffs_px in (0.0, 20.0):
+        with PairRenderer(open_scenes(doffs_px, more=solved), SEED) as renderer:
+            expected.append(renderer.expected_histogram())
+    np.testing.assert_allclose(expected[1].edges_px + 20, expected[0].edges_px, atol=1e-9)
+    np.testing.assert_allclose(expected[1].shares, expected[0].shares, atol=0.02)
+
+
+def test_particles_come_into_both_views_and_panels_stand_in_the_farther_half_at_any_disparity():
+    camera = StereoCamera.centred(100, 60, 50.0, 0.1, doffs_px=40.0)
+    values = (np.full(4000, value) for value in (1.0, -30.0, 5.0, 1.0, 1.0, 0.5, 1.0, 1.0))
+    slots = Slots(*values, height_of_view(camera))
+    start = sample_release(camera, ParticlesSection(), slots, np.random.default_rng(0)).start_px
+    # What the right view shows at its left border is left of the left view where its disparity is negative.
+    assert start.min() == pytest.approx(-30 - 5 - 0.5, abs=0.3)
+    assert start.max() == pytest.approx(100 + 5 - 0.5, abs=0.3)
+    config = open_scenes(20.0, more={"structures.panels": 6, "structures.panel_slant_deg": 0})
+    with PairRenderer(config, SEED) as renderer:
+        scene = renderer.sampler.sample(0).scene
+    disparity_px = scene.camera.disparity_px(scene.world_from_model[1:7, 2, 3])
+    assert (disparity_px > -17.5).all()
+    assert (disparity_px < np.sqrt(3 * 40) - 20 + 0.5).all()
+
+
+def test_a_share_of_the_open_scenes_has_a_sky_and_nothing_else_changes():
+    scenes = []
+    for sky in (0.5, 0.0):
+        with PairRenderer(open_scenes(0.0, sky, more={"structures.panels": 2}), SEED) as renderer:
+            sampled = [renderer.sampler.sample(index) for index in range(20)]
+        scenes.append([one.scene for one in sampled])
+        assert [one.provenance().get("sky") for one in sampled] == [one.scene.sky.any() or None for one in sampled]
+    some, none = scenes
+    assert 4 < sum(scene.sky.any() for scene in some) < 16
+    assert not any(scene.sky[1:].any() for scene in some)
+    assert not any(scene.sky.any() for scene in none)
+    for scene, plain in zip(some, none, strict=True):
+        np.testing.assert_array_equal(scene.world_from_model[1:], plain.world_from_model[1:])
+
+
+@pytest.mark.parametrize("kind", ["plane", "street", "cuboid", "room"])
+@pytest.mark.parametrize(
+    ("ratio", "rig"),
+    [
+        (0.6, {"right_pitch_deg": -5}),
+        (1.7, {}),
+        (1.0, {"focal_ratio": 1.2, "twin": True}),
+        (1.0, {"right_pitch_deg": 5, "right_roll_deg": 5}),
+    ],
+    ids=["wide", "high", "twin", "up"],
+)
+def test_backgrounds_close_what_the_views_show(kind, ratio, rig):
+    config = cheap(
+        rig=rig,
+        camera={"focal_px": 45, "fy_over_fx": ratio},
+        outputs=["depth"],
+        disparity={"min_px": 2, "max_px": 20, "target": {"form": "uniform"}},
+        particles={"layers": []},
+        background={name: float(name == kind) for name in ("plane", "street", "cuboid", "room")}
+        | {"plane_disparity_px": 4, "wall_disparity_px": [8, 14]},
+        checks={"min_valid": 0},
+    )
+    with PairRenderer(config, 1) as pairs:
+        for index in range(4):
+            frame = pairs.render(index).frame
+            for eye in EYES:
+                disparity = frame.view(eye).disparity
+                assert np.isfinite(frame.view(eye).depth).all(), (index, eye)
+                assert disparity[np.isfinite(disparity)].max() <= 20 * (1 + 1e-5)
+
+
+@pytest.mark.parametrize("name", ["real-rig", "small-rooms"])
+def test_examples_make_scenes_at_their_full_size(name):
+    few = ["textures.source=procedural", "textures.max_patches=8", "models.complex=0", "models.variants=1"]
+    config = load_config(ROOT / "examples" / f"{name}.yaml", few)
+    sources = prepare_sources(config, Split(0))
+    sampler = MixSampler(config, 0, sources.libraries, sources.atlas.patches)
+    assert len(sampler.sample(0).scene.model) > 10
+    assert sampler.expected().shares.sum() == pytest.approx(1)
