@@ -276,9 +276,9 @@ def test_walls_leave_no_gap_where_they_meet(open_renderer, index):
 
 
 def test_what_float32_cannot_hold_of_poses_is_refused():
-    with pytest.raises(InputError, match="got inf"):
+    with pytest.raises(InputError, match=r"got (inf|nan)"):
         one_model(CAMERA, [np.full((4, 4), np.inf)])
-    with pytest.raises(InputError, match="not finite"):
+    with pytest.raises(InputError, match="got nan"):
         make_mesh("bad", [[0, 0, np.nan], [1, 0, 0], [0, 1, 0]], np.zeros((3, 2)), [[0, 1, 2]])
 
 
