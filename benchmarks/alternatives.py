@@ -22,9 +22,9 @@ from disparity_variants import RENDERERS_VARIANT, VARIANTS, DisparityVariants, V
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
-from semisynth_gl.bench.accuracy import errors_text, headline, scene_facts
+from semisynth_gl.bench.accuracy import errors_text, scene_facts
 from semisynth_gl.bench.scenes import BenchScenes, SampledTruth, cast_truth, sample_scenes
-from semisynth_gl.bench.summary import error_stats, machine_facts, markdown
+from semisynth_gl.bench.summary import error_stats, headline, machine_facts, markdown
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.frame import as_rgb

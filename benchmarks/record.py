@@ -18,7 +18,7 @@ import alternatives
 import click
 
 from semisynth_gl.bench import speed
-from semisynth_gl.bench.accuracy import headline
+from semisynth_gl.bench.summary import headline
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
@@ -81,7 +81,7 @@ MEASUREMENTS: Mapping[str, Result] = {
         ("benchmarks/alternatives.py", "--config", "middlebury", "--pairs", "2"), headline, alternatives.table,
     ),
     "speed": Result(
-        "Speed", _SPEED, ("-m", "semisynth_gl", "bench", "speed", "--pairs", "24"), speed.headline, speed.table
+        "Speed", _SPEED, ("-m", "semisynth_gl", "bench", "speed", "--pairs", "24"), headline, speed.table
     ),
     "peers": Result(
         "Renderers side by side", _PEERS, ("benchmarks/peers/run.py", *_PEER_ROWS), _peers_headline, peers.table

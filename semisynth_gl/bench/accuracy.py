@@ -1,7 +1,6 @@
 """The error of the rendered disparity against float64 rays."""
 
 from collections.abc import Mapping, Sequence
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,6 @@ import numpy as np
 from semisynth_gl.bench.scenes import BenchScenes, SampledTruth, cast_truth, sample_scenes
 from semisynth_gl.bench.summary import error_stats, machine_facts
 from semisynth_gl.config import Config
-from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
@@ -33,15 +31,9 @@ def measure(
         frames, driver = [renderer.render(scene) for scene in bench.scenes], renderer.facts
     listener.on_message(f"casting {counted(rays, 'ray')} for each eye of each pair")
     truths, _ = cast_truth(bench, frames, rays, np.random.default_rng(seed))
-    error = disparity_error(frames, truths)
-    return {**scene_facts(bench, seed, truths), "machine": machine_facts() | driver, "disparity": error}
-
-
-def disparity_error(frames: Sequence[Frame], truths: Sequence[SampledTruth]) -> dict[str, Any]:
-    """Return the `error_stats` of the disparities of frames, in JSON's types."""
     drawn = [frames[part.scene].view(part.eye).disparity[part.row, part.column] for part in truths]
     error = error_stats(np.concatenate(drawn), np.concatenate([part.disparity_px for part in truths]))
-    return {name: plain(value) for name, value in error.items()}
+    return {**scene_facts(bench, seed, truths), "machine": machine_facts() | driver, "disparity": error}
 
 
 def scene_facts(bench: BenchScenes, seed: int, truths: Sequence[SampledTruth]) -> dict[str, Any]:
@@ -58,22 +50,6 @@ def scene_facts(bench: BenchScenes, seed: int, truths: Sequence[SampledTruth]) -
         "pixels_compared": sum(len(part.disparity_px) for part in truths),
         "pixels_left_out": sum(part.dropped for part in truths),
     }
-
-
-def plain(value: Any) -> Any:  # noqa: ANN401 - any of JSON's types
-    """Replace NaN and infinity, which JSON lacks, by None, in a number or in the values of nested mappings."""
-    if isinstance(value, Mapping):
-        return {key: plain(item) for key, item in value.items()}
-    return None if isinstance(value, float) and not isfinite(value) else value
-
-
-def headline(report: Mapping[str, Any]) -> str:
-    """Return a line that names the scenes and the machine of a report."""
-    machine, (width, height) = report["machine"], report["sizes_px"][0]
-    return (
-        f"{report['config']}, {width} x {height} px, {counted(report['pairs'], 'pair')}; {machine['renderer']}, "
-        f"{machine['opengl']}; {machine['processor']}, {counted(machine['cores'], 'core')}; {machine['date']}"
-    )
 
 
 def table(report: Mapping[str, Any]) -> str:

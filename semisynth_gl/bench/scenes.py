@@ -19,7 +19,7 @@ from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import Scene
-from semisynth_gl.scene.sources import prepare_sources
+from semisynth_gl.scene.sources import Sources, prepare_sources
 from semisynth_gl.seeds.splits import Split
 
 # A pixel is at a depth edge where its disparity jumps by more than this to a neighbour, or its neighbour shows another
@@ -32,34 +32,27 @@ _FROM_CREASE_PX = 1 / 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BenchScenes:
-    """The scenes of a config's first pairs, with their models and patches, which are as of `Renderer`."""
+    """The scenes of a config's first pairs, with their models and the sources of their patches."""
 
     config: Config
+    sources: Sources
     models: Sequence[Mesh]
-    layers: NDArray[np.uint8]
-    large_layers: NDArray[np.uint8]
     scenes: Sequence[Scene]
-    pattern: NDArray[np.uint8] | None = None
 
     def open_renderer(self, backend: Backend, **options: Any) -> Renderer:  # noqa: ANN401 - options of a renderer
         """Open a renderer of these models and patches; ``options`` of `Renderer` replace the config's."""
-        large = self.large_layers if len(self.large_layers) else None
-        options = renderer_options(self.config) | {"pattern": self.pattern} | options
-        return Renderer(self.models, self.layers, large_layers=large, backend=backend, **options)
+        atlas = self.sources.atlas
+        large = atlas.large_layers if len(atlas.large_layers) else None
+        options = renderer_options(self.config) | {"pattern": self.sources.pattern} | options
+        return Renderer(self.models, atlas.layers, large_layers=large, backend=backend, **options)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledTruth:
     """The oracle's disparity at N pixels of one eye of one scene.
 
-    Attributes:
-        scene: the scene's index in `BenchScenes.scenes`.
-        eye: the eye.
-        row: the pixels' rows, (N,).
-        column: the pixels' columns, (N,).
-        disparity_px: the oracle's disparity, (N,); inf where no surface is hit.
-        dropped: number of chosen pixels that are left out, because they lie near an edge, or because ray and renderer
-            see different instances.
+    ``scene`` is an index in `BenchScenes.scenes`, ``row`` and ``column`` (N,) are the pixels, and the disparity (N,) is
+    inf where no surface is hit. ``dropped`` counts the chosen pixels that are left out.
     """
 
     scene: int
@@ -74,10 +67,7 @@ def sample_scenes(config: Config, seed: int, pairs: int) -> BenchScenes:
     """Make the scenes of a config's first pairs; raises InputError where images, models or ranges cannot be used."""
     sources = prepare_sources(config, Split(seed))
     sampler = MixSampler(config, seed, sources.libraries, sources.atlas.patches)
-    scenes = [sampler.sample(index).scene for index in range(pairs)]
-    return BenchScenes(
-        config, sampler.models, sources.atlas.layers, sources.atlas.large_layers, scenes, sources.pattern
-    )
+    return BenchScenes(config, sources, sampler.models, [sampler.sample(index).scene for index in range(pairs)])
 
 
 def cast_truth(
@@ -86,8 +76,7 @@ def cast_truth(
     """Cast float64 rays at random pixels of both eyes of each scene.
 
     Pixels are left out within 2 px of a depth edge, with another triangle within 1/16 px, and where ray and renderer
-    see different instances. An error there would show where the rasteriser puts an edge, not how exact the disparity of
-    a surface is.
+    see different instances: an error there would show where the rasteriser puts an edge.
 
     Args:
         bench: the scenes.
@@ -117,10 +106,8 @@ def cast_truth(
             right, down = np.meshgrid(*[(-_FROM_CREASE_PX, _FROM_CREASE_PX)] * 2)
             around_x, around_y = np.add.outer(right.ravel(), x[seen]), np.add.outer(down.ravel(), y[seen])
             around = cast_rays(scene, bench.models, eye, around_x.ravel(), around_y.ravel())
-            other = (around.instance.reshape(4, -1) != hits.instance[seen]) | (
-                around.triangle.reshape(4, -1) != hits.triangle[seen]
-            )
-            kept[seen] = ~other.any(axis=0)
+            for there, here in ((around.instance, hits.instance), (around.triangle, hits.triangle)):
+                kept[seen] &= (there.reshape(4, -1) == here[seen]).all(axis=0)
             way = oracle.correspondence_px(scene.camera, eye, x, y, hits, signed=bench.config.disparity.signed)
             truth = oracle.disparity_of(eye, way)
             truths.append(SampledTruth(number, eye, row[kept], column[kept], truth[kept], int((~kept).sum())))

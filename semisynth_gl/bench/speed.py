@@ -96,17 +96,21 @@ def measure(
     }
 
 
-class _StageClock(Listener):
-    """Adds up the seconds of each stage of pairs."""
+class _Clock(Listener):
+    """Adds up the seconds of each stage of pairs, and notes when pairs are finished."""
 
     def __init__(self) -> None:
         self.seconds = dict.fromkeys(STAGES, 0.0)
+        self.finished: list[float] = []
         self._last = time.perf_counter()
 
     def on_stage(self, stage: str) -> None:
         now = time.perf_counter()
         self.seconds[stage] += now - self._last
         self._last = now
+
+    def on_pair(self, pair: FinishedPair) -> None:  # noqa: ARG002 - the listener's signature
+        self.finished.append(time.perf_counter())
 
 
 def _time_stages(config: Config, seed: int, backend: Backend, pairs: int) -> tuple[dict[str, str], dict[str, float]]:
@@ -118,7 +122,7 @@ def _time_stages(config: Config, seed: int, backend: Backend, pairs: int) -> tup
             for shard in job.plan.shards:
                 # The first pair makes the buffers and compiles the shaders.
                 if shard.first <= 1:
-                    renderer.renderer.listener = clock = _StageClock()
+                    renderer.renderer.listener = clock = _Clock()
                 encoded = encode(job.plan, shard, renderer.render(shard.first))
                 clock.on_stage("encode")
                 write_shard(open_root(scratch), job.plan, shard, [encoded])
@@ -126,20 +130,9 @@ def _time_stages(config: Config, seed: int, backend: Backend, pairs: int) -> tup
             return renderer.renderer.facts, clock.seconds
 
 
-class _PairClock(Listener):
-    """Notes when pairs are finished."""
-
-    def __init__(self) -> None:
-        self.times: list[float] = []
-
-    def on_pair(self, pair: FinishedPair) -> None:
-        del pair
-        self.times.append(time.perf_counter())
-
-
 def _pairs_per_second(config: Config, seed: int, backend: Backend, workers: int, pairs: int) -> float:
     """Return the pairs per second of a run while all workers are busy: without its first and last shards."""
-    length, clock = config.sequence_pairs, _PairClock()
+    length, clock = config.sequence_pairs, _Clock()
     timed = ceil(pairs / length)
     total = (3 * workers + timed) * length
     with tempfile.TemporaryDirectory() as scratch:
@@ -148,17 +141,8 @@ def _pairs_per_second(config: Config, seed: int, backend: Backend, workers: int,
             shard_pairs=length, listener=clock,
         )  # fmt: skip
     # The pairs of a shard are told together.
-    shards = clock.times[length - 1 :: length]
+    shards = clock.finished[length - 1 :: length]
     return timed * length / (shards[-1 - workers] - shards[2 * workers - 1])
-
-
-def headline(report: Mapping[str, Any]) -> str:
-    """Return a line that names the scenes and the machine of a report."""
-    machine, (width, height) = report["machine"], report["size_px"]
-    return (
-        f"{report['config']}, {width} x {height} px; {machine['renderer']}, {machine['opengl']}; "
-        f"{machine['processor']}, {counted(machine['usable_cores'], 'core')}; {machine['date']}"
-    )
 
 
 def table(report: Mapping[str, Any]) -> str:

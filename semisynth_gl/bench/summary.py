@@ -3,7 +3,7 @@
 import os
 import platform
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from semisynth_gl.inputs.errors import counted
 
 _PACKAGES = ("semisynth-gl", "moderngl", "numpy", "isal", "Pillow")
 
@@ -20,11 +22,11 @@ def error_stats(values: NDArray[np.floating], truth: NDArray[np.float64]) -> dic
 
     Returns:
         "median_px", "p999_px" (the 99.9th percentile) and "worst_px": absolute errors over the pixels that are finite
-        in both arrays, NaN if there are none. "missing": the number of pixels that are finite in only one of them.
+        in both arrays, None if there are none. "missing": the number of pixels that are finite in only one of them.
     """
     finite = np.isfinite(values) & np.isfinite(truth)
     error = np.abs(values[finite].astype(np.float64) - truth[finite])
-    quantiles = np.quantile(error, [0.5, 0.999, 1]).tolist() if error.size else [np.nan] * 3
+    quantiles = np.quantile(error, [0.5, 0.999, 1]).tolist() if error.size else [None] * 3
     missing = int((np.isfinite(values) != np.isfinite(truth)).sum())
     return dict(zip(("median_px", "p999_px", "worst_px", "missing"), (*quantiles, missing), strict=True))
 
@@ -43,21 +45,28 @@ def machine_facts() -> dict[str, object]:
     }
 
 
+def headline(report: Mapping[str, Any]) -> str:
+    """Return a line that names the scenes and the machine of a report."""
+    machine = report["machine"]
+    cores = counted(machine.get("usable_cores", machine["cores"]), "core")
+    width, height = report["size_px"] if "size_px" in report else report["sizes_px"][0]
+    return (
+        f"{report['config']}, {width} x {height} px, {counted(report['pairs'], 'pair')}; {machine['renderer']}, "
+        f"{machine['opengl']}; {machine['processor']}, {cores}; {machine['date']}"
+    )
+
+
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]], *, text_last: bool = True) -> str:
     """Return a Markdown table whose columns line up in plain text too.
 
     The first column, and with ``text_last`` the last one, are aligned to the left, the others, which are numbers, to
     the right. Each row has as many cells as the head.
     """
-    to_left = (0, len(head) - 1) if text_last else (0,)
-    widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
-
-    def line(cells: Sequence[str]) -> str:
-        padded = [
-            cell.ljust(width) if column in to_left else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(cells, widths, strict=True))
-        ]
-        return f"| {' | '.join(padded)} |"
-
-    rule = ["-" * width if column in to_left else "-" * (width - 1) + ":" for column, width in enumerate(widths)]
-    return "\n".join([line(head), line(rule), *(line(row) for row in rows)])
+    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+    sides = ["<", *">" * (len(head) - 1 - text_last), *"<" * text_last]
+    rule = ["-" * width if side == "<" else "-" * (width - 1) + ":" for side, width in zip(sides, widths, strict=True)]
+    lines = (
+        " | ".join(f"{cell:{side}{width}}" for cell, side, width in zip(row, sides, widths, strict=True))
+        for row in (head, rule, *rows)
+    )
+    return "\n".join(f"| {line} |" for line in lines)

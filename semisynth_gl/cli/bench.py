@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from semisynth_gl.bench.summary import headline
 from semisynth_gl.cli.options import COUNT, MOST_WORKERS, SEED, Callback, Command, backend_option, option, set_option
 from semisynth_gl.cli.outputs import OutputFile, write_json
 from semisynth_gl.cli.progress import Progress
@@ -44,7 +45,7 @@ def _run(name: str, config_name: str, settings: tuple[str, ...], json_file: Path
     report["command"] = " ".join(["semisynth-gl", *sys.argv[1:]])
     if json_file is not None:
         write_json(json_file, report)
-    click.echo(f"{benchmark.headline(report)}\n\n{benchmark.table(report)}")
+    click.echo(f"{headline(report)}\n\n{benchmark.table(report)}")
 
 
 @bench.command(cls=Command)
