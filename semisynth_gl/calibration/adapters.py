@@ -6,21 +6,19 @@ from typing import NamedTuple
 import numpy as np
 
 from semisynth_gl.calibration.arrays import NO_BOUNDS, DisparityBounds, camera_matrix
-from semisynth_gl.calibration.kinds import Size, is_camera_matrix, is_rotation
+from semisynth_gl.calibration.kinds import Size, is_rotation
 from semisynth_gl.calibration.poses import pose_of
 from semisynth_gl.calibration.tree import Array, FormatError, Tree
 from semisynth_gl.frame.raw_camera import rotation_of
 from semisynth_gl.inputs.errors import abbreviate, shown
 
-_SAME_DOFFS_PX = 0.02
 # Sizes of ZED's modes.
 _ZED_SIZES = {
     "4K": Size(3840, 2160),
     "QHDPLUS": Size(3200, 1800),
     "2K": Size(2208, 1242),
-    "FHD1200": Size(1920, 1200),
     "FHD": Size(1920, 1080),
-    "HD1200": Size(1920, 1200),
+    "FHD1200": Size(1920, 1200),
     "HD": Size(1280, 720),
     "SVGA": Size(960, 600),
     "VGA": Size(672, 376),
@@ -49,19 +47,14 @@ def middlebury(tree: Tree, _size: Size | None) -> Format | None:
     """Read calib.txt of Middlebury and ETH3D: cam0, cam1, and the baseline in mm."""
     if not tree.keys() >= {("cam0",), ("cam1",), ("baseline",)}:
         return None
-    k = [each for each in (_array(tree, "cam0"), _array(tree, "cam1")) if is_camera_matrix(each)]
-    doffs_px = _number(tree, "doffs", missing=0)
-    if len(k) == 2 and ("doffs",) in tree and abs(k[1].flat[2] - k[0].flat[2] - doffs_px) > _SAME_DOFFS_PX:
-        found_px = k[1].flat[2] - k[0].flat[2]
-        raise FormatError(f"doffs is {doffs_px:g}, but cx of cam1 minus that of cam0 is {found_px:g}: one is wrong")
     bounds = DisparityBounds(*(_number(tree, key) if (key,) in tree else None for key in ("ndisp", "vmin", "vmax")))
     return Format(tree | {("baseline",): np.array(_number(tree, "baseline") / 1000)}, "m", bounds=bounds)
 
 
 def zed(tree: Tree, size: Size | None) -> Format | None:
     """Read ZED's SN*.conf: cameras for each mode, the translation in mm, the turn as a rotation vector."""
-    modes = [name[0].removeprefix("LEFT_CAM_") for name in tree if name[0].startswith("LEFT_CAM_") and name[-1] == "fx"]
-    if not modes or ("STEREO", "Baseline") not in tree:
+    modes = [name[0].removeprefix("LEFT_CAM_") for name in tree if name[0].startswith("LEFT_CAM_")]
+    if ("STEREO", "Baseline") not in tree:
         return None
     mode = _chosen({mode: _ZED_SIZES[mode] for mode in modes if mode in _ZED_SIZES}, size)
     eyes = {"LEFT_CAM_" + mode: "left", "RIGHT_CAM_" + mode: "right"}
@@ -86,16 +79,15 @@ def realsense(tree: Tree, size: Size | None) -> Format | None:
 
 def mrcal(tree: Tree, _size: Size | None) -> Format | None:
     """Read .cameramodel files of mrcal: K and D in one list, and the camera's pose as rotation and translation."""
-    files = [name[:-1] for name in tree if name[-1] == "lensmodel"]
-    made: Tree = {}
-    for name in files:
-        intrinsics, pose = (_array(tree, *name, key).ravel() for key in ("intrinsics", "extrinsics"))
+    made = dict(tree)
+    for name in (name[:-1] for name in tree if name[-1] == "lensmodel"):
+        intrinsics = _array(tree, *name, "intrinsics").ravel()
+        pose = _array(tree, *name, "extrinsics" if (*name, "extrinsics") in tree else "rt_cam_ref").ravel()
         if len(intrinsics) < 4 or len(pose) != 6:
-            raise FormatError(f"{'.'.join(name)}: expected intrinsics of 4 or more numbers, and extrinsics of 6")
-        made |= {(*name, key): tree[*name, key] for key in ("lensmodel", "imagersize") if (*name, key) in tree}
+            raise FormatError("expected intrinsics of 4 or more numbers, and extrinsics of 6")
         made |= {(*name, "K"): camera_matrix(*intrinsics[:4]), (*name, "D"): intrinsics[4:]}
         made[*name, "T_cam_reference"] = pose_of(np.array(rotation_of((pose[0], pose[1], pose[2]))), pose[3:])
-    return Format(made, "m") if files else None
+    return Format(made, "m") if len(made) > len(tree) else None
 
 
 def depthai(tree: Tree, _size: Size | None) -> Format | None:
@@ -104,19 +96,16 @@ def depthai(tree: Tree, _size: Size | None) -> Format | None:
     cameras = dict.fromkeys(name[:2] for name in tree if name[0] == "cameraData" and len(name) > 2)
     for camera in cameras:
         socket = int(_number(tree, *camera, "0"))
-        kind = int(_number(tree, *camera, "1", "cameraType", missing=0))
-        if kind not in _DEPTHAI_LENSES:
-            continue
-        model, count = _DEPTHAI_LENSES[kind]
+        model, count = _DEPTHAI_LENSES.get(int(_number(tree, *camera, "1", "cameraType", missing=0)), ("omni", 0))
         for name, key in {"K": "intrinsicMatrix", "width": "width", "height": "height"}.items():
             made[f"cam{socket}", name] = _array(tree, *camera, "1", key)
         made[f"cam{socket}", "D"] = _array(tree, *camera, "1", "distortionCoeff").ravel()[:count]
         made[f"cam{socket}", "distortion_model"] = model
         # The last camera of a chain leads to -1, with an empty rotation or one of zeros.
         link = (*camera, "1", "extrinsics")
-        there = int(_number(tree, *link, "toCameraSocket", missing=-1))
         turn, shift = _array(tree, *link, "rotationMatrix"), _array(tree, *link, "translation")
         if is_rotation(turn) and shift.size == 3:
+            there = int(_number(tree, *link, "toCameraSocket", missing=-1))
             made[f"T_{there}_{socket}",] = pose_of(turn.reshape(3, 3), shift / 100)
     if not cameras:
         return None

@@ -23,24 +23,15 @@ UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 # 12 cm, the baseline of most rigs.
 _LARGEST_M, _BETWEEN_CM_AND_MM = 2.5, 38.0
 
-# What tools call the two models of a lens that are read.
-_RADIAL_TANGENTIAL = (
-    "plumbbob rationalpolynomial radtan radtan8 radialtangential radialtangential8 pinholeradtan pinholeradtan8 brown "
-    "brownconrady modifiedbrownconrady lensmodelpinhole lensmodelopencv4 lensmodelopencv5 lensmodelopencv8 "
-    "lensmodelopencv12"
-)
-_FISHEYE = "fisheye equidistant equi kannalabrandt kannalabrandt4 kannalabrandt8 kb4 pinholeequi pinholeequidistant"
-_LENSES: dict[str, LensModel] = {
-    **dict.fromkeys(_RADIAL_TANGENTIAL.split(), "radial-tangential"),
-    **dict.fromkeys(_FISHEYE.split(), "fisheye"),
+# What tools call the two models of a lens that are read, and other models; letters and digits only.
+_LENSES: Mapping[LensModel, str] = {
+    "radial-tangential": r"plumbbob|rationalpolynomial|(pinhole)?rad(ial)?tan(gential)?8?|(modified)?brown(conrady)?"
+    r"|lensmodel(pinhole|opencv\d+)",
+    "fisheye": r"fisheye|(pinhole)?equi(distant)?|kannalabrandt\d?|kb\d",
 }
-# Lenses of other models.
-_OTHERS = (
-    "omni omniradtan omninone dsnone eucmnone fov pinholefov atan ds doublesphere eucm ucm mei scaramuzza ocam "
-    "lensmodelcahvor lensmodelcahvore lensmodelsplinedstereographic"
-)
+_OTHERS = r"omni.*|(ds|eucm)(none)?|(pinhole)?fov|atan|doublesphere|ucm|mei|scaramuzza|ocam|lensmodel.*"
 # OpenCV's 14 coefficients end with the tilt of a sensor.
-_WITH_TILT, _WITHOUT_TILT = 14, 12
+_WITH_TILT = 14
 # Images of radial-tangential lenses are hardly wider than this times the focal length, 100 degrees.
 _WIDE = 2.4
 _MOST_SKEW = 1e-4
@@ -120,22 +111,23 @@ def projections(left: Array, right: Array, baseline: float) -> Pair:
     return np.hstack([left, np.zeros((3, 1))]), np.hstack([right, shift])
 
 
-def model_of(names: Iterable[str]) -> LensModel | None:
-    """Return the model of a lens by what a calibration calls it, None for unknown names; FormatError for others."""
-    model: LensModel | None = None
+def models_of(names: Iterable[str]) -> set[LensModel]:
+    """Return the models of lenses by what a calibration calls them; FormatError for a model that is not read."""
+    models: set[LensModel] = set()
     for name in names:
         key = re.sub(r"[^a-z0-9]", "", name.lower()).removeprefix("distortion").removeprefix("camera")
-        if key in _OTHERS.split():
+        found = {model for model, pattern in _LENSES.items() if re.fullmatch(pattern, key)}
+        if not found and re.fullmatch(_OTHERS, key):
             raise FormatError(f"its lens is {name}: calibrate with a radial-tangential or equidistant (fisheye) lens")
-        model = _LENSES.get(key, model)
-    return model
+        models |= found
+    return models
 
 
-def make_lens(d: Array | None, model: LensModel | None, k: Array, size: Size | None) -> Lens:
+def make_lens(d: Array, model: LensModel | None, k: Array, size: Size | None) -> Lens:
     """Return a lens of OpenCV's models.
 
     Args:
-        d: coefficients in any shape; None or none for a lens that does not bend.
+        d: coefficients (N,); none for a lens that does not bend.
         model: the stated model; None for a radial-tangential lens, if 4 coefficients cannot be a fisheye's.
         k: camera matrix (3, 3).
         size: size of the images.
@@ -145,27 +137,23 @@ def make_lens(d: Array | None, model: LensModel | None, k: Array, size: Size | N
     """
     if abs(k[0, 1]) > _MOST_SKEW * k[0, 0]:
         raise FormatError(f"a camera matrix has a skew of {k[0, 1]:g}: expected [fx 0 cx; 0 fy cy; 0 0 1]")
-    coefficients = np.zeros(0) if d is None else d.ravel()
-    if not np.isfinite(coefficients).all():
-        raise FormatError(f"expected finite coefficients of the lens, got {coefficients.tolist()}")
-    wide = size is not None and size.width_px > _WIDE * k[0, 0]
-    if model is None and len(coefficients) == COEFFICIENTS["fisheye"][0] and coefficients.any() and wide:
+    if model is None and len(d) == 4 and d.any() and size is not None and size.width_px > _WIDE * k[0, 0]:
         raise FormatError(
             "a wide lens with 4 coefficients may be radial-tangential or a fisheye: add the value "
             "distortion_model, fisheye or radtan, to the file"
         )
     model = model or "radial-tangential"
-    if not len(coefficients):
-        coefficients = np.zeros(4 if model == "fisheye" else 5)
+    counts = COEFFICIENTS[model]
+    if not len(d):
+        d = np.zeros(counts[0])
     # Files may end in zeros that the model has no place for.
-    most = 4 if model == "fisheye" else _WITHOUT_TILT
-    if len(coefficients) > most and not coefficients[most:].any():
-        coefficients = coefficients[:most]
-    if len(coefficients) not in COEFFICIENTS[model]:
-        counts = " or ".join(map(str, COEFFICIENTS[model]))
-        tilt = ": the last two, a tilted sensor's, must be 0" if len(coefficients) == _WITH_TILT else ""
-        raise FormatError(f"expected {counts} coefficients of a {model} lens, got {len(coefficients)}{tilt}")
-    return Lens(coefficients, model)
+    if not d[counts[-1] :].any():
+        d = d[: counts[-1]]
+    if len(d) not in counts:
+        tilt = ": the last two, a tilted sensor's, must be 0" if len(d) == _WITH_TILT else ""
+        expected = " or ".join(map(str, counts))
+        raise FormatError(f"expected {expected} coefficients of a {model} lens, got {len(d)}{tilt}")
+    return Lens(d, model)
 
 
 def unit_of(length: float) -> str:

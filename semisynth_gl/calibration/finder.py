@@ -5,7 +5,7 @@ with a translation. Names tell the eye, and which of several arrays of a kind is
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -16,54 +16,26 @@ from semisynth_gl.calibration.arrays import (
     StereoArrays,
     camera_matrix,
     make_lens,
-    model_of,
+    models_of,
     projections,
     unit_of,
 )
-from semisynth_gl.calibration.kinds import (
-    Size,
-    are_numbers,
-    checked_size,
-    is_camera_matrix,
-    is_coefficients,
-    is_pose,
-    is_projection,
-    is_reprojection,
-    is_rotation,
-    is_rotation_vector,
-    is_turned,
-    stated_sizes,
-)
-from semisynth_gl.calibration.names import ROTATION_WORDS, Entry, eye_of, label_of, starts, words_of
+from semisynth_gl.calibration.kinds import KINDS, Size, are_numbers, is_pose, is_rotation, stated_sizes
+from semisynth_gl.calibration.names import Entry, label_of
 from semisynth_gl.calibration.parts import by_columns, with_parts
-from semisynth_gl.calibration.poses import leads_to_left, pose_of, right_from_left
-from semisynth_gl.calibration.tree import Array, FormatError, Tree, text_of
-from semisynth_gl.frame.camera import EYES
+from semisynth_gl.calibration.poses import frames_of, pose_of, right_from_left
+from semisynth_gl.calibration.tree import Array, FormatError, Name, Tree, rotation_of_quaternion
 from semisynth_gl.frame.raw_camera import rotation_of
 
 KEYS = ("K1", "D1", "R1", "P1", "K2", "D2", "R2", "P2", "R", "T", "Q", "size")
 """Names that a user can give to values of a file: OpenCV's, and the size of the images."""
 
-_SHIFT_WORDS = ("t", "tr", "trans", "trns", "tvec", "shift", "position")
-_LENS_WORDS = ("d", "dist", "coef", "kc", "radtan", "equidistant")
-# What arrays of a kind are: a test of their numbers, beginnings of words of which their names have one, and a shape.
-_KINDS = {
-    "K": (is_camera_matrix, (), (3, 3)),
-    "D": (is_coefficients, _LENS_WORDS, (-1,)),
-    "R": (is_rotation, (), (3, 3)),
-    "P": (is_projection, (), (3, 4)),
-    "Q": (is_reprojection, (), (4, 4)),
-}
+_GIVEN = "given"
 # Words in names of derived arrays, such as the matrix of rectified images, which lie beside the calibrated ones.
-_REDERIVED = {"new", "optimal", "opt", "rect", "rectified", "rectification", "undistorted", "roi", "virtual"}
-# Words of angles about axes, which are no rotation vector.
-_ANGLE_WORDS = ("angle", "euler", "rpy", "roll", "deg")
-# Words of text that names the model of a lens.
-_MODEL_WORDS = {"model", "type", "lens", "lensmodel", "distortion", "projection"}
-_BASELINE = re.compile(r"(?:stereo)?baseline(mm|cm|m|meters|metres)?|b|bl")
-# Relative differences of the translation's length and the baseline of P: up to the first one both say the same, above
-# the second one the finder ignores the translation.
-_SAME_BASELINE, _MOST_BASELINE = 0.02, 0.8
+_DERIVED = "new|opt|rect|undist|roi|virtual"
+_BASELINE = r"(?:stereo)?baseline(?:lr)?(mm|cm|m|meters|metres)?|b|bl|numbers"
+# Relative difference of two baselines that are the same, and the length of a translation that is none.
+_SAME_BASELINE, _NO_SHIFT_M = 0.02, 1e-6
 _LISTED = 40
 
 
@@ -83,10 +55,10 @@ class Finder:
         size: Size | None = None,
     ) -> None:
         self.tree, self.unit, self.user_size = tree, unit, size
-        self.cameras = cameras and (eye_of(cameras[:1]) or cameras[0], eye_of(cameras[1:]) or cameras[1])
+        self.cameras = cameras and (label_of(cameras[:1]) or cameras[0], label_of(cameras[1:]) or cameras[1])
         arrays = [Entry(name, value) for name, value in tree.items() if isinstance(value, np.ndarray)]
         self.entries = [*with_parts(by_columns(arrays))]
-        self.given = {key: self._named(key, name) for key, name in (given or {}).items()}
+        self.entries = [*(self._named(key, name) for key, name in (given or {}).items()), *self.entries]
         self.notes: list[str] = []
 
     def arrays(self) -> StereoArrays | None:
@@ -95,17 +67,16 @@ class Finder:
         Raises:
             FormatError: where there are more than two cameras, or what is there contradicts itself.
         """
-        self._check_windows()
         k, p = self._eyes("K"), self._eyes("P")
         size, fault = self._size(k, p)
         p = p or self._right_alone()
-        turn, shift = self._stereo_pose()
+        turn, shift = self._stereo_pose(lone=p is None)
         rectification = self._eyes("R")
         if p is None and turn is None:
             p, k = self._projections(k, rectification)
-        if p is None and k is None and turn is not None:
-            k = self._shared("K")
-        if p is None and (k is None or turn is None or shift is None):
+        if k is not None and k[0] is k[1] and turn is not None:
+            self.notes.append("one K was taken for both cameras")
+        if p is None and (k is None or shift is None):
             return None
         shift_m, p = self._in_metres(shift, p)
         lenses = None
@@ -121,120 +92,82 @@ class Finder:
 
     def listing(self) -> str:
         """Return the arrays of the tree with their shapes, as text for a message."""
-        arrays = [(name, value) for name, value in self.tree.items() if isinstance(value, np.ndarray)]
-        shown = [
-            f"{text_of(name)} ({'a number' if value.size == 1 else ' x '.join(map(str, value.shape))})"
-            for name, value in arrays[:_LISTED]
-        ]
-        more = f" and {len(arrays) - _LISTED} more" if len(arrays) > _LISTED else ""
-        return (", ".join(shown) + more) or "no numbers"
+        arrays = [(".".join(name), value.shape) for name, value in self.tree.items() if isinstance(value, np.ndarray)]
+        shown = [f"{name} ({' x '.join(map(str, shape)) or 'a number'})" for name, shape in arrays[:_LISTED]]
+        return (
+            ", ".join([*shown, f"and {len(arrays) - _LISTED} more"] if len(arrays) > _LISTED else shown) or "no numbers"
+        )
 
-    def _named(self, key: str, name: str) -> Array:
-        found = next((entry.value for entry in self.entries if text_of(entry.name) == name), None)
+    def _named(self, key: str, name: str) -> Entry:
+        """Return an array that the user named, under a name that tells its kind and its eye."""
+        found = next((entry.value for entry in self.entries if ".".join(entry.name) == name), None)
         if found is None:
             raise FormatError(f"has no {name}, which {key} was to be: it has {self.listing()}")
-        kind = None if key == "R" else _KINDS.get(key.rstrip("12"))
-        if kind is not None and not kind[0](found):
-            raise FormatError(f"{name} is no {key}: it is {found.tolist()}")
-        return found
+        labels = self.cameras or ("left", "right")
+        return Entry(
+            (_GIVEN, *(labels[int(digit) - 1] for digit in key[1:] if digit.isdigit()), key.rstrip("12")), found
+        )
 
     # --- arrays of both eyes ---
 
     def _fitting(self, key: str) -> list[Entry]:
-        fits, words, shape = _KINDS[key]
-        found = [e for e in self.entries if fits(e.value) and (not words or starts(e.words, words))]
-        return [Entry(e.name, e.value.reshape(shape)) for e in found]
+        """Return the entries of a kind, the likeliest first."""
+        kind = KINDS[key]
+        found = (e for e in self.entries if kind.fits(e.value) and (not kind.words or e.has(kind.words)))
+        return sorted(
+            (Entry(e.name, e.value.reshape(kind.shape)) for e in found),
+            key=lambda e: (e.name[0] != _GIVEN, e.has(_DERIVED) == (key in "KD"), len(e.name)),
+        )
 
-    def _of(self, key: str) -> dict[str, Entry]:
-        """Return the entries of a kind by eye or number of the camera, the likeliest of each."""
-        found: dict[str, Entry] = {}
-
-        def unlikely(entry: Entry) -> tuple[bool, int]:
-            return bool(_REDERIVED & set(entry.words)) == (key in "KD"), len(entry.name)
-
-        for entry in sorted(self._fitting(key), key=unlikely):
-            found.setdefault(label_of(entry.name, self.cameras, rotation=key == "R"), entry)
+    def _of(self, key: str) -> dict[str, Array]:
+        """Return the arrays of a kind by eye or number of the camera."""
+        found: dict[str, Array] = {}
+        for entry in self._fitting(key):
+            found.setdefault(label_of(entry.name, self.cameras, rotation=key == "R"), entry.value)
         return found
 
     def _eyes(self, key: str) -> Pair | None:
-        """Return two arrays of a kind, left and right; None if the tree lacks either."""
-        pair = self._pair(self._of(key), key) or (None, None)
-        left, right = (
-            self.given[key + number].reshape(_KINDS[key][2]) if key + number in self.given else entry and entry.value
-            for number, entry in zip("12", pair, strict=True)
-        )
-        return None if left is None or right is None else (left, right)
-
-    def _pair(self, found: Mapping[str, Entry], key: str) -> tuple[Entry, Entry] | None:
-        numbered = sorted(int(label) for label in found if label.isdigit())
-        if self.cameras is not None:
-            labels = self.cameras
-        elif {"left", "right"} <= found.keys() or len(numbered) < len(EYES):
-            labels = ("left", "right")
-        elif len(numbered) > len(EYES) and key in {"K", "P"}:
-            names = ", ".join(text_of(found[str(number)].name) for number in numbered)
-            raise FormatError(f"has {len(numbered)} cameras ({names}): choose two, --pair LEFT,RIGHT or cameras")
-        else:
-            labels = str(numbered[0]), str(numbered[1])
-        return (found[labels[0]], found[labels[1]]) if set(labels) <= found.keys() else None
-
-    def _one(self, key: str) -> Entry | None:
-        """Return the entry of a kind that is of both eyes."""
-        if key in self.given:
-            return Entry((key,), self.given[key].reshape(_KINDS[key][2]))
-        fitting = self._fitting(key)
-        unlabelled = [e for e in fitting if eye_of(e.name) == ""]
-        return min(unlabelled or fitting, key=lambda e: len(e.name), default=None)
-
-    def _shared(self, key: str) -> Pair | None:
-        """Return the only array of a kind for both eyes."""
-        found = [*self._of(key).values()]
-        if len(found) != 1:
-            return None
-        self.notes.append(f"{text_of(found[0].name)} was taken for both cameras, since no other {key} was found")
-        return found[0].value, found[0].value
+        """Return two arrays of a kind, left and right; None if the tree lacks either. The only K or D is of both."""
+        found = self._of(key)
+        numbered = sorted((label for label in found if label.isdigit()), key=int)
+        left, right = self.cameras or ("left", "right")
+        if self.cameras is None and len(numbered) > 1 and not {"left", "right"} <= found.keys():
+            if len(numbered) > 2 and key in "KP":
+                labels = ", ".join(numbered)
+                raise FormatError(f"has {len(numbered)} cameras ({labels}): choose two, --pair LEFT,RIGHT or cameras")
+            left, right = numbered[:2]
+        if key in "KD" and found.keys() == {""}:
+            left = right = ""
+        return (found[left], found[right]) if {left, right} <= found.keys() else None
 
     # --- how the cameras stand ---
 
-    def _stereo_pose(self) -> tuple[Array | None, Array | None]:
-        """Return R (3, 3) and T (3,), right_from_left, in the file's unit; None for what is not there."""
-        turned, moved = self._rotations(), self._shifts()
-        if {"R", "T"} & self.given.keys():
-            r = self.given.get("R", turned.get(""))
-            t = self.given.get("T", moved[""].value if "" in moved else None)
-            return None if r is None else _rotation(r), None if t is None else t.ravel()
-        if "" in turned and "" in moved:
-            r, t = turned[""], moved[""].value
-            return (r.T, -r.T @ t) if leads_to_left(moved[""].name) else (r, t)
+    def _stereo_pose(self, *, lone: bool) -> tuple[Array | None, Array | None]:
+        """Return R (3, 3) and T (3,), right_from_left, in the file's unit; both are None where one is missing.
+
+        ``lone``: a single pose (4, 4) that names no frames may lead from one eye to the other.
+        """
+        turned: dict[str, Array] = {}
+        for entry in sorted(self.entries, key=lambda e: (e.name[0] != _GIVEN, e.value.size != 9)):
+            if not entry.has("rect") and (turn := _rotation(entry)) is not None:
+                turned.setdefault(label_of(entry.name, self.cameras, rotation=True), turn)
+        moved: dict[str, Entry] = {}
+        for entry in self._fitting("T"):
+            if not entry.is_rotation:
+                moved.setdefault(label_of(entry.name, self.cameras), entry)
+        both = [label for label in moved if label in turned]
+        if "" in both and frames_of(moved[""].name) is None:
+            return turned[""], moved[""].value
         matrices = {e.name: e.value.reshape(-1, 4) for e in self.entries if is_pose(e.value)}
         poses = {name: pose_of(each[:3, :3], each[:3, 3]) for name, each in matrices.items()}
-        labels = [label for label in moved if label in turned]
-        if len(labels) > 1:
-            poses |= {moved[each].name: pose_of(turned[each], moved[each].value) for each in labels}
-        if (pose := right_from_left(poses, self.cameras)) is not None:
+        if len(both) > 1 or "" in both:
+            poses |= {moved[each].name: pose_of(turned[each], moved[each].value) for each in both}
+        if (pose := right_from_left(poses, self.cameras, lone=lone)) is not None:
             return pose[:3, :3], pose[:3, 3]
         # Calibrations of one camera against the other keep R and T beside the second camera; "rotation (R)" is no eye.
-        if not labels and len(turned) == len(moved) == 1 and "" in moved:
-            return next(iter(turned.values())), moved[""].value
-        return (turned[labels[0]], moved[labels[0]].value) if len(labels) == 1 else (None, None)
-
-    def _rotations(self) -> dict[str, Array]:
-        """Return rotations (3, 3) that do not rectify, by eye: matrices rather than vectors."""
-        found: dict[str, Array] = {}
-        for entry in sorted(self.entries, key=lambda e: e.value.size != 9):
-            named = starts(entry.words, ("r", *ROTATION_WORDS)) and not starts(entry.words, _ANGLE_WORDS)
-            fits = is_rotation(entry.value) or (named and is_rotation_vector(entry.value))
-            if fits and not starts(entry.words, ("rect", "rectif")):
-                found.setdefault(label_of(entry.name, self.cameras, rotation=True), _rotation(entry.value))
-        return found
-
-    def _shifts(self) -> dict[str, Entry]:
-        """Return translations (3,) by eye."""
-        found: dict[str, Entry] = {}
-        for entry in (e for e in self.entries if are_numbers(e.value, 3)):
-            if starts(entry.words, _SHIFT_WORDS) and not starts(entry.words, ROTATION_WORDS):
-                found.setdefault(label_of(entry.name, self.cameras), Entry(entry.name, entry.value.ravel()))
-        return found
+        if len(turned) == len(moved) == 1:
+            both, turned = [*moved], dict.fromkeys(moved, next(iter(turned.values())))
+        return (turned[both[0]], moved[both[0]].value) if len(both) == 1 else (None, None)
 
     # --- projections of rectified images ---
 
@@ -244,43 +177,35 @@ class Finder:
         left_label = "left" if self.cameras is None else self.cameras[0]
         if len(found) != 1 or found[0].value[0, 3] == 0 or label_of(found[0].name, self.cameras) == left_label:
             return None
-        left = found[0].value.copy()
-        left[:, 3] = 0
-        return left, found[0].value
+        return found[0].value * (1, 1, 1, 0), found[0].value
 
     def _projections(self, k: Pair | None, rectification: Pair | None) -> tuple[Pair | None, Pair | None]:
         """Return the projections that follow from a baseline or from Q, and the raw cameras' matrices beside them."""
-        alone = self._one("K")
+        found = self._of("K")
+        alone = found.get("", next(iter(found.values()), None))
         # OpenVSLAM's and Stella's K is of the rectified cameras, beside both raw ones and how they were turned.
-        if rectification is not None and alone is not None and eye_of(alone.name) == "":
-            return self._of_baseline((alone.value, alone.value)), k
-        found = self._of_baseline(k or (alone and (alone.value, alone.value)))
-        if found is not None:
-            self.notes += [
-                f"{text_of(e.name)} was left out: with a baseline and without R, images are taken to be rectified"
-                for e in self._of("D").values()
-                if e.value.any()
-            ]
-            return found, None
-        q = self._one("Q")
-        return (None if q is None else _from_q(q.value)), k
+        raw = k if rectification is not None and "" in found else None
+        of = k if raw is None and k is not None else None if alone is None else (alone, alone)
+        if of is not None and (p := self._of_baseline(of)) is not None:
+            if raw is None and any(each.any() for each in self._of("D").values()):
+                self.notes.append("D was left out: with a baseline and without R, images are taken to be rectified")
+            return p, raw
+        return next((_from_q(each) for each in self._of("Q").values()), None), k
 
-    def _of_baseline(self, k: Pair | None) -> Pair | None:
+    def _of_baseline(self, k: Pair) -> Pair | None:
         """Return the projections of rectified cameras with a stated baseline, in the file's unit; None without one.
 
         A file names its baseline, names the product of focal length and baseline, or has one number beside a matrix.
         """
-        if k is None:
-            return None
         for entry in self.entries:
-            if are_numbers(entry.value, 1):
-                value, key = abs(float(entry.value.ravel()[0])), re.sub(r"[^a-z]", "", entry.key.lower())
-                key = "baseline" if re.fullmatch(r"rows \d+", entry.key) else key
-                if found := _BASELINE.fullmatch(key):
-                    self.unit = self.unit or (found[1] and (found[1] if found[1] in UNITS else "m"))
-                    return projections(*k, value)
-                if key in {"bf", "fb", "focalxbaseline"}:
-                    return projections(*k, value / float(k[0][0, 0]))
+            if not are_numbers(entry.value, 1):
+                continue
+            value = abs(float(entry.value.ravel()[0]))
+            if found := re.fullmatch(_BASELINE, entry.key):
+                self.unit = self.unit or (found[1] and (found[1] if found[1] in UNITS else "m"))
+                return projections(*k, value)
+            if entry.key in {"bf", "fb", "focalxbaseline"}:
+                return projections(*k, value / float(k[0][0, 0]))
         return None
 
     def _in_metres(self, shift: Array | None, p: Pair | None) -> tuple[Array | None, Pair | None]:
@@ -288,114 +213,82 @@ class Finder:
 
         DrivingStereo's small images have projections of twice the baseline.
         """
-        shift_m = None if shift is None else shift * self._factor(float(np.linalg.norm(shift)), noted=True)
-        if p is None:
-            return shift_m, None
-        length_m = 0.0 if shift_m is None else float(np.linalg.norm(shift_m))
-        left, right = (each[0, 3] / each[0, 0] for each in p)
-        factor = self._factor(abs(left - right), noted=shift is None)
-        baseline_m = abs(left - right) * factor
-        if _SAME_BASELINE < abs(length_m / (baseline_m or np.inf) - 1) < _MOST_BASELINE:
-            self.notes.append(
-                f"the cameras are {baseline_m:.6g} m apart by P, and {length_m:.6g} m by T, which was taken: if P is "
-                "right, leave T out"
-            )
-            factor *= length_m / baseline_m
-        scale = np.array([1, 1, 1, factor])
-        return shift_m, (p[0] * scale, p[1] * scale)
+        length = 0.0 if shift is None else float(np.linalg.norm(shift))
+        baseline = 0.0 if p is None else abs(float(p[0][0, 3] / p[0][0, 0] - p[1][0, 3] / p[1][0, 0]))
+        length_m, baseline_m = (each * UNITS[self.unit or unit_of(each)] for each in (length, baseline))
+        if length_m > _NO_SHIFT_M and baseline and abs(baseline_m / length_m - 1) > _SAME_BASELINE:
+            self.notes.append(f"the cameras are {baseline:.6g} apart by P, and {length:.6g} by T, which was taken")
+            baseline_m = length_m
+        if self.unit is None and (unit := unit_of(length or baseline)) != "m":
+            apart = f"the cameras are {length or baseline:g} apart"
+            self.notes.append(f"{apart}, which was taken for {unit}: if that is wrong, give --unit")
+        scale = (1, 1, 1, baseline_m / (baseline or 1))
+        shift_m = None if shift is None else shift * (length_m / (length or 1))
+        return shift_m, None if p is None else (p[0] * scale, p[1] * scale)
 
-    def _factor(self, length: float, *, noted: bool) -> float:
-        """Return metres per unit of a length."""
-        unit = self.unit or unit_of(length)
-        if self.unit is None and unit != "m" and noted:
-            self.notes.append(
-                f"the cameras are {length:g} apart, which was taken for {unit}: if that is wrong, give --unit"
-            )
-        return UNITS[unit]
-
-    # --- lenses ---
+    # --- lenses and sizes ---
 
     def _lenses(self, k: Pair, size: Size | None) -> tuple[Lens, Lens]:
         """Return the lenses of both eyes; raises FormatError where they cannot be used."""
-        found = self._eyes("D") or self._other_coefficients(shared=k[0] is k[1]) or (None, None)
-        models = [model_of(self._lens_names(number)) for number in range(len(EYES))]
-        left, right = (make_lens(d, model, own, size) for d, model, own in zip(found, models, k, strict=True))
-        if left.model != right.model:
-            raise FormatError(f"expected lenses of one model, got {left.model} left and {right.model} right")
-        if None in models and left.coefficients.any() and len(left.coefficients) == 4:
-            self.notes.append(
-                "4 coefficients were taken for a radial-tangential lens; for a fisheye, add `distortion_model: fisheye`"
-            )
+        values = [(Entry(name, np.zeros(0)), value) for name, value in self.tree.items() if self._is_of_rig(name)]
+        names = [each.key for each in self.entries if each.key in {"radtan", "equidistant"}]
+        for name, value in values:
+            if isinstance(value, str) and name.has("model|type|lens|distortion|projection"):
+                names.append(value)
+            names += ["fisheye"] if name.has("(fisheye|equidistant)$") and _is_true(value) else []
+        models = models_of(names)
+        if len(models) > 1:
+            raise FormatError("expected lenses of one model, got radial-tangential and fisheye ones")
+        d = self._eyes("D")
+        named = [each for each in self.entries if each.has(KINDS["D"].words) and each.value.size > 1]
+        if d is None and named:
+            counts = ", ".join(f"{each.value.size} in {'.'.join(each.name)}" for each in named[:2])
+            raise FormatError(f"expected 4, 5, 8, 12 or 14 coefficients of both lenses, got {counts}")
+        if d is None:
+            self.notes.append("no coefficients of lenses were found: the cameras are taken for pinholes")
+            d = np.zeros(0), np.zeros(0)
+        left, right = (make_lens(own, next(iter(models), None), of, size) for own, of in zip(d, k, strict=True))
         return left, right
 
-    def _lens_names(self, number: int) -> Iterator[str]:
-        """Yield what the tree calls the lens of an eye, and the model that the names of its values tell."""
-        numbers = sorted({int(eye) for e in self.entries if e.value.size > 1 and (eye := eye_of(e.name)).isdigit()})
-        labels = self.cameras or (numbers if len(numbers) >= len(EYES) else EYES)
-        own = {"", EYES[number], str(labels[number])}
-        for name, value in self.tree.items():
-            if isinstance(value, str) and _MODEL_WORDS & {*words_of(name[-1:])} and label_of(name, self.cameras) in own:
-                yield value
-            flag = {"fisheye", "equidistant"} & set(words_of(name)) and (isinstance(value, str) or value.size == 1)
-            if flag and not _is_false(value):
-                yield "fisheye"
-        for entry in self.entries:
-            if entry.key in {"radtan", "equidistant"} and label_of(entry.name, self.cameras) in own:
-                yield entry.key
-
-    def _other_coefficients(self, *, shared: bool) -> Pair | None:
-        """Return the coefficients that both eyes share; raises FormatError where they are of one eye, or too few."""
-        named = [e for e in self.entries if starts(e.words, _LENS_WORDS) and e.value.size > 1]
-        if not named:
-            self.notes.append("no coefficients of lenses were found: the cameras are taken for pinholes")
-            return None
-        if shared or {eye_of(entry.name) for entry in named} == {""}:
-            return self._shared("D")
-        counts = ", ".join(f"{entry.value.size} in {text_of(entry.name)}" for entry in named[:2])
-        raise FormatError(f"expected 4, 5, 8, 12 or 14 coefficients of both lenses, got {counts}")
-
-    # --- images ---
-
-    def _check_windows(self) -> None:
-        """Refuse messages of ROS whose images are binned, or a window of the calibrated images."""
-        for entry in self.entries:
-            binned = entry.key in {"binning_x", "binning_y"} and entry.value.size == 1 and entry.value.max() > 1
-            if binned or (entry.key in {"x_offset", "y_offset"} and "roi" in entry.name and entry.value.any()):
-                raise FormatError(
-                    f"{text_of(entry.name)} is {entry.value.max():g}: binned images, or a window of the calibrated "
-                    "ones. Take whole images without binning"
-                )
+    def _is_of_rig(self, name: Name) -> bool:
+        return self.cameras is None or label_of(name, self.cameras) in {"", *self.cameras}
 
     def _size(self, k: Pair | None, p: Pair | None) -> tuple[Size | None, str | None]:
-        """Return the size of the images, and why the raw images cannot be used if they have another size.
-
-        The principal points of K and P tell the size where its sides may be in any order.
-        """
-        if "size" in self.given:
-            return checked_size(*self.given["size"].ravel()[:2]), None
-        matrices, fault = [*(k or ()), *(p or ())], None
-        of_rectified, of_raw = stated_sizes(self.entries, self.cameras, matrices)
+        """Return the size of the images, and why the raw images cannot be used if they have another size."""
+        entries = [entry for entry in self.entries if entry.name == (_GIVEN, "size")]
+        entries = entries or [entry for entry in self.entries if self._is_of_rig(entry.name)]
+        of_rectified, of_raw = stated_sizes(entries, [*(k or ()), *(p or ())])
+        fault = None
         if p is not None and of_rectified and of_raw and of_rectified[0] != of_raw[0]:
             fault = f"expected raw images of {of_rectified[0]}, as rectified ones, got {of_raw[0]}"
         known = [*dict.fromkeys((of_raw or of_rectified) if p is None else (of_rectified or of_raw))]
         if len(known) > 1:
             raise FormatError(f"has images of {known[0]} and of {known[1]}: expected one size of both cameras")
-        if known and self.user_size == tuple(reversed(known[0])) and is_turned(known[0], matrices):
-            self.notes.append(f"its size, {known[0]}, was taken for height and width, as the photographs are")
-            return self.user_size, fault
         return (known[0] if known else None), fault
 
 
-def _is_false(value: Array | str) -> bool:
-    return value.strip().lower() in {"", "false", "no", "off", "none"} if isinstance(value, str) else not value.any()
+def _is_true(value: Array | str) -> bool:
+    if isinstance(value, str):
+        return value.strip().lower() not in {"", "false", "no", "off", "none"}
+    return value.size == 1 and bool(value.any())
 
 
-def _rotation(value: Array) -> Array:
-    """Return a rotation (3, 3) from nine numbers, or from a vector of three."""
-    if value.size == 9:
+def _rotation(entry: Entry) -> Array | None:
+    """Return a rotation (3, 3) from nine numbers, or by its name from a vector or a quaternion; None for no rotation.
+
+    The part of a quaternion that is nearly 1 is w, which is the first or the last one.
+    """
+    value = entry.value.ravel()
+    if is_rotation(value):
         return value.reshape(3, 3)
-    x, y, z = value.ravel().tolist()
-    return np.array(rotation_of((x, y, z)))
+    if not entry.is_rotation:
+        return None
+    if are_numbers(value, 3) and np.linalg.norm(value) < 2 * np.pi:
+        x, y, z = value.tolist()
+        return np.array(rotation_of((x, y, z)))
+    if are_numbers(value, 4) and abs(np.linalg.norm(value) - 1) < 1e-3 and np.abs(value[[0, 3]]).max() > 0.9:
+        return rotation_of_quaternion(value if abs(value[3]) > abs(value[0]) else np.roll(value, -1))
+    return None
 
 
 def _from_q(q: Array) -> Pair:

@@ -1,12 +1,12 @@
-"""Kinds of arrays that their numbers tell: camera matrices, rotations, projections, poses, sizes."""
+"""Kinds of arrays, told by their numbers, and by words where numbers do not tell; sizes of images."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from semisynth_gl.calibration.names import Entry, eye_of
+from semisynth_gl.calibration.names import Entry, label_of
 from semisynth_gl.calibration.tree import Array, FormatError, Name
 
 # Numbers are printed with six digits.
@@ -15,15 +15,12 @@ _LARGEST = 1e9
 _LARGEST_SIDE_PX = 99_999
 # A principal point farther from the centre than this, as a fraction of the side, may be that of another size.
 _NEAR_CENTRE = 0.1
-# Names of a size, letters only.
+# Names of sizes, letters only.
 _WIDTHS = ("width", "imagewidth", "imgwidth", "imagew", "w", "cols", "resx")
 _HEIGHTS = ("height", "imageheight", "imgheight", "imageh", "h", "rows", "resy")
-_SIZES = (
-    *("size", "imagesize", "imgsize", "imsize", "imagersize", "framesize", "resolution", "imageresolution"),
-    *("srect", "s", "wh", "dimensions", "shape", "imageshape", "imgshape", "hw"),
-)
+_SIZE = r"(image|img|im|imager|frame)?size|(image)?resolution|srect|s|wh|dimensions|(image|img)?shape|hw"
 # Words in names of sizes of other things.
-_OTHERS = {"board", "pattern", "chessboard", "checkerboard", "chess", "grid", "tag", "marker", "roi", "crop"}
+_OTHERS = "board|pattern|chess|checker|grid|tag|marker|roi|crop"
 
 
 class Size(NamedTuple):
@@ -62,11 +59,6 @@ def is_rotation(value: Array) -> bool:
     return bool(np.allclose(r @ r.T, np.eye(3), atol=_PRINTED) and np.linalg.det(r) > 0)
 
 
-def is_rotation_vector(value: Array) -> bool:
-    """Return whether three numbers may be a rotation's axis times its angle, less than a full turn."""
-    return are_numbers(value, 3) and bool(np.linalg.norm(value) < 2 * np.pi)
-
-
 def is_projection(value: Array) -> bool:
     """Return whether twelve numbers are the projection matrix of a rectified camera."""
     return are_numbers(value, 12) and is_camera_matrix(value.reshape(3, 4)[:, :3])
@@ -88,58 +80,53 @@ def is_reprojection(value: Array) -> bool:
 
 def is_coefficients(value: Array) -> bool:
     """Return whether an array may be the coefficients of a lens: none, or four and more in a row or a column."""
-    return value.ndim < 3 and max(value.shape, default=0) == value.size and (value.size == 0 or value.size >= 4)
+    return max(value.shape, default=0) == value.size and value.size != 1 and are_numbers(value, 0, *range(4, 33))
 
 
-def checked_size(width: float, height: float) -> Size | None:
-    """Return a size; None for 0 x 0, as OpenCV writes an unknown one. Raises FormatError for sides that are none."""
-    if width == height == 0:
-        return None
-    if not all(1 <= side <= _LARGEST_SIDE_PX and side == int(side) for side in (width, height)):
-        raise FormatError(
-            f"expected a width and height of 1 to {_LARGEST_SIDE_PX} whole pixels, got {width:g} x {height:g}"
-        )
-    return Size(int(width), int(height))
+class Kind(NamedTuple):
+    """What arrays of a kind are: a test of their numbers, a regular expression for a word of their names, a shape."""
+
+    fits: Callable[[Array], bool]
+    words: str
+    shape: tuple[int, ...]
 
 
-def stated_sizes(
-    entries: Iterable[Entry], cameras: tuple[str, str] | None, matrices: Sequence[Array]
-) -> tuple[list[Size], list[Size]]:
+KINDS: Mapping[str, Kind] = {
+    "K": Kind(is_camera_matrix, "", (3, 3)),
+    "D": Kind(is_coefficients, "d$|dist|coef|kc|radtan|equidistant", (-1,)),
+    "R": Kind(is_rotation, "", (3, 3)),
+    "P": Kind(is_projection, "", (3, 4)),
+    "Q": Kind(is_reprojection, "", (4, 4)),
+    "T": Kind(lambda value: are_numbers(value, 3), "t$|tr$|trans|trns|tvec|shift|position", (3,)),
+}
+"""Kinds of arrays by OpenCV's names; R1, R2 and R are of one kind."""
+
+
+def stated_sizes(entries: Iterable[Entry], matrices: Sequence[Array]) -> tuple[list[Size], list[Size]]:
     """Return two lists: the sizes of rectified images, and the sizes of raw images.
 
-    Args:
-        entries: the arrays of a calibration.
-        cameras: the left and the right camera by number or name, where others do not count; None for all.
-        matrices: camera matrices; their principal points tell whether a shape begins with the height.
-
-    Raises:
-        FormatError: where a side is no number of pixels.
+    Height and width change places where the principal points of the camera matrices say so. 0 x 0 is OpenCV's unknown
+    size. Raises FormatError where a side is no number of pixels.
     """
-    rectified, raw = list[Size | None](), list[Size | None]()
-    sides: dict[tuple[Name, str], dict[str, float]] = {}
+    sides: dict[tuple[Name, bool], list[float]] = {}
     for entry in entries:
-        key = re.sub(r"\(.*?\)|[^a-z]", "", entry.key.lower())
-        of_rig = cameras is None or eye_of(entry.name) in {"", *cameras}
-        if not of_rig or _OTHERS & set(entry.words) or not are_numbers(entry.value, 1, 2, 3, 4):
+        value, key = entry.value.ravel(), (entry.name, entry.has("rect"))
+        if entry.has(_OTHERS) or not are_numbers(value, 1, 2, 3, 4):
             continue
-        if entry.value.size > 1 and key in _SIZES:
-            # Basalt lists the sizes of both cameras, NumPy's shape ends with the number of channels.
-            rows = entry.value if entry.value.shape == (2, 2) else entry.value.reshape(1, -1)
-            found = [checked_size(*row[:2]) for row in rows.tolist()]
-            if key.endswith(("shape", "hw")):  # begins with the height, unless a script wrote shape[::-1]
-                turned = [each and Size(*reversed(each)) for each in found]
-                found = [a if b and is_turned(b, matrices) else b for a, b in zip(found, turned, strict=True)]
-            (rectified if "rect" in entry.words else raw).extend(found)
-        elif entry.value.size == 1 and key in (*_WIDTHS, *_HEIGHTS):
-            side = "width" if key in _WIDTHS else "height"
-            sides.setdefault((entry.name[:-1], eye_of(entry.name)), {})[side] = float(entry.value.ravel()[0])
-    raw += [checked_size(**found) for found in sides.values() if len(found) == 2]
-    return [size for size in rectified if size], [size for size in raw if size]
-
-
-def is_turned(size: Size, matrices: Sequence[Array]) -> bool:
-    """Return whether the principal points of camera matrices say that a size is height and width."""
-    return bool(matrices) and turned_size_fault(size, *matrices) is not None
+        if value.size > 1 and re.fullmatch(_SIZE, entry.key):
+            sides[key] = value[:2].tolist()[:: -1 if entry.key.endswith(("shape", "hw")) else 1]
+        elif value.size == 1 and entry.key in (*_WIDTHS, *_HEIGHTS):
+            found = sides.setdefault(((*entry.name[:-1], label_of(entry.name)), False), [0.0, 0.0])
+            found[entry.key in _HEIGHTS] = float(value[0])
+    rectified, raw = list[Size](), list[Size]()
+    for (_, of_rectified), (width, height) in sides.items():
+        if not all(0 <= side <= _LARGEST_SIDE_PX and side == int(side) for side in (width, height)):
+            raise FormatError(f"expected a width and height of whole pixels, got {width:g} x {height:g}")
+        size = Size(int(width), int(height))
+        if all(size):
+            turned = matrices and turned_size_fault(size, *matrices)
+            (rectified if of_rectified else raw).append(Size(*size[::-1]) if turned else size)
+    return rectified, raw
 
 
 def turned_size_fault(size: Size, *matrices: Array) -> str | None:

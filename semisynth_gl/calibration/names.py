@@ -1,15 +1,14 @@
 """Names of a calibration's values, in words: they tell the eye, and which of several arrays of a kind is meant."""
 
 import re
-from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from semisynth_gl.calibration.tree import Array, Name
 
 LEFT, RIGHT = {"left", "l", "first"}, {"right", "r", "second"}
-ROTATION_WORDS = ("rot", "rvec", "om", "rodrigues", "rmat")
+_ROTATIONS = r"rot|rvec|om\b|rodrigues|rmat|quat|orientation"
 # Words that an eye's letter may end, as in mtxL and KR.
-_BEFORE_A_LETTER = {"k", "d", "m", "p", "r", "mtx", "dist", "cam", "matrix", "coeffs", "kc", "rot", "cm"}
+_BEFORE_A_LETTER = {"k", "d", "m", "p", "r", "mtx", "dist", "cam", "matrix", "coeffs", "kc", "rot", "rect", "cm"}
 
 
 class Entry(NamedTuple):
@@ -25,8 +24,17 @@ class Entry(NamedTuple):
 
     @property
     def key(self) -> str:
-        """The last part of the name."""
-        return self.name[-1] if self.name else ""
+        """The last part of the name that is no number, in lower-case letters, without what is in parentheses."""
+        return re.sub(r"\(.*?\)|[^a-z]", "", next((p for p in reversed(self.name) if not p.isdigit()), "").lower())
+
+    def has(self, beginnings: str) -> bool:
+        """Return whether a word of the name begins as a regular expression says."""
+        return any(re.match(beginnings, word) for word in self.words)
+
+    @property
+    def is_rotation(self) -> bool:
+        """Whether the name is one of a rotation, and of no angles."""
+        return self.has(rf"r$|q$|qvec|{_ROTATIONS}") and not self.has("angle|euler|rpy|roll|deg")
 
 
 def words_of(name: Name) -> tuple[str, ...]:
@@ -39,24 +47,19 @@ def words_of(name: Name) -> tuple[str, ...]:
     return tuple(words)
 
 
-def eye_of(name: Name, *, rotation: bool = False) -> str:
-    """Return ``"left"``, ``"right"``, the number of the camera that a name says, or "" for none or both."""
+def label_of(name: Name, cameras: tuple[str, str] | None = None, *, rotation: bool = False) -> str:
+    """Return which camera a name is of: left, right, a number, one of two chosen names, or "" for none or both.
+
+    The r of a rotation is its own name, unless a word before it says that it is one, or there are two.
+    """
+    for each in cameras or ():
+        if not each.isdigit() and each.lower() in map(str.lower, name):
+            return each
     words = words_of(name)
     left, right = bool(LEFT & set(words)), bool(RIGHT - {"r"} & set(words))
-    # The r of a rotation is its own name, unless another word says so, or there are two.
-    right = right or words.count("r") > (rotation and not starts(words, ROTATION_WORDS))
+    own = rotation and not re.search(rf"\b(rect\b|{_ROTATIONS}).* r\b", " ".join(words))
+    right = right or words.count("r") > own
     if left or right:
         return "" if left and right else "left" if left else "right"
     numbers = next((numbers for part in reversed(name) if (numbers := re.findall(r"\d+", part))), [])
     return str(int(numbers[-1])) if numbers else ""
-
-
-def label_of(name: Name, cameras: tuple[str, str] | None, *, rotation: bool = False) -> str:
-    """Return which camera a name is of: one of two chosen by a name of their own, else what `eye_of` says."""
-    named = (each for each in cameras or () if not each.isdigit() and each.lower() in map(str.lower, name))
-    return next(named, None) or eye_of(name, rotation=rotation)
-
-
-def starts(words: Iterable[str], beginnings: Sequence[str]) -> bool:
-    """Return whether a word is one of those of one letter or two, or begins with a longer one."""
-    return any(word == each or (len(each) > 2 and word.startswith(each)) for word in words for each in beginnings)

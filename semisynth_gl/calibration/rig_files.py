@@ -1,15 +1,16 @@
 """Calibration files to rigs: any file becomes a tree of names, an adapter or the names give the arrays."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from semisynth_gl.calibration.adapters import ADAPTERS, Format, kitti
-from semisynth_gl.calibration.arrays import UNITS, StereoArrays, model_of
+from semisynth_gl.calibration.adapters import ADAPTERS, Format
+from semisynth_gl.calibration.arrays import UNITS, StereoArrays, models_of
 from semisynth_gl.calibration.finder import KEYS, Finder
 from semisynth_gl.calibration.kinds import Size
 from semisynth_gl.calibration.rig import Rig, rectified, stereo_rectify
-from semisynth_gl.calibration.tree import EXTENSIONS, FormatError, Tree, joined, prefixes_of, read_tree
+from semisynth_gl.calibration.tree import EXTENSIONS, FormatError, Tree, joined, read_tree
 from semisynth_gl.inputs.arguments import check_one_of
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.textures.image_files import find_files
@@ -27,8 +28,9 @@ def read_rigs(
 ) -> list[Rig]:
     """Read rectified rigs from calibration files and globs, in the order of the files.
 
-    A file that describes a rig by itself is one. Where one of several files does not, all files together are one rig:
-    one file for each camera, the left one first where their names do not tell, or intrinsics and extrinsics.
+    Files that each describe a rig are several rigs. Where one of them does not, the files with K and D of both cameras
+    count alone; without such a file, all files together are one rig: one file for each camera, the left one first
+    where their names do not tell, or intrinsics and extrinsics.
 
     Args:
         sources: names of files, and globs.
@@ -51,27 +53,48 @@ def read_rigs(
             raise InputError(
                 f"{key}: expected one of {', '.join(KEYS)}, equal to a name in the file", argument="calib_keys"
             )
-
-    def arrays_of(names: Sequence[Path], tree: Tree) -> StereoArrays | None:
-        source = " and ".join(map(str, names))
-        try:
-            arrays = _arrays(tree, size or photographed, cameras, unit, keys or {})
-        except FormatError as error:
-            raise ReadError(Path(source), str(error)) from None
-        return arrays and replace(arrays, source=source)
-
+    read = partial(_arrays, size=size or photographed, cameras=cameras, unit=unit, keys=keys or {})
     trees = [read_tree(path) for path in paths]
-    found = [arrays_of([path], tree) for path, tree in zip(paths, trees, strict=True)] if len(paths) > 1 else [None]
-    rigs = [each for each in found if each is not None]
+    rigs = [each for tree, path in zip(trees, paths, strict=True) if (each := read(tree, str(path)))]
     if len(rigs) < len(paths):
-        whole = trees[0] if len(paths) == 1 else joined(trees, prefixes_of(paths))
-        rig = arrays_of(paths, whole)
-        if rig is None and len(paths) > 1:  # no name tells the eyes: the left camera's file comes first
-            rig = arrays_of(paths, joined(trees, [(str(number),) for number in range(1, len(paths) + 1)]))
-        if rig is None:
-            raise _nothing_found(paths, whole, cameras)
-        rigs = [rig]
-    return [_rig(each, size, photographed, alpha) for each in rigs]
+        rigs = [each for each in rigs if each.lenses and (each.r is not None or each.rectification)]
+    return [_rig(each, size, photographed, alpha) for each in rigs or [_joined(paths, trees, read, cameras)]]
+
+
+def _joined(
+    paths: Sequence[Path],
+    trees: Sequence[Tree],
+    read: Callable[[Tree, str], StereoArrays | None],
+    cameras: tuple[str, str] | None,
+) -> StereoArrays:
+    """Return what files say together; where no name tells the eyes, the left camera's file comes first."""
+    source, stems = " and ".join(map(str, paths)), [path.stem for path in paths]
+    if len(set(stems)) < len(stems):
+        stems = [f"{path.absolute().parent.name}.{path.stem}" for path in paths]
+    for prefixes in (stems, [str(number + 1) for number in range(len(paths))]) if len(paths) > 1 else ():
+        if (arrays := read(joined(trees, prefixes), source)) is not None:
+            return arrays
+    raise _nothing_found(source, joined(trees, stems) if len(paths) > 1 else trees[0], cameras)
+
+
+def _arrays(
+    tree: Tree,
+    source: str,
+    *,
+    size: Size | None,
+    cameras: tuple[str, str] | None,
+    unit: str | None,
+    keys: Mapping[str, str],
+) -> StereoArrays | None:
+    try:
+        found = (adapter(tree, size) for adapter in ADAPTERS if not keys)
+        known = next((each for each in found if each is not None), Format(tree))
+        arrays = Finder(known.tree, keys, cameras or known.cameras, known.unit or unit, size).arrays()
+    except FormatError as error:
+        raise ReadError(Path(source), str(error)) from None
+    if known.unit is not None and unit is not None:
+        raise ReadError(Path(source), "its format states the unit: leave the unit out")
+    return arrays and replace(arrays, bounds=known.bounds, source=source)
 
 
 def _found(sources: Sequence[str | Path]) -> list[Path]:
@@ -84,26 +107,17 @@ def _found(sources: Sequence[str | Path]) -> list[Path]:
     return [*paths]
 
 
-def _arrays(
-    tree: Tree, size: Size | None, cameras: tuple[str, str] | None, unit: str | None, keys: Mapping[str, str]
-) -> StereoArrays | None:
-    found = (adapter(tree, size) for adapter in ((kitti,) if keys else ADAPTERS))
-    known = next((each for each in found if each is not None), Format(tree))
-    if known.unit is not None and unit is not None:
-        raise FormatError("its format states the unit: leave the unit out")
-    arrays = Finder(known.tree, keys, cameras or known.cameras, known.unit or unit, size).arrays()
-    return arrays and replace(arrays, bounds=known.bounds)
-
-
-def _nothing_found(paths: Sequence[Path], tree: Tree, cameras: tuple[str, str] | None) -> ReadError:
-    source = Path(" and ".join(map(str, paths)))
+def _nothing_found(source: str, tree: Tree, cameras: tuple[str, str] | None) -> ReadError:
+    texts = [value for value in (*tree.values(), *(part for name in tree for part in name)) if isinstance(value, str)]
     try:
-        model_of(value for value in tree.values() if isinstance(value, str))
+        models_of(texts)
     except FormatError as error:
-        return ReadError(source, str(error))
+        return ReadError(Path(source), str(error))
+    if any("reprojection error" in text for text in texts):
+        return ReadError(Path(source), "is Kalibr's report: give the file with camchain in its name instead")
     chosen = "" if cameras is None else f" {' and '.join(cameras)}"
     return ReadError(
-        source,
+        Path(source),
         f"describes no pair of cameras{chosen}. Expected P of both, or K, D, R and T, or K and a baseline. It has "
         f"{Finder(tree).listing()}. Add the file that has the rest; or say which value is which (--calib-keys), such "
         "as K1=left.camera_matrix,D1=left.dist,K2=...,R=...,T=...; or give the focal length, the baseline and the size "

@@ -613,7 +613,7 @@ def test_two_of_several_cameras_are_chosen(tmp_path):
         "distortion_coeffs": [0] * 4,
     }
     (path,) = write(tmp_path, {"chain.yaml": chain | {"cam2": third}})
-    with pytest.raises(ReadError, match=r"3 cameras \(cam0.*choose two, --pair"):
+    with pytest.raises(ReadError, match=r"3 cameras \(0, 1, 2.*choose two, --pair"):
         read_rigs([path])
     check(read_rigs([path], cameras=("cam0", "cam1"))[0], lens=(D1[:4], D2[:4]))
     (rig,) = read_rigs([path], cameras=("cam1", "cam2"))
@@ -636,14 +636,8 @@ def test_the_pose_between_the_chosen_cameras_counts(tmp_path):
     check(read_rigs([path], cameras=("cam1", "cam2"))[0])
 
 
-def test_photographs_tell_which_side_of_a_size_is_the_width(tmp_path):
-    (path,) = write(tmp_path, {"rig.json": RAW | {"imageSize": [SIZE[1], SIZE[0]]}})
-    with pytest.raises(InputError, match="near that of 640 x 480"):
-        read_rigs([path])
-    for chosen in ({"size": Size(*SIZE)}, {"photographed": Size(*SIZE)}):
-        (rig,) = read_rigs([path], **chosen)
-        check(rig)
-        assert any("taken for height and width" in note for note in rig.notes)
+def test_principal_points_tell_which_side_of_a_size_is_the_width(tmp_path):
+    check(read(tmp_path, {"rig.json": RAW | {"imageSize": [SIZE[1], SIZE[0]]}})[0])
 
 
 def test_projections_of_another_unit_or_baseline_than_the_translation(tmp_path):
@@ -705,7 +699,7 @@ def test_a_flag_of_json_tells_a_fisheye(tmp_path):
 
 def test_what_is_concluded_is_noted(tmp_path):
     (rig,) = read(tmp_path, {"rig.json": {"K": K1, "D": D1, "R": R, "T": T} | IMAGE})
-    assert rig.notes[0].startswith("K was taken for both cameras")
+    assert rig.notes[0].startswith("one K was taken for both cameras")
     np.testing.assert_allclose(rig.raw["right"].matrix, K1)
     camera = [[500, 0, 320], [0, 500, 240], [0, 0, 1]]
     (rig,) = read(tmp_path, {"rig.json": {"K": camera, "D": D1, "baseline": 0.2} | IMAGE})
@@ -787,13 +781,10 @@ def m(old, new):
         (m("0 994.978 254.877", "0 2500 254.877"), ["nearly equal fx and fy"]),
         (m("baseline=193.001", "baseline=0"), ["baseline is 0 m"]),
         (m("baseline=193.001", "baseline=wide"), ["baseline: expected a number, got 'wide'"]),
-        (m("doffs=31.086", "doffs=0"), ["doffs is 0", "is 31.086"]),
         (m("width=741", "width=-3"), ["-3 x 500"]),
         (KITTI.replace("2.199936e+00", "2.2e+01"), ["not rectified", "below"]),
         (KITTI.replace("S_rect_03: 1.242", "S_rect_03: 1.250"), ["one size of both cameras", "1250"]),
         (message("2") + message("1"), ["the baseline is -0.12", "swap"]),
-        (message("2").replace("binning_x: 0", "binning_x: 2"), ["binning_x is 2", "without binning"]),
-        (message("2").replace("x_offset: 0", "x_offset: 8"), ["roi.x_offset is 8", "window"]),
         (json.dumps(kalibr(coefficients=(D1, D2[:3]))), ["of both lenses", "3 in cam1.distortion_coeffs"]),
         (json.dumps(RAW | {"K2": K2 + np.eye(3, k=1), "imageSize": SIZE}, default=np.ndarray.tolist), ["a skew of 1"]),
         (json.dumps(basalt("ds")), ["its lens is ds"]),
@@ -801,9 +792,9 @@ def m(old, new):
         (json.dumps(depthai("nowhere")), ["describes no pair"]),
         (json.dumps(depthai(lens=(np.full(14, 0.1),) * 2)), ["got 14: the last two, a tilted sensor's, must be 0"]),
         (json.dumps(changed(depthai(), "stereoRectificationData")), ["leftCameraSocket: expected a number"]),
-        ("fx: 3\n", ["describes no pair", "fx (a number)"]),
+        ("fx: 3\n", ["describes no pair", "fx (1)"]),
         ("a: !!python/object:os.system b\n", ["no numbers"]),
-        ("<!DOCTYPE x [<!ENTITY a 'b'>]><x>&a;</x>", ["without a document type"]),
+        ("<!DOCTYPE x [<!ENTITY a 'b'>]><x>&a;</x>", ["no numbers"]),
         ("[" * 100_000, ["nested too deeply"]),
         ("\x00\x01", ["no numbers"]),
     ],
