@@ -1,7 +1,8 @@
 """The oracle: disparity, visibility, normals and flow by float64 rays, against which the renderer is measured.
 
-The oracle judges with the rays of `semisynth_gl.scene.raycast`. Neither the scene sampler nor the renderer uses this
-caster.
+The oracle judges with the rays of `semisynth_gl.scene.raycast`, which neither the scene sampler nor the renderer uses.
+Its functions take the R hits of rays that one eye casts through the pixel positions ``x_px`` and ``y_px`` (R,), the
+meshes to which ``scene.model`` refers, and whether disparities of 0 and below are valid, ``signed``.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,7 +14,8 @@ from numpy.typing import NDArray
 from semisynth_gl.frame.camera import OTHER_EYE, Eye, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.scene.raycast import Hits, cast_rays
+from semisynth_gl.scene import Floats, Ints
+from semisynth_gl.scene.raycast import Hits, cast_rays, vertices_in_view
 from semisynth_gl.scene.scene import Motion, Scene
 
 # Largest relative difference of the depths at which two rays meet the same point; it covers float64's rounding, and a
@@ -21,39 +23,20 @@ from semisynth_gl.scene.scene import Motion, Scene
 _SAME_POINT = 1e-9
 
 
-def disparity_px(camera: StereoCamera, hits: Hits, *, signed: bool = False) -> NDArray[np.float64]:
-    """Return the disparities of R hits, (R,) float64 px.
+def disparity_px(camera: StereoCamera, hits: Hits, *, signed: bool = False) -> Floats:
+    """Return the disparities of R hits in a rectified pair, (R,) float64 px.
 
     The disparity of the sky is -doffs. It is inf where nothing is hit and, unless disparities are ``signed``, where
-    f B / Z - doffs is not positive. The pair must be rectified.
+    f B / Z - doffs is not positive.
     """
     disparity = camera.disparity_px(hits.depth_m)
-    return np.where((hits.instance >= 0) & _is_valid(disparity, signed=signed), disparity, np.inf)
-
-
-def _is_valid(disparity_px: NDArray[np.float64], *, signed: bool) -> NDArray[np.bool_]:
-    valid: NDArray[np.bool_] = disparity_px > (-np.inf if signed else 0.0)
-    return valid
+    return np.where((hits.instance >= 0) & (signed | (disparity > 0)), disparity, np.inf)
 
 
 def correspondence_px(
-    camera: StereoCamera,
-    eye: Eye,
-    x_px: NDArray[np.float64],
-    y_px: NDArray[np.float64],
-    hits: Hits,
-    *,
-    signed: bool = False,
-) -> NDArray[np.float64]:
-    """Return the way from each of R rays' pixel positions to where the other eye would see the hit.
-
-    Args:
-        camera: the camera of the rays.
-        eye: the eye of the rays.
-        x_px: (R,) columns of the rays.
-        y_px: (R,) rows of the rays.
-        hits: the R hits.
-        signed: whether disparities of 0 and below are valid.
+    camera: StereoCamera, eye: Eye, x_px: Floats, y_px: Floats, hits: Hits, *, signed: bool = False
+) -> Floats:
+    """Return the way from each ray's pixel position to where the other eye would see the hit.
 
     Returns:
         (R, 2) float64 px, right and down; inf where nothing is hit, or the disparity is not valid. `disparity_of`
@@ -61,41 +44,25 @@ def correspondence_px(
     """
     way = camera.correspondence(eye, np.asarray(x_px, np.float64), np.asarray(y_px, np.float64), hits.depth_m)
     disparity = way[:, 0] * (-1 if eye == "left" else 1)
-    with np.errstate(invalid="ignore"):
-        return np.where(((hits.instance >= 0) & _is_valid(disparity, signed=signed))[:, None], way, np.inf)
+    valid = (hits.instance >= 0) & (disparity > (-np.inf if signed else 0.0))
+    return np.where(valid[:, None], way, np.inf)
 
 
-def _in_image(camera: StereoCamera, place_px: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _in_image(camera: StereoCamera, position_px: Floats) -> NDArray[np.bool_]:
     """Return which columns and rows (R, 2) lie in a pixel of the image, (R,) bool."""
-    inside = (place_px >= -0.5) & (place_px < np.array([camera.width_px, camera.height_px]) - 0.5)
+    inside = (position_px >= -0.5) & (position_px < np.array([camera.width_px, camera.height_px]) - 0.5)
     return np.asarray(inside.all(axis=1))
 
 
-def disparity_of(eye: Eye, way: NDArray[np.float64]) -> NDArray[np.float64]:
+def disparity_of(eye: Eye, way: Floats) -> Floats:
     """Return the disparities x_left - x_right, (R,), of ways (R, 2) from one eye's view; inf where a way is inf."""
     return way[:, 0] if eye == "right" else np.where(np.isinf(way[:, 0]), np.inf, -way[:, 0])
 
 
 def visibility(
-    scene: Scene,
-    models: Sequence[Mesh],
-    eye: Eye,
-    x_px: NDArray[np.float64],
-    y_px: NDArray[np.float64],
-    hits: Hits,
-    *,
-    signed: bool = False,
+    scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px: Floats, hits: Hits, *, signed: bool = False
 ) -> NDArray[np.uint8]:
     """Return whether the other eye sees the hit points, by a second ray to each point from that eye.
-
-    Args:
-        scene: the scene.
-        models: the meshes to which ``scene.model`` refers.
-        eye: the eye of the R rays.
-        x_px: (R,) columns of the rays.
-        y_px: (R,) rows of the rays.
-        hits: the R hits.
-        signed: whether disparities of 0 and below are valid.
 
     Returns:
         (R,) uint8: VISIBLE, OCCLUDED or OUTSIDE of `semisynth_gl.frame.channels`.
@@ -104,10 +71,10 @@ def visibility(
     own = np.stack([x_px, y_px], axis=1).astype(np.float64)
     way = correspondence_px(camera, eye, own[:, 0], own[:, 1], hits, signed=signed)
     known = np.isfinite(way[:, 0])
-    place = own + np.where(known[:, None], way, 0)
+    position = own + np.where(known[:, None], way, 0)
     result = np.full(len(own), OUTSIDE, np.uint8)
-    where = np.flatnonzero(known & _in_image(camera, place))
-    second = cast_rays(scene, models, other, place[where, 0], place[where, 1])
+    where = np.flatnonzero(known & _in_image(camera, position))
+    second = cast_rays(scene, models, other, position[where, 0], position[where, 1])
     # Each eye's depths are in its own camera frame.
     is_far = np.isinf(hits.depth_m[where])
     points = camera.rays(eye, own[where, 0], own[where, 1]) * np.where(is_far, 1.0, hits.depth_m[where])[:, None]
@@ -132,8 +99,8 @@ class Flows:
             `semisynth_gl.frame.channels`.
     """
 
-    flow_px: NDArray[np.float64]
-    disparity_change_px: NDArray[np.float64]
+    flow_px: Floats
+    disparity_change_px: Floats
     visibility: NDArray[np.uint8]
 
 
@@ -142,16 +109,15 @@ def flow(
     models: Sequence[Mesh],
     motion: Motion,
     eye: Eye,
-    x_px: NDArray[np.float64],
-    y_px: NDArray[np.float64],
+    x_px: Floats,
+    y_px: Floats,
     hits: Hits,
     *,
     signed: bool = False,
 ) -> Flows:
-    """Follow hit points of one eye's R rays to another moment, each on its own instance.
+    """Follow hit points of one eye's rays to the other moment of a motion, each on its own instance.
 
-    The camera's translation does not move the sky. ``motion`` leads from the scene to the other moment; see
-    `visibility` for the other arguments.
+    The camera's translation does not move the sky.
     """
     camera = scene.camera
     x, y = np.asarray(x_px, np.float64), np.asarray(y_px, np.float64)
@@ -161,22 +127,19 @@ def flow(
         # The sky in each direction is represented by a point of its instance.
         depth_m = np.where(is_sky, depth_on_planes(scene, models, eye, x, y, hits), depth_m)
     then = replace(scene, camera_from_world=motion.scene.camera_from_world, world_from_model=motion.world_from_model)
-    turn = camera.turn(eye)
-    for number in np.unique(hits.instance[hits.instance >= 0]):
-        rays = np.flatnonzero(hits.instance == number)
-        now_from_model, later_from_model = scene.view_from_model(number), then.view_from_model(number)
-        eye_offset = np.array([scene.offset_m(eye, number), 0.0, 0.0])
-        point = camera.rays(eye, x[rays], y[rays]) * depth_m[rays, None] + eye_offset
-        # Move the triangle's corners, and the point with its place among them: matrices of flat models have no inverse.
-        mesh = models[int(scene.model[number])]
-        corners = mesh.positions.astype(np.float64)[mesh.triangles[hits.triangle[rays]]]
-        weights = _place_among(corners @ now_from_model[:3, :3].T + now_from_model[:3, 3], point)
-        moved = corners @ later_from_model[:3, :3].T + later_from_model[:3, 3]
-        later[rays] = (weights[:, :, None] * moved).sum(axis=1) - eye_offset
+    points = camera.rays_of_eye(eye, x, y) * depth_m[:, None]
+    both = zip(_triangles_hit(scene, models, eye, hits), _triangles_hit(then, models, eye, hits), strict=True)
+    for (rays, corners, normal), (_, moved, _) in both:
+        # Move the triangle's corners, and the point with its barycentric coordinates: matrices of flat models have no
+        # inverse.
+        across, area = points[rays] - corners[:, 0], (normal**2).sum(axis=1)
+        edge_1, edge_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        second = (np.cross(across, edge_2) * normal).sum(axis=1) / area
+        third = (np.cross(edge_1, across) * normal).sum(axis=1) / area
+        weights = np.stack([1 - second - third, second, third], axis=1)
+        later[rays] = (weights[:, :, None] * moved).sum(axis=1)
     cx, cy, *focal = camera.lens_px(eye)
     with np.errstate(invalid="ignore"):
-        if turn is not None:
-            later = np.where(np.isfinite(later), later @ turn.T, np.inf)
         least_m = np.where(is_sky, np.finfo(np.float64).tiny, scene.near_of(eye))
         seen = np.isfinite(later[:, 2]) & (later[:, 2] >= least_m)
         position = np.array(focal) * later[:, :2] / later[:, 2:] + (cx, cy)
@@ -188,7 +151,7 @@ def flow(
     gone = motion.instance[hits.instance[where]] < 0
     hidden = gone | (later_hits.depth_m < later_m[where] * (1 - _SAME_POINT))
     visibility[where] = np.where(hidden, OCCLUDED, VISIBLE)
-    valid = seen & _is_valid(disparity, signed=signed) & _is_valid(later_disparity, signed=signed)
+    valid = seen & (signed | ((disparity > 0) & (later_disparity > 0)))
     return Flows(
         np.where(seen[:, None], position - np.stack([x, y], axis=1), np.inf),
         np.where(valid, later_disparity - disparity, np.inf),
@@ -196,8 +159,8 @@ def flow(
     )
 
 
-def normals(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -> NDArray[np.float64]:
-    """Return the normals of the triangles that one eye's R rays hit, on the side that faces this eye.
+def normals(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -> Floats:
+    """Return the normals of the triangles that one eye's rays hit, on the side that faces this eye.
 
     Returns:
         (R, 3) float64 unit vectors in the eye's frame; 0 where a ray hits nothing.
@@ -210,51 +173,22 @@ def normals(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -> NDArr
     return result
 
 
-def _triangles_hit(
-    scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits
-) -> Iterator[tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]]:
+def _triangles_hit(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -> Iterator[tuple[Ints, Floats, Floats]]:
     """Yield, for each instance, its hits' numbers (N,), and their triangles' corners (N, 3, 3) and normals (N, 3).
 
     Corners and normals are in the eye's frame; the normals are not unit vectors.
     """
-    turn = scene.camera.turn(eye)
-    for number in np.unique(hits.instance[hits.instance >= 0]):
+    for number in np.unique(hits.instance[hits.instance >= 0]).tolist():
         hit = np.flatnonzero(hits.instance == number)
-        mesh = models[int(scene.model[number])]
-        view_from_model = scene.view_from_model(number)
-        corners = mesh.positions.astype(np.float64)[mesh.triangles[hits.triangle[hit]]]
-        corners = corners @ view_from_model[:3, :3].T + view_from_model[:3, 3]
-        corners[..., 0] -= scene.offset_m(eye, number)
-        if turn is not None:
-            corners = corners @ turn.T
+        triangles = models[int(scene.model[number])].triangles[hits.triangle[hit]]
+        corners = vertices_in_view(scene, models, eye, number)[triangles]
         yield hit, corners, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
-def _place_among(corners: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the barycentric coordinates (R, 3) of points (R, 3) in the planes of triangles (R, 3, 3)."""
-    edge_1, edge_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    normal = np.cross(edge_1, edge_2)
-    across = point - corners[:, 0]
-    area = (normal**2).sum(axis=1)
-    second = (np.cross(across, edge_2) * normal).sum(axis=1) / area
-    third = (np.cross(edge_1, across) * normal).sum(axis=1) / area
-    return np.stack([1 - second - third, second, third], axis=1)
-
-
-def depth_on_planes(
-    scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64], hits: Hits
-) -> NDArray[np.float64]:
+def depth_on_planes(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px: Floats, hits: Hits) -> Floats:
     """Return the depths, at R pixel positions, of the planes of triangles that rays through other positions hit.
 
     Close to an edge, the depths tell on which surface a pixel lies, which the tests of hard cases need.
-
-    Args:
-        scene: the scene.
-        models: the meshes to which ``scene.model`` refers.
-        eye: the eye of the rays and the positions.
-        x_px: (R,) columns of the positions.
-        y_px: (R,) rows of the positions.
-        hits: the R hits of rays that may go through other positions.
 
     Returns:
         (R,) float64 m; inf where there is no hit.

@@ -3,8 +3,10 @@
 from functools import cache
 
 from semisynth_gl.config import Config, load_config
+from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.arrangement import Catalogue
+from semisynth_gl.scene.rig import SequenceRig
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.structures import StaticScene, sample_static_scene, take_stock
 from semisynth_gl.seeds.seeds import generator
@@ -24,6 +26,11 @@ def catalogue() -> Catalogue:
     """Build one model of each kind."""
     config = load_config("middlebury", ["models.variants=1"])
     return take_stock(build_library(config.models, config.particles, Split(0)))
+
+
+def still_rig(camera: StereoCamera, max_px: float) -> SequenceRig:
+    """A rig that does not sway, whose near plane is at a disparity."""
+    return SequenceRig((camera,), float(camera.depth_m(max_px)))
 
 
 def static_scene_of(config: Config, seed: int) -> StaticScene:

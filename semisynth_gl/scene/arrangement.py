@@ -7,14 +7,13 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross
 from semisynth_gl.geometry.parts import turned_about_z
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.background import FACE, OVERLAP
 from semisynth_gl.scene.instances import INSTANCE, Instances, new_instances
 from semisynth_gl.scene.resting import surfaces_below
-from semisynth_gl.scene.rig import BEYOND_NEAR, NO_SWAY, Sway
+from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig
 from semisynth_gl.scene.scene import placed_vertices
 
 # Kinds that wear a large patch, as walls do.
@@ -33,13 +32,8 @@ Corner = tuple[float, float]
 def camera_over_floor(height_m: float, yaw_rad: float, pitch_rad: float, roll_rad: float) -> Floats:
     """Return camera_from_floor, (4, 4), of a left camera over a floor.
 
-    The floor's frame has its origin below the camera; x points right, y ahead and z up.
-
-    Args:
-        height_m: height of the camera above the floor.
-        yaw_rad: turn of the optical axis from y to the right.
-        pitch_rad: turn of the optical axis downwards.
-        roll_rad: turn about the optical axis; a positive one moves the camera's right side down.
+    The floor's frame has its origin below the camera; x points right, y ahead and z up. The optical axis is turned by
+    the yaw from y to the right, and by the pitch downwards; a positive roll moves the camera's right side down.
     """
     ahead = np.array([np.sin(yaw_rad) * np.cos(pitch_rad), np.cos(yaw_rad) * np.cos(pitch_rad), -np.sin(pitch_rad)])
     right = np.array([np.cos(yaw_rad), -np.sin(yaw_rad), 0.0])
@@ -75,18 +69,16 @@ class Catalogue:
 class Arrangement:
     """The static instances of a room or a street, gathered one by one in the floor's frame; see `camera_over_floor`."""
 
-    camera: StereoCamera
+    rig: SequenceRig
     camera_from_floor: Floats  # (4, 4), metres
-    near_m: float  # nothing stands nearer than this depth
     catalogue: Catalogue
     metre: float  # length of one metre of the arrangement, which may be scaled, in true metres
     rng: np.random.Generator
     farthest_m: float = np.inf  # depth that no view exceeds, if the walls could be brought in that far
-    sway: Sway = NO_SWAY
+    taken: list[tuple[float, float, float]] = field(default_factory=list)  # circles on the floor: x, y and radius
+    raised: list[tuple[Corner, Corner, float]] = field(default_factory=list)  # opposite corners, height of the floor
     _rows: Instances = field(default_factory=lambda: new_instances(128))  # with room for more
     _count: int = 0
-    _taken: list[tuple[float, float, float]] = field(default_factory=list)  # circles on the floor: x, y and radius
-    _raised: list[tuple[Corner, Corner, float]] = field(default_factory=list)  # two corners and the height between them
 
     @property
     def rows(self) -> Instances:
@@ -97,7 +89,7 @@ class Arrangement:
         """Return the table of the instances in the left camera's frame. Each has the depth of its origin."""
         table = self.rows.copy()
         table["pose"] = self.camera_from_floor @ table["pose"]
-        table["depth_m"] = np.maximum(table["pose"][:, 2, 3], self.near_m)
+        table["depth_m"] = np.maximum(table["pose"][:, 2, 3], self.rig.near_m)
         return table
 
     def depths_m(self, points: Floats) -> Floats:
@@ -107,8 +99,8 @@ class Arrangement:
     def pick(self, sizes_m: Diameters) -> Picked | None:
         """Choose a model of several kinds, and its diameter; return None where the library has none of the kinds.
 
-        All kinds are equally likely: the config's weights are for particles. The diameters are in the arrangement's own
-        metres; the chosen one is in true metres.
+        All kinds are equally likely: the config's weights are for particles. ``sizes_m`` is in the arrangement's
+        metres, the chosen diameter in true metres.
         """
         kind, variant, size = self.rng.random(3)
         known = [name for name in sizes_m if name in self.catalogue.by_name]
@@ -127,14 +119,9 @@ class Arrangement:
     def add(
         self, model: int, pose: Floats, unit_m: ArrayLike, texture: int | None = None, *, large: bool = True
     ) -> int:
-        """Add an instance; return its number.
+        """Add an instance of a model of the catalogue, with its row's values; return the instance's number.
 
-        Args:
-            model: number of its model in the catalogue.
-            pose: (4, 4) floor_from_model.
-            unit_m: the lengths of one unit of u and of v.
-            texture: number of the earlier instance whose texture it wears; by default it has a texture of its own.
-            large: whether it wears a large patch, where there are any.
+        By default an instance wears a texture of its own, and a large patch where there are any.
         """
         number = self._count
         if number == len(self._rows):
@@ -151,15 +138,14 @@ class Arrangement:
         """Add a rectangle that shows its texture upright and unmirrored; return its number.
 
         Seen from its front, ``corner`` (3,) is at the top left, and the edges ``u`` and ``v``, (3,) each, lead right
-        and down. Another surface ``model`` over the unit square may take its place; see `add` for ``texture``.
+        and down. ``model`` is a surface over the unit square.
         """
         edges = np.array([u, v], np.float64)
         sizes = np.linalg.norm(edges, axis=1)
-        begin = np.asarray(corner, np.float64) - OVERLAP * edges.sum(axis=0)
         matrix = np.eye(4)
         matrix[:3, 0], matrix[:3, 1] = edges * (1 + 2 * OVERLAP)
         matrix[:3, 2] = cross(edges[0], edges[1]) / sizes.prod() * sizes.mean()
-        matrix[:3, 3] = begin
+        matrix[:3, 3] = np.asarray(corner, np.float64) - OVERLAP * edges.sum(axis=0)
         return self.add(self.catalogue.number(model), matrix, sizes, texture)
 
     def add_box(
@@ -167,20 +153,20 @@ class Arrangement:
     ) -> int | None:
         """Add the five sides of a box without its bottom; return the number of the first side.
 
-        A box that comes too near to the camera is not added: the result is None.
+        A box that comes too near to the camera is not added: the result is None. By default the sides share a texture
+        that nothing else wears.
 
         Args:
             middle: (3,) middle of the box's bottom.
             half: (3,) half the width, half the depth, and the whole height.
             yaw_rad: turn about z.
-            texture: as in `add`; by default the sides share a texture that nothing else wears.
+            texture: number of the earlier instance whose texture the sides wear.
         """
         (x, y, z), at = np.asarray(half, np.float64), np.asarray(middle, np.float64)
         turn = turned_about_z(yaw_rad)
         if self._too_near((-x, -y, 0), (x, y, z), turn, at):
             return None
         first = self._count
-        texture = first if texture is None else texture
         for corner, u, v in (
             ((-x, -y, z), (2 * x, 0, 0), (0, 0, -z)),
             ((x, -y, z), (0, 2 * y, 0), (0, 0, -z)),
@@ -188,81 +174,62 @@ class Arrangement:
             ((-x, y, z), (0, -2 * y, 0), (0, 0, -z)),
             ((-x, y, z), (2 * x, 0, 0), (0, -2 * y, 0)),
         ):
-            self.add_rectangle(turn @ corner + at, turn @ u, turn @ v, texture=texture)
+            self.add_rectangle(turn @ corner + at, turn @ u, turn @ v, texture=first if texture is None else texture)
         return first
 
-    def stand(self, picked: Picked, at: ArrayLike, yaw_rad: float, stretch: Floats | None = None) -> int | None:
-        """Stand a model upright on a place (3,), which lies below the model's origin; return the thing's number.
+    def stand(self, picked: Picked, at: ArrayLike, yaw_rad: float, stretch: Floats | float = 1.0) -> int | None:
+        """Stand a model upright with its origin above a point (3,); return the thing's number.
 
-        A model that comes too near to the camera is not added: the result is None. ``stretch`` (3,) has a factor for
-        each axis of the model.
+        A model that comes too near to the camera is not added: the result is None. ``stretch`` may have a factor for
+        each axis of the model, (3,).
         """
         number, size_m = picked
-        scale = size_m / 2 * (np.ones(3) if stretch is None else stretch)
+        scale = size_m / 2 * (np.ones(3) * stretch)
         low, high = self.catalogue.low[number] * scale, self.catalogue.high[number] * scale
-        place = np.asarray(at, np.float64) - (0, 0, low[2])
-        turn = turned_about_z(yaw_rad)
-        if self._too_near(low, high, turn, place):
+        origin, turn = np.asarray(at, np.float64) - (0, 0, low[2]), turned_about_z(yaw_rad)
+        if self._too_near(low, high, turn, origin):
             return None
         matrix = np.eye(4)
         matrix[:3, :3] = turn * scale
-        matrix[:3, 3] = place
+        matrix[:3, 3] = origin
         return self.add(number, matrix, scale.mean(), large=self.catalogue.models[number].name in _LARGE)
 
     def _too_near(self, low: ArrayLike, high: ArrayLike, turn: Floats, at: Floats) -> bool:
         """Return whether a box between two opposite corners, turned and then moved, comes too near to the camera."""
         corners = np.array(list(product(*np.stack([low, high], axis=1))))
-        return bool(self.depths_m(corners @ turn.T + at).min() < BEYOND_NEAR * self.near_m)
+        return bool(self.depths_m(corners @ turn.T + at).min() < BEYOND_NEAR * self.rig.near_m)
 
     def top(self, number: int, x: float, y: float) -> float | None:
-        """Return the height of a thing's top over a place (x, y) on the floor; None where the top is not level."""
+        """Return the height of a thing's top over a point (x, y) of the floor; None where the top is not level."""
         row = self.rows[number]
         mesh = self.catalogue.models[row["model"]]
         corners = placed_vertices(mesh, row["pose"])[mesh.triangles]
-        top = surfaces_below(corners, np.array([[x, y, np.inf]]))[0]
-        return None if top is None or top.normal[2] < _LEVEL else top.height
-
-    def raise_floor(self, low: Corner, high: Corner, height_m: float) -> None:
-        """Set the height of the floor between its corner of lowest x and y and the opposite one, as for a pavement."""
-        self._raised.append((low, high, height_m))
+        height, normal = surfaces_below(corners, np.array([[x, y, np.inf]]))
+        return float(height[0]) if normal[0, 2] >= _LEVEL else None
 
     def floor_m(self, x: float, y: float) -> float:
-        """Return the height of the floor at a place."""
-        raised = (z for (a, b), (c, d), z in self._raised if a < x < c and b < y < d)
-        return next(raised, 0.0)
+        """Return the height of the floor at a point, which may be raised as by a pavement."""
+        return next((z for (a, b), (c, d), z in self.raised if a < x < c and b < y < d), 0.0)
 
     def is_free(self, x: float, y: float, radius_m: float) -> bool:
         """Return whether a circle on the floor keeps clear of all taken circles; they may overlap by a fifth."""
-        return all((x - a) ** 2 + (y - b) ** 2 > (0.8 * (radius_m + r)) ** 2 for a, b, r in self._taken)
-
-    def take(self, x: float, y: float, radius_m: float) -> None:
-        """Mark a circle on the floor as taken."""
-        self._taken.append((x, y, radius_m))
+        return all((x - a) ** 2 + (y - b) ** 2 > (0.8 * (radius_m + r)) ** 2 for a, b, r in self.taken)
 
 
 class Wall:
     """A wall as it is seen from inside the room.
 
-    Args:
-        corner: (3,) top left corner, in the floor's frame.
-        right: (3,) edge from that corner to the right.
-        height_m: height of the wall.
-
-    Attributes:
-        down: (3,) edge from the corner down.
-        length_m: length of the edge to the right.
-        out: (3,) unit normal, from the room outwards.
+    It has its top left ``corner`` and the edges ``right`` and ``down`` from there, (3,) each in the floor's frame, and
+    the unit normal ``out`` (3,), outwards. ``taken`` are opposite corners (u, v), in shares of the edges, of the
+    doorway or niche and of the things that hang on the wall.
     """
 
     def __init__(self, corner: Floats, right: Floats, height_m: float) -> None:
-        self.corner = corner
-        self.right = right
-        self.height_m = height_m
+        self.corner, self.right, self.height_m = corner, right, height_m
         self.down = np.array([0, 0, -height_m])
         self.length_m = float(np.linalg.norm(right))
         self.out = cross(right, self.down) / (height_m * self.length_m)
-        # Opposite corners (u, v) of the doorway or niche, and of the things that hang on the wall.
-        self._taken: list[tuple[Corner, Corner]] = []
+        self.taken: list[tuple[Corner, Corner]] = []
 
     @property
     def yaw_rad(self) -> float:
@@ -273,12 +240,8 @@ class Wall:
         """Return whether a rectangle from lowest to highest (u, v) lies on the wall, clear of all taken rectangles."""
         if min(low) < 0 or max(high) > 1:
             return False
-        return not any(all(low[k] < end[k] and begin[k] < high[k] for k in (0, 1)) for begin, end in self._taken)
-
-    def take(self, low: Corner, high: Corner) -> None:
-        """Mark a rectangle as taken by a doorway, a niche or a thing that hangs."""
-        self._taken.append((low, high))
+        return not any(all(low[k] < end[k] and begin[k] < high[k] for k in (0, 1)) for begin, end in self.taken)
 
     def at(self, u: float, v: float, out_m: float = 0.0) -> Floats:
-        """Return the place (3,) at shares ``u`` and ``v`` of the wall's edges, ``out_m`` behind the wall."""
+        """Return the point (3,) at shares ``u`` and ``v`` of the wall's edges, ``out_m`` behind the wall."""
         return np.asarray(self.corner + u * self.right + v * self.down + out_m * self.out)

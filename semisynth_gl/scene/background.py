@@ -5,8 +5,7 @@ from typing import Literal, get_args
 import numpy as np
 import pyrr
 
-from semisynth_gl.config import Range
-from semisynth_gl.config.rig_sections import DisparitySection
+from semisynth_gl.config import Config, Range
 from semisynth_gl.config.scene_sections import BackgroundSection
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
@@ -14,18 +13,17 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Floats
 from semisynth_gl.scene.glance import grid_px
 from semisynth_gl.scene.instances import Instances, new_instances
-from semisynth_gl.scene.rig import NO_SWAY, Sway, check_reachable, near_depth_m
-from semisynth_gl.scene.view_volume import (
-    TURNED_BACK,
-    WIDEST_RAD,
-    box_normals,
-    corner_rays,
-    fitted_offsets,
-    smallest_offsets,
-)
+from semisynth_gl.scene.rig import SequenceRig, check_reachable
+from semisynth_gl.scene.view_volume import WIDEST_RAD, corner_rays, fit_box, smallest_offsets
 
 # The ground's nearest row, as a share of its length.
 _GROUND_FROM = 1 / 400
+# Range of the places of side walls: fractions of the way from the nearest allowed place to the edge of the view.
+_SIDE_WALL = Range(0.3, 1.1)
+# Walls continue behind each other by this share of their size: edges that only met would leave gaps in float32.
+OVERLAP = 1e-4
+
+Kind = Literal["cuboid", "plane", "room", "street"]
 
 
 def _face() -> Mesh:
@@ -46,13 +44,6 @@ def _ground() -> Mesh:
 # depend on far vertices.
 FACE, GROUND = _face(), _ground()
 
-# Range of the places of side walls: fractions of the way from the nearest allowed place to the edge of the view.
-_SIDE_WALL = Range(0.3, 1.1)
-# Walls continue behind each other by this share of their size: edges that only met would leave gaps in float32.
-OVERLAP = 1e-4
-
-Kind = Literal["cuboid", "plane", "room", "street"]
-
 
 def sample_kind(section: BackgroundSection, rng: np.random.Generator) -> Kind:
     """Sample the kind of one sequence's background by the config's weights."""
@@ -61,15 +52,7 @@ def sample_kind(section: BackgroundSection, rng: np.random.Generator) -> Kind:
     return kinds[int(np.searchsorted(weights, rng.random() * weights[-1], side="right"))]
 
 
-def sample_plane(
-    section: BackgroundSection,
-    disparity: DisparitySection,
-    camera: StereoCamera,
-    rng: np.random.Generator,
-    sway: Sway = NO_SWAY,
-    *,
-    sky: bool = False,
-) -> Instances:
+def sample_plane(config: Config, rig: SequenceRig, rng: np.random.Generator, *, sky: bool = False) -> Instances:
     """Sample a far plane, a table of one row, that fills both views at any moment of the sway.
 
     As ``sky`` the plane is infinitely far away; its depth is where its texture lies and where a ground before it ends.
@@ -77,22 +60,29 @@ def sample_plane(
     Raises:
         InputError: where the sampled disparity lies beyond infinity, or the plane would have to be endless.
     """
-    disparity_px = section.plane_disparity_px.sample(rng)
+    camera, sway = rig.camera, rig.sway
+    disparity_px = config.background.plane_disparity_px.sample(rng)
     check_reachable(camera, disparity_px, "background.plane_disparity_px")
     depth = float(camera.depth_m(disparity_px))
-    ahead = np.array([[0.0, 0.0, 1.0]])
+    rays = corner_rays(camera)
     if sway.moves:
-        aside, widest = abs(camera.offset_m("right")) + sway.reach_m, _widest_rad(camera, sway)
-        if not sky and not disparity.signed:
+        aside = abs(camera.offset_m("right")) + sway.reach_m
+        # Largest angle between a ray and the plane's normal.
+        widest = float(np.arctan2(np.linalg.norm(rays[:, :2], axis=1), rays[:, 2]).max()) + sway.angle_rad
+        if widest >= WIDEST_RAD:
+            raise InputError(
+                f"camera.sway_deg turns views by up to {np.rad2deg(sway.angle_rad):.0f} degrees, and a far plane would "
+                "have to be endless: lower camera.sway_deg, or set background.plane and background.street to 0"
+            )
+        if not sky and not config.disparity.signed:
             # The plane's disparity never falls below half of what was sampled. A camera that turns away sees it deeper.
             most, deepens = float(camera.depth_m(disparity_px / 2)), np.tan(widest) * np.sin(sway.angle_rad)
             depth = min(depth, (most - sway.reach_m - aside * (deepens + np.sin(sway.angle_rad))) / (1 + deepens))
         # With a large doffs the plane may be so near that the camera sways into it.
-        depth = max(depth, float(smallest_offsets(camera, ahead, near_depth_m(camera, disparity), sway)[0]))
+        depth = max(depth, float(smallest_offsets(rig, np.array([[0.0, 0.0, 1.0]]))[0]))
     corners = _corner_points(camera, depth)
     if sky:
         # Both eyes see the sky from the same place.
-        rays = corner_rays(camera)
         corners = np.concatenate([corners, rays / rays[:, 2:] * depth])
     low, high = corners.min(axis=0), corners.max(axis=0)
     if sway.moves:
@@ -105,88 +95,65 @@ def sample_plane(
     return new_instances(1, pose=world_from_face, unit_m=(high - low)[:2], large=True, sky=sky, depth_m=depth)
 
 
-def _widest_rad(camera: StereoCamera, sway: Sway) -> float:
-    """Return the largest angle between a ray of any view and the far plane's normal.
-
-    Raises:
-        InputError: where a plane that fills the swaying views would have to be endless.
-    """
-    rays = corner_rays(camera)
-    widest = float(np.arctan2(np.linalg.norm(rays[:, :2], axis=1), rays[:, 2]).max()) + sway.angle_rad
-    if widest >= WIDEST_RAD:
-        raise InputError(
-            f"camera.sway_deg turns views by up to {np.rad2deg(sway.angle_rad):.0f} degrees, and their corners to "
-            f"{np.rad2deg(widest):.0f} degrees off the far plane's normal, but a plane fills views only up to "
-            f"{np.rad2deg(WIDEST_RAD):.0f} degrees: lower camera.sway_deg, take a narrower view, or set "
-            "background.plane and background.street to 0"
-        )
-    return widest
-
-
-def sample_cuboid(
-    section: BackgroundSection,
-    disparity: DisparitySection,
-    camera: StereoCamera,
-    rng: np.random.Generator,
-    sway: Sway = NO_SWAY,
-) -> tuple[Instances, Floats]:
-    """Sample a cuboid that holds both cameras at any moment of the sway.
-
-    No wall comes nearer than the depth of ``disparity.max_px`` in either view.
+def sample_cuboid(config: Config, rig: SequenceRig, rng: np.random.Generator) -> tuple[Instances, Floats]:
+    """Sample the inside of a cuboid, in which both cameras stand.
 
     Returns:
-        The six walls, each with its median depth in the left view (a hidden wall has the depth sampled for the back
-        wall), and the depths (R,) of the view on the grid of `grid_px`.
+        A table of six rows: walls in the order +x, -x, +y, -y, +z (the back wall), -z (behind the cameras) of the
+        cuboid's axes. The depth of each is the median that the left view shows, or for a hidden wall the sampled one.
+        And the depths (R,) that the left view shows at the points of `grid_px`.
 
     Raises:
         InputError: where the sampled disparity of the wall lies beyond infinity.
     """
-    turn = np.deg2rad(section.wall_turn_deg)
+    camera, turn = rig.camera, np.deg2rad(config.background.wall_turn_deg)
     angles = rng.uniform(-turn, turn, 3)
-    wall_px = section.wall_disparity_px or Range(disparity.min_px, disparity.min_px)
-    sampled_px = wall_px.sample(rng)
-    check_reachable(camera, sampled_px, "background.wall_disparity_px")
-    wall_depth = float(camera.depth_m(sampled_px))
-    near = near_depth_m(camera, disparity)
-    farthest = float(camera.depth_m(disparity.min_px))
+    wall_m = float(camera.depth_m(sample_wall_px(config, camera, rng)))
+    farthest_m = float(camera.depth_m(config.disparity.min_px))
     fraction = _SIDE_WALL.sample_many(rng, 4)
     centre_ray = camera.rays("left", np.array((camera.width_px - 1) / 2), np.array((camera.height_px - 1) / 2))
-    for share in TURNED_BACK:
-        # Columns are the room's axes in the camera frame.
-        axes = np.asarray(pyrr.matrix33.create_from_eulers(share * angles), np.float64).T
-        # Faces in the order +x, -x, +y, -y, +z (the back wall), -z (behind the cameras).
-        normal = box_normals(axes)
-        smallest = smallest_offsets(camera, normal, near, sway)
-        offset = np.full(6, 0.5 * wall_depth)
-        reach = (_corner_points(camera, wall_depth) @ normal.T).max(axis=0)
-        offset[:4] = smallest[:4] + fraction * np.maximum(reach[:4] - smallest[:4], 0)
-        offset[4] = wall_depth * max(float(normal[4] @ centre_ray), 0.1)
-        # Keep the back wall's farthest corner within min_px where the turn allows it, even if side walls hide the
-        # corner.
+
+    def axes_of(share: float) -> Floats:
+        return np.asarray(pyrr.matrix33.create_from_eulers(share * angles), np.float64).T
+
+    def offsets_m(normal: Floats, smallest_m: Floats) -> Floats:
+        offset = np.full(6, 0.5 * wall_m)
+        reach = (_corner_points(camera, wall_m) @ normal.T).max(axis=0)
+        offset[:4] = smallest_m[:4] + fraction * np.maximum(reach[:4] - smallest_m[:4], 0)
+        offset[4] = wall_m * max(float(normal[4] @ centre_ray), 0.1)
+        # Keep the back wall's farthest corner within min_px where the turn allows it, even if side walls hide it.
         steepest = float((corner_rays(camera) @ normal[4]).min())
         if steepest > 0:
-            offset[4] = min(offset[4], farthest * steepest)
-        offset, fits = fitted_offsets(camera, normal, offset, smallest, farthest, sway)
-        if fits:
-            break
+            offset[4] = min(offset[4], farthest_m * steepest)
+        return offset
 
-    world_from_face = np.tile(np.eye(4), (6, 1, 1))
-    size = np.empty((6, 2))
+    share, offset = fit_box(rig, axes_of, offsets_m, farthest_m)
+    axes = axes_of(share)
+    world_from_face, size = np.tile(np.eye(4), (6, 1, 1)), np.empty((6, 2))
     for face in range(6):
         k, sign = face // 2, 1 - 2 * (face % 2)
         i, j = (k + 1) % 3, (k + 2) % 3
-        room = np.array([offset[2 * axis] + offset[2 * axis + 1] for axis in (i, j)])
-        low = -offset[[2 * i + 1, 2 * j + 1]] - OVERLAP * room
-        size[face] = (1 + 2 * OVERLAP) * room
+        extent = np.array([offset[2 * axis] + offset[2 * axis + 1] for axis in (i, j)])
+        low = -offset[[2 * i + 1, 2 * j + 1]] - OVERLAP * extent
+        size[face] = (1 + 2 * OVERLAP) * extent
         corner = sign * offset[face] * axes[:, k] + low[0] * axes[:, i] + low[1] * axes[:, j]
         columns = axes[:, i] * size[face, 0], axes[:, j] * size[face, 1], axes[:, k], corner
         world_from_face[face, :3] = np.stack(columns, axis=1)
+    normal = np.concatenate([(axis, -axis) for axis in axes.T])
     with np.errstate(divide="ignore"):
         depth_m = offset / (camera.rays("left", *grid_px(camera)) @ normal.T)
     depth_m[~(depth_m > 0)] = np.inf
     seen_m, hit = depth_m.min(axis=1), depth_m.argmin(axis=1)
-    median_m = [np.median(seen_m[hit == k]) if (hit == k).any() else wall_depth for k in range(6)]
+    median_m = [np.median(seen_m[hit == k]) if (hit == k).any() else wall_m for k in range(6)]
     return new_instances(6, pose=world_from_face, unit_m=size, large=True, depth_m=median_m), seen_m
+
+
+def sample_wall_px(config: Config, camera: StereoCamera, rng: np.random.Generator) -> float:
+    """Sample the disparity of the far wall at the image's centre; raise InputError where it lies beyond infinity."""
+    least_px = config.disparity.min_px
+    wall_px = (config.background.wall_disparity_px or Range(least_px, least_px)).sample(rng)
+    check_reachable(camera, wall_px, "background.wall_disparity_px")
+    return wall_px
 
 
 def _corner_points(camera: StereoCamera, depth_m: float) -> Floats:

@@ -44,7 +44,7 @@ from semisynth_gl.config import Range
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene import Bools, Floats
-from semisynth_gl.scene.particles import Sizes, StatedLayer, path_px
+from semisynth_gl.scene.particles import Sizes, path_px
 
 _MOST_LAYERS = 48
 # Largest mean coverage of a layer, which closes 98 % of its pixels.
@@ -70,11 +70,6 @@ class DepthLayers:
         low = np.maximum(target.edges_px[:-1], min_px)
         return cls(low, np.maximum(low, np.minimum(target.edges_px[1:], max_px)))
 
-    @classmethod
-    def of(cls, stated: StatedLayer) -> "DepthLayers":
-        """Return a layer that the config states, as the only one."""
-        return cls(np.array([stated.disparity_px.low]), np.array([stated.disparity_px.high]))
-
     def __len__(self) -> int:
         return len(self.low_px)
 
@@ -98,21 +93,18 @@ class DepthLayers:
         near_m: float,
         relief_px: float = np.inf,
     ) -> Floats:
-        """Return S_k(d) of the module's text: how probably a particle shows at least d where it covers a pixel.
+        """Return S_k(d) of the module's text, (K, J): how probably a particle shows at least d where it covers a pixel.
 
         Particles that come too near to the near plane are not drawn, and show nothing: their S_k is 0.
 
         Args:
             edges_px: (J,) the disparities d.
             camera: the camera.
-            drift: ``particles.drift`` of the config: speed aside and in depth, in units of the speed downwards.
+            drift: speed aside and in depth, in units of the speed downwards.
             sizes: the particles' diameters.
             heights: the models' mean relief h, in radii, see `Silhouette`.
             near_m: depth of the near plane.
             relief_px: largest radius of a model along the viewing axis, px at its own depth.
-
-        Returns:
-            (K, J) probabilities.
         """
         where = _unit_points()
         disparity = self.low_px[:, None] + (self.high_px - self.low_px)[:, None] * where[:, 0]
@@ -157,8 +149,7 @@ def solve_coverage(shares: Floats, bare: Floats, exceedances: Floats, least: Flo
     result to the limits. Its step for lambda_k is 1 / (sum of row k of abs(product)): the diagonal matrix of these sums
     minus ``product`` is diagonally dominant, hence positive semidefinite, so that no step is too long.
 
-    scipy's `lsq_linear` is no substitute: it solves one view at a time, which takes 20 times as long for 32 pilots, and
-    its solutions differ, so that existing datasets would change.
+    scipy's `lsq_linear` would take 20 times as long, as it solves one view at a time.
 
     Args:
         shares: (K,) wanted share of a view in each bin; their running sum is F.
@@ -180,22 +171,13 @@ def solve_coverage(shares: Floats, bare: Floats, exceedances: Floats, least: Flo
         product = weighted @ np.swapaxes(exceedances, -1, -2)
         aim = weighted @ needed[..., None]
         step = 1 / np.maximum(np.abs(product).sum(axis=-1), np.finfo(np.float64).tiny)
-        # In place: the arrays of one scene are so small that allocating new ones takes longer than filling them.
-        momentum, before, ahead, result = 1.0, np.array(result), np.array(result), np.empty_like(result)
-        change, gradient = np.empty_like(result), np.empty_like(aim)
+        momentum, before, ahead = 1.0, result, result
         for _ in range(_ROUNDS):
-            np.matmul(product, ahead[..., None], out=gradient)
-            np.subtract(gradient, aim, out=gradient)
-            np.multiply(step, gradient[..., 0], out=change)
-            np.subtract(ahead, change, out=result)
-            np.maximum(result, least, out=result)
-            np.minimum(result, most, out=result)
+            gradient = (product @ ahead[..., None] - aim)[..., 0]
+            result = np.minimum(np.maximum(ahead - step * gradient, least), most)
             following = (1 + (1 + 4 * momentum**2) ** 0.5) / 2
-            np.subtract(result, before, out=change)
-            np.multiply((momentum - 1) / following, change, out=change)
-            np.add(result, change, out=ahead)
-            momentum, before, result = following, result, before
-        result = before
+            ahead = result + (momentum - 1) / following * (result - before)
+            momentum, before = following, result
         still_open = _open_shares(result, bare, exceedances)
     return result
 

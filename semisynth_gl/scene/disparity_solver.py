@@ -32,7 +32,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semisynth_gl.config.model import Config
+from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.silhouette import Silhouette
 from semisynth_gl.histogram import Histogram
@@ -89,20 +89,19 @@ class _Aim(NamedTuple):
 
     def towards(self, other: "_Aim", share: float) -> "_Aim":
         """Return the aim at a share, 0 to 1, of the way to another aim."""
-        shares, achieved = (
-            mine + share * (its - mine) for mine, its in ((self.shares, other.shares), (self.achieved, other.achieved))
-        )
+        shares = self.shares + share * (other.shares - self.shares)
+        achieved = self.achieved + share * (other.achieved - self.achieved)
         return _Aim(shares, achieved, self.sizes.scaled((other.sizes.low / self.sizes.low) ** share))
 
 
 class DisparitySolver:
-    """Numbers of particles for the scenes of one dataset.
+    """Numbers of particles for the scenes of one recipe of a dataset.
 
     Args:
-        config: the config of a recipe.
+        config: the config of the recipe.
         seed: the dataset's seed.
         silhouette: mean silhouette of the models.
-        catalogue: models for the still things of pilot scenes.
+        catalogue: models for the static instances of pilot scenes.
         wanted: the wanted distribution of disparity; by default the config's.
 
     Attributes:
@@ -112,17 +111,11 @@ class DisparitySolver:
     def __init__(
         self, config: Config, seed: int, silhouette: Silhouette, catalogue: Catalogue, wanted: Histogram | None = None
     ) -> None:
-        self._config = config
-        self._seed = seed
-        self._silhouette = silhouette
-        self._catalogue = catalogue
-        own = config.wanted_histogram()
+        self._config, self._seed, self._silhouette, self._catalogue = config, seed, silhouette, catalogue
+        own, particles = config.wanted_histogram(), config.particles
         self.target = merge_bins(wanted or own)
-        particles = config.particles
         self._solved = particles.layers is None
-        layers, clutter = (stated_layers(each, particles, own) for each in (particles.layers or (), particles.clutter))
-        self._stated_by_key = {"layers": layers, "clutter": clutter}
-        self._stated = (*layers, *clutter)
+        self._stated = stated_layers((*(particles.layers or ()), *particles.clutter), particles, own)
         self._layers = DepthLayers.from_bins(self.target, config.disparity.min_px, config.disparity.max_px)
         # A quantile for each layer; the last one is for the density.
         self._first_quantile = generator(seed, Purpose.COUNTS).random(len(self._layers) + 1)
@@ -130,34 +123,30 @@ class DisparitySolver:
     def sample(self, sequence: int, camera: StereoCamera, bare_px: Floats, rng: np.random.Generator) -> list[Batch]:
         """Sample the numbers of particles of one scene.
 
-        The numbers of each layer are spread evenly over successive scenes, so that a dataset reaches its target with
-        fewer pairs than independent samples would need.
-
         Args:
             sequence: number of the scene's sequence.
             camera: the scene's camera.
-            bare_px: (R,) finite disparities of its left view without particles.
+            bare_px: (R,) disparities of its left view without particles.
             rng: source of the numbers of layers that the config states, and of nothing else.
 
         Raises:
             InputError: where a layer that the config states lies beyond infinity, or the target cannot be met: not
                 with ``particles.most`` particles as wide as the image, or not at ``particles.density``.
         """
-        for key, stated in self._stated_by_key.items():
-            lowest = min((layer.disparity_px.low for layer in stated), default=np.inf)
-            check_reachable(camera, lowest, f"particles.{key}.disparity_px")
-        if not self._solved:
-            return [stated.batch(rng) for stated in self._stated]
-        steps = np.sqrt(np.append(_PRIMES[: len(self._layers)], _PRIMES[_OF_DENSITY]))
-        quantile = (self._first_quantile + sequence * steps) % 1.0
-        aim = self._aim(float(quantile[-1]))
-        views = self._views([(camera, bare_px)], aim.sizes)
-        mean = (self._coverage(aim.shares, views) / views.cover)[0]
-        # `sample_slots` cuts the number to particles.most in any case.
-        mean *= min(1.0, _BEYOND_MOST * self._config.particles.most / max(float(mean.sum()), 1.0))
-        counts = poisson_counts(mean, quantile[:-1])
-        layers = zip(self._layers.low_px, self._layers.high_px, counts, strict=True)
-        solved = [Batch(low, high, int(count), aim.sizes) for low, high, count in layers]
+        for layer in self._stated:
+            check_reachable(camera, layer.disparity_px.low, "particles.layers or particles.clutter: disparity_px")
+        solved = list[Batch]()
+        if self._solved:
+            steps = np.sqrt(np.append(_PRIMES[: len(self._layers)], _PRIMES[_OF_DENSITY]))
+            quantile = (self._first_quantile + sequence * steps) % 1.0
+            aim = self._aim(float(quantile[-1]))
+            views = self._views([(camera, bare_px)], aim.sizes)
+            mean = (self._coverage(aim.shares, views) / views.cover)[0]
+            # `sample_slots` cuts the number to particles.most in any case.
+            mean *= min(1.0, _BEYOND_MOST * self._config.particles.most / max(float(mean.sum()), 1.0))
+            counts = poisson_counts(mean, quantile[:-1]).tolist()
+            layers = zip(self._layers.low_px, self._layers.high_px, counts, strict=True)
+            solved = [Batch(low, high, count, aim.sizes) for low, high, count in layers]
         return solved + [stated.batch(rng) for stated in self._stated]
 
     def expected(self) -> Histogram:
@@ -187,16 +176,13 @@ class DisparitySolver:
     @cached_property
     def _aims(self) -> tuple[list[float], list[_Aim]]:
         """Rising numbers of objects in view, and the aim for each; only a range of densities has more than one."""
-        density, sizes = self._config.particles.density, stated_sizes(self._config.particles)
-        if density == "default":
-            factors = [1.0]
-        elif isinstance(density, str):
-            factors = [self._scale(sizes, _DENSITY[density] * self._in_view(sizes), stated=False)]
+        density, sizes, factors = self._config.particles.density, stated_sizes(self._config.particles), [1.0]
+        if isinstance(density, str):
+            if density != "default":
+                factors = [self._scale(sizes, _DENSITY[density] * self._in_view(sizes), stated=False)]
         else:
-            largest = self._scale(sizes, density.low, stated=True)
-            factors = [largest]
-            if density.low < density.high:
-                factors = np.geomspace(largest, self._scale(sizes, density.high, stated=True), _DENSITIES).tolist()
+            ends = [self._scale(sizes, end, stated=True) for end in dict.fromkeys((density.low, density.high))]
+            factors = np.geomspace(ends[0], ends[1], _DENSITIES).tolist() if len(ends) > 1 else ends
         scaled = [sizes.scaled(factor) for factor in factors]
         numbers = [self._in_view(each) for each in scaled] if len(scaled) > 1 else [0.0]
         return numbers, [self._corrected(each) for each in scaled]
@@ -210,7 +196,7 @@ class DisparitySolver:
             InputError: where the number is too large or, if it is ``stated``, too small.
         """
         # At the largest factor, the largest particles of the nearest layer are as wide as the image.
-        camera = self._pilots[0][0]
+        camera = self._pilots[0].camera
         largest_px = float(sizes.radius_px(camera, np.array(self._layers.high_px.max()), np.array(1.0)))
         low, high = _SMALLEST, max(1.0, camera.width_px / 2 / largest_px)
         fewest, largest_number = self._in_view(sizes.scaled(high)), self._in_view(sizes.scaled(low))
@@ -296,17 +282,13 @@ class DisparitySolver:
     def _bare_shares(self, camera: StereoCamera, bare_px: Floats) -> Floats:
         """Return the share of a view below each inner edge of the target's bins, without solved particles, (K - 1,)."""
         inner = self.target.edges_px[1:-1]
-        below = np.searchsorted(np.sort(bare_px), inner) / len(bare_px)
-        return np.asarray(below * np.exp(-self._stated_cover(camera, inner)))
-
-    def _stated_cover(self, camera: StereoCamera, edges_px: Floats) -> Floats:
-        """Return how many times stated particles cover a pixel with at least each of some disparities (E,), (E,)."""
-        total = np.zeros(len(edges_px))
+        # How many times stated particles cover a pixel with at least the edge's disparity.
+        covered = np.zeros(len(inner))
         for stated in self._stated:
-            layer = DepthLayers.of(stated)
+            layer = DepthLayers(np.array([stated.disparity_px.low]), np.array([stated.disparity_px.high]))
             cover = expected_cover(camera, stated.sizes, layer.middle_px, self._silhouette.fill)[0]
-            total += cover * stated.count.middle * self._exceedance(layer, edges_px, camera, stated.sizes)[0]
-        return total
+            covered += cover * stated.count.middle * self._exceedance(layer, inner, camera, stated.sizes)[0]
+        return np.asarray(np.searchsorted(np.sort(bare_px), inner) / len(bare_px) * np.exp(-covered))
 
     def _exceedance(self, layers: DepthLayers, edges_px: Floats, camera: StereoCamera, sizes: Sizes) -> Floats:
         disparity, drift = self._config.disparity, self._config.particles.drift

@@ -84,18 +84,17 @@ _TRIES = 8
 def furnish(room: Arrangement, section: RoomSection, walls: tuple[Wall, ...]) -> None:
     """Put things into a room, in the numbers that the config gives.
 
-    The walls are the wall ahead, the right wall and the left wall. Wall places that things take are marked as taken.
+    The walls are the wall ahead, the right wall and the left wall.
     """
-    rng = room.rng
-    tops: list[int] = []
+    rng, tops = room.rng, list[int]()
     if rng.random() < section.rug:
         _add_rug(room, walls[0])
     for _ in range(round(section.pillars.sample(rng))):
         _add_pillar(room, walls)
     for _ in range(round(section.furniture.sample(rng))):
-        placed = _add_standing(room, walls)
-        if placed is not None:
-            tops.append(placed)
+        number = _add_standing(room, walls)
+        if number is not None:
+            tops.append(number)
     for _ in range(round(section.small.sample(rng))):
         picked = room.pick(_SMALL)
         if picked is None:
@@ -110,10 +109,7 @@ def furnish(room: Arrangement, section: RoomSection, walls: tuple[Wall, ...]) ->
 
 
 def fill_niche(room: Arrangement, wall: Wall, low: Corner, high: Corner, deep_m: float) -> None:
-    """Stand small things in a niche of a wall.
-
-    The niche reaches from one corner (u, v), shares of the wall's edges, to the opposite one, and ``deep_m`` into it.
-    """
+    """Stand small things in a niche of a wall, between opposite corners (u, v) and ``deep_m`` deep."""
     for share in (np.arange(4) + room.rng.uniform(0.2, 0.8, 4)) / 4:
         picked = room.pick(_SMALL)
         if picked is not None and room.rng.random() < 0.8:
@@ -133,7 +129,7 @@ def _on_top(room: Arrangement, number: int) -> tuple[float, float, float] | None
 
 def _on_floor(room: Arrangement, walls: tuple[Wall, ...]) -> tuple[float, float]:
     """Sample a position (x, y) on the floor, inside the walls, within the view's angle or just beside it."""
-    camera, pose = room.camera, room.camera_from_floor
+    camera, pose = room.rig.camera, room.camera_from_floor
     ahead, right, left = walls[0].corner[1], walls[1].corner[0], walls[2].corner[0]
     x, y = 0.0, 0.0
     for _ in range(_TRIES):
@@ -145,7 +141,7 @@ def _on_floor(room: Arrangement, walls: tuple[Wall, ...]) -> tuple[float, float]
             right / flat[0] if flat[0] > 0 else np.inf,
             left / flat[0] if flat[0] < 0 else np.inf,
         )
-        low = min(room.near_m, 0.7 * reach)
+        low = min(room.rig.near_m, 0.7 * reach)
         distance = np.sqrt(room.rng.uniform((low / reach) ** 2, 1)) * reach
         x, y = float(flat[0] * distance), float(flat[1] * distance)
         if left < x < right and y < ahead:
@@ -154,7 +150,7 @@ def _on_floor(room: Arrangement, walls: tuple[Wall, ...]) -> tuple[float, float]
 
 
 def _add_standing(room: Arrangement, walls: tuple[Wall, ...]) -> int | None:
-    """Stand a piece of furniture at a free place, if there is one; return its number where it has a flat top."""
+    """Stand a piece of furniture where the floor is free; return its number where it has a flat top."""
     rng = room.rng
     picked = room.pick(_FURNITURE if rng.random() < 0.5 else _STANDING)
     if picked is None:
@@ -172,10 +168,10 @@ def _add_standing(room: Arrangement, walls: tuple[Wall, ...]) -> int | None:
             yaw = wall.yaw_rad
             away = float((wall.corner[:2] - (x, y)) @ wall.out[:2]) - half[1] - 0.02 * room.metre
             x, y = x + away * wall.out[0], y + away * wall.out[1]
-        placed = room.stand(picked, (x, y, 0), yaw, stretch) if room.is_free(x, y, radius) else None
-        if placed is not None:
-            room.take(x, y, radius)
-            return placed if name in _FURNITURE else None
+        stood = room.stand(picked, (x, y, 0), yaw, stretch) if room.is_free(x, y, radius) else None
+        if stood is not None:
+            room.taken.append((x, y, radius))
+            return stood if name in _FURNITURE else None
     return None
 
 
@@ -191,7 +187,7 @@ def _add_pillar(room: Arrangement, walls: tuple[Wall, ...]) -> None:
         half = room.rng.uniform(0.12, 0.25) * room.metre
         size = half, half, walls[0].height_m
         if room.is_free(x, y, half) and room.add_box((x, y, 0), size, room.rng.uniform(0, 1.6)):
-            room.take(x, y, 1.4 * half)
+            room.taken.append((x, y, 1.4 * half))
             return
 
 
@@ -215,18 +211,15 @@ def _hang(room: Arrangement, walls: tuple[Wall, ...]) -> None:
             foot = wall.at((u + opposite[0]) / 2, opposite[1], -deep)
             hung = room.stand(picked, foot, wall.yaw_rad) is not None
         if hung:
-            wall.take(low, opposite)
+            wall.taken.append((low, opposite))
             return
 
 
 def _hang_picture(room: Arrangement, wall: Wall, corner: Floats, wide: float, high: float, thick: float) -> bool:
-    """Hang a picture on a wall; return False, without adding it, where it would come too near to the camera.
-
-    ``corner`` (3,) is its top left corner on the wall; ``wide``, ``high`` and ``thick`` are in metres.
-    """
+    """Hang a picture with its top left corner (3,) on a wall; return False where it would come too near, unhung."""
     corner = corner - thick * wall.out
     across, down = wall.right / wall.length_m * wide, wall.down / np.linalg.norm(wall.down) * high
-    if (room.depths_m(np.array([corner, corner + across, corner + down])) <= room.near_m).any():
+    if (room.depths_m(np.array([corner, corner + across, corner + down])) <= room.rig.near_m).any():
         return False
     first = room.add_rectangle(corner, across, down)
     room.add_rectangle(corner + down, across, thick * wall.out, texture=first)
@@ -248,4 +241,4 @@ def _hang_curtain(room: Arrangement, wall: Wall) -> None:
     middle, half = room.rng.uniform(0.1, 0.9), extent[0] * size / 4 / wall.length_m
     foot = wall.at(middle, 1.0, -extent[1] * size / 2) + np.array([0, 0, top])
     if room.stand((number, size), foot, wall.yaw_rad) is not None:
-        wall.take((middle - half, 0.0), (middle + half, 1.0))
+        wall.taken.append(((middle - half, 0.0), (middle + half, 1.0)))

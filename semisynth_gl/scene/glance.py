@@ -4,7 +4,7 @@ The ray caster finds the same hits instance by instance, which takes longer.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,8 +22,7 @@ GRID = (48, 32)
 _LEFT_OUT = 0.05
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Glance:
+class Glance(NamedTuple):
     """The first hits of R rays of the left view."""
 
     depth_m: Floats  # (R,) planar depth; inf where a ray hits the sky or nothing
@@ -44,7 +43,7 @@ def measure(table: Instances, camera: StereoCamera, near_m: float, models: Seque
     The depths of hidden instances, of the sky and of the first ``fixed`` instances stay.
 
     Returns:
-        (R,) finite disparities of the view, on the grid of `grid_px`.
+        (R,) disparities of the view, on the grid of `grid_px`.
     """
     seen = glance(to_scene(table, camera, near_m), models)
     for number in np.unique(seen.instance[seen.instance >= 0]).tolist():
@@ -54,8 +53,7 @@ def measure(table: Instances, camera: StereoCamera, near_m: float, models: Seque
         uv = np.sort(seen.uv[rays], axis=0)
         left_out = int(_LEFT_OUT * len(uv))
         table["uv_low"][number], table["uv_high"][number] = uv[left_out], uv[-1 - left_out]
-    disparity_px = camera.disparity_px(seen.depth_m)
-    return np.asarray(disparity_px[np.isfinite(disparity_px)])
+    return camera.disparity_px(seen.depth_m)
 
 
 def glance(scene: Scene, models: Sequence[Mesh]) -> Glance:
@@ -63,23 +61,45 @@ def glance(scene: Scene, models: Sequence[Mesh]) -> Glance:
 
     ``scene.model`` holds indices into ``models``.
     """
-    # Points with their UV, the triangles between the points, and the instance that owns each triangle.
-    points, triangles, owners, count = [np.empty((0, 5))], [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)], 0
+    # Points (V, 5), x y z u v; the numbers of each triangle's points; and the instance that owns each triangle.
+    parts, triangles, owners, count = [np.empty((0, 5))], [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)], 0
     for number in range(len(scene)):
         mesh = models[int(scene.model[number])]
         vertices = placed_vertices(mesh, scene.view_from_model(number))
         if vertices[:, 2].max() < scene.near_m:
             continue
-        vertices, drawn = np.concatenate([vertices, mesh.uv], axis=1), mesh.triangles
+        vertices, shown = np.concatenate([vertices, mesh.uv], axis=1), mesh.triangles
         if vertices[:, 2].min() < scene.near_m:
             vertices = _cut(vertices[mesh.triangles], scene.near_m).reshape(-1, 5)
-            drawn = np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3)
-        points.append(vertices)
-        triangles.append(drawn + np.int64(count))
-        owners.append(np.full(len(drawn), number))
+            shown = np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3)
+        parts.append(vertices)
+        triangles.append(shown + np.int64(count))
+        owners.append(np.full(len(shown), number))
         count += len(vertices)
+    points, owner = np.concatenate(parts), np.concatenate(owners)
     corners = np.ascontiguousarray(np.concatenate(triangles).T)
-    return _rasterised(scene, np.concatenate(points), corners, np.concatenate(owners))
+    camera, inverse = scene.camera, 1 / points[:, 2]
+    cx, cy, fx, fy = camera.lens_px("left")
+    sides = (0, camera.width_px, fx, cx), (1, camera.height_px, fy, cy)
+    x, y = (
+        (points[:, axis] * inverse * focal_px + (middle_px + 0.5)) * (GRID[axis] / size_px) - 0.5
+        for axis, size_px, focal_px, middle_px in sides
+    )
+    triangle, cell, u, v = covered_cells(x, y, corners, *GRID)
+    # 1 / Z is linear over the image.
+    own = inverse[corners[:, triangle]].T
+    depth_m = 1 / (own[:, 0] + u * (own[:, 1] - own[:, 0]) + v * (own[:, 2] - own[:, 0]))
+    shown_m = np.where(scene.sky[owner[triangle]], np.inf, depth_m)
+    order = np.lexsort((shown_m, cell))
+    hit, first_of_cell = np.unique(cell[order], return_index=True)
+    first = order[first_of_cell]
+    # UV / Z is linear, too.
+    share = np.stack([1 - u - v, u, v], axis=1)[first] * own[first] * depth_m[first, None]
+    rays = GRID[0] * GRID[1]
+    seen = Glance(np.full(rays, np.inf), np.full(rays, -1), np.zeros((rays, 2)))
+    seen.depth_m[hit], seen.instance[hit] = shown_m[first], owner[triangle[first]]
+    seen.uv[hit] = (share[..., None] * points[corners[:, triangle[first]].T, 3:]).sum(axis=1)
+    return seen
 
 
 def _cut(corners: Floats, near_m: float) -> Floats:
@@ -104,36 +124,3 @@ def _cut(corners: Floats, near_m: float) -> Floats:
             np.stack([on_second, third, on_third], axis=1)[~one],
         ]
     )
-
-
-def _rasterised(scene: Scene, points: Floats, triangles: Ints, owner: Ints) -> Glance:
-    """Return the rays' first hits on T triangles.
-
-    Args:
-        scene: the scene.
-        points: (V, 5) x, y and z in metres, and u and v.
-        triangles: (3, T) the numbers of each triangle's three points.
-        owner: (T,) the instance that each triangle belongs to.
-    """
-    camera, inverse = scene.camera, 1 / points[:, 2]
-    cx, cy, fx, fy = camera.lens_px("left")
-    sides = (0, camera.width_px, fx, cx), (1, camera.height_px, fy, cy)
-    x, y = (
-        (points[:, axis] * inverse * focal_px + (middle_px + 0.5)) * (GRID[axis] / size_px) - 0.5
-        for axis, size_px, focal_px, middle_px in sides
-    )
-    triangle, cell, u, v = covered_cells(x, y, triangles, *GRID)
-    # 1 / Z is linear over the image.
-    own = inverse[triangles[:, triangle]].T
-    depth_m = 1 / (own[:, 0] + u * (own[:, 1] - own[:, 0]) + v * (own[:, 2] - own[:, 0]))
-    shown_m = np.where(scene.sky[owner[triangle]], np.inf, depth_m)
-    order = np.lexsort((shown_m, cell))
-    hit, first_of_cell = np.unique(cell[order], return_index=True)
-    first = order[first_of_cell]
-    # UV / Z is linear, too.
-    share = np.stack([1 - u - v, u, v], axis=1)[first] * own[first] * depth_m[first, None]
-    rays = GRID[0] * GRID[1]
-    seen = Glance(np.full(rays, np.inf), np.full(rays, -1), np.zeros((rays, 2)))
-    seen.depth_m[hit], seen.instance[hit] = shown_m[first], owner[triangle[first]]
-    seen.uv[hit] = (share[..., None] * points[triangles[:, triangle[first]].T, 3:]).sum(axis=1)
-    return seen

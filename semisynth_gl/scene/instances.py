@@ -1,7 +1,7 @@
 """The table of a scene's instances: one row for each, with its model, where it stands and the patch that it wears.
 
-All parts of a scene append rows to one table: background, structures, furniture, street and particles. At the end
-`semisynth_gl.scene.mapping` gives each row its patch, and `to_scene` hands the table to the renderer.
+All parts of a scene append rows to one table, `semisynth_gl.scene.mapping` gives each row its patch, and `to_scene`
+hands the table to the renderer.
 """
 
 import numpy as np

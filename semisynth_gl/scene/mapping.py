@@ -1,4 +1,4 @@
-"""The last step of a scene's table: which patch each instance wears, how large it is and where it lies."""
+"""The last step of a scene's table: which patch each instance wears, how large and which part of it."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,7 @@ from semisynth_gl.textures.shares import patch_chances
 CHANCE = np.dtype(
     [
         ("patch", np.float64),  # chooses the patch
-        ("place", np.float64, 2),  # chooses the part of the patch that is shown
+        ("part", np.float64, 2),  # chooses the part of the patch that is shown
         ("texels", np.float64),  # chooses the texels per pixel
     ]
 )
@@ -33,12 +33,7 @@ def choose(ends: Floats, chance: Floats) -> Ints:
 
 
 class PatchMapping:
-    """Gives patches to instances.
-
-    Args:
-        section: the config's textures.
-        patches: the atlas's patches, with small patches before large ones.
-    """
+    """Gives the atlas's patches, small ones before large ones, to instances."""
 
     def __init__(self, section: TexturesSection, patches: Sequence[Patch]) -> None:
         self._section = section
@@ -62,7 +57,7 @@ class PatchMapping:
         """Set ``patch``, ``uv_scale`` and ``uv_offset`` of N instances.
 
         ``own`` (N,) are random numbers of type `CHANCE`. An instance that wears another one's texture is textured by
-        the other one's numbers, but its large patch is placed by its own: each side of a box shows another part.
+        the other one's numbers, but shows a part of a large patch by its own: each side of a box shows another part.
         """
         chances, texels_range = own[table["texture"]], self._section.texels_per_pixel
         texels = texels_range.low * (texels_range.high / texels_range.low) ** chances["texels"]
@@ -76,9 +71,9 @@ class PatchMapping:
             order = np.unique(table["texture"][static], return_inverse=True)[1]
             chances["patch"][static] = (own["patch"][:1] + order * _GOLDEN) % 1.0
             patch[large] = self._small + choose(self._large_ends, chances["patch"][large])
-        place = np.where(large[:, None], own["place"], chances["place"])
+        part = np.where(large[:, None], own["part"], chances["part"])
         table["patch"] = patch
-        table["uv_scale"], table["uv_offset"] = map_patches(table, camera, self._section, texels, place, large)
+        table["uv_scale"], table["uv_offset"] = map_patches(table, camera, self._section, texels, part, large)
 
 
 def _extent_px(table: Instances, camera: StereoCamera) -> Floats:
@@ -88,17 +83,12 @@ def _extent_px(table: Instances, camera: StereoCamera) -> Floats:
 
 
 def map_patches(
-    table: Instances, camera: StereoCamera, section: TexturesSection, texels: Floats, place: Floats, large: Bools
+    table: Instances, camera: StereoCamera, section: TexturesSection, texels: Floats, part: Floats, large: Bools
 ) -> tuple[Floats, Floats]:
     """Lay patches on N instances: small patches anywhere, large patches so that they do not repeat if possible.
 
-    Args:
-        table: the instances.
-        camera: the camera.
-        section: the config's textures.
-        texels: (N,) texels per pixel where an instance faces the camera at its depth.
-        place: (N, 2) uniform numbers from 0 to 1 that say which part of its patch an instance shows.
-        large: (N,) whether an instance wears a large patch.
+    ``texels`` (N,) per pixel hold where an instance faces the camera at its depth. The uniform numbers ``part`` (N, 2)
+    choose the part of its patch that an instance shows; ``large`` (N,) says whether the patch is a large one.
 
     Returns:
         Patches per UV unit, and offsets in patches, (N, 2) each: `Scene.uv_scale` and `Scene.uv_offset`.
@@ -115,4 +105,4 @@ def map_patches(
     scale = table["unit_m"] * (patches_per_slope * texels / table["depth_m"])[:, None]
     # The visible part must lie between two borders of the patch, since the patch is mirrored beyond them.
     free = 1 - (table["uv_high"] - table["uv_low"]) * scale
-    return scale, np.where(large[:, None], place * free - table["uv_low"] * scale, place)
+    return scale, np.where(large[:, None], part * free - table["uv_low"] * scale, part)

@@ -11,6 +11,7 @@ limited so that the model stays beyond the near plane. A slot that is too near f
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.silhouette import sample_scales
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene import Bools, Floats, Ints
-from semisynth_gl.scene.rig import NO_SWAY, Sway, rotation_about_axis, rotation_from_quaternion
+from semisynth_gl.scene.rig import SequenceRig, rotation_about_axis, rotation_from_quaternion
 from semisynth_gl.scene.view_volume import Height, clear_depth_m, height_of_view
 
 _QUANTILES = (np.arange(64) + 0.5) / 64
@@ -37,9 +38,7 @@ class Slots:
     period_s: Floats  # (S,) time from the emission plane to the end of the view
     phase: Floats  # (S,) age at time 0, in periods, in [0, 1)
     path_m: Floats  # (S,) length that the path would have without drift
-    room_m: (
-        Floats  # (S,) how much nearer than its path's middle a model may come; 0 or less where the middle is too near
-    )
+    nearer_m: Floats  # (S,) how much nearer than its path's middle a model may come; 0 or less if that is too near
     view: Height  # where both views end above and below
     resting: Mapping[int, Floats] = field(default_factory=dict)  # poses (4, 4) of the models that rest, by slot
 
@@ -49,7 +48,7 @@ class Slots:
     @property
     def shown(self) -> Bools:
         """(S,) bool, whether a slot shows its models: it does where they keep clear of the near plane, or rest."""
-        shown = self.room_m > 0
+        shown = self.nearer_m > 0
         shown[list(self.resting)] = True
         return shown
 
@@ -60,8 +59,7 @@ class Slots:
         return generation
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Release:
+class Release(NamedTuple):
     """The release of each slot's model of one generation."""
 
     start_px: Floats  # (S,) image x of the path's middle, left view
@@ -127,14 +125,9 @@ class StatedLayer:
 def stated_layers(
     layers: Sequence[DepthLayerSection], section: ParticlesSection, wanted: Histogram
 ) -> tuple[StatedLayer, ...]:
-    """Return the layers that a config states.
-
-    Layers without disparities get the range from the first to the last decile of the ``wanted`` distribution.
-    """
+    """Return the layers that a config states; by default from the first to the last decile of ``wanted``."""
     middle = Range(wanted.quantile(0.1), wanted.quantile(0.9))
-    return tuple(
-        StatedLayer(layer.disparity_px or middle, layer.count, stated_sizes(section, layer)) for layer in layers
-    )
+    return tuple(StatedLayer(each.disparity_px or middle, each.count, stated_sizes(section, each)) for each in layers)
 
 
 def expected_cover(camera: StereoCamera, sizes: Sizes, disparity_px: Floats, fill: float) -> Floats:
@@ -173,25 +166,23 @@ def _release_width_px(camera: StereoCamera, disparity_px: Floats, radius_px: Flo
 
 def path_px(camera: StereoCamera, radius_px: Floats) -> Floats:
     """Return the lengths in px of particles' paths through both views of a rig at rest; any shape."""
-    view = height_of_view(camera)
+    view = height_of_view(SequenceRig((camera,)))
     return np.asarray((view.bottom - view.top) * camera.focal_px + sum(view.secants) * radius_px)
 
 
 def sample_slots(
-    camera: StereoCamera,
+    rig: SequenceRig,
     section: ParticlesSection,
     batches: Sequence[Batch],
     rng: np.random.Generator,
-    near_m: float = 0.0,
-    sway: Sway = NO_SWAY,
     relief_px: float = np.inf,
 ) -> Slots:
     """Sample the slots of one sequence, one for each particle of the batches.
 
-    Batches of more than ``section.most`` particles together are cut in proportion. ``near_m`` is the depth of the near
-    plane, which the models keep clear of at any moment of the sway; ``relief_px`` is the largest radius of a model
-    along the viewing axis, to which larger models are flattened.
+    Batches of more than ``section.most`` particles together are cut in proportion. Models whose radius along the
+    viewing axis would be above ``relief_px`` are flattened.
     """
+    camera = rig.camera
     counts = np.array([batch.count for batch in batches], np.int64)
     if counts.sum() > section.most:
         counts = counts * section.most // counts.sum()
@@ -207,14 +198,14 @@ def sample_slots(
     speed = section.fall_m_s.sample_many(rng, total)
     phase = rng.random(total)
     depth = camera.depth_m(disparity)
-    radius_m, view = radius * depth / camera.focal_px, height_of_view(camera, sway)
+    radius_m, view = radius * depth / camera.focal_px, height_of_view(rig)
     path = (view.bottom - view.top) * depth + sum(view.secants) * (radius_m + view.reach_m)
     width = _release_width_px(camera, disparity, radius)
     aside = np.hypot(width * depth / camera.focal_px, path) * (1 + section.drift.high)
     flatness = np.minimum(relief_px / radius, 1.0)
-    room = depth - clear_depth_m(near_m, radius_m * flatness, aside, sway)
-    room = np.minimum(room, relief_px * depth / camera.focal_px)
-    return Slots(depth, disparity, radius, flatness, path / speed, phase, path, room, view)
+    nearer = depth - clear_depth_m(rig, radius_m * flatness, aside)
+    nearer = np.minimum(nearer, relief_px * depth / camera.focal_px)
+    return Slots(depth, disparity, radius, flatness, path / speed, phase, path, nearer, view)
 
 
 def sample_release(camera: StereoCamera, section: ParticlesSection, slots: Slots, rng: np.random.Generator) -> Release:
@@ -234,8 +225,7 @@ def sample_release(camera: StereoCamera, section: ParticlesSection, slots: Slots
     return Release(start, quaternion, axis, spin, drift, scale)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Particles:
+class Particles(NamedTuple):
     """The models of all slots at one moment; the world is the left camera's frame without its sway."""
 
     generation: Ints  # (S,) number of the model in its slot
@@ -250,15 +240,11 @@ def particles_at(
     time_s: float,
     generation: Ints | None = None,
 ) -> Particles:
-    """Place every slot's model at any time, directly and without stepping.
+    """Pose every slot's model at any time, directly and without stepping.
 
-    Args:
-        camera: the camera.
-        slots: the slots.
-        release: returns the release of all slots for the number of a generation.
-        time_s: the time.
-        generation: (S,) the model of each slot; by default the one that the slot shows at that time. Other models go on
-            along their paths, before their release and after their end.
+    ``release`` returns the release of all slots for the number of a generation. ``generation`` (S,) chooses the model
+    of each slot; by default the one that the slot shows at that time. Other models go on along their paths, before
+    their release and after their end.
     """
     if generation is None:
         generation = slots.generation(time_s)
@@ -269,7 +255,7 @@ def particles_at(
     centre = matrix[:, :3, 3]
     radius_m = slots.radius_px * metre
     (above, below), apart_m = slots.view.secants, radius_m + slots.view.reach_m
-    nearest = np.maximum(slots.room_m, 0.0)
+    nearest = np.maximum(slots.nearer_m, 0.0)
     for number in np.unique(generation):
         k = np.flatnonzero(generation == number)
         released = release(int(number))

@@ -1,4 +1,4 @@
-"""The projector of a rig: its pattern, which all scenes of a dataset share, and its place and light in a sequence."""
+"""The projector of a rig: its pattern, which all scenes of a dataset share, and its pose and light in a sequence."""
 
 import math
 
@@ -43,11 +43,8 @@ def find_pattern(section: ProjectorSection) -> NDArray[np.uint8]:
     except ImageError as error:
         raise InputError(f"projector.pattern: {error}") from None
     if pattern.shape != (height, width):
-        found = f"{pattern.shape[1]} x {pattern.shape[0]} px"
-        raise InputError(
-            f"projector.pattern: expected {width} x {height} px, got {found} in {section.pattern}: "
-            "set pattern_width_px and pattern_height_px"
-        )
+        found = f"got {pattern.shape[1]} x {pattern.shape[0]} px in {section.pattern}"
+        raise InputError(f"projector.pattern: expected {width} x {height} px (pattern_width_px and so on), {found}")
     return pattern
 
 
@@ -61,11 +58,11 @@ def _painted(section: ProjectorSection, height: int, width: int) -> NDArray[np.u
         away = np.abs(np.arange(width) - starts[:, None]).min(axis=0)
         light[:] = np.clip(section.size_px / 2 + 0.5 - away, 0, 1)
     else:
-        # A dot at a random place of each square of a grid: random, and nowhere crowded.
+        # A dot at a random position in each square of a grid: random, and nowhere crowded.
         step = section.size_px * math.sqrt(math.pi / 4 / section.density)
         rows, columns = (np.arange(math.ceil(side / step)) for side in (height, width))
-        places = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
-        y, x = ((places + rng.random(places.shape)) * step - 0.5).T
+        squares = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
+        y, x = ((squares + rng.random(squares.shape)) * step - 0.5).T
         for down in range(-reach, reach + 1):
             for right in range(-reach, reach + 1):
                 row, column = np.rint(y).astype(int) + down, np.rint(x).astype(int) + right

@@ -52,12 +52,14 @@ def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px
     by_row = np.argsort(y)
     sorted_x, sorted_y = x[by_row], y[by_row]
     for number in range(len(scene)):
-        mesh, vertices, near_m = _in_view(scene, models, eye, number)
+        vertices, triangles = vertices_in_view(scene, models, eye, number), models[int(scene.model[number])].triangles
         sky = bool(scene.sky[number])
-        boxes = _boxes(camera, eye, vertices, mesh.triangles, near_m)
-        for place, triangle in _inside(boxes, sorted_x, sorted_y):
-            ray = by_row[place]
-            depth_m = _depths(rays[ray], vertices[mesh.triangles[triangle]], near_m)
+        # No part of the sky is near.
+        near_m = np.finfo(np.float64).tiny if sky else scene.near_of(eye)
+        boxes = _boxes(camera, eye, vertices, triangles, near_m)
+        for position, triangle in _inside(boxes, sorted_x, sorted_y):
+            ray = by_row[position]
+            depth_m = _depths(rays[ray], vertices[triangles[triangle]], near_m)
             order = np.flatnonzero(np.isfinite(depth_m))
             # Sort by ray, depth and triangle, then keep the first hit of each ray.
             order = order[np.lexsort((triangle[order], depth_m[order], ray[order]))]
@@ -72,15 +74,12 @@ def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px
     return hits
 
 
-def _in_view(scene: Scene, models: Sequence[Mesh], eye: Eye, number: int) -> tuple[Mesh, Floats, float]:
-    """Return an instance's mesh, its vertices (V, 3), m in the eye's frame, and the least depth that the eye sees."""
-    mesh, turn = models[int(scene.model[number])], scene.camera.turn(eye)
-    vertices = placed_vertices(mesh, scene.view_from_model(number))
+def vertices_in_view(scene: Scene, models: Sequence[Mesh], eye: Eye, number: int) -> Floats:
+    """Return the vertices (V, 3) of one instance, metres in the eye's frame."""
+    turn = scene.camera.turn(eye)
+    vertices = placed_vertices(models[int(scene.model[number])], scene.view_from_model(number))
     vertices[:, 0] -= scene.offset_m(eye, number)
-    if turn is not None:
-        vertices = vertices @ turn.T
-    # No part of the sky is near.
-    return mesh, vertices, np.finfo(np.float64).tiny if scene.sky[number] else scene.near_of(eye)
+    return vertices if turn is None else vertices @ turn.T
 
 
 def _boxes(camera: StereoCamera, eye: Eye, vertices: Floats, triangles: NDArray[np.integer], near_m: float) -> Floats:
@@ -124,15 +123,15 @@ def _inside(boxes: Floats, x: Floats, y: Floats) -> Iterator[tuple[NDArray[np.in
     begins = np.unique(np.searchsorted(last, np.arange(0, last[-1], _COMPARISONS), side="right"))
     for part in np.split(np.arange(len(count)), begins)[1:]:
         box = np.repeat(part, count[part])
-        place = np.arange(start[part[0]], start[part[0]] + len(box)) + (first - start)[box]
-        within = (x[place] >= x0[box]) & (x[place] <= x1[box])
-        yield near[place[within]], box[within]
+        position = np.arange(start[part[0]], start[part[0]] + len(box)) + (first - start)[box]
+        within = (x[position] >= x0[box]) & (x[position] <= x1[box])
+        yield near[position[within]], box[within]
 
 
 def _depths(direction: Floats, corners: Floats, near_m: float) -> Floats:
-    """Return the depths (N,) at which rays hit their triangles (Moller and Trumbore 1997); inf where a ray misses.
+    """Return the depths (N,) at which rays hit a triangle each (Moller and Trumbore 1997); inf where a ray misses.
 
-    Directions (N, 3) have z = 1, so the ray's parameter is the planar depth. Each ray has its own triangle (N, 3, 3).
+    Directions (N, 3) have z = 1, so the ray's parameter is the planar depth.
     """
     edge_1, edge_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     p = cross(direction, edge_2)

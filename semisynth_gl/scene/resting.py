@@ -1,7 +1,6 @@
 """The surfaces on which things stand, and particles at rest: models that lie on them instead of falling."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,51 +12,47 @@ from semisynth_gl.scene.scene import placed_vertices
 _STEEPEST = 0.5
 
 
-class Support(NamedTuple):
-    """A place on a surface."""
+def surfaces_below(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
+    """Find, for each of points (P, 3), the nearest of triangles (T, 3, 3) below it.
 
-    height: float  # z of the place
-    normal: Floats  # (3,) the surface's unit normal, upwards
+    Points and triangles are in a frame whose z points up. A point with z = inf finds the highest triangle of all.
 
-
-def surfaces_below(corners: Floats, places: Floats) -> list[Support | None]:
-    """Find, for each place (P, 3), the nearest of triangles (T, 3, 3) below it; None where there is none.
-
-    Places and triangles are in a frame whose z points up. A place with z = inf finds the highest triangle of all.
+    Returns:
+        The height of the surface below each point, (P,), and its unit normal, upwards, (P, 3); both 0 where there is
+        none.
     """
-    place, triangle = _pairs_over(corners[..., :2], places[:, :2])
+    point, triangle = _pairs_over(corners[..., :2], points[:, :2])
     first = corners[triangle, 0]
     edge_1, edge_2 = corners[triangle, 1] - first, corners[triangle, 2] - first
-    # Seen from above with the place as the origin: u and v say how far it lies along both edges, in their lengths.
-    seen = corners[triangle, :, :2] - places[place, None, :2]
+    # Seen from above with the point as the origin: u and v say how far it lies along both edges, in their lengths.
+    seen = corners[triangle, :, :2] - points[point, None, :2]
     (from_x, from_y), (x_1, y_1), (x_2, y_2) = seen[:, 0].T, (seen[:, 1] - seen[:, 0]).T, (seen[:, 2] - seen[:, 0]).T
     area = x_1 * y_2 - y_1 * x_2
     with np.errstate(divide="ignore", invalid="ignore"):
         u = (from_y * x_2 - from_x * y_2) / area
         v = (from_x * y_1 - from_y * x_1) / area
         height = first[:, 2] + u * edge_1[:, 2] + v * edge_2[:, 2]
-        found = np.flatnonzero((u >= 0) & (v >= 0) & (u + v <= 1) & (height <= places[place, 2]))
-    # The highest triangle of each place comes first.
-    found = found[np.lexsort((-height[found], place[found]))]
-    reached, number = np.unique(place[found], return_index=True)
+        found = np.flatnonzero((u >= 0) & (v >= 0) & (u + v <= 1) & (height <= points[point, 2]))
+    # The highest triangle of each point comes first.
+    found = found[np.lexsort((-height[found], point[found]))]
+    reached, number = np.unique(point[found], return_index=True)
     highest = found[number]
-    normals = cross(edge_1[highest], edge_2[highest])
-    normals *= (np.sign(normals[:, 2]) / lengths(normals))[:, None]
-    supports: list[Support | None] = [None] * len(places)
-    for at, z, normal in zip(reached.tolist(), height[highest].tolist(), normals, strict=True):
-        supports[at] = Support(z, normal)
-    return supports
+    up = cross(edge_1[highest], edge_2[highest])
+    up *= (np.sign(up[:, 2]) / lengths(up))[:, None]
+    heights, normals = np.zeros(len(points)), np.zeros((len(points), 3))
+    heights[reached], normals[reached] = height[highest], up
+    return heights, normals
 
 
-def _pairs_over(corners: Floats, places: Floats) -> tuple[Ints, Ints]:
-    """Return all pairs of a place (P, 2) and a triangle (T, 3, 2) whose bounding box holds it, as arrays of numbers."""
+def _pairs_over(corners: Floats, points: Floats) -> tuple[Ints, Ints]:
+    """Return all pairs of a point (P, 2) and a triangle (T, 3, 2) whose bounding box holds it, as arrays of numbers."""
     (low_x, low_y), (high_x, high_y) = corners.min(axis=1).T.copy(), corners.max(axis=1).T.copy()
     held = []
-    for x, y in places.tolist():
+    for x, y in points.tolist():
         column = np.flatnonzero((low_x <= x) & (x <= high_x))
         held.append(column[(low_y[column] <= y) & (y <= high_y[column])])
-    place = np.repeat(np.arange(len(places)), [len(numbers) for numbers in held])
-    return place, np.concatenate([np.empty(0, np.int64), *held])
+    point = np.repeat(np.arange(len(points)), [len(numbers) for numbers in held])
+    return point, np.concatenate([np.empty(0, np.int64), *held])
 
 
 def triangles_of(models: Sequence[Mesh], model: Ints, world_from_model: Floats) -> Floats:
@@ -86,14 +81,12 @@ def come_to_rest(poses: Floats, meshes: Sequence[Mesh], corners: Floats, up: Flo
     aside = np.cross(up, least_axis(up))
     aside /= np.linalg.norm(aside)
     turn = np.stack([aside, np.cross(up, aside), up])
-    places = np.array([turn @ pose[:3, 3] for pose in poses]).reshape(-1, 3)
-    supports = surfaces_below(corners @ turn.T, places)
+    centres = np.array([turn @ pose[:3, 3] for pose in poses]).reshape(-1, 3)
+    heights, normals = surfaces_below(corners @ turn.T, centres)
     rested = dict[int, Floats]()
-    for number, (mesh, pose, place, support) in enumerate(zip(meshes, poses, places, supports, strict=True)):
-        if support is None or support.normal[2] < _STEEPEST:
-            continue
-        outwards = turn.T @ support.normal
-        lowest = float((mesh.positions.astype(np.float64) @ pose[:3, :3].T @ outwards).min())
-        rested[number] = pose.copy()
-        rested[number][:3, 3] = turn.T @ (*place[:2], support.height) - lowest * outwards
+    for number in np.flatnonzero(normals[:, 2] >= _STEEPEST).tolist():
+        pose, outwards = poses[number].copy(), turn.T @ normals[number]
+        lowest = float((meshes[number].positions.astype(np.float64) @ pose[:3, :3].T @ outwards).min())
+        pose[:3, 3] = turn.T @ (*centres[number, :2], heights[number]) - lowest * outwards
+        rested[number] = pose
     return rested

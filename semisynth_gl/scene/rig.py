@@ -1,4 +1,4 @@
-"""The rig of one sequence: its stereo camera, how the camera sways, and rotation matrices for everything that turns.
+"""The rig of one sequence: its stereo cameras, how they sway, and rotation matrices for everything that turns.
 
 The sway is a bounded function of time: any frame can be rendered first, and walls can keep clear of the camera.
 """
@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from semisynth_gl.config import Config, Range
-from semisynth_gl.config.dataset_sections import RigSection
 from semisynth_gl.config.rig_sections import CameraSection, DisparitySection
 from semisynth_gl.frame.camera import RECTIFIED, Deviation, StereoCamera
 from semisynth_gl.inputs.errors import InputError
@@ -45,9 +44,8 @@ def sample_camera(section: CameraSection, rng: np.random.Generator) -> StereoCam
     cx_left_px = sample(section.cx_left_px, (section.width_px - 1) / 2 - doffs_px / 2)
     cx_right_px = sample(section.cx_right_px, cx_left_px + doffs_px)
     cy_px = sample(section.cy_px, (section.height_px - 1) / 2)
-    sides = section.width_px, section.height_px
-    points = cx_left_px, cx_right_px, cy_px
-    return StereoCamera(*sides, focal_px, baseline_m, *points, fy_over_fx=section.fy_over_fx)
+    intrinsics = focal_px, baseline_m, cx_left_px, cx_right_px, cy_px
+    return StereoCamera(section.width_px, section.height_px, *intrinsics, fy_over_fx=section.fy_over_fx)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,29 +84,39 @@ NO_SWAY = Sway(np.zeros(3), np.zeros(3), np.ones(6), np.zeros(6))
 """The sway of a camera that stands still."""
 
 
-def sample_rig(
-    config: Config, generator_for: Callable[[Purpose], np.random.Generator]
-) -> tuple[tuple[StereoCamera, ...], Sway]:
-    """Sample the camera of each right view, and the sway that they share.
+@dataclass(frozen=True, slots=True, eq=False)
+class SequenceRig:
+    """The cameras of a sequence, and the space that its scenes leave to them."""
 
-    ``generator_for`` returns the generator for CAMERA, RIG (where right cameras deviate) and SWAY. Where the config
-    asks for twins, each deviating camera is followed by its rectified twin.
+    views: tuple[StereoCamera, ...]  # the camera of each right view; the cameras differ only in the right eye
+    near_m: float = 0.0  # depth of the near plane, beyond which everything must stay
+    sway: Sway = NO_SWAY
+
+    @property
+    def camera(self) -> StereoCamera:
+        """The camera of the longest baseline, for which scenes are composed."""
+        return max(self.views, key=lambda view: view.baseline_m)
+
+
+def sample_rig(config: Config, generator_for: Callable[[Purpose], np.random.Generator]) -> SequenceRig:
+    """Sample the rig of a sequence; each deviating camera may be followed by its rectified twin.
+
+    ``generator_for`` returns the generator for CAMERA, RIG (where right cameras deviate) and SWAY.
+
+    Raises:
+        InputError: see `near_depth_m`.
     """
     rng = generator_for(Purpose.CAMERA)
     views = sample_views(config.camera, sample_camera(config.camera, rng), rng)
-    if not config.rig.none():
-        deviation = _sample_deviation(config.rig, generator_for(Purpose.RIG))
-        twins = (deviation, RECTIFIED) if config.rig.twin else (deviation,)
+    section = config.rig
+    if not section.none():
+        rng = generator_for(Purpose.RIG)
+        roll, pitch = (np.deg2rad(deg.sample(rng)).item() for deg in (section.right_roll_deg, section.right_pitch_deg))
+        deviation = Deviation(roll, pitch, section.right_y_px.sample(rng), section.focal_ratio.sample(rng))
+        twins = (deviation, RECTIFIED) if section.twin else (deviation,)
         views = tuple(replace(view, deviation=each) for view in views for each in twins)
-    return views, sample_sway(config.camera, generator_for(Purpose.SWAY))
-
-
-def _sample_deviation(section: RigSection, rng: np.random.Generator) -> Deviation:
-    """Sample a deviation: every range of the section once, always in the same order."""
-    roll, pitch = (
-        np.deg2rad(range_.sample(rng)).item() for range_ in (section.right_roll_deg, section.right_pitch_deg)
-    )
-    return Deviation(roll, pitch, section.right_y_px.sample(rng), section.focal_ratio.sample(rng))
+    rig = SequenceRig(views, sway=sample_sway(config.camera, generator_for(Purpose.SWAY)))
+    return replace(rig, near_m=near_depth_m(rig.camera, config.disparity))
 
 
 def sample_views(section: CameraSection, camera: StereoCamera, rng: np.random.Generator) -> tuple[StereoCamera, ...]:
@@ -138,9 +146,18 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
             have no disparity left, or the deviation alone takes ``max_px``.
     """
     check_reachable(camera, section.min_px, "disparity.min_px")
-    depth_m = float(camera.depth_m(section.max_px))
-    if not camera.rectified:
-        depth_m = max(depth_m, _deviating_depth_m(camera, section.max_px))
+    depth_m = plane_m = float(camera.depth_m(section.max_px))
+    for _ in range(0 if camera.rectified else _STEPS):
+        # Take the deviation's share of the disparity for independent of the depth, as it nearly is.
+        deviates_px = _largest_disparity_px(camera, plane_m) - float(camera.disparity_px(plane_m))
+        if not section.max_px - deviates_px + camera.doffs_px > 0:  # True for nan, too: a point lies behind an eye.
+            raise InputError(
+                f"disparity.max_px: {section.max_px:g} px leaves no depth in front of a camera that deviates by "
+                f"{camera.deviation}, which alone moves pixels by up to {deviates_px:g} px: raise disparity.max_px, or "
+                "narrow the ranges of rig"
+            )
+        plane_m = float(camera.depth_m(section.max_px - deviates_px))
+    depth_m = max(depth_m, plane_m)
     if not section.signed and camera.disparity_px(BEYOND_NEAR * depth_m) <= 0:
         # The deviation takes max_px less what is left at the near plane.
         taken_px = section.max_px - float(camera.disparity_px(depth_m))
@@ -162,26 +179,6 @@ def relief_px(camera: StereoCamera, min_px: float, near_m: float) -> float:
     """
     deeper = max(float(camera.depth_m(min_px)) / near_m - 1, 0.0)
     return _RELIEF * camera.focal_px * deeper / (1 - deeper) if deeper < 1 else np.inf
-
-
-def _deviating_depth_m(camera: StereoCamera, max_px: float) -> float:
-    """Return the depth of a plane at which the largest disparity of a pair that deviates is ``max_px``.
-
-    Raises:
-        InputError: where the deviation alone takes ``max_px``.
-    """
-    depth_m = float(camera.depth_m(max_px))
-    for _ in range(_STEPS):
-        # Take the deviation's share of the disparity for independent of the depth, as it nearly is.
-        deviates_px = _largest_disparity_px(camera, depth_m) - float(camera.disparity_px(depth_m))
-        if not max_px - deviates_px + camera.doffs_px > 0:  # True for nan, too: a point lies behind an eye.
-            raise InputError(
-                f"disparity.max_px: {max_px:g} px leaves no depth in front of a camera that deviates by "
-                f"{camera.deviation}, which alone moves pixels by up to {deviates_px:g} px: raise disparity.max_px, or "
-                "narrow the ranges of rig"
-            )
-        depth_m = float(camera.depth_m(max_px - deviates_px))
-    return depth_m
 
 
 def _largest_disparity_px(camera: StereoCamera, depth_m: float) -> float:
@@ -210,7 +207,7 @@ def check_reachable(camera: StereoCamera, disparity_px: float, key: str) -> None
 
 
 def sample_sway(section: CameraSection, rng: np.random.Generator) -> Sway:
-    """Sample a sway: amplitudes of the shift and of the turn for each axis, and each oscillation's period and phase."""
+    """Sample a sway."""
     return Sway(
         section.sway_m.sample_many(rng, 3),
         np.deg2rad(section.sway_deg.sample_many(rng, 3)),
@@ -219,13 +216,13 @@ def sample_sway(section: CameraSection, rng: np.random.Generator) -> Sway:
     )
 
 
-def own_from_outer(place_m: Floats, turn_rad: Floats) -> Floats:
-    """Return the pose (4, 4) that leads into the frame of what stands at a place, turned by a rotation vector."""
+def own_from_outer(position_m: Floats, turn_rad: Floats) -> Floats:
+    """Return the pose (4, 4) that leads into the frame of what stands at a position, turned by a rotation vector."""
     pose = np.eye(4)
     angle = float(np.linalg.norm(turn_rad))
     if angle > 0:
         pose[:3, :3] = rotation_about_axis(turn_rad[None] / angle, np.array([-angle]))[0]
-    pose[:3, 3] = -pose[:3, :3] @ place_m
+    pose[:3, 3] = -pose[:3, :3] @ position_m
     return pose
 
 

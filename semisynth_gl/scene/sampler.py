@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from semisynth_gl.config.model import Config
+from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.histogram import Histogram
@@ -31,7 +31,7 @@ _BEFORE = 2**30
 
 
 class SceneSampler:
-    """Samples the scenes of one recipe.
+    """Samples the scenes of one recipe of a dataset.
 
     Args:
         config: the recipe's config; recipes in it are ignored.
@@ -59,7 +59,6 @@ class SceneSampler:
         self.models = self.catalogue.models
         self.disparity_solver = DisparitySolver(config, seed, library.silhouette, self.catalogue, wanted)
         self.mapping = PatchMapping(config.textures, patches)
-        self._ends = np.cumsum(library.chances)
         self._latest: SceneSequence | None = None
 
     def sample(self, index: int, attempt: int = 0) -> "SampledScene":
@@ -75,10 +74,6 @@ class SceneSampler:
             self._latest = SceneSequence(self, number, attempt)
         return self._latest.sample(frame, view)
 
-    def choose_models(self, chance: Floats) -> Ints:
-        """Return the indices (N,) into `models` that uniform numbers (N,) choose among the library's models."""
-        return len(SURFACE_MODELS) + self.library.drawn[choose(self._ends, chance)]
-
 
 class SceneSequence:
     """A sequence: what its frames share, from which any frame can be sampled first.
@@ -86,7 +81,7 @@ class SceneSequence:
     Attributes:
         number: its number.
         attempt: number of earlier attempts at the sequence, which failed.
-        static: cameras and static instances.
+        static: rig and static instances.
         slots: the streams of particles.
         projector: the projector that lights the scenes, if any.
     """
@@ -95,38 +90,37 @@ class SceneSequence:
         self.sampler, self.number, self.attempt = sampler, number, attempt
         config = sampler.config
         self.static = static = sample_static_scene(config, sampler.catalogue, self._generator)
-        rng = self._generator(Purpose.PARTICLES, 0)
+        rig, rng = static.rig, self._generator(Purpose.PARTICLES, 0)
         # A repeated attempt takes the layers' quantiles of another sequence, one that no dataset reaches.
-        quantiles_of = number + _REDRAWN * attempt
-        batches = sampler.disparity_solver.sample(quantiles_of, static.camera, static.bare_px, rng)
-        most_px = relief_px(static.camera, config.disparity.min_px, static.near_m)
-        self.slots = sample_slots(static.camera, config.particles, batches, rng, static.near_m, static.sway, most_px)
+        batches = sampler.disparity_solver.sample(number + _REDRAWN * attempt, rig.camera, static.bare_px, rng)
+        most_px = relief_px(rig.camera, config.disparity.min_px, rig.near_m)
+        self.slots = sample_slots(rig, config.particles, batches, rng, most_px)
         section = config.projector
         self.projector = None if section is None else sample_projector(section, self._generator(Purpose.PROJECTOR))
         self.slots = replace(self.slots, resting=self._resting())
 
     def sample(self, frame: int, view: int) -> "SampledScene":
         """Sample the scene of any frame, which may lie outside the sequence, with the camera of a right view."""
-        static, mapping = self.static, self.sampler.mapping
+        static, rig, mapping = self.static, self.static.rig, self.sampler.mapping
         table = np.concatenate([static.instances, self._falling(frame)], dtype=INSTANCE)
-        # Particles wear textures of their own.
+        # Each particle wears a texture that nothing else wears.
         count = len(static.instances)
         table["texture"][count:] = np.arange(count, len(table))
         slot, generation = table["slot"][count:], table["generation"][count:]
         of_static = self._generator(Purpose.TEXTURE, 0).random((count, 4))
         of_slots = self._per_slot(Purpose.TEXTURE, generation, slot, 4, first_key=1)
-        mapping.apply(table, np.concatenate([of_static, of_slots]).view(CHANCE)[:, 0], static.camera)
-        layer = mapping.layers(table["patch"], self.number, frame)
-        scene = to_scene(table, static.views[view], static.near_m, self.camera_from_world(frame), layer, self.projector)
+        mapping.apply(table, np.concatenate([of_static, of_slots]).view(CHANCE)[:, 0], rig.camera)
+        layer, pose = mapping.layers(table["patch"], self.number, frame), self.camera_from_world(frame)
+        scene = to_scene(table, rig.views[view], rig.near_m, pose, layer, self.projector)
         return SampledScene(scene, table, self, frame, view)
 
     def camera_from_world(self, frame: float) -> Floats:
         """Return the left camera's pose, (4, 4), at a frame or between frames."""
-        return self.static.sway.camera_from_world(frame * self.sampler.config.sequence.frame_s)
+        return self.static.rig.sway.camera_from_world(frame * self.sampler.config.sequence.frame_s)
 
     def particles(self, frame: float, generation: Ints | None = None) -> Particles:
         """Pose the models of all slots at a frame: of given generations (S,), or of those that the frame shows."""
-        config, camera = self.sampler.config, self.static.camera
+        config, camera = self.sampler.config, self.static.rig.camera
 
         def release(number: int) -> Release:
             rng = self._generator(Purpose.PARTICLES, 1 + _generation_key(number))
@@ -163,7 +157,7 @@ class SceneSequence:
         chosen = np.flatnonzero(chance < self.sampler.config.particles.resting)
         if not len(chosen):
             return {}
-        first, camera = np.zeros(len(slots), np.int64), static.camera
+        first, camera = np.zeros(len(slots), np.int64), static.rig.camera
         particles = self.particles(0.0, first)
         meshes = [models[number] for number in self._models(first[chosen], chosen)]
         ground = static.instances[~static.instances["sky"]]
@@ -174,15 +168,15 @@ class SceneSequence:
             slot = int(chosen[number])
             x, y, z = pose[:3, 3]
             row = camera.cy_px + camera.focal_y_px * y / z
-            radius_m = particles.radius_m[slot] * slots.flatness[slot]
-            clear_m = clear_depth_m(static.near_m, radius_m, np.hypot(x, y), static.sway)
+            clear_m = clear_depth_m(static.rig, particles.radius_m[slot] * slots.flatness[slot], np.hypot(x, y))
             if z > clear_m and -0.5 < row < camera.height_px - 0.5:
                 resting[slot] = pose
         return resting
 
     def _models(self, generation: Ints, slot: Ints) -> Ints:
-        """Return the model, (N,), that each of N slots shows in its generation."""
-        return self.sampler.choose_models(self._per_slot(Purpose.SHAPE, generation, slot, 1)[:, 0])
+        """Return the index into the sampler's models, (N,), that each of N slots shows in its generation."""
+        library, chance = self.sampler.library, self._per_slot(Purpose.SHAPE, generation, slot, 1)[:, 0]
+        return len(SURFACE_MODELS) + library.drawn[choose(np.cumsum(library.chances), chance)]
 
     def _generator(self, purpose: Purpose, *numbers: int) -> np.random.Generator:
         redrawn = (_REDRAWN, self.attempt) if self.attempt else ()
@@ -224,17 +218,14 @@ class SampledScene:
     @property
     def views(self) -> tuple[StereoCamera, ...]:
         """The camera of each right view; the cameras differ only in the right eye."""
-        return self.sequence.static.views
+        return self.sequence.static.rig.views
 
     def seen_by(self, view: int) -> "SampledScene":
         """Return the same scene with the camera of another right view."""
         return replace(self, scene=replace(self.scene, camera=self.views[view]), view=view)
 
     def motion(self, frames: int) -> Motion:
-        """Return the motion of the instances to the frame that is ``frames`` later, or earlier if it is negative.
-
-        That frame may lie before the first or after the last frame of the sequence.
-        """
+        """Return the motion of the instances to the frame that is ``frames`` later, inside the sequence or not."""
         target = self.sequence.sample(self.frame + frames, self.view)
         static = len(self.sequence.static.instances)
         now, then = self.instances[static:], target.instances[static:]
@@ -248,13 +239,9 @@ class SampledScene:
         return Motion(target.scene, self._moved(target.frame), instance)
 
     def moment(self, frames: float) -> Scene:
-        """Return the scene with its own instances and their textures, where they and the camera are at another moment.
-
-        The other moment is ``frames`` frame times later, or earlier if that is negative; it need not be a whole number.
-        """
-        frame = self.frame + frames
-        pose = self.sequence.camera_from_world(frame)
-        return replace(self.scene, camera_from_world=pose, world_from_model=self._moved(frame))
+        """Return the scene with the same instances, posed ``frames`` frame times later, which may be a fraction."""
+        pose = self.sequence.camera_from_world(self.frame + frames)
+        return replace(self.scene, camera_from_world=pose, world_from_model=self._moved(self.frame + frames))
 
     def _moved(self, frame: float) -> Floats:
         """Return the poses (N, 4, 4) of the instances at another frame, in which they need not be visible."""

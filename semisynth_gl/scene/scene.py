@@ -93,16 +93,14 @@ class Scene:
         if not self.sky.any():
             object.__setattr__(self, "sky", np.zeros(n, bool))
         if self.sky.shape != (n,) or self.sky.dtype != np.bool_:
-            raise InputError(
-                f"sky must be ({n},) bool for {n} instances, got {self.sky.shape} {self.sky.dtype}", argument="scene"
-            )
+            found = f"{self.sky.shape} {self.sky.dtype}"
+            raise InputError(f"sky must be ({n},) bool for {n} instances, got {found}", argument="scene")
         shapes = {"camera_from_world": (4, 4), "model": (n,), "world_from_model": (n, 4, 4), "layer": (n,)}
         for name, shape in (shapes | {"uv_scale": (n, 2), "uv_offset": (n, 2)}).items():
             array = getattr(self, name)
             if array.shape != shape:
-                raise InputError(
-                    f"{name} must have shape {shape} for {n} instances, got {array.shape}", argument="scene"
-                )
+                text = f"{name} must have shape {shape} for {n} instances, got {array.shape}"
+                raise InputError(text, argument="scene")
             check_magnitudes(f"scene: {name}", array)
 
     def __len__(self) -> int:
@@ -116,10 +114,7 @@ class Scene:
         return self.near_m if eye == "left" or self.camera.rectified else self.near_m * _DEVIATING_NEAR
 
     def view_from_model(self, which: int | EllipsisType = ...) -> NDArray[np.float64]:
-        """Return the poses of all instances in the left camera's frame, (N, 4, 4) float64, or of one, (4, 4).
-
-        ``which`` is the index of one instance.
-        """
+        """Return the poses of all instances, (N, 4, 4), or of one, (4, 4), in the left camera's frame, float64."""
         pose: NDArray[np.float64] = self.camera_from_world @ self.world_from_model[which]
         sky = self.sky[which]
         if sky.any():
@@ -129,10 +124,7 @@ class Scene:
         return pose
 
     def offset_m(self, eye: Eye, which: int | EllipsisType = ...) -> NDArray[np.float64]:
-        """Return how much farther left an eye sees all instances than the left eye does, (N,) float64, or one, ().
-
-        It is the distance of the eye from the left eye, and 0 for the sky.
-        """
+        """Return an eye's distance to the right of the left eye for all instances, (N,), or one, (); 0 for the sky."""
         return np.where(self.sky[which], 0.0, self.camera.offset_m(eye))
 
 
@@ -175,15 +167,12 @@ def placed_vertices(mesh: Mesh, target_from_model: NDArray[np.float64]) -> NDArr
 
 
 def move(scene: Scene, *, world_from_model: object = None, camera_from_world: object = None) -> Motion:
-    """Return the motion of a hand-made scene to another moment.
+    """Return the motion of a hand-made scene to another moment, at which every instance is drawn, too.
 
     Args:
         scene: the scene.
         world_from_model: (N, 4, 4) array-like, the instances' poses at the other moment; by default they stay.
         camera_from_world: (4, 4) array-like, the left camera's pose at the other moment; by default it stays.
-
-    Returns:
-        The motion, in which every instance is drawn at both moments.
 
     Raises:
         InputError: where shapes or values are wrong.
@@ -205,43 +194,30 @@ def make_scene(
     layer: object,
     uv_scale: object = (1.0, 1.0),
     uv_offset: object = (0.0, 0.0),
-    camera_from_world: object | None = None,
+    camera_from_world: object = None,
     near_m: float = 0.01,
     sky: object = False,
     projector: Projector | None = None,
 ) -> Scene:
-    """Build a `Scene` of N instances from array-likes; `Scene` says more about each of them.
+    """Build a `Scene` of N instances from array-likes; the arguments are its attributes.
 
-    Args:
-        camera: the stereo camera.
-        model: (N,) indices into the renderer's models.
-        world_from_model: (N, 4, 4) affine poses, metres.
-        layer: (N,) indices into the patch atlas.
-        uv_scale: (2,) or (N, 2), patches per unit of the model's UV.
-        uv_offset: (2,) or (N, 2), patches.
-        camera_from_world: (4, 4), the left camera's pose; by default the identity.
-        near_m: depth of the near plane.
-        sky: () or (N,) bool, whether instances are infinitely far away.
-        projector: the projector that lights the scene, if any.
+    ``uv_scale`` and ``uv_offset`` may be (2,) for all instances, and ``sky`` a single bool. By default the left
+    camera's pose is the identity.
 
     Raises:
         InputError: where shapes or values are wrong.
     """
     index = to_array("model", model, np.int64).reshape(-1)
     n = len(index)
-    matrices = to_array("world_from_model", world_from_model, np.float64)
-    if matrices.size != n * 16:
-        raise InputError(
-            f"world_from_model must have shape ({n}, 4, 4) for {n} instances, got {matrices.shape}", argument="scene"
-        )
-    pose = np.eye(4) if camera_from_world is None else camera_from_world
+    poses = to_array("world_from_model", world_from_model, np.float64)
     is_sky = to_array("sky", sky, np.bool_)
+    pose = np.eye(4) if camera_from_world is None else camera_from_world
     return Scene(
         camera=camera,
         near_m=near_m,
         camera_from_world=to_array("camera_from_world", pose, np.float64),
         model=index,
-        world_from_model=matrices.reshape(-1, 4, 4),
+        world_from_model=poses.reshape(n, 4, 4) if poses.size == n * 16 else poses,
         layer=to_array("layer", layer, np.int64).reshape(-1),
         uv_scale=_for_each("uv_scale", uv_scale, n),
         uv_offset=_for_each("uv_offset", uv_offset, n),
@@ -251,11 +227,10 @@ def make_scene(
 
 
 def _for_each(name: str, value: object, n: int) -> NDArray[np.float64]:
-    """Return a value as an (N, 2) array: (2,) for all instances, (N, 2), or anything that broadcasts to this."""
+    """Return a value that broadcasts to (N, 2) as such an array."""
     array = to_array(name, value, np.float64)
     try:
         return np.broadcast_to(array, (n, 2))
     except ValueError:
-        raise InputError(
-            f"scene: {name} must have shape (2,) or ({n}, 2) for {n} instances, got {array.shape}"
-        ) from None
+        text = f"{name} must have shape (2,) or ({n}, 2) for {n} instances, got {array.shape}"
+        raise InputError(text, argument="scene") from None

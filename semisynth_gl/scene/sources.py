@@ -22,11 +22,6 @@ from semisynth_gl.textures.prepare import prepare_atlas, split_images
 # Steps to which checksums round: lengths in radii of a model, and shares and heights; means of pixels in levels.
 _LENGTH = 1e-5
 _LEVELS = 0.5
-# Part of a step by which values are shifted before they are rounded down.
-_OFF_ROUND_NUMBERS = 0.317
-# Parts of a patch along each side, over which means are taken, and the step from one row that counts to the next.
-_PARTS = 4
-_EACH_ROW = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,14 +57,13 @@ class Sources:
         rounded to 1e-5 of a model's radius, and pixels enter as means over sixteenths of a patch, rounded to half
         levels.
         """
-        patches = 0
+        patches = models = 0
         for patch in self.atlas.patches:
             known = patch.described()
             del known["texture"]  # follows from the pixels
             patches = crc32(json.dumps(known).encode(), patches)
         for layers in (self.atlas.layers, self.atlas.large_layers):
             patches = crc32(_rounded(_means(layers), _LEVELS), patches)
-        models = 0
         for mesh in self.models:
             models = crc32(np.ascontiguousarray(mesh.triangles), models)
             for lengths in (mesh.positions, mesh.uv):
@@ -79,27 +73,26 @@ class Sources:
             silhouette = library.silhouette
             for numbers in (np.array([silhouette.fill]), silhouette.heights, library.chances):
                 models = crc32(_rounded(numbers, _LENGTH), models)
-        digests = {"patches": f"{patches:08x}", "models": f"{models:08x}"}
+        digests = {"patches": patches, "models": models}
         if self.pattern is not None and self.pattern_is_read:
-            digests["pattern"] = f"{crc32(np.ascontiguousarray(self.pattern)):08x}"
-        return digests
+            digests["pattern"] = crc32(np.ascontiguousarray(self.pattern))
+        return {name: f"{digest:08x}" for name, digest in digests.items()}
 
 
 def _rounded(values: NDArray[Any], step: float) -> Ints:
     """Round values to whole steps, so that values that differ only in their last bits become equal.
 
-    Zero and round numbers are frequent, so they are made to lie well inside a step, where no last bit matters.
+    Zero and round numbers are frequent, so they are shifted well inside a step, where no last bit matters.
     """
-    return np.floor(np.ascontiguousarray(values, np.float64) / step + _OFF_ROUND_NUMBERS).astype(np.int64)
+    return np.floor(np.ascontiguousarray(values, np.float64) / step + 0.317).astype(np.int64)
 
 
 def _means(layers: NDArray[np.uint8]) -> Floats:
     """Return the mean of each component over 4 x 4 parts of each layer, by every eighth row: (L, 4, 4[, C])."""
-    some = layers[:, ::_EACH_ROW]
-    rows, columns = (np.unique(np.arange(_PARTS) * extent // _PARTS) for extent in some.shape[1:3])
+    some = layers[:, ::8]
+    rows, columns = (np.unique(np.arange(4) * extent // 4) for extent in some.shape[1:3])
     sums = np.add.reduceat(np.add.reduceat(some, rows, axis=1, dtype=np.uint32), columns, axis=2)
-    heights, widths = np.diff(rows, append=some.shape[1]), np.diff(columns, append=some.shape[2])
-    pixels = np.multiply.outer(heights, widths)
+    pixels = np.multiply.outer(np.diff(rows, append=some.shape[1]), np.diff(columns, append=some.shape[2]))
     means: Floats = sums / pixels.reshape(*pixels.shape, *(1,) * (some.ndim - 3))
     return means
 

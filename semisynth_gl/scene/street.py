@@ -6,21 +6,15 @@ import numpy as np
 
 from semisynth_gl.config import Config, Range
 from semisynth_gl.config.scene_sections import StreetSection
-from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import cross
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue, Diameters, camera_over_floor
 from semisynth_gl.scene.background import FACE, GROUND, lay_ground, sample_plane
-from semisynth_gl.scene.rig import Sway, near_depth_m
+from semisynth_gl.scene.rig import SequenceRig
 from semisynth_gl.scene.view_volume import smallest_offsets
 
 _VEHICLES: Final[Diameters] = {"car": (4.2, 5.6), "bicycle": (1.7, 1.9)}
 _HOUSES: Final[Diameters] = {"house": (10, 20)}
-_TALL: Final[Diameters] = {
-    "tree": (4, 9),
-    "street_lamp": (5, 9),
-    "road_sign": (2.2, 3),
-    "scaffold": (4, 8),
-}
+_TALL: Final[Diameters] = {"tree": (4, 9), "street_lamp": (5, 9), "road_sign": (2.2, 3), "scaffold": (4, 8)}
 _LOW: Final[Diameters] = {
     "figure": (1.6, 1.9),
     "animal": (0.6, 1.3),
@@ -43,7 +37,7 @@ _TRUE_REACH_M = 25.0
 # Largest distance of things, and height of kerbs, in metres of the street.
 _FARTHEST = 90.0
 _KERB = 0.14
-# Number of places that are tried for a thing.
+# Number of positions that are tried for a thing.
 _TRIES = 6
 
 _Span = tuple[float, float]
@@ -51,37 +45,34 @@ _Span = tuple[float, float]
 
 
 def sample_street(
-    config: Config,
-    camera: StereoCamera,
-    catalogue: Catalogue,
-    rng: np.random.Generator,
-    sway: Sway,
-    *,
-    sky: bool = False,
+    config: Config, rig: SequenceRig, catalogue: Catalogue, rng: np.random.Generator, *, sky: bool = False
 ) -> Arrangement:
-    """Sample a street; nothing comes nearer than the depth of ``disparity.max_px``.
+    """Sample a street; nothing comes nearer than the near plane.
 
     The first thing of the arrangement is the backdrop: a far plane or, with ``sky``, the sky.
 
     Raises:
         InputError: see `sample_plane`.
     """
-    section, disparity = config.street, config.disparity
-    [backdrop] = sample_plane(config.background, disparity, camera, rng, sway, sky=sky)
-    backdrop_m, near_m = float(backdrop["depth_m"]), near_depth_m(camera, disparity)
+    section, near_m = config.street, rig.near_m
+    [backdrop] = sample_plane(config, rig, rng, sky=sky)
+    backdrop_m = float(backdrop["depth_m"])
     metre = min(1.0, backdrop_m / _TRUE_REACH_M)
     yaw, pitch, roll = np.deg2rad(rng.normal(size=3) * (section.yaw_deg, section.tilt_deg, section.tilt_deg))
     height = section.camera_height_m.sample(rng) * metre
+    down = -camera_over_floor(height, yaw, pitch, roll)[:3, 2]
+    height = max(height, float(smallest_offsets(rig, down[None])[0]))
     camera_from_floor = camera_over_floor(height, yaw, pitch, roll)
-    down = -camera_from_floor[:3, 2]
-    least = float(smallest_offsets(camera, down[None], near_m, sway)[0])
-    if least > height:
-        height = least
-        camera_from_floor = camera_over_floor(height, yaw, pitch, roll)
-    street = Arrangement(camera, camera_from_floor, near_m, catalogue, metre, rng)
+    street = Arrangement(rig, camera_from_floor, catalogue, metre, rng)
     street.add(catalogue.number(FACE), np.linalg.inv(camera_from_floor) @ backdrop["pose"], backdrop["unit_m"])
     street.rows["sky"] = sky
-    _add_ground(street, Range(near_m, backdrop_m), height)
+    # Lay the ground along the direction in which the camera looks.
+    ahead = camera_from_floor[2, :3] * (1, 1, 0)
+    along = camera_from_floor[:3, :3] @ (ahead / np.linalg.norm(ahead))
+    across = cross(along, camera_from_floor[:3, 2])
+    ground = lay_ground(rig.camera, Range(near_m, backdrop_m), across, along, height)
+    sizes = np.linalg.norm(ground[:3, [0, 2]], axis=0)
+    street.add(catalogue.number(GROUND), np.linalg.inv(camera_from_floor) @ ground, sizes)
     ahead_m = near_m, min(backdrop_m, _FARTHEST * metre)
     road = section.road_width_m.sample(rng) * metre / 2
     pavement = rng.uniform(1.5, 4) * metre
@@ -103,17 +94,6 @@ def sample_street(
     return street
 
 
-def _add_ground(street: Arrangement, depth_m: Range, height_m: float) -> None:
-    """Lay the ground along the direction in which the camera looks."""
-    camera_from_floor = street.camera_from_floor
-    ahead = camera_from_floor[2, :3] * (1, 1, 0)
-    along = camera_from_floor[:3, :3] @ (ahead / np.linalg.norm(ahead))
-    across = cross(along, camera_from_floor[:3, 2])
-    matrix = lay_ground(street.camera, depth_m, across, along, height_m)
-    sizes = np.linalg.norm(matrix[:3, [0, 2]], axis=0)
-    street.add(street.catalogue.number(GROUND), np.linalg.inv(camera_from_floor) @ matrix, sizes)
-
-
 def _add_pavement(street: Arrangement, kerb: float, side: int, width: float, ahead_m: _Span) -> None:
     """Add a raised pavement in slabs that get longer with distance; slabs that are too near are left out."""
     (near_m, reach), metre = ahead_m, street.metre
@@ -125,7 +105,7 @@ def _add_pavement(street: Arrangement, kerb: float, side: int, width: float, ahe
         added = street.add_box(middle, half, texture=first)
         if added is not None:
             first = added if first is None else first
-            street.raise_floor((middle[0] - half[0], begin), (middle[0] + half[0], end), half[2])
+            street.raised.append(((middle[0] - half[0], begin), (middle[0] + half[0], end), half[2]))
         begin = end
 
 
@@ -162,10 +142,7 @@ def _add_row(street: Arrangement, section: StreetSection, border: float, side: i
 
 
 def _stand(street: Arrangement, sizes_m: Diameters, x_m: _Span, y_m: _Span, yaw_rad: float | None = None) -> None:
-    """Stand a thing at a free place, if there is one; by default its yaw is random.
-
-    Positions are sampled uniformly in the logarithm of their distance.
-    """
+    """Stand a thing where the floor is free, uniformly in the logarithm of the distance; by default at a random yaw."""
     picked, rng = street.pick(sizes_m), street.rng
     if picked is None:
         return
@@ -175,5 +152,5 @@ def _stand(street: Arrangement, sizes_m: Diameters, x_m: _Span, y_m: _Span, yaw_
         y = y_m[0] * (y_m[1] / y_m[0]) ** rng.random()
         yaw = rng.uniform(0, 2 * np.pi) if yaw_rad is None else yaw_rad
         if street.is_free(x, y, radius) and street.stand(picked, (x, y, street.floor_m(x, y)), yaw) is not None:
-            street.take(x, y, radius)
+            street.taken.append((x, y, radius))
             return

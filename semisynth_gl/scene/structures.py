@@ -1,14 +1,11 @@
-"""The static scene of a sequence: its camera, and its background with structures (ground, panels) or furniture."""
+"""The static scene of a sequence: its rig, and its background with structures (ground, panels) or furniture."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from semisynth_gl.config import Range
-from semisynth_gl.config.model import Config
-from semisynth_gl.config.rig_sections import DisparitySection
-from semisynth_gl.config.scene_sections import StructuresSection
+from semisynth_gl.config import Config, Range
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
 from semisynth_gl.geometry.model_library import ModelLibrary
@@ -17,7 +14,7 @@ from semisynth_gl.scene.arrangement import Catalogue
 from semisynth_gl.scene.background import FACE, GROUND, Kind, lay_ground, sample_cuboid, sample_kind, sample_plane
 from semisynth_gl.scene.glance import GRID, measure
 from semisynth_gl.scene.instances import INSTANCE, Instances, new_instances
-from semisynth_gl.scene.rig import BEYOND_NEAR, NO_SWAY, Sway, check_reachable, near_depth_m, sample_rig
+from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig, check_reachable, sample_rig
 from semisynth_gl.scene.room import DOORWAYS, NICHES, sample_room
 from semisynth_gl.scene.scene import placed_vertices
 from semisynth_gl.scene.street import sample_street
@@ -46,12 +43,9 @@ _FACE, _GROUND, _CURVED = range(3)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticScene:
-    """What all frames of a sequence share except the particles: the cameras, and the instances that never move."""
+    """What all frames of a sequence share except the particles: the rig, and the instances that never move."""
 
-    camera: StereoCamera  # the camera of the longest baseline, for which the scenes are composed
-    views: tuple[StereoCamera, ...]  # the camera of each right view, see `sample_views`
-    sway: Sway
-    near_m: float  # depth of the near plane
+    rig: SequenceRig
     background: Kind
     instances: Instances  # background, structures and furniture; the background or a street's backdrop come first
     bare_px: Floats  # (R,) finite disparities on a coarse grid over the left view
@@ -61,9 +55,9 @@ class StaticScene:
 
 def take_stock(library: ModelLibrary) -> Catalogue:
     """Return the catalogue of the surface models and a library's models, of which static instances are made."""
-    drawn = library.drawn[library.chances > 0]
-    names = np.array([library.models[number].name for number in drawn])
-    by_name = {str(name): len(SURFACE_MODELS) + drawn[names == name] for name in np.unique(names)}
+    chosen = library.drawn[library.chances > 0]
+    names = np.array([library.models[number].name for number in chosen])
+    by_name = {str(name): len(SURFACE_MODELS) + chosen[names == name] for name in np.unique(names)}
     models = (*SURFACE_MODELS, *library.models)
     boxes, uv = (
         np.array([(array.min(axis=0), array.max(axis=0)) for array in arrays], np.float64).swapaxes(0, 1)
@@ -82,97 +76,77 @@ def sample_static_scene(
     Raises:
         InputError: where a disparity of the config lies beyond infinity, or a far plane would have to be endless.
     """
-    views, sway = sample_rig(config, generator_for)
-    camera = max(views, key=lambda view: view.baseline_m)
-    near_m = near_depth_m(camera, config.disparity)
-    rng = generator_for(Purpose.BACKGROUND)
+    rig = sample_rig(config, generator_for)
+    camera, near_m, rng = rig.camera, rig.near_m, generator_for(Purpose.BACKGROUND)
     kind = sample_kind(config.background, rng)
     may_be_sky = kind in ("plane", "street") and config.background.sky > 0
     sky = may_be_sky and bool(generator_for(Purpose.SKY).random() < config.background.sky)
-    up, farthest_m = np.array([0.0, -1.0, 0.0]), np.inf
     if kind in ("room", "street"):
         if kind == "room":
-            things = sample_room(config, camera, catalogue, rng, sway)
+            things = sample_room(config, rig, catalogue, rng)
         else:
-            things = sample_street(config, camera, catalogue, rng, sway, sky=sky)
-        up, farthest_m, table = things.camera_from_floor[:3, 2], things.farthest_m, things.table()
+            things = sample_street(config, rig, catalogue, rng, sky=sky)
+        table = things.table()
         bare_px = measure(table, camera, near_m, catalogue.models)
+        return StaticScene(rig, kind, table, bare_px, things.camera_from_floor[:3, 2], things.farthest_m)
+    if kind == "plane":
+        background = sample_plane(config, rig, rng, sky=sky)
+        seen_m = np.full(GRID[0] * GRID[1], np.inf if sky else background["depth_m"])
     else:
-        if kind == "plane":
-            background = sample_plane(config.background, config.disparity, camera, rng, sway, sky=sky)
-            seen_m = np.full(GRID[0] * GRID[1], np.inf if sky else background["depth_m"])
-        else:
-            background, seen_m = sample_cuboid(config.background, config.disparity, camera, rng, sway)
-        bare_px = camera.disparity_px(seen_m)
-        # Before a sky, the ground ends where its plane stands.
-        far_m = float(background["depth_m"][0] if sky else camera.depth_m(bare_px.min()))
-        rng = generator_for(Purpose.STRUCTURES)
-        structures = sample_structures(config.structures, config.disparity, camera, far_m, rng, sway)
-        table = np.concatenate([background, structures], dtype=INSTANCE)
-        table["texture"] = np.arange(len(table))
-        # The background is measured as if nothing stood in front of it.
-        seen_px = measure(table, camera, near_m / BEYOND_NEAR, catalogue.models, fixed=len(background))
-        bare_px = seen_px if len(structures) else bare_px[np.isfinite(bare_px)]
-    return StaticScene(camera, views, sway, near_m, kind, table, bare_px, up, farthest_m)
+        background, seen_m = sample_cuboid(config, rig, rng)
+    bare_px = camera.disparity_px(seen_m)
+    # Before a sky, the ground ends where its plane stands.
+    far_m = float(background["depth_m"][0] if sky else camera.depth_m(bare_px.min()))
+    structures = sample_structures(config, rig, far_m, generator_for(Purpose.STRUCTURES))
+    table = np.concatenate([background, structures], dtype=INSTANCE)
+    table["texture"] = np.arange(len(table))
+    # The background is measured as if nothing stood in front of it.
+    seen_px = measure(table, camera, near_m / BEYOND_NEAR, catalogue.models, fixed=len(background))
+    bare_px = seen_px if len(structures) else bare_px
+    return StaticScene(rig, kind, table, bare_px, np.array([0.0, -1.0, 0.0]), np.inf)
 
 
-def sample_structures(
-    section: StructuresSection,
-    disparity: DisparitySection,
-    camera: StereoCamera,
-    far_m: float,
-    rng: np.random.Generator,
-    sway: Sway = NO_SWAY,
-) -> Instances:
+def sample_structures(config: Config, rig: SequenceRig, far_m: float, rng: np.random.Generator) -> Instances:
     """Sample the structures in front of a background, which ends at a depth; each has the depth of its nearest vertex.
 
-    No structure comes nearer than the depth of ``disparity.max_px`` in either view. Where the camera sways, only the
-    ground keeps this distance, and the near plane cuts off panels that come too near.
+    No structure comes nearer than the near plane in either view. Where the camera sways, only the ground keeps this
+    distance, and the near plane cuts off panels that come too near.
 
     Raises:
         InputError: where ``ground_disparity_px`` or ``panel_disparity_px`` lies beyond infinity.
     """
-    near_m = near_depth_m(camera, disparity)
-    sampled = list[tuple[int, Floats]]()
+    section, sampled = config.structures, list[tuple[int, Floats]]()
     if rng.random() < section.ground:
-        sampled.append((_GROUND, _ground_pose(section, camera, Range(near_m, far_m), rng, sway)))
-    for _ in range(round(section.panels.sample(rng))):
-        sampled.append(_sample_panel(section, disparity, camera, near_m, rng))
+        sampled.append((_GROUND, _sample_ground(config, rig, far_m, rng)))
+    sampled.extend(_sample_panel(config, rig, rng) for _ in range(round(section.panels.sample(rng))))
     table = new_instances(len(sampled), large=True)
     for row, (model, pose) in zip(table, sampled, strict=True):
-        row["model"], row["pose"], row["depth_m"] = model, pose, max(_nearest_m(model, pose), near_m)
+        nearest_m = (SURFACE_MODELS[model].positions.astype(np.float64) @ pose[2, :3] + pose[2, 3]).min()
+        row["model"], row["pose"], row["depth_m"] = model, pose, max(float(nearest_m), rig.near_m)
         # The UV of a ground goes along its x and z.
         row["unit_m"] = np.linalg.norm(pose[:3, [0, 2 if model == _GROUND else 1]], axis=0)
     return table
 
 
-def _nearest_m(model: int, pose: Floats) -> float:
-    """Return the depth of the nearest vertex of a surface model."""
-    return float((SURFACE_MODELS[model].positions.astype(np.float64) @ pose[2, :3] + pose[2, 3]).min())
-
-
-def _ground_pose(
-    section: StructuresSection, camera: StereoCamera, depth_m: Range, rng: np.random.Generator, sway: Sway
-) -> Floats:
-    height = _ground_height_m(section, camera, rng)
+def _sample_ground(config: Config, rig: SequenceRig, far_m: float, rng: np.random.Generator) -> Floats:
+    """Sample the pose (4, 4) of a ground."""
+    section, camera = config.structures, rig.camera
+    if section.ground_disparity_px is None:
+        height = section.ground_height_m.sample(rng)
+    else:
+        sampled_px = section.ground_disparity_px.sample(rng)
+        check_reachable(camera, sampled_px, "structures.ground_disparity_px")
+        height = float(camera.depth_m(sampled_px)) * ((camera.height_px - 0.5 - camera.cy_px) / camera.focal_y_px)
     roll, pitch = np.deg2rad(rng.uniform(-section.ground_tilt_deg, section.ground_tilt_deg, 2))
     across = np.array([np.cos(roll), np.sin(roll), 0.0])
     along = np.array([-np.sin(roll) * np.sin(pitch), np.cos(roll) * np.sin(pitch), np.cos(pitch)])
-    offset = max(height, float(smallest_offsets(camera, cross(along, across)[None], depth_m.low, sway)[0]))
-    return lay_ground(camera, depth_m, across, along, offset)
+    offset = max(height, float(smallest_offsets(rig, cross(along, across)[None])[0]))
+    return lay_ground(camera, Range(rig.near_m, far_m), across, along, offset)
 
 
-def _ground_height_m(section: StructuresSection, camera: StereoCamera, rng: np.random.Generator) -> float:
-    if section.ground_disparity_px is None:
-        return section.ground_height_m.sample(rng)
-    sampled_px = section.ground_disparity_px.sample(rng)
-    check_reachable(camera, sampled_px, "structures.ground_disparity_px")
-    below = (camera.height_px - 0.5 - camera.cy_px) / camera.focal_y_px
-    return float(camera.depth_m(sampled_px)) * below
-
-
-def _farther_half(disparity: DisparitySection, camera: StereoCamera) -> Range:
+def _farther_half(config: Config, camera: StereoCamera) -> Range:
     """Return the disparities of the farther half of the config's range, where the halves have equal ratios."""
+    disparity = config.disparity
     if not disparity.signed:
         return Range(disparity.min_px, (disparity.min_px * disparity.max_px) ** 0.5)
     # Here the halves have equal ratios of depths, since disparities may lie on both sides of 0.
@@ -180,17 +154,12 @@ def _farther_half(disparity: DisparitySection, camera: StereoCamera) -> Range:
     return Range(disparity.min_px, max(disparity.min_px, nearness**0.5 - camera.doffs_px))
 
 
-def _sample_panel(
-    section: StructuresSection,
-    disparity: DisparitySection,
-    camera: StereoCamera,
-    near_m: float,
-    rng: np.random.Generator,
-) -> tuple[int, Floats]:
+def _sample_panel(config: Config, rig: SequenceRig, rng: np.random.Generator) -> tuple[int, Floats]:
     """Sample a panel; return the number of its model, and its pose (4, 4)."""
+    section, camera = config.structures, rig.camera
     curved = bool(rng.random() < section.panel_curved)
     number = _CURVED if curved else _FACE
-    where = section.panel_disparity_px or _farther_half(disparity, camera)
+    where = section.panel_disparity_px or _farther_half(config, camera)
     check_reachable(camera, where.low, "structures.panel_disparity_px")
     depth = float(camera.depth_m(where.sample(rng)))
     size = section.panel_size_px.sample_many(rng, 2) * depth / camera.focal_px
@@ -201,14 +170,13 @@ def _sample_panel(
     normal = np.array([np.sin(slant) * np.cos(towards), np.sin(slant) * np.sin(towards), np.cos(slant)])
     first = cross(normal, np.array([np.sin(turn), np.cos(turn), 0.0]))
     first /= np.linalg.norm(first)
-    second = cross(normal, first)
     matrix = np.eye(4)
-    matrix[:3, 0], matrix[:3, 1] = first * size[0], second * size[1]
+    matrix[:3, 0], matrix[:3, 1] = first * size[0], cross(normal, first) * size[1]
     matrix[:3, 2] = normal * size.mean() * (1 if facing else -1)
     # The origin of a face is its corner, and that of a curved panel is its middle.
     begin = np.zeros(3) if curved else -(matrix[:3, 0] + matrix[:3, 1]) / 2
     matrix[:3, 3] = begin
     nearest = float(placed_vertices(SURFACE_MODELS[number], matrix)[:, 2].min())
-    depth = max(depth, BEYOND_NEAR * near_m - nearest)
+    depth = max(depth, BEYOND_NEAR * rig.near_m - nearest)
     matrix[:3, 3] = begin + camera.rays("left", np.array(x), np.array(y)) * depth
     return number, matrix

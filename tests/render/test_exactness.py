@@ -16,7 +16,7 @@ from semisynth_gl.render import programs
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.scene.background import FACE, sample_cuboid
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.rig import sample_camera
+from semisynth_gl.scene.rig import SequenceRig, near_depth_m, sample_camera
 from semisynth_gl.scene.scene import make_scene, move
 from semisynth_gl.seeds.seeds import Purpose, generator
 
@@ -268,7 +268,7 @@ def test_walls_leave_no_gap_where_they_meet(open_renderer, index):
     camera = sample_camera(config.camera, generator(1, Purpose.CAMERA, index))
     rng = generator(1, Purpose.BACKGROUND, index)
     rng.random()  # the kind
-    room, _ = sample_cuboid(config.background, config.disparity, camera, rng)
+    room, _ = sample_cuboid(config, SequenceRig((camera,), near_depth_m(camera, config.disparity)), rng)
     scene = make_scene(camera, model=[0] * 6, world_from_model=room["pose"], layer=[0] * 6)
     frame = open_renderer([FACE], noise_layers(1, 16)).render(scene)
     assert np.isfinite(frame.left.disparity).all()

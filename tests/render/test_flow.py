@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scenes import SQUARE, facing, noise_layers, one_model, posed
 from tiny_datasets import lean
 
-from semisynth_gl.config import Range
+from semisynth_gl.config import Range, load_config
 from semisynth_gl.config.rig_sections import CameraSection, DisparitySection
 from semisynth_gl.config.scene_sections import BackgroundSection
 from semisynth_gl.frame.camera import EYES, StereoCamera
@@ -19,7 +19,7 @@ from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.background import sample_cuboid, sample_kind, sample_plane
 from semisynth_gl.scene.instances import to_scene
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.rig import NO_SWAY, near_depth_m, rotation_about_axis, sample_sway
+from semisynth_gl.scene.rig import NO_SWAY, SequenceRig, near_depth_m, rotation_about_axis, sample_sway
 from semisynth_gl.scene.scene import Motion, move
 from semisynth_gl.scene.structures import SURFACE_MODELS
 
@@ -189,7 +189,9 @@ def test_walls_keep_clear_of_a_camera_that_sways(seed, shift, turn, plane, doffs
     rng, sway = np.random.default_rng(seed), section_of(sway_m=Range(0, shift), sway_deg=Range(0, turn))
     sway = sample_sway(sway, rng)
     kind = sample_kind(section, rng)
-    sampled = (sample_plane if kind == "plane" else sample_cuboid)(section, disparity, camera, rng, sway)
+    config = load_config("kitti").model_copy(update={"background": section, "disparity": disparity})
+    rig = SequenceRig((camera,), near_depth_m(camera, disparity), sway)
+    sampled = (sample_plane if kind == "plane" else sample_cuboid)(config, rig, rng)
     table = sampled if kind == "plane" else sampled[0]
     x, y = (each.ravel() for each in np.meshgrid(np.linspace(-0.49, 59.47, 9), np.linspace(-0.48, 39.49, 7)))
     for time_s in (0.0, 0.31, 7.9):
@@ -197,7 +199,7 @@ def test_walls_keep_clear_of_a_camera_that_sways(seed, shift, turn, plane, doffs
         for eye in EYES:
             depth = cast_rays(scene, SURFACE_MODELS, eye, x, y).depth_m
             assert np.isfinite(depth).all()
-            assert depth.min() >= near_depth_m(camera, disparity)
+            assert depth.min() >= rig.near_m
 
 
 def section_of(**changes):
@@ -225,6 +227,5 @@ def test_a_sway_is_smooth_bounded_and_comes_back():
 def test_a_sway_too_wide_for_a_far_plane_is_refused():
     camera, rng = StereoCamera.centred(600, 400, 300.0, 0.2), np.random.default_rng(0)
     sway = sample_sway(section_of(sway_deg=Range(40, 40)), rng)
-    background = BackgroundSection(cuboid=0.0, plane=1.0)
     with pytest.raises(InputError, match=r"camera\.sway_deg turns views by up to 69 degrees"):
-        sample_plane(background, DisparitySection(min_px=1.0, max_px=64.0), camera, rng, sway)
+        sample_plane(load_config("kitti"), SequenceRig((camera,), sway=sway), rng)

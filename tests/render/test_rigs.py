@@ -26,7 +26,7 @@ from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.particles import Slots, sample_release
-from semisynth_gl.scene.rig import near_depth_m, rotation_about_axis, sample_camera, sample_views
+from semisynth_gl.scene.rig import SequenceRig, near_depth_m, rotation_about_axis, sample_camera, sample_views
 from semisynth_gl.scene.scene import make_scene, move
 from semisynth_gl.scene.sources import prepare_sources
 from semisynth_gl.scene.view_volume import height_of_view
@@ -462,7 +462,7 @@ def test_scenes_are_as_many_below_0_as_above():
 def test_particles_come_into_both_views_and_panels_stand_in_the_farther_half_at_any_disparity():
     camera = StereoCamera.centred(100, 60, 50.0, 0.1, doffs_px=40.0)
     values = (np.full(4000, value) for value in (1.0, -30.0, 5.0, 1.0, 1.0, 0.5, 1.0, 1.0))
-    slots = Slots(*values, height_of_view(camera))
+    slots = Slots(*values, height_of_view(SequenceRig((camera,))))
     start = sample_release(camera, ParticlesSection(), slots, np.random.default_rng(0)).start_px
     # What the right view shows at its left border is left of the left view where its disparity is negative.
     assert start.min() == pytest.approx(-30 - 5 - 0.5, abs=0.3)

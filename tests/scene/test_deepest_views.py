@@ -12,7 +12,7 @@ from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.instances import to_scene
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.rig import BEYOND_NEAR, near_depth_m
+from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig
 from semisynth_gl.scene.structures import StaticScene
 from semisynth_gl.scene.view_volume import deepest_m
 
@@ -46,7 +46,7 @@ RIG = StereoCamera.centred(200, 100, focal_px=200, baseline_m=0.1)
     ids=["along", "across", "partly", "aside", "behind"],
 )
 def test_only_what_a_view_shows_counts(corners, deepest):
-    assert deepest_m(RIG, np.array([corners], float)) == pytest.approx(deepest)
+    assert deepest_m(SequenceRig((RIG,)), np.array([corners], float)) == pytest.approx(deepest)
 
 
 def seen_px(static: StaticScene, camera: StereoCamera, time_s: float = 0.0) -> np.ndarray:
@@ -54,7 +54,7 @@ def seen_px(static: StaticScene, camera: StereoCamera, time_s: float = 0.0) -> n
     x_px, y_px = np.meshgrid(
         np.linspace(-0.4971, camera.width_px - 0.5013, 27), np.linspace(-0.4937, camera.height_px - 0.5029, 21)
     )
-    scene = to_scene(static.instances, camera, static.near_m, static.sway.camera_from_world(time_s))
+    scene = to_scene(static.instances, camera, static.rig.near_m, static.rig.sway.camera_from_world(time_s))
     hits = [cast_rays(scene, catalogue().models, eye, x_px.ravel(), y_px.ravel()) for eye in EYES]
     return np.concatenate([oracle.disparity_px(camera, each) for each in hits])
 
@@ -92,15 +92,14 @@ def test_every_pixel_has_a_disparity_and_rooms_keep_to_their_range(rig, kind, se
             static_scene_of(config, seed)
         return
     static = static_scene_of(config, seed)
-    for time_s in (0.0, 0.6, 1.9) if static.sway.moves else (0.0,):
-        for camera in static.views:
+    for time_s in (0.0, 0.6, 1.9) if static.rig.sway.moves else (0.0,):
+        for camera in static.rig.views:
             px = seen_px(static, camera, time_s)
             assert np.isfinite(px).all()
             assert px.min() > 0
             if kind == "room":
                 # A large doffs may leave less between the range's two ends than walls keep from the near plane.
-                clear_m = BEYOND_NEAR * near_depth_m(static.camera, config.disparity)
-                farthest_m = max(static.camera.depth_m(config.disparity.min_px), clear_m)
+                farthest_m = max(static.rig.camera.depth_m(config.disparity.min_px), BEYOND_NEAR * static.rig.near_m)
                 assert px.min() >= camera.disparity_px(farthest_m) - 1e-6
 
 
@@ -111,7 +110,8 @@ def test_a_range_that_the_margin_of_the_near_plane_takes_whole_is_refused():
     with pytest.raises(InputError, match=r"doffs = 38 px nothing is left of 0\.37 px there: expected more than 0\.38"):
         static_scene_of(config, 0)
     raised = load_config("middlebury", [*CLUTTER_ALONE, *rig, "disparity.max_px=0.39"])
-    assert seen_px(static_scene_of(raised, 0), static_scene_of(raised, 0).camera).min() > 0
+    static = static_scene_of(raised, 0)
+    assert seen_px(static, static.rig.camera).min() > 0
 
 
 def test_a_pair_that_is_too_deep_is_drawn_again_and_refused_at_last():

@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 from samplers import sampler_of
 from tiny_datasets import tiny
 
-from semisynth_gl import oracle
 from semisynth_gl.config import Range, load_config
 from semisynth_gl.config.scene_sections import ParticlesSection
-from semisynth_gl.frame.camera import EYES, StereoCamera
+from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry import model_files
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.model_library import build_library
@@ -23,9 +22,8 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, solve_coverage
 from semisynth_gl.scene.disparity_solver import poisson_counts
-from semisynth_gl.scene.particles import Sizes, expected_cover, stated_layers
-from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.structures import CURVED_PANEL, GROUND, SURFACE_MODELS
+from semisynth_gl.scene.particles import Sizes, expected_cover
+from semisynth_gl.scene.structures import SURFACE_MODELS
 from semisynth_gl.seeds.splits import Split
 
 CAMERA = StereoCamera.centred(600, 400, 700.0, 0.2)
@@ -50,17 +48,12 @@ def test_distances_of_shifted_blocks_are_known():
 
 @given(shares, shares)
 def test_distances_are_symmetric_and_bounded(one, other):
-    size = min(len(one), len(other))
-    edges = np.linspace(0, 7, size + 1)
-    if not (sum(one[:size]) and sum(other[:size])):
-        return
-    a, b = Histogram.from_counts(edges, one[:size]), Histogram.from_counts(edges, other[:size])
-    assert total_variation(a, b) == pytest.approx(total_variation(b, a))
+    a, b = (Histogram.from_counts(np.linspace(0, 7, len(each) + 1), each) for each in (one, other))
     assert 0 <= total_variation(a, b) <= 1 + 1e-12
     assert wasserstein_px(a, b) == pytest.approx(wasserstein_px(b, a))
     assert abs(a.mean_px - b.mean_px) - 1e-9 <= wasserstein_px(a, b) <= 7
     assert wasserstein_px(a, a) == 0
-    assert a.rebinned(edges).shares == pytest.approx(a.shares)
+    assert a.rebinned(a.edges_px).shares == pytest.approx(a.shares)
 
 
 def test_pixels_beyond_the_edges_count_in_the_outer_bins():
@@ -68,12 +61,6 @@ def test_pixels_beyond_the_edges_count_in_the_outer_bins():
     count.add(np.array([[-1, 3, np.inf], [15, 99, np.nan]]))
     assert count.counts.tolist() == [2, 2]
     assert count.histogram.quantile(0.5) == 10
-
-
-@pytest.mark.parametrize(("edges", "counts"), [([0, 1, 1], [1, 1]), ([0, 1], [0]), ([0, 1], [-1]), ([0, 1], [1, 2])])
-def test_histograms_of_nothing_are_refused(edges, counts):
-    with pytest.raises(ValueError, match="expected"):
-        Histogram.from_counts(edges, counts)
 
 
 # Forms
@@ -115,19 +102,26 @@ def test_targets_that_no_scene_can_show_are_refused(form, message):
         target(form)
 
 
+def off_by(sampler):
+    """Total variation between the target and the expected distribution."""
+    return total_variation(sampler.disparity_solver.target, sampler.disparity_solver.expected())
+
+
+def particles_of(sampler, scenes):
+    return [(sampler.sample(index).instances["slot"] >= 0).sum() for index in range(scenes)]
+
+
 def test_narrow_bins_are_merged_for_layers():
     config = tiny(disparity={"target": {"form": "histogram", "bin_px": 0.1, "shares": [0.0] * 20 + [1.0] * 340}})
-    solver = sampler_of(config).disparity_solver
-    assert len(solver.target.shares) <= 48
-    assert total_variation(solver.target, solver.expected()) < 0.06
+    assert len(sampler_of(config).disparity_solver.target.shares) <= 48
+    assert off_by(sampler_of(config)) < 0.06
 
 
 def test_particles_grow_where_more_of_them_would_be_needed_than_allowed():
     config = tiny(particles={"size_px": [0.5, 1.0], "most": 300})
     sampler = sampler_of(config)
-    counts = [(sampler.sample(index).instances["slot"] >= 0).sum() for index in range(8)]
-    assert 150 < np.mean(counts) <= 300
-    assert total_variation(sampler.disparity_solver.target, sampler.disparity_solver.expected()) < 0.06
+    assert 150 < np.mean(particles_of(sampler, 8)) <= 300
+    assert off_by(sampler) < 0.06
 
 
 @settings(max_examples=10)
@@ -142,9 +136,8 @@ def test_narrow_ranges_meet_their_target(magnitude, width, doffs):
         background={"wall_disparity_px": least, "wall_turn_deg": 0},
     )
     sampler = sampler_of(config)
-    assert total_variation(sampler.disparity_solver.target, sampler.disparity_solver.expected()) < 0.1
-    scene = sampler.sample(0)
-    assert 0 < (scene.instances["slot"] >= 0).sum() <= config.particles.most
+    assert off_by(sampler) < 0.1
+    assert 0 < particles_of(sampler, 1)[0] <= config.particles.most
 
 
 def test_a_file_is_read_beside_its_config(tmp_path):
@@ -161,7 +154,6 @@ def test_a_file_is_read_beside_its_config(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("low_px,high_px,share\n", "expected lines low_px,high_px,share"),
         ("0,10,1\n20,30,1\n", r"wanted\.csv: .* got 20,30,1"),
         ("0,10,x\n", r"wanted\.csv: .*'x'"),
     ],
@@ -270,63 +262,46 @@ def count_in_view(scene):
     return (inside & (scene.model >= len(SURFACE_MODELS))).sum()
 
 
-def objects_in_view(config, scenes):
+def objects_in_view(sampler, scenes):
     """Count the objects in the left view of each of the first scenes."""
-    sampler = sampler_of(config)
     return [count_in_view(sampler.sample(index).scene) for index in range(scenes)]
-
-
-def test_layers_without_disparities_stand_where_most_wanted_pixels_are():
-    wanted = Histogram.from_counts([0.0, 20.0, 100.0], [1.0, 1.0])
-    section = ParticlesSection.model_validate({"layers": [{"count": 3}, {"count": 3, "disparity_px": [1, 2]}]})
-    free, stated = stated_layers(section.layers, section, wanted)
-    assert (free.disparity_px.low, free.disparity_px.high) == pytest.approx((4, 84))
-    assert (stated.disparity_px.low, stated.disparity_px.high) == (1, 2)
 
 
 @pytest.mark.parametrize("density", ["sparse", "dense", 100.0])
 def test_density_shares_the_area_out_to_more_or_fewer(density):
-    config = tiny(particles={"density": density})
-
-    plain = np.mean(objects_in_view(tiny(), 20))
-    wanted = density if isinstance(density, float) else plain * {"sparse": 1 / 3, "dense": 3}[density]
-    assert np.mean(objects_in_view(config, 20)) == pytest.approx(wanted, rel=0.2)
-    aim = sampler_of(config).disparity_solver
-    assert total_variation(aim.target, aim.expected()) < 0.05
+    sampler = sampler_of(tiny(particles={"density": density}))
+    plain = 0 if density == 100 else np.mean(objects_in_view(sampler_of(tiny()), 20))
+    wanted = {"sparse": plain / 3, "dense": plain * 3}.get(density, density)
+    assert np.mean(objects_in_view(sampler, 20)) == pytest.approx(wanted, rel=0.2)
+    assert off_by(sampler) < 0.05
 
 
-def test_a_range_of_densities_gives_each_sequence_a_number_of_its_own():
-    density = {"particles": {"density": [60, 240]}, "models": {"complex": 0}}
-    config = tiny(**density)
-    counts = objects_in_view(config, 48)
+def test_a_range_of_densities_gives_each_sequence_another_number():
+    sampler = sampler_of(tiny(particles={"density": [60, 240]}, models={"complex": 0}))
+    counts = objects_in_view(sampler, 48)
     assert np.mean(counts) == pytest.approx(150, rel=0.15)
     low, high = np.quantile(counts, [0.1, 0.9])
     assert low < 100
     assert high > 200
-    solver = sampler_of(config).disparity_solver
-    assert total_variation(solver.target, solver.expected()) < 0.05
+    assert off_by(sampler) < 0.05
 
 
-def test_fewer_objects_than_can_cover_the_target_are_refused():
-    config = tiny(particles={"density": 5.0})
-    with pytest.raises(InputError, match=r"density: 5 objects cannot cover .* about \d\d in view"):
-        sampler_of(config).sample(0)
-
-
-def test_more_objects_than_can_be_made_are_refused():
-    config = tiny(particles={"density": 1e5, "size_px": 200, "most": 100_000})
-    with pytest.raises(InputError, match=r"density: 100000 objects .* 0\.05 of the stated sizes"):
-        sampler_of(config).sample(0)
+@pytest.mark.parametrize(
+    ("particles", "message"),
+    [
+        ({"density": 5.0}, r"density: 5 objects cannot cover .* about \d\d in view"),
+        ({"density": 1e5, "size_px": 200, "most": 100_000}, r"density: 100000 objects .* 0\.05 of the stated sizes"),
+    ],
+)
+def test_numbers_that_no_scene_can_have_are_refused(particles, message):
+    with pytest.raises(InputError, match=message):
+        sampler_of(tiny(particles=particles)).sample(0)
 
 
 def test_clutter_is_counted_in_what_the_target_asks_for():
-    clutter = [{"disparity_px": [4, 6], "count": 60, "size_px": [6, 12]}]
-    config = tiny(particles={"clutter": clutter})
-    solver = sampler_of(config).disparity_solver
-    assert total_variation(solver.target, solver.expected()) < 0.02
-    slots = sampler_of(config).sample(0).scene
-    plain = sampler_of(tiny()).sample(0).scene
-    assert len(slots) > len(plain)
+    sampler = sampler_of(tiny(particles={"clutter": [{"disparity_px": [4, 6], "count": 60, "size_px": [6, 12]}]}))
+    assert off_by(sampler) < 0.02
+    assert particles_of(sampler, 1) > particles_of(sampler_of(tiny()), 1)
 
 
 def test_sizes_in_metres_shrink_with_depth():
@@ -356,62 +331,6 @@ def test_rendered_histograms_follow_their_targets(name, sections):
     assert total_variation(wanted, count.histogram) < 0.09
     assert wasserstein_px(wanted, count.histogram) < 0.08 * wanted.mean_px
     assert np.std(medians) > 0.05 * wanted.mean_px
-
-
-# Structures
-
-
-def structured(**keys):
-    keys = {f"structures.{key}": value for key, value in keys.items()}
-    config = load_config("kitti", keys | {"models.variants": 1, "models.complex": 0})
-    return sampler_of(config, 1)
-
-
-@pytest.fixture(scope="module")
-def street():
-    return structured(ground=1.0, panels=[2, 4], panel_disparity_px=[10, 185], panel_size_px=[200, 900])
-
-
-@pytest.mark.parametrize("index", range(2))
-def test_structures_stay_beyond_the_near_plane(street, index):
-    scene = street.sample(index).scene
-    models = [SURFACE_MODELS[m].name for m in scene.model if m < len(SURFACE_MODELS)]
-    assert models[:2] == ["face", "ground"]
-    assert 2 <= len(models) - 2 <= 4
-    for k in range(2, len(models)):  # the ground goes on below the view and behind the cameras
-        placed = scene.world_from_model[k]
-        depth = SURFACE_MODELS[scene.model[k]].positions.astype(float) @ placed[2, :3] + placed[2, 3]
-        assert depth.min() > scene.near_m
-    x, y = np.meshgrid(np.linspace(-0.4, 1241.4, 60), np.linspace(-0.4, 374.4, 30))
-    for eye in EYES:
-        seen = oracle.disparity_px(scene.camera, cast_rays(scene, street.models, eye, x, y))
-        assert np.isfinite(seen).all()
-        assert seen.max() < 192
-
-
-def test_the_ground_is_a_plane_below_the_cameras(street):
-    scene = street.sample(0).scene
-    ground = [GROUND if m == 1 else None for m in scene.model].index(GROUND)
-    points = (
-        GROUND.positions.astype(float) @ scene.world_from_model[ground, :3, :3].T
-        + scene.world_from_model[ground, :3, 3]
-    )
-    normal = scene.world_from_model[ground, :3, 1] / np.linalg.norm(scene.world_from_model[ground, :3, 1])
-    distance = points @ normal
-    assert np.ptp(distance) < 1e-5
-    assert distance[0] >= 1.2
-    assert normal[1] > 0.99
-
-
-def test_panels_are_slanted_and_curved():
-    sampler = structured(panels=40, panel_slant_deg=[30, 60], panel_curved=0.5)
-    scene = sampler.sample(0).scene
-    panels = range(1, 41)
-    curved = [SURFACE_MODELS[scene.model[k]] is CURVED_PANEL for k in panels]
-    assert 10 <= sum(curved) <= 30
-    for k in panels:
-        normal = scene.world_from_model[k, :3, 2] / np.linalg.norm(scene.world_from_model[k, :3, 2])
-        assert 30 - 1e-6 <= np.rad2deg(np.arccos(abs(normal[2]))) <= 60 + 1e-6
 
 
 # Models

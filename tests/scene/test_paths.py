@@ -1,17 +1,20 @@
-"""Paths of falling models: nothing in view appears or disappears, whatever the camera, its sway and the drift."""
+"""Paths of particles: closed forms, and nothing in view appears or disappears, whatever camera, sway and drift."""
 
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from samplers import still_rig
 
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import ParticlesSection
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.scene.particles import Batch, particles_at, sample_release, sample_slots, stated_sizes
-from semisynth_gl.scene.rig import NO_SWAY, Sway
+from semisynth_gl.scene.rig import Sway
 
+CAMERA = StereoCamera(600, 400, 700.0, 0.2, 280.0, 320.0, 190.0)
 COUNT = 40
 _UNIT = np.random.default_rng(0).normal(size=(300, 3))
 SPHERE = _UNIT / np.linalg.norm(_UNIT, axis=1, keepdims=True)
@@ -24,29 +27,39 @@ def rigs(draw):
     camera = StereoCamera.centred(width, height, width * draw(st.floats(0.5, 3)), 0.3, width * draw(st.floats(0, 0.3)))
     turn, shift = draw(st.floats(0, 0.05)), draw(st.floats(0, 0.01))
     sway = Sway(np.full(3, shift), np.full(3, turn), np.linspace(1, 3, 6), np.arange(6.0))
-    return camera, float(camera.depth_m(0.5 * width)), sway if draw(st.booleans()) else NO_SWAY
+    rig = still_rig(camera, 0.5 * width)
+    return replace(rig, sway=sway) if draw(st.booleans()) else rig
+
+
+def slots_of(rig, section, *ranges, count=COUNT, relief_px=np.inf, seed=2):
+    """The slots of a number of particles in each range of disparity, and a release for each generation."""
+    batches = [Batch(low, high, count, stated_sizes(section)) for low, high in ranges]
+    slots = sample_slots(rig, section, batches, np.random.default_rng(seed), relief_px)
+    return slots, lambda number: sample_release(rig.camera, section, slots, np.random.default_rng([3, number]))
+
+
+def stream(**options):
+    return slots_of(still_rig(CAMERA, 1e9), ParticlesSection(**options), (20.0, 30.0), (60.0, 90.0))
 
 
 @settings(max_examples=100)
 @given(rigs(), st.floats(0, 1.5), st.floats(0, 1), st.floats(0.5, 50) | st.just(np.inf), st.integers(0, 1000))
 def test_nothing_in_view_appears_or_disappears(rig, drift, size, relief_px, seed):
-    (camera, near_m, sway), rng = rig, np.random.default_rng(seed)
+    camera, rng = rig.camera, np.random.default_rng(seed)
     section = ParticlesSection(drift=Range(drift, 2 * drift), size_px=Range(5, 5 + size * camera.width_px))
-    batches = [Batch(1.0, 0.5 * camera.width_px, COUNT, stated_sizes(section))]
-    slots = sample_slots(camera, section, batches, rng, near_m, sway, relief_px)
+    slots, release = slots_of(rig, section, (1.0, 0.5 * camera.width_px), relief_px=relief_px, seed=seed)
     assert (slots.flatness * slots.radius_px <= relief_px * (1 + 1e-9)).all()
-    release = sample_release(camera, section, slots, rng)
 
     def seen(age, time_s):
         """Points (S, 300, 3) of the spheres around all models that are shown, in the swaying left camera's frame."""
         of_age = replace(slots, phase=np.full(COUNT, age))
-        state = particles_at(camera, of_age, lambda _: release, 0.0, np.zeros(COUNT, np.int64))
+        state = particles_at(camera, of_age, release, 0.0, np.zeros(COUNT, np.int64))
         depth_m = np.linalg.norm(state.world_from_model[:, 2, :3], axis=1)
         assert (depth_m <= slots.flatness * state.radius_m * (1 + 1e-9)).all()
         balls = SPHERE * state.radius_m[:, None, None]
         balls[..., 2] *= slots.flatness[:, None]
         points = (state.world_from_model[:, None, :3, 3] + balls)[slots.shown]
-        pose = sway.camera_from_world(time_s)
+        pose = rig.sway.camera_from_world(time_s)
         return points @ pose[:3, :3].T + pose[:3, 3]
 
     for time_s in rng.uniform(0, 100, 3):
@@ -57,22 +70,61 @@ def test_nothing_in_view_appears_or_disappears(rig, drift, size, relief_px, seed
                 across, down = np.abs(2 * column + 1 - camera.width_px), np.abs(2 * row + 1 - camera.height_px)
                 assert not ((z > 0) & (across < camera.width_px) & (down < camera.height_px - 1e-6)).any()
         for age in rng.random(3):
-            assert (seen(age, time_s)[..., 2] > near_m * (1 - 1e-9)).all()
+            assert (seen(age, time_s)[..., 2] > rig.near_m * (1 - 1e-9)).all()
 
 
 def test_models_whose_drift_would_take_them_too_near_are_still_shown():
-    camera = StereoCamera.centred(300, 200, 300.0, 0.3)
+    rig = still_rig(StereoCamera.centred(300, 200, 300.0, 0.3), 150.0)
     section = ParticlesSection(drift=Range(1, 1), size_px=Range(20, 20))
-    near_m = float(camera.depth_m(150.0))
-    slots = sample_slots(
-        camera, section, [Batch(135.0, 135.0, 50, stated_sizes(section))], np.random.default_rng(0), near_m
-    )
-    release = sample_release(camera, section, slots, np.random.default_rng(0))
+    slots, release = slots_of(rig, section, (135.0, 135.0))
     assert slots.shown.all()
     # A free path of this length would pass the near plane.
-    assert (slots.depth_m - 0.5 * slots.path_m < near_m).all()
-    assert np.abs(release.drift[:, 1]).max() > 0.9
-    no_room = sample_slots(
-        camera, section, [Batch(149.0, 149.0, 5, stated_sizes(section))], np.random.default_rng(0), near_m
+    assert (slots.depth_m - 0.5 * slots.path_m < rig.near_m).all()
+    assert np.abs(release(0).drift[:, 1]).max() > 0.9
+    assert not slots_of(rig, section, (149.0, 149.0))[0].shown.any()
+
+
+def test_particles_fall_at_constant_speed_and_are_released_anew():
+    slots, release = stream(fall_m_s=Range(1, 1), drift=Range(0, 0), spin_deg_s=Range(90, 90))
+    times = np.linspace(0, 3 * slots.period_s.max(), 400)
+    states = [particles_at(CAMERA, slots, release, t) for t in times]
+    y = np.array([state.world_from_model[:, 1, 3] for state in states])
+    generation = np.array([state.generation for state in states])
+    later = np.diff(generation, axis=0)
+    step = np.broadcast_to(np.diff(times)[:, None], later.shape)
+    np.testing.assert_allclose(np.diff(y, axis=0)[later == 0], step[later == 0], rtol=1e-9)
+    assert (later >= 0).all()
+    assert generation.max() >= 3
+    # From just above the view to just below it, whatever the depth: the sphere touches the view's side there.
+    row, secant = (
+        CAMERA.focal_px * y / slots.depth_m + CAMERA.cy_px,
+        np.hypot(1, (CAMERA.cy_px + 0.5) / CAMERA.focal_px),
     )
-    assert not no_room.shown.any()
+    assert (row >= -0.5 - secant * slots.radius_px - 1e-6).all()
+    assert row.min() < -0.5 - slots.radius_px.max()
+    assert CAMERA.height_px < row.max() < CAMERA.height_px + 1.1 * slots.radius_px.max()
+
+
+def test_poses_at_a_time_need_no_steps():
+    slots, release = stream(spin_deg_s=Range(90, 90), stretch=Range(1, 1), drift=Range(0, 0))
+    first, later = (particles_at(CAMERA, slots, release, time_s) for time_s in (0.0, 1e-3))
+    same = first.generation == later.generation
+    turn = later.world_from_model[same, :3, :3] @ np.linalg.inv(first.world_from_model[same, :3, :3])
+    angle = np.arccos(np.clip((np.trace(turn, axis1=1, axis2=2) - 1) / 2, -1, 1))
+    np.testing.assert_allclose(np.rad2deg(angle), 0.09, rtol=1e-3)
+    for time_s in (0.0, 1.7, 100.0):
+        disparity = CAMERA.disparity_px(particles_at(CAMERA, slots, release, time_s).world_from_model[:, 2, 3])
+        assert [((disparity >= low) & (disparity <= high)).sum() for low, high in ((20, 30), (60, 90))] == [COUNT] * 2
+
+
+def test_stretch_never_exceeds_the_bounding_sphere():
+    state = particles_at(CAMERA, *stream(stretch=Range(0.2, 1)), 0.3)
+    largest = np.linalg.norm(state.world_from_model[:, :3, :3], axis=1).max(axis=1)
+    np.testing.assert_allclose(largest, state.radius_m)
+
+
+def test_batches_of_more_particles_than_allowed_are_cut_in_proportion():
+    section = ParticlesSection(most=50)
+    batches = [Batch(low, low, count, stated_sizes(section)) for low, count in ((20.0, 400), (60.0, 100))]
+    slots = sample_slots(still_rig(CAMERA, 1e9), section, batches, np.random.default_rng(2))
+    assert np.unique(slots.disparity_px, return_counts=True)[1] == pytest.approx([40, 10], abs=1)

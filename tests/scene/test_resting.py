@@ -13,7 +13,7 @@ from scenes import noise_layers
 from semisynth_gl import load_config
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.scene.resting import come_to_rest, surfaces_below, triangles_of
-from semisynth_gl.scene.sampler import SceneSampler
+from semisynth_gl.scene.sampler import SampledScene, SceneSampler
 
 MOVING = ["sequence.length=3", "sequence.frame_s=2", "camera.sway_m=0.01", "camera.sway_deg=1"]
 GROUND = ["structures.ground=1", "structures.ground_disparity_px=[60,150]", "structures.panels=2"]
@@ -24,6 +24,12 @@ def sampler_of(*overrides: str) -> SceneSampler:
     few = "models.variants=1", "models.complex=0"
     config = load_config("middlebury", ["scenes=[]", "textures.large_px=0", *few, *overrides])
     return make_sampler(config, 3)
+
+
+def by_slot(sampled: SampledScene, *, at_rest: bool | None = None) -> dict[int, np.ndarray]:
+    """The poses of the particles of a scene, or of those that are or are not at rest."""
+    rows = sampled.instances[sampled.instances["slot"] >= 0]
+    return {int(row["slot"]): row["pose"] for row in rows if at_rest in (None, row["resting"])}
 
 
 def test_models_at_rest_touch_what_was_below_them() -> None:
@@ -37,13 +43,13 @@ def test_models_at_rest_touch_what_was_below_them() -> None:
         # The camera's y axis points down.
         corners = triangles_of(sampler.models, scene.model[still], scene.world_from_model[still])
         upright = corners[..., [0, 2, 1]] * (1, 1, -1)
-        poses = dict(zip(above.instances["slot"].tolist(), above.scene.world_from_model, strict=True))
+        poses = by_slot(above)
         for number in np.flatnonzero(sampled.instances["resting"]):
             pose, before = scene.world_from_model[number], poses[sampled.instances["slot"][number]]
-            support = surfaces_below(upright, np.array([[before[0, 3], before[2, 3], -before[1, 3]]]))[0]
+            height, normal = surfaces_below(upright, np.array([[before[0, 3], before[2, 3], -before[1, 3]]]))
             vertices = sampler.models[scene.model[number]].positions.astype(float) @ pose[:3, :3].T + pose[:3, 3]
-            place = (before[0, 3], before[2, 3], support.height)
-            heights = (vertices[:, [0, 2, 1]] * (1, 1, -1) - place) @ support.normal
+            below = (before[0, 3], before[2, 3], height[0])
+            heights = (vertices[:, [0, 2, 1]] * (1, 1, -1) - below) @ normal[0]
             assert heights.min() == pytest.approx(0, abs=1e-9)
             touching += 1
         rows = sampled.instance_table()
@@ -52,17 +58,23 @@ def test_models_at_rest_touch_what_was_below_them() -> None:
     assert touching > 20
 
 
-def test_those_that_fall_are_those_that_fall_without_it() -> None:
-    rested, fallen = (sampler_of(f"particles.resting={share}", *GROUND).sample(1) for share in (0.5, 0))
-    assert not fallen.instances["resting"].any()
-    assert 0.1 < rested.instances["resting"][rested.instances["slot"] >= 0].mean() < 0.5
-    poses = [dict(zip(each.instances["slot"], each.scene.world_from_model, strict=True)) for each in (rested, fallen)]
-    for slot in rested.instances["slot"][~rested.instances["resting"] & (rested.instances["slot"] >= 0)]:
-        np.testing.assert_array_equal(poses[0][slot], poses[1][slot])
-    # Let down, not turned.
-    for slot in np.intersect1d(rested.instances["slot"][rested.instances["resting"]], fallen.instances["slot"]):
-        np.testing.assert_array_equal(poses[0][slot][:3, :3], poses[1][slot][:3, :3])
-        assert abs(poses[0][slot][1, 3] - poses[1][slot][1, 3]) > 1e-6
+@pytest.mark.parametrize("kind", ["cuboid", "room", "street"])
+def test_particles_at_rest_were_let_down_and_the_others_fall_as_before(kind: str) -> None:
+    weights = [f"background.{name}={int(name == kind)}" for name in ("cuboid", "plane", "room", "street")]
+    options = (*weights, "particles.layers=[{count: 120}]", *(GROUND if kind == "cuboid" else ()))
+    rested, fallen = (sampler_of(f"particles.resting={share}", *options) for share in (0.5, 0))
+    sunk = []
+    for index in range(3):
+        now, before = rested.sample(index), by_slot(fallen.sample(index))
+        for slot, pose in by_slot(now, at_rest=False).items():
+            np.testing.assert_array_equal(pose, before[slot])
+        for slot, pose in by_slot(now, at_rest=True).items():
+            if slot in before:
+                # Let down, not turned. The camera's y axis points down, up to its pitch.
+                np.testing.assert_array_equal(pose[:3, :3], before[slot][:3, :3])
+                sunk.append(pose[1, 3] - before[slot][1, 3])
+    assert len(sunk) > 5
+    assert np.median(sunk) > 0
 
 
 def test_they_stay_whatever_frame_is_sampled_first() -> None:
@@ -90,23 +102,6 @@ def test_they_stay_whatever_frame_is_sampled_first() -> None:
     assert any(first[slot] != last[slot] for slot in first.keys() & last.keys() - resting)
 
 
-@pytest.mark.parametrize("kind", ["room", "street"])
-def test_furnished_scenes_bear_them_too(kind: str) -> None:
-    weights = [f"background.{name}={int(name == kind)}" for name in ("cuboid", "plane", "room", "street")]
-    options = *weights, "particles.layers=[{count: 60}]"
-    rested, fallen, sunk = sampler_of(*options, "particles.resting=1"), sampler_of(*options), []
-    for index in range(3):
-        sampled, above = rested.sample(index), fallen.sample(index)
-        heights = dict(zip(above.instances["slot"].tolist(), above.scene.world_from_model[:, 1, 3], strict=True))
-        sunk += [
-            sampled.scene.world_from_model[number, 1, 3] - heights[sampled.instances["slot"][number]]
-            for number in np.flatnonzero(sampled.instances["resting"])
-        ]
-    # The camera's y axis points down, up to its pitch.
-    assert len(sunk) > 5
-    assert np.median(sunk) > 0
-
-
 def test_truth_of_a_moving_camera_over_models_at_rest_is_exact(open_renderer) -> None:
     small = ["camera.width_px=160", "camera.height_px=120", "particles.density=30"]
     sampler = sampler_of("particles.resting=1", *GROUND, *MOVING, *small)
@@ -130,23 +125,23 @@ def test_truth_of_a_moving_camera_over_models_at_rest_is_exact(open_renderer) ->
 def test_the_surface_below_is_the_highest_that_is_not_above(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     corners = rng.uniform(-1, 1, (count, 3, 3))
-    places = rng.uniform(-0.6, 0.6, (3, 3))
-    places[2, 2] = np.inf
-    for (x, y, height), found in zip(places, surfaces_below(corners, places), strict=True):
+    points = rng.uniform(-0.6, 0.6, (3, 3))
+    points[2, 2] = np.inf
+    for (x, y, top), height, normal in zip(points, *surfaces_below(corners, points), strict=True):
         expected = []
         for number, (first, second, third) in enumerate(corners):
             along = np.linalg.solve(np.stack([second - first, third - first], axis=1)[:2], (x, y) - first[:2])
             at = first[2] + along @ (second[2] - first[2], third[2] - first[2])
-            if along.min() >= 0 and along.sum() <= 1 and at <= height:
+            if along.min() >= 0 and along.sum() <= 1 and at <= top:
                 expected.append((at, number))
-        assert (found is None) == (not expected)
-        if found is not None:
-            highest, number = max(expected)
-            assert found.height == pytest.approx(highest, abs=1e-9)
-            assert found.normal[2] >= 0
-            assert np.linalg.norm(found.normal) == pytest.approx(1)
-            along = corners[number, 1:] - corners[number, 0]
-            np.testing.assert_allclose(along @ found.normal, 0, atol=1e-9)
+        if not expected:
+            assert normal.tolist() == [0, 0, 0]
+            continue
+        highest, number = max(expected)
+        assert height == pytest.approx(highest, abs=1e-9)
+        assert normal[2] >= 0
+        assert np.linalg.norm(normal) == pytest.approx(1)
+        np.testing.assert_allclose((corners[number, 1:] - corners[number, 0]) @ normal, 0, atol=1e-9)
 
 
 def test_nothing_rests_on_a_steep_slope_or_above_nothing() -> None:
