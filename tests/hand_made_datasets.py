@@ -8,7 +8,7 @@ from semisynth_gl.dataset.folder import begin, check_begin, finish, locked, miss
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.root import open_root
 from semisynth_gl.dataset.sample import encode_pair
-from semisynth_gl.dataset.shard import PairFiles, write_shard
+from semisynth_gl.dataset.shard import write_shard
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.geometry.silhouette import Silhouette
@@ -41,7 +41,7 @@ def pairs_of(plan, shard):
         provenance = make_provenance(number) | made | {"split": shard.split}
         frame = make_frame(number, plan.config.outputs)
         key = plan.key(shard.split, number)
-        yield PairFiles(encode_pair(plan.layout, key, frame, provenance, 200, plan.encodings).files, [], 0.0, "none")
+        yield encode_pair(plan.layout, key, frame, provenance, 200, plan.encodings)
 
 
 def plan_of(layout, pairs, shard_pairs, config=None, level=0, seed=SEED):

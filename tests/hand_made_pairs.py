@@ -104,7 +104,8 @@ def encode(layout, index, split="train", frame=None, encodings=None, length=None
 def encoded(layout, index, split="train", frame=None, encodings=None, length=None):
     key = Key("lab", split, index, length)
     frame = make_frame(index) if frame is None else frame
-    return encode_pair(layout, key, frame, make_provenance(index), 256, encodings or layout.encodings or Encodings())
+    provenance = make_provenance(index) | {"camera": frame.camera.values()}
+    return encode_pair(layout, key, frame, provenance, 256, encodings or layout.encodings or Encodings())
 
 
 def decode(layout, index, files, split="train", encodings=None, length=None):

@@ -10,7 +10,7 @@ from socket import create_connection
 from typing import Any
 
 from semisynth_gl.dataset.engines import Recorder, keep_freed_memory
-from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_kept
+from semisynth_gl.dataset.interrupts import interrupts_end
 from semisynth_gl.dataset.make import Job, ShardMaker
 from semisynth_gl.inputs.errors import (
     ContextLostError,
@@ -62,9 +62,7 @@ class RayEngine:
         ray = _ray()
         with _connected(ray, self._address):
             if self._gpus > ray.cluster_resources().get("GPU", 0):
-                listener.on_message(
-                    f"no node of the cluster has {self._gpus:g} GPU: shards wait until such a node joins"
-                )
+                listener.on_message(f"no node of the cluster has {self._gpus:g} GPU: shards wait for such a node")
             # Ray ends a process after one task with a GPU unless max_calls says that it may do many.
             make = ray.remote(num_cpus=1, num_gpus=self._gpus, max_retries=_RETRIES, max_calls=0)(_make)
             pickled = ray.put(ray.cloudpickle.dumps(job))
@@ -85,8 +83,7 @@ def _result(ray: Any, reference: Any, number: int) -> Recorder:  # noqa: ANN401 
         made: Recorder | Exception = ray.get(reference)
     except ray.exceptions.RayError as error:
         raise WorkerError(
-            f"shard {number} could not be made in {_RETRIES + 1} attempts; the last one failed because: "
-            f"{str(error).strip()}. Complete shards stay on disk"
+            f"shard {number} could not be made: {str(error).strip()}. Complete shards stay on disk"
         ) from None
     if isinstance(made, Exception):
         raise made
@@ -114,7 +111,7 @@ def _make(job: bytes, number: int) -> Recorder | Exception:
     except (SemisynthError, OSError) as error:
         return error
     except Exception as error:  # noqa: BLE001 - the driver raises it
-        return WorkerError(f"a worker process met {described(error)}")
+        return WorkerError(described(error))
     return heard
 
 
@@ -144,8 +141,7 @@ def _connected(ray: Any, address: str | None) -> Iterator[None]:  # noqa: ANN401
         if port.isdigit():
             # Without this, Ray would try for minutes to reach an address where nothing listens.
             create_connection((host.strip("[]"), int(port)), _KNOCK_S).close()
-        with interrupts_kept():
-            ray.init(address, log_to_driver=False, logging_level=logging.CRITICAL, include_dashboard=False)
+        ray.init(address, log_to_driver=False, logging_level=logging.CRITICAL, include_dashboard=False)
     except (OSError, RuntimeError, ValueError) as error:
         raise InputError(
             f"the Ray cluster (address {where}) cannot be reached ({error}). Is it running, and is this "

@@ -10,59 +10,38 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, InstanceOf, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, InstanceOf, ValidationError, model_validator
 from pydantic.dataclasses import dataclass
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.config.errors import reason_of
 from semisynth_gl.config.model import Config
-from semisynth_gl.dataset.names import FORMAT, PROGRAM, shard_name, tar_path
+from semisynth_gl.dataset.names import FORMAT, PROGRAM, shard_name
 from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate, shown
 from semisynth_gl.layouts import Key, Layout, find_layout, layout_names
 from semisynth_gl.layouts.key import sequence_length
-from semisynth_gl.plugins import MissingPluginError, Records, require_plugins
+from semisynth_gl.plugins import MissingPluginError, require_plugins
 from semisynth_gl.seeds.splits import SPLITS, Split, SplitName
-from semisynth_gl.textures.atlas import Patch
 
-# More pairs than any dataset has, and few enough for lists and sums of them.
-_MOST_PAIRS = 10**8
-# Larger than any dataset, and small enough to count with.
-_MOST_BYTES = 2**62
 _FAULTS_SHOWN = 3
-
-_Document = TypeVar("_Document", bound="Document")
-
-
-class NewerFormatError(InputError):
-    """A dataset has a newer format than this program reads."""
-
 
 _Format = Annotated[int, Field(ge=1, le=FORMAT)]
 _Number = Annotated[int, Field(ge=0)]
-_Bytes = Annotated[int, Field(ge=0, le=_MOST_BYTES, strict=True)]
-_Pairs = Annotated[int, Field(ge=1, le=_MOST_PAIRS)]
+_Bytes = Annotated[int, Field(ge=0, le=2**62, strict=True)]
+# More pairs than any dataset has, and few enough for lists and sums of them.
+_Pairs = Annotated[int, Field(ge=1, le=10**8)]
 _Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$", strict=True)]
 # Names of files may have bytes that are not UTF-8, which pydantic's strings refuse.
 _Text = InstanceOf[str]
+# Name and version of a plug-in's package, which messages put into a command.
+_Package = dict[str, Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._+!-]*$", max_length=100)]]
 
 
 class Document(BaseModel):
     """An object in a file about a dataset; values are not coerced."""
 
     model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False, serialize_by_alias=True)
-
-    @classmethod
-    def parse(cls, data: bytes, path: Path) -> Self:
-        """Parse the bytes of a document's file; the path is for messages.
-
-        Raises:
-            NewerFormatError: where a newer program wrote the document.
-            ReadError: where the bytes are no JSON object, or keys are wrong or missing; the message has the expected
-                and the found values.
-            MissingPluginError: where the layout is a plug-in's that is not installed.
-        """
-        return parse_values(cls, JSON_OBJECT.decode(data, path), path)
 
     def values(self) -> dict[str, Any]:
         """Return the document's content in JSON's types."""
@@ -84,13 +63,6 @@ class Shard:
     end: int
 
 
-class _Package(Document):
-    """Name and version of a plug-in's package; their patterns are strict since messages put both into a command."""
-
-    package: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)]
-    version: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._+!-]*$", max_length=100)]
-
-
 class Plan(Document):
     """The plan of a dataset: its pairs, their shards and their names. All but the pixels follows from it.
 
@@ -106,7 +78,7 @@ class Plan(Document):
         pairs: number of pairs of each split; splits without pairs are left out.
         shard_pairs: number of pairs in a shard; the last shard of a split may have fewer.
         views: number of pairs that show each scene.
-        plugins: the packages of the plug-ins that the dataset is made with.
+        plugins: the packages of the plug-ins that the dataset is made with, see `semisynth_gl.plugins.Records`.
         sources: digests of patches and models, by name in each split.
     """
 
@@ -123,18 +95,6 @@ class Plan(Document):
     views: Annotated[_Pairs, Field(exclude_if=lambda views: views == 1)] = 1
     plugins: Annotated[dict[str, dict[str, _Package]], Field(exclude_if=lambda plugins: not plugins)] = {}
     sources: dict[SplitName, dict[str, str]] = {}
-
-    @field_validator("layout_name")
-    @classmethod
-    def _is_known(cls, name: str) -> str:
-        if name not in layout_names():
-            raise ValueError(f"expected one of {', '.join(layout_names())}")
-        return name
-
-    @property
-    def plugin_records(self) -> Records:
-        """The packages of the plug-ins that the dataset is made with."""
-        return {group: {name: each.values() for name, each in names.items()} for group, names in self.plugins.items()}
 
     @property
     def layout(self) -> Layout:
@@ -227,8 +187,6 @@ class Plan(Document):
 
 
 class _Source(Document):
-    name: _Text
-    sha256: _Sha256 | None = None
     licence: _Text
 
 
@@ -242,22 +200,14 @@ class _Patch(Document):
     texture: float
     large: bool = False
     subject: _Text = ""
-    sha256: _Sha256 | None = None
-
-    @property
-    def patch(self) -> Patch:
-        """The patch, without its pixels."""
-        return Patch(**self.model_dump(exclude={"sha256"}))
 
 
 class SplitSources(Document):
-    """What the index says of a split's photographs, patches and models."""
+    """What readers take from the index of a split's photographs, patches and models."""
 
-    pairs: _Pairs | None = None
     photographs: list[_Source] = []
     patches: list[_Patch] = []
     models: list[_Source] = []
-    left_out: list[_Text] = []
 
 
 class ShardEntry(Document):
@@ -272,6 +222,10 @@ class ShardEntry(Document):
     sha256: _Sha256
     redraws: _Number
 
+    def describes(self, shard: Shard) -> bool:
+        """Return whether the entry is about a shard."""
+        return (self.shard, self.split, self.first, self.end) == (shard.name, shard.split, shard.first, shard.end)
+
 
 class Index(Plan):
     """The index of a dataset: its plan, its sources and its shards."""
@@ -282,14 +236,14 @@ class Index(Plan):
     split_sources: dict[SplitName, SplitSources] = Field(alias="splits")
     shard_entries: list[ShardEntry] = Field(alias="shards")
 
-    def check(self, path: Path) -> None:
-        """Raise ReadError where pairs and list of shards disagree; the path is for the message."""
+    @model_validator(mode="after")
+    def _lists_its_shards(self) -> Self:
         # Compare the counts first: a wrong number of pairs may make a list of shards that no memory holds.
         number = sum(-(-pairs // self.shard_pairs) for pairs in self.pairs.values())
-        if number != len(self.shard_entries):
-            raise ReadError(path, f"shards: expected {number} by pairs and shard_pairs, got {len(self.shard_entries)}")
-        for shard, entry in zip(self.shards, self.shard_entries, strict=True):
-            _check_shard(entry, shard, f"shards.{shard.number}.", path)
+        entries = self.shard_entries
+        if number != len(entries) or not all(map(ShardEntry.describes, entries, self.shards)):
+            raise ValueError("shards: expected the shards that follow from pairs and shard_pairs")
+        return self
 
 
 @dataclass(frozen=True, slots=True)
@@ -305,11 +259,9 @@ class StoredFile:
 
 
 class Sample(Document):
-    """What the record of a shard says of a pair."""
+    """What readers take from the record of a shard about a pair."""
 
     pair: _Number
-    redrawn: list[str] = []
-    share_beyond: float = 0.0
     files: Annotated[dict[str, StoredFile], Field(min_length=1)]
 
 
@@ -326,59 +278,41 @@ class Record(ShardEntry):
         return self.model_dump(include=set(ShardEntry.model_fields), exclude_none=True)
 
 
+_Document = TypeVar("_Document", bound=Document)
+
+
+def parse(model: type[_Document], data: bytes, path: Path) -> _Document:
+    """Parse the bytes of a document's file; the path is for messages. Raises as `parse_values` does."""
+    return parse_values(model, JSON_OBJECT.decode(data, path), path)
+
+
 def parse_values(model: type[_Document], values: Mapping[str, Any], path: Path) -> _Document:
-    """Return a document of values in JSON's types; the path is for messages. Raises as `Document.parse` does."""
+    """Return a document of values in JSON's types; the path is for messages.
+
+    Raises:
+        InputError: where a newer program wrote the dataset.
+        ReadError: where keys are wrong or missing; the message has the expected and the found values.
+        MissingPluginError: where the layout is a plug-in's that is not installed.
+    """
     number = values.get("format")
     if issubclass(model, Plan) and isinstance(number, int) and number > FORMAT:
-        raise NewerFormatError(
-            f"{path}: format: expected at most {FORMAT}, which {PROGRAM} {version(PROGRAM)} reads, got "
-            f"{shown(number)}: {PROGRAM} {shown(values.get('version'))} wrote the dataset; install that version or a "
-            "newer one"
+        raise InputError(
+            f"{path}: format: expected at most {FORMAT}, which {PROGRAM} {version(PROGRAM)} reads, got {number}: "
+            f"{PROGRAM} {shown(values.get('version'))} wrote the dataset; install that version or a newer one"
         )
     try:
-        if issubclass(model, Plan):
-            _require_layout(values)
-        return model.model_validate(values, extra="ignore")
-    except MissingPluginError as error:
-        raise MissingPluginError(f"{path}: {error}") from None
+        document = model.model_validate(values, extra="ignore")
     except ValidationError as error:
         faults = []
         for fault in error.errors(include_url=False):
-            key = ".".join(str(part) for part in fault["loc"] if part != "[key]")
-            came = "" if fault["type"] == "missing" else f", got {shown(fault['input'])}"
-            faults.append(f"{key}: {reason_of(fault)}{came}")
+            key = "".join(f"{part}." for part in fault["loc"] if part != "[key]").removesuffix(".")
+            came = f", got {shown(fault['input'])}" if key and fault["type"] != "missing" else ""
+            faults.append(f"{key}: {reason_of(fault)}{came}".removeprefix(": "))
         raise ReadError(path, abbreviate(faults, _FAULTS_SHOWN)) from None
-
-
-def _require_layout(values: Mapping[str, Any]) -> None:
-    """Raise MissingPluginError where a dataset's layout is of a plug-in that is not installed."""
-    match values:
-        case {"layout": str(name), "plugins": {"layouts": {**layouts}}} if name in layouts:
-            require_plugins({"layouts": {name: _Package.model_validate(layouts[name]).values()}})
-
-
-def parse_record(data: bytes, shard: Shard, path: Path, *, packed: bool) -> Record:
-    """Parse the record of a shard; the path is for messages.
-
-    Raises:
-        ReadError: where a value is wrong, or the record lists other pairs than the shard's.
-    """
-    record = Record.parse(data, path)
-    _check_shard(record, shard, "", path)
-    if [sample.pair for sample in record.samples] != list(range(shard.first, shard.end)):
-        pairs = shown([sample.pair for sample in record.samples])
-        raise ReadError(path, f"samples: expected the pairs {shard.first} to {shard.end - 1}, got {pairs}")
-    if not packed:
-        return record
-    if record.tar != tar_path(shard.name):
-        raise ReadError(path, f"tar: expected {tar_path(shard.name)}, got {shown(record.tar)}")
-    if any(file.offset is None for sample in record.samples for file in sample.files.values()):
-        raise ReadError(path, "samples: expected the offset of each file in the tar")
-    return record
-
-
-def _check_shard(entry: ShardEntry, shard: Shard, prefix: str, path: Path) -> None:
-    expected = {"shard": shard.name, "split": shard.split, "first": shard.first, "end": shard.end}
-    for key, value in expected.items():
-        if getattr(entry, key) != value:
-            raise ReadError(path, f"{prefix}{key}: expected {value!r}, got {shown(getattr(entry, key))}")
+    if isinstance(document, Plan) and document.layout_name not in layout_names():
+        try:
+            require_plugins(document.plugins, ["layouts"])
+        except MissingPluginError as error:
+            raise MissingPluginError(f"{path}: {error}") from None
+        raise ReadError(path, f"layout: expected one of {', '.join(layout_names())}")
+    return document

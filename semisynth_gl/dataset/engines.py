@@ -13,7 +13,7 @@ from multiprocessing.sharedctypes import Synchronized
 from threading import Thread
 from typing import Protocol, runtime_checkable
 
-from semisynth_gl.dataset.interrupts import ENDING_SIGNALS, interrupts_blocked
+from semisynth_gl.dataset.interrupts import interrupts_ignored
 from semisynth_gl.dataset.make import Job, ShardMaker
 from semisynth_gl.inputs.errors import ContextLostError, WorkerError, counted
 from semisynth_gl.listener import FinishedPair, Listener
@@ -62,15 +62,15 @@ class SerialEngine:
 
 
 class Recorder(Listener):
-    """The listener of a worker process: it keeps what the listener of the first process is told about a shard."""
+    """Keeps what a worker process reports about a shard, for the listener of the first process."""
 
     def __init__(self) -> None:
-        self.renderer = ""
+        self.renderers: list[str] = []
         self.pairs: list[FinishedPair] = []
 
     def on_renderer(self, name: str) -> None:
         """Keep the name."""
-        self.renderer = name
+        self.renderers.append(name)
 
     def on_pair(self, pair: FinishedPair) -> None:
         """Keep the pair."""
@@ -78,8 +78,8 @@ class Recorder(Listener):
 
     def repeat(self, listener: Listener) -> None:
         """Tell another listener what this one has heard."""
-        if self.renderer:
-            listener.on_renderer(self.renderer)
+        for name in self.renderers:
+            listener.on_renderer(name)
         for pair in self.pairs:
             listener.on_pair(pair)
 
@@ -121,13 +121,12 @@ def _complete_shards(
     """
     # A forked process would inherit an OpenGL context that it cannot use.
     context, strangers = get_context("spawn"), {*active_children()}
-    arguments = job, context.Value("i", 0), threads_each(workers)
-    executor = ProcessPoolExecutor(workers, context, _start, arguments)
+    executor = ProcessPoolExecutor(workers, context, _start, (job, context.Value("i", 0), threads_each(workers)))
     waiting, pending = iter(numbers), dict[Future[Recorder], int]()
     try:
         while not listener.stopping:
-            with interrupts_blocked():  # the first call starts the processes
-                for number in islice(waiting, _AHEAD * workers - len(pending)):
+            for number in islice(waiting, _AHEAD * workers - len(pending)):
+                with interrupts_ignored():  # the first call starts the processes
                     pending[executor.submit(_make, number)] = number
             if not pending:
                 return
@@ -150,11 +149,9 @@ _maker: ShardMaker
 def _start(job: Job, started: "Synchronized[int]", threads: int) -> None:
     """Begin a worker process; ``started`` counts them."""
     global _maker  # noqa: PLW0603 - one for the process
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # also where the engine runs outside of the main thread
     with started.get_lock():
         number, started.value = started.value, started.value + 1
-    # A terminal sends Ctrl-C to all processes: the first one decides about the shards in hand.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING_SIGNALS)
     Thread(target=_end_with_parent, daemon=True).start()
     os.environ.setdefault(THREADS, str(threads))
     keep_freed_memory()

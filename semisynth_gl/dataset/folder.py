@@ -5,7 +5,6 @@ A run may be killed anywhere: the next one goes on with the shards that have no 
 
 import fcntl
 import os
-import shutil
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -15,13 +14,22 @@ from upath import UPath
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.dataset.card import encode_card
-from semisynth_gl.dataset.documents import Index, Plan, Shard, parse_values
+from semisynth_gl.dataset.documents import Index, Plan, Shard, parse, parse_values
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.names import CARD, INDEX, LOCK, PLAN, PROGRAM, RECORDS, log_path, record_path, tar_path
 from semisynth_gl.dataset.plan import differences
 from semisynth_gl.dataset.reader import read_record
-from semisynth_gl.dataset.root import clear_errors, final_name, is_local, names_below, path_of, replace, write
-from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate
+from semisynth_gl.dataset.root import (
+    UNFINISHED,
+    clear_errors,
+    is_local,
+    names_below,
+    path_of,
+    read_if_there,
+    replace,
+    write,
+)
+from semisynth_gl.inputs.errors import InputError, abbreviate
 from semisynth_gl.plugins import MissingPluginError, require_plugins
 from semisynth_gl.scene.sources import Sources
 from semisynth_gl.seeds.splits import SplitName
@@ -34,43 +42,54 @@ def read_plan(root: UPath) -> Plan | None:
     """Read the plan of a dataset; return None where the root has no plan.
 
     Raises:
-        ReadError: where the plan is damaged.
-        NewerFormatError: where a newer program wrote it.
+        InputError: where a newer program wrote the plan.
+        ReadError: where it is damaged.
         MissingPluginError: where it names a plug-in that is not installed.
     """
     with clear_errors(root):
-        try:
-            data = (root / PLAN).read_bytes()
-        except (FileNotFoundError, NotADirectoryError):
-            return None
+        data = read_if_there(root, PLAN)
+    if data is None:
+        return None
+    plan = parse(Plan, data, path_of(root, PLAN))
     try:
-        plan = Plan.parse(data, path_of(root, PLAN))
-    except ReadError as error:
-        raise ReadError(error.path, f"{error.reason}: choose another folder, or bring the file back") from None
-    try:
-        require_plugins(plan.plugin_records)
+        require_plugins(plan.plugins)
     except MissingPluginError as error:
         raise MissingPluginError(f"{root}: {error}") from None
     return plan
 
 
-def check_begin(root: UPath, plan: Plan, *, overwrite: bool) -> None:
-    """Raise InputError where `begin` would, so far as that is known without the digests of patches and models."""
-    if is_local(root) and root.exists() and not root.is_dir():
-        raise InputError(f"{root}: expected a folder to write to, but it is a file", argument="out")
+def check_begin(root: UPath, plan: Plan, *, overwrite: bool) -> bool:
+    """Return whether `begin` removes the dataset that is there.
+
+    Raises InputError where `begin` would, so far as that is known without the digests of patches and models.
+    """
     there = read_plan(root)
     if there is None:
         with clear_errors(root):
-            names = [name for name in names_below(root) if final_name(name) not in (LOCK, PLAN)]
-        there = read_plan(root) if names else None  # another run may have begun the dataset meanwhile
+            names = [name for name in names_below(root) if name != LOCK and not UNFINISHED.search(name)]
+        there = read_plan(root)  # another run may have begun the dataset meanwhile
         if names and there is None:
             raise InputError(
                 f"{root}: the folder is not empty (it holds {abbreviate(names, 3)}), and is no dataset of {PROGRAM}: "
                 "choose another",
                 argument="out",
             )
-    if there is not None and not overwrite and _has_records(root, there):
-        _check_same(root, there, plan)
+    if there is None:
+        return False
+    if overwrite:
+        return there != plan or (root / INDEX).exists()
+    if len(missing(root, there)) == len(there.shards):
+        return there != plan
+    keys = ("version", "config_values", "seed", "layout", "shard_pairs", "plugins")
+    old, new = ({key: values.get(key, {}) for key in keys} for values in (there.values(), plan.values()))
+    pairs = {name: max(plan.pairs.get(name, 0), count) for name, count in there.pairs.items()}
+    if changed := differences(old, new) + differences({"pairs": pairs}, {"pairs": plan.pairs}):
+        raise InputError(
+            f"{root}: holds a dataset that was begun with other values: {abbreviate(changed)}. Give the same, or more "
+            "pairs, to go on with it; or choose another folder, or replace the dataset with overwrite",
+            argument="out",
+        )
+    return False
 
 
 def begin(root: UPath, plan: Plan, *, overwrite: bool = False) -> None:
@@ -84,10 +103,9 @@ def begin(root: UPath, plan: Plan, *, overwrite: bool = False) -> None:
             differ.
         OSError: where the folder cannot be written to.
     """
-    check_begin(root, plan, overwrite=overwrite)
-    there = read_plan(root)
+    replacing, there = check_begin(root, plan, overwrite=overwrite), read_plan(root)
     if there is not None:
-        if replaces(root, plan, overwrite=overwrite):
+        if replacing:
             _remove(root, there)
         elif changed := differences(there.sources, plan.sources):
             raise InputError(
@@ -101,24 +119,10 @@ def begin(root: UPath, plan: Plan, *, overwrite: bool = False) -> None:
             replace(root, PLAN, JSON_OBJECT.encode(plan.values()))
 
 
-def replaces(root: UPath, plan: Plan, *, overwrite: bool) -> bool:
-    """Return whether `begin` removes a dataset that is there."""
-    there = read_plan(root)
-    if there is None:
-        return False
-    if overwrite:
-        return there != plan or (root / INDEX).exists()
-    return there != plan and not _has_records(root, there)
-
-
 def missing(root: UPath, plan: Plan) -> list[Shard]:
     """Return the shards that have no record: they are made again as a whole."""
     there = {f"{RECORDS}/{name}" for name in names_below(root / RECORDS)}
     return [shard for shard in plan.shards if record_path(shard.name) not in there]
-
-
-def _has_records(root: UPath, plan: Plan) -> bool:
-    return len(missing(root, plan)) < len(plan.shards)
 
 
 def is_complete(root: UPath, plan: Plan) -> bool:
@@ -148,11 +152,8 @@ def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> Non
         for name, target in plan.links.items():
             link = root / name
             link.parent.mkdir(parents=True, exist_ok=True)
-            if link.is_dir() and not link.is_symlink():  # a copy by `cp -rL`, which has folders in the place of links
-                shutil.copytree(link.parent / target, link, dirs_exist_ok=True)
-            else:
-                with suppress(FileExistsError):  # of an earlier run, or of another one that finishes too
-                    link.symlink_to(target)
+            with suppress(FileExistsError):  # of an earlier run, or of another one that finishes too
+                link.symlink_to(target)
     elif copies := plan.copies:
         root.fs.copy([(root / name).path for name in copies.values()], [(root / name).path for name in copies])
     replace(root, INDEX, JSON_OBJECT.encode(values))
@@ -188,24 +189,9 @@ def locked(root: UPath, *, shared: bool = False) -> Iterator[None]:
             ) from None
         except OSError:  # a file system without locks
             pass
-        try:
-            yield
-        finally:
-            if (root / INDEX).exists():
-                path.unlink(missing_ok=True)
-
-
-def _check_same(root: UPath, there: Plan, plan: Plan) -> None:
-    """Raise InputError where a dataset was begun with another plan; only its numbers of pairs may be smaller."""
-    keys = ("version", "config_values", "seed", "layout", "shard_pairs", "plugins")
-    old, new = ({key: values.get(key, {}) for key in keys} for values in (there.values(), plan.values()))
-    pairs = {name: max(plan.pairs.get(name, 0), count) for name, count in there.pairs.items()}
-    if changed := differences(old, new) + differences({"pairs": pairs}, {"pairs": plan.pairs}):
-        raise InputError(
-            f"{root}: holds a dataset that was begun with other values: {abbreviate(changed)}. Give the same, or more "
-            "pairs, to go on with it; or choose another folder, or replace the dataset with overwrite",
-            argument="out",
-        )
+        yield
+        if (root / INDEX).exists():
+            path.unlink(missing_ok=True)
 
 
 def _own_names(plan: Plan) -> Iterator[str]:
@@ -221,9 +207,9 @@ def _own_names(plan: Plan) -> Iterator[str]:
 
 def _remove(root: UPath, plan: Plan) -> None:
     """Remove the files of a dataset except its plan, then the empty folders of all these."""
-    own, there = dict.fromkeys(_own_names(plan)), set(names_below(root))
-    names = [name for name in own if name in there]
-    names += [name for name in there.difference(names, [PLAN]) if final_name(name) in own or final_name(name) == PLAN]
+    own, there = dict.fromkeys(_own_names(plan)), names_below(root)
+    present = frozenset(there)
+    names = [*(name for name in own if name in present), *filter(UNFINISHED.search, there)]
     if not is_local(root):
         if names:
             root.fs.rm([(root / name).path for name in names])

@@ -10,16 +10,7 @@ from upath import UPath
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.documents import Plan, Shard
 from semisynth_gl.dataset.engines import Engine, LocalEngine, SerialEngine
-from semisynth_gl.dataset.folder import (
-    begin,
-    check_begin,
-    finish,
-    is_complete,
-    locked,
-    missing,
-    read_plan,
-    replaces,
-)
+from semisynth_gl.dataset.folder import begin, check_begin, finish, is_complete, locked, missing, read_plan
 from semisynth_gl.dataset.make import Job, open_renderer
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.root import is_local, open_root
@@ -104,14 +95,11 @@ def generate(
         raise InputError(f"expected the splits {', '.join(SPLITS)}, got {shown(list(named))}", argument="pairs")
     counts = {name: to_whole(f"pairs of {name}", count) for name, count in named.items()}
     gpus = tuple(to_whole("the number of a GPU", number, least=0) for number in gpus)
-    listener = listener or Listener()
-    engine = engine or SerialEngine()
-    root = open_root(out)
-    earlier = None if overwrite else read_plan(root)
-    by_number = "middlebury" if sum(counts.values()) < _MANY_PAIRS else "webdataset"
-    layout = layout or (earlier and earlier.layout_name) or config.layout or by_number
-    if shard_pairs is None and earlier is not None:
-        shard_pairs = earlier.shard_pairs
+    listener, engine, root = listener or Listener(), engine or SerialEngine(), open_root(out)
+    if earlier := None if overwrite else read_plan(root):
+        layout = layout or earlier.layout_name
+        shard_pairs = earlier.shard_pairs if shard_pairs is None else shard_pairs
+    layout = layout or config.layout or ("middlebury" if sum(counts.values()) < _MANY_PAIRS else "webdataset")
     plan = make_plan(config, seed, layout, counts, shard_pairs)
     chosen = _chosen(plan.shards, shards)
     check_apart(root, plan.config)
@@ -125,13 +113,12 @@ def generate(
     plan = plan.model_copy(update={"sources": digests})
     job = Job(plan, str(root.absolute()), backend, gpus)
     _describe(plan, sources, listener)
-    replacing = replaces(root, plan, overwrite=overwrite)
+    replacing = check_begin(root, plan, overwrite=overwrite)
     with locked(root, shared=shards is not None and not replacing):
         if replacing:
             # If the driver or the config's checks fail, the earlier dataset stays.
-            first = plan.shards[chosen[0]]
-            with open_renderer(job, first.split) as renderer:
-                renderer.render(first.first)
+            with open_renderer(job, plan.splits[0]) as renderer:
+                renderer.render(0)
         begin(root, plan, overwrite=overwrite)
         wanted = [shard for shard in missing(root, plan) if shard.number in chosen]
         listener.on_total(sum(shard.end - shard.first for shard in wanted))

@@ -81,10 +81,7 @@ def _sha256(*arrays: np.ndarray[Any, Any]) -> str:
 
 def _file_sha256(path: Path | None) -> str | None:
     """Return the SHA-256 of a photograph's file; None where it has no file, or the file cannot be read."""
-    if path is None:
-        return None
     try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return hashlib.sha256(path.read_bytes()).hexdigest() if path else None
     except OSError:
         return None

@@ -1,6 +1,5 @@
 """Making shards: one process renders, encodes and writes the pairs of one shard after the other."""
 
-from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing
@@ -12,17 +11,14 @@ from typing import Any, TypeVar
 from semisynth_gl.dataset.documents import Plan, Shard
 from semisynth_gl.dataset.plan import differences, used_plugins
 from semisynth_gl.dataset.root import open_root
-from semisynth_gl.dataset.sample import encode_pair
-from semisynth_gl.dataset.shard import PairFiles, write_shard
+from semisynth_gl.dataset.sample import EncodedPair, encode_pair
+from semisynth_gl.dataset.shard import write_shard
 from semisynth_gl.inputs.errors import InputError, abbreviate
-from semisynth_gl.listener import FinishedPair, Listener
+from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
 from semisynth_gl.render.backends import Backend, is_software
 from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.seeds.splits import SplitName
-
-# Threads of a process that encode pairs while a GPU renders the next one.
-_ENCODERS = 1
 
 Rendered = TypeVar("Rendered")
 Encoded = TypeVar("Encoded")
@@ -79,7 +75,6 @@ class ShardMaker:
         """
         plan, shard = self._job.plan, self._job.plan.shards[number]
         renderer = self._renderer_of(shard.split, listener)
-        threads = 0 if is_software(renderer.renderer_name) else _ENCODERS
 
         def rendered() -> Iterator[Pair]:
             for index in range(shard.first, shard.end):
@@ -87,17 +82,15 @@ class ShardMaker:
                     return
                 yield renderer.render(index)
 
-        def tell(index: int, pair: PairFiles) -> None:
-            listener.on_pair(FinishedPair(shard.split, index, tuple(pair.redrawn), pair.share_beyond))
-
-        with closing(in_order(rendered(), partial(encode, plan, shard), threads)) as pairs:
-            return write_shard(open_root(self._job.address), plan, shard, pairs, tell)
+        in_thread = not is_software(renderer.renderer_name)
+        with closing(in_order(rendered(), partial(encode, plan, shard), in_thread=in_thread)) as pairs:
+            return write_shard(open_root(self._job.address), plan, shard, pairs, listener)
 
     def _renderer_of(self, split: SplitName, listener: Listener) -> PairRenderer:
         if self._renderer is None or self._renderer.split.name != split:
             self._resources.close()
             job, plan = self._job, self._job.plan
-            _check_same("plug-ins", plan.plugin_records, used_plugins(plan.config, plan.layout_name))
+            _check_same("plug-ins", plan.plugins, used_plugins(plan.config, plan.layout_name))
             renderer = self._resources.enter_context(open_renderer(job, split, self._worker))
             _check_same("photographs or models", plan.sources[split], renderer.sources.digests())
             renderer.forget_pixels()
@@ -121,33 +114,31 @@ def open_renderer(job: Job, split: SplitName, worker: int = 0) -> PairRenderer:
     return PairRenderer(job.plan.config, job.plan.split(split), job.backend, device_index)
 
 
-def encode(plan: Plan, shard: Shard, pair: Pair) -> PairFiles:
+def encode(plan: Plan, shard: Shard, pair: Pair) -> EncodedPair:
     """Return a pair as files."""
-    config, key = plan.config, plan.key(shard.split, pair.index)
-    ndisp = max(1, ceil(config.disparity.max_px))
-    encoded = encode_pair(plan.layout, key, pair.frame, pair.provenance, ndisp, plan.encodings)
-    # All pairs of a sequence carry the same redraws.
-    redrawn = pair.provenance.get("redrawn", []) if pair.index % config.sequence_pairs == 0 else []
-    return PairFiles(encoded.files, redrawn, encoded.share_beyond, pair.provenance["renderer"])
+    ndisp = max(1, ceil(plan.config.disparity.max_px))
+    return encode_pair(
+        plan.layout, plan.key(shard.split, pair.index), pair.frame, pair.provenance, ndisp, plan.encodings
+    )
 
 
 def in_order(
-    rendered: Iterable[Rendered], encode: Callable[[Rendered], Encoded], threads: int
+    rendered: Iterable[Rendered], encode: Callable[[Rendered], Encoded], *, in_thread: bool
 ) -> Generator[Encoded, None, None]:
-    """Encode pairs in ``threads`` threads, and yield the results in order.
+    """Encode pairs, and yield the results in order.
 
-    This thread renders the pairs, since it owns the context, while each other thread encodes one pair: compression,
-    checksums and NumPy let other threads run. With 0 threads, this thread also encodes, which is best where the
-    processor renders.
+    With ``in_thread``, another thread encodes a pair while this one, which owns the context, renders the next:
+    compression, checksums and NumPy let other threads run. Where the processor renders, one thread is best for both.
     """
-    if threads == 0:
+    if not in_thread:
         yield from map(encode, rendered)
         return
-    waiting: deque[Future[Encoded]] = deque()
-    with ThreadPoolExecutor(threads) as pool:
+    with ThreadPoolExecutor(1) as pool:
+        before: Future[Encoded] | None = None
         for pair in rendered:
-            waiting.append(pool.submit(encode, pair))
-            if len(waiting) > threads:
-                yield waiting.popleft().result()
-        while waiting:
-            yield waiting.popleft().result()
+            now = pool.submit(encode, pair)
+            if before is not None:
+                yield before.result()
+            before = now
+        if before is not None:
+            yield before.result()

@@ -34,7 +34,7 @@ def record_path(shard: str) -> str:
 
 
 def log_path(shard: str) -> str:
-    """Return the path of a shard's log, which has the facts that differ between two runs of the same dataset."""
+    """Return the path of a shard's log, which says how long it took."""
     return f"{RECORDS}/{shard}.log"
 
 

@@ -5,14 +5,13 @@ from importlib.metadata import version
 from math import ceil
 from typing import Any
 
-from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.documents import Plan
 from semisynth_gl.dataset.names import FORMAT, PROGRAM
 from semisynth_gl.frame.channels import CHANNELS
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, counted, shown
-from semisynth_gl.layouts import LAYOUTS, find_layout
+from semisynth_gl.layouts import LAYOUTS, Layout, find_layout
 from semisynth_gl.layouts.key import sequence_length
 from semisynth_gl.plugins import Records, plugin_records
 from semisynth_gl.seeds.splits import SPLITS, SplitName
@@ -49,27 +48,7 @@ def make_plan(
         raise InputError(f"expected at least one pair, got {dict(pairs)}")
     if shard_pairs is not None:
         shard_pairs = to_whole("shard_pairs", shard_pairs, least=1)
-    if layout.encodings is not None and config.files != type(config.files)():
-        free = [name for name in LAYOUTS if find_layout(name).encodings is None]
-        raise InputError(
-            f"the layout {layout_name} has encodings of its own ({layout.encodings.image.name}, "
-            f"{layout.encodings.disparity.name}, {layout.encodings.flow.name}): leave files.image, files.disparity and "
-            f"files.flow out of the config, or choose another layout: {', '.join(free)}"
-        )
-    length = sequence_length(config.outputs, config.sequence.length)
-    if length is not None and layout.most_frames is not None and length > layout.most_frames:
-        raise InputError(
-            f"the layout {layout_name} has names for {layout.most_frames} frames of a sequence with flow, got "
-            f"sequence.length {length}: set it to {layout.most_frames} or less, or choose another layout"
-        )
-    if unsaid := sorted(layout.lacks.intersection(config.outputs)):
-        able = ", ".join(name for name in LAYOUTS if unsaid[0] not in find_layout(name).lacks)
-        raise InputError(
-            f"the layout {layout_name} has no files for the output {unsaid[0]}, which its loaders do not know: leave "
-            f"it out of outputs, or choose another layout: {able}"
-        )
-    encodings = layout.encodings_for(config)
-    _check_encodings(config, layout_name, encodings)
+    _check_layout(config, layout_name, layout)
     if lacking := sorted(layout.needs.difference(config.outputs)):
         config = config.model_copy(update={"outputs": (*config.outputs, *lacking)})
     if shard_pairs is None:
@@ -98,20 +77,23 @@ def make_plan(
     )
 
 
-def _check_encodings(config: Config, layout_name: str, encodings: Encodings) -> None:
-    """Raise InputError where a layout's codecs are not installed, or cannot hold what the config asks for."""
-    of_sensor = [channel.output for channel in CHANNELS.values() if channel.of_sensor]
-    if not encodings.image.lossless and (raw := [output for output in config.outputs if output in of_sensor]):
-        raise InputError(
-            f"the layout {layout_name} stores images as {encodings.image.description}, too lossy for raw images: leave "
-            f"{raw[0]} out of outputs, or choose another layout"
-        )
-    if encodings.signed and not encodings.disparity.signed:
-        others = [each for each in LAYOUTS if (find_layout(each).encodings or Encodings()).disparity.signed]
-        raise InputError(
-            f"the layout {layout_name} stores disparities as {encodings.disparity.description}, which has no values of "
-            f"0 and below, but disparity.signed makes these valid: choose another layout: {', '.join(others)}"
-        )
+def _check_layout(config: Config, layout_name: str, layout: Layout) -> None:
+    """Raise InputError where a layout cannot hold a config's outputs, encodings or sequences."""
+    encodings, length = layout.encodings_for(config), sequence_length(config.outputs, config.sequence.length)
+    raw = [channel.output for channel in CHANNELS.values() if channel.of_sensor and channel.output in config.outputs]
+    reason = ""
+    if layout.encodings is not None and config.files != type(config.files)():
+        reason = "has encodings of its own: leave the section files out of the config"
+    elif length is not None and layout.most_frames is not None and length > layout.most_frames:
+        reason = f"has names for {layout.most_frames} frames of a sequence with flow: set sequence.length to that"
+    elif unsaid := sorted(layout.lacks.intersection(config.outputs)):
+        reason = f"has no files for the output {unsaid[0]}: leave it out of outputs"
+    elif raw and not encodings.image.lossless:
+        reason = f"stores images as {encodings.image.description}, too lossy for raw images: leave {raw[0]} out"
+    elif encodings.signed and not encodings.disparity.signed:
+        reason = f"stores disparities as {encodings.disparity.description}, which has no signed ones"
+    if reason:
+        raise InputError(f"the layout {layout_name} {reason}; or choose another layout, such as middlebury")
 
 
 def used_plugins(config: Config, layout_name: str) -> Records:

@@ -7,18 +7,9 @@ from typing import cast, overload
 
 from upath import UPath
 
-from semisynth_gl.codecs.json_object import JSON_OBJECT
-from semisynth_gl.dataset.documents import Index, Plan, Record, Shard, parse_record, parse_values
-from semisynth_gl.dataset.names import INDEX, PLAN, PROGRAM, record_path, tar_path
-from semisynth_gl.dataset.root import (
-    MISSING,
-    clear_errors,
-    is_local,
-    open_root,
-    path_of,
-    read_part,
-    read_whole,
-)
+from semisynth_gl.dataset.documents import Index, Plan, Record, Shard, parse
+from semisynth_gl.dataset.names import INDEX, PLAN, record_path, tar_path
+from semisynth_gl.dataset.root import clear_errors, open_root, path_of, read_if_there, read_part, read_whole
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file, wrong_sizes
 from semisynth_gl.dataset.tar import HEADER, header_fault
 from semisynth_gl.inputs.arguments import to_whole
@@ -31,17 +22,10 @@ _RECORDS_KEPT = 1000
 
 @dataclass(frozen=True, slots=True)
 class StoredIndex:
-    """The index of a dataset, or the plan of an unfinished one, and the dataset's place.
-
-    Attributes:
-        address: the dataset's folder or address.
-        plan: the content of index.json, or of plan.json where the index cannot be used.
-        fault: the reason why index.json cannot be used, with advice; None where it can be used.
-    """
+    """The index of a dataset, or the plan of an unfinished one, and the dataset's folder or address."""
 
     address: str
     plan: Plan
-    fault: str | None = None
 
     @property
     def root(self) -> UPath:
@@ -54,6 +38,11 @@ class StoredIndex:
         return self.plan if isinstance(self.plan, Index) else None
 
     @property
+    def fault(self) -> str | None:
+        """Why a finished dataset's index is missing; None where it is there."""
+        return None if self.made else f"it has no {INDEX}: it is not finished; run its generate command again"
+
+    @property
     def signed(self) -> bool:
         """Whether disparities of 0 and below are valid."""
         return self.plan.config.disparity.signed
@@ -64,51 +53,21 @@ class StoredIndex:
         return not self.plan.config.images_as_rendered
 
 
-class DamagedIndexError(InputError):
-    """A folder has an index or plan of this program, but neither can be used; ``faults`` has a reason for each file."""
-
-    def __init__(self, address: str, faults: Sequence[str]) -> None:
-        super().__init__(f"{address}: not a dataset that can be read: {'; '.join(faults)}")
-        self.faults = tuple(faults)
-
-
 def read_index(address: str | PathLike[str]) -> StoredIndex:
-    """Read the index or the plan of a dataset, by the dataset's folder or an address that fsspec knows.
+    """Read the index of a dataset, or the plan of an unfinished one, by its folder or an address that fsspec knows.
 
     Raises:
-        InputError: where the address has no dataset of this program, or a dataset of a newer format.
-        DamagedIndexError: where the address has a dataset of this program whose index and plan cannot be used: each is
-            missing, cut off, or has values that no dataset has.
+        InputError: where the address has no dataset, or a dataset of a newer format.
+        ReadError: where the index, or the plan of a dataset without index, is damaged.
     """
     address = fspath(address)
     root = open_root(address)
-    if is_local(root) and not root.is_dir():
-        reason = "expected a folder, got a file" if root.exists() else "there is no such folder"
-        raise InputError(f"{address}: {reason}")
-    faults: dict[str, str] = {}
-    for name, model in ((INDEX, Index), (PLAN, Plan)):
-        path = path_of(root, name)
-        try:
-            with clear_errors(root):
-                values = JSON_OBJECT.decode(read_whole(root, name), path)
-            if values.get("program") != PROGRAM:
-                raise InputError(f"{address}: {name} is not of {PROGRAM}: program is {shown(values.get('program'))}")
-            plan = parse_values(model, values, path)
-            if isinstance(plan, Index):
-                plan.check(path)
-        except ReadError as error:
-            faults[name] = error.reason
-            continue
-        if name == INDEX:
-            return StoredIndex(address, plan)
-        advice = f"it was changed; without {INDEX}, the dataset's generate command goes on from {PLAN}"
-        if faults[INDEX] == MISSING:
-            advice = "the dataset is not finished; run its generate command again"
-        return StoredIndex(address, plan, f"{INDEX}: {faults[INDEX]}: {advice}")
-    texts = [f"{name}: {reason}" for name, reason in faults.items()]
-    if {*faults.values()} == {MISSING}:
-        raise InputError(f"{address}: not a dataset: {'; '.join(texts)}")
-    raise DamagedIndexError(address, texts)
+    with clear_errors(root):
+        for name, model in ((INDEX, Index), (PLAN, Plan)):
+            data = read_if_there(root, name)
+            if data is not None:
+                return StoredIndex(address, parse(model, data, path_of(root, name)))
+    raise InputError(f"{address}: not a dataset: there is no such folder, or it has neither {INDEX} nor {PLAN}")
 
 
 class Dataset(Sequence[StoredFrame]):
@@ -162,7 +121,8 @@ class Dataset(Sequence[StoredFrame]):
         plan, root, (split, pair) = self.about.plan, self.about.root, self.pair(number)
         layout, names = plan.layout, plan.files(split, pair)
         if layout.packed:
-            files = self._read_members(split, pair, list(names.values()))
+            shard = self._shards[split, pair - pair % plan.shard_pairs]
+            files = read_members(root, shard, self._record(root, shard), pair, list(names.values()))
         else:
             files = {name: read_whole(root, name) for name in names.values()}
         values = {
@@ -187,16 +147,12 @@ class Dataset(Sequence[StoredFrame]):
             position -= count
         raise IndexError(number)
 
-    def _read_members(self, split: SplitName, pair: int, names: Sequence[str]) -> dict[str, bytes]:
-        """Read a pair's files from the tar of its shard, at their offsets in the shard's record."""
-        root, shard = self.about.root, self._shards[split, pair - pair % self.about.plan.shard_pairs]
-        record = self._records.get(shard)
-        if record is None:
-            record = read_record(root, shard, packed=True)
+    def _record(self, root: UPath, shard: Shard) -> Record:
+        if shard not in self._records:
             if len(self._records) >= _RECORDS_KEPT:
                 self._records.clear()
-            self._records[shard] = record
-        return read_members(root, shard, record, pair, names)
+            self._records[shard] = read_record(root, shard, packed=True)
+        return self._records[shard]
 
 
 def open_dataset(address: str | PathLike[str], split: SplitName | None = None) -> Dataset:
@@ -208,6 +164,7 @@ def open_dataset(address: str | PathLike[str], split: SplitName | None = None) -
 
     Raises:
         InputError: where the address has no dataset, or the dataset is not finished.
+        ReadError: where the dataset's index is damaged.
     """
     return Dataset(read_index(address), split)
 
@@ -215,7 +172,14 @@ def open_dataset(address: str | PathLike[str], split: SplitName | None = None) -
 def read_record(root: UPath, shard: Shard, *, packed: bool) -> Record:
     """Read the record of a shard; raises ReadError where it is missing, or does not describe the shard."""
     name = record_path(shard.name)
-    return parse_record(read_whole(root, name), shard, path_of(root, name), packed=packed)
+    path = path_of(root, name)
+    record = parse(Record, read_whole(root, name), path)
+    if not record.describes(shard) or [each.pair for each in record.samples] != list(range(shard.first, shard.end)):
+        raise ReadError(path, f"expected {shard.name} with the pairs {shard.first} to {shard.end - 1}")
+    files = (file for sample in record.samples for file in sample.files.values())
+    if packed and (record.tar != tar_path(shard.name) or any(file.offset is None for file in files)):
+        raise ReadError(path, f"expected tar {tar_path(shard.name)}, and the offset of each file in it")
+    return record
 
 
 def read_members(root: UPath, shard: Shard, record: Record, pair: int, names: Sequence[str]) -> dict[str, bytes]:
@@ -230,7 +194,6 @@ def read_members(root: UPath, shard: Shard, record: Record, pair: int, names: Se
     for name in names:
         if name not in listed:
             raise ReadError(path_of(root, record_path(shard.name)), f"has no entry for {name}")
-    # `parse_record` refuses the record of a tar without an offset.
     spans = {name: (cast("int", listed[name].offset), listed[name].bytes) for name in names}
     begin = min(offset for offset, _ in spans.values()) - HEADER
     end = max(offset + size for offset, size in spans.values())
@@ -238,9 +201,9 @@ def read_members(root: UPath, shard: Shard, record: Record, pair: int, names: Se
     contents = {}
     for name, (offset, size) in spans.items():
         at = offset - begin
-        if len(data) < at + size:
-            raise ReadError(path, f"ends before {name} does")
+        contents[name] = data[at : at + size]
         if fault := header_fault(data[at - HEADER : at], name, size):
             raise ReadError(path, f"at byte {begin + at - HEADER}: {fault}")
-        contents[name] = data[at : at + size]
+        if len(contents[name]) < size:
+            raise ReadError(path, f"ends before {name} does")
     return contents

@@ -9,6 +9,7 @@ from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.seeds.splits import SplitName
+from semisynth_gl.textures.atlas import Patch
 
 
 class RebuiltScenes:
@@ -23,20 +24,19 @@ class RebuiltScenes:
 
     def __init__(self, index: StoredIndex, split: SplitName) -> None:
         made = index.made
-        if made is None:
-            raise InputError(f"{index.root}: the scenes cannot be rebuilt from the index: {index.fault}")
-        described = made.split_sources.get(split)
-        if described is None or not described.patches:
-            raise InputError(f"{index.root}: the scenes cannot be rebuilt from the index: it lists no patches")
-        patches = tuple(entry.patch for entry in described.patches)
+        patches = made and made.split_sources.get(split)
+        if made is None or not patches or not patches.patches:
+            raise InputError(f"{index.root}: the scenes cannot be rebuilt: {index.fault or 'its index has no patches'}")
         self.config, self.seed, part = made.config, made.seed, made.split(split)
         try:
             # Another version of a plug-in may make other models. Recipes need no check: the config has their keys.
-            require_plugins(made.plugin_records, ["models"], same=True)
+            require_plugins(made.plugins, ["models"], same=True)
         except MissingPluginError as error:
             raise MissingPluginError(f"{index.root}: the scenes cannot be rebuilt: {error}") from None
         libraries = recipe_libraries(self.config, part)
-        self._sampler = MixSampler(self.config, part.seed, libraries, patches)
+        self._sampler = MixSampler(
+            self.config, part.seed, libraries, tuple(Patch(**each.values()) for each in patches.patches)
+        )
         self.models: tuple[Mesh, ...] = self._sampler.models
 
     def sampled(self, frame: StoredFrame) -> SampledScene | None:

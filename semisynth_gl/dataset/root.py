@@ -12,11 +12,8 @@ from upath import UPath
 from semisynth_gl.inputs.errors import InputError, ReadError, how_to_install
 from semisynth_gl.inputs.user_files import expanded
 
-MISSING = "is missing"
-
-_ONE_SLASH = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/(?!/)")
 # Files that `replace` has not written to their end, which a kill leaves: the process's number stands before the ending.
-_UNFINISHED = re.compile(r"\.\d+\.new$")
+UNFINISHED = re.compile(r"\.json\.\d+\.new$")
 # Most bytes that are read of a file at once.
 _MOST_BYTES = 1 << 31
 _WITH_BUCKETS = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oci", "oss"})
@@ -31,7 +28,7 @@ def open_root(address: str | os.PathLike[str]) -> UPath:
     """
     text = os.fspath(address)
     path = text.removeprefix("file://").removeprefix("local://")
-    if not path.strip() or _ONE_SLASH.match(path):
+    if not path.strip() or re.match(r"[a-z0-9]+:/(?!/)", path):
         raise InputError(f"expected a folder or an address such as s3://bucket/name with two slashes, got {text!r}")
     if "://" not in path:
         return UPath(expanded(path))
@@ -59,8 +56,21 @@ def path_of(root: UPath, name: str) -> Path:
 
 
 def read_whole(root: UPath, name: str) -> bytes:
-    """Read a file of a dataset; raises ReadError where it is missing or cannot be read."""
-    data = read_part(root, name, 0, _MOST_BYTES + 1)
+    """Read a file of a dataset; raises ReadError where it is missing, cannot be read, or has more than 2 GiB."""
+    data = read_if_there(root, name)
+    if data is None:
+        raise ReadError(path_of(root, name), "is missing")
+    return data
+
+
+def read_if_there(root: UPath, name: str) -> bytes | None:
+    """Read a file of a dataset as `read_whole` does; return None where it is missing."""
+    try:
+        data = _read(root, name, 0, _MOST_BYTES + 1)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        raise ReadError(path_of(root, name), f"cannot be read: {error.strerror or error}") from None
     if len(data) > _MOST_BYTES:
         raise ReadError(path_of(root, name), f"has more than {_MOST_BYTES} bytes")
     return data
@@ -68,39 +78,43 @@ def read_whole(root: UPath, name: str) -> bytes:
 
 def read_part(root: UPath, name: str, offset: int, length: int) -> bytes:
     """Read bytes of a file from an offset on, fewer where the file ends earlier; raises like `read_whole`."""
+    try:
+        return _read(root, name, offset, length)
+    except OSError as error:
+        raise ReadError(path_of(root, name), f"cannot be read: {error.strerror or error}") from None
+
+
+def _read(root: UPath, name: str, offset: int, length: int) -> bytes:
     path = root / name
-    with _read_errors(root, name):
-        if not is_local(root):
-            return bytes(root.fs.cat_file(path.path, start=offset, end=offset + length))  # one request
-        with path.open("rb") as file:
-            # At most the rest of the file, so that a wrong length takes no memory.
-            length = max(0, min(length, os.fstat(file.fileno()).st_size - offset))
-            file.seek(offset)
-            return bytes(file.read(length))
+    if not is_local(root):
+        return bytes(root.fs.cat_file(path.path, start=offset, end=offset + length))  # one request
+    with path.open("rb") as file:
+        # At most the rest of the file, so that a wrong length takes no memory.
+        length = max(0, min(length, os.fstat(file.fileno()).st_size - offset))
+        file.seek(offset)
+        return bytes(file.read(length))
 
 
 def names_below(root: UPath) -> list[str]:
     """Return the names of all files below a root, sorted; links are files, and are not followed."""
-    if is_local(root):
-        found = [
-            os.path.relpath(os.path.join(folder, name), root)  # noqa: PTH118 - a million names
-            for folder, folders, files in os.walk(root)
-            for name in (*files, *(each for each in folders if os.path.islink(os.path.join(folder, each))))  # noqa: PTH114, PTH118
-        ]
-        return sorted(found)
-    prefix = f"{root.path.rstrip('/')}/"
-    return sorted(path.removeprefix(prefix) for path in root.fs.find(root.path))
+    if not is_local(root):
+        prefix = f"{root.path.rstrip('/')}/"
+        return sorted(path.removeprefix(prefix) for path in root.fs.find(root.path))
+    found = []
+    for folder, folders, files in os.walk(root):
+        links = [name for name in folders if os.path.islink(f"{folder}/{name}")]  # noqa: PTH114 - a million names
+        found += [os.path.relpath(f"{folder}/{name}", root) for name in (*files, *links)]
+    return sorted(found)
 
 
 def write(root: UPath, name: str, data: bytes) -> None:
     """Write or replace a file, and make its folders; raises OSError where that fails."""
     path = root / name
-    if is_local(root):
+    if _WITH_BUCKETS.isdisjoint({root.protocol}):
         path.parent.mkdir(parents=True, exist_ok=True)
+    if is_local(root):
         path.write_bytes(data)
     else:
-        if _WITH_BUCKETS.isdisjoint({root.protocol}):
-            path.parent.mkdir(parents=True, exist_ok=True)
         root.fs.pipe_file(path.path, data)  # stores show a file only once it is complete
 
 
@@ -110,11 +124,6 @@ def replace(root: UPath, name: str, data: bytes) -> None:
     write(root, unfinished, data)
     if unfinished != name:
         (root / unfinished).replace(root / name)
-
-
-def final_name(name: str) -> str:
-    """Return the name that a file gets that `replace` was writing; any other name stays."""
-    return _UNFINISHED.sub("", name)
 
 
 @contextmanager
@@ -132,13 +141,3 @@ def clear_errors(root: UPath) -> Iterator[None]:
             f"{root}: {type(error).__name__}: {error}; check address, rights, connection and credentials, such as "
             "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
         ) from error
-
-
-@contextmanager
-def _read_errors(root: UPath, name: str) -> Iterator[None]:
-    try:
-        yield
-    except (FileNotFoundError, NotADirectoryError):
-        raise ReadError(path_of(root, name), MISSING) from None
-    except OSError as error:
-        raise ReadError(path_of(root, name), f"cannot be read: {error.strerror or error}") from None

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,22 +54,18 @@ class StoredFrame(Frame):
 
     def sky_of_instances(self, eye: Eye) -> NDArray[np.bool_] | None:
         """Return where a view shows the sky, (H, W) bool, by the output ``instances`` only; see `sky`."""
-        view, rows = self.view(eye), self.provenance.get("instances")
-        ids = view.get("instances")
+        ids, rows = self.view(eye).get("instances"), self.provenance.get("instances")
         if self.provenance.get("sky") is not True:
             return np.zeros((self.camera.height_px, self.camera.width_px), bool)
         if ids is None or not isinstance(rows, list):
             return None
-        is_sky = np.array([False, *(isinstance(row, dict) and row.get("sky") is True for row in rows)])
+        is_sky = np.array([False, *(row.get("sky") is True for row in rows)])
         return np.asarray(is_sky[np.minimum(ids, len(rows))])
 
     @property
     def border_disparity(self) -> bool:
         """Whether disparities reach into the borders that a lens leaves; see the config's ``lens.border_disparity``."""
-        match self.provenance.get("lens"):
-            case {"border_disparity": False}:
-                return False
-        return True
+        return (self.provenance.get("lens") or {}).get("border_disparity") is not False
 
     def left_out(self, eye: Eye) -> NDArray[np.bool_]:
         """Return where a view has no disparity because its sensor saw nothing, (H, W) bool.
@@ -89,14 +85,17 @@ class StoredFrame(Frame):
         return np.where(np.asarray(disparity) <= 2 * error, 2 * error, error)
 
 
-@dataclass(frozen=True, slots=True)
-class EncodedPair:
-    """A pair as files in memory: their bytes by path.
+class EncodedPair(NamedTuple):
+    """A pair as files in memory.
 
-    ``share_beyond`` is the share of pixels, 0 to 1, whose disparity the codec cannot store, in the view with more.
+    Attributes:
+        files: the files' bytes by path, below the split's folder or inside the tar.
+        provenance: the content of its JSON file.
+        share_beyond: share of the pixels whose disparity the encoding cannot store, in the view with the larger share.
     """
 
     files: dict[str, bytes]
+    provenance: Mapping[str, Any]
     share_beyond: float
 
 
@@ -132,7 +131,8 @@ def encode_pair(
         if value is not None:
             files[path] = role.codec(encodings).encode(value)
     pixels = frame.camera.width_px * frame.camera.height_px
-    return EncodedPair(files, max(beyond.get(View.disparity.beyond_key, {}).values(), default=0) / pixels)
+    share_beyond = max(beyond.get(View.disparity.beyond_key, {}).values(), default=0) / pixels
+    return EncodedPair(files, provenance, share_beyond)
 
 
 def decode_file(layout: Layout, role: str, data: bytes, path: Path, encodings: Encodings) -> Any:  # noqa: ANN401 - by role
@@ -141,44 +141,21 @@ def decode_file(layout: Layout, role: str, data: bytes, path: Path, encodings: E
 
 
 def wrong_sizes(values: Mapping[str, Any], size: tuple[int, int]) -> Iterator[tuple[str, str]]:
-    """Yield the role of each value that does not have the dataset's size, and a message about it.
+    """Yield the role of each array that does not have the dataset's size, and a message about it.
 
-    ``values`` are a pair's decoded files by role, and ``size`` is the height and width of the dataset's images. A
-    camera, a calibration or a provenance has the size of its camera's images. A raw image has the size of the camera
-    that the provenance describes, if there is one among the values.
+    ``values`` are a pair's decoded files by role, and ``size`` is the height and width of the dataset's images. A raw
+    image has the size of the camera that the provenance describes.
     """
+    lens = values.get("provenance", {}).get("lens") or {}
     for role, value in values.items():
         eye, channel = ROLES.get(role, (None, None))
-        if isinstance(value, np.ndarray):
-            of_sensor = channel is not None and channel.of_sensor
-            expected = _sensor_size(values.get("provenance"), eye) if of_sensor else size
-            if expected is not None and value.shape[:2] != expected:
-                whose = "the camera in the pair's provenance" if of_sensor else "the dataset's images"
-                yield role, f"expected shape {(*expected, *value.shape[2:])}, as {whose}, got {value.shape}"
-        elif (found := _camera_size(value)) is not None and found != size:
-            height, width = found
-            yield role, f"expected a camera of the dataset's images, {size[1]} x {size[0]} px, got {width} x {height}"
-
-
-def _sensor_size(provenance: object, eye: Eye | None) -> tuple[int, int] | None:
-    """Return height and width in px of an eye's raw images from a provenance; None where it does not state them."""
-    match provenance:
-        case {"lens": {**eyes}}:
-            match eyes.get(eye):
-                case {"height_px": int(height), "width_px": int(width)}:
-                    return height, width
-    return None
-
-
-def _camera_size(value: object) -> tuple[Any, Any] | None:
-    """Return height and width in px from a camera, a calibration or a provenance; None from any other value."""
-    value = value.camera if isinstance(value, Calibration) else value
-    match value:
-        case StereoCamera():
-            return value.height_px, value.width_px
-        case {"camera": {**camera}}:
-            return camera.get("height_px"), camera.get("width_px")
-    return None
+        expected: tuple[Any, Any] = size
+        whose = "the dataset's images"
+        if channel is not None and channel.of_sensor:
+            sensor, whose = lens.get(eye) or {}, "the camera in the pair's provenance"
+            expected = sensor.get("height_px"), sensor.get("width_px")
+        if isinstance(value, np.ndarray) and value.shape[:2] != expected:
+            yield role, f"expected shape {(*expected, *value.shape[2:])}, as {whose}, got {value.shape}"
 
 
 def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) -> StoredFrame:
@@ -198,18 +175,17 @@ def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) ->
         mask, visible = CHANNELS[channel.mask].role(eye), values.get(not_occluded_role(channel, eye))
         if visible is not None:
             arrays[mask] = mask_from_not_occluded(arrays[role], visible, channel, eye, path)
-        elif mask in arrays and arrays[mask].shape == arrays[role].shape[:2]:
+        elif mask in arrays:
             arrays[mask] = restore_outside(arrays[mask], arrays[role], channel, eye)
     calibration, provenance = values.get("calibration"), values["provenance"]
-    stored_camera = provenance.get("camera")
-    if calibration is None or (isinstance(stored_camera, dict) and "deviation" in stored_camera):
+    try:
         # The calibration of a deviating pair describes its rectified twin.
-        try:
-            camera = StereoCamera.from_values(provenance["camera"])
-        except (KeyError, TypeError, InputError) as error:
-            raise ReadError(path, f"its provenance has no camera that can be used: {error!r}") from None
-    else:
-        camera = calibration.camera
+        deviates = "deviation" in provenance.get("camera", ())
+        camera = calibration.camera if calibration and not deviates else StereoCamera.from_values(provenance["camera"])
+    except (KeyError, TypeError, InputError) as error:
+        raise ReadError(path, f"its provenance has no camera that can be used: {error!r}") from None
+    if (camera.height_px, camera.width_px) != arrays["left"].shape[:2]:
+        raise ReadError(path, f"its camera is of {camera.width_px} x {camera.height_px} px, and its images are not")
     frame = Frame.from_arrays(camera, arrays)
     left, right = (_with_outside(frame, eye) for eye in EYES)
     return StoredFrame(camera, left, right, key.name, key.split, key.index, provenance, calibration, encodings)
@@ -219,8 +195,6 @@ def _with_outside(frame: Frame, eye: Eye) -> View:
     """Return a view whose mask marks points above and below the other image as outside; see `restore_outside`."""
     view = frame.view(eye)
     if frame.camera.rectified or not view.keys() >= {"disparity", "visibility"}:
-        return view
-    if view["visibility"].shape != view["disparity"].shape:
         return view
     way = view["correspondence"] if "correspondence" in view else frame.correspondences(eye).astype(np.float32)
     return view.with_channels({"visibility": restore_outside(view["visibility"], way, View.correspondence, eye)})

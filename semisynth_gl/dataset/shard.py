@@ -3,40 +3,22 @@
 import hashlib
 import json
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable
 from contextlib import ExitStack
-from typing import IO, Any, NamedTuple
+from typing import IO, Any
 
 from upath import UPath
 
 from semisynth_gl.dataset.documents import Plan, Shard
 from semisynth_gl.dataset.names import FORMAT, RECORDS, log_path, record_path, tar_path
 from semisynth_gl.dataset.root import is_local, replace, write
+from semisynth_gl.dataset.sample import EncodedPair
 from semisynth_gl.dataset.tar import tar_end, tar_member
-
-
-class PairFiles(NamedTuple):
-    """A pair as files.
-
-    Attributes:
-        files: the files' bytes by path, below the split's folder or inside the tar.
-        redrawn: why each earlier attempt failed its checks; only the first frame of a sequence has these reasons.
-        share_beyond: share of the pixels whose disparity the encoding cannot store, in the view with the larger share.
-        renderer: the driver's name of the renderer.
-    """
-
-    files: Mapping[str, bytes]
-    redrawn: list[str]
-    share_beyond: float
-    renderer: str
+from semisynth_gl.listener import FinishedPair, Listener
 
 
 def write_shard(
-    root: UPath,
-    plan: Plan,
-    shard: Shard,
-    pairs: Iterable[PairFiles],
-    on_pair: Callable[[int, PairFiles], object] = lambda *_: None,
+    root: UPath, plan: Plan, shard: Shard, pairs: Iterable[EncodedPair], listener: Listener | None = None
 ) -> bool:
     """Write the files of a shard's pairs, then its record.
 
@@ -45,7 +27,7 @@ def write_shard(
         plan: its plan.
         shard: the shard.
         pairs: the shard's pairs, in order; an iterable that ends early leaves the shard without a record.
-        on_pair: called with the number of each pair in its split once its files are written.
+        listener: hears each pair once its files are written.
 
     Returns:
         Whether the shard is complete.
@@ -53,7 +35,7 @@ def write_shard(
     Raises:
         OSError: where the disk is full or cannot be written to.
     """
-    start = time.perf_counter()
+    start, listener = time.perf_counter(), listener or Listener()
     packed, digest, size = plan.layout.packed, hashlib.sha256(), 0
     samples: list[dict[str, Any]] = []
     renderers: set[str] = set()
@@ -77,10 +59,12 @@ def write_shard(
                     write(root, name, data)
                     digest.update(f"{sha256}  {name}\n".encode())  # as `sha256sum` writes it
                     size += len(data)
-            facts = {"pair": number, "redrawn": pair.redrawn, "share_beyond": pair.share_beyond}
+            # All pairs of a sequence carry the same redraws.
+            redrawn = [] if number % plan.config.sequence_pairs else pair.provenance.get("redrawn", [])
+            facts = {"pair": number, "redrawn": redrawn, "share_beyond": pair.share_beyond}
             samples.append(facts | {"files": files})
-            renderers.add(pair.renderer)
-            on_pair(number, pair)
+            renderers.add(pair.provenance["renderer"])
+            listener.on_pair(FinishedPair(shard.split, number, tuple(redrawn), pair.share_beyond))
         if len(samples) < shard.end - shard.first:
             return False
         if packed:
@@ -96,7 +80,7 @@ def write_shard(
         "end": shard.end,
         "redraws": sum(len(sample["redrawn"]) for sample in samples),
         "renderers": sorted(renderers),
-        **({"plugins": plan.plugin_records} if plan.plugins else {}),
+        **({"plugins": plan.plugins} if plan.plugins else {}),
         **({"tar": tar_path(shard.name)} if packed else {}),
         "bytes": size,
         "sha256": digest.hexdigest(),

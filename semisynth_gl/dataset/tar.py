@@ -33,5 +33,4 @@ def header_fault(header: bytes, name: str, size: int) -> str | None:
         return f"has no header of {name}: {error}"
     if (info.name, info.size, info.isreg()) == (name, size, True):
         return None
-    kind = "a file" if info.isreg() else "no plain file"
-    return f"expected {name} of {size} bytes, got {kind} named {info.name!r} of {info.size} bytes"
+    return f"expected the file {name} of {size} bytes, got {info.name!r} of {info.size} bytes"

@@ -152,7 +152,7 @@ def _check_origin(provenance: dict[str, Any], index: StoredIndex, shard: Shard, 
     plan = index.plan
     expected: dict[str, Any] = {name: getattr(plan, name) for name in ("program", "version", "config_sha256", "seed")}
     expected |= {"config": plan.name, "pair": number, "split": shard.split}
-    expected["plugins"] = {group: names for group, names in plan.plugin_records.items() if group != "layouts"}
+    expected["plugins"] = {group: names for group, names in plan.plugins.items() if group != "layouts"}
     if plan.views > 1:
         expected["view"] = number % plan.views
     for key, value in expected.items():

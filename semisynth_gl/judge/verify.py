@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from semisynth_gl.dataset.names import record_path
-from semisynth_gl.dataset.reader import DamagedIndexError, StoredIndex, read_index
+from semisynth_gl.dataset.reader import StoredIndex, read_index
 from semisynth_gl.dataset.rebuild import RebuiltScenes
 from semisynth_gl.dataset.root import names_below
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.inputs.arguments import to_whole
-from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.judge.files import check_index, check_shard, read_pair
 from semisynth_gl.judge.findings import DATASET, Finding, Verdict
 from semisynth_gl.judge.lens import check_lens
@@ -36,7 +36,7 @@ class Verification:
     """The result of all checks of a dataset.
 
     Attributes:
-        pairs: number of pairs of the dataset; 0 where neither index nor plan can be read.
+        pairs: number of pairs of the dataset; 0 where its index cannot be read.
         verdicts: the verdict on the dataset as a whole, and then one for each pair.
         no_rays: why no rays were cast, though nobody forbade it; None where there is no such reason.
     """
@@ -87,8 +87,8 @@ def verify(
     keys: list[FinishedPair] = []
     try:
         index = read_index(dataset)
-    except DamagedIndexError as error:
-        found, no_rays = iter([Verdict(DATASET, [Finding(DATASET, "index", fault) for fault in error.faults])]), None
+    except ReadError as error:
+        found, no_rays = iter([Verdict(DATASET, [Finding(DATASET, "index", str(error))])]), None
     else:
         keys = [FinishedPair(each.split, n) for each in index.plan.shards for n in range(each.first, each.end)]
         found, no_rays = _with_rays(index, pixels, None if oracle else rays, asked=oracle or rays is not None)

@@ -46,13 +46,14 @@ def test_without_a_layout_the_number_of_pairs_decides(config, tmp_path):
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        (["files.disparity=png16"], ".*layout.*: middlebury, webdataset"),
-        (["outputs=[correspondence]"], ".*layout.*: middlebury, middlebury-2014, webdataset"),
-        (["disparity.signed=true"], ".*layout.*: eth3d, middlebury, middlebury-2014, sceneflow, "),
+        (["files.disparity=png16"], "encodings of its own"),
+        (["outputs=[correspondence]"], "no files for the output correspondence"),
+        (["disparity.signed=true"], "no signed ones"),
+        (["outputs=[flow]", "sequence.length=91"], r"sequence\.length"),
     ],
 )
-def test_what_a_configs_layout_cannot_hold_is_refused_with_those_that_can(tmp_path, settings, said):
-    with pytest.raises(InputError, match=f"the layout kitti {said}"):
+def test_what_a_layout_cannot_hold_is_refused(tmp_path, settings, said):
+    with pytest.raises(InputError, match=f"the layout kitti .*{said}.*another layout"):
         generate(load_config("kitti", settings), tmp_path / "out", 1)
 
 

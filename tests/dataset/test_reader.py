@@ -1,48 +1,36 @@
-"""Datasets on disk, opened again: what is no dataset, and datasets of each encoding, which verify finds clean."""
+"""Datasets on disk, opened again: by many processes, with files of another size, and what is no dataset."""
 
 import json
+import multiprocessing
+import re
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 from backends import backend_fault
-from hand_made_datasets import config_of
-from tiny_datasets import CLUTTER_ALONE, SCENES, lean
+from hand_made_datasets import config_of, write_dataset
+from hand_made_pairs import CAMERA, make_frame
+from planted_faults import findings
+from tiny_datasets import SCENES, lean
 
 from semisynth_gl.codecs import DISPARITY_CODECS, Encodings
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.plan import make_plan
-from semisynth_gl.dataset.reader import DamagedIndexError, open_dataset, read_index
-from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.judge.verify import verify_dataset
+from semisynth_gl.dataset.reader import open_dataset, read_index
+from semisynth_gl.frame.channels import OUTPUTS
+from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
+from semisynth_gl.layouts import find_layout, layout_names
 
-
-@pytest.fixture
-def _opengl():
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
-
-
-def findings(folder, rays=100):
-    """Findings of verify, less those of the digest, which gives every change of a file away."""
-    return [
-        str(finding)
-        for verdict in verify_dataset(read_index(folder), rays)
-        for finding in verdict.findings
-        if finding.check != "sha256"
-    ]
+PAIRS, READS = 8, 100
 
 
 def test_what_is_no_dataset_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
-    for path, words in (
-        (tmp_path / "none", "no such folder"),
-        (tmp_path / "file", "got a file"),
-        (tmp_path, "not a dataset"),
-    ):
-        with pytest.raises(InputError, match=words):
+    for path in (tmp_path / "none", tmp_path / "file", tmp_path):
+        with pytest.raises(InputError, match="not a dataset"):
             read_index(path)
-    (tmp_path / "index.json").write_text(json.dumps({"program": "semisynth-gl", "layout": "nuscenes"}))
-    with pytest.raises(DamagedIndexError, match="field required"):
+    (tmp_path / "index.json").write_text(json.dumps({"program": "another"}))
+    with pytest.raises(ReadError, match=r"index\.json: program: .*'another'"):
         read_index(tmp_path)
 
 
@@ -58,36 +46,120 @@ def test_a_dataset_without_the_section_has_the_default_encodings(tmp_path):
     assert read_index(tmp_path).plan.encodings == Encodings()
     values["files"] = {"image": "webp"}
     path.write_text(json.dumps(plan))
-    with pytest.raises(InputError, match=r"files\.image: expected one of .*'webp'"):
+    with pytest.raises(SemisynthError, match=r"files\.image: expected one of .*'webp'"):
         read_index(tmp_path)
 
 
-@pytest.mark.usefixtures("_opengl")
-def test_a_dataset_of_16_bit_disparities_verifies_clean_until_they_are_changed(tmp_path):
-    config = lean(files={"disparity": "png16"})
-    config = config.model_copy(update={"outputs": ("visibility", "instances", "depth")})
-    generate(config, tmp_path, 1, 5)
-    assert read_index(tmp_path).plan.encodings == Encodings.from_names("png", "png16")
-    assert findings(tmp_path) == []
+def test_16_bit_disparities_verify_clean_until_they_are_changed(tmp_path, program):
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    config = lean(files={"disparity": "png16"}).model_copy(update={"outputs": ("visibility", "depth")})
+    generate(config, tmp_path / "near", 1, 5)
+    assert findings(tmp_path / "near", 100) == []
     # Ten times the rounding.
-    wrong = open_dataset(tmp_path)[0].left.disparity + np.float32(0.02)
-    path = tmp_path / SCENES / "middlebury-000000/disp0GT.png"
-    path.write_bytes(DISPARITY_CODECS["png16"].encode(wrong))
-    assert any(": depth: depth_left" in finding for finding in findings(tmp_path, 0))
-
-
-@pytest.mark.usefixtures("_opengl")
-def test_a_dataset_beyond_256_px_is_reported_and_verifies_clean(tmp_path, program):
-    keys = ["files.disparity=png16", "disparity={min_px: 20, max_px: 430, target: {form: uniform}}"]
-    keys += ["camera.width_px=900", "camera.height_px=60", "textures.source=procedural", "models.complex=0"]
-    options = [word for key in (*CLUTTER_ALONE, *keys) for word in ("--set", key)]
+    wrong = open_dataset(tmp_path / "near")[0].left.disparity + np.float32(0.02)
+    (tmp_path / "near" / SCENES / "middlebury-000000/disp0GT.png").write_bytes(DISPARITY_CODECS["png16"].encode(wrong))
+    assert "depth" in {finding.check for finding in findings(tmp_path / "near")}
+    # Beyond 256 px.
+    keys = ["files.disparity=png16", "disparity={min_px: 20, max_px: 430, target: {form: uniform}}", "scenes=[]"]
+    keys += ["camera.width_px=900", "camera.height_px=60", "textures={source: procedural}", "models.complex=0"]
+    options = [word for key in keys for word in ("--set", key)]
     out = tmp_path / "out"
     code, _, err = program("generate", "--config", "middlebury", "--out", out, "--pairs", 1, "--seed", 1, *options)
     assert code == 0, err
     assert "in 1 pair more than 1% of the pixels have a disparity that png16 cannot hold" in err
-    assert findings(out) == []
+    assert findings(out, 100) == []
     path = out / SCENES / "middlebury-000000" / "pair.json"
     pair = json.loads(path.read_text())
     pair["disparity_beyond"]["left"] += 1000_000
     path.write_text(json.dumps(pair))
-    assert any("beyond the encoding" in finding for finding in findings(out, 0))
+    assert any("beyond the encoding" in finding.message for finding in findings(out))
+
+
+# One open dataset that many processes and threads read
+
+_shared = []
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    """Opened, and read from, in this process: what a reader holds open is open before it is shared."""
+    out = tmp_path_factory.mktemp("shared")
+    write_dataset(out, "webdataset", {"train": PAIRS}, 3, config_of(outputs=[]))
+    opened = open_dataset(out)
+    check(opened, range(PAIRS))
+    return opened
+
+
+def check(opened, numbers):
+    for number in numbers:
+        truth = make_frame(number, ()).arrays()
+        arrays = opened[number].arrays()
+        assert arrays.keys() == truth.keys()
+        assert all(np.array_equal(array, truth[role]) for role, array in arrays.items())
+
+
+def share(opened):
+    _shared.append(opened)
+
+
+def check_shared(reader):
+    """Read pairs in an order of the reader's own."""
+    check(_shared[-1], np.random.default_rng(reader).integers(0, PAIRS, READS).tolist())
+
+
+@pytest.mark.parametrize(("method", "readers"), [("fork", 4), ("spawn", 2)])
+def test_processes_read_what_was_written(dataset, method, readers):
+    with multiprocessing.get_context(method).Pool(readers, share, (dataset,)) as pool:
+        pool.map(check_shared, range(readers), chunksize=1)
+
+
+def test_threads_read_what_was_written(dataset):
+    share(dataset)
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(check_shared, range(4)))
+
+
+# Files of another size than the dataset's images have
+
+
+@pytest.mark.parametrize("name", [name for name in layout_names() if not find_layout(name).packed])
+def test_a_file_of_another_size_is_refused(tmp_path, name):
+    layout = find_layout(name)
+    lossless = (layout.encodings or Encodings()).image.lossless
+    outputs = [output for output in OUTPUTS if output not in layout.lacks and (lossless or output != "raw")]
+    eye = {"fx_px": 50, "distortion": [0, 0, 0, 0]}
+    lens = {"raw_width_px": 64, "raw_height_px": 48, "left": eye, "right": eye}
+    write_dataset(tmp_path, name, {"train": 1}, 1, config_of(outputs=outputs, lens=lens))
+    dataset = open_dataset(tmp_path)
+    assert dataset[0].left.image.shape == (CAMERA.height_px, CAMERA.width_px, 3)
+    for number, (role, path) in enumerate(dataset.about.plan.files("train", 0).items()):
+        data, codec = (tmp_path / path).read_bytes(), layout.role(role).codec(dataset.about.plan.encodings)
+        value = codec.decode(data, path)
+        if not isinstance(value, np.ndarray):
+            continue
+        changed = np.ascontiguousarray(
+            (value[:-1], value[:, :-1], value.repeat(2, axis=0).repeat(2, axis=1))[number % 3]
+        )
+        (tmp_path / path).write_bytes(codec.encode(changed))
+        said = f"^{re.escape(f'{tmp_path}/{path}')}: expected shape .*{re.escape(str(changed.shape))}"
+        with pytest.raises(ReadError, match=said):
+            dataset[0]
+        assert [path in finding.message for finding in findings(tmp_path) if finding.check == "size"] == [True], role
+        (tmp_path / path).write_bytes(data)
+
+
+def test_a_pair_of_another_dataset_or_camera_is_refused(tmp_path):
+    """All of its files are of one size, and of another one than the dataset's."""
+    write_dataset(tmp_path / "set", "eth3d", {"train": 1}, 1)
+    calib = tmp_path / "set" / open_dataset(tmp_path / "set").about.plan.files("train", 0)["calibration"]
+    text = calib.read_text()
+    calib.write_text(text.replace("width=48", "width=50"))
+    with pytest.raises(ReadError, match="its camera is of 50 x 32 px"):
+        open_dataset(tmp_path / "set")[0]
+    calib.write_text(text)
+    index = json.loads((tmp_path / "set/index.json").read_text())
+    index["config_values"]["camera"]["height_px"] = 64
+    (tmp_path / "set/index.json").write_text(json.dumps(index))
+    with pytest.raises(ReadError, match=r"im0\.png: expected shape \(64, 48, 3\)"):
+        open_dataset(tmp_path / "set")[0]
