@@ -80,7 +80,7 @@ def cases() -> Iterator[tuple[str, tuple[str, ...]]]:
         yield f"rig/{layout}", (*rig, *DEVIATING)
     sky = [option for value in SKY for option in ("--set", value)]
     yield "sky", ("--config", "eth3d", "--pairs", "2", "--layout", "webdataset", *MOVING, *sky)
-    left = (*ETH3D, "--truth", "left")
+    left = (*ETH3D, "--set", "truth=left")
     yield "truth/left", (*left, "--outputs", "visibility,instances,depth")
     for antialias in ("edges", "ssaa2"):
         yield f"antialias/{antialias}", (*ETH3D, "--set", f"antialias={antialias}")

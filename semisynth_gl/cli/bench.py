@@ -9,7 +9,17 @@ from typing import Any
 import click
 
 from semisynth_gl.bench.summary import headline
-from semisynth_gl.cli.options import COUNT, MOST_WORKERS, SEED, Callback, Command, backend_option, option, set_option
+from semisynth_gl.cli.options import (
+    COUNT,
+    MOST_WORKERS,
+    SEED,
+    Callback,
+    Command,
+    backend_option,
+    option,
+    options,
+    set_option,
+)
 from semisynth_gl.cli.outputs import OutputFile, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config import load_config
@@ -22,7 +32,7 @@ def bench() -> None:
 
 def _bench_options(config: str) -> Callable[[Callback], Callback]:
     """Return a decorator for the options that both commands share, with a default config."""
-    options = (
+    return options(
         option("--config", "config_name", default=config, help="A packaged config or a YAML file."),
         set_option(),
         option("--seed", type=SEED, default=0, help="Seed of the scenes; another seed makes other scenes."),
@@ -30,21 +40,13 @@ def _bench_options(config: str) -> Callable[[Callback], Callback]:
         option("--json", "json_file", type=OutputFile(), help="Also write the full report to this JSON file."),
     )
 
-    def decorate(command: Callback) -> Callback:
-        for add_option in reversed(options):
-            command = add_option(command)
-        return command
-
-    return decorate
-
 
 def _run(name: str, config_name: str, settings: tuple[str, ...], json_file: Path | None, **options: Any) -> None:  # noqa: ANN401 - of the benchmark
     """Measure with a module of `semisynth_gl.bench`; print its report, and write it as JSON."""
     benchmark = import_module(f"semisynth_gl.bench.{name}")  # other commands need no renderer
     report = benchmark.measure(load_config(config_name, settings), **options, listener=Progress())
     report["command"] = " ".join(["semisynth-gl", *sys.argv[1:]])
-    if json_file is not None:
-        write_json(json_file, report)
+    write_json(json_file, report)
     click.echo(f"{headline(report)}\n\n{benchmark.table(report)}")
 
 

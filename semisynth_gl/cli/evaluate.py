@@ -8,13 +8,13 @@ from typing import Any
 import click
 
 from semisynth_gl.cli.options import Command, option
-from semisynth_gl.cli.outputs import OutputFile, write_json
+from semisynth_gl.cli.outputs import OutputFile, table, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.inputs.errors import abbreviate, counted
 from semisynth_gl.judge.confirmation import evaluate_views
 from semisynth_gl.judge.evaluate import evaluate as evaluate_predictions
-from semisynth_gl.judge.protocol import PROTOCOL_NAMES, ProtocolName
-from semisynth_gl.seeds.splits import SPLITS, SplitName
+from semisynth_gl.judge.protocol import PROTOCOL_NAMES
+from semisynth_gl.seeds.splits import SPLITS
 
 _PATH = click.Path(path_type=Path)
 # Most pairs with a row in a table, and the figure that they are sorted by.
@@ -48,11 +48,8 @@ def evaluate(
     predictions: Path,
     truth: str | None,
     predictions_right: Path | None,
-    protocol: ProtocolName | None,
-    split: SplitName | None,
-    partial: bool,
     json_file: Path | None,
-    maps: Path | None,
+    **options: Any,  # noqa: ANN401 - of the function that evaluates
 ) -> None:
     """Compare predicted disparities with the truth, as a benchmark does.
 
@@ -60,17 +57,14 @@ def evaluate(
 
     Predictions are .pfm, .npy or 16-bit .png files with the pair's name or the name of the truth's file.
     """
-    if predictions_right is not None and not (truth or protocol or split or partial or maps):
+    if predictions_right is not None and not (truth or any(options.values())):
         report = evaluate_views(predictions, predictions_right)
     elif truth is not None and predictions_right is None:
         with Progress() as progress:
-            report = evaluate_predictions(
-                predictions, truth, protocol, split=split, partial=partial, maps=maps, progress=progress.track
-            )
+            report = evaluate_predictions(predictions, truth, **options, progress=progress.track)
     else:
         raise click.UsageError("expected --gt, the truth, or --pred-right, which goes only with --json")
-    if json_file is not None:
-        write_json(json_file, report)
+    write_json(json_file, report)
     for line in _confirmation_lines(report) if truth is None else _table_lines(report):
         click.echo(line)
     if missing := report.get("missing"):
@@ -90,7 +84,7 @@ def _table_lines(report: Mapping[str, Any]) -> list[str]:
         for pair, figures in (*pairs[:_WORST], ("all pairs", mean)):
             values = [figures.get(name) for name in names]
             rows.append([pair, *("-" if value is None else f"{value:.4g}" for value in values)])
-        lines += _aligned(rows)
+        lines += table(rows)
     return lines
 
 
@@ -98,13 +92,4 @@ def _confirmation_lines(report: Mapping[str, Any]) -> list[str]:
     images = sorted(report["images"], key=lambda image: -image["unconfirmed"])[:_WORST]
     rows = [(image["name"], image["unconfirmed"]) for image in images] + [("mean", report["mean"]["unconfirmed"])]
     head = f"{counted(report['pairs'], 'pair')} without truth: % of pixels that the right view does not confirm"
-    return [head, "", *_aligned([[name, f"{share:.2f}"] for name, share in rows])]
-
-
-def _aligned(rows: list[list[str]]) -> list[str]:
-    """Return rows of cells as lines; the first column is aligned to the left, the others to the right."""
-    first, *others = (max(map(len, cells)) for cells in zip(*rows, strict=True))
-    return [
-        "  ".join([name.ljust(first), *(cell.rjust(width) for cell, width in zip(cells, others, strict=True))])
-        for name, *cells in rows
-    ]
+    return [head, "", *table([[name, f"{share:.2f}"] for name, share in rows])]

@@ -2,7 +2,7 @@
 
 import re
 import shlex
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -19,13 +19,11 @@ from semisynth_gl.cli.options import (
 )
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config import Config
+from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_stop
-from semisynth_gl.dataset.root import open_root
-from semisynth_gl.frame.channels import OUTPUTS, TRUTH_VIEWS, TruthViews, View
-from semisynth_gl.inputs.errors import InputError, counted
-from semisynth_gl.layouts import layout_names
+from semisynth_gl.frame.channels import OUTPUTS, View
+from semisynth_gl.inputs.errors import InputError, abbreviate, counted
 from semisynth_gl.listener import FinishedPair
-from semisynth_gl.plugins import MissingPluginError
 
 if TYPE_CHECKING:
     from semisynth_gl.dataset.engines import Engine
@@ -58,9 +56,9 @@ def _range(_: click.Context, __: click.Parameter, text: str | None) -> range | N
 )
 @option(
     "--layout",
-    type=click.Choice(layout_names()),
-    help="Folders, names and encodings of the files.  [default: the config's, else middlebury, or webdataset from "
-    "10,000 pairs on]",
+    metavar="NAME",
+    help=f"Folders, names and encodings of the files: {', '.join(LAYOUTS)}, or a plug-in's.  [default: the config's, "
+    "else middlebury, or webdataset from 10,000 pairs on]",
 )
 @option(
     "--outputs",
@@ -68,19 +66,14 @@ def _range(_: click.Context, __: click.Parameter, text: str | None) -> range | N
     metavar="a,b",
     help=f"Files besides images and disparities: {', '.join(OUTPUTS)}; or none.  [default: the config's]",
 )
-@option(
-    "--truth",
-    type=click.Choice(TRUTH_VIEWS),
-    help="Views whose disparity and outputs are written.  [default: the config's]",
-)
 @option("--pairs", type=NATURAL, default=24, help="How many training pairs to make.")
 @option("--validation", type=NATURAL, default=0, help="Validation pairs to add; they share no photograph with others.")
 @option("--test", type=NATURAL, default=0, help="Test pairs to add; they share no photograph with others.")
 @option(
     "--engine",
     type=click.Choice(("serial", "local", "ray")),
-    help="Where to make the shards: in this process, in processes of this machine, or on a Ray cluster.  "
-    "[default: local where there is work for several workers, else serial]",
+    help="Where to make the shards: in this process, in processes of this machine, or on the Ray cluster of "
+    "$RAY_ADDRESS, else a local one.  [default: local where there is work for several workers, else serial]",
 )
 @option(
     "--workers",
@@ -100,7 +93,6 @@ def _range(_: click.Context, __: click.Parameter, text: str | None) -> range | N
     default=0.0,
     help="GPUs for each Ray task; a fraction lets several tasks share a GPU.",
 )
-@option("--ray-address", help="Ray cluster to use.  [default: $RAY_ADDRESS, else a local one]")
 @option("--shard-pairs", type=COUNT, help="Pairs in a shard.  [default: 64, or fewer in a small dataset]")
 @option(
     "--shards",
@@ -112,9 +104,7 @@ def _range(_: click.Context, __: click.Parameter, text: str | None) -> range | N
 def generate(
     scene: SceneOptions,
     out: str | None,
-    layout: str | None,
     outputs: tuple[str, ...] | None,
-    truth: TruthViews | None,
     pairs: int,
     validation: int,
     test: int,
@@ -122,10 +112,7 @@ def generate(
     workers: int | None,
     gpus: tuple[int, ...] | None,
     gpu_share: float,
-    ray_address: str | None,
-    shard_pairs: int | None,
-    shards: range | None,
-    overwrite: bool,
+    **options: Any,  # noqa: ANN401 - of the function that generates
 ) -> None:
     """Write a dataset: left, right, both disparities, masks and calibration of each pair.
 
@@ -139,64 +126,48 @@ def generate(
     with interrupts_end():
         from semisynth_gl.dataset.generate import generate as generate_dataset  # noqa: PLC0415
 
-    settings = [] if truth is None else [f"truth={truth}"]
-    if outputs is not None:
-        settings.append(f"outputs=[{', '.join(name for name in outputs if name != 'none')}]")
-    try:
-        config = scene.config(*settings)
-    except MissingPluginError:
-        if out is not None and not overwrite:
-            from semisynth_gl.dataset.folder import read_plan  # noqa: PLC0415 - see above
-
-            read_plan(open_root(out))  # the dataset in this place may name the package to install
-        raise
+    names = None if outputs is None else ", ".join(name for name in outputs if name != "none")
+    config = scene.config(*([] if names is None else [f"outputs=[{names}]"]))
+    counts = {"train": pairs, "validation": validation, "test": test}
     with _GenerationProgress() as progress:
         result = generate_dataset(
             config,
             out if out is not None else f"out/{config.name}",
-            {"train": pairs, "validation": validation, "test": test},
+            counts,
             scene.seed,
-            layout=layout,
             backend=scene.backend,
-            engine=_open_engine(engine, workers, gpus, gpu_share, ray_address, pairs + validation + test),
+            engine=_open_engine(engine, workers, gpus, gpu_share, sum(counts.values())),
             # Ray shows each task its GPU as number 0.
             gpus=gpus or ((0,) if gpu_share else ()),
-            shard_pairs=shard_pairs,
-            shards=shards,
-            overwrite=overwrite,
             listener=progress,
+            **options,
         )
     progress.conclude(config, result)
     _conclude(result)
 
 
 def _open_engine(
-    name: str | None,
-    workers: int | None,
-    gpus: tuple[int, ...] | None,
-    gpu_share: float,
-    ray_address: str | None,
-    pairs: int,
+    name: str | None, workers: int | None, gpus: tuple[int, ...] | None, gpu_share: float, pairs: int
 ) -> "Engine":
     """Return the engine that makes a number of pairs in all; refuse options that it does not take."""
     # Imported here: help and completion need no renderer.
     from semisynth_gl.dataset.cluster import RayEngine  # noqa: PLC0415
     from semisynth_gl.dataset.engines import LocalEngine, SerialEngine, cores  # noqa: PLC0415
 
-    if workers is not None and (name == "ray" or (name == "serial" and workers > 1)):
-        raise InputError(f"--workers is for --engine local, and not for {name}")
-    if name == "ray" and gpus:
-        raise InputError("--gpus is for --engine local: Ray chooses the GPUs of its processes, with --gpu-share")
     if name == "ray":
-        return RayEngine(ray_address, gpus=gpu_share)
-    if ray_address is not None or gpu_share:
-        raise InputError("--ray-address and --gpu-share are for --engine ray")
+        if workers is not None or gpus:
+            raise InputError("--workers and --gpus are for --engine local; Ray takes --gpu-share")
+        return RayEngine(gpus=gpu_share)
+    if gpu_share:
+        raise InputError("--gpu-share is for --engine ray")
     count = workers or max(1, min(cores(), pairs // _PAIRS_PER_WORKER))
+    if name == "serial" and (workers or 1) > 1:
+        raise InputError("--workers is for --engine local, and not for serial")
     return SerialEngine() if name == "serial" or (name is None and count == 1) else LocalEngine(count)
 
 
 class _GenerationProgress(Progress):
-    """Progress that stops the run at Ctrl-C, and collects redrawn and unencodable pairs for messages at the end."""
+    """Progress that stops the run at Ctrl-C, and counts redrawn and unencodable pairs for messages at the end."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -209,16 +180,13 @@ class _GenerationProgress(Progress):
 
     def on_pair(self, pair: FinishedPair) -> None:
         super().on_pair(pair)
-        self._redrawn.extend(f"pair {pair.index}: {reason}" for reason in pair.redrawn)
-        if pair.share_beyond > _LARGE_SHARE_BEYOND:
-            self._shares_beyond.append(pair.share_beyond)
+        self._redrawn += [f"pair {pair.index}: {reason}" for reason in pair.redrawn]
+        self._shares_beyond += [pair.share_beyond] if pair.share_beyond > _LARGE_SHARE_BEYOND else []
 
     def conclude(self, config: Config, result: "GenerationResult") -> None:
-        for reason in self._redrawn[:_REASONS_SHOWN]:
-            self.on_message(f"rendered anew, {reason}")
         if self._redrawn:
-            count = len(self._redrawn)
-            self.on_message(f"pairs rendered anew after they failed their checks: {count} (see the shards' records)")
+            which = abbreviate(self._redrawn, _REASONS_SHOWN)
+            self.on_message(f"pairs rendered anew after they failed their checks: {len(self._redrawn)}: {which}")
         if self._shares_beyond:
             encoding = result.plan.layout.encodings_for(config).disparity.name
             self.on_message(
@@ -229,18 +197,15 @@ class _GenerationProgress(Progress):
 
 
 def _conclude(result: "GenerationResult") -> None:
-    plan, total = result.plan, sum(result.plan.pairs.values())
     if result.stopped:
         click.echo("Stopped. Complete shards stay on disk; the same command makes the others.", err=True)
         click.get_current_context().exit(_STOPPED)
     if result.missing:
+        shards = counted(len(result.plan.shards), "shard")
         click.echo(
-            f"{result.missing} of {counted(len(plan.shards), 'shard')} still missing. The run that makes the last one "
-            "completes the dataset and writes its index.",
-            err=True,
+            f"{result.missing} of {shards} still missing. The run that makes the last one ends the dataset.", err=True
         )
         click.echo(f"the requested shards are in {result.root}")
         return
-    address = str(result.root)
-    click.echo(f"{counted(total, 'pair')} in {address}")
-    click.echo(f"To look at the images: semisynth-gl report {shlex.quote(address)}", err=True)
+    click.echo(f"{counted(sum(result.plan.pairs.values()), 'pair')} in {result.root}")
+    click.echo(f"To look at the images: semisynth-gl report {shlex.quote(str(result.root))}", err=True)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial, wraps
+from functools import partial, reduce, wraps
 from typing import Any
 
 import click
@@ -17,6 +17,12 @@ from semisynth_gl.render.backends import BACKENDS, Backend
 Callback = Callable[..., Any]
 
 option = partial(click.option, show_default=True)
+
+
+def options(*decorators: Callable[[Callback], Callback]) -> Callable[[Callback], Callback]:
+    """Return a decorator that adds several options to a command, which lists them in this order."""
+    return lambda command: reduce(lambda below, decorate: decorate(below), reversed(decorators), command)
+
 
 _MOST = 10_000_000
 NATURAL = click.IntRange(min=0, max=_MOST)
@@ -103,19 +109,20 @@ def map_options(use: str, note: str = "") -> Callable[[Callback], Callback]:
 
     In the help, ``use`` follows "Disparity maps", and ``note`` is a further sentence that ends in a space.
     """
-    files = option(
-        "--disparity",
-        multiple=True,
-        metavar="PATH_OR_GLOB",
-        help=f"Disparity maps {use}, true or predicted: .pfm, .npy, 16-bit .png. {note}May be repeated.",
+    return options(
+        option(
+            "--disparity",
+            multiple=True,
+            metavar="PATH_OR_GLOB",
+            help=f"Disparity maps {use}, true or predicted: .pfm, .npy, 16-bit .png. {note}May be repeated.",
+        ),
+        option(
+            "--png-scale",
+            type=above_0(0xFFFF),
+            default=KITTI_DISPARITY.steps,
+            help="Levels of a 16-bit PNG for a disparity of one pixel.",
+        ),
     )
-    scale = option(
-        "--png-scale",
-        type=above_0(0xFFFF),
-        default=KITTI_DISPARITY.steps,
-        help="Levels of a 16-bit PNG for a disparity of one pixel.",
-    )
-    return lambda command: files(scale(command))
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,17 +156,7 @@ def scene_options(command: Callback) -> Callback:
         scene = SceneOptions(**{name: values.pop(name) for name in SceneOptions.__slots__})
         return command(scene=scene, **values)
 
-    for add_option in (
-        backend_option(),
-        set_option(),
-        option("--seed", type=SEED, default=0, help="Seed of the dataset: another seed makes other pairs."),
-        option(
-            "--models",
-            multiple=True,
-            metavar="DIR",
-            help="Folder of 3D models to add to the built-in ones and the config's folders. May be repeated.",
-        ),
-        images_option(),
+    return options(
         option(
             "--config",
             "config_name",
@@ -168,6 +165,14 @@ def scene_options(command: Callback) -> Callback:
             shell_complete=complete_config,
             help=f"A YAML file, or a packaged config: {', '.join(packaged_configs())}.",
         ),
-    ):
-        with_scene = add_option(with_scene)
-    return with_scene
+        images_option(),
+        option(
+            "--models",
+            multiple=True,
+            metavar="DIR",
+            help="Folder of 3D models to add to the built-in ones and the config's folders. May be repeated.",
+        ),
+        option("--seed", type=SEED, default=0, help="Seed of the dataset: another seed makes other pairs."),
+        set_option(),
+        backend_option(),
+    )(with_scene)

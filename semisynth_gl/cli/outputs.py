@@ -1,7 +1,8 @@
-"""Files that commands write."""
+"""Files and tables that commands write."""
 
 import json
 import os
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import click
@@ -26,6 +27,17 @@ class OutputFile(click.Path):
         return path
 
 
-def write_json(path: Path, values: object) -> None:
-    """Write values as JSON."""
-    path.write_text(f"{json.dumps(values, indent=1)}\n", "utf-8")
+def write_json(path: Path | None, values: object) -> None:
+    """Write values as JSON, where there is a path."""
+    if path is not None:
+        path.write_text(f"{json.dumps(values, indent=1)}\n", "utf-8")
+
+
+def table(rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return rows of cells as lines; the first column is aligned to the left, the others to the right."""
+    rows = [*rows]
+    first, *others = (max(map(len, cells)) for cells in zip(*rows, strict=True))
+    return [
+        "  ".join([name.ljust(first), *(cell.rjust(width) for cell, width in zip(cells, others, strict=True))])
+        for name, *cells in rows
+    ]

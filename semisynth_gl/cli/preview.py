@@ -1,12 +1,13 @@
 """``semisynth-gl preview``."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
 import numpy as np
 
 from semisynth_gl.cli.options import Command, SceneOptions, option, scene_options
-from semisynth_gl.cli.outputs import OutputFile
+from semisynth_gl.cli.outputs import OutputFile, table
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.codecs.ply import encode_points
 from semisynth_gl.config.scene_sections import TexturesSection
@@ -61,11 +62,7 @@ def preview(scene: SceneOptions, out: Path, ply: Path | None, patches: bool, pai
     recipes, target = config.recipes(), config.shown_histogram()
     with PairRenderer(config, scene.seed, scene.backend) as renderer, Progress() as progress:
         indices = renderer.sampler.overview(pairs or max(_FEWEST, len(recipes)))
-        progress.on_total(len(indices))
-        shown = []
-        for index in indices:
-            shown.append(renderer.render(index))
-            progress.advance()
+        shown = [renderer.render(index) for index in progress.track(indices)]
         expected = renderer.sampler.expected()
         title = f"{config.name}, seed {scene.seed}, {counted(len(shown), 'pair')}, {renderer.renderer_name}"
     of_recipe = [[pair for pair in shown if pair.provenance.get("recipe") == recipe.name] for recipe in recipes]
@@ -107,25 +104,16 @@ def _draw_patches(section: TexturesSection, seed: int, out: Path) -> None:
     shown = [(each.source, each.side_px, atlas.pixels(each)[0, ..., :3]) for each in atlas.patches if not each.large]
     images = named_images(section, report.example_images, split, photographs)
     draw_texture_sheet(report, shown, images, title).save(out)
-    for line in (*_patch_table(report), report.summary(), f"{kept} in {out}"):
+    for line in (*table(_patch_rows(report)), report.summary(), f"{kept} in {out}"):
         click.echo(line)
 
 
-def _patch_table(report: TextureReport) -> list[str]:
-    """Return a line for each image: its patches by scale, its rejected crops by reason, its share of the surfaces."""
+def _patch_rows(report: TextureReport) -> Iterator[list[str]]:
+    """Yield a row for each image: its patches by scale, its rejected crops by reason, its share of the surfaces."""
     scales = report.scale_names
-    groups = {printable(name): counts for name, counts in report.grouped_counts.items()}
-    wide = max(len("image"), *map(len, groups)) if groups else len("image")
-    heads = ["patches", *(f"at {name}" for name in scales.values()), *REJECTIONS, "surfaces"]
-    shares = report.surface_shares
-    lines = [f"{'image':<{wide}}  " + "  ".join(f"{head:>9}" for head in heads)]
-    for name, counts in (*groups.items(), ("all", report.counts)):
-        numbers = [
-            count_crops(counts, "kept"),
-            *(count_crops(counts, "kept", side) for side in scales),
-            *(count_crops(counts, outcome) for outcome in REJECTIONS),
-        ]
-        worn = sum(shares.get(source, 0.0) for source in {count.source for count in counts})
-        cells = [*map(str, numbers), f"{worn:.1%}"]
-        lines.append(f"{name:<{wide}}  " + "  ".join(f"{cell:>9}" for cell in cells))
-    return lines
+    yield ["image", "patches", *(f"at {name}" for name in scales.values()), *REJECTIONS, "surfaces"]
+    for name, counts in (*report.grouped_counts.items(), ("all", report.counts)):
+        numbers = [count_crops(counts, "kept"), *(count_crops(counts, "kept", side) for side in scales)]
+        numbers += [count_crops(counts, outcome) for outcome in REJECTIONS]
+        worn = sum(report.surface_shares.get(source, 0.0) for source in {count.source for count in counts})
+        yield [printable(name), *map(str, numbers), f"{worn:.1%}"]

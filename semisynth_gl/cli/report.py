@@ -2,6 +2,7 @@
 
 import time
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -10,7 +11,7 @@ from semisynth_gl.cli.outputs import OutputFile, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.dataset.root import open_root
 from semisynth_gl.inputs.errors import counted
-from semisynth_gl.seeds.splits import SPLITS, SplitName
+from semisynth_gl.seeds.splits import SPLITS
 
 
 @click.command(cls=Command)
@@ -34,17 +35,7 @@ from semisynth_gl.seeds.splits import SPLITS, SplitName
 )
 @option("--sample", type=COUNT, default=200, help="How many pairs to measure, evenly spread over the dataset.")
 @option("--split", type=click.Choice(SPLITS), help="Report only on this split.")
-def report(
-    directory: str,
-    images: tuple[str, ...],
-    disparity: tuple[str, ...],
-    png_scale: float,
-    out: Path | None,
-    json_file: Path | None,
-    pairs: int,
-    sample: int,
-    split: SplitName | None,
-) -> None:
+def report(directory: str, out: Path | None, json_file: Path | None, **options: Any) -> None:  # noqa: ANN401 - of the function that reports
     """Write one HTML page about a dataset: pairs, distributions, outliers, and the settings that made it.
 
     With --images and --disparity, the page and the terminal also say how far the dataset is from its place, and which
@@ -57,20 +48,10 @@ def report(
         out = Path(f"{open_root(directory).absolute().name}-report.html")
     start = time.monotonic()
     with Progress() as progress:
-        built = report_on(
-            directory,
-            images=images,
-            disparity=disparity,
-            png_scale=png_scale,
-            pairs=pairs,
-            sample=sample,
-            split=split,
-            listener=progress,
-        )
+        built = report_on(directory, **options, listener=progress)
     data = built.page.encode("utf-8", "backslashreplace")  # file names may hold bytes that are not text
     out.write_bytes(data)
-    if json_file is not None:
-        write_json(json_file, built.values())
+    write_json(json_file, built.values())
     for line in (*built.lines(), ""):
         click.echo(line)
     for note in () if built.place is None else built.place.notes:
