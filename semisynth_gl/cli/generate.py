@@ -24,6 +24,7 @@ from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_stop
 from semisynth_gl.frame.channels import OUTPUTS, View
 from semisynth_gl.inputs.errors import InputError, abbreviate, counted
 from semisynth_gl.listener import FinishedPair
+from semisynth_gl.seeds.splits import SplitName
 
 if TYPE_CHECKING:
     from semisynth_gl.dataset.engines import Engine
@@ -128,7 +129,7 @@ def generate(
 
     names = None if outputs is None else ", ".join(name for name in outputs if name != "none")
     config = scene.config(*([] if names is None else [f"outputs=[{names}]"]))
-    counts = {"train": pairs, "validation": validation, "test": test}
+    counts: dict[SplitName, int] = {"train": pairs, "validation": validation, "test": test}
     with _GenerationProgress() as progress:
         result = generate_dataset(
             config,
