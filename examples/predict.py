@@ -6,6 +6,7 @@
 """
 
 from pathlib import Path
+from pickle import UnpicklingError
 
 import click
 import numpy as np
@@ -13,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
-from train import CONTEXT, Command, StereoModule, read_checkpoint
+from train import CONTEXT, Command, StereoModule
 
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.inputs.errors import InputError
@@ -54,15 +55,11 @@ def main(checkpoint: Path, network: str, left: str, right: str, out: Path, right
 
 
 def load(checkpoint: Path, network: str) -> StereoModule:
-    """Make a network, and give it the weights of its checkpoint."""
-    state = read_checkpoint(checkpoint)
-    if not (trained := state.get("hyper_parameters")):
-        raise InputError(f"{checkpoint}: expected a checkpoint of train.py")
-    # Which code runs is for the caller to say: a checkpoint may be a stranger's.
-    if trained["network"] != network:
-        raise InputError(f"{checkpoint}: was trained with --network {trained['network']}: give that, if you trust it")
-    module = StereoModule(**trained)
-    module.load_state_dict(state["state_dict"])
+    """Make a network, and give it the weights of its checkpoint; no code is run that the checkpoint names or has."""
+    try:
+        module = StereoModule.load_from_checkpoint(checkpoint, "cpu", network=network, weights_only=True)
+    except (UnpicklingError, EOFError, KeyError, TypeError, RuntimeError) as error:
+        raise InputError(f"{checkpoint}: expected a checkpoint of train.py with --network {network}: {error}") from None
     return module.eval()
 
 

@@ -66,26 +66,23 @@ Loss = Callable[[Any, Tensor, Tensor], Tensor]
 """From a network's output, the true disparity (B, H, W) px and the pixels that count (B, H, W) to a number."""
 
 
-def _weighted(
-    error: Callable[..., Tensor], several: list[Tensor], weights: list[float], truth: Tensor, valid: Tensor
-) -> Tensor:
-    losses = [error(each.float()[valid], truth[valid], reduction="sum") for each in several]
-    return truth.new_tensor(weights) @ torch.stack(losses) / valid.sum().clamp(min=1)
+def _weighted(error: Callable[..., Tensor], output: Any, weights: list[float], truth: Tensor, valid: Tensor) -> Tensor:  # noqa: ANN401
+    """Return the weighted sum of the estimates' mean errors."""
+    losses = [error(each.float()[valid], truth[valid], reduction="sum") for each in estimates(output)]
+    return truth.new_tensor(weights[-len(losses) :]) @ torch.stack(losses) / valid.sum().clamp(min=1)
 
 
 def sequence_loss(output: Any, truth: Tensor, valid: Tensor) -> Tensor:  # noqa: ANN401 - as estimates takes it
     """Mean absolute errors of all estimates, with RAFT-Stereo's weights, which grow from estimate to estimate."""
-    several = estimates(output)
-    decay = 0.9 ** (15 / max(1, len(several) - 1))
-    weights = [decay ** (len(several) - 1 - i) for i in range(len(several))]
-    return _weighted(functional.l1_loss, several, weights, truth, valid)
+    count = len(estimates(output))
+    decay = 0.9 ** (15 / max(1, count - 1))
+    return _weighted(functional.l1_loss, output, [decay ** (count - 1 - i) for i in range(count)], truth, valid)
 
 
 def smooth_l1_loss(output: Any, truth: Tensor, valid: Tensor) -> Tensor:  # noqa: ANN401 - as estimates takes it
     """Mean smooth L1 errors of all estimates, with PSMNet's weights."""
-    several = estimates(output)
-    weights = [*([0.5] * len(several)), 0.7, 1.0][-len(several) :]
-    return _weighted(functional.smooth_l1_loss, several, weights, truth, valid)
+    weights = [*([0.5] * len(estimates(output))), 0.7, 1.0]
+    return _weighted(functional.smooth_l1_loss, output, weights, truth, valid)
 
 
 def scores_loss(output: Any, truth: Tensor, valid: Tensor) -> Tensor:  # noqa: ANN401 - as estimates takes it
@@ -101,37 +98,21 @@ LOSSES: Mapping[str, Loss] = {"cross-entropy": scores_loss, "smooth-l1": smooth_
 class StereoModule(lightning.LightningModule):
     """A network with its loss, optimiser and judgement. The arguments are the options of the same names."""
 
-    def __init__(
-        self,
-        network: str,
-        arguments: Sequence[str],
-        levels: str,
-        max_disparity: int,
-        loss: str = "smooth-l1",
-        learning_rate: float = 2e-3,
-        steps: int = 1,
-        seed: int = 0,
-        *,
-        fixed_norms: bool = False,
-    ) -> None:
+    def __init__(self, network: str, arguments: Sequence[str], max_disparity: int, **_: Any) -> None:  # noqa: ANN401
         super().__init__()
         self.save_hyperparameters()
         self.network = _made(network, arguments, max_disparity)
-        self._levels, self._loss, self._max_disparity = LEVELS[levels], LOSSES[loss], max_disparity
-        self._learning_rate, self._steps, self._seed, self._fixed_norms = learning_rate, steps, seed, fixed_norms
-        self.train()  # Lightning does not call it
 
-    def train(self, mode: bool = True) -> "StereoModule":  # noqa: FBT001, FBT002 - PyTorch's signature
-        """Switch between training and evaluation; fixed norms stay in evaluation."""
-        super().train(mode)
-        for module in self.network.modules() if self._fixed_norms else ():
+    def on_fit_start(self) -> None:
+        """Switch fixed norms to evaluation, in which Lightning leaves them."""
+        for module in self.network.modules() if self.hparams["fixed_norms"] else ():
             if isinstance(module, nn.modules.batchnorm._BatchNorm):  # noqa: SLF001 - all dimensions' common class
                 module.eval()
-        return self
 
     def forward(self, left: Tensor, right: Tensor) -> Any:  # noqa: ANN401 - what the network gives
         """Run the network on images (B, 3 or 1, H, W) of levels from 0 to 255."""
-        return self.network(*(self._levels(each.float().expand(-1, 3, -1, -1)) for each in (left, right)))
+        levels = LEVELS[self.hparams["levels"]]
+        return self.network(*(levels(each.float().expand(-1, 3, -1, -1)) for each in (left, right)))
 
     def predict_disparity(self, left: Tensor, right: Tensor) -> Tensor:
         """Return the left disparity (H, W), px, of whole images (3, H, W) uint8."""
@@ -147,13 +128,13 @@ class StereoModule(lightning.LightningModule):
 
     def on_train_batch_start(self, *_: object) -> None:
         """Seed what networks draw, such as dropout, by the step: a resumed training draws the same."""
-        torch.manual_seed((self._seed << 32) + self.global_step * self.trainer.world_size + self.global_rank)
+        torch.manual_seed((self.hparams["seed"] << 32) + self.global_step * self.trainer.world_size + self.global_rank)
 
     def training_step(self, batch: Sample, _: int) -> Tensor:
         """Return the loss of a batch."""
         truth = batch["disparity_left"]
-        valid = torch.isfinite(truth) & (truth > 0) & (truth < self._max_disparity)
-        loss = self._loss(self(batch["left"], batch["right"]), truth, valid)
+        valid = torch.isfinite(truth) & (truth > 0) & (truth < self.hparams["max_disparity"])
+        loss = LOSSES[self.hparams["loss"]](self(batch["left"], batch["right"]), truth, valid)
         if not torch.isfinite(loss):
             raise SemisynthError(f"step {self.global_step}: the loss is {loss}: lower --learning-rate")
         self.log("loss", loss, prog_bar=True)
@@ -176,10 +157,11 @@ class StereoModule(lightning.LightningModule):
 
     def configure_optimizers(self) -> Any:  # noqa: ANN401 - Lightning's own choice of types
         """Return AdamW, with a learning rate that rises in the first steps and then falls."""
-        optimizer = torch.optim.AdamW(self.network.parameters(), lr=self._learning_rate, weight_decay=1e-4)
+        rate, steps = self.hparams["learning_rate"], self.hparams["steps"]
+        optimizer = torch.optim.AdamW(self.network.parameters(), lr=rate, weight_decay=1e-4)
         # PyTorch divides by zero where the rate is to rise for exactly one step.
-        rising = min(max(0.05, 1.5 / self._steps), 0.75)
-        schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, self._learning_rate, self._steps, pct_start=rising)
+        rising = min(max(0.05, 1.5 / steps), 0.75)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, rate, steps, pct_start=rising)
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
 
@@ -225,10 +207,8 @@ def load_weights(network: nn.Module, path: Path) -> None:
 
 def read_augmentation(value: str) -> Augmentation:
     """Return a preset by its name, or the keys of a YAML file."""
-    if value in PRESETS:
-        return PRESETS[value]
     try:
-        return Augmentation(**YAML(typ="safe").load(Path(value)))
+        return PRESETS[value] if value in PRESETS else Augmentation(**YAML(typ="safe").load(Path(value)))
     except (OSError, TypeError, YAMLError, InputError) as error:
         known = f"expected {', '.join(PRESETS)}, or a YAML file with keys of Augmentation"
         raise InputError(f"--augment {value}: {known}: {error}") from None
@@ -282,12 +262,8 @@ class Command(click.Command):
         """Run the command."""
         try:
             super().invoke(ctx)
-        except (SemisynthError, MisconfigurationException, OSError, RuntimeError) as error:
-            # A worker's error may come as another type, with its traceback before the message.
-            _, by_worker, text = str(error).rpartition("semisynth_gl.inputs.errors.")
-            if isinstance(error, RuntimeError) and not by_worker:
-                raise
-            raise click.UsageError(text) from error
+        except (SemisynthError, MisconfigurationException, OSError) as error:
+            raise click.UsageError(str(error)) from error
 
 
 @click.command(cls=Command, context_settings=CONTEXT)
@@ -303,7 +279,7 @@ class Command(click.Command):
 @click.option("--batch", type=click.IntRange(1), default=2, help="Crops in a step of each device.")
 @click.option("--max-disparity", type=click.IntRange(16), default=80, help="Larger ones are not learnt from, px.")
 @click.option("--learning-rate", type=click.FloatRange(0), default=2e-3, help="AdamW's, at its highest.")
-@click.option("--precision", type=click.Choice(["32-true", "bf16-mixed", "16-mixed"]), default="32-true")
+@click.option("--precision", default="32-true", help="Lightning's, such as bf16-mixed.")
 @click.option("--fixed-norms", is_flag=True, help="Batch normalisation keeps its running means.")
 @click.option("--devices", type=click.IntRange(1), default=1, help="GPUs, or processes on a CPU.")
 @click.option("--workers", type=click.IntRange(0), default=1, help="Processes that read or render, for each device.")

@@ -16,7 +16,7 @@ from PIL import Image
 from scenes import assert_equal, facing, noise_layers
 from tiny_datasets import cheap, findings
 
-from semisynth_gl.codecs import IMAGE_CODECS, Encodings
+from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.png import GREY8, RGB8, ThreeEqual
 from semisynth_gl.dataset.generate import generate
@@ -99,7 +99,7 @@ def test_a_grey_patch_comes_out_bit_for_bit_and_alike_in_both_views(open_rendere
     np.testing.assert_array_equal(frame.left.image[:, 16:], frame.right.image[:, :-16])
 
 
-@pytest.mark.parametrize("antialias", ["none", "edges", "ssaa2"])
+@pytest.mark.parametrize("antialias", ["none", "ssaa2"])
 def test_grey_images_are_the_luminance_of_coloured_ones_and_truth_is_the_same(open_renderer, square, antialias):
     layers = noise_layers(4, 64)
     options = {"antialias": antialias, "anisotropy": 4, "outputs": ("visibility", "instances", "depth", "normals")}
@@ -162,29 +162,19 @@ def test_every_layout_gives_one_channel_back_and_loaders_what_they_can_read(name
             np.testing.assert_array_equal(pixels, as_rgb(image))
 
 
-@pytest.mark.parametrize("name", IMAGE_CODECS)
-@pytest.mark.parametrize("three", [False, True])
-def test_every_image_codec_stores_grey(name, three):
-    codec = Encodings.from_names(name).in_grey(three=three).image
-    image = to_grey(make_frame(0).left.image)
-    decoded = codec.decode(codec.encode(image), Path("a"))
-    np.testing.assert_array_equal(decoded, image)
-    assert decoded.shape == image.shape
-    assert isinstance(codec, ThreeEqual) == three
-    assert codec.suffix == IMAGE_CODECS[name].suffix
-    assert codec.lossless
-
-
 def test_files_of_another_kind_are_refused():
     coloured = make_frame(0).left.image
-    with pytest.raises(ReadError, match="expected the image of a monochrome camera, got channels that differ"):
-        ThreeEqual(RGB8).decode(RGB8.encode(coloured), Path("a.png"))
-    with pytest.raises(ReadError, match="expected 8-bit RGB, got 8-bit grey"):
-        ThreeEqual(RGB8).decode(GREY8.encode(coloured[..., 0]), Path("a.png"))
-    with pytest.raises(ReadError, match="expected 8-bit grey, got 8-bit RGB"):
-        GREY8.decode(RGB8.encode(coloured), Path("a.png"))
-    with pytest.raises(ReadError, match="mode L, got RGB"):
-        Jpeg(grey=True).decode(Jpeg().encode(coloured), Path("a.jpg"))
+    for codec, image, message in (
+        (
+            ThreeEqual(RGB8),
+            RGB8.encode(coloured),
+            "expected the image of a monochrome camera, got channels that differ",
+        ),
+        (GREY8, RGB8.encode(coloured), "expected 8-bit grey, got 8-bit RGB"),
+        (Jpeg(grey=True), Jpeg().encode(coloured), "expected 8-bit grey"),
+    ):
+        with pytest.raises(ReadError, match=message):
+            codec.decode(image, Path("a"))
 
 
 @pytest.fixture(scope="module")
@@ -196,8 +186,7 @@ def dataset(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("antialias", ["edges", "ssaa2"])
-def test_all_that_rigs_and_cameras_do_goes_with_grey(tmp_path, antialias):
+def test_all_that_rigs_and_cameras_do_goes_with_grey(tmp_path):
     if backend_fault("auto"):
         pytest.skip("no OpenGL here")
     config = cheap(
@@ -212,7 +201,7 @@ def test_all_that_rigs_and_cameras_do_goes_with_grey(tmp_path, antialias):
             "noise": [3, 3],
         },
         outputs=["visibility", "correspondence"],
-        antialias=antialias,
+        antialias="edges",
     )
     generate(config, tmp_path / "set", {"train": 1}, 1)
     stored = open_dataset(tmp_path / "set")[0]
@@ -224,7 +213,6 @@ def test_all_that_rigs_and_cameras_do_goes_with_grey(tmp_path, antialias):
 def test_a_dataset_is_the_luminance_of_the_coloured_one(dataset):
     with PairRenderer(cheap(), 3) as renderer:
         coloured = [renderer.render(index) for index in range(2)]
-        patches = renderer.sources.atlas
     frames = open_dataset(dataset)
     for pair, stored in zip(coloured, frames, strict=True):
         assert stored.left.image.shape == stored.left.disparity.shape
@@ -236,10 +224,6 @@ def test_a_dataset_is_the_luminance_of_the_coloured_one(dataset):
         assert stored.provenance["camera"] == pair.provenance["camera"]
     index = json.loads((dataset / "index.json").read_text())
     assert index["config_values"]["camera"]["colour"] == "grey"
-    kept = [
-        {key: value for key, value in patch.items() if key != "sha256"} for patch in index["splits"]["train"]["patches"]
-    ]
-    assert kept == [patch.described() for patch in patches.patches]
 
 
 def test_verify_report_and_preview_take_grey_datasets(dataset):

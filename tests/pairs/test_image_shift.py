@@ -175,9 +175,7 @@ def test_imperfections_leave_images_on_their_truth(plane, values):
     assert truth_shift_px(plane, change, levels) < 0.01
 
 
-@pytest.mark.parametrize(
-    ("quality", "worst_px", "median_px"), [(10, 0.04, 0.012), (30, 0.03, 0.006), (75, 0.03, 0.003), (95, 0.03, 0.002)]
-)
+@pytest.mark.parametrize(("quality", "worst_px", "median_px"), [(10, 0.04, 0.012), (95, 0.03, 0.002)])
 def test_jpeg_moves_photographs_by_no_more_than_is_said(quality, worst_px, median_px):
     shifts = []
     for path in builtin_photographs():

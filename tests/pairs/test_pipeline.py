@@ -27,16 +27,16 @@ def test_the_left_views_truth_alone_is_the_same(backend):
 
 
 @pytest.mark.one_backend
-def test_pair_17_alone_is_pair_17_of_20(backend):
+def test_pair_17_alone_is_pair_17_of_others(backend):
     config = lean()
     with PairRenderer(config, 1, backend) as pairs:
-        frames = [pairs.render(index).frame for index in range(20)]
+        frames = [pairs.render(index).frame for index in range(15, 18)]
     alone = render_pair(config, 17, seed=1, backend=backend)
     roles = {"left", "right", "disparity_left", "disparity_right", "visibility_left", "visibility_right"}
-    assert set(alone.arrays()) == set(frames[17].arrays()) == roles
+    assert set(alone.arrays()) == set(frames[2].arrays()) == roles
     for role, array in alone.arrays().items():
-        np.testing.assert_array_equal(array, frames[17].arrays()[role])
-    assert not np.array_equal(alone.left.image, frames[16].left.image)
+        np.testing.assert_array_equal(array, frames[2].arrays()[role])
+    assert not np.array_equal(alone.left.image, frames[1].left.image)
 
 
 @pytest.mark.one_backend
@@ -103,16 +103,16 @@ def resident_kib():
 
 
 @pytest.mark.one_backend
-def test_memory_stays_flat_over_200_pairs(backend):
+def test_memory_stays_flat_over_many_pairs(backend):
     config = lean(models={"complex": 0.0}, particles={"layers": [{"disparity_px": [2, 30], "count": 15}]})
     with PairRenderer(config, 0, backend) as pairs:
         for index in range(40):
             pairs.render(index)
         before = resident_kib()
-        for index in range(40, 240):
+        for index in range(40, 160):
             pairs.render(index)
         after = resident_kib()
-    # Leaking one pair's images and truth each time would add 200 * 0.4 MB.
+    # Leaking one pair's images and truth each time would add 120 * 0.4 MB.
     assert after - before < 8_000
 
 
