@@ -4,6 +4,7 @@ import numpy as np
 
 from semisynth_gl.calibration.draft import Draft
 from semisynth_gl.calibration.recipes import suitable_recipes, untried_style
+from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.raw_camera import rotation_of
 
@@ -101,6 +102,11 @@ def matrix(name, value, *, space=" "):
     return (
         f"{name}: !!opencv-matrix\n   rows:{space}{rows}\n   cols:{space}{columns}\n   dt: d\n   data:{space}[{data}]\n"
     )
+
+
+def plain_rig(focal_px, baseline_m, width_px, height_px):
+    """A rig with central principal points."""
+    return Rig(StereoCamera.centred(width_px, height_px, focal_px, baseline_m), "x")
 
 
 def facts(rigs, disparity):

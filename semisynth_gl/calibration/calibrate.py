@@ -8,14 +8,13 @@ from semisynth_gl.calibration.disparity_range import disparity_range
 from semisynth_gl.calibration.draft import Draft, describe
 from semisynth_gl.calibration.kinds import Size
 from semisynth_gl.calibration.photographs import check_sizes, most_common_size, photograph_sizes
-from semisynth_gl.calibration.rig import Rig, plain_rig
+from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.calibration.write import write
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config import Config
 from semisynth_gl.config.load import Overrides
-from semisynth_gl.frame.camera import EYES, Eye
-from semisynth_gl.frame.raw_camera import RawCamera
+from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.arguments import LEAST, to_real, to_whole
 from semisynth_gl.inputs.errors import InputError, counted, shown
 from semisynth_gl.inputs.user_files import Files, names_of
@@ -104,19 +103,15 @@ def calibrate(
     scale = 1.0 if scale is None else to_real("scale", scale, least=LEAST)
     png_scale = to_real("png_scale", png_scale, least=LEAST)
     alpha = None if alpha is None else to_real("alpha", alpha, 0, 1)
-    range_px, range_m, stated = (
-        _two_numbers(argument, values)
-        for argument, values in (("range_px", range_px), ("range_m", range_m), ("size", size))
-    )
-    wanted = None if stated is None else Size(*(to_whole("size", side, least=1) for side in stated))
+    for argument, pair in {"size": size, "range_px": range_px, "range_m": range_m, "cameras": cameras}.items():
+        if pair is not None and len(pair) != 2:
+            raise InputError(f"expected two, got {shown(pair)}", argument=argument)
+    wanted = None if size is None else Size(*(to_whole("size", side, least=1) for side in size))
     ranges = {"range_px": range_px, "range_m": range_m, "disparity": disparity or None}
     given = [argument for argument, value in ranges.items() if value is not None]
     if len(given) > 1:
         raise InputError("expected only one of disparity maps, a range in px and a range in m", argument=given[-1])
-    if cameras is not None and len(cameras) != 2:
-        raise InputError("expected the left and the right camera, such as cam1,cam2", argument="cameras")
     photographed = [] if other_camera else photograph_sizes(find_images(sources))
-    numbers = {"focal_px": focal_px, "baseline_m": baseline_m, "size": wanted}
     if files:
         if focal_px is not None or baseline_m is not None:
             text = "the calibration states it: leave it out"
@@ -132,20 +127,29 @@ def calibrate(
             keys=calib_keys,
         )
     elif focal_px is not None and baseline_m is not None and wanted is not None:
-        rigs = [plain_rig(to_real("focal_px", focal_px), to_real("baseline_m", baseline_m), wanted)]
+        camera = StereoCamera.centred(*wanted, focal_px, baseline_m)
+        rigs = [Rig(camera, "the focal length, baseline and size given")]
     else:
-        missing = next(argument for argument, value in numbers.items() if value is None)
+        missing = "focal_px" if focal_px is None else "baseline_m" if baseline_m is None else "size"
         raise InputError("missing: give a calibration, or focal length, baseline and size", argument=missing)
     notes = list(dict.fromkeys(note for rig in rigs for note in rig.notes))
+    notes += [f"the lenses were left out: {rig.lens_fault}" for rig in rigs if rig.lens_fault]
     check_sizes(photographed, [rig.size for rig in rigs], scale)
     rigs = [rig.scaled(scale) for rig in rigs]
     maps = map_files(names_of(disparity))
     disparities = disparity_range(rigs, maps, png_scale=png_scale, range_px=range_px, range_m=range_m)
-    draft = describe(name, rigs, sources, disparities, _lenses(rigs, notes), overrides)
-    # Prepares the dataset's patches, which are cached: unusable photographs and keys are reported before the trials.
+    draft = describe(name, rigs, sources, disparities, overrides)
+    # Keys and photographs that cannot be used are reported before the trials; the dataset's patches are cached.
     atlas = prepare_atlas(draft.config().textures, Split(0))
     draft = replace(draft, grey=bool((atlas.layers[..., :3] == atlas.layers[..., :1]).all()))
     notes += [f"not readable: {skipped}" for skipped in atlas.report.images_skipped]
+    try:
+        # Raises where OpenCV is missing, or a lens bends two directions of the rectified image to one pixel.
+        for eye in draft.lenses:
+            LensChain(draft.lenses[eye], rigs[0].camera, eye, "black")
+    except InputError as error:
+        draft = replace(draft, lenses={})
+        notes.append(f"the lenses were left out: {error}")
     if trials:
         place = measure_place(find_images(sources), maps, working_width(draft.size.width_px), png_scale)
         # Imported here: loading OpenGL and models takes longer than writing a config without trials.
@@ -153,30 +157,6 @@ def calibrate(
 
         draft = fit(draft, place.values, trials, listener or Listener())
     return Calibration(draft.config(), write(draft), _summary(draft, atlas.report.total("kept")), notes)
-
-
-def _two_numbers(argument: str, values: Sequence[float] | None) -> tuple[float, float] | None:
-    if values is None:
-        return None
-    if len(values) != 2:
-        raise InputError(f"expected two numbers, got {shown(values)}", argument=argument)
-    return to_real(argument, values[0]), to_real(argument, values[1])
-
-
-def _lenses(rigs: Sequence[Rig], notes: list[str]) -> Mapping[Eye, RawCamera] | None:
-    """Return the cameras before rectification; None, and a note where they are stated, if a config cannot have them."""
-    fault: object = rigs[0].lens_fault
-    if len(rigs) > 1:
-        fault = f"a config has those of one rig, not of {len(rigs)}" if any(rig.raw for rig in rigs) else None
-    elif (raw := rigs[0].raw) is not None:
-        try:
-            # Raises where OpenCV is missing, or a lens bends two directions of the rectified image to one pixel.
-            return {eye: LensChain(raw[eye], rigs[0].camera, eye, "black").raw for eye in EYES}
-        except InputError as error:
-            fault = error
-    if fault:
-        notes.append(f"the lenses were left out: {fault}")
-    return None
 
 
 def _summary(draft: Draft, patches: int) -> list[str]:

@@ -63,18 +63,10 @@ def disparity_range(
     range_px: tuple[float, float] | None = None,
     range_m: tuple[float, float] | None = None,
 ) -> DisparityRange:
-    """Return the range and the histogram of disparity, with their origin.
+    """Return the range and the histogram of disparity by maps, a range of disparities or one of distances.
 
-    Args:
-        rigs: the rigs.
-        maps: the user's maps, one for each scene.
-        png_scale: number of levels per pixel in 16-bit PNG maps.
-        range_px: least and largest disparity, instead of maps.
-        range_m: least and largest distance, instead of ``range_px``.
-
-    Raises:
-        InputError: where nothing gives the range or it does not fit the rigs.
-        ReadError: where a map cannot be read.
+    16-bit PNG maps have ``png_scale`` levels per pixel. Raises InputError where nothing gives the range or it does not
+    fit the rigs, and ReadError where a map cannot be read.
     """
     cameras = [rig.camera for rig in rigs]
     least_doffs_px = min(camera.doffs_px for camera in cameras)

@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from semisynth_gl.calibration.disparity_range import DisparityRange
@@ -46,7 +46,7 @@ class Draft:
         large_px: side of large patches.
         style: the mix of recipes and the look of surfaces.
         grey: whether all photographs are grey.
-        lenses: the cameras before rectification; None where they are not known.
+        lenses: the cameras before rectification, of a single rig; empty where they are not known.
         overrides: keys that the user sets, as `load_config` takes them.
     """
 
@@ -58,7 +58,7 @@ class Draft:
     large_px: int
     style: Style
     grey: bool = False
-    lenses: Mapping[Eye, RawCamera] | None = None
+    lenses: Mapping[Eye, RawCamera] = field(default_factory=dict)
     overrides: Overrides = ()
 
     @property
@@ -76,13 +76,12 @@ def describe(
     rigs: Sequence[Rig],
     images: Sequence[str],
     disparity: DisparityRange,
-    lenses: Mapping[Eye, RawCamera] | None = None,
     overrides: Overrides = (),
 ) -> Draft:
-    """Describe a config by its rigs, its photographs and the other attributes of a `Draft`, without trials.
+    """Describe a config without trials.
 
-    ``name`` is any text, such as a file's stem: the config's name has its letters and digits, and hyphens. ``images``
-    are files, folders and globs. Raises InputError where there is no photograph.
+    ``name`` is any text, of which the config's name has the letters and digits, and hyphens. ``images`` are files,
+    folders and globs. Raises InputError where there is no photograph.
     """
     photographs = find_images(images)
     sides = sorted(map(min, photograph_sizes(photographs))) or [0]
@@ -95,7 +94,7 @@ def describe(
         f"{len(photographs)}{of_subjects(len(photographs), subjects)}",
         max(min(sides[len(sides) // 2], median_size(rigs).width_px, _LARGEST_SIDE), TexturesSection().patch_px),
         untried_style(suitable_recipes(rigs, disparity)),
-        lenses=lenses,
+        lenses=(len(rigs) == 1 and rigs[0].raw) or {},
         overrides=overrides,
     )
 

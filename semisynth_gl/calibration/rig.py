@@ -1,4 +1,4 @@
-"""Rectified rigs: checks that are common to all formats of calibrations, and ranges over several rigs."""
+"""Rectified rigs: what OpenCV makes of raw ones, the checks of all calibrations, and ranges over several rigs."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,8 +9,8 @@ import numpy as np
 
 from semisynth_gl.calibration.arrays import StereoArrays, camera_matrix
 from semisynth_gl.calibration.kinds import Size, turned_size_fault
-from semisynth_gl.config.fields import LARGEST, SMALLEST
-from semisynth_gl.config.rig_sections import MOST_FY_OVER_FX, MOST_PIXELS, WIDEST_PX
+from semisynth_gl.calibration.tree import Array
+from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.frame.camera import Eye, StereoCamera
 from semisynth_gl.frame.raw_camera import RawCamera
 from semisynth_gl.inputs.errors import InputError, ReadError
@@ -47,22 +47,6 @@ class Rig:
     lens_fault: str | None = None
     notes: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        camera = self.camera
-        known = camera.values().values()
-        if (
-            max(self.size) > WIDEST_PX
-            or math.prod(self.size) > MOST_PIXELS
-            or min(camera.focal_px, camera.baseline_m) < SMALLEST
-            or not all(abs(value) <= LARGEST for value in known)
-            or not 1 / MOST_FY_OVER_FX <= camera.fy_over_fx <= MOST_FY_OVER_FX
-        ):
-            raise InputError(
-                f"{self.source}: expected images of at most {WIDEST_PX} px a side and {MOST_PIXELS:,} pixels, numbers "
-                f"of at most {LARGEST:g}, nearly equal fx and fy, and a focal length and a baseline of at least "
-                f"{SMALLEST:g}, got {', '.join(f'{value:g}' for value in known)}"
-            )
-
     @property
     def size(self) -> Size:
         """Size of the images."""
@@ -79,15 +63,6 @@ class Rig:
         camera = StereoCamera(*size, focal_px, camera.baseline_m, left, right, cy, fy_over_fx=camera.fy_over_fx)
         raw = self.raw and {eye: each.scaled(scale) for eye, each in self.raw.items()}
         return replace(self, camera=camera, raw=raw)
-
-
-def plain_rig(focal_px: float, baseline_m: float, size: Size) -> Rig:
-    """Return a rig with central principal points; raises InputError where a number is out of range."""
-    if not baseline_m > 0:
-        raise InputError(
-            f"expected a distance above 0, from the left camera to the right, got {baseline_m:g}", argument="baseline_m"
-        )
-    return Rig(StereoCamera.centred(*size, focal_px, baseline_m), "the focal length, baseline and size given")
 
 
 def stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None) -> StereoArrays:
@@ -134,22 +109,42 @@ def stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None) -> Ste
 def rectified(arrays: StereoArrays, size: Size) -> Rig:
     """Check the projection matrices of a calibration, and return their rig, with images of ``size``.
 
-    Both matrices of a rectified pair are K [I | t] with the same fx, fy and cy, and with t along x only. Raises
-    InputError where the pair is not rectified, the baseline is not above 0, or the size is one of turned images.
+    Raises InputError where the pair is not rectified, the baseline is not above 0, or the size is one of turned images.
     """
-    source, fault = arrays.source, None
+    source = arrays.source
     if arrays.p is None:
         raise InputError(f"{source}: has no projection matrices")
     left, right = arrays.p
+    baseline_m = _baseline_m(source, left, right)
+    # The principal points of cameras that were turned a lot lie anywhere once they are rectified.
+    if (fault := turned_size_fault(size, *(arrays.k or arrays.p))) is not None:
+        raise InputError(f"{source}: {fault}")
     (fx, _, cx_left, _), (_, fy, cy, _), _ = left.tolist()
-    for matrix in arrays.p:
+    try:
+        camera = StereoCamera(*size, fx, baseline_m, cx_left, float(right[0, 2]), cy, fy_over_fx=fy / fx)
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+    raw = arrays.raw_cameras(size)
+    if raw is not None and all(each.is_pinhole(camera, eye) for eye, each in raw.items()):
+        raw = None
+    return Rig(camera, source, raw, arrays.lens_fault, arrays.notes)
+
+
+def _baseline_m(source: str, left: Array, right: Array) -> float:
+    """Return the baseline of two projection matrices; raises InputError where they are of no rectified pair.
+
+    Both matrices of a rectified pair are K [I | t] with the same fx, fy and cy, and with t along x only.
+    """
+    (fx, *_), (_, fy, cy, _), _ = left.tolist()
+    fault = None
+    for matrix in (left, right):
         if not ((np.abs(matrix) <= _LARGEST_ENTRY).all() and min(fx, fy) > 0):  # written so that nan fails too
             raise InputError(f"{source}: a projection matrix holds {matrix.tolist()}: expected usable numbers")
         off = np.abs(matrix[:, :3] - camera_matrix(fx, fy, matrix[0, 2], cy))
         if off[1, 2] > _SAME_CY_PX or np.delete(off, 5).max() > _SAME_FOCAL * fx or off[2, 2] > _SAME_FOCAL:
             fault = f"the projection matrices are {left[:, :3].tolist()} and {right[:, :3].tolist()}"
-    # Translations t, metres, from P = K [I | t]; their difference is the right camera's position.
-    left_m, right_m = (np.linalg.solve(matrix[:, :3], matrix[:, 3]) for matrix in arrays.p)
+    # Translations t, metres; their difference is the right camera's position.
+    left_m, right_m = (np.linalg.solve(matrix[:, :3], matrix[:, 3]) for matrix in (left, right))
     baseline_m, down_m, forward_m = map(float, left_m - right_m)
     if np.hypot(down_m, forward_m) > _OFF_BASELINE * abs(baseline_m):
         fault = fault or (
@@ -165,14 +160,7 @@ def rectified(arrays: StereoArrays, size: Size) -> Rig:
         raise InputError(
             f"{source}: the baseline is {baseline_m:g} m: swap left and right, in the calibration and in your images"
         )
-    # The principal points of cameras that were turned a lot lie anywhere once they are rectified.
-    if (fault := turned_size_fault(size, *(arrays.k or arrays.p))) is not None:
-        raise InputError(f"{source}: {fault}")
-    camera = StereoCamera(*size, fx, baseline_m, cx_left, float(right[0, 2]), cy, fy_over_fx=fy / fx)
-    raw = arrays.raw_cameras(size)
-    if raw is not None and all(each.is_pinhole(camera, eye) for eye, each in raw.items()):
-        raw = None
-    return Rig(camera, source, raw, arrays.lens_fault, arrays.notes)
+    return baseline_m
 
 
 def median_size(rigs: Sequence[Rig]) -> Size:

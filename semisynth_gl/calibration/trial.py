@@ -41,15 +41,9 @@ Floats = NDArray[np.float64]
 def fit(draft: Draft, place: Values, pairs: int, listener: Listener) -> Draft:
     """Render trial pairs, and return the draft with the style whose pairs are nearest to a place.
 
-    Args:
-        draft: the draft of the config to come.
-        place: measures of the place's pictures at the `working_width`.
-        pairs: number of pairs of each recipe with each of `TEXELS`; each pair is measured with all `BLURS`.
-        listener: hears the number of all trial pairs, and each finished pair.
-
-    Raises:
-        InputError: where inputs cannot be used.
-        BackendError: where OpenGL cannot be used.
+    ``pairs`` are rendered of each recipe with each of `TEXELS`, and each is measured with all `BLURS`. ``place`` has
+    the measures of the place's pictures at the `working_width`. The listener hears the number of trial pairs, and each
+    finished pair. Raises InputError where inputs cannot be used, and BackendError where OpenGL cannot.
     """
     recipes, target, width_px = draft.style.recipes, draft.disparity.target, draft.size.width_px
     blur_scale = width_px / working_width(width_px)
@@ -66,11 +60,7 @@ def fit(draft: Draft, place: Values, pairs: int, listener: Listener) -> Draft:
     # Only what is measured.
     config = parse_values(values | {"outputs": [], "truth": "left"}, "the trial's config", draft.overrides)
     if {recipe.name for recipe in config.recipes()} != set(cells):
-        raise InputError(
-            "scenes cannot be set where trial pairs weigh the recipes: make no trials, or change scenes in the file "
-            "that is written",
-            argument="overrides",
-        )
+        raise InputError("scenes cannot be set where trial pairs weigh the recipes", argument="overrides")
     shares = np.zeros((len(recipes), len(target.shares)))
     measures: dict[str, list[Floats]] = {name: [] for name in cells}
     listener.on_total(pairs * len(cells))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from backends import backend_fault
-from calibration_files import CAMERA, MIDDLEBURY, facts, kitti, middlebury, opencv
+from calibration_files import CAMERA, MIDDLEBURY, facts, kitti, middlebury, opencv, plain_rig
 from config_texts import parse_config
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -20,7 +20,7 @@ from semisynth_gl.calibration.draft import describe
 from semisynth_gl.calibration.kinds import Size
 from semisynth_gl.calibration.photographs import check_sizes
 from semisynth_gl.calibration.recipes import is_outdoors
-from semisynth_gl.calibration.rig import Rig, median_size, plain_rig, rig_ranges
+from semisynth_gl.calibration.rig import Rig, median_size, rig_ranges
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.calibration.write import write as write_draft
 from semisynth_gl.codecs.pfm import PFM
@@ -115,14 +115,14 @@ def test_several_rigs_give_ranges(tmp_path):
     ("disparities", "outdoors"), [((30, 40), False), ((1, 4), True), ((18, 62), True), ((1, 2), False)]
 )
 def test_far_pixels_make_a_scene_an_outdoor_one(disparities, outdoors):
-    rig = plain_rig(1000, 0.4, Size(640, 480))  # 20 m is 20 px
+    rig = plain_rig(1000, 0.4, 640, 480)  # 20 m is 20 px
     assert is_outdoors([rig], measured_range(Histogram.from_counts(disparities, [1.0]))) == outdoors
 
 
 def test_every_kind_of_scene_has_recipes_that_a_config_takes():
     found = measured_range(Histogram.from_counts((19.4, 62), [1.0]))
     for baseline_m, kinds in ((0.1, {"room"}), (4, {"street"})):
-        known = facts([plain_rig(1000, baseline_m, Size(640, 480))], found)
+        known = facts([plain_rig(1000, baseline_m, 640, 480)], found)
         config = parse_config(write_draft(known))
         recipes = config.recipes()
         assert sum(recipe.share for recipe in recipes) == pytest.approx(1)
@@ -304,7 +304,7 @@ def test_both_views_of_a_pair_are_one_subject(program, tmp_path):
     [
         (["--calib", "calib.txt", "--focal-px", "7"], ["--focal-px: "]),
         (["--focal-px", "700"], ["--baseline-m: missing"]),
-        (["--focal-px", "700", "--baseline-m", "-0.1", "--size", "741x500"], ["--baseline-m: ", "above 0"]),
+        (["--focal-px", "700", "--baseline-m", "-0.1", "--size", "741x500"], ["--baseline-m: must be 0 or from"]),
         (["--focal-px", "700", "--baseline-m", "0.1", "--size", "741"], ["--size 741", "1280x720"]),
         (["--focal-px", "700", "--baseline-m", "0.1", "--size", "741x500"], ["--range-px: missing", "disparity maps"]),
         (["--calib", "calib.txt", "--out", "a.txt"], ["ends in .yaml"]),
@@ -317,7 +317,7 @@ def test_both_views_of_a_pair_are_one_subject(program, tmp_path):
         (["--calib", "calib.txt", "--scale", "0.5"], ["--images: ", "of 371 x 250", "a scale of 1;"]),
         (["--calib", "calib.txt", "--range-m", "1", "4", "--range-px", "2", "9"], ["--range-m: expected only one"]),
         (["--calib", "calib.txt", "--range-px", "1", "4", "--alpha", "1"], ["--alpha: calib.txt states how"]),
-        (["--calib", "calib.txt", "--range-px", "1", "4", "--pair", "a"], ["--pair: expected the left and the right"]),
+        (["--calib", "calib.txt", "--range-px", "1", "4", "--pair", "a"], ["--pair: expected two"]),
         (["--calib", "calib.txt", "--range-m", "4", "1"], ["--range-m: ", "the nearer one first"]),
         (["--calib", "calib.txt", "--disparity", "none.pfm"], ["none.pfm: no disparity map there"]),
         (["--calib", "calib.txt", "--range-px", "1", "4", "--images", "flat"], ["no patch can be cut"]),

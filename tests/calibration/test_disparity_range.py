@@ -4,16 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from calibration_files import CAMERA, facts
+from calibration_files import CAMERA, facts, plain_rig
 from config_texts import parse_config
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
 from semisynth_gl.calibration.disparity_range import chosen_range, disparity_range, measure_maps, measured_range
-from semisynth_gl.calibration.kinds import Size
 from semisynth_gl.calibration.recipes import untried_style
-from semisynth_gl.calibration.rig import Rig, plain_rig
+from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.write import write as write_draft
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.frame.camera import StereoCamera
@@ -21,7 +20,7 @@ from semisynth_gl.histogram import Histogram, PixelCount, total_variation
 from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
 from semisynth_gl.judge.place import map_files, read_map
 
-SMALL = plain_rig(30, 0.1, Size(40, 30))
+SMALL = plain_rig(30, 0.1, 40, 30)
 
 
 def test_maps_say_where_there_is_no_value(tmp_path):
@@ -88,7 +87,7 @@ def test_maps_of_several_sizes_count_at_the_rigs_width(tmp_path):
         assert total_variation(same, found) < 0.03
         assert found.mean_px == pytest.approx(0.06 * 40, abs=0.05)
     # A map that has the size of one of several rigs is taken as it is.
-    large = plain_rig(60, 0.1, Size(80, 60))
+    large = plain_rig(60, 0.1, 80, 60)
     assert measure_maps(paths[1:2], [SMALL, large]).mean_px == pytest.approx(0.06 * 80, abs=0.05)
     assert disparity_range([SMALL], paths).origin.startswith("Measured from 4 disparity maps: ")
 
