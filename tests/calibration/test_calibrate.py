@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from backends import backend_fault
-from calibration_files import CAMERA, MIDDLEBURY, facts, kitti, middlebury, opencv, plain_rig
+from calibration_files import CAMERA, MIDDLEBURY, facts, middlebury, plain_rig
 from config_texts import parse_config
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -58,25 +58,11 @@ def test_scaling_keeps_rays():
     np.testing.assert_allclose(camera.rays("left", -0.5, -0.5), rig.camera.rays("left", -0.5, -0.5), rtol=1e-12)
 
 
-# Of Cityscapes, where fx is 2262.52 and fy 2265.30.
-CITYSCAPES = StereoCamera(2048, 1024, 2262.52, 0.209313, 1096.98, 1096.98, 513.137, fy_over_fx=2265.30 / 2262.52)
-
-
-@pytest.mark.parametrize("text", [middlebury(CITYSCAPES), kitti(CITYSCAPES), opencv(CITYSCAPES)])
-def test_a_config_gets_both_focal_lengths(tmp_path, text):
-    (rig,) = read_rigs([write(tmp_path, "calib.yml" if "%YAML" in text else "calib.txt", text)])
-    assert rig.camera.fy_over_fx == pytest.approx(CITYSCAPES.fy_over_fx, rel=1e-12)
-    assert rig.scaled(0.5).camera.focal_y_px == pytest.approx(2265.30 / 2)
-    known = facts([rig.scaled(0.5)], chosen_range(2, 60))
-    camera = parse_config(write_draft(known)).camera
-    assert camera.fy_over_fx == pytest.approx(CITYSCAPES.fy_over_fx, rel=1e-9)
-    assert camera.focal_px == Range(1131.26, 1131.26)
-
-
-@pytest.mark.parametrize(("ratio", "written"), [(1.0, False), (1 + 9e-7, False), (1 - 2e-6, True)])
-def test_a_ratio_that_is_rounding_is_not_written(ratio, written):
-    known = facts([Rig(replace(CAMERA, fy_over_fx=ratio), "x")], chosen_range(2, 60))
-    assert ("fy_over_fx" in write_draft(known)) == written
+@pytest.mark.parametrize(("ratio", "written"), [(1.0, None), (1 + 9e-7, None), (1 - 2e-6, 1 - 2e-6), (1.2, 1.2)])
+def test_a_config_gets_both_focal_lengths_unless_they_differ_by_rounding(ratio, written):
+    camera = parse_config(write_draft(facts([Rig(replace(CAMERA, fy_over_fx=ratio), "x")], chosen_range(2, 60)))).camera
+    assert camera.fy_over_fx == pytest.approx(written or 1.0, rel=1e-9, abs=0)
+    assert camera.focal_px == Range(994.978, 994.978)
 
 
 def test_photographs_of_another_size_are_refused_with_the_scale_that_fits():
@@ -121,27 +107,19 @@ def test_far_pixels_make_a_scene_an_outdoor_one(disparities, outdoors):
 
 def test_every_kind_of_scene_has_recipes_that_a_config_takes():
     found = measured_range(Histogram.from_counts((19.4, 62), [1.0]))
-    for baseline_m, kinds in ((0.1, {"room"}), (4, {"street"})):
-        known = facts([plain_rig(1000, baseline_m, 640, 480)], found)
-        config = parse_config(write_draft(known))
-        recipes = config.recipes()
+    for baseline_m, kind in ((0.1, "room"), (4, "street")):
+        recipes = parse_config(write_draft(facts([plain_rig(1000, baseline_m, 640, 480)], found))).recipes()
         assert sum(recipe.share for recipe in recipes) == pytest.approx(1)
-        of_kind = {
-            kind for kind in ("room", "street") if any(getattr(each.config.background, kind) for each in recipes)
-        }
-        assert of_kind == kinds
-        assert recipes[-1].name == "clutter"
-        assert recipes[-1].config.particles.layers is None
+        shown = {name for name in ("room", "street") if any(getattr(each.config.background, name) for each in recipes)}
+        assert shown == {kind}
+        assert (recipes[-1].name, recipes[-1].config.particles.layers) == ("clutter", None)
 
 
-SIZES = [(320, 240), (1242, 375), (1280, 1024), (2448, 2048)]
-
-
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(
     most_px=st.floats(-0.3, 2.84).map(lambda power: 10**power),
     width=st.floats(-2, -0.005).map(lambda power: 10**power),
-    size=st.sampled_from(SIZES),
+    size=st.sampled_from([(320, 240), (1242, 375), (1280, 1024)]),
     view=st.floats(0.4, 3),
     baseline_m=st.floats(0.01, 1),
 )
@@ -171,11 +149,22 @@ def test_a_table_top_becomes_a_dataset_that_verifies(tmp_path, program):
     # Noise of single pixels would differ between the views as no photograph does.
     for path in photographs(tmp_path / "photos", 2, size=(320, 300)).iterdir():
         Image.open(path).resize((107, 100)).resize((320, 300)).save(path)
+    (tmp_path / "maps").mkdir()
+    for number, near in enumerate((57, 62)):
+        disparity = np.tile(np.where(np.arange(160) < 70, 50, near).astype(np.float32), (128, 1))
+        (tmp_path / f"maps/{number}.pfm").write_bytes(PFM.encode(disparity))
     given = ("calibrate", "--images", "photos", "--other-camera", "--set", "particles.most=900", "--out", "table.yaml")
-    rig = ("--focal-px", 500, "--baseline-m", 0.05, "--size", "160x128", "--range-px", 50, 62.5)
-    assert program(*given, *rig, "--trials", 1)[0] == 0
+    rig = ("--focal-px", 500, "--baseline-m", 0.05, "--size", "160x128", "--disparity", "maps", "--trials", 1)
+    code, out, _ = program(*given, *rig)
+    assert code == 0
     config = load_config(tmp_path / "table.yaml")
     assert (config.particles.most, config.textures.large_px) == (900, 256)
+    # Two surfaces and one jump a row are next to nothing floating.
+    shares = {recipe.name: recipe.share for recipe in config.recipes()}
+    assert shares["clutter"] == pytest.approx(0.05)
+    assert "# Weights by trial pairs beside the disparity maps." in (tmp_path / "table.yaml").read_text()
+    assert f"recipes          {', '.join(f'{share:.0%} {name}' for name, share in shares.items())}" in out
+    assert f"blurred by {config.imperfections.blur_px.low:g} px" in out
     assert program("generate", "--config", "table.yaml", "--out", "table", "--pairs", 5)[0] == 0
     assert program("verify", "table", "--oracle")[0] == 0
 
@@ -228,7 +217,6 @@ def test_a_real_pair_becomes_a_config_that_renders(program, tmp_path, monkeypatc
                  "generate --config 'my rig.yaml' --out data/my-rig",
                  "report data/my-rig --images photos --disparity disp0.pfm"):  # fmt: skip
         assert said in out
-    assert "# From calib.txt." in (tmp_path / "my rig.yaml").read_text()
     monkeypatch.chdir("/")  # paths are absolute
     config = load_config(tmp_path / "my rig.yaml")
     camera = config.camera
@@ -260,67 +248,32 @@ def test_a_real_pair_becomes_a_config_that_renders(program, tmp_path, monkeypatc
     assert program(*given, "--overwrite")[0] == 0
 
 
-def test_trial_pairs_set_what_the_place_shows(program, tmp_path):
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
-    size = (96, 64)
-    (tmp_path / "scene").mkdir()
-    for number, near in enumerate((5, 12)):
-        disparity = np.tile(np.where(np.arange(size[0]) < 40, 4, near).astype(np.float32), (size[1], 1))
-        (tmp_path / f"scene/{number}.pfm").write_bytes(PFM.encode(np.asarray(disparity, np.float32)))
-    photographs(tmp_path / "photos", 2, (300, 300))
-    code, out, _ = program(
-        "calibrate", "--trials", 1, "--images", "photos", "--focal-px", 90, "--baseline-m", 0.2, "--size", "96x64",
-        "--disparity", "scene", "--other-camera", "--out", "a.yaml",
-    )  # fmt: skip
-    assert code == 0
-    config, text = load_config(tmp_path / "a.yaml"), (tmp_path / "a.yaml").read_text()
-    # Two surfaces and one jump a row are next to nothing floating.
-    shares = {recipe.name: recipe.share for recipe in config.recipes()}
-    assert shares["clutter"] == pytest.approx(0.05)
-    assert "# Weights by trial pairs beside the disparity maps." in text
-    assert f"recipes          {', '.join(f'{share:.0%} {name}' for name, share in shares.items())}" in out
-    assert f"blurred by {config.imperfections.blur_px.low:g} px" in out
-
-
-PLAIN = ("--focal-px", 700, "--baseline-m", 0.12, "--size", "640x480", "--other-camera", "--range-px", 2, 96)
-
-
-def test_both_views_of_a_pair_are_one_subject(program, tmp_path):
+def test_both_views_of_a_pair_are_one_subject(tmp_path):
     for number in range(2):
         folder = photographs(tmp_path / f"photos/scene{number}", 2, (300, 300), 2 * number)
         for eye in (0, 1):
             (folder / f"photo{2 * number + eye}.png").rename(folder / f"im{eye}.png")
-    code, out, err = program("calibrate", "--trials", 0, "--images", "photos", "--out", "a.yaml", *PLAIN)
-    assert (code, err) == (0, "")
-    assert "photographs      4 of 2 subjects, which give" in out
-    config = load_config(tmp_path / "a.yaml")
-    assert (config.disparity.min_px, config.disparity.max_px >= 96) == (2, True)
-    assert (config.camera.cx_left_px.low, config.background.plane, config.particles.size_px.low) == (319.5, 0, 26)
+    rig = {"focal_px": 700, "baseline_m": 0.12, "size": (640, 480), "range_px": (2, 96)}
+    made = calibrate(tmp_path / "photos", **rig, other_camera=True, trials=0)
+    assert any(line.startswith("photographs      4 of 2 subjects, which give") for line in made.summary)
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--calib", "calib.txt", "--focal-px", "7"], ["--focal-px: "]),
-        (["--focal-px", "700"], ["--baseline-m: missing"]),
-        (["--focal-px", "700", "--baseline-m", "-0.1", "--size", "741x500"], ["--baseline-m: must be 0 or from"]),
-        (["--focal-px", "700", "--baseline-m", "0.1", "--size", "741"], ["--size 741", "1280x720"]),
-        (["--focal-px", "700", "--baseline-m", "0.1", "--size", "741x500"], ["--range-px: missing", "disparity maps"]),
-        (["--calib", "calib.txt", "--out", "a.txt"], ["ends in .yaml"]),
-        (["--calib", "calib.txt", "--out", "no/a.yaml"], ["does not exist"]),
-        (["--calib", "calib.txt", "--range-px", "1e-9", "2e-9"], ["expected ends that differ by 2.2e-05"]),
-        (
-            ["--calib", "calib.txt", "--range-px", "1", "4", "--disparity", "x.pfm"],
-            ["--disparity: expected only one of"],
-        ),
-        (["--calib", "calib.txt", "--scale", "0.5"], ["--images: ", "of 371 x 250", "a scale of 1;"]),
-        (["--calib", "calib.txt", "--range-m", "1", "4", "--range-px", "2", "9"], ["--range-m: expected only one"]),
-        (["--calib", "calib.txt", "--range-px", "1", "4", "--alpha", "1"], ["--alpha: calib.txt states how"]),
-        (["--calib", "calib.txt", "--range-px", "1", "4", "--pair", "a"], ["--pair: expected two"]),
-        (["--calib", "calib.txt", "--range-m", "4", "1"], ["--range-m: ", "the nearer one first"]),
-        (["--calib", "calib.txt", "--disparity", "none.pfm"], ["none.pfm: no disparity map there"]),
-        (["--calib", "calib.txt", "--range-px", "1", "4", "--images", "flat"], ["no patch can be cut"]),
+        ("--focal-px 700", ["--baseline-m: missing"]),
+        ("--focal-px 700 --baseline-m -0.1 --size 741x500", ["--baseline-m: must be 0 or from"]),
+        ("--focal-px 700 --baseline-m 0.1 --size 741", ["--size 741", "1280x720"]),
+        ("--focal-px 700 --baseline-m 0.1 --size 741x500", ["--range-px: missing", "disparity maps"]),
+        ("--calib calib.txt --focal-px 7", ["--focal-px: "]),
+        ("--calib calib.txt --range-px 1e-9 2e-9", ["expected ends that differ by 2.2e-05"]),
+        ("--calib calib.txt --range-px 1 4 --disparity x.pfm", ["--disparity: expected only one of"]),
+        ("--calib calib.txt --range-m 4 1", ["--range-m: ", "the nearer one first"]),
+        ("--calib calib.txt --scale 0.5", ["--images: ", "of 371 x 250", "a scale of 1;"]),
+        ("--calib calib.txt --alpha 1", ["--alpha: calib.txt states how"]),
+        ("--calib calib.txt --pair a", ["--pair: expected two"]),
+        ("--calib calib.txt --disparity none.pfm", ["none.pfm: no disparity map there"]),
+        ("--calib calib.txt --range-px 1 4 --images flat", ["no patch can be cut"]),
     ],
 )
 def test_wrong_input_writes_nothing(program, tmp_path, arguments, words):
@@ -329,20 +282,15 @@ def test_wrong_input_writes_nothing(program, tmp_path, arguments, words):
     Image.new("RGB", (741, 500)).save(tmp_path / "flat/a.png")
     write(tmp_path, "calib.txt", MIDDLEBURY)
     images = () if "--images" in arguments else ("--images", "photos")
-    out = () if "--out" in arguments else ("--out", "a.yaml")
-    code, said, err = program("calibrate", *images, *out, *arguments)
+    code, said, err = program("calibrate", *images, "--out", "a.yaml", *arguments.split())
     assert (code, said) == (2, "")
     for word in words:
         assert word in err
     assert not list(tmp_path.glob("*.yaml"))
-    assert not list(tmp_path.glob(".*"))
 
 
 def test_the_command_loads_no_package_that_it_does_not_use():
+    show = "import sys, semisynth_gl.cli.{}; print({{'trimesh', 'scipy', 'matplotlib'}} & {{*sys.modules}})"
     for module in ("calibrate", "preview"):
-        show = f"import sys, semisynth_gl.cli.{module}; print({{'trimesh', 'scipy', 'matplotlib'}} & {{*sys.modules}})"
-        assert run_python(show) == "set()", module
-
-
-def run_python(program):
-    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.strip()
+        done = subprocess.run([sys.executable, "-c", show.format(module)], capture_output=True, text=True, check=True)
+        assert done.stdout.strip() == "set()", module
