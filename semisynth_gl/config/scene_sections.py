@@ -171,7 +171,7 @@ class ParticlesSection(Section):
     """depth layers, as in ``clutter``; by default solved from ``disparity.target``"""
     clutter: Annotated[tuple[DepthLayerSection, ...], FROM_LIST, Field(max_length=_MOST_ITEMS)] = ()
     """further depth layers: a list of ``{disparity_px, count, size_px}``, all ranges"""
-    density: _Density | Annotated[RangeField, within(SMALLEST, _MOST_PARTICLES)] = "default"
+    density: _Density | Annotated[float, Field(ge=SMALLEST, le=_MOST_PARTICLES)] = "default"
     """mean number in view, or ``default``, ``sparse`` (a third, larger), ``dense`` (three times, smaller)"""
     size_px: PositiveRange = Range(40.0, 300.0)
     """diameter of a model, log-uniform"""
@@ -196,8 +196,8 @@ class ParticlesSection(Section):
         if self.layers is not None and self.density != "default":
             text = "give either density or layers, not both: each layer states its own count"
             yield ConfigError(text, ("density", "layers"))
-        if isinstance(self.density, Range) and self.density.high > self.most:
-            text = f"density goes up to {self.density.high:g} particles in view, but most allows {self.most} in a scene"
+        if not isinstance(self.density, str) and self.density > self.most:
+            text = f"density asks for {self.density:g} particles in view, but most allows {self.most} in a scene"
             yield ConfigError(text, ("density", "most"))
 
 

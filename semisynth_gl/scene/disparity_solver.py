@@ -50,9 +50,7 @@ _COUNTED_PILOTS = 8
 # Number of times that the aim is shifted towards the target.
 _CORRECTIONS = 6
 # Number of objects in view for each density, relative to the stated sizes.
-_DENSITY = {"sparse": 1 / 3, "default": 1.0, "dense": 3.0}
-# Numbers of densities in a range: those that are solved, and those over which a mean is taken.
-_DENSITIES, _QUANTILES = 4, 32
+_DENSITY = {"sparse": 1 / 3, "dense": 3.0}
 # Smallest factor of the stated sizes.
 _SMALLEST = 0.05
 # Largest mean number of particles in a scene, in units of particles.most.
@@ -62,8 +60,7 @@ _ENLARGEMENTS = 12
 # Number of bisections in the search for a factor of sizes.
 _HALVINGS = 10
 # Multiples of the roots of primes, modulo 1, spread evenly over [0, 1) for each layer separately, since the roots are
-# irrational and unrelated. There are 50 primes, for at most 48 layers and the density.
-_OF_DENSITY = 48
+# irrational and unrelated. There are 50 primes, for at most 48 layers.
 _PRIMES = np.array([n for n in range(2, 230) if all(n % k for k in range(2, n))], np.float64)
 # Smallest share of the aim for a bin that each correction leaves: from 0 the aim could not rise again.
 _LEAST_OF_AIM = 0.1
@@ -86,12 +83,6 @@ class _Aim(NamedTuple):
     shares: Floats  # (K,) in the target's bins
     achieved: Floats  # (K,) mean shares in scenes that are solved for this aim
     sizes: Sizes  # sizes of the particles
-
-    def towards(self, other: "_Aim", share: float) -> "_Aim":
-        """Return the aim at a share, 0 to 1, of the way to another aim."""
-        shares = self.shares + share * (other.shares - self.shares)
-        achieved = self.achieved + share * (other.achieved - self.achieved)
-        return _Aim(shares, achieved, self.sizes.scaled((other.sizes.low / self.sizes.low) ** share))
 
 
 class DisparitySolver:
@@ -117,8 +108,7 @@ class DisparitySolver:
         self._solved = particles.layers is None
         self._stated = stated_layers((*(particles.layers or ()), *particles.clutter), particles, own)
         self._layers = DepthLayers.from_bins(self.target, config.disparity.min_px, config.disparity.max_px)
-        # A quantile for each layer; the last one is for the density.
-        self._first_quantile = generator(seed, Purpose.COUNTS).random(len(self._layers) + 1)
+        self._first_quantile = generator(seed, Purpose.COUNTS).random(len(self._layers))
 
     def sample(self, sequence: int, camera: StereoCamera, bare_px: Floats, rng: np.random.Generator) -> list[Batch]:
         """Sample the numbers of particles of one scene.
@@ -137,16 +127,14 @@ class DisparitySolver:
             check_reachable(camera, layer.disparity_px.low, "particles.layers or particles.clutter: disparity_px")
         solved = list[Batch]()
         if self._solved:
-            steps = np.sqrt(np.append(_PRIMES[: len(self._layers)], _PRIMES[_OF_DENSITY]))
-            quantile = (self._first_quantile + sequence * steps) % 1.0
-            aim = self._aim(float(quantile[-1]))
-            views = self._views([(camera, bare_px)], aim.sizes)
-            mean = (self._coverage(aim.shares, views) / views.cover)[0]
+            quantile = (self._first_quantile + sequence * np.sqrt(_PRIMES[: len(self._layers)])) % 1.0
+            sizes = self._aim.sizes
+            views = self._views([(camera, bare_px)], sizes)
+            mean = (self._coverage(self._aim.shares, views) / views.cover)[0]
             # `sample_slots` cuts the number to particles.most in any case.
             mean *= min(1.0, _BEYOND_MOST * self._config.particles.most / max(float(mean.sum()), 1.0))
-            counts = poisson_counts(mean, quantile[:-1]).tolist()
-            layers = zip(self._layers.low_px, self._layers.high_px, counts, strict=True)
-            solved = [Batch(low, high, count, aim.sizes) for low, high, count in layers]
+            layers = zip(self._layers.low_px, self._layers.high_px, poisson_counts(mean, quantile), strict=True)
+            solved = [Batch(low, high, int(count), sizes) for low, high, count in layers]
         return solved + [stated.batch(rng) for stated in self._stated]
 
     def expected(self) -> Histogram:
@@ -156,44 +144,25 @@ class DisparitySolver:
             InputError: where the target cannot be met, see `sample`.
         """
         if self._solved:
-            count = _QUANTILES if len(self._aims[1]) > 1 else 1
-            shares = np.mean([self._aim((k + 0.5) / count).achieved for k in range(count)], axis=0)
-        else:
-            below = np.mean([self._bare_shares(camera, bare_px) for camera, bare_px in self._pilots], axis=0)
-            shares = np.diff(np.concatenate([[0.0], below, [1.0]]))
-        return Histogram.from_counts(self.target.edges_px, shares)
-
-    def _aim(self, quantile: float) -> _Aim:
-        """Return the aim of a scene whose density is a quantile of the config's range, in [0, 1)."""
-        numbers, aims = self._aims
-        if len(aims) == 1:
-            return aims[0]
-        wanted = np.log(numbers[0] + (numbers[-1] - numbers[0]) * quantile)
-        weight = np.interp(wanted, np.log(numbers), np.arange(len(aims)))
-        below = min(int(weight), len(aims) - 2)
-        return aims[below].towards(aims[below + 1], float(weight) - below)
+            return Histogram.from_counts(self.target.edges_px, self._aim.achieved)
+        below = np.mean([self._bare_shares(camera, bare_px) for camera, bare_px in self._pilots], axis=0)
+        return Histogram.from_counts(self.target.edges_px, np.diff(np.concatenate([[0.0], below, [1.0]])))
 
     @cached_property
-    def _aims(self) -> tuple[list[float], list[_Aim]]:
-        """Rising numbers of objects in view, and the aim for each; only a range of densities has more than one."""
-        density, sizes, factors = self._config.particles.density, stated_sizes(self._config.particles), [1.0]
-        if isinstance(density, str):
-            if density != "default":
-                factors = [self._scale(sizes, _DENSITY[density] * self._in_view(sizes), stated=False)]
-        else:
-            ends = [self._scale(sizes, end, stated=True) for end in dict.fromkeys((density.low, density.high))]
-            factors = np.geomspace(ends[0], ends[1], _DENSITIES).tolist() if len(ends) > 1 else ends
-        scaled = [sizes.scaled(factor) for factor in factors]
-        numbers = [self._in_view(each) for each in scaled] if len(scaled) > 1 else [0.0]
-        return numbers, [self._corrected(each) for each in scaled]
+    def _aim(self) -> _Aim:
+        """The aim of all scenes, at the sizes that the density asks for."""
+        density, sizes = self._config.particles.density, stated_sizes(self._config.particles)
+        if not isinstance(density, str):
+            sizes = sizes.scaled(self._scale(sizes, density, stated=True))
+        elif density != "default":
+            sizes = sizes.scaled(self._scale(sizes, _DENSITY[density] * self._in_view(sizes), stated=False))
+        return self._corrected(sizes)
 
     def _scale(self, sizes: Sizes, wanted: float, *, stated: bool) -> float:
         """Return the factor of sizes at which a wanted number of objects is in the left view on average.
 
         A number that is too small is refused where the config states it; otherwise the result comes as near as it can.
-
-        Raises:
-            InputError: where the number is too large or, if it is ``stated``, too small.
+        A number that is too large is refused in any case.
         """
         # At the largest factor, the largest particles of the nearest layer are as wide as the image.
         camera = self._pilots[0].camera
@@ -220,10 +189,8 @@ class DisparitySolver:
     def _corrected(self, sizes: Sizes) -> _Aim:
         """Shift the aim until the mean of the pilot scenes is near the target.
 
-        Where the target takes more particles than ``particles.most``, they become larger.
-
-        Raises:
-            InputError: where that is not enough.
+        Where the target takes more particles than ``particles.most``, they become larger; InputError where that is not
+        enough.
         """
         wanted, most = self.target.shares, self._config.particles.most
         for _ in range(_ENLARGEMENTS):

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.frame.camera import StereoCamera
@@ -11,15 +10,6 @@ from semisynth_gl.scene import Bools, Floats, Ints
 from semisynth_gl.scene.instances import Instances
 from semisynth_gl.textures.atlas import Patch
 from semisynth_gl.textures.shares import patch_chances
-
-CHANCE = np.dtype(
-    [
-        ("patch", np.float64),  # chooses the patch
-        ("part", np.float64, 2),  # chooses the part of the patch that is shown
-        ("texels", np.float64),  # chooses the texels per pixel
-    ]
-)
-"""The uniform random numbers, from 0 to 1, by which an instance is textured."""
 
 # Largest factor by which large patches are enlarged so that they do not repeat.
 _ENLARGED = 2.0
@@ -53,15 +43,16 @@ class PatchMapping:
         count = self._layer_count[patch]
         return np.asarray(self._first_layer[patch] + ((patch * 7919 + sequence) % count + frame) % count)
 
-    def apply(self, table: Instances, own: NDArray[np.void], camera: StereoCamera) -> None:
+    def apply(self, table: Instances, own: Floats, camera: StereoCamera) -> None:
         """Set ``patch``, ``uv_scale`` and ``uv_offset`` of N instances.
 
-        ``own`` (N,) are random numbers of type `CHANCE`. An instance that wears another one's texture is textured by
-        the other one's numbers, but shows a part of a large patch by its own: each side of a box shows another part.
+        The uniform random numbers ``own`` (N, 4) choose the patch, the part of the patch that is shown, in u and v, and
+        the texels per pixel. An instance that wears another one's texture is textured by the other one's numbers, but
+        shows a part of a large patch by its own: each side of a box shows another part.
         """
         chances, texels_range = own[table["texture"]], self._section.texels_per_pixel
-        texels = texels_range.low * (texels_range.high / texels_range.low) ** chances["texels"]
-        patch, large = choose(self._small_ends, chances["patch"]), np.zeros(len(table), bool)
+        texels = texels_range.low * (texels_range.high / texels_range.low) ** chances[:, 3]
+        patch, large = choose(self._small_ends, chances[:, 0]), np.zeros(len(table), bool)
         if len(self._large_ends):
             # Large surfaces wear large patches, and so do those on which a small patch would repeat.
             repeats = _extent_px(table, camera).max(axis=1) * texels > self._section.patch_px
@@ -69,9 +60,9 @@ class PatchMapping:
             # Large patches are spread over the static instances, so that few of them wear the same patch.
             static = np.flatnonzero(large & (table["slot"] < 0))
             order = np.unique(table["texture"][static], return_inverse=True)[1]
-            chances["patch"][static] = (own["patch"][:1] + order * _GOLDEN) % 1.0
-            patch[large] = self._small + choose(self._large_ends, chances["patch"][large])
-        part = np.where(large[:, None], own["part"], chances["part"])
+            chances[static, 0] = (own[:1, 0] + order * _GOLDEN) % 1.0
+            patch[large] = self._small + choose(self._large_ends, chances[large, 0])
+        part = np.where(large[:, None], own[:, 1:3], chances[:, 1:3])
         table["patch"] = patch
         table["uv_scale"], table["uv_offset"] = map_patches(table, camera, self._section, texels, part, large)
 

@@ -13,7 +13,7 @@ from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.disparity_solver import DisparitySolver
 from semisynth_gl.scene.instances import INSTANCE, Instances, new_instances, to_scene
-from semisynth_gl.scene.mapping import CHANCE, PatchMapping, choose
+from semisynth_gl.scene.mapping import PatchMapping, choose
 from semisynth_gl.scene.particles import Particles, Release, particles_at, sample_release, sample_slots
 from semisynth_gl.scene.projector import projector_record, sample_projector
 from semisynth_gl.scene.resting import come_to_rest, triangles_of
@@ -109,7 +109,7 @@ class SceneSequence:
         slot, generation = table["slot"][count:], table["generation"][count:]
         of_static = self._generator(Purpose.TEXTURE, 0).random((count, 4))
         of_slots = self._per_slot(Purpose.TEXTURE, generation, slot, 4, first_key=1)
-        mapping.apply(table, np.concatenate([of_static, of_slots]).view(CHANCE)[:, 0], rig.camera)
+        mapping.apply(table, np.concatenate([of_static, of_slots]), rig.camera)
         layer, pose = mapping.layers(table["patch"], self.number, frame), self.camera_from_world(frame)
         scene = to_scene(table, rig.views[view], rig.near_m, pose, layer, self.projector)
         return SampledScene(scene, table, self, frame, view)

@@ -32,8 +32,8 @@ def with_other_last_bits(function, rng):
 
 
 def test_checksums_are_the_same_where_the_last_bits_of_functions_differ(monkeypatch):
-    monkeypatch.setattr(drawn, "KINDS", drawn.KINDS[:4])
-    config = tiny(textures={"source": "builtin", "large_px": 128})
+    monkeypatch.setattr(drawn, "KINDS", drawn.KINDS[:2])
+    config = tiny(textures={"source": "builtin", "large_px": 128, "max_patches": 16})
     here = prepare_sources(config, Split(2))
     rng = np.random.default_rng(0)
     for name in FUNCTIONS:
@@ -73,43 +73,30 @@ def sources():
     return prepare_sources(cheap(textures={"large_px": 128}), Split(2))
 
 
-def changed(sources, place):
-    atlas, library = sources.atlas, sources.libraries[0]
-    first, *others = library.models
-    if place in {"layers", "large_layers"}:
-        layers = getattr(atlas, place).copy()
-        side = layers.shape[1] // 4
-        layers[-1, :side, -side:, 1] //= 2
-        return Sources(replace(atlas, **{place: layers}), sources.libraries)
-    if place in {"source", "left_px"}:
-        *some, last = atlas.patches
-        value = {"source": "other.png", "left_px": last.left_px + 1}[place]
-        return Sources(replace(atlas, patches=(*some, replace(last, **{place: value}))), sources.libraries)
-    if place in {"positions", "uv"}:
-        array = getattr(first, place).copy()
-        array[0, 0] += 2e-5
-        first = replace(first, **{place: array})
-    if place == "triangles":
-        first = replace(first, triangles=first.triangles[::-1].copy())
-    library = replace(library, models=(first, *others))
-    if place == "chances":
-        library = replace(library, chances=library.chances[::-1] * np.linspace(0.99, 1.01, len(library.chances)))
-    if place == "fill":
-        library = replace(library, silhouette=replace(library.silhouette, fill=library.silhouette.fill + 2e-5))
-    if place == "heights":
-        library = replace(library, silhouette=replace(library.silhouette, heights=library.silhouette.heights + 2e-5))
-    return Sources(atlas, (library,))
+def darkened(layers):
+    layers, side = layers.copy(), layers.shape[1] // 4
+    layers[-1, :side, -side:, 1] //= 2
+    return layers
 
 
-@pytest.mark.parametrize("place", ["layers", "large_layers", "source", "left_px"])
-def test_each_part_of_a_patch_counts(sources, place):
-    other = changed(sources, place).digests()
-    assert other["patches"] != sources.digests()["patches"]
-    assert other["models"] == sources.digests()["models"]
+# How each part of an atlas's layers and last patch, of a library's first model, and of a library changes.
+OF_LAYERS = dict.fromkeys(("layers", "large_layers"), darkened)
+OF_PATCH = {"source": lambda _: "other.png", "left_px": lambda left: left + 1}
+OF_MODEL = dict.fromkeys(("positions", "uv"), lambda array: array + np.float32(2e-5)) | {"triangles": np.flipud}
+OF_SILHOUETTE = dict.fromkeys(("fill", "heights"), lambda value: value + 2e-5)
+OF_LIBRARY = {"chances": lambda chances: chances * np.linspace(0.99, 1.01, len(chances))}
 
 
-@pytest.mark.parametrize("place", ["positions", "uv", "triangles", "chances", "fill", "heights"])
-def test_each_part_of_the_models_counts(sources, place):
-    other = changed(sources, place).digests()
-    assert other["models"] != sources.digests()["models"]
-    assert other["patches"] == sources.digests()["patches"]
+def changed(whole, changes, part):
+    return replace(whole, **{part: changes[part](getattr(whole, part))}) if part in changes else whole
+
+
+@pytest.mark.parametrize("part", [*OF_LAYERS, *OF_PATCH, *OF_MODEL, *OF_SILHOUETTE, *OF_LIBRARY])
+def test_each_part_of_patches_and_models_counts_in_its_checksum(sources, part):
+    atlas, library = changed(sources.atlas, OF_LAYERS, part), changed(sources.libraries[0], OF_LIBRARY, part)
+    atlas = replace(atlas, patches=(*atlas.patches[:-1], changed(atlas.patches[-1], OF_PATCH, part)))
+    models = changed(library.models[0], OF_MODEL, part), *library.models[1:]
+    library = replace(library, models=models, silhouette=changed(library.silhouette, OF_SILHOUETTE, part))
+    before, after = sources.digests(), Sources(atlas, (library,)).digests()
+    patches = part in OF_LAYERS or part in OF_PATCH
+    assert [name for name in before if before[name] != after[name]] == ["patches" if patches else "models"]
