@@ -142,8 +142,7 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
     For a right camera that deviates, the plane is far enough away for its rectified twin, too.
 
     Raises:
-        InputError: where ``min_px`` lies beyond infinity for this camera, surfaces that keep clear of the near plane
-            have no disparity left, or the deviation alone takes ``max_px``.
+        InputError: where ``min_px`` lies beyond infinity for this camera, or the deviation alone takes ``max_px``.
     """
     check_reachable(camera, section.min_px, "disparity.min_px")
     depth_m = plane_m = float(camera.depth_m(section.max_px))
@@ -157,17 +156,7 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
                 "narrow the ranges of rig"
             )
         plane_m = float(camera.depth_m(section.max_px - deviates_px))
-    depth_m = max(depth_m, plane_m)
-    if not section.signed and camera.disparity_px(BEYOND_NEAR * depth_m) <= 0:
-        # The deviation takes max_px less what is left at the near plane.
-        taken_px = section.max_px - float(camera.disparity_px(depth_m))
-        expected_px = (BEYOND_NEAR - 1) * camera.doffs_px + taken_px
-        raise InputError(
-            f"disparity.max_px: every surface lies at least {BEYOND_NEAR - 1:.0%} beyond the near plane, and with "
-            f"doffs = {camera.doffs_px:g} px nothing is left of {section.max_px:g} px there: expected more than "
-            f"{expected_px:g}"
-        )
-    return depth_m
+    return max(depth_m, plane_m)
 
 
 def relief_px(camera: StereoCamera, min_px: float, near_m: float) -> float:

@@ -113,7 +113,6 @@ def test_correspondence_and_depth_are_inverse_and_limits_hold(roll, pitch, down,
     [
         ((100.0, 0.1, 320, 320, 240, Deviation(0.1, 0.17)), (5.0, 30.0), r"max_px: 30 px .* up to \d+\.\d+ px: raise"),
         ((30.0, 0.1, 320, 320, 240, Deviation(0.1, 0.17)), (5.0, 30.0), "leaves no depth .* up to nan px: raise"),
-        ((600.0, 0.1, 300, 340, 240, Deviation(0.0, 0.02)), (0.1, 0.6), r"doffs = 40 px nothing is left of 0\.6 px"),
     ],
 )
 def test_a_deviation_that_takes_the_largest_disparity_is_refused(camera, limits, said):

@@ -172,7 +172,7 @@ def test_scenes_of_an_ablation_differ_only_in_their_factor(names, factor):
     """Same cameras, same numbers, same poses; other models, or other patches."""
     sampled = []
     for number, name in enumerate(names):
-        config = load_config(name)
+        config = load_config(name, ["models.variants=1"])
         library = build_library(config.models, config.particles, Split(3))
         sampler = SceneSampler(config, 3, library, patches(7 + 50 * number * (factor == "layer")))
         sampled.append([sampler.sample(index).scene for index in range(3)])
