@@ -134,20 +134,6 @@ def test_a_pair_that_is_not_changed_is_the_crop_bit_for_bit(draw, backend):
 
 
 @pytest.mark.one_backend
-def test_a_stretched_pair_has_the_points_of_before(draw):
-    whole = draw(0).cropped(Crop(30, 20, 40, 60))
-    changed = Warp(3.0, 1.0).applied(whole, (60, 120))
-    focal, camera = whole.camera.focal_px, changed.camera
-    assert (camera.focal_px, camera.focal_y_px) == (pytest.approx(3 * focal), pytest.approx(focal))
-    np.testing.assert_allclose(changed.points()[:, 1::3], whole.points(), rtol=1e-5, atol=1e-5)
-    # Of three columns, the middle one lies on a column of before.
-    np.testing.assert_allclose(changed.left.disparity[:, 1::3], 3 * whole.left.disparity, rtol=1e-6)
-    np.testing.assert_array_equal(changed.left.normals[:, 1::3], whole.left.normals)
-    off = np.abs(camera.depth_m(changed.left.disparity.astype(np.float64)) / changed.left.depth - 1)
-    assert np.quantile(off[np.isfinite(off)], 0.9) < 1e-5
-
-
-@pytest.mark.one_backend
 def test_a_mirror_shows_the_points_on_the_other_side(draw):
     pair = draw(0)
     mirror = mirrored(pair)
@@ -246,7 +232,7 @@ def test_what_a_change_cannot_do_is_refused():
             change(frame)
 
 
-@pytest.mark.parametrize("index", range(3))
+@pytest.mark.parametrize("index", range(2))
 def test_a_rectangle_hides_what_lies_behind_it_in_a_crooked_rig(index):
     pair = make_frame(index)
     rng = np.random.default_rng(index)

@@ -27,7 +27,7 @@ sys.path.insert(0, str(ROOT / "examples"))
 import judged_pairs  # noqa: E402 - found by the line above
 import predict  # noqa: E402
 import train  # noqa: E402
-from stereo_network import Estimates, StereoNetwork, correlated, cross_entropy_loss, warped  # noqa: E402
+from stereo_network import StereoNetwork, correlated, warped  # noqa: E402
 
 from semisynth_gl.codecs.pfm import PFM  # noqa: E402
 from semisynth_gl.config import load_config  # noqa: E402
@@ -207,17 +207,6 @@ def test_pixels_without_a_usable_truth_do_not_count(loss, invalid):
     assert loss_of(torch.full((1, 16, 32), torch.inf)) == 0
 
 
-def test_scores_of_the_true_level_cost_least():
-    truth = torch.full((1, 8, 8), 10.0)  # between the levels 2 and 3
-    losses = []
-    for levels in ([2, 3], [2], [6]):
-        scores = torch.full((1, 8, 2, 2), -9.0)
-        scores[:, levels] = 9.0
-        losses.append(cross_entropy_loss(Estimates([truth], scores), truth, truth > 0).item())
-    assert losses == sorted(losses)
-    assert losses[0] == pytest.approx(np.log(2), abs=1e-3)
-
-
 def test_estimates_weigh_as_their_authors_have_it():
     truth = torch.full((1, 4, 4), 10.0)
 
@@ -230,12 +219,6 @@ def test_estimates_weigh_as_their_authors_have_it():
     assert of(train.sequence_loss, 4) == of(train.sequence_loss, 0, 4) == 4
     for errors, weight in (((4, 0, 0, 0), 0.5), ((4, 0, 0), 0.5), ((0, 4, 0), 0.7), ((0, 0, 4), 1), ((4,), 1)):
         assert of(train.smooth_l1_loss, *errors) == pytest.approx(weight * 3.5)
-
-
-def test_disparities_are_found_in_what_networks_give():
-    flat = noise(2, 4, 6)
-    for output in (flat, flat[:, None], [flat], (flat[:, None], flat), Estimates([flat], flat)):
-        assert torch.equal(train.estimates(output)[-1], flat)
 
 
 def test_levels_and_padding_are_those_that_networks_take():
@@ -481,18 +464,3 @@ def test_the_trained_network_predicts_pairs(dataset, tmp_path):
     assert refused(predicted("--network", "their_networks:Learnt"), "of train.py with --network their_networks:Learnt")
     torch.save(module.network.state_dict(), weights)
     assert refused(predicted(), "expected a checkpoint of train.py")
-
-
-@pytest.mark.filterwarnings("ignore:You are trying to `self.log")
-def test_networks_of_the_package_can_be_trained():
-    pytest.importorskip("stereo_matching", reason="needs pip install stereo-matching timm")
-    model, address = "raft-stereo-realtime", "public_networks:stereo_matching"
-    module = module_of(address, f"model={model}", "num_iters=2", levels="imagenet", loss="sequence")
-    # Narrower images vanish in the pyramids of their correlations.
-    images = (255 * noise(2, 3, 64, 160)).byte()
-    batch = {"left": images[:1], "right": images[1:], "disparity_left": torch.full((1, 64, 160), 5.0)}
-    assert torch.isfinite(module.training_step(batch, 0))
-    assert module.eval().predict_disparity(*images).shape == (64, 160)
-    for arguments, words in (((f"model={model}", "fog=1"), "fog: .* has the settings"), (("model=a",), "got 'a'")):
-        with pytest.raises(InputError, match=words):
-            module_of(address, *arguments)

@@ -65,24 +65,7 @@ def test_the_formulas_are_opencvs(name):
     seen = points @ pinhole.T
     x, y = raw.raw(pinhole, seen[:, 0] / seen[:, 2], seen[:, 1] / seen[:, 2])
     np.testing.assert_allclose(np.c_[x, y], expected.reshape(-1, 2), atol=1e-8)
-
-
-@pytest.mark.parametrize("name", LENSES)
-def test_positions_come_back_by_opencvs_undistort_points(name):
-    raw, pinhole = raw_camera(name), pinhole_of(CAMERA, "right")
-    y, x = (each.ravel().astype(float) for each in np.mgrid[5:115:9, 5:155:9])
-    there = np.stack(raw.raw(pinhole, x, y), axis=-1)[:, None]
-    np.testing.assert_allclose(raw.rectified(pinhole, *there[:, 0].T), (x, y), atol=1e-6)
-    keys = {"R": np.array(raw.rotation), "P": pinhole}
-    if name == "fisheye":
-        back = cv2.fisheye.undistortPoints(there, raw.matrix, np.array(raw.distortion), **keys)
-    else:
-        criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-12)
-        if hasattr(cv2, "undistortPointsIter"):  # OpenCV 4
-            back = cv2.undistortPointsIter(there, raw.matrix, np.array(raw.distortion), keys["R"], keys["P"], criteria)
-        else:
-            back = cv2.undistortPoints(there, raw.matrix, np.array(raw.distortion), criteria=criteria, **keys)
-    np.testing.assert_allclose(back[:, 0], np.c_[x, y], atol=1e-3)
+    np.testing.assert_allclose(np.c_[raw.rectified(pinhole, x, y)], (seen / seen[:, 2:])[:, :2], atol=1e-5)
 
 
 @given(st.tuples(*[st.floats(-0.5, 0.5)] * 3))
@@ -226,20 +209,6 @@ def test_imperfections_are_those_of_the_raw_image():
     assert 2.5 < noise.std() < 5.0
     plain = [render_pair(cheap(imperfections={"noise": level}), 0) for level in (6, 0)]
     assert (plain[0].left.image.astype(float) - plain[1].left.image).std() > 5.0
-
-
-def test_a_pair_says_its_lens_and_sequences_keep_it():
-    config = with_lens(sequence={"length": 2})
-    with PairRenderer(config, 0) as renderer:
-        pairs = [renderer.render(index) for index in (3, 0, 1, 2)]
-    records = {pair.index: pair.provenance["lens"] for pair in pairs}
-    assert records[0] == records[1] != records[2] == records[3]
-    raw = RawCamera.from_record(records[0]["right"])
-    assert 135 <= raw.fx_px <= 145
-    assert raw.fy_px == raw.fx_px
-    assert (raw.cx_px, raw.cy_px) == (31.5, 23.5)
-    again = render_pair(config, 3)
-    np.testing.assert_array_equal(again.right.image, pairs[0].frame.right.image)
 
 
 @pytest.mark.parametrize(

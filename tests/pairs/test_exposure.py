@@ -33,27 +33,6 @@ def opened(config):
         yield sampler, renderer
 
 
-def test_a_moment_moves_the_scenes_own_instances():
-    config = moving(textures={"sequence": True})
-    with opened(config) as (sampler, _):
-        for index in (0, 4):
-            sampled = sampler.sample(index)
-            for frames in (0.0, 1.0, -1.0, 0.25, 40.0):
-                scene = sampled.moment(frames)
-                for name in ("model", "layer", "uv_scale", "uv_offset"):
-                    np.testing.assert_array_equal(getattr(scene, name), getattr(sampled.scene, name))
-                assert (scene.camera, scene.near_m) == (sampled.scene.camera, sampled.scene.near_m)
-                same = [
-                    np.array_equal(getattr(scene, name), getattr(sampled.scene, name))
-                    for name in ("camera_from_world", "world_from_model")
-                ]
-                assert same == [frames == 0] * 2
-                if frames in (1, -1):
-                    motion = sampled.motion(int(frames))
-                    np.testing.assert_array_equal(scene.world_from_model, motion.world_from_model)
-                    np.testing.assert_array_equal(scene.camera_from_world, motion.scene.camera_from_world)
-
-
 @pytest.mark.parametrize(("antialias", "colour"), [("edges", "grey"), ("ssaa2", "rgb")])
 def test_images_alone_are_those_of_the_whole_pair(antialias, colour):
     # What is behind the near plane is another share of what each eye sees, where the right one turns.

@@ -23,7 +23,7 @@ from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.frame import Frame, as_rgb
-from semisynth_gl.inputs.errors import InputError, ReadError
+from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.judge.charts import draw_sheet
 from semisynth_gl.judge.measured_view import mean_luminance
 from semisynth_gl.judge.pictures import embed_pair
@@ -119,21 +119,6 @@ def test_grey_images_are_the_luminance_of_coloured_ones_and_truth_is_the_same(op
             np.testing.assert_array_equal(grey.view(eye)[name], coloured.view(eye)[name], err_msg=name)
     crop = Crop(31, 17, 63, 50)
     assert_equal(renderer.render(scene, crop), grey, crop)
-
-
-def test_large_patches_are_grey_too(open_renderer, square):
-    layers, large = noise_layers(2, ODD)[..., 0], noise_layers(1, 100, seed=1)[..., 0]
-    camera = StereoCamera.centred(60, 50, 400.0, 0.1)
-    whole, part = facing(camera, 0, 0, 100, 100, 5.0), facing(camera, 20, 5, ODD, ODD, 2.0)
-    expected = large[0][:50, :60].copy()
-    expected[5:42, 20:57] = layers[1]
-    scene = make_scene(camera, model=[0, 0], world_from_model=[whole, part], layer=[2, 1])
-    frame = open_renderer([square], layers, large_layers=large).render(scene)
-    np.testing.assert_array_equal(frame.left.image, expected)
-    with pytest.raises(InputError, match="both be RGBA or both be grey"):
-        open_renderer([square], layers, large_layers=noise_layers(1, 100))
-    with pytest.raises(InputError, match=r"\(L, P, P\) uint8"):
-        open_renderer([square], layers[..., :5])
 
 
 @pytest.mark.parametrize("name", layout_names())

@@ -120,7 +120,7 @@ def test_images_lie_on_their_truth(backend, mode):
     assert shift < (0.001 if mode == "none" else 0.01)
 
 
-@pytest.mark.parametrize(("away", "uv_away"), [(8e3, 0), (1e7, 0), (40.0, 40.0), (0, 1e6)])
+@pytest.mark.parametrize(("away", "uv_away"), [(1e7, 0), (0, 1e6)])
 def test_images_lie_on_their_truth_however_far_a_model_stands_from_its_origin(backend, away, uv_away):
     frame = drawn("none", backend, away=away, uv_away=uv_away)
     near = drawn("none", backend)

@@ -7,12 +7,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from PIL import Image
 from tiny_datasets import EYE, cheap, with_lens
 
-from semisynth_gl.config import load_config
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
@@ -126,35 +123,6 @@ def test_jpeg_is_pillows():
             np.testing.assert_array_equal(applied(picture, jpeg_quality=quality), np.asarray(Image.open(data)))
 
 
-REAL = {
-    "blur_px": st.floats(0, 5),
-    "exposure_stops": st.floats(-20, 20),
-    "noise": st.floats(0, 255),
-    "gamma": st.floats(1e-6, 100),
-    "white_balance": st.tuples(st.floats(-4, 4), st.floats(-4, 4)),
-    "vignetting": st.floats(0, 0.95),
-    "sharpening": st.floats(0, 10),
-    "jpeg_quality": st.none() | st.integers(1, 100),
-}
-
-
-@given(
-    values=st.fixed_dictionaries({}, optional=REAL),
-    shape=st.tuples(st.integers(1, 40), st.integers(1, 40), st.sampled_from([(), (3,)])),
-    point=st.none() | st.tuples(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4)),
-    seed=st.integers(0, 2**32),
-)
-@settings(max_examples=60, deadline=None)
-def test_any_imperfections_make_an_image(values, shape, point, seed):
-    picture = np.random.default_rng(seed).integers(0, 256, (*shape[:2], *shape[2]), np.uint8)
-    before = picture.copy()
-    with np.errstate(all="raise", under="ignore"):
-        first, again = (applied(picture, point, **values) for _ in range(2))
-    assert (first.shape, first.dtype, first.flags.writeable) == (picture.shape, np.uint8, True)
-    np.testing.assert_array_equal(first, again)
-    np.testing.assert_array_equal(picture, before)
-
-
 FURTHER = {
     "white_balance": [-0.2, 0.2],
     "vignetting": [0.1, 0.4],
@@ -201,18 +169,6 @@ def test_a_further_key_shifts_no_other_draw():
         one, all_ = drawn({key: FURTHER[key]}), drawn(FURTHER)
         assert one.keys() - first.keys() == {key}
         assert first.items() <= one.items() <= all_.items()
-
-
-@pytest.mark.parametrize(
-    ("override", "said"),
-    [
-        ("jpeg_quality=[90, 101]", "jpeg_quality: expected 1 to 100"),
-        ("sub_frames=1", "sub_frames: .*greater than or equal to 2"),
-    ],
-)
-def test_values_that_no_camera_has_are_refused(override, said):
-    with pytest.raises(InputError, match=f"imperfections.{said}"):
-        load_config("middlebury", [f"imperfections.{override}"])
 
 
 def test_pairs_that_fail_are_drawn_again_from_sub_seeds(monkeypatch):

@@ -4,7 +4,6 @@ import gc
 import os
 import pickle
 from importlib import import_module
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,7 @@ from semisynth_gl.pairs.pipeline import PairRenderer
 torch = heavy("torch")
 pytestmark = pytest.mark.heavy
 
-from torch.utils.data import DataLoader, RandomSampler, get_worker_info  # noqa: E402 - optional
+from torch.utils.data import DataLoader, get_worker_info  # noqa: E402 - optional
 
 from semisynth_gl.torch import StereoStream  # noqa: E402
 from semisynth_gl.torch.samples import to_sample  # noqa: E402
@@ -173,26 +172,6 @@ def test_workers_that_stay_render_what_one_process_renders(backend):
         found = list(batches)
         assert indices(found) == [[0, 1], [2, 3], [4, 5], [6]]
         assert [scores(batch) for batch in found] == expected
-
-
-def test_torchdatas_loader_resumes_a_shuffled_stream():
-    stateful = import_module("torchdata.stateful_dataloader")
-
-    def made():
-        stream = StereoStream(cheap(), SEED, 10)
-        sampler = RandomSampler(stream, generator=torch.Generator().manual_seed(5))
-        context = {"multiprocessing_context": "spawn"}
-        return stateful.StatefulDataLoader(stream, 2, sampler=sampler, num_workers=1, **context)
-
-    whole = indices(made())
-    assert sorted(chain.from_iterable(whole)) == list(range(10))
-    batches = made()
-    iterator = iter(batches)
-    assert indices([next(iterator), next(iterator)]) == whole[:2]
-    state = batches.state_dict()
-    resumed = made()
-    resumed.load_state_dict(state)
-    assert indices(resumed) == whole[2:]
 
 
 def open_files():
