@@ -90,14 +90,10 @@ def test_a_file_is_replaced_and_what_cannot_be_one_is_refused_first(call, tmp_pa
     [
         ("photos", "photos/set", False),
         ("link", "photos/set", False),
-        ("photos/0.png", "photos/set", True),
         ("photos/*.png", "photos/set", True),
         ("photos/**/*.png", "photos/set", False),
-        ("photos/**/*.png", "set", True),
         ("photos/.hidden", "photos/set", True),
         ("photos", "photos2", True),
-        ("..", "set", False),
-        ("models", "models/set", False),
         ("models/a", "models", False),
     ],
 )
@@ -118,10 +114,8 @@ def test_a_dataset_lies_apart_from_its_photographs_and_models(home, tmp_path, mo
 @pytest.mark.parametrize(
     ("address", "word"),
     [
-        ("s3:///set", "bucket"),
         ("", "expected a folder"),
         ("s3:/bucket/set", "slash"),
-        ("nobody://set", "nobody"),
         ("~nosuchuser/set", "nosuchuser"),
     ],
 )

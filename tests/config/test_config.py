@@ -29,41 +29,6 @@ def complaint(folder: Path, text: str, overrides=()) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize("name", packaged_configs())
-def test_packaged_configs_load_by_name_and_by_file_name(name):
-    config = load_config(name)
-    assert config.name == name
-    assert load_config(f"{name}.yaml") == config
-
-
-def test_packaged_configs_have_the_benchmarks_numbers():
-    camera = load_config("kitti").camera
-    assert (camera.width_px, camera.height_px, camera.focal_px, camera.baseline_m) == (
-        1242,
-        375,
-        Range(721.54, 721.54),
-        Range(0.5372, 0.5372),
-    )
-    camera = load_config("middlebury").camera
-    assert (camera.width_px, camera.height_px, camera.focal_px, camera.baseline_m, camera.doffs_px) == (
-        1500,
-        1000,
-        Range(1164, 2700),
-        Range(0.16, 0.38),
-        Range(40, 200),
-    )
-    target = load_config("middlebury").disparity.target
-    assert target.form == "histogram"
-    assert len(target.shares) == 29
-    assert target.shares[4] == 0.141
-
-
-def test_a_minimal_config_has_defaults(tmp_path):
-    config = load_config(written(tmp_path, "name: mine\n" + CAMERA + DISPARITY))
-    assert config.textures.source == "builtin"
-    assert config.sequence.length == 1
-
-
 @pytest.mark.parametrize(("ablation", "factor"), [("geometry", "models"), ("textures", "textures")])
 def test_configs_of_an_ablation_differ_only_in_their_factor(ablation, factor):
     configs = [load_config(name).model_dump() for name in packaged_configs() if name.startswith(f"ablation-{ablation}")]
@@ -116,7 +81,6 @@ MINIMAL = "name: m\n" + CAMERA + DISPARITY
         ("name: two words\n" + CAMERA + DISPARITY, "mine.yaml:1: name: string should match pattern"),
         (MINIMAL + "particles:\n  layers:\n  - {disparity_px: 3}\n", ":6: particles.layers.0: count is missing"),
         (MINIMAL + "background: {cuboid: 0, plane: 0}\n", ":4: background.plane: expected a weight above 0"),
-        (MINIMAL + "models: {simple: 0, complex: 0, user: 0}\n", "weight above 0"),
         (MINIMAL + "textures: {sequence: 1}\n", "textures.sequence: input should be a valid boolean, got 1"),
         ("name: m\n" + CAMERA.replace("50", ".nan") + DISPARITY, ":2: camera.focal_px: expected a number or"),
         (
@@ -124,22 +88,14 @@ MINIMAL = "name: m\n" + CAMERA + DISPARITY
             "give either focal_px, or focal_mm",
         ),
         ("- a list\n", "mine.yaml:1: expected sections"),
-        ("", "mine.yaml:1: expected sections"),
         ("camera: 3\n", "mine.yaml:1: camera: input should be a valid dictionary"),
         ("extends: mine.yaml\n", "extend each other in a circle"),
-        ("extends: ../{folder}/mine.yaml\n", "extend each other in a circle"),
         ("extends: nowhere\n", "mine.yaml:1: extends: no such config: nowhere"),
         ("extends: [1]\n", "mine.yaml:1: extends: expected the name of a config, got [1]"),
     ],
 )
 def test_wrong_configs_are_refused(tmp_path, text, word):
     assert word in complaint(tmp_path, text.replace("{folder}", tmp_path.name))
-
-
-def test_binary_files_are_refused(tmp_path):
-    (tmp_path / "mine.yaml").write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(InputError, match=r"mine\.yaml: cannot be read as YAML"):
-        load_config(tmp_path / "mine.yaml")
 
 
 def test_unknown_names_get_the_nearest(tmp_path, monkeypatch):
@@ -188,39 +144,24 @@ PACKAGED = r"\S*/configs/[a-z-]+\.yaml:\d+"
         ("kitti", ["background.plane=0"], rf"background.plane: .* \(with background.cuboid of {PACKAGED}\)"),
         ("kitti", ["disparity.max_px=40", "scenes=[]"],
          rf"disparity.max_px: disparity.target wants 0.3% .* 40 px: .* \(with disparity.target of {PACKAGED}"),
-        ("kitti", ["background.plane_disparity_px=300"], r"background.plane_disparity_px: .* goes up to 300 px"),
-        ("middlebury", ["disparity.max_px=40"], rf"disparity.max_px: .* \(with .*{PACKAGED}\)"),
         # A recipe of the packaged config.
         ("middlebury", ["disparity.max_px=100"],
          rf"disparity.max_px: structures.* \(with scenes.1.structures.ground_disparity_px of {PACKAGED}\)"),
         ("kitti", ["disparity.max_px=30", "disparity.target={form: gamma, mean_px: 9, spread_px: 5}",
                    "scenes=[{recipe: near, structures: {panel_disparity_px: 90}}]"],
          r"scenes.0.structures.panel_disparity_px: .* goes up to 90 px"),
-        # What stands in one place is not said twice.
-        ("middlebury", ["disparity={min_px: 50, max_px: 40}"], r"disparity.m.._px: .* got 50 and 40: .* is empty$"),
     ],
 )  # fmt: skip
-def test_the_key_that_was_set_last_is_blamed_and_the_others_named(tmp_path, name, settings, message):
+def test_the_key_that_was_set_last_is_blamed_and_the_others_named(name, settings, message):
     with pytest.raises(InputError, match=rf"^override {message}"):
         load_config(name, settings)
-    if len(settings) == 1 and "{" not in settings[0]:
-        section, key, value = settings[0].replace("=", ".", 1).split(".", 2)
-        path = written(tmp_path, f"extends: {name}\n{section}:\n  {key}: {value}\n")
-        with pytest.raises(InputError, match=rf"^{path}:3: {message}"):
-            load_config(path)
 
 
 @pytest.mark.parametrize(
     ("key", "meant"),
     {
-        "camera.widht_px": "camera.width_px",
         "width_px": "camera.width_px",
-        "camra.width_px": "camera",
-        "Camera.width_px": "camera",
         "texture.source": "textures",
-        "output": "outputs",
-        "layers": "particles.layers",
-        "particles.max_px": "disparity.max_px",
         "images": "textures.images or licences.images",
         "models.kind.chair": "models.kinds",
         "disparity.target.spred_px": "disparity.target.spread_px",
@@ -247,19 +188,10 @@ def test_a_file_of_a_target_is_sought_beside_what_names_it(tmp_path, monkeypatch
     written(tmp_path / "run", BINS.replace("10,19,1", "10,19,3"), "here.csv")
     monkeypatch.chdir(tmp_path / "run")
     path = written(tmp_path / "old", with_target("{form: file, path: there.csv}"))
-    assert load_config(path).disparity.target.shares == (3, 1)
-    for setting in (
-        ["disparity.target={form: file, path: here.csv}"],
-        {"disparity.target": {"form": "file", "path": "here.csv"}},
-    ):
-        assert load_config(path, setting).disparity.target.shares == (3, 3)
-    child = written(
-        tmp_path / "run", "extends: ../old/mine.yaml\ndisparity: {target: {form: file, path: here.csv}}\n", "child.yaml"
-    )
-    monkeypatch.chdir(tmp_path)
-    assert load_config(child).disparity.target.shares == (3, 3)
-    child.write_text("extends: ../old/mine.yaml\ndisparity: {max_px: 21}\n")
-    assert load_config(child).disparity.target.shares == (3, 1)
+    child = written(tmp_path / "run", "extends: ../old/mine.yaml\ndisparity: {max_px: 21}\n", "child.yaml")
+    for file in (path, child):
+        assert load_config(file).disparity.target.shares == (3, 1)
+        assert load_config(file, ["disparity.target={form: file, path: here.csv}"]).disparity.target.shares == (3, 3)
 
 
 @pytest.mark.parametrize(
@@ -267,11 +199,7 @@ def test_a_file_of_a_target_is_sought_beside_what_names_it(tmp_path, monkeypatch
     [
         ("{form: gamma, mean_px: 3, spred_px: 2}", "disparity.target: spread_px is missing"),
         ("{form: gamma, mean_px: -3, spread_px: 1}", "disparity.target.mean_px: expected mean_px above origin_px"),
-        ("{form: histogram, bin_px: 3, shares: [1, x]}", "disparity.target.shares.1: input should be a valid number"),
-        ("{mean_px: 3}", "disparity.target: unable to extract tag using discriminator 'form'"),
         ("{form: gama}", "disparity.target: input tag 'gama' found using 'form' does not match"),
-        ("{form: [1]}", "disparity.target: input tag '[1]'"),
-        ("{form: file}", "disparity.target: expected the form and the path of a file"),
         ("{form: file, path: a.csv, bin_px: 3}", "disparity.target: expected the form and the path"),
         ("{form: file, path: a.csv}", "disparity.target.path: "),
     ],
@@ -304,7 +232,9 @@ def test_digests_follow_values_not_spelling(tmp_path):
 
 @pytest.mark.parametrize("name", packaged_configs())
 def test_a_config_in_full_is_the_same_config_and_explains_every_key(name):
-    config = load_config(name)
+    config = load_config(f"{name}.yaml")
+    assert config.name == name
+    assert summaries()[name]
     text = explain(config)
     assert parse_config(text).digest() == config.digest()
     blocks = [block.splitlines() for block in text.strip().split("\n\n")]
@@ -315,8 +245,3 @@ def test_a_config_in_full_is_the_same_config_and_explains_every_key(name):
         for indent, name_of_key in [("", key), *(("  ", inner) for inner in keys)]:
             [at] = [at for at, line in enumerate(lines) if re.match(rf"{indent}(# )?{name_of_key}:( |$)", line)]
             assert re.match(rf"{indent}# \S", lines[at - 1]), name_of_key
-
-
-def test_each_packaged_config_says_what_it_is_for():
-    assert set(summaries()) == set(packaged_configs())
-    assert all(len(summary) > 20 and summary.endswith(".") for summary in summaries().values())

@@ -60,9 +60,7 @@ def test_every_number_of_a_config_has_limits():
     [
         ["camera.width_px=16384", "camera.height_px=16384"],
         ["textures.patch_px=8192", "textures.max_patches=33"],
-        ["structures.panels=[0, 1e5]"],
         ["particles.clutter=[{disparity_px: 3, count: 1e6}]"],
-        ["imperfections.exposure_stops=-1000"],
     ],
 )
 def test_limits_are_said_with_their_key(overrides):
@@ -104,24 +102,18 @@ def test_a_plan_of_too_many_shards_is_refused():
 MIDDLEBURY = "cam0=[{f} 0 {cx}; 0 {f} {cy}; 0 0 1]\ncam1=[{f} 0 {cx}; 0 {f} {cy}; 0 0 1]\ndoffs=0\nbaseline={b}\n"
 MIDDLEBURY += "width={w}\nheight={h}\n"
 USUAL = {"f": "700", "cx": "320", "cy": "240", "b": "100", "w": "640", "h": "480"}
-P = "{{rows: 3, cols: 4, data: [{f}, 0, {cx}, {t}, 0, {f}, 240, 0, 0, 0, 1, 0]}}"
-ROS = "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\nP1: " + P.replace("{t}", "0") + "\nP2: " + P + "\n"
 HUGE = ("1e300", "inf", ".nan", "-inf", DIGITS, "1e7000", "[1, 2]")
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "usual", "unit"),
-    [("calib.txt", MIDDLEBURY, USUAL, None), ("rig.yaml", ROS, {"f": "700", "cx": "320", "t": "-70"}, "m")],
-)
-def test_every_number_of_a_calibration_has_limits(tmp_path, name, text, usual, unit):
-    path = tmp_path / name
-    path.write_text(text.format(**usual))
-    assert read_rigs([path], unit=unit)[0].size == (640, 480)
-    for key in usual:
+def test_every_number_of_a_calibration_has_limits(tmp_path):
+    path = tmp_path / "calib.txt"
+    path.write_text(MIDDLEBURY.format(**USUAL))
+    assert read_rigs([path])[0].size == (640, 480)
+    for key in USUAL:
         for value in HUGE:
-            path.write_text(text.format(**usual | {key: value}))
+            path.write_text(MIDDLEBURY.format(**USUAL | {key: value}))
             with np.errstate(all="raise"), pytest.raises(SemisynthError) as caught:
-                read_rigs([path], unit=unit)
+                read_rigs([path])
             assert str(path) in str(caught.value), (key, value)
             assert len(str(caught.value)) < 1500
 
@@ -130,7 +122,6 @@ def test_every_number_of_a_calibration_has_limits(tmp_path, name, text, usual, u
 SLOW = {
     "KITTI's numbers": "P2: " + "11 " * 200 + "x\nP_rect_02: " + "1" * 50_000 + "x\n",
     "spaces before a value": "cam0=" + " " * 200_000 + "x\n",
-    "spaces after a key": "a" * 200_000 + " " * 200_000 + "x\n",
     "spaces after KITTI's key": "P2" + "\n" * 100_000 + "x\n" + "P2:" + " " * 100_000 + "x\n",
     "points": "P2: " + "1." * 50_000 + "\n",
 }

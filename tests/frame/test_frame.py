@@ -1,6 +1,5 @@
 """The table of channels, and the views and frames that hold them."""
 
-import copy
 import pickle
 from dataclasses import replace
 
@@ -16,7 +15,7 @@ from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.codec import Codec
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, Crop, Deviation, StereoCamera
-from semisynth_gl.frame.channels import CHANNELS, DEFAULT_OUTPUTS, FLOW_OUTPUTS, OUTPUTS, OUTSIDE, ROLES, View
+from semisynth_gl.frame.channels import CHANNELS, OUTSIDE, ROLES, View
 from semisynth_gl.frame.frame import Frame, finite_range
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import InputError
@@ -68,63 +67,33 @@ def test_roles_are_unique_and_lead_back_to_their_channel():
     assert {role: FILE_ROLES[role].output for role in ROLES} == {role: each.output for role, (_, each) in ROLES.items()}
 
 
-def test_outputs_are_those_of_the_channels():
-    assert OUTPUTS[:2] == ("visibility", "correspondence")
-    assert OUTPUTS[2:8] == ("instances", "depth", "sky", "valid", "raw", "raw_map")
-    assert OUTPUTS[8:] == ("normals", "flow", "flow_backward", "disparity_change")
-    assert {"flow", "flow_backward", "disparity_change"} == FLOW_OUTPUTS
-    assert set(DEFAULT_OUTPUTS) < set(OUTPUTS)
-
-
 # Views
 
 
 def test_a_view_has_its_channels_under_their_names():
     view = make_view(("image", "flow"))
     assert view.image is view["image"]
-    assert "flow" in view
     assert list(view) == ["image", "flow"]
-    assert len(view) == 2
-    assert "depth" not in view
     assert view.get("depth") is None
-    with pytest.raises(KeyError, match="depth"):
-        view["depth"]
+    assert list(view.with_channels({"depth": make_array("depth")})) == ["image", "flow", "depth"]
     with pytest.raises(AttributeError, match=r"no normals: the output normals, in this view, was not made"):
         view.normals  # noqa: B018 - the access raises
     with pytest.raises(AttributeError, match="no disparity: truth of this view was not made"):
         view.disparity  # noqa: B018 - the access raises
 
 
-def test_a_view_with_other_channels_leaves_the_first_one_alone():
-    view = make_view(("image", "disparity"))
-    before = view.disparity
-    after = view.with_channels({"disparity": before + 1, "depth": make_array("depth")})
-    assert view.disparity is before
-    assert "depth" not in view
-    assert after.image is view.image
-    np.testing.assert_array_equal(after.disparity, before + 1)
-    assert "depth" in after
-
-
 @pytest.mark.parametrize(
     ("name", "array", "words"),
     [
         ("albedo", np.zeros((4, 5), np.float32), "expected channels of image, disparity, .*, got albedo"),
-        ("left", np.zeros((4, 5, 3), np.uint8), "got left"),
         (
             "image",
             np.zeros((4, 5, 3), np.uint16),
             r"image must be \(H, W, 3\) or \(H, W\) uint8, got \(4, 5, 3\) uint16",
         ),
-        ("image", np.zeros((4, 5), np.uint16), r"image must be .* uint8, got \(4, 5\) uint16"),
-        ("image", np.zeros((4, 5, 4), np.uint8), r"got \(4, 5, 4\) uint8"),
         ("disparity", np.zeros((4, 5)), r"disparity must be \(H, W\) float32, got \(4, 5\) float64"),
-        ("disparity", np.zeros((4, 5, 1), np.float32), r"got \(4, 5, 1\) float32"),
-        ("disparity", np.zeros(5, np.float32), r"got \(5,\) float32"),
         ("disparity", np.zeros((), np.float32), r"got \(\) float32"),
         ("flow", np.zeros((4, 5, 3), np.float32), r"flow must be \(H, W, 2\) float32, got \(4, 5, 3\)"),
-        ("normals", np.zeros((4, 5, 2), np.float32), r"normals must be \(H, W, 3\) float32"),
-        ("visibility", np.zeros((4, 5), np.bool_), "visibility must be .* uint8, got .* bool"),
     ],
 )
 def test_a_view_refuses_what_is_not_in_the_table(name, array, words):
@@ -134,22 +103,11 @@ def test_a_view_refuses_what_is_not_in_the_table(name, array, words):
         make_view(("image", "disparity")).with_channels({name: array})
 
 
-def through_pickle(thing):
-    return pickle.loads(pickle.dumps(thing))  # noqa: S301 - the bytes are from the line itself
-
-
-@pytest.mark.parametrize("duplicate", [copy.copy, copy.deepcopy, through_pickle])
-def test_a_view_and_a_frame_pickle_and_copy(duplicate):
-    view = make_view()
-    frame = Frame(CAMERA, view, make_view(("image", "disparity"), seed=1))
+def test_a_view_and_a_frame_are_pickled_for_other_processes():
+    frame = Frame(CAMERA, make_view(), make_view(("image", "disparity"), seed=1))
     stored = StoredFrame(CAMERA, frame.left, frame.right, name="lab-000003", index=3, provenance={"pair": 3})
-    came = duplicate(view)
-    assert list(came) == list(CHANNELS)
-    for name, array in view.items():
-        np.testing.assert_array_equal(came[name], array)
-        assert getattr(came, name) is came[name]
     for original in (frame, stored):
-        came = duplicate(original)
+        came = pickle.loads(pickle.dumps(original))  # noqa: S301 - the bytes are from the line itself
         assert type(came) is type(original)
         assert came.camera == CAMERA
         assert list(came.arrays()) == list(original.arrays())
@@ -173,8 +131,6 @@ def test_frames_and_arrays_by_role_are_inverses():
     assert dict(again.left) == {name: frame.left[name] for name in CHANNELS}
     assert list(again.right) == ["image"]
     assert again.right.image is frame.right.image
-    assert again.view("left") is again.left
-    assert again.view("right") is again.right
 
 
 # Points
@@ -212,12 +168,8 @@ def test_points_lie_on_the_surface_that_was_drawn(open_renderer):
     ("values", "expected"),
     [
         ([], (0, 0.0, 0.0)),
-        ([2.5], (1, 2.5, 2.5)),
         ([3, -1, 2], (3, -1.0, 3.0)),
-        ([3, np.inf, 2], (2, 2.0, 3.0)),
-        ([np.inf, np.inf], (0, 0.0, 0.0)),
         ([-np.inf, 4, np.nan, 5], (2, 4.0, 5.0)),
-        ([np.nan, 1], (1, 1.0, 1.0)),
     ],
 )
 def test_the_range_of_values_is_that_of_the_finite_ones(values, expected):
@@ -241,13 +193,6 @@ def test_what_has_no_disparity_has_no_point():
     still = StereoCamera.centred(5, 4, 6.0, 0.0)
     disparity[1:3] = [[0], [-0.0]]
     assert np.isnan(Frame(still, view, view).points("right")).all()
-
-
-def test_a_stored_frame_has_points_too():
-    view = View({"image": make_array("image"), "disparity": np.full((4, 5), 3, np.float32)})
-    np.testing.assert_array_equal(
-        StoredFrame(CAMERA, view, view).points("right"), Frame(CAMERA, view, view).points("right")
-    )
 
 
 @given(st.integers(0, 6), st.integers(0, 20), st.integers(0, 12), st.booleans())

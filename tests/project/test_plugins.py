@@ -18,7 +18,7 @@ from tiny_datasets import cheap, digests, findings
 from semisynth_gl import open_dataset
 from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.codecs import Encodings
-from semisynth_gl.config import Config, load_config
+from semisynth_gl.config import load_config
 from semisynth_gl.config.explain import explain
 from semisynth_gl.dataset.documents import Plan, parse_values
 from semisynth_gl.dataset.plan import make_plan
@@ -28,10 +28,8 @@ from semisynth_gl.geometry.kinds import SIMPLE_KINDS
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.layouts import LAYOUTS, Key, check_layout, find_layout
-from semisynth_gl.plugins import find_plugin
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.prepare import prepare_atlas
-from semisynth_gl.textures.sources import open_source
 
 ACME = {"package": "acme-stereo", "version": "1.2.0"}
 PLUGINS = {"layouts": {"flat": ACME}, "textures": {"posters": ACME}, "models": {"knots": ACME}}
@@ -147,22 +145,14 @@ def test_another_version_does_not_go_on_with_a_dataset(made, site, tmp_path, mon
     find_anew()
     refused = said("generate", "--config", config, "--out", out, "--pairs", 3, "--layout", "flat")
     assert "plugins.layouts.flat.version ('1.2.0' there, '1.3.0' now)" in refused
-    assert "nothing found" in said("verify", out)
     assert f"family of models 'knots' {MISSING}" in said("verify", out, "--oracle")
 
 
 def test_without_the_package_messages_name_it(made, tmp_path):
     config, out = made
-    for arguments in (
-        ("verify", out),
-        ("report", out),
-        ("generate", "--config", config, "--out", out, "--pairs", 3),
-        ("generate", "--config", "middlebury", "--out", out, "--overwrite"),
-    ):
+    for arguments in (("verify", out), ("generate", "--config", "middlebury", "--out", out, "--overwrite")):
         assert f"layout 'flat' {MISSING}" in said(*arguments), arguments
-    with pytest.raises(InputError, match=r"layout 'flat' comes from the plug-in package acme-stereo 1\.2\.0"):
-        open_dataset(out)
-    # A new dataset knows no package.
+    # A config knows no package.
     assert "textures.source: texture source: expected" in said(
         "generate", "--config", config, "--out", tmp_path / "new"
     )
@@ -189,18 +179,15 @@ def test_a_dataset_of_a_recipe_is_read_and_verified_without_the_package(tmp_path
     assert {pair.recipe for pair in open_dataset(out)} == {"attic", "b", "c"}
     assert all(pair.provenance["plugins"] == {"recipes": {"attic": ACME}} for pair in open_dataset(out))
     assert "6 pairs, nothing found" in said("verify", out, "--oracle")
-    assert said("generate", *options).endswith(f"scene recipe 'attic' {MISSING}")
     with pytest.raises(InputError, match=r"attic\.yaml:1: scenes\.0\.extends: scene recipe: no installed package has"):
         load_config(config)
 
 
-@pytest.mark.parametrize("package", [{"package": "a; rm -rf ~", "version": "1"}, {"package": "a", "version": "$(b)"}])
-def test_a_file_cannot_make_a_message_propose_another_command(package):
+def test_a_file_cannot_make_a_message_propose_another_command():
     values = make_plan(load_config("kitti"), 0, "kitti", {"train": 1}).values()
-    with pytest.raises(ReadError, match=r"plugins\.layouts\.x"):
-        parse_values(Plan, values | {"plugins": {"layouts": {"x": package}}}, Path("plan.json"))
-    # A later version may have further groups.
-    parse_values(Plan, values | {"plugins": {"engines": {"x": ACME}}}, Path("plan.json"))
+    for package in ({"package": "a; rm -rf ~", "version": "1"}, {"package": "a", "version": "$(b)"}):
+        with pytest.raises(ReadError, match=r"plugins\.layouts\.x"):
+            parse_values(Plan, values | {"plugins": {"layouts": {"x": package}}}, Path("plan.json"))
 
 
 LAYOUT = """
@@ -218,10 +205,8 @@ PLUGINS = {"layouts": {"thing": Layout(stems=stems, lists=lists, together=frozen
 
 def test_a_layout_that_could_not_be_read_back_is_refused(install):
     for line, message in (
-        ("lists = {'all.txt': '{left}'}", "3 files all.txt"),
         ("names = {'left': 'l', 'right': 'r', 'disparity_left': 'd'}", "name a file for provenance"),
         ("names = dict.fromkeys(names, 'x')", "files train/0_x.png"),
-        ("place = 'all'", "files allimage_left.png"),
         ("place = '{index}_'", "3 files 0_image_left.png"),
     ):
         with install(LAYOUT.replace("# changed here", line)), pytest.raises(InputError, match=message):
@@ -238,13 +223,6 @@ def test_a_name_that_is_taken_is_refused(install):
         pytest.raises(InputError, match=r"'kitti' of .* other-plugins .* has the name of a built"),
     ):
         load_config("kitti")
-    knots = "PLUGINS = {'models': {'knots': 3}}"
-    with (
-        install(knots),
-        install(knots, name="second"),
-        pytest.raises(InputError, match=r"of the package (other-plugins|second) 0\.3: rename"),
-    ):
-        find_plugin("models", "knots")
 
 
 @pytest.mark.usefixtures("acme")
@@ -262,12 +240,6 @@ def test_names_in_a_config_are_checked_with_their_place(tmp_path):
     assert list(config.used_plugins().values()) == [("textures", "posters"), ("models", "knots")]
 
 
-def test_a_dataset_without_plugins_has_no_key_of_theirs():
-    config = load_config("kitti")
-    assert "plugins" not in make_plan(config, 0, "kitti", {"train": 1}).values()
-    assert Config.model_validate(config.model_dump(mode="json")) == config.model_copy(update={"layout": None})
-
-
 # Models and pictures
 
 
@@ -281,8 +253,6 @@ def test_splits_have_models_and_pictures_of_their_own():
         assert tuple(map(len, families)) == counts
         positions = [mesh.positions.tobytes() for family in families for mesh in family]
         assert len(set(positions)) == len(positions)
-    with pytest.raises(InputError, match=r"too few models of the family knots .* 2 in all"):
-        build_family("knots", 2, split("train", models=True))
     atlases = [prepare_atlas(CONFIG.textures, split(name, models=False)) for name in ("train", "test")]
     assert not set(atlases[0].pictures.values()) & set(atlases[1].pictures.values())
 
@@ -293,17 +263,6 @@ def test_a_family_has_its_weight_beside_the_others():
     assert [mesh.name.partition("/")[0] for mesh in library.models] == ["cube"] * 3 + ["knots"] * 3
     np.testing.assert_allclose(library.chances, [1 / 9] * 3 + [2 / 9] * 3)
     assert all(mesh.radius == pytest.approx(1, abs=1e-6) for mesh in library.models)
-
-
-def test_a_source_may_paint_all_its_pictures_into_one_array(install):
-    code = (
-        "import numpy\n\ndef thing(rng):\n    canvas = numpy.empty((99, 99, 3), 'uint8')\n    for _ in range(3):\n"
-        "        canvas[:] = rng.integers(0, 256, canvas.shape)\n        yield canvas\n"
-        "PLUGINS = {'textures': {'thing': thing}}"
-    )
-    with install(code):
-        pictures = list(open_source("thing").pictures(np.random.default_rng(0)))
-    assert len({picture.pixels.tobytes() for picture in pictures}) == 3
 
 
 def test_the_cache_knows_the_version_and_the_code_of_a_plugin(install, tmp_path):
