@@ -103,11 +103,8 @@ class Augmentation:
         size, margin = sides if crop is None else crop, self._margin(sides)
         high, wide = scale, scale * stretch
         if self.moves:
-            # A part of a pixel takes a whole one.
-            high, wide = (
-                max(factor, side / max(most - 2 * margin - 1, 1))
-                for factor, side, most in zip((high, wide), size, sides, strict=True)
-            )
+            room = np.array(sides) - 2 * margin - 1  # a part of a pixel takes a whole one
+            high, wide = np.maximum((high, wide), np.array(size) / room).tolist()
         right_y_px, right_roll_deg = rng.uniform(*self.right_y_px), rng.uniform(*self.right_roll_deg)
         warp = Warp(wide, high, right_y_px, radians(right_roll_deg), margin)
         tone = self._tone(rng)

@@ -56,9 +56,7 @@ class CudaReader:
         shape = (viewport[3], viewport[2]) if components == 1 else (viewport[3], viewport[2], components)
         tensor = torch.empty(shape, dtype=_TYPES[kind], device=self._device)
         stream = torch.cuda.current_stream(self._device).cuda_stream
-        with self._mapped(self._resources[buffer.glo], stream) as (pointer, size):
-            if size < buffer.size:
-                raise BackendError(f"CUDA maps only {size} of a buffer's {buffer.size} bytes: check the driver")
+        with self._mapped(self._resources[buffer.glo], stream) as pointer:
             within = self._cuda.cudaMemcpyKind.cudaMemcpyDeviceToDevice
             self._call("cudaMemcpyAsync", tensor.data_ptr(), pointer, buffer.size, within, stream)
         return tensor
@@ -76,15 +74,14 @@ class CudaReader:
         self._context = None
 
     @contextmanager
-    def _mapped(self, resource: Any, stream: int) -> Iterator[tuple[int, int]]:  # noqa: ANN401 - the bindings have no types
-        """Map a buffer for CUDA and yield its address and its size in bytes.
+    def _mapped(self, resource: Any, stream: int) -> Iterator[int]:  # noqa: ANN401 - the bindings have no types
+        """Map a buffer for CUDA and yield its address.
 
         Mapping makes CUDA wait for OpenGL; unmapping makes OpenGL wait for CUDA.
         """
         self._call("cudaGraphicsMapResources", 1, resource, stream)
         try:
-            pointer, size = self._call("cudaGraphicsResourceGetMappedPointer", resource)
-            yield pointer, size
+            yield self._call("cudaGraphicsResourceGetMappedPointer", resource)[0]
         finally:
             self._call("cudaGraphicsUnmapResources", 1, resource, stream)
 

@@ -108,19 +108,6 @@ def test_the_raw_image_is_what_its_rays_meet(name, fy_over_fx):
     assert abs((found - colours(*at))[inside].mean()) < 0.2
 
 
-@pytest.mark.parametrize("name", LENSES)
-def test_a_users_own_maps_give_the_rectified_image(name):
-    raw, image = raw_camera(name), textured(150, 200)
-    chain = LensChain(raw, CAMERA, "left", "black")
-    of_model = cv2.fisheye if name == "fisheye" else cv2
-    maps = of_model.initUndistortRectifyMap(
-        raw.matrix, np.array(raw.distortion), np.array(raw.rotation), chain.pinhole, (160, 120), cv2.CV_32FC1
-    )
-    np.testing.assert_array_equal(chain.rectify(image), cv2.remap(image, *maps, cv2.INTER_LINEAR))
-    x, y = raw.raw(chain.pinhole, *np.meshgrid(np.arange(160.0), np.arange(120.0)))
-    np.testing.assert_allclose(chain.maps, (x, y), atol=1e-3)
-
-
 @pytest.mark.parametrize(("border", "level"), [("black", 0), ("replicate", 200)])
 def test_a_border_is_where_no_ray_ends_on_the_sensor(border, level):
     raw = raw_camera("four", focal_px=190.0, size=(160, 120))

@@ -7,7 +7,6 @@ import pytest
 from tiny_datasets import cheap
 
 from semisynth_gl.frame.camera import EYES
-from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.exposure import moments
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.renderer import Renderer
@@ -31,29 +30,6 @@ def opened(config):
         antialias=config.antialias,
     ) as renderer:
         yield sampler, renderer
-
-
-@pytest.mark.parametrize(("antialias", "colour"), [("edges", "grey"), ("ssaa2", "rgb")])
-def test_images_alone_are_those_of_the_whole_pair(antialias, colour):
-    # What is behind the near plane is another share of what each eye sees, where the right one turns.
-    rig, camera = {"right_roll_deg": 3.0, "right_pitch_deg": 5.0}, {"sway_m": 0.03, "colour": colour}
-    config = moving(rig=rig, camera=camera).model_copy(update={"antialias": antialias})
-    with opened(config) as (sampler, renderer):
-        for index in range(3):
-            scene = sampler.sample(index).scene
-            try:
-                frame = renderer.render(scene)
-            except BackendError as error:
-                pytest.skip(str(error))
-            images = renderer.render_images(scene)
-            for eye in EYES:
-                np.testing.assert_array_equal(images[eye], frame.view(eye).image)
-            assert renderer.render_images(scene, ("right",)).keys() == {"right"}
-            with pytest.raises(InputError, match="eyes: expected some of left, right, got 'left'"):
-                renderer.render_images(scene, "left")
-            again = renderer.render(scene)
-            for name, array in frame.arrays().items():
-                np.testing.assert_array_equal(again.arrays()[name], array)
 
 
 @pytest.mark.parametrize(("count", "colour"), [(2, "rgb"), (7, "grey")])

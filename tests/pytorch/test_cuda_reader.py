@@ -180,22 +180,6 @@ def test_a_renderer_on_another_gpu_is_refused(backend, runtime, reader):
         renderer.render(0, checked=False)
 
 
-def test_the_bindings_have_what_the_stand_in_stands_for():
-    bindings = pytest.importorskip("cuda.bindings.runtime")
-    for name in (name for name in vars(FakeRuntime) if name.startswith("cuda")):
-        assert callable(getattr(bindings, name)), name
-        for member in (
-            vars(getattr(FakeRuntime, name)) if isinstance(getattr(FakeRuntime, name), SimpleNamespace) else ()
-        ):
-            assert hasattr(getattr(bindings, name), member), member
-    invalid = bindings.cudaError_t.cudaErrorInvalidValue
-    assert int(invalid) == 1
-    assert bindings.cudaGetErrorString(invalid)[1].decode() == "invalid argument"
-    # Whatever this machine has, it has not as many devices.
-    with pytest.raises(BackendError, match=r"CUDA refused cudaSetDevice: .* \(error \d+\)"):
-        CudaReader(torch.device("cuda", 120))
-
-
 @pytest.fixture
 def gpu(monkeypatch, runtime):
     """A stream's way to the stand-in."""
