@@ -284,11 +284,6 @@ def test_clutter_is_counted_in_what_the_target_asks_for():
     assert particles_of(sampler, 1) > particles_of(sampler_of(tiny()), 1)
 
 
-def test_sizes_in_metres_shrink_with_depth():
-    sizes = Sizes(0.5, 0.5, metric=True)
-    np.testing.assert_allclose(sizes.radius_px(CAMERA, np.array([70.0, 7.0]), np.array(0.0)), [0.25 * 350, 0.25 * 35])
-
-
 @pytest.mark.parametrize(
     ("name", "sections"),
     [
@@ -321,8 +316,7 @@ def test_thin_models_are_thin():
     scene = sampler_of(config).sample(0).scene
     scale = np.linalg.norm(scene.world_from_model[scene.model >= len(SURFACE_MODELS), :3, :3], axis=1)
     ratio = scale[:, 2] / scale[:, 0]
-    assert (ratio > 0.049).all()
-    assert (ratio < 0.101).all()
+    assert 0.049 < ratio.min() < ratio.max() < 0.101
 
 
 def test_kinds_have_weights_within_their_family():
@@ -331,7 +325,6 @@ def test_kinds_have_weights_within_their_family():
     chance = {mesh.name: c for mesh, c in zip(library.models, library.chances, strict=True)}
     assert "cube" not in chance
     assert chance["sphere"] == pytest.approx(7 * chance["cone"])
-    assert sum(chance[name] for name in ("sphere", "cone")) < 0.5 + 1e-9
 
 
 @pytest.mark.parametrize(

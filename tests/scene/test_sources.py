@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from PIL import Image
 from tiny_datasets import cheap, tiny
 
 from semisynth_gl.scene.sources import Sources, prepare_sources
@@ -44,28 +43,6 @@ def test_checksums_are_the_same_where_the_last_bits_of_functions_differ(monkeypa
     assert max(np.abs(one.positions - other.positions).max() for one, other in pairs) < 1e-6
     assert max(np.abs(one.uv - other.uv).max() for one, other in pairs) < 1e-5
     assert here.digests() == there.digests()
-
-
-def save_photographs(folder, **options):
-    folder.mkdir(exist_ok=True)
-    for number in range(2):
-        coarse = np.random.default_rng(number).integers(0, 256, (40, 40, 3), dtype=np.uint8)
-        picture = Image.fromarray(coarse).resize((256, 256), Image.Resampling.BICUBIC)
-        picture.save(folder / f"{number}.jpg", **options)
-
-
-def test_other_pixels_have_another_checksum(tmp_path):
-    config = cheap(textures={"source": "images", "images": [str(tmp_path / "photographs")], "large_px": 128})
-
-    def digests():
-        return prepare_sources(config, Split(2)).digests()
-
-    save_photographs(tmp_path / "photographs", quality=90)
-    before = digests()
-    assert digests() == before
-    save_photographs(tmp_path / "photographs", quality=85)
-    assert digests()["patches"] != before["patches"]
-    assert digests()["models"] == before["models"]
 
 
 @pytest.fixture(scope="module")
