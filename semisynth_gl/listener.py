@@ -28,16 +28,12 @@ class Listener:
     Methods run in the process and thread that called the long function. An exception in a method ends the function.
     """
 
-    _stopping = False
-
-    @property
-    def stopping(self) -> bool:
-        """Whether the long function should return soon, with its results so far."""
-        return self._stopping
+    stopping = False
+    """Whether the long function should return soon, with its results so far."""
 
     def stop(self) -> None:
         """Ask the long function to stop soon; a signal handler may do so at any time."""
-        self._stopping = True
+        self.stopping = True
 
     def on_message(self, text: str) -> None:
         """Receive a sentence for the user."""

@@ -11,14 +11,12 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import Distribution, entry_points
 from pathlib import Path
-from typing import Any, Literal, cast, get_args
+from typing import Any, Literal, cast
 
 from semisynth_gl.inputs.errors import InputError, did_you_mean, near, shown
 
 Group = Literal["layouts", "textures", "models", "recipes"]
 """The sorts of plug-ins."""
-
-GROUPS: tuple[Group, ...] = get_args(Group)
 
 NOUNS: Mapping[Group, str] = {
     "layouts": "layout",
@@ -26,7 +24,7 @@ NOUNS: Mapping[Group, str] = {
     "models": "family of models",
     "recipes": "scene recipe",
 }
-"""The noun for a plug-in of each group, for messages."""
+"""The groups, and the noun for a plug-in of each for messages."""
 
 BUILT_IN: Mapping[Group, tuple[str, ...]] = {
     "layouts": ("crestereo", "eth3d", "kitti", "middlebury", "middlebury-2014", "sceneflow", "webdataset"),
@@ -109,12 +107,12 @@ def find_plugin(group: Group, name: str) -> Plugin:
 def plugin_records(used: Iterable[tuple[Group, str]]) -> dict[str, dict[str, dict[str, str]]]:
     """Return the records of the plug-ins that a dataset uses, by group and name; raises as `find_plugin` does."""
     records: dict[str, dict[str, dict[str, str]]] = {}
-    for group, name in sorted(used, key=lambda each: (GROUPS.index(each[0]), each[1])):
+    for group, name in sorted(used, key=lambda each: ([*NOUNS].index(each[0]), each[1])):
         records.setdefault(group, {})[name] = find_plugin(group, name).record
     return records
 
 
-def require_plugins(records: Records, groups: Collection[Group] = GROUPS, *, same: bool = False) -> None:
+def require_plugins(records: Records, groups: Collection[Group] = tuple(NOUNS), *, same: bool = False) -> None:
     """Check that the plug-ins of a dataset's records are installed, for some groups.
 
     Where ``same`` is set, they must come from the same packages in the same versions. Raises MissingPluginError, with

@@ -201,7 +201,7 @@ class Config(Section):
 
     def _disparity_faults(self) -> Iterator[ConfigError]:
         signed, doffs_px = self.disparity.signed, self.camera.all_doffs_px.low
-        shown, least, most = self._shown_px(), -doffs_px if signed else 0.0, self.disparity.max_px
+        shown, least, most = self._shown_px(), 0.0 - doffs_px if signed else 0.0, self.disparity.max_px
         if signed:
             why = f"which is infinitely far away where the principal points differ by doffs = {doffs_px:g} px"
             others: tuple[str, ...] = ("camera.doffs_px", "camera.cx_left_px", "camera.cx_right_px")

@@ -8,8 +8,6 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-import pytest
-
 import semisynth_gl
 
 PACKAGE = Path(semisynth_gl.__file__).resolve().parent
@@ -112,19 +110,3 @@ def test_without_torch_its_room_says_what_to_install() -> None:
     loading = run_python("import semisynth_gl.torch", without=("torch",))
     assert "ImportError: semisynth_gl.torch needs PyTorch" in loading.stderr
     assert "pip install 'semisynth-gl[torch]'" in loading.stderr
-
-
-@pytest.mark.parametrize(
-    ("source", "names"),
-    [
-        ("import moderngl", []),
-        ("from semisynth_gl import load_config", ["__init__"]),
-        ("from semisynth_gl import cli", ["cli"]),
-        ("def f():\n    from semisynth_gl.scene.scene import Scene", ["scene"]),
-        ("import semisynth_gl.render.context", ["render"]),
-        ("from . import scene", ["..scene"]),
-        ("import numpy, semisynth_glue", []),
-    ],
-)
-def test_the_walk_names_the_rooms_that_a_file_uses(source: str, names: list[str]) -> None:
-    assert rooms_used(list(imported_names(source))) == names
