@@ -81,12 +81,15 @@ def fit(draft: Draft, place: Values, pairs: int, listener: Listener) -> Draft:
 
 def _blurred(pair: Pair, width_px: int, blur_scale: float) -> Floats:
     """Return a trial pair's measures with each of `BLURS`, (B, M), nan where it has none."""
-    view = pair.frame.left
+    view, of_images = pair.frame.left, [measure for measure in MEASURES if not measure.of_maps]
+    measured = make_view(working_width(width_px), view.image, view.disparity)
+    of_map = measure_view(measured, [measure for measure in MEASURES if measure.of_maps])
     found = []
     for blur in BLURS:
         imperfections = Imperfections(blur * blur_scale, 0.0, 0.0, 1.0)
         image = apply_imperfections(view.image, imperfections, generator(_SEED, Purpose.IMPERFECTIONS, pair.index))
-        measures = measure_view(make_view(working_width(width_px), image, view.disparity))
+        blurred = replace(measured, luminance=make_view(working_width(width_px), image).luminance)
+        measures = of_map | measure_view(blurred, of_images)
         found.append([measures.get(measure.key, np.nan) for measure in MEASURES])
     return np.array(found, np.float64)
 

@@ -50,7 +50,7 @@ def photographs(folder, count=1, size=(741, 500), start=0, channels=3):
 
 
 def test_scaling_keeps_rays():
-    camera = StereoCamera(2964, 2000, 3979.911, 0.193001, 1244.772, 1369.115, 1019.507)
+    camera = StereoCamera(2964, 2000, 3979.911, 0.193001, 1244.772, 1369.115, 1019.507, fy_over_fx=1.01)
     rig = Rig(camera, "x").scaled(0.25)
     assert rig.size == (741, 500)
     assert rig.camera.doffs_px == pytest.approx(124.343 / 4)
