@@ -1,4 +1,4 @@
-"""The scene of pair i, from (config, seed, i) alone; pure numpy."""
+"""The scene of pair i, a function of (config, seed, i); pure numpy."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -47,7 +47,7 @@ def camera_over_floor(height_m: float, yaw_rad: float, pitch_rad: float, roll_ra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Catalogue:
-    """The M models that static instances are made of: `SURFACE_MODELS`, then those of the library."""
+    """The M models that static instances are made of: `SURFACE_MODELS`, then the library's models."""
 
     models: tuple[Mesh, ...]
     by_name: Mapping[str, Ints]  # the numbers of the library's models that may be chosen, by kind
@@ -121,7 +121,7 @@ class Arrangement:
     ) -> int:
         """Add an instance of a model of the catalogue, with its row's values; return the instance's number.
 
-        By default an instance wears a texture of its own, and a large patch where there are any.
+        By default no earlier instance wears its texture, and its patch is large where the atlas has large ones.
         """
         number = self._count
         if number == len(self._rows):

@@ -18,7 +18,7 @@ from semisynth_gl.scene.view_volume import WIDEST_RAD, corner_rays, fit_box, sma
 
 # The ground's nearest row, as a share of its length.
 _GROUND_FROM = 1 / 400
-# Range of the places of side walls: fractions of the way from the nearest allowed place to the edge of the view.
+# Range of the positions of side walls: fractions of the way from the nearest allowed one to the edge of the view.
 _SIDE_WALL = Range(0.3, 1.1)
 # Walls continue behind each other by this share of their size: edges that only met would leave gaps in float32.
 OVERLAP = 1e-4
@@ -82,7 +82,7 @@ def sample_plane(config: Config, rig: SequenceRig, rng: np.random.Generator, *, 
         depth = max(depth, float(smallest_offsets(rig, np.array([[0.0, 0.0, 1.0]]))[0]))
     corners = _corner_points(camera, depth)
     if sky:
-        # Both eyes see the sky from the same place.
+        # Both eyes see the sky from the same position.
         corners = np.concatenate([corners, rays / rays[:, 2:] * depth])
     low, high = corners.min(axis=0), corners.max(axis=0)
     if sway.moves:

@@ -5,7 +5,7 @@ a Poisson distribution. Its mean, the coverage lambda_k of layer k, is a pure nu
 px^2, over the area of the region into which they are thrown, px^2. A Poisson number is 0 with probability exp(-lambda).
 
 Of the particles of layer k that cover a pixel, let each show d px or more with probability S_k(d), independently. Then
-the number of those that do is again Poisson, with mean lambda_k S_k(d). A pixel shows less than d px where the bare
+the number of particles that do is again Poisson, with mean lambda_k S_k(d). A pixel shows less than d px where the bare
 scene does, and no particle of any layer shows more. With F_bare(d) for the share of the bare view below d, this is
 
     F(d) = F_bare(d) * product over k of exp(-lambda_k S_k(d)).                                                  (1)
@@ -95,7 +95,7 @@ class DepthLayers:
     ) -> Floats:
         """Return S_k(d) of the module's text, (K, J): how probably a particle shows at least d where it covers a pixel.
 
-        Particles that come too near to the near plane are not drawn, and show nothing: their S_k is 0.
+        Particles that come too near to the near plane are not rendered, and show nothing: their S_k is 0.
 
         Args:
             edges_px: (J,) the disparities d.

@@ -1,4 +1,4 @@
-"""The table of a scene's instances: one row for each, with its model, where it stands and the patch that it wears.
+"""The table of a scene's instances: one row for each, with its model, its pose and its patch.
 
 All parts of a scene append rows to one table, `semisynth_gl.scene.mapping` gives each row its patch, and `to_scene`
 hands the table to the renderer.
@@ -13,7 +13,7 @@ from semisynth_gl.scene.scene import Projector, Scene
 
 INSTANCE = np.dtype(
     [
-        ("model", np.int64),  # index into the sampler's models: `SURFACE_MODELS`, then those of the library
+        ("model", np.int64),  # index into the sampler's models: `SURFACE_MODELS`, then the library's
         ("pose", np.float64, (4, 4)),  # world_from_model, metres
         ("unit_m", np.float64, 2),  # lengths of one unit of u and of v
         ("texture", np.int64),  # the row whose texture it wears: itself, or an earlier one

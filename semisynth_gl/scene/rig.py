@@ -81,7 +81,7 @@ class Sway:
 
 
 NO_SWAY = Sway(np.zeros(3), np.zeros(3), np.ones(6), np.zeros(6))
-"""The sway of a camera that stands still."""
+"""The sway of a camera at rest."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -206,7 +206,7 @@ def sample_sway(section: CameraSection, rng: np.random.Generator) -> Sway:
 
 
 def own_from_outer(position_m: Floats, turn_rad: Floats) -> Floats:
-    """Return the pose (4, 4) that leads into the frame of what stands at a position, turned by a rotation vector."""
+    """Return own_from_outer, (4, 4), of something at a position (3,), turned by a rotation vector (3,)."""
     pose = np.eye(4)
     angle = float(np.linalg.norm(turn_rad))
     if angle > 0:

@@ -25,8 +25,8 @@ from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
 # Separates the attempt's number from a generation's number in the keys of generators; no generation reaches it.
-_REDRAWN = 2**31
-# Keys from here on are those of generations released before time 0; no later generation reaches it.
+_REDONE = 2**31
+# Generations released before time 0 have keys from here on; no later generation reaches it.
 _BEFORE = 2**30
 
 
@@ -92,7 +92,7 @@ class SceneSequence:
         self.static = static = sample_static_scene(config, sampler.catalogue, self._generator)
         rig, rng = static.rig, self._generator(Purpose.PARTICLES, 0)
         # A repeated attempt takes the layers' quantiles of another sequence, one that no dataset reaches.
-        batches = sampler.disparity_solver.sample(number + _REDRAWN * attempt, rig.camera, static.bare_px, rng)
+        batches = sampler.disparity_solver.sample(number + _REDONE * attempt, rig.camera, static.bare_px, rng)
         most_px = relief_px(rig.camera, config.disparity.min_px, rig.near_m)
         self.slots = sample_slots(rig, config.particles, batches, rng, most_px)
         section = config.projector
@@ -179,8 +179,8 @@ class SceneSequence:
         return len(SURFACE_MODELS) + library.drawn[choose(np.cumsum(library.chances), chance)]
 
     def _generator(self, purpose: Purpose, *numbers: int) -> np.random.Generator:
-        redrawn = (_REDRAWN, self.attempt) if self.attempt else ()
-        return generator(self.sampler.seed, purpose, self.number, *numbers, *redrawn)
+        redone = (_REDONE, self.attempt) if self.attempt else ()
+        return generator(self.sampler.seed, purpose, self.number, *numbers, *redone)
 
     def _per_slot(self, purpose: Purpose, generation: Ints, slot: Ints, width: int, first_key: int = 0) -> Floats:
         """Return uniform random numbers (N, width) for slots and generations, (N,) each, whatever other slots exist.

@@ -59,7 +59,7 @@ class Scene:
 
     Attributes:
         camera: the stereo camera, with square pixels.
-        near_m: depth of the near plane, 1e-9 to 1e9; nearer surfaces are not drawn.
+        near_m: depth of the near plane, 1e-9 to 1e9; nearer surfaces are not rendered.
         camera_from_world: (4, 4) float64, the left camera's pose, metres; with the identity, the world is the left
             camera's frame.
         model: (N,) int64, indices into the renderer's models.

@@ -95,7 +95,7 @@ def sample_static_scene(
     else:
         background, seen_m = sample_cuboid(config, rig, rng)
     bare_px = camera.disparity_px(seen_m)
-    # Before a sky, the ground ends where its plane stands.
+    # Before a sky, the ground ends at the plane's depth.
     far_m = float(background["depth_m"][0] if sky else camera.depth_m(bare_px.min()))
     structures = sample_structures(config, rig, far_m, generator_for(Purpose.STRUCTURES))
     table = np.concatenate([background, structures], dtype=INSTANCE)
