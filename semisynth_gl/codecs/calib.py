@@ -1,9 +1,9 @@
 """The cameras as text: Middlebury's calib.txt and KITTI's calib_cam_to_cam.txt."""
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from semisynth_gl.codecs.codec import Codec
 from semisynth_gl.frame.camera import StereoCamera
@@ -12,7 +12,7 @@ from semisynth_gl.inputs.errors import InputError, ReadError
 # HSM takes lines by their position, such as ndisp from line 7, so the order matters.
 _KEYS = ("cam0", "cam1", "doffs", "baseline", "width", "height", "ndisp", "isint", "vmin", "vmax", "dyavg", "dymax")
 # Spaces around values are stripped afterwards, since a pattern for them would backtrack at each space.
-_LINE = re.compile(r"^[ \t]*(\w+)[ \t]*[=:](.*)$", re.MULTILINE)
+_LINE = re.compile(r"^[ \t]*(\w+)[ \t]*=(.*)$", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,16 +51,26 @@ class MiddleburyCalib(Codec[Calibration]):
         values = calib_values(data.decode("utf-8", "replace"))
         try:
             number = {key: float(values[key]) for key in _KEYS[2:]}
-            left, right = (_numbers(re.sub(r"[\[\];,]", " ", values[key])) for key in ("cam0", "cam1"))
-            sides = int(values["width"]), int(values["height"])
-            camera = _camera(sides, left, right, number["baseline"] / 1000)
-            return Calibration(camera, number["doffs"], int(values["ndisp"]), number["vmin"], number["vmax"])
+            left, right = (
+                [float(number) for number in re.sub(r"[\[\];,]", " ", values[key]).split()] for key in ("cam0", "cam1")
+            )
+            fx, fy, cy = left[0], left[4], left[5]
+            sides, centres = (int(values["width"]), int(values["height"])), (left[2], right[2], cy)
+            camera = StereoCamera(*sides, fx, number["baseline"] / 1000, *centres, fy_over_fx=fy / fx)
+            ndisp = int(values["ndisp"])
         except (KeyError, IndexError, ValueError, ZeroDivisionError, InputError) as error:
             raise ReadError(path, f"expected the lines {', '.join(_KEYS)}: {error!r}") from None
+        for matrix in (left, right):
+            if matrix != [fx, 0, matrix[2], 0, fy, cy, 0, 0, 1]:
+                raise ReadError(path, f"expected [fx 0 cx; 0 fy cy; 0 0 1], with fx, fy and cy of cam0, got {matrix}")
+        return Calibration(camera, number["doffs"], ndisp, number["vmin"], number["vmax"])
 
 
-class KittiCalib(Codec[StereoCamera]):
-    """KITTI's calib_cam_to_cam.txt: size, rotation and projection of both colour cameras, with lengths in metres."""
+class KittiCalib(Codec[Any]):
+    """KITTI's calib_cam_to_cam.txt: size, rotation and projection of both colour cameras, with lengths in metres.
+
+    It is written for KITTI's loaders, and not read back.
+    """
 
     name = "txt"
     description = "KITTI's calib_cam_to_cam.txt"
@@ -80,35 +90,14 @@ class KittiCalib(Codec[StereoCamera]):
             ]
         return ("\n".join(lines) + "\n").encode()
 
-    def decode(self, data: bytes, path: Path) -> StereoCamera:
-        """Decode a rectified pair of cameras; see `Codec.decode`."""
-        values = calib_values(data.decode("utf-8", "replace"))
-        try:
-            left, right = (_numbers(values[f"P_rect_{number}"]) for number in ("02", "03"))
-            baseline_m = -right.pop(3) / right[0]
-            del left[3], left[6], left[9], right[6], right[9]
-            width, height = values["S_rect_02"].split()
-            return _camera((int(width), int(height)), left, right, baseline_m)
-        except (KeyError, IndexError, ValueError, ZeroDivisionError, InputError) as error:
-            raise ReadError(path, f"expected S_rect and P_rect of the cameras 02 and 03: {error!r}") from None
+    def decode(self, data: bytes, path: Path) -> bytes:  # noqa: ARG002 - the codec's signature
+        """Return the bytes: a pair's JSON file has its cameras, too."""
+        return data
 
 
 MIDDLEBURY_CALIB, KITTI_CALIB = MiddleburyCalib(), KittiCalib()
 
 
 def calib_values(text: str) -> dict[str, str]:
-    """Return the values of ``name=value`` or ``name: value`` lines by name, in any order, among other lines."""
+    """Return the values of ``name=value`` lines by name; they may stand in any order, with other lines and spaces."""
     return {key: value.strip(" \t\r") for key, value in _LINE.findall(text)}
-
-
-def _numbers(text: str) -> list[float]:
-    return [float(number) for number in text.split()]
-
-
-def _camera(sides: tuple[int, int], left: Sequence[float], right: Sequence[float], baseline_m: float) -> StereoCamera:
-    """Return a rectified pair of cameras from the rows of their matrices; raises ValueError for any other matrices."""
-    fx, fy, cy = left[0], left[4], left[5]
-    for matrix in (left, right):
-        if matrix != [fx, 0, matrix[2], 0, fy, cy, 0, 0, 1]:
-            raise ValueError(f"expected [fx 0 cx; 0 fy cy; 0 0 1] with fx, fy and cy of the left eye, got {matrix}")
-    return StereoCamera(*sides, fx, baseline_m, left[2], right[2], cy, fy_over_fx=fy / fx)

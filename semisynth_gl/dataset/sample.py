@@ -124,12 +124,11 @@ def encode_pair(
                 beyond[channel.beyond_key] = counts
     provenance = {**provenance, **beyond}
     sample = Sample(key, frame, provenance, ndisp)
-    files = {}
-    for name, path in layout.files(key, encodings).items():
-        role = layout.role(name)
-        value = role.value(sample)
-        if value is not None:
-            files[path] = role.codec(encodings).encode(value)
+    roles = {path: layout.role(name) for name, path in layout.files(key, encodings).items()}
+    made = frame.arrays().keys()
+    files = {
+        path: role.codec(encodings).encode(role.value(sample)) for path, role in roles.items() if role.arrays <= made
+    }
     pixels = frame.camera.width_px * frame.camera.height_px
     share_beyond = max(beyond.get(View.disparity.beyond_key, {}).values(), default=0) / pixels
     return EncodedPair(files, provenance, share_beyond)

@@ -15,7 +15,7 @@ from semisynth_gl.codecs import Codec, Encodings
 from semisynth_gl.codecs.calib import KITTI_CALIB, MIDDLEBURY_CALIB, Calibration
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Eye
-from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Channel
+from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Channel, View
 from semisynth_gl.frame.channels import ROLES as FRAME_ROLES
 from semisynth_gl.frame.frame import Frame, finite_range, through_levels
 from semisynth_gl.inputs.errors import ReadError
@@ -30,7 +30,6 @@ _CODECS = {
     ("float32", 2): "shift",
     ("float32", 3): "vector",
 }
-_STOPS: Mapping[str, int] = {"right_under": -1, "right_over": 1}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,9 +53,10 @@ class Role:
     Attributes:
         meaning: the content in a few words.
         codec_or_name: the file's codec, or its name for `Encodings.codec`.
-        value: returns the value of a sample that the codec encodes, or None where the sample has none.
+        value: returns the value of a sample that the codec encodes.
         output: the output to which the file belongs; None for a file that every pair has.
         eye: the view whose truth the file holds; None for images, their maps, and files about the pair.
+        arrays: roles of the frame's arrays without which a sample has no such file.
         unwrap: returns the value for readers, from the decoded value and the file's path, which is for messages.
     """
 
@@ -65,6 +65,7 @@ class Role:
     value: Callable[[Sample], Any]
     output: str | None = None
     eye: Eye | None = None
+    arrays: frozenset[str] = frozenset()
     unwrap: Callable[[Any, Path], Any] = lambda value, _: value
 
     def codec(self, encodings: Encodings) -> Codec[Any]:
@@ -89,20 +90,13 @@ def mask_from_not_occluded(
     """Return the mask of a disparity or flow, (H, W) uint8, from its values at all points and at visible points only.
 
     Both arrays are (H, W) float32 px, or (H, W, 2) for flow, and inf where unknown; the path is for messages. A hidden
-    point is occluded or outside the other image, see `restore_outside`.
-
-    Raises:
-        ReadError: where the sizes differ, or a finite value of ``not_occluded`` differs from the one in ``truth``.
+    point is occluded or outside the other image, see `restore_outside`. Raises ReadError where a finite value of
+    ``not_occluded`` differs from the one in ``truth``.
     """
-    roles = not_occluded_role(channel, eye), channel.role(eye)
-    if truth.shape != not_occluded.shape:
-        raise ReadError(path, f"{roles[1]} has shape {truth.shape[:2]}, {roles[0]} {not_occluded.shape[:2]}")
-    height, width = truth.shape[:2]
-    pixels, seen_pixels = truth.reshape(height, width, -1), not_occluded.reshape(height, width, -1)
-    seen = np.isfinite(seen_pixels).all(axis=2)
-    wrong = int((seen & (pixels != seen_pixels).any(axis=2)).sum())
-    if wrong:
-        raise ReadError(path, f"{wrong} pixels in {roles[0]} are not those in {roles[1]}")
+    seen = _is_known(not_occluded, channel)
+    if (truth[seen] != not_occluded[seen]).any():
+        roles = not_occluded_role(channel, eye), channel.role(eye)
+        raise ReadError(path, f"pixels in {roles[0]} are not those in {roles[1]}")
     mask = np.where(seen, VISIBLE, np.where(_is_known(truth, channel), OCCLUDED, OUTSIDE)).astype(np.uint8)
     return restore_outside(mask, truth, channel, eye)
 
@@ -136,8 +130,7 @@ def restore_outside(
     outside = _is_outside(np.arange(width, dtype=np.float32) + shift[..., 0], width)
     if channel.components > 1:
         outside |= _is_outside(np.arange(height, dtype=np.float32)[:, None] + shift[..., 1], height)
-    restored: NDArray[np.uint8] = np.where((mask == OCCLUDED) & outside, np.uint8(OUTSIDE), mask)
-    return restored
+    return np.where((mask == OCCLUDED) & outside, np.uint8(OUTSIDE), mask)
 
 
 def number_objects(instances: NDArray[np.uint16], table: Sequence[Mapping[str, Any]]) -> NDArray[np.uint8]:
@@ -146,12 +139,8 @@ def number_objects(instances: NDArray[np.uint16], table: Sequence[Mapping[str, A
     ``instances`` are (H, W) ids, and row k of the provenance's ``table`` describes id k + 1. Ids above 255 begin again
     at 1.
     """
-    ids = np.arange(len(table) + 1)
-    objects = 1 + (ids - 1) % _LARGEST_OBJECT
-    objects[0] = 0
-    objects[1:][[row["still"] for row in table]] = 0
-    mapped: NDArray[np.uint8] = objects.astype(np.uint8)[instances]
-    return mapped
+    objects = [0, *(0 if row["still"] else 1 + number % _LARGEST_OBJECT for number, row in enumerate(table))]
+    return np.array(objects, np.uint8)[instances]
 
 
 def expose(image: NDArray[np.uint8], stops: float) -> NDArray[np.uint8]:
@@ -162,62 +151,67 @@ def expose(image: NDArray[np.uint8], stops: float) -> NDArray[np.uint8]:
 
 def _is_known(truth: NDArray[np.float32], channel: Channel[Any]) -> NDArray[np.bool_]:
     """Return where there is a disparity, or flow, (H, W) bool."""
-    known: NDArray[np.bool_] = np.isfinite(truth)
-    if channel.components > 1:
-        known = np.logical_and.reduce(known, axis=2)
-    return known
+    known = np.isfinite(truth)
+    return np.asarray(known if channel.components == 1 else known[..., 0] & known[..., 1])
 
 
 def _is_outside(position: NDArray[np.float32], length: int) -> NDArray[np.bool_]:
-    outside: NDArray[np.bool_] = (position < -0.5) | (position >= length - 0.5)
-    return outside
+    return np.asarray((position < -0.5) | (position >= length - 0.5))
 
 
-def _channel_role(eye: Eye, channel: Channel[Any]) -> Role:
-    def value(sample: Sample) -> NDArray[Any] | None:
-        return sample.frame.view(eye).get(channel.name)
+def _of_view(
+    eye: Eye,
+    meaning: str,
+    codec: str,
+    value: Callable[[View], NDArray[Any]],
+    *channels: Channel[Any],
+    output: str | None,
+    is_truth: bool = True,
+) -> Role:
+    """Return the role of a file whose ``value`` is computed from channels of a view."""
+    return Role(
+        meaning.format(view=eye, other=OTHER_EYE[eye]),
+        codec,
+        lambda sample: value(sample.frame.view(eye)),
+        output,
+        eye if is_truth else None,
+        frozenset(channel.role(eye) for channel in channels),
+    )
 
-    meaning = channel.meaning.format(view=eye, other=OTHER_EYE[eye])
-    return Role(meaning, codec_name(channel), value, channel.output, eye if channel.is_truth else None)
+
+def _channel(eye: Eye, each: Channel[Any]) -> Role:
+    def value(view: View) -> NDArray[Any]:
+        return view[each.name]
+
+    return _of_view(eye, each.meaning, codec_name(each), value, each, output=each.output, is_truth=each.is_truth)
 
 
-def _mask_role(eye: Eye, mask: Channel[Any], channel: Channel[Any]) -> Role:
-    def value(sample: Sample) -> NDArray[np.uint8] | None:
-        view = sample.frame.view(eye)
-        return stored_mask(view[mask.name], view[channel.name], channel) if mask.name in view else None
+def _mask(eye: Eye, mask: Channel[Any], truth: Channel[Any]) -> Role:
+    def value(view: View) -> NDArray[np.uint8]:
+        return stored_mask(view[mask.name], view[truth.name], truth)
 
-    seen = mask.meaning.format(view=eye, other=OTHER_EYE[eye]).partition(",")[0]
-    meaning = f"{seen}, {OCCLUDED} where it does not, {OUTSIDE} where there is no {codec_name(channel)}"
-    return Role(meaning, codec_name(mask), value, mask.output, eye)
+    seen = mask.meaning.partition(",")[0]
+    meaning = f"{seen}, {OCCLUDED} where it does not, {OUTSIDE} where there is no {codec_name(truth)}"
+    return _of_view(eye, meaning, codec_name(mask), value, mask, truth, output=mask.output)
 
 
-def _not_occluded(eye: Eye, channel: Channel[Any], mask: Channel[Any]) -> Role:
-    def value(sample: Sample) -> NDArray[np.float32] | None:
-        view = sample.frame.view(eye)
-        if channel.name not in view or mask.name not in view:
-            return None
+def _not_occluded(eye: Eye, mask: Channel[Any], truth: Channel[Any]) -> Role:
+    def value(view: View) -> NDArray[np.float32]:
         seen = view[mask.name] == VISIBLE
-        return np.where(seen[..., None] if channel.components > 1 else seen, view[channel.name], np.float32(np.inf))
+        return np.where(seen[..., None] if truth.components > 1 else seen, view[truth.name], np.float32(np.inf))
 
-    meaning = f"{channel.role(eye)}, where its mask says that the point is visible too"
-    return Role(meaning, codec_name(channel), value, mask.output, eye)
+    meaning = f"{truth.role(eye)}, where its mask says that the point is visible too"
+    return _of_view(eye, meaning, codec_name(truth), value, mask, truth, output=mask.output)
 
 
 def _vertical(eye: Eye) -> Role:
-    def value(sample: Sample) -> NDArray[np.float32] | None:
-        way = sample.frame.view(eye).get("correspondence")
-        if way is None:
-            return None
+    def value(view: View) -> NDArray[np.float32]:
+        down = view.correspondence[..., 1]
         # y_left - y_right in both views, as the disparity is x_left - x_right.
-        return way[..., 1] if eye == "right" else np.where(np.isinf(way[..., 1]), np.float32(np.inf), -way[..., 1])
+        return down if eye == "right" else np.where(np.isinf(down), np.float32(np.inf), -down)
 
-    meaning = f"y_left - y_right of the {eye} view's pixels, float32 px; inf where there is no disparity"
-    return Role(meaning, "float", value, "correspondence", eye)
-
-
-def _objects(sample: Sample) -> NDArray[np.uint8] | None:
-    instances = sample.frame.left.get("instances")
-    return None if instances is None else number_objects(instances, sample.provenance["instances"])
+    meaning = "y_left - y_right of the {view} view's pixels, float32 px; inf where there is no disparity"
+    return _of_view(eye, meaning, "float", value, View.correspondence, output="correspondence")
 
 
 def _calibration(sample: Sample) -> Calibration:
@@ -226,22 +220,24 @@ def _calibration(sample: Sample) -> Calibration:
     return Calibration(camera, camera.doffs_px, sample.ndisp, vmin, vmax)
 
 
-def _exposed_right(stops: int) -> Role:
-    meaning = f"right image a stop {'darker' if stops < 0 else 'brighter'}"
-    return Role(meaning, "image", lambda sample: expose(sample.frame.right.image, stops))
-
-
 _MASKED = [
-    (eye, channel, CHANNELS[channel.mask]) for channel in CHANNELS.values() if channel.mask is not None for eye in EYES
+    (eye, CHANNELS[channel.mask], channel) for channel in CHANNELS.values() if channel.mask is not None for eye in EYES
 ]
 
 ROLES: Mapping[str, Role] = {
-    **{role: _channel_role(eye, channel) for role, (eye, channel) in FRAME_ROLES.items()},
-    **{mask.role(eye): _mask_role(eye, mask, channel) for eye, channel, mask in _MASKED},
-    **{not_occluded_role(channel, eye): _not_occluded(eye, channel, mask) for eye, channel, mask in _MASKED},
+    **{role: _channel(eye, channel) for role, (eye, channel) in FRAME_ROLES.items()},
+    **{mask.role(eye): _mask(eye, mask, channel) for eye, mask, channel in _MASKED},
+    **{not_occluded_role(channel, eye): _not_occluded(eye, mask, channel) for eye, mask, channel in _MASKED},
     **{f"disparity_y_{eye}": _vertical(eye) for eye in EYES},
-    **{name: _exposed_right(stops) for name, stops in _STOPS.items()},
-    "objects": Role("8-bit: 1 to 255 for objects, 0 for all else; of the left view", "grey8", _objects, "instances"),
+    "right_under": Role("right image a stop darker", "image", lambda sample: expose(sample.frame.right.image, -1)),
+    "right_over": Role("right image a stop brighter", "image", lambda sample: expose(sample.frame.right.image, 1)),
+    "objects": Role(
+        "8-bit: 1 to 255 for objects, 0 for all else; of the left view",
+        "grey8",
+        lambda sample: number_objects(sample.frame.left.instances, sample.provenance["instances"]),
+        "instances",
+        arrays=frozenset({"instances_left"}),
+    ),
     "calibration": Role("the cameras, as Middlebury's calib.txt has them", MIDDLEBURY_CALIB, _calibration),
     "calib_cam_to_cam": Role(
         "the cameras, as KITTI's calib_cam_to_cam.txt has them", KITTI_CALIB, lambda sample: sample.frame.camera

@@ -1,13 +1,10 @@
 """What is kept between runs: the same as what was built, never stale, and never in the way."""
 
-import errno
 import hashlib
 import json
 import logging
 import os
 import pickle
-import subprocess
-import sys
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 
@@ -20,16 +17,14 @@ from tiny_datasets import cheap
 from semisynth_gl import cache
 from semisynth_gl.cache import SUFFIX, Entry, cache_folder, cache_summary, cached
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection, TexturesSection
-from semisynth_gl.geometry import model_files, model_library
-from semisynth_gl.geometry.model_files import read_surfaces
+from semisynth_gl.geometry import model_library
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene import pilots
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.scene.structures import take_stock
 from semisynth_gl.seeds.splits import Split
-from semisynth_gl.textures import clips, prepare
+from semisynth_gl.textures import prepare
 from semisynth_gl.textures.drawn import KINDS
-from semisynth_gl.textures.images import OUT_OF_MEMORY, ImageError, read_image
 from semisynth_gl.textures.prepare import prepare_atlas
 
 TRIANGLE = "v 0 0 0\nv 2 0 0\nv 2 2 0\nf 1 2 3\n"
@@ -194,42 +189,6 @@ def test_models_are_read_again_when_their_folder_changes(own, built):
         assert bool(built) == expected
 
 
-def test_what_did_not_fit_into_memory_is_read_again_the_next_time(photographs, own, monkeypatch):
-    def read_but_one(read, name, error):
-        def reading(path):
-            if path.name == name:
-                raise error
-            return read(path)
-
-        return reading
-
-    section = textures(photographs, max_patches=24)
-    full = ImageError(photographs / "1.png", OUT_OF_MEMORY)
-    with monkeypatch.context() as patch:
-        patch.setattr(clips, "read_image", read_but_one(read_image, "1.png", full))
-        patch.setattr(model_files, "read_surfaces", read_but_one(read_surfaces, "two.obj", MemoryError()))
-        assert len(prepare_atlas(section, Split(0)).report.images_skipped) == 1
-        assert len(library(own).skipped) == 1
-    assert prepare_atlas(section, Split(0)).report.images_skipped == ()
-    assert library(own).skipped == ()
-
-
-def test_another_version_of_a_builder_or_a_package_finds_nothing(photographs, own, built, monkeypatch):
-    for module, name, value, expected in (
-        (prepare, "VERSION", 999, ["build_atlas", "_build"]),  # nothing is there at first
-        (model_library, "VERSION", 999, ["_build"]),
-        (prepare, "package_versions", lambda *names: dict.fromkeys(names, "1"), ["build_atlas"]),
-        (model_library, "installed_packages", lambda: ["a_reader-1.dist-info"], ["_build"]),
-        (prepare, "VERSION", 1000, ["build_atlas"]),
-    ):
-        built.clear()
-        monkeypatch.setattr(module, name, value)
-        for _ in range(2):
-            prepare_atlas(textures(photographs), Split(0))
-            library(own)
-        assert built == expected
-
-
 def test_what_is_kept_of_fixed_inputs_is_another_only_with_another_version(tmp_path, monkeypatch):
     results = fixed.built(tmp_path)
     assert not fixed.faults(results)
@@ -321,19 +280,6 @@ def test_without_a_folder_that_can_be_written_all_goes_on(tmp_path, monkeypatch,
     assert cache_summary().startswith("off")
 
 
-def test_a_full_disk_is_no_fault(folder, monkeypatch):
-    pair(0)
-    before = list(folder.iterdir())
-
-    def fill(file, **_):
-        file.write(b"half of it")
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(np, "savez", fill)
-    assert_pair(pair(1), 1)
-    assert list(folder.iterdir()) == before
-
-
 def test_the_oldest_entries_go_first(folder, monkeypatch):
     folder.mkdir()
     (folder / "photographs.npz").write_text("the user's")
@@ -352,30 +298,6 @@ def test_the_oldest_entries_go_first(folder, monkeypatch):
     for number in (1, 2, 3, 0):
         pair(number, builds=builds)
     assert builds == [0]
-
-
-def test_two_processes_at_once(folder):
-    script = """
-import sys
-import numpy as np
-from semisynth_gl.cache import Entry, cache_folder, cached
-sys.stdin.readline()
-for _ in range(100):
-    found = cached("x", 1, dict, build=lambda: np.arange(200_000), pack=lambda x: Entry({}, {"x": x}),
-                   unpack=lambda entry: entry.arrays["x"])
-    assert (found == np.arange(200_000)).all()
-    for path in cache_folder().iterdir():
-        path.unlink(missing_ok=True)
-"""
-    pipes = {"stdin": subprocess.PIPE, "stderr": subprocess.PIPE}
-    running = [subprocess.Popen([sys.executable, "-c", script], text=True, **pipes) for _ in range(2)]
-    for process in running:
-        process.stdin.write("\n")
-        process.stdin.flush()
-    for process in running:
-        assert process.communicate(timeout=300)[1] == ""
-        assert process.returncode == 0
-    assert list(folder.iterdir()) == []
 
 
 def test_where_the_cache_lies(tmp_path, monkeypatch):

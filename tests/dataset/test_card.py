@@ -14,7 +14,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.dataset.card import encode_card, file_patterns
 from semisynth_gl.dataset.documents import Index, Plan
 from semisynth_gl.dataset.plan import make_plan
-from semisynth_gl.dataset.reader import open_dataset, read_index
+from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.frame.channels import DRAWN_OUTPUTS
 from semisynth_gl.layouts import find_layout, layout_names
 
@@ -60,18 +60,6 @@ def test_load_dataset_reads_every_image_and_nothing_else(
                 expected = Image.open(tmp_path / "o" / own[name or "left"])
                 assert row["image"].mode == expected.mode
                 assert np.array_equal(np.asarray(row["image"]), np.asarray(expected))
-
-
-def test_load_dataset_reads_tars(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    datasets = pytest.importorskip("datasets")
-    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
-    plan, _ = written(tmp_path / "o", "webdataset")
-    loaded = datasets.load_dataset(str(tmp_path / "o"), cache_dir=str(tmp_path / "cache"))
-    for split, pairs in plan.pairs.items():
-        dataset = open_dataset(tmp_path / "o", split)
-        assert len(loaded[split]) == len(dataset) == pairs
-        for row, pair in zip(loaded[split], dataset, strict=True):
-            assert np.array_equal(np.asarray(row["left.png"]), pair.left.image)
 
 
 @pytest.mark.parametrize(("length", "views"), [(None, 1), (1, 1), (50, 1), (2, 4), (3000, 1)])
@@ -125,10 +113,3 @@ def test_the_front_matter_is_what_a_hub_wants(tmp_path: Path) -> None:
     for pairs, size in sizes.items():
         front, _ = front_of(encode_card(index.model_copy(update={"pairs": {"train": pairs}})))
         assert front["size_categories"] == [size]
-
-
-@pytest.mark.parametrize("layout", layout_names())
-def test_every_file_of_a_pair_is_in_the_card(tmp_path: Path, layout: str) -> None:
-    plan, index = written(tmp_path, layout)
-    card = encode_card(index).decode()
-    assert all(f"| {role} | `{path}` |" in card for role, path in plan.files("train", 0).items())

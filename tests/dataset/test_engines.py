@@ -20,8 +20,7 @@ from semisynth_gl.dataset.cluster import RayEngine
 from semisynth_gl.dataset.engines import LocalEngine
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.make import ShardMaker, in_order
-from semisynth_gl.inputs.errors import ContextLostError, InputError
-from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.inputs.errors import InputError
 
 LAYOUTS = ("middlebury", "webdataset")
 SHARD = "shards/semisynth-middlebury-train-00000{}.json"
@@ -95,14 +94,6 @@ def test_a_stop_ends_soon_and_keeps_complete_shards(config, wanted, tmp_path, en
     assert digests(tmp_path / "o") == wanted["middlebury"]
 
 
-def test_a_stop_before_the_first_pair_makes_none(config, tmp_path):
-    listener = Recorder()
-    listener.stop()
-    for engine in (None, LocalEngine(2)):
-        made, pairs, _ = run(config, tmp_path / "o", engine, listener=listener)
-        assert (made.missing, pairs) == (3, [])
-
-
 SCRIPT = """
 import os, signal, sys, time
 from pathlib import Path
@@ -170,22 +161,6 @@ def test_errors_of_workers_keep_their_type(config, tmp_path):
     said = in_workers(config, tmp_path, "from semisynth_gl import InputError; raise InputError('four is wrong')")
     assert said.endswith("InputError four is wrong\n")
     assert "died" not in said
-
-
-def test_a_lost_context_is_an_error_that_a_rerun_mends(config, wanted, tmp_path, monkeypatch):
-    whole = PairRenderer.render
-
-    def render(self, index):
-        if index == 4:
-            raise ContextLostError("the driver was reset")
-        return whole(self, index)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(PairRenderer, "render", render)
-        with pytest.raises(ContextLostError):
-            run(config, tmp_path / "o")
-    run(config, tmp_path / "o")
-    assert digests(tmp_path / "o") == wanted["middlebury"]
 
 
 def test_shards_by_machine_make_the_whole(config, wanted, tmp_path):

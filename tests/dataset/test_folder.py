@@ -1,24 +1,20 @@
 """The folder of a dataset: what is missing is made again, other people's files stay, one run works at a time."""
 
-import json
 import shutil
-import subprocess
-import sys
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from itertools import count
 from pathlib import Path
 
 import pytest
 from hand_made_datasets import config_of, pairs_of, plan_of, write_dataset
-from processes import wait_for
 
-from semisynth_gl.dataset.folder import begin, finish, locked, missing
+from semisynth_gl.dataset.folder import begin, locked, missing
 from semisynth_gl.dataset.names import INDEX, PLAN
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.dataset.root import names_below, open_root
 from semisynth_gl.dataset.shard import write_shard
-from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
+from semisynth_gl.inputs.errors import InputError, SemisynthError
 
 PAIRS = {"train": 4, "validation": 1}
 LAYOUTS = ("middlebury", "webdataset", "middlebury-2014", "sceneflow", "kitti")
@@ -66,13 +62,6 @@ def test_a_shard_without_its_record_is_made_again(clean, tmp_path, layout):
     assert write(folder, layout) == [0]
     assert tree(folder) == wanted
     assert write(folder, layout) == []
-
-
-def test_a_damaged_record_is_refused_by_name(clean, tmp_path):
-    folder = copied(clean, "middlebury", tmp_path / "set")
-    (folder / RECORD).write_bytes((folder / RECORD).read_bytes()[:20])
-    with pytest.raises(ReadError, match=RECORD):
-        write(folder, "middlebury")
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
@@ -226,47 +215,6 @@ def test_killed_before_it_renames_a_file_a_run_goes_on(clean, tmp_path, name):
     assert tree(nothing) == tree(clean / "webdataset")
 
 
-LOCKED = """
-import sys, time
-from semisynth_gl.dataset.folder import locked
-from semisynth_gl.dataset.root import open_root
-with locked(open_root(sys.argv[1]), shared=sys.argv[2] == "shared"):
-    print("locked", flush=True)
-    time.sleep(1000)
-"""
-
-
-@pytest.mark.parametrize(
-    ("theirs", "shared", "refused"),
-    [("alone", False, True), ("alone", True, True), ("shared", False, True), ("shared", True, False)],
-)
-def test_a_second_run_is_told_so_unless_both_make_some_shards(tmp_path, theirs, shared, refused):
-    arguments = [sys.executable, "-c", LOCKED, str(tmp_path), theirs]
-    with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as other:
-        assert other.stdout.readline() == "locked\n"
-        try:
-            with (
-                pytest.raises(InputError, match="another run") if refused else nullcontext(),
-                locked(open_root(tmp_path), shared=shared),
-            ):
-                pass
-        finally:
-            other.kill()
-    wait_for(lambda: other.poll() is not None)
-    with locked(open_root(tmp_path), shared=shared):
-        pass
-
-
-def test_a_folder_may_be_named_in_several_ways(tmp_path, monkeypatch):
-    (tmp_path / "disk").mkdir()
-    (tmp_path / "set").symlink_to(tmp_path / "disk")
-    write(tmp_path / "set", "middlebury")
-    monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.chdir(tmp_path)
-    for name in ("disk", "~/disk", f"file://{tmp_path}/disk", f"local://{tmp_path}/disk", tmp_path / "disk"):
-        assert len(open_dataset(name)) == 5
-
-
 @pytest.mark.parametrize(("address", "said"), [("", "expected a folder"), ("nowhere://x", "nowhere")])
 def test_an_address_that_leads_nowhere_is_refused(tmp_path, monkeypatch, address, said):
     monkeypatch.chdir(tmp_path)
@@ -299,14 +247,3 @@ def test_many_pairs_have_small_shards():
     assert [shard_pairs(pairs) for pairs in (1, 8, 24, 512, 100_000)] == [1, 1, 3, 64, 64]
     # A shard holds whole sequences.
     assert shard_pairs(100, sequence={"length": 5}) == 15
-
-
-def test_the_index_counts_bytes_once(tmp_path):
-    plan, sources = plan_of("middlebury", {"train": 2}, 2)
-    root = open_root(tmp_path)
-    begin(root, plan)
-    assert write_shard(root, plan, plan.shards[0], pairs_of(plan, plan.shards[0]))
-    finish(root, plan, sources)
-    assert json.loads((tmp_path / INDEX).read_text())["bytes"] == sum(
-        path.stat().st_size for path in tmp_path.rglob("lab-*/*") if path.is_file() and "carla" not in str(path)
-    )

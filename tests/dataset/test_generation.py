@@ -24,17 +24,6 @@ def config():
     return tiny(models={"complex": 0.0}, particles={"size_px": [40.0, 120.0]})
 
 
-@pytest.mark.parametrize("name", ["kitti", "eth3d", "sceneflow"])
-def test_a_benchmarks_config_has_the_benchmarks_layout(config, tmp_path, name):
-    own = config.model_copy(update={"layout": load_config(name).layout})
-    assert (own.layout, own.digest()) == (name, config.digest())  # a layout changes no pair
-    assert generate(own, tmp_path / "own", 1, SEED).plan.layout_name == name
-    assert generate(own, tmp_path / "chosen", 1, SEED, layout="middlebury").plan.layout_name == "middlebury"
-    # A dataset grows in the layout that it was begun with.
-    assert generate(own, tmp_path / "chosen", 2, SEED).plan.layout_name == "middlebury"
-    assert findings(tmp_path / "own") == []
-
-
 def test_without_a_layout_the_number_of_pairs_decides(config, tmp_path):
     kitti = config.model_copy(update={"layout": "kitti"})
     first = {"shard_pairs": 1, "shards": range(1)}

@@ -147,6 +147,8 @@ def test_broken_files_are_named(name):
     encodings = layout.encodings or Encodings()
     names = {path: role for role, path in layout.files(Key("lab", "train", 0), encodings).items()}
     for path, data in encode(layout, 0).items():
+        if names[path] == "calib_cam_to_cam":
+            continue  # it is not read back
         for broken in (b"", data[: len(data) // 2], data[:-2], b"\x80abc" * 50):
             with pytest.raises(ReadError):
                 decode_file(layout, names[path], broken, Path(path), encodings)
@@ -263,13 +265,12 @@ def test_middleburys_calibration_gives_the_same_depth():
 
 
 def test_kittis_calibration_is_the_camera():
-    came = KITTI_CALIB.decode(KITTI_CALIB.encode(CAMERA), Path("c.txt"))
-    assert came.baseline_m == pytest.approx(CAMERA.baseline_m)
-    assert (came.focal_px, came.cx_left_px, came.cx_right_px) == (60.0, CAMERA.cx_left_px, CAMERA.cx_right_px)
-    text = KITTI_CALIB.encode(CAMERA).decode()
-    for wrong in (text.replace("P_rect_03", "P_rect_04"), text.replace("P_rect_02: 60", "P_rect_02: 61"), text[:-2]):
-        with pytest.raises(ReadError):
-            KITTI_CALIB.decode(wrong.encode(), Path("c.txt"))
+    lines = dict(line.split(": ") for line in KITTI_CALIB.encode(CAMERA).decode().splitlines())
+    left, right = (np.array(lines[f"P_rect_{eye}"].split(), float).reshape(3, 4) for eye in ("02", "03"))
+    assert lines["S_rect_02"] == lines["S_rect_03"] == "48 32"
+    np.testing.assert_array_equal(left[:, :3], [[60, 0, CAMERA.cx_left_px], [0, 60, CAMERA.cy_px], [0, 0, 1]])
+    assert right[0, 2] == CAMERA.cx_right_px
+    np.testing.assert_allclose(right[:, 3], [-60 * CAMERA.baseline_m, 0, 0])
 
 
 def test_the_json_of_a_webdataset_never_changes_its_types():

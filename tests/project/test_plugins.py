@@ -206,8 +206,8 @@ PLUGINS = {"layouts": {"thing": Layout(stems=stems, lists=lists, together=frozen
 def test_a_layout_that_could_not_be_read_back_is_refused(install):
     for line, message in (
         ("names = {'left': 'l', 'right': 'r', 'disparity_left': 'd'}", "name a file for provenance"),
-        ("names = dict.fromkeys(names, 'x')", "files train/0_x.png"),
-        ("place = '{index}_'", "3 files 0_image_left.png"),
+        ("names = dict.fromkeys(names, 'x')", "files test/0_x"),
+        ("place = '{index}_'", "files 0_"),
     ):
         with install(LAYOUT.replace("# changed here", line)), pytest.raises(InputError, match=message):
             make_plan(load_config("kitti"), 0, "thing", {"train": 1})
