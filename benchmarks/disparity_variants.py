@@ -192,8 +192,8 @@ class DisparityVariants:
         size = scene.camera.width_px, scene.camera.height_px
         if self._targets is None or self._targets.framebuffer.size != size:
             outgrown = [targets for targets in (self._targets, self._depth_m) if targets is not None]
-            self._targets = EyeTargets(self._context, size, ("disparity",), visibility=False)
-            self._depth_m = EyeTargets(self._context, size, ("depth",), visibility=False)
+            self._targets = EyeTargets(self._context, size, ("disparity",))
+            self._depth_m = EyeTargets(self._context, size, ("depth",))
             self._targets.framebuffer.use()
             for targets in outgrown:
                 targets.release()

@@ -20,7 +20,7 @@ _LARGEST_ERROR_PX = 1e-3
 def doctor() -> None:
     """Show this machine's packages, devices and backends, say what is missing, and check a test pair's disparity."""
     # Imported here, as in `_try`: completion needs no OpenGL.
-    from semisynth_gl.render.context import INSTALL_COMMAND, INSTALL_COMMAND_OSMESA, as_root  # noqa: PLC0415
+    from semisynth_gl.render.context import INSTALL_COMMAND, INSTALL_COMMAND_OSMESA  # noqa: PLC0415
     from semisynth_gl.render.devices import egl_devices, missing_libraries, nvidia_fault  # noqa: PLC0415
 
     click.echo(f"Python {platform.python_version()} on {platform.platform()}")
@@ -46,7 +46,7 @@ def doctor() -> None:
         for library, package in missing.items():
             click.echo(f"  {library}, from Debian's {package}")
         optional = all("osmesa" in package for package in missing.values())
-        command = as_root(INSTALL_COMMAND_OSMESA if optional else INSTALL_COMMAND)
+        command = INSTALL_COMMAND_OSMESA if optional else INSTALL_COMMAND
         click.echo(f"  {'optional, ' * optional}install with: {command}")
     if not working:
         click.echo("No backend works: nothing can be rendered here.")

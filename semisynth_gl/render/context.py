@@ -29,11 +29,6 @@ INSTALL_COMMAND = "apt-get install -y libegl1 libgl1 libegl-mesa0 libgl1-mesa-dr
 INSTALL_COMMAND_OSMESA = "apt-get install -y libosmesa6 libgl1"
 
 
-def as_root(command: str) -> str:
-    """Return a command as this user must type it: with sudo, unless the user is root."""
-    return command if os.geteuid() == 0 else f"sudo {command}"
-
-
 @dataclass(frozen=True, slots=True)
 class GraphicsContext:
     """An open context, made current and set up for reversed Z in [0, 1].
@@ -117,7 +112,9 @@ def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsCo
             return context
     command = INSTALL_COMMAND_OSMESA if backend == "osmesa" else INSTALL_COMMAND
     raise BackendError(
-        "no OpenGL context could be opened.\n  " + "\n  ".join(reasons) + f"\nOn Debian or Ubuntu: {as_root(command)}"
+        "no OpenGL context could be opened; version 4.5 is needed.\n  "
+        + "\n  ".join(reasons)
+        + f"\nOn Debian or Ubuntu: {command}"
         "\n`semisynth-gl doctor` shows what is there."
     )
 
@@ -132,9 +129,7 @@ def _open_egl(device_index: int) -> Any:  # noqa: ANN401 - glcontext has no type
         )  # fmt: skip
     except Exception as error:
         # glcontext raises plain Exception, with messages such as "libGL.so.1 not loaded" or "eglGetError 0x3001".
-        override = os.environ.get("MESA_GL_VERSION_OVERRIDE")
-        hint = f" (MESA_GL_VERSION_OVERRIDE={override} is set)" if override else ""
-        raise BackendError(f"device {device_index}: {error}{hint}") from error
+        raise BackendError(f"device {device_index}: {error}") from error
 
 
 def _set_up(raw: Any, backend: Backend) -> GraphicsContext:  # noqa: ANN401 - either of two context types
@@ -144,11 +139,7 @@ def _set_up(raw: Any, backend: Backend) -> GraphicsContext:  # noqa: ANN401 - ei
         version = gl.info["GL_VERSION"]
         gl.release()
         raise BackendError(f"OpenGL 4.5 is needed, but {renderer} offers {version}: update the driver or Mesa")
-    try:
-        unbound = UnboundCalls(raw.load)
-    except BackendError:
-        gl.release()
-        raise
+    unbound = UnboundCalls(raw.load)
     unbound.set_up()
     # moderngl asks for limits that some drivers do not know, which leaves errors behind.
     gl.clear_errors()

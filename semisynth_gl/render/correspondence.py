@@ -24,8 +24,6 @@ class CorrespondencePass:
         disparities, and the disparity and the visibility of the targets are not needed: other passes find better ones.
         """
         targets = pair.sized.correspondence
-        if targets is None:
-            raise RuntimeError("these targets were made without correspondences")
         scene, camera, other = pair.transforms.scene, pair.transforms.scene.camera, OTHER_EYE[eye]
         self._steps.set("rectified", camera.rectified)
         self._steps.set("turn_and_shift", _turn_and_shift(camera, eye))

@@ -29,10 +29,7 @@ _UUID_BYTES = 16
 _VISIBLE = "CUDA_VISIBLE_DEVICES"
 NVIDIA_CONTROL = Path("/dev/nvidiactl")
 """A file that exists where the kernel has an NVIDIA GPU."""
-NVIDIA_LIBRARY = "libEGL_nvidia.so.0"
-NVIDIA_VENDOR_FILE = f'{{"file_format_version": "1.0.0", "ICD": {{"library_path": "{NVIDIA_LIBRARY}"}}}}'
-"""Content of a file that tells EGL (libglvnd) of NVIDIA's driver."""
-_VENDOR_FOLDERS = "/etc/glvnd/egl_vendor.d:/usr/share/glvnd/egl_vendor.d"
+_VENDOR_FILE = '{"file_format_version": "1.0.0", "ICD": {"library_path": "libEGL_nvidia.so.0"}}'
 
 # Libraries, and the Debian packages that bring them. Only development packages install names such as libGL.so.
 LIBRARIES = {
@@ -97,26 +94,15 @@ def check_libraries(backend: Backend) -> None:
     open_context(backend).release()
 
 
-def nvidia_is_named() -> bool:
-    """Return whether any of the files that EGL reads tells it of NVIDIA's driver."""
-    chosen = os.environ.get("__EGL_VENDOR_LIBRARY_FILENAMES")
-    folders = os.environ.get("__EGL_VENDOR_LIBRARY_DIRS", _VENDOR_FOLDERS).split(":")
-    files = map(Path, chosen.split(":")) if chosen else (file for each in folders for file in Path(each).glob("*.json"))
-    return any(file.is_file() and NVIDIA_LIBRARY in file.read_text(errors="replace") for file in files)
-
-
 def nvidia_fault(devices: Sequence[Device]) -> str | None:
-    """Say why EGL does not list an NVIDIA GPU that the kernel has; None where EGL lists one or the kernel has none."""
+    """Say what to do where EGL does not list the NVIDIA GPU that the kernel has; None where nothing is to be done."""
     if not NVIDIA_CONTROL.exists() or any(device.cuda is not None for device in devices):
         return None
-    if not _loads(NVIDIA_LIBRARY):
-        return (
-            f"{NVIDIA_LIBRARY} cannot be loaded: install all of NVIDIA's driver, and let a container's "
-            "NVIDIA_DRIVER_CAPABILITIES hold graphics"
-        )
-    if not nvidia_is_named():
-        return f"no file tells EGL of it: write {NVIDIA_VENDOR_FILE} to /etc/glvnd/egl_vendor.d/10_nvidia.json"
-    return f"{NVIDIA_LIBRARY} finds none: a GPU in MIG mode has no OpenGL, and you must be allowed to open /dev/nvidia*"
+    return (
+        "install all of NVIDIA's driver (a container's NVIDIA_DRIVER_CAPABILITIES must hold graphics), tell EGL of it "
+        f"by a file /etc/glvnd/egl_vendor.d/10_nvidia.json with {_VENDOR_FILE}, and get the right to open /dev/nvidia*; a "
+        "GPU in MIG mode has no OpenGL"
+    )
 
 
 def egl_devices() -> list[Device]:
@@ -160,46 +146,29 @@ def egl_index_of_gpu(gpu: int, devices: Sequence[Device], visible: str | None) -
     Raises:
         InputError: where CUDA has no such GPU, or EGL does not say which of its devices it is.
     """
-    by_cuda = {device.cuda: device for device in devices if device.cuda is not None}
+    by_cuda = {str(device.cuda): device for device in devices if device.cuda is not None}
     if not by_cuda:
         raise InputError(
             f"{gpu}: none of EGL's devices says which GPU of CUDA's it is. `semisynth-gl doctor` lists them; "
             "NVIDIA's driver tells where its libEGL is installed",
             argument="gpus",
         )
-    there = _gpus(sorted(by_cuda))
-    if visible is None:
-        if gpu not in by_cuda:
-            raise InputError(f"{gpu}: CUDA sees {there}", argument="gpus")
-        return by_cuda[gpu].index
-    entries = _visible_entries(visible)
-    if not 0 <= gpu < len(entries):
-        seen = _gpus(range(len(entries)))
-        raise InputError(f"{gpu}: with {_VISIBLE}={visible} CUDA sees {seen}", argument="gpus")
-    entry = entries[gpu]
-    if entry.isdigit():
-        if int(entry) not in by_cuda:
-            raise InputError(f"{gpu}: {_VISIBLE}={visible} names {entry}, but there is {there}", argument="gpus")
-        return by_cuda[int(entry)].index
-    matching = [device for device in by_cuda.values() if (device.uuid or "").lower().startswith(entry.lower())]
-    if len(matching) != 1:
-        known = ", ".join(f"{device.cuda} is {device.uuid or 'unknown'}" for device in by_cuda.values())
-        raise InputError(
-            f"{gpu}: {_VISIBLE}={visible} names {entry}, which is not exactly one of EGL's devices ({known}). "
-            f"Give numbers in {_VISIBLE}",
-            argument="gpus",
-        )
-    return matching[0].index
+    entries = dict(enumerate(_visible_entries(visible))) if visible else {}
+    entry = str(gpu) if visible is None else entries.get(gpu, "")
+    if entry in by_cuda:
+        return by_cuda[entry].index
+    uuids = [device for device in by_cuda.values() if entry and (device.uuid or "").lower().startswith(entry.lower())]
+    if len(uuids) != 1:
+        known = ", ".join(f"{number} ({device.uuid or 'of unknown UUID'})" for number, device in by_cuda.items())
+        masked = "" if visible is None else f" {_VISIBLE}={visible} names {entry or 'no such GPU'}, which"
+        raise InputError(f"{gpu}:{masked} is not exactly one of the GPUs that EGL lists, {known}", argument="gpus")
+    return uuids[0].index
 
 
 def _visible_entries(visible: str) -> list[str]:
     """Return the valid entries: CUDA ignores the first invalid one, such as -1, and all entries behind it."""
     entries = (entry.strip() for entry in visible.split(","))
     return list(takewhile(lambda entry: entry.isdigit() or entry.startswith(("GPU-", "MIG-")), entries))
-
-
-def _gpus(numbers: Sequence[int]) -> str:
-    return f"GPU{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}" if numbers else "no GPU"
 
 
 @cache

@@ -110,8 +110,7 @@ class DrawPass:
 
         The formula for 1 / Z is the drawing pass's own, so the result is the same bit for bit.
         """
-        if targets.disparity is None:
-            raise RuntimeError("these targets were made without 1 / Z")
+        assert targets.disparity is not None  # noqa: S101 - the targets are made with 1 / Z
         self._state.constants.write(scene, "left")
         targets.bind(inverse_depth=0)
         targets.disparity.limit(part)

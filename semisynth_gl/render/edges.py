@@ -5,7 +5,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Crop, Eye
-from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.model_buffers import refill
 from semisynth_gl.render.outlines import Outlines
@@ -22,11 +21,7 @@ _DRAWN = 4
 
 
 class EdgePass:
-    """Blends along the outlines of one eye's image; see edges.geom and edges.frag.
-
-    Raises:
-        BackendError: where the driver does not let shaders look up a buffer that holds all vertices.
-    """
+    """Blends along the outlines of one eye's image; see edges.geom and edges.frag."""
 
     def __init__(self, state: RenderState) -> None:
         context, models, self._patches = state.context, state.models, state.patches
@@ -34,12 +29,6 @@ class EdgePass:
         self._gl, self._vertices = gl, models.vertices
         self._anisotropies = np.array(state.anisotropies)
         self._outlines = Outlines(models.meshes, models.vertex_number)
-        size, limit = self._vertices.size, int(gl.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
-        if size > limit:
-            raise BackendError(
-                f"antialias: edges looks up vertices in a buffer, here of {size} bytes, but the driver goes up to "
-                f"{limit}: use fewer or smaller models, or another antialiasing"
-            )
         defines = {"LARGE": 1} if len(self._patches.ends) > 1 else {}
         lights = [{}] if state.pattern is None else [{}, {"LIT": 1}]
         self._vaos = [
@@ -56,8 +45,7 @@ class EdgePass:
 
         ``lit`` is whether a projector's light is bound for this eye; see `ProjectorLight.use`.
         """
-        if targets.blending is None:
-            raise RuntimeError("these targets were made without blending")
+        assert targets.blending is not None  # noqa: S101 - the targets are made for outlines
         strips = self._outlines.find(transforms, eye)
         if not len(strips):
             return

@@ -78,8 +78,6 @@ class FlowPass:
     def draw(self, pair: DrawnPair, moved: MotionTransforms, eye: Eye) -> Targets:
         """Find the flow of one eye's view; return the targets of `FLOW` that hold it until the next call."""
         then, targets = pair.sized.then, pair.sized.flow
-        if then is None or targets is None:
-            raise RuntimeError("these targets were made without flow")
         context, models, constants = self._state.context, self._state.models, self._state.constants
         scene = pair.transforms.scene
         filled = models.fill(moved.then, eye)

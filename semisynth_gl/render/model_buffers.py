@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from semisynth_gl.frame.camera import Crop, Eye
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.topology import NO_NEIGHBOUR, neighbours
-from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.structs import COMMAND, DRAWN_INSTANCE, VERTEX
 
@@ -48,9 +47,6 @@ class ModelBuffers:
         vertex_number: (V,) uint32, number in ``vertices`` of each vertex, where all models' vertices are counted
             through.
         filled: (N,) int64, the scene's instances that `fill` has uploaded, in the order of drawing.
-
-    Raises:
-        BackendError: where the driver cannot hold the triangles that shaders look up.
     """
 
     def __init__(
@@ -164,8 +160,7 @@ class ModelBuffers:
 
     def bind_triangles(self, transforms: InstanceTransforms, eye: Eye) -> None:
         """Bind the textures of common_triangles.glsl: all models' triangles, and all instances relative to one eye."""
-        if self._triangles is None:
-            raise RuntimeError("these models were uploaded without their neighbours")
+        assert self._triangles is not None  # noqa: S101 - the models are traced
         scene = transforms.scene
         texels = transforms.rows(eye).astype("<f4").view("<u4").reshape(-1, 4 * _TEXELS)
         rows = max(1, ceil(len(scene) / _PER_ROW))
@@ -179,18 +174,8 @@ class ModelBuffers:
         self._traced.use(_TRACED)
 
     def _texture(self, numbers: NDArray[np.uint32]) -> moderngl.Texture:
-        """Make a texture of (N, 4 * _TEXELS) uint32.
-
-        Raises:
-            BackendError: where the driver has no textures of that size.
-        """
-        rows, limit = max(1, ceil(len(numbers) / _PER_ROW)), int(self._gl.info["GL_MAX_TEXTURE_SIZE"])
-        if rows > limit:
-            raise BackendError(
-                f"the outputs visibility, normals and those of flow look up triangles and instances in a texture, here "
-                f"{len(numbers)}, but the driver goes up to {limit * _PER_ROW}: use fewer or smaller models, or leave "
-                "these outputs out"
-            )
+        """Make a texture of (N, 4 * _TEXELS) uint32; drivers hold 2^24 triangles or more."""
+        rows = max(1, ceil(len(numbers) / _PER_ROW))
         texture = self._gl.texture((_PER_ROW * _TEXELS, rows), 4, _whole_rows(numbers), dtype="u4")
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         return texture

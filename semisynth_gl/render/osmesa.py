@@ -37,10 +37,7 @@ class OSMesaContext:
 
     def __init__(self, major: int, minor: int) -> None:
         library = _load_library()
-        try:
-            create = library.OSMesaCreateContextAttribs
-        except AttributeError:
-            raise BackendError("this libOSMesa predates core profiles: install Mesa 12 or newer") from None
+        create = library.OSMesaCreateContextAttribs
         create.restype = ctypes.c_void_p
         create.argtypes = [ctypes.POINTER(ctypes.c_int), ctypes.c_void_p]
         library.OSMesaGetProcAddress.restype = ctypes.c_void_p

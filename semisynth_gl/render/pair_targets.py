@@ -1,23 +1,16 @@
 """The targets to which images and pairs of one size are drawn, their cache, and a pair while the passes work on it."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from traceback import clear_frames
-from typing import Any, TypeVar
-
-import moderngl
+from typing import Any
 
 from semisynth_gl.frame.camera import EYES, Crop, Eye, StereoCamera
 from semisynth_gl.render.antialias import ColourTargets
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.state import RenderState
-from semisynth_gl.render.targets import CORRESPONDENCE, FLOW, EyeTargets, Targets
+from semisynth_gl.render.targets import CORRESPONDENCE, FLOW, VISIBILITY, Attachment, EyeTargets, Targets
 
 COLOUR = ("colour",)
-
-_Part = TypeVar("_Part", ColourTargets, EyeTargets, Targets)
-_Sized = TypeVar("_Sized", bound="ImageTargets")
 
 
 class ImageTargets:
@@ -38,44 +31,30 @@ class ImageTargets:
     def __init__(self, state: RenderState, size: tuple[int, int]) -> None:
         self._state, self.size = state, size
         self._parts: list[ColourTargets | Targets] = []
-        self.samples = self._keep(ColourTargets(state, size)) if state.options.antialias.redraws else None
+        self.samples: ColourTargets | None = None
+        if state.options.antialias.redraws:
+            self.samples = ColourTargets(state, size)
+            self._parts.append(self.samples)
 
     @cached_property
     def image(self) -> EyeTargets:
         """Targets of one eye's image with one sample a pixel."""
-        return self._drawn_to(COLOUR, visibility=False)
-
-    @property
-    def framebuffer(self) -> moderngl.Framebuffer:
-        """One of the framebuffers."""
-        return self.image.framebuffer if self.samples is None else self.samples.fine
+        return self._drawn_to(COLOUR)
 
     def release(self) -> None:
         """Free all targets."""
-        for part in reversed(self._parts):
+        for part in self._parts:
             part.release()
 
-    def _drawn_to(self, names: tuple[str, ...], *, visibility: bool) -> EyeTargets:
-        state = self._state
-        return self._keep(
-            EyeTargets(
-                state.context,
-                self.size,
-                names,
-                visibility=visibility,
-                grey=state.patches.grey,
-                blended=state.options.antialias.kind == "edges",
-                read=state.read,
-            )
-        )
-
-    def _keep(self, part: _Part) -> _Part:
-        self._parts.append(part)
-        return part
+    def _drawn_to(self, names: tuple[str, ...]) -> EyeTargets:
+        state, blended = self._state, self._state.options.antialias.kind == "edges"
+        made = EyeTargets(state.context, self.size, names, grey=state.patches.grey, blended=blended, read=state.read)
+        self._parts.append(made)
+        return made
 
 
 class PairTargets(ImageTargets):
-    """All targets for pairs of one image size that the renderer's passes need; targets that no pass needs are None.
+    """All targets for pairs of one image size; a pass's targets are made when it first draws.
 
     Args:
         state: the renderer's context, and what it is to draw.
@@ -83,11 +62,8 @@ class PairTargets(ImageTargets):
         shared: whether pairs share left views; see `Renderer.render_rig`.
 
     Attributes:
-        eyes: targets of each eye's drawing pass and visibility pass.
-        shared: targets of the same passes for shared left views, with 1 / Z in the place of the disparity.
-        correspondence: targets of the correspondence pass.
-        then: targets to which the flow pass draws the other moment.
-        flow: targets of the flow pass.
+        eyes: targets of each eye's drawing pass.
+        shared: targets of the same pass for shared left views, with 1 / Z in the place of the disparity, or None.
 
     Raises:
         BackendError: where the driver refuses the size.
@@ -95,30 +71,39 @@ class PairTargets(ImageTargets):
 
     def __init__(self, state: RenderState, size: tuple[int, int], *, shared: bool) -> None:
         super().__init__(state, size)
-        context, options, read = state.context, state.options, state.read
-        visible: dict[Eye, bool] = {eye: options.visibility and eye in options.truth_eyes for eye in EYES}
-        # A comprehension would keep `self` alive after a failure, and with it all targets that were made before.
-        self.eyes: dict[Eye, EyeTargets] = {}
-        for eye in EYES:
-            self.eyes[eye] = self._drawn_to(options.attachments(eye), visibility=visible[eye])
+        options = state.options
+        self.eyes: dict[Eye, EyeTargets] = {eye: self._drawn_to(options.attachments(eye)) for eye in EYES}
         self.shared: EyeTargets | None = None
         if shared:
             names = ("inverse_depth" if name == "disparity" else name for name in options.attachments("left"))
-            self.shared = self._drawn_to(tuple(names), visibility=visible["left"])
-        self.correspondence: Targets | None = None
-        if options.corresponds:
-            self.correspondence = self._keep(Targets(context, size, CORRESPONDENCE, read))
-        self.then: EyeTargets | None = None
-        self.flow: Targets | None = None
-        if options.flow:
-            self.then = self._keep(EyeTargets(context, size, ("depth", "surface"), visibility=False))
-            # No pass uses the depth of these targets, so they share the other moment's depth buffer.
-            self.flow = self._keep(Targets(context, size, FLOW, read, self.then.depth_buffer))
+            self.shared = self._drawn_to(tuple(names))
 
-    @property
-    def framebuffer(self) -> moderngl.Framebuffer:
-        """One of the framebuffers."""
-        return self.eyes["left"].framebuffer
+    @cached_property
+    def visibility(self) -> dict[Eye, Targets]:
+        """Targets of the visibility pass for each eye that has truth."""
+        return {eye: self._compared(VISIBILITY) for eye in self._state.options.truth_eyes}
+
+    @cached_property
+    def correspondence(self) -> Targets:
+        """Targets of the correspondence pass."""
+        return self._compared(CORRESPONDENCE)
+
+    @cached_property
+    def then(self) -> EyeTargets:
+        """Targets to which the flow pass draws the other moment."""
+        made = EyeTargets(self._state.context, self.size, ("depth", "surface"))
+        self._parts.append(made)
+        return made
+
+    @cached_property
+    def flow(self) -> Targets:
+        """Targets of the flow pass."""
+        return self._compared(FLOW)
+
+    def _compared(self, attachments: dict[str, Attachment]) -> Targets:
+        made = Targets(self._state.context, self.size, attachments, self._state.read)
+        self._parts.append(made)
+        return made
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,9 +131,9 @@ class DrawnPair:
 
 
 class TargetCache:
-    """Targets for pairs of one size, and for images without truth of two other ones, such as denser ones for lenses.
+    """Caches framebuffers: those of the latest pair size, and of the two latest sizes that are drawn without truth.
 
-    Use it while its context is current.
+    Lenses ask for denser images, of another size for each eye. Use the cache while its context is current.
 
     Args:
         state: the renderer's context, and what it is to draw.
@@ -157,8 +142,7 @@ class TargetCache:
     def __init__(self, state: RenderState) -> None:
         self._state = state
         self._pairs: PairTargets | None = None
-        # Of the two latest sizes, the newest last: eyes may differ.
-        self._images: list[ImageTargets] = []
+        self._images: list[ImageTargets] = []  # the latest last
 
     def for_pairs(self, camera: StereoCamera, *, shared: bool) -> PairTargets:
         """Return targets for a camera's pairs; make new ones where the size differs, or they cannot be shared.
@@ -169,8 +153,9 @@ class TargetCache:
         latest, size = self._pairs, (camera.width_px, camera.height_px)
         if latest is not None and latest.size == size and (latest.shared is not None or not shared):
             return latest
-        self._pairs = made = self._made(lambda: PairTargets(self._state, size, shared=shared), latest)
-        return made
+        self._pairs = PairTargets(self._state, size, shared=shared)
+        self._release(latest)
+        return self._pairs
 
     def for_images(self, camera: StereoCamera) -> ImageTargets:
         """Return targets for a camera's images without truth: the pairs' targets, where they have that size.
@@ -182,25 +167,13 @@ class TargetCache:
         for latest in (self._pairs, *self._images):
             if latest is not None and latest.size == size:
                 return latest
-        outgrown = self._images[0] if len(self._images) == len(EYES) else None
-        made = self._made(lambda: ImageTargets(self._state, size), outgrown)
-        self._images = [*(each for each in self._images if each is not outgrown), made]
-        return made
+        self._images.append(ImageTargets(self._state, size))
+        if len(self._images) > len(EYES):
+            self._release(self._images.pop(0))
+        return self._images[-1]
 
-    def _made(self, make: Callable[[], _Sized], outgrown: _Sized | None) -> _Sized:
-        gl = self._state.context.gl
-        gl.gc_mode = "auto"
-        try:
-            targets = make()
-            # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
-            targets.framebuffer.use()
-        except BaseException as error:
-            # Clearing the frames frees the objects that were made so far, which must happen while the context is
-            # current.
-            clear_frames(error.__traceback__)
-            raise
-        finally:
-            gl.gc_mode = None  # type: ignore[assignment]  # moderngl's own default
+    def _release(self, outgrown: ImageTargets | None) -> None:
         if outgrown is not None:
+            # moderngl binds the framebuffer in use again after making another one, so it must not be one that is gone.
+            self._state.context.gl.screen.use()
             outgrown.release()
-        return targets

@@ -74,9 +74,9 @@ def shader_source(name: str, defines: Mapping[str, int] | None = None) -> str:
 
     Raises:
         FileNotFoundError: where the file, or one that it includes, does not exist.
-        ValueError: where files include each other in a circle, or the text never mentions a name to define.
+        ValueError: where the text never mentions a name to define.
     """
-    version, *body = _lines(name, ())
+    version, *body = _lines(name)
     text = "\n".join(body)
     for defined in defines or {}:
         if not _mentions(text, defined):
@@ -88,14 +88,9 @@ def _mentions(text: str, name: str) -> bool:
     return re.search(rf"\b{name}\b", text) is not None
 
 
-def _lines(name: str, parents: tuple[str, ...]) -> list[str]:
-    if name in parents:
-        raise ValueError(f"shaders include each other in a circle: {' -> '.join((*parents, name))}")
-    path = data_root("shaders") / name
-    if not path.is_file():
-        raise FileNotFoundError(f"no shader {name} (included from {parents[-1] if parents else 'the program'})")
+def _lines(name: str) -> list[str]:
     lines: list[str] = []
-    for line in path.read_text(encoding="utf-8").splitlines():
+    for line in (data_root("shaders") / name).read_text(encoding="utf-8").splitlines():
         match = _INCLUDE.match(line)
-        lines += _lines(match[1], (*parents, name)) if match else [line]
+        lines += _lines(match[1]) if match else [line]
     return lines

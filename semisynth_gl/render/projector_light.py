@@ -38,7 +38,7 @@ class ProjectorLight:
             raise InputError(f"pattern must be (H, W) uint8, got {np.shape(pattern)} {getattr(pattern, 'dtype', '')}")
         gl = state.context.gl
         self._size = pattern.shape[1], pattern.shape[0]
-        self._targets = EyeTargets(state.context, self._size, ("depth",), visibility=False)
+        self._targets = EyeTargets(state.context, self._size, ("depth",))
         self._pattern = gl.texture(self._size, 1, np.ascontiguousarray(pattern), alignment=1)
         self._pattern.repeat_x = self._pattern.repeat_y = False
         self._buffer = gl.buffer(reserve=PROJECTOR.itemsize, dynamic=True)
@@ -77,7 +77,7 @@ def _seen_by(projector: Projector, transforms: InstanceTransforms, size: tuple[i
     view_from_model = turned @ transforms.view_from_model
     sky = scene.sky
     view_from_model[sky, :3, 3] -= turned[:3, 3]  # infinitely far away from there, too
-    # The baseline is of no account: only the left eye is drawn.
+    # Any baseline will do; only the left eye is drawn.
     camera = StereoCamera.centred(*size, projector.focal_px, 1.0)
     near_m = max(scene.near_m * _NEARER, LEAST)
     pose = turned @ scene.camera_from_world

@@ -51,9 +51,8 @@ class ReadbackPass:
             drawn = eye in self._options.truth_eyes and (rectified or channel.name not in CORRESPONDENCE)
             if channel.name not in view and (channel is image or drawn):
                 view[channel.name] = targets.read(attachment_of(channel), pair.crop)
-        if targets.visibility is not None and rectified:
-            for channel in self._options.drawn_by("visibility"):
-                view[channel.name] = targets.visibility.read(attachment_of(channel), pair.crop)
+        if self._visibility is not None and rectified and eye in self._options.truth_eyes:
+            view["visibility"] = pair.sized.visibility[eye].read("visibility", pair.crop)
 
     def _read_correspondence(self, correspondence: CorrespondencePass, pair: DrawnPair) -> None:
         """Find and read the correspondences and, for a pair that deviates, disparities and masks."""

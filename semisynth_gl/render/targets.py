@@ -24,11 +24,6 @@ class Attachment:
     kind: str  # moderngl's name for the components' type, such as "f4"
     nothing: float  # value of the components where nothing is drawn
 
-    @property
-    def texture_components(self) -> int:
-        """Components of the texture: 4 instead of 3, since not every driver can draw into formats of three."""
-        return 4 if self.components == 3 else self.components
-
 
 def _attachments(drawn_by: str) -> dict[str, Attachment]:
     attachments = {}
@@ -60,7 +55,7 @@ def window(crop: Crop | None, size: tuple[int, int]) -> Viewport:
 
 
 class Targets:
-    """A framebuffer with named attachments and a depth buffer.
+    """A framebuffer with named attachments and, if the caller has one, a depth buffer.
 
     Texture look-ups in the attachments return unfiltered pixels, and beyond the image those of its border.
 
@@ -69,7 +64,7 @@ class Targets:
         size: width and height, px.
         attachments: the attachments by name, in the order of the shader's outputs.
         read: takes the pixels of an attachment.
-        depth_buffer: a depth buffer to share; by default a new one of 24 bits.
+        depth_buffer: the depth buffer.
 
     Raises:
         BackendError: where the driver has no textures or framebuffers of that size.
@@ -84,15 +79,14 @@ class Targets:
         depth_buffer: moderngl.Renderbuffer | None = None,
     ) -> None:
         self._unbound, self._read, self._attachments = context.unbound, read, attachments
-        self._owns_depth = depth_buffer is None
         gl = context.gl
         try:
+            # Not every driver can draw into formats of three components.
             self._textures = {
-                name: gl.texture(size, attachment.texture_components, dtype=attachment.kind)
-                for name, attachment in attachments.items()
+                name: gl.texture(size, 4 if each.components == 3 else each.components, dtype=each.kind)
+                for name, each in attachments.items()
             }
-            self.depth_buffer = gl.depth_renderbuffer(size) if depth_buffer is None else depth_buffer
-            self.framebuffer = gl.framebuffer(list(self._textures.values()), self.depth_buffer)
+            self.framebuffer = gl.framebuffer(list(self._textures.values()), depth_buffer)
         except moderngl.Error as error:
             raise BackendError(f"{context.renderer} cannot draw {size[0]} x {size[1]} px: {error}") from error
         for texture in self._textures.values():
@@ -125,12 +119,9 @@ class Targets:
         return self._read(self.framebuffer, rectangle, number, attachment.kind, attachment.components)
 
     def release(self) -> None:
-        """Free all resources; the framebuffer goes first, since it holds on to its attachments."""
-        self.framebuffer.release()
-        for texture in self._textures.values():
-            texture.release()
-        if self._owns_depth:
-            self.depth_buffer.release()
+        """Free all resources but the depth buffer; the framebuffer goes first, since it holds its attachments."""
+        for resource in (self.framebuffer, *self._textures.values()):
+            resource.release()
 
 
 class BlendTargets:
@@ -140,13 +131,10 @@ class BlendTargets:
     """
 
     def __init__(self, context: GraphicsContext, colour: moderngl.Texture, depth_buffer: moderngl.Renderbuffer) -> None:
-        self._gl, size = context.gl, colour.size
-        try:
-            self._copy = context.gl.texture(size, colour.components)
-            self._copied = context.gl.framebuffer([self._copy])
-            self._framebuffer = context.gl.framebuffer([colour], depth_buffer)
-        except moderngl.Error as error:
-            raise BackendError(f"{context.renderer} cannot draw {size[0]} x {size[1]} px: {error}") from error
+        self._gl = context.gl
+        self._copy = context.gl.texture(colour.size, colour.components)
+        self._copied = context.gl.framebuffer([self._copy])
+        self._framebuffer = context.gl.framebuffer([colour], depth_buffer)
         self._framebuffer.depth_mask = False
         self._copy.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
@@ -164,19 +152,17 @@ class BlendTargets:
 
 
 class EyeTargets(Targets):
-    """The targets of one eye's drawing pass, with a 32-bit float depth buffer, and of its visibility pass.
+    """The targets of one eye's drawing pass, with a 32-bit float depth buffer.
 
     Args:
         context: the context.
         size: width and height, px.
         names: attachments of the drawing pass, from `DRAWING`, in the order of the shader's outputs.
-        visibility: whether the visibility pass runs.
         grey: whether colour has one component.
         blended: whether outlines are blended into the colour.
         read: takes the pixels of an attachment.
 
     Attributes:
-        visibility: targets of the visibility pass, or None.
         disparity: target of the disparity that is worked out from 1 / Z, where "inverse_depth" is an attachment.
         blending: targets for blending into the colour, or None.
 
@@ -190,7 +176,6 @@ class EyeTargets(Targets):
         size: tuple[int, int],
         names: Iterable[str],
         *,
-        visibility: bool,
         grey: bool = False,
         blended: bool = False,
         read: Reader = read_array,
@@ -202,16 +187,15 @@ class EyeTargets(Targets):
                 f"an image of {size[0]} x {size[1]} px was asked for, but {context.renderer} goes up to "
                 f"{limit} px a side: lower camera.width_px or camera.height_px"
             )
+        self._depth_buffer = context.gl.depth_renderbuffer(size)
+        context.unbound.make_depth_float32(self._depth_buffer.glo, *size)
         attachments = {name: _GREY if grey and name == "colour" else DRAWING[name] for name in names}
-        super().__init__(context, size, attachments, read)
-        context.unbound.make_depth_float32(self.depth_buffer.glo, *size)
-        self._depth_alone = context.gl.framebuffer(depth_attachment=self.depth_buffer)
-        # No pass uses the depth of these targets, so they share the drawing pass's depth buffer.
-        self.visibility = Targets(context, size, VISIBILITY, read, self.depth_buffer) if visibility else None
+        super().__init__(context, size, attachments, read, self._depth_buffer)
+        self._depth_alone = context.gl.framebuffer(depth_attachment=self._depth_buffer)
         self.disparity: Targets | None = None
         if "inverse_depth" in self._attachments:
-            self.disparity = Targets(context, size, {"disparity": DRAWING["disparity"]}, read, self.depth_buffer)
-        self.blending = BlendTargets(context, self._textures["colour"], self.depth_buffer) if blended else None
+            self.disparity = Targets(context, size, {"disparity": DRAWING["disparity"]}, read)
+        self.blending = BlendTargets(context, self._textures["colour"], self._depth_buffer) if blended else None
 
     def bind(self, **units: int) -> None:
         """Bind attachments as `Targets.bind` does, including a disparity that is worked out from 1 / Z."""
@@ -250,8 +234,10 @@ class EyeTargets(Targets):
 
     def release(self) -> None:
         """Free all resources."""
-        for shares_depth in (self.visibility, self.disparity, self.blending):
-            if shares_depth is not None:
-                shares_depth.release()
+        if self.disparity is not None:
+            self.disparity.release()
+        if self.blending is not None:
+            self.blending.release()
         self._depth_alone.release()
         super().release()
+        self._depth_buffer.release()

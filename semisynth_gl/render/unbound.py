@@ -31,18 +31,11 @@ _FLOATS, _UINTS = ctypes.POINTER(ctypes.c_float), ctypes.POINTER(ctypes.c_uint)
 
 
 class UnboundCalls:
-    """OpenGL functions of one context; ``load`` returns the address of a named function, 0 where the driver has none.
-
-    Raises:
-        BackendError: where the driver lacks one of them.
-    """
+    """OpenGL 4.5 functions of one context; ``load`` returns the address of a named function."""
 
     def __init__(self, load: Callable[[str], int]) -> None:
         def function(name: str, *types: Any, result: Any = None) -> Callable[..., Any]:  # noqa: ANN401 - ctypes has no common type
-            address = load(name)
-            if not address:
-                raise BackendError(f"the driver lacks {name}, which OpenGL 4.5 requires: update the driver or Mesa")
-            return ctypes.CFUNCTYPE(result, *types)(address)
+            return ctypes.CFUNCTYPE(result, *types)(load(name))
 
         self._clip_control = function("glClipControl", _UINT, _UINT)
         self._disable = function("glDisable", _UINT)

@@ -23,9 +23,7 @@ class VisibilityPass:
     def draw(self, pair: DrawnPair, eyes: Collection[Eye]) -> None:
         """Fill the visibility of these eyes' views, or a crop of it, from both eyes' disparities and surfaces."""
         for eye in eyes:
-            visibility, other = pair.eyes[eye].visibility, OTHER_EYE[eye]
-            if visibility is None:
-                raise RuntimeError("these targets were made without visibility")
+            visibility, other = pair.sized.visibility[eye], OTHER_EYE[eye]
             visibility.limit(pair.crop)
             visibility.bind_to_images(visibility=0)
             pair.eyes[eye].bind(disparity=0, surface=2)

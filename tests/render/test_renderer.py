@@ -298,7 +298,7 @@ def test_too_old_opengl_and_devices_that_do_not_exist_are_told(name):
     done = opened(name, MESA_GL_VERSION_OVERRIDE="3.3")
     assert done.returncode == 1
     assert "BackendError: no OpenGL context could be opened" in done.stderr
-    assert "3.3" in done.stderr or "4.5" in done.stderr
+    assert "4.5 is needed" in done.stderr
     if name == "egl":
         assert len(egl_devices()) < 99
         with pytest.raises(BackendError, match="device 99"):
