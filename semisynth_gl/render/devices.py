@@ -100,8 +100,8 @@ def nvidia_fault(devices: Sequence[Device]) -> str | None:
         return None
     return (
         "install all of NVIDIA's driver (a container's NVIDIA_DRIVER_CAPABILITIES must hold graphics), tell EGL of it "
-        f"by a file /etc/glvnd/egl_vendor.d/10_nvidia.json with {_VENDOR_FILE}, and get the right to open /dev/nvidia*; a "
-        "GPU in MIG mode has no OpenGL"
+        f"by a file /etc/glvnd/egl_vendor.d/10_nvidia.json with {_VENDOR_FILE}, and get the right to open "
+        "/dev/nvidia*; a GPU in MIG mode has no OpenGL"
     )
 
 

@@ -120,8 +120,9 @@ class Targets:
 
     def release(self) -> None:
         """Free all resources but the depth buffer; the framebuffer goes first, since it holds its attachments."""
-        for resource in (self.framebuffer, *self._textures.values()):
-            resource.release()
+        self.framebuffer.release()
+        for texture in self._textures.values():
+            texture.release()
 
 
 class BlendTargets:
