@@ -16,6 +16,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from pickle import UnpicklingError
+from types import SimpleNamespace
 from typing import Any
 
 import click
@@ -183,26 +184,16 @@ def _made(address: str, arguments: Sequence[str], max_disparity: int) -> nn.Modu
     return network
 
 
-def read_checkpoint(path: Path) -> dict[str, Any]:
-    """Read a dictionary from a file of torch.save, but run no code that the file may have."""
-    try:
-        state = torch.load(path, map_location="cpu", weights_only=True)
-    except (UnpicklingError, EOFError, RuntimeError):
-        state = None
-    if not isinstance(state, dict):
-        raise InputError(f"{path}: expected a file of torch.save that has a dictionary of tensors, and no code")
-    return state
-
-
 def load_weights(network: nn.Module, path: Path) -> None:
     """Give a network weights that it learnt before, from a checkpoint of this script or a file of torch.save."""
-    state, own = read_checkpoint(path), network.state_dict()
-    state = next((state[key] for key in ("state_dict", "network", "model") if key in state), state)
-    short = {name: name.removeprefix("module.").removeprefix("network.") for name in state}
     try:
+        state, own = torch.load(path, map_location="cpu", weights_only=True), network.state_dict()
+        state = next((state[key] for key in ("state_dict", "network", "model") if key in state), state)
+        short = {name: name.removeprefix("module.").removeprefix("network.") for name in state}
         network.load_state_dict({name if name in own else short[name]: each for name, each in state.items()})
-    except RuntimeError as error:
-        raise InputError(f"{path}: expected weights of this very network: {' '.join(str(error).split())}") from None
+    except (UnpicklingError, EOFError, RuntimeError, TypeError, AttributeError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: expected weights of this very network, and no code: {reason}") from None
 
 
 def read_augmentation(value: str) -> Augmentation:
@@ -290,62 +281,53 @@ class Command(click.Command):
 @click.option("--resume", is_flag=True, help="Go on from the checkpoint in --out.")
 def main(
     *,
-    sources: tuple[str, ...],
-    folders: tuple[Path, ...],
+    sources: Sequence[str],
+    folders: Sequence[Path],
     pretrained: Path | None,
-    augment: str,
-    crop: tuple[int, int],
-    batch: int,
-    workers: int,
-    devices: int,
-    precision: str,
-    steps: int,
-    every: int,
-    seed: int,
     out: Path,
     resume: bool,
-    **network: Any,  # noqa: ANN401 - the module's own
+    **options: Any,  # noqa: ANN401
 ) -> None:
     """Train a stereo network, and judge it by real pairs before, on the way and after."""
+    given = SimpleNamespace(**options)
     path = out / "checkpoint.ckpt"
     if path.exists() != resume:
         raise InputError(f"{path}: expected it {'there, with' if resume else 'not to be there, without'} --resume")
     judged = [motorcycle(), *map(folder, folders)]
-    changes = {"crop": crop, "augmentation": read_augmentation(augment), "transform": needed}
-    parts = [open_source(source, steps * batch * devices, seed, changes) for source in sources]
-    lightning.seed_everything(seed)
-    module = StereoModule(steps=steps, seed=seed, **network)
+    changes = {"crop": given.crop, "augmentation": read_augmentation(given.augment), "transform": needed}
+    pairs = given.steps * given.batch * given.devices
+    parts = [open_source(source, pairs, given.seed, changes) for source in sources]
+    lightning.seed_everything(given.seed)
+    module = StereoModule(**options)
     if pretrained is not None:
         load_weights(module.network, pretrained)
     if resume:
-        trained = read_checkpoint(path).get("hyper_parameters", {})
+        trained = torch.load(path, map_location="cpu", weights_only=True)["hyper_parameters"]
         if changed := [name for name, value in module.hparams.items() if trained.get(name) != value]:
             raise InputError(f"{path}: was trained with another {', '.join(changed)}: give --resume the same options")
         warnings.filterwarnings("ignore", "You're resuming")  # TrainingOrder can
-    saved = ModelCheckpoint(out, path.stem, every_n_train_steps=every, enable_version_counter=False)
     trainer = lightning.Trainer(
-        default_root_dir=out,
         logger=TensorBoardLogger(out, name="logs"),
-        callbacks=[saved],
-        max_steps=steps,
-        val_check_interval=every,
+        callbacks=[ModelCheckpoint(out, path.stem, every_n_train_steps=given.every, enable_version_counter=False)],
+        max_steps=given.steps,
+        val_check_interval=given.every,
         check_val_every_n_epoch=None,
-        devices=devices,
-        strategy="ddp_find_unused_parameters_true" if devices > 1 else "auto",
+        devices=given.devices,
+        strategy="ddp_find_unused_parameters_true" if given.devices > 1 else "auto",
         use_distributed_sampler=False,
-        precision=precision,
+        precision=given.precision,
         gradient_clip_val=1.0,
         num_sanity_val_steps=0,
         log_every_n_steps=10,
     )
-    mix, order = ConcatDataset([part for part, _ in parts]), TrainingOrder(parts, batch, seed, trainer)
-    lasting = {"multiprocessing_context": "spawn", "persistent_workers": True} if workers else {}
-    loader = DataLoader(mix, batch, sampler=order, num_workers=workers, **lasting)
+    mix, order = ConcatDataset([part for part, _ in parts]), TrainingOrder(parts, given.batch, given.seed, trainer)
+    lasting = {"multiprocessing_context": "spawn", "persistent_workers": True} if given.workers else {}
+    loader = DataLoader(mix, given.batch, sampler=order, num_workers=given.workers, **lasting)
     real = [DataLoader(pairs, batch_size=None) for pairs in judged]
     if not resume:
         trainer.validate(module, real, verbose=False)
     trainer.fit(module, loader, real, ckpt_path=path if resume else None, weights_only=True)
-    if steps % every:
+    if given.steps % given.every:
         trainer.validate(module, real, verbose=False)
     trainer.save_checkpoint(path, weights_only=False)
     if trainer.is_global_zero:

@@ -51,7 +51,9 @@ def _disparity_faults(frame: Frame, config: Config, sampled: SampledScene | None
     if sampled is not None and frame.camera.rectified and not config.disparity.signed:
         everywhere = not sampled.scene.sky.any()
         least_px = _FAR_BELOW * float(sampled.scene.camera.disparity_px(sampled.sequence.static.farthest_m))
-    near_plane_px = _near_plane_px(frame, config)
+    # The margin is a share of f B / Z, which is the disparity plus doffs: a signed disparity may be 0 or negative.
+    doffs_px = frame.camera.doffs_px if config.disparity.signed else 0.0
+    near_plane_px = (config.disparity.max_px + doffs_px) * (1 - _AT_NEAR_PLANE) - doffs_px
     clauses = []
     for view in (frame.left, frame.right):
         disparity = view.get("disparity")
@@ -76,13 +78,6 @@ def _view_faults(
     if valid and smallest < least_px:
         return [f"too deep: disparity {smallest:.3f} px in a room, at least {least_px:.3f} wanted"]
     return []
-
-
-def _near_plane_px(frame: Frame, config: Config) -> float:
-    """Return the largest disparity, px, of a surface that the near plane does not cut."""
-    # The margin is a share of f B / Z, which is the disparity plus doffs: a signed disparity may be 0 or negative.
-    doffs_px = frame.camera.doffs_px if config.disparity.signed else 0.0
-    return (config.disparity.max_px + doffs_px) * (1 - _AT_NEAR_PLANE) - doffs_px
 
 
 def _surely_bright(image: NDArray[np.uint8], least: float) -> bool:

@@ -301,7 +301,7 @@ def test_weights_are_found_in_files_of_other_trainings(tmp_path):
         assert network.number == 5
     for wrong in ({**state, "more": state["number"]}, {**state, "number": torch.zeros(4)}, {}):
         torch.save(wrong, path)
-        with pytest.raises(InputError, match=r"weights\.pth: expected weights of this very network: .*(more|number)"):
+        with pytest.raises(InputError, match=r"weights\.pth: expected weights of this very .*(more|number)"):
             train.load_weights(network, path)
 
 
@@ -315,7 +315,7 @@ def test_code_in_a_checkpoint_is_not_run(dataset, tmp_path):
     torch.save({"state_dict": Evil(), "hyper_parameters": {"network": Evil()}}, path)
     images = ("--left", dataset, "--right", dataset, "--out", tmp_path / "out")
     trained = run(*LEARNT, *CROP, "--data", dataset, "--pretrained", path, "--out", tmp_path / "out")
-    assert refused(trained, "evil.ckpt: expected a file of torch.save that has a dictionary of tensors, and no code")
+    assert refused(trained, "evil.ckpt: expected weights of this very network, and no code")
     assert refused(run(path, *images, command=predict.main), "evil.ckpt: expected a checkpoint of train.py")
     assert not Path(Evil.path).exists()
 
