@@ -103,12 +103,12 @@ def built(folder: Path) -> dict[str, Numbers]:
     (folder / "models/box.obj").write_text(_BOX)
     own = {"source": "images", "images": (str(photographs),), "patch_px": 32}
     textures, particles = partial(TexturesSection, **own), ParticlesSection()
-    train = Split(0, "train", {"validation": 0.3}, models=True)
+    frames, train = f"{photographs}/?.png", Split(0, "train", {"validation": 0.3}, models=True)
     # Rooms and streets hold them too.
     all_kinds = cache(lambda: build_library(ModelsSection(variants=2), particles, Split(0)))
     cases: dict[str, Callable[[], object]] = {
         "photographs": lambda: prepare_atlas(textures(max_patches=60, large_px=128), train),
-        "frames": lambda: prepare_atlas(textures(max_patches=4, sequence=True), Split(0)),
+        "frames": lambda: prepare_atlas(textures(images=(frames,), max_patches=4, sequence=True), Split(0)),
         "procedural": lambda: prepare_atlas(textures(source="procedural", max_patches=10), Split(0)),
         "pictures": lambda: prepare_atlas(textures(source="builtin", max_patches=60, large_px=64), Split(0)),
         "all kinds": all_kinds,

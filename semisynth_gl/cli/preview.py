@@ -18,7 +18,7 @@ from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.crop_report import REJECTIONS, TextureReport, count_crops, draw_texture_sheet
 from semisynth_gl.textures.image_files import printable
-from semisynth_gl.textures.prepare import named_images, prepare_atlas, split_images
+from semisynth_gl.textures.prepare import prepare_atlas
 
 _FEWEST = 4
 
@@ -94,16 +94,13 @@ def preview(scene: SceneOptions, out: Path, ply: Path | None, patches: bool, pai
 
 def _draw_patches(section: TexturesSection, seed: int, out: Path) -> None:
     """Draw the patches of a dataset with this seed, and print how many each image gives and how many were rejected."""
-    split = Split(seed)
-    photographs = split_images(section, split)
-    atlas = prepare_atlas(section, split, photographs)
+    atlas = prepare_atlas(section, Split(seed))
     report = atlas.report
     kept = counted(report.total("kept"), "patch")
     source = ", ".join(section.images) if section.source == "images" else section.source
     title = f"{kept} of {report.patch_px} x {report.patch_px} pixels: {source}"
     shown = [(each.source, each.side_px, atlas.pixels(each)[0, ..., :3]) for each in atlas.patches if not each.large]
-    images = named_images(section, report.example_images, split, photographs)
-    draw_texture_sheet(report, shown, images, title).save(out)
+    draw_texture_sheet(report, shown, title).save(out)
     for line in (*table(_patch_rows(report)), report.summary(), f"{kept} in {out}"):
         click.echo(line)
 

@@ -1,7 +1,9 @@
-"""Clips: the files of an image, or of successive frames of an image sequence, and the crops of their frames."""
+"""Clips: the files of an image, or of successive frames of a video, and the crops of their frames."""
 
 import re
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -29,39 +31,31 @@ def natural_key(path: Path) -> tuple[tuple[int, int, str], ...]:
     return *((0, int(digits), "") if digits else (1, 0, text) for digits, text in parts), (2, 0, path.name)
 
 
-def cut_clips(
-    images: Sequence[Path], section: TexturesSection, *, alone: bool
-) -> tuple[list[list[Path]], list[Skipped]]:
-    """Group images into image sequences and cut the sequences into clips, decoding nothing.
+def cut_clips(images: Sequence[Path], section: TexturesSection, *, alone: bool) -> list[list[Path]]:
+    """Cut the images of each folder, sorted naturally by name, into successive clips of nearly equal length.
 
-    Images of one folder with equal size form one image sequence, sorted naturally by name. It is cut into successive
-    clips of nearly equal length. All clips are as long as the limits allow: the number of crops of all clips, but at
-    most ``max_patches``, times the frames of a clip is not above `MOST_LAYERS`. Where the images are not ``alone``,
-    patches of pictures may fill up ``max_patches``, so that number counts.
-
-    Returns:
-        The clips, by folder and name, and the files whose headers could not be read.
+    All clips are as long as the limits allow: the number of crops of all clips, but at most ``max_patches``, times the
+    frames of a clip is not above `MOST_LAYERS`. The first image of a folder stands for the size of all. Where the
+    images are not ``alone``, patches of pictures may fill up ``max_patches``, so that number counts.
     """
-    image_sequences: dict[tuple[Path, tuple[int, int]], list[Path]] = {}
-    skipped = []
+    folders: dict[Path, list[Path]] = defaultdict(list)
     for path in sorted(images, key=lambda path: (path.parent.as_posix(), natural_key(path))):
-        try:
-            image_sequences.setdefault((path.parent, stored_size(path)), []).append(path)
-        except ImageError as error:
-            skipped.append(Skipped(path, error.reason))
-    crops = {size: len(cover("", *size, section.patch_px, section.scales)) for _, size in image_sequences}
+        folders[path.parent].append(path)
+    crops = dict.fromkeys(folders, 0)
+    for folder, paths in folders.items():
+        with suppress(ImageError):
+            crops[folder] = len(cover("", *stored_size(paths[0]), section.patch_px, section.scales))
 
     def layers(frames: int) -> int:
-        patches = sum(crops[size] * -(-len(paths) // frames) for (_, size), paths in image_sequences.items())
+        patches = sum(crops[folder] * -(-len(paths) // frames) for folder, paths in folders.items())
         return frames * (min(patches, section.max_patches) if alone else section.max_patches)
 
     frames = next((frames for frames in range(MOST_FRAMES, 1, -1) if layers(frames) <= MOST_LAYERS), 1)
     clips = []
-    for paths in image_sequences.values():
+    for paths in folders.values():
         count = -(-len(paths) // frames)
-        ends = [number * len(paths) // count for number in range(count + 1)]
-        clips += [paths[start:end] for start, end in pairwise(ends)]
-    return clips, skipped
+        clips += [paths[start:end] for start, end in pairwise(n * len(paths) // count for n in range(count + 1))]
+    return clips
 
 
 @dataclass(slots=True, eq=False)
@@ -74,28 +68,20 @@ class Crop:
         texture: least `texture_measure` of all frames.
         outcome: "kept", or why the crop is rejected: "flat" where any frame has less texture than ``min_texture``,
             else "blurred" where any is less sharp than ``min_sharpness``; else "duplicate" or "surplus".
-        like: the crop that a duplicate looks most like.
     """
 
     square: Square
     frames: list[NDArray[np.uint8]] = field(default_factory=list)
     texture: float = np.inf
     outcome: Outcome = "kept"
-    like: Square | None = None
 
-    def reject(self, reason: Outcome, like: Square | None = None) -> None:
+    def reject(self, reason: Outcome) -> None:
         """Reject the crop, and free its pixels."""
-        self.outcome, self.like, self.frames = reason, like, []
+        self.outcome, self.frames = reason, []
 
 
 def find_crops(name: str, inside: Inside, section: TexturesSection) -> list[Crop]:
-    """Return the crops of a part of an image, by side, row and column, with no frames yet; none where it is too small.
-
-    Args:
-        name: of the image, or of a clip's first frame.
-        inside: the part.
-        section: the config's section.
-    """
+    """Return the crops of a part of an image or a clip, by side, row and column; none where the part is too small."""
     squares = cover(name, inside.height_px, inside.width_px, section.patch_px, section.scales)
     return [Crop(Square(name, left + inside.left_px, top + inside.top_px, side)) for _, left, top, side in squares]
 
@@ -118,14 +104,9 @@ def read_clip(
 ) -> tuple[list[str], list[Crop], list[Skipped]]:
     """Read a clip, one frame at a time.
 
-    Args:
-        clip: the files of its frames; a still image has one.
-        names: the name of each file.
-        section: the config's section.
-
-    Returns:
-        The names of the frames, the crops, and the files that were left out: unreadable ones, and those that EXIF turns
-        otherwise than the first.
+    ``clip`` has the files of its frames, one of a still image, and ``names`` the name of each file. Returns the names
+    of the frames, the crops, and the files that were left out: unreadable ones, and those of another size or EXIF
+    orientation than the first.
     """
     used, crops, skipped = list[str](), list[Crop](), list[Skipped]()
     shape: tuple[int, ...] = ()
@@ -139,9 +120,9 @@ def read_clip(
             shape = image.shape
             # Squares of a rectified photograph keep clear of its black borders.
             crops = find_crops(names[path], inside_borders(image), section)
-        if image.shape != shape:
-            skipped.append(Skipped(path, "is turned by its EXIF orientation, unlike the frames before it"))
-            continue
-        used.append(names[path])
-        cut_frame(crops, image, section)
+        if image.shape == shape:
+            used.append(names[path])
+            cut_frame(crops, image, section)
+        else:
+            skipped.append(Skipped(path, "has another size, or is turned otherwise, than the frames before it"))
     return used, crops, skipped

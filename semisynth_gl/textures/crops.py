@@ -159,31 +159,23 @@ class DuplicateFinder:
     def __init__(self, min_difference: float) -> None:
         self._least_alike = (1 - min_difference) * FINGERPRINT_NORM**2
         self._fingerprints = np.empty((0, 2 * _GRID_CELLS * (_GRID_CELLS - 1)), np.float32)
-        self._squares: list[Square] = []
 
-    def find(self, patches: Mapping[Square, NDArray[np.uint8]]) -> dict[Square, Square]:
-        """Return the duplicates among the crops of an image, each with the crop that it looks most like.
+    def find(self, patches: Mapping[Square, NDArray[np.uint8]]) -> set[Square]:
+        """Return the duplicates among the crops of an image.
 
         Of two crops that look alike, the second is the duplicate; crops of later images are compared with the first.
         """
         if not patches:
-            return {}
+            return set()
         fingerprints = np.array([fingerprint(patch) for patch in patches.values()])
-        known = np.concatenate([self._fingerprints, fingerprints])
-        squares = [*self._squares, *patches]
-        likeness = fingerprints @ known.T
-        unique = np.arange(len(known)) < len(self._squares)
-        duplicates: dict[Square, Square] = {}
-        for row, number in enumerate(range(len(self._squares), len(known))):
-            others = np.where(unique, likeness[row], -np.inf)
-            nearest = int(others.argmax())
-            if others[nearest] <= self._least_alike:
-                unique[number] = True
-            else:
-                duplicates[squares[number]] = squares[nearest]
-        self._fingerprints = known[unique]
-        self._squares = [square for square in squares if square not in duplicates]
-        return duplicates
+        known = (fingerprints @ self._fingerprints.T > self._least_alike).any(axis=1)
+        alike = fingerprints @ fingerprints.T > self._least_alike
+        unique = list[int]()
+        for number in np.flatnonzero(~known).tolist():
+            if not alike[number, unique].any():
+                unique.append(number)
+        self._fingerprints = np.concatenate([self._fingerprints, fingerprints[unique]])
+        return {square for number, square in enumerate(patches) if number not in unique}
 
 
 def _luminance(image: NDArray[np.uint8]) -> NDArray[np.int32]:

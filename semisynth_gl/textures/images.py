@@ -1,6 +1,5 @@
 """Reading an image file of any kind as 8-bit RGB, or refusing it with a reason."""
 
-import logging
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -25,13 +24,11 @@ OUT_OF_MEMORY = "does not fit into memory"
 # Pillow opens these formats but does not decode them, or starts another program to do so (Ghostscript for EPS).
 _FORMATS_WITHOUT_PIXELS = frozenset({"BUFR", "GRIB", "HDF5", "MPEG", "EPS", "WMF"})
 
-_OF_SENSORS, _OF_16_BITS = (255, 1023, 4095, 16383), 65535
-"""White in 16-bit files of cameras with 8, 10, 12 and 14 bits, and with 16 bits."""
+_WHITES = (255, 1023, 4095, 16383, 65535)
+"""White in 16-bit files of cameras with 8, 10, 12, 14 and 16 bits."""
 
 _SAMPLED = 8
 """Files of a folder by which the bits of its images are told."""
-
-_LOG = logging.getLogger(__name__)
 
 
 class ImageError(InputError):
@@ -91,26 +88,28 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     - 16-bit grey is scaled so that 65535 becomes 255, rounded; or 255, 1023, 4095 or 16383, if neither the image nor
       others of its kind in the folder have larger values, as of 10-bit to 14-bit sensors. 32-bit integers are taken for
       16-bit ones.
-    - Floating point is taken as 0..1 where no value exceeds 1, else as 0..255 where none exceeds 255, else as 0..65535.
-    - Transparent pixels get the mean colour of the visible pixels, and half-transparent pixels are blended with it. The
-      colour stored under transparency is arbitrary (often what an editor erased) and was never meant to be seen. The
-      mean is one flat colour, so crops of it are rejected as flat, and it makes a weaker artificial edge around a
-      cut-out than black or white would.
+    - Transparent pixels become mid grey, since the colour stored under transparency was never meant to be seen.
 
     Returns:
         (H, W, 3) uint8 RGB, C-contiguous, EXIF orientation applied.
 
     Raises:
-        ImageError: where the file is missing, unreadable, truncated, empty, wholly transparent, out of range, or has
+        ImageError: where the file is missing, unreadable, truncated, empty, out of range, of floating point, or has
             more than `MAX_PIXELS` pixels.
     """
     with _opened(path) as image:
         # Asked for before the pixels are decoded, so that only one image is in memory.
         level = _folder_level(path.parent, path.suffix) if _has_16_bits(image) else 0
         ImageOps.exif_transpose(image, in_place=True)
-        if image.mode == "F" or _has_16_bits(image):
+        if image.mode == "F":
+            raise ImageError(path, "has floating-point values, expected 8 or 16 bits")
+        if _has_16_bits(image):
             return np.repeat(_grey(path, image, level)[..., np.newaxis], 3, axis=2)
-        return np.array(_opaque(path, image) if image.has_transparency_data else image.convert("RGB"))
+        if image.has_transparency_data:
+            return np.array(Image.alpha_composite(Image.new("RGBA", image.size, "grey"), image.convert("RGBA")))[
+                ..., :3
+            ].copy()
+        return np.array(image.convert("RGB"))
 
 
 @contextmanager
@@ -152,15 +151,11 @@ def _grey(path: Path, image: Image.Image, level: int) -> NDArray[np.uint8]:
     """Return the grey levels of an image with more than 8 bits, (H, W); ``level`` is the highest of its folder."""
     values: NDArray[Any] = np.asarray(image)
     low, high = values.min(), values.max()
-    if not (low >= 0 and high <= _OF_16_BITS):  # also where they are NaN
-        raise ImageError(path, f"has grey values from {low} to {high}, expected 0 to {_OF_16_BITS}")
-    if image.mode == "F":
-        white = next(white for white in (1, 255, _OF_16_BITS) if high <= white)
-        levels: NDArray[np.uint8] = np.floor(values * (255.0 / white) + 0.5).astype(np.uint8)
-        return levels
-    white = next(white for white in (*_OF_SENSORS, _OF_16_BITS) if max(high, level) <= white)
+    if not (low >= 0 and high <= _WHITES[-1]):
+        raise ImageError(path, f"has grey values from {low} to {high}, expected 0 to {_WHITES[-1]}")
+    white = next(white for white in _WHITES if max(high, level) <= white)
     rounded = ((np.arange(white + 1, dtype=np.uint32) * 510 + white) // (2 * white)).astype(np.uint8)
-    levels = rounded[values]
+    levels: NDArray[np.uint8] = rounded[values]
     return levels
 
 
@@ -173,20 +168,4 @@ def _folder_level(folder: Path, suffix: str) -> int:
         with suppress(ImageError), _opened(path) as image:
             if _has_16_bits(image):
                 highest = max(highest, int(np.asarray(image).max()))
-    if highest <= _OF_SENSORS[-1]:
-        white = next(white for white in _OF_SENSORS if highest <= white)
-        _LOG.info("%s: 16-bit images have values up to %d only: %d counts as white", folder, highest, white)
     return highest
-
-
-def _opaque(path: Path, image: Image.Image) -> Image.Image:
-    """Return an image in RGB with the mean colour of its visible pixels behind it."""
-    with_alpha = image.convert("RGBA")
-    levels = np.asarray(with_alpha)
-    visible = levels[levels[..., 3] > 0, :3]
-    if not len(visible):
-        raise ImageError(path, "is wholly transparent")
-    total = visible.sum(axis=0, dtype=np.int64)
-    blended = Image.new("RGB", image.size, tuple(int(level + 0.5) for level in total / len(visible)))
-    blended.paste(with_alpha.convert("RGB"), mask=with_alpha.getchannel("A"))
-    return blended

@@ -1,7 +1,7 @@
 """Large patches: the largest square of an image, for surfaces on which a small patch would repeat."""
 
 from collections import defaultdict
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -18,10 +18,7 @@ MOST_LARGE = 24
 
 
 def with_large_patches(
-    atlas: Atlas,
-    find: Callable[[Collection[str]], Mapping[str, TextureImage]],
-    section: TexturesSection,
-    rng: np.random.Generator,
+    atlas: Atlas, images: Mapping[str, TextureImage], section: TexturesSection, rng: np.random.Generator
 ) -> Atlas:
     """Return an atlas with large patches added: one for each subject that its patches show, up to `MOST_LARGE`.
 
@@ -31,11 +28,11 @@ def with_large_patches(
 
     Args:
         atlas: the atlas, with no large patches yet.
-        find: returns the images with the given names; called once.
+        images: the images that they are cut from, by name; no others are.
         section: the config's section.
         rng: source of the choices.
     """
-    subjects = {patch.source: patch.subject for patch in atlas.patches}
+    subjects = {patch.source: patch.subject for patch in atlas.patches if patch.source in images}
     sources: dict[str, list[str]] = defaultdict(list)
     for source in sorted(subjects):
         sources[subjects[source] or source].append(source)
@@ -43,7 +40,6 @@ def with_large_patches(
     for number in rng.permutation(len(sources))[:MOST_LARGE]:
         of_one = sources[sorted(sources)[int(number)]]
         order.append(of_one[0] if len(of_one) == 1 else of_one[int(rng.integers(len(of_one)))])
-    images = find(order)
     stacks, patches = list[NDArray[np.uint8]](), list(atlas.patches)
     for number, name in enumerate(order, start=len(atlas.layers)):
         pixels = pixels_of(images[name])

@@ -1,6 +1,6 @@
 """The atlas of a dataset, from the source that its config names: built once, and then found in the cache."""
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
@@ -13,7 +13,6 @@ from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Atlas, Patch
-from semisynth_gl.textures.clips import natural_key
 from semisynth_gl.textures.crop_report import TextureReport
 from semisynth_gl.textures.image_files import relative_names
 from semisynth_gl.textures.images import OUT_OF_MEMORY
@@ -24,9 +23,11 @@ from semisynth_gl.textures.selection import build_atlas
 from semisynth_gl.textures.sources import describe_source, open_source
 from semisynth_gl.textures.subjects import photographed_subjects
 
-VERSION = 7
+VERSION = 8
 """Increase this when the same inputs give other patches or pictures; see `semisynth_gl.cache`."""
 
+# Pictures that are kept in memory until the large patches are cut from them.
+_REMEMBERED = 256
 # The ``purpose`` under which `Split.share` deals out photographs.
 _PHOTOGRAPHS = 0
 # Most of these keys decide how patches lie on models, not which patches there are; the files have their own place in
@@ -76,19 +77,24 @@ def _build(section: TexturesSection, split: Split, images: Sequence[Path]) -> At
     rng = generator(split.seed, Purpose.ATLAS)
     if section.source == "procedural":
         return procedural_atlas(rng, section.max_patches, section.patch_px)
-    atlas = build_atlas(images, section, rng, split_pictures(section, split))
+    painted: dict[str, TextureImage] = {}
+
+    def remembered(pictures: Iterable[Picture]) -> Iterator[Picture]:
+        for picture in pictures:
+            if len(painted) < _REMEMBERED:
+                painted[picture.name] = picture
+            yield picture
+
+    pictures = split_pictures(section, split)
+    atlas = build_atlas(images, section, rng, pictures and remembered(pictures))
     if not section.large_px or section.sequence:
         return atlas
-    return with_large_patches(
-        atlas,
-        lambda names: named_images(section, names, split, images),
-        section,
-        generator(split.seed, Purpose.LARGE_PATCHES),
-    )
+    by_name = {name: path for path, name in relative_names(images).items()} | painted
+    return with_large_patches(atlas, by_name, section, generator(split.seed, Purpose.LARGE_PATCHES))
 
 
 def split_images(section: TexturesSection, split: Split) -> list[Path]:
-    """Return the files that a split's patches may come from, sorted; none where all patches are drawn.
+    """Return the files that a split's patches may come from, sorted; none where all patches are painted.
 
     Photographs of one subject are held out together, and so are all frames of a folder and folders of one subject.
 
@@ -102,48 +108,27 @@ def split_images(section: TexturesSection, split: Split) -> list[Path]:
         own = share_photographs(split, photographed_subjects(images), "photographs")
         return [path for path in images if path in own]
     # Successive frames look much the same, so the first frame of a folder decides which subject the folder shows.
-    first = {path.parent: path for path in sorted(images, key=natural_key, reverse=True)}
+    first = {path.parent: path for path in reversed(images)}
     subjects = photographed_subjects([first[folder] for folder in sorted(first)])
     own = share_photographs(split, subjects, "folders of frames")
     return [path for path in images if first[path.parent] in own]
 
 
 def split_pictures(section: TexturesSection, split: Split) -> Iterable[Picture] | None:
-    """Return the pictures that a split's patches may come from; None where the source draws none.
+    """Return the pictures that a split's patches may come from; None where the source paints none.
 
-    They can be iterated over once. Each picture is drawn when it is asked for. Splits have different pictures.
+    They can be iterated over once. Each picture is painted when it is asked for. Splits have different pictures.
 
     Raises InputError where a plug-in cannot be used.
     """
-    draw = open_source(section.source).pictures
-    return None if draw is None else draw(generator(split.seed, Purpose.PICTURES))
-
-
-def named_images(
-    section: TexturesSection, names: Collection[str], split: Split, images: Sequence[Path]
-) -> dict[str, TextureImage]:
-    """Return the images of a split's atlas that have the given names; names that no image has are left out.
-
-    ``images`` are the split's files, see `split_images`. Pictures are drawn again, up to the last picture that is
-    asked for.
-    """
-    found: dict[str, TextureImage] = {name: path for path, name in relative_names(images).items() if name in names}
-    missing = set(names) - set(found)
-    pictures = iter(split_pictures(section, split) or ())
-    while missing and (picture := next(pictures, None)):
-        if picture.name in missing:
-            found[picture.name] = picture
-            missing.remove(picture.name)
-    return found
+    paint = open_source(section.source).pictures
+    return None if paint is None else paint(generator(split.seed, Purpose.PICTURES))
 
 
 def share_photographs(split: Split, subjects: Sequence[Sequence[Path]], what: str) -> set[Path]:
     """Return the photographs that a split takes, all or none of each subject; see `Split.share`.
 
-    Args:
-        split: the split.
-        subjects: the photographs of each subject, see `photographed_subjects`.
-        what: what the error calls the photographs, a plural noun.
+    Errors call the photographs ``what``, a plural noun.
 
     Raises:
         InputError: where there are too few subjects for each split to take one.

@@ -14,7 +14,7 @@ from semisynth_gl.inputs.errors import InputError, Skipped, counted
 from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
 from semisynth_gl.textures.borders import Inside
 from semisynth_gl.textures.clips import Crop, cut_clips, cut_frame, find_crops, read_clip
-from semisynth_gl.textures.crop_report import CropCount, Example, TextureReport, choose_examples
+from semisynth_gl.textures.crop_report import CropCount, TextureReport
 from semisynth_gl.textures.crops import DuplicateFinder
 from semisynth_gl.textures.image_files import relative_names
 from semisynth_gl.textures.pictures import Picture
@@ -65,9 +65,8 @@ def build_atlas(
     """
     images = sorted(images, key=Path.as_posix)
     names = relative_names(images)
-    clips, skipped = [[path] for path in images], list[Skipped]()
-    if section.sequence:
-        clips, skipped = cut_clips(images, section, alone=pictures is None)
+    clips = cut_clips(images, section, alone=pictures is None) if section.sequence else [[path] for path in images]
+    skipped = list[Skipped]()
     selection = _Selection(section, rng, [] if section.sequence else subject_numbers(images))
     pending = {int(number): clips[number] for number in rng.permutation(len(clips))}
     painted: dict[str, str] = {}
@@ -142,7 +141,7 @@ class _Selection:
             duplicates = self._duplicates.find({crop.square: crop.frames[0] for crop in good})
             for crop in good:
                 if crop.square in duplicates:
-                    crop.reject("duplicate", duplicates[crop.square])
+                    crop.reject("duplicate")
         self._kept[number] = [crop for crop in good if crop.outcome == "kept"]
         by_subject = self._by_subject()
         for _ in range(sum(map(len, self._kept.values())) - self._section.max_patches):
@@ -178,10 +177,6 @@ class _Selection:
             images_not_opened=not_opened,
             counts=tuple(chain.from_iterable(_counts(crops) for _, crops in images)),
             subjects={name: names[0] for names in by_subject.values() if len(names) > 1 for name in names},
-            examples=choose_examples(
-                [Example(crop.outcome, crop.square, crop.like) for crop in crops if crop.outcome != "kept"]
-                for _, crops in images
-            ),
             patch_px=self._section.patch_px,
         )
 

@@ -34,20 +34,14 @@ def section(side_px, **keys):
     return TexturesSection(large_px=side_px, **keys)
 
 
-def among(pictures, asked=None):
-    """Find pictures by their names, and note those that are asked for."""
-
-    def find(names):
-        if asked is not None:
-            asked.extend(names)
-        return {picture.name: picture for picture in pictures if picture.name in names}
-
-    return find
+def with_large(pictures, side_px, seed=0):
+    named = {picture.name: picture for picture in pictures}
+    return with_large_patches(atlas_of(pictures), named, section(side_px), np.random.default_rng(seed))
 
 
 def test_a_square_is_as_large_as_its_picture_and_copied_where_that_fits():
     shown = picture("wide", 64, 200)
-    atlas = with_large_patches(atlas_of([shown]), among([shown]), section(64), np.random.default_rng(3))
+    atlas = with_large([shown], 64, seed=3)
     small, large = atlas.patches
     assert (small.large, large.large, large.first_layer, large.side_px, large.top_px) == (False, True, 1, 64, 0)
     part = shown.pixels[:, large.left_px : large.left_px + 64]
@@ -61,8 +55,7 @@ def test_other_sizes_are_averaged_or_enlarged(side, size):
     grey = np.full((side, side, 3), 90, np.uint8)
     grey[:, side // 2 :] = 200
     shown = [Picture("g", grey)]
-    atlas = with_large_patches(atlas_of(shown), among(shown), section(size), np.random.default_rng(0))
-    layer = atlas.large_layers[0, ..., 0]
+    layer = with_large(shown, size).large_layers[0, ..., 0]
     assert layer.shape == (size, size)
     assert (layer[:, : size // 2 - 4] == 90).all()
     assert (layer[:, size // 2 + 4 :] == 200).all()
@@ -70,12 +63,10 @@ def test_other_sizes_are_averaged_or_enlarged(side, size):
 
 def test_each_image_has_one_and_there_is_a_limit():
     pictures = [picture(f"p{k}", 20, 30, k) for k in range(MOST_LARGE + 6)]
-    asked = []
-    atlas = with_large_patches(atlas_of(pictures), among(pictures, asked), section(16), np.random.default_rng(0))
+    atlas = with_large(pictures, 16)
     sources = [patch.source for patch in atlas.patches if patch.large]
     assert len(sources) == len(set(sources)) == MOST_LARGE == len(atlas.large_layers)
-    assert asked == sources  # no other image is read
-    few = with_large_patches(atlas_of(pictures[:3]), among(pictures), section(16), np.random.default_rng(0))
+    few = with_large(pictures[:3], 16)
     assert {patch.source for patch in few.patches if patch.large} == {"p0", "p1", "p2"}
 
 

@@ -10,7 +10,7 @@ from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.crop_report import draw_texture_sheet
 from semisynth_gl.textures.image_files import printable
-from semisynth_gl.textures.prepare import named_images, prepare_atlas, split_images
+from semisynth_gl.textures.prepare import prepare_atlas
 
 
 @pytest.fixture
@@ -34,10 +34,8 @@ def section(folder, **values):
 
 def drawn(textures):
     atlas = prepare_atlas(textures, Split(0))
-    files = split_images(textures, Split(0))
-    named = named_images(textures, atlas.report.example_images, Split(0), files)
     patches = [(patch.source, patch.side_px, atlas.pixels(patch)[0, ..., :3]) for patch in atlas.patches]
-    return atlas, np.asarray(draw_texture_sheet(atlas.report, patches, named, "title"))
+    return atlas, np.asarray(draw_texture_sheet(atlas.report, patches, "title"))
 
 
 def places_of(sheet, tile):
@@ -54,7 +52,6 @@ def places_of(sheet, tile):
 def test_the_sheet_shows_every_patch_and_the_report_counts_them(photographs):
     atlas, sheet = drawn(section(photographs))
     report = atlas.report
-    assert {example.reason for example in report.examples} == {"flat", "blurred", "duplicate"}
     assert report.images_too_small == 1
     # Patches of other scales have them written in the corner.
     unscaled = [patch for patch in atlas.patches[::11] if patch.side_px == report.patch_px]
@@ -70,9 +67,8 @@ def test_the_sheet_shows_every_patch_and_the_report_counts_them(photographs):
 
 def test_procedural_patches_are_grouped_by_their_kind():
     atlas, sheet = drawn(TexturesSection(source="procedural", max_patches=7, patch_px=32))
-    assert list(atlas.report.grouped_counts) == [
-        f"procedural/{kind}" for kind in ("noise", "stripes", "checks", "gradient", "dots")
-    ]
+    kinds = [name.removeprefix("procedural/") for name in atlas.report.grouped_counts]
+    assert kinds == ["noise", "stripes", "checks", "gradient", "dots"]
     assert places_of(sheet, atlas.layers[6, ..., :3])
 
 
