@@ -17,7 +17,7 @@ from semisynth_gl.codecs.calib import MIDDLEBURY_CALIB, Calibration
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.pfm import PFM, PFM3
 from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, RGB16, deflate
-from semisynth_gl.codecs.png16 import CRESTEREO_DISPARITY, KITTI_DISPARITY
+from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.errors import ReadError
 
@@ -25,13 +25,6 @@ CAMERA = StereoCamera(37, 21, 1164.25, 0.193001, 17.5, 48.586, 10.25)
 PATH = Path("the-file")
 sides = st.integers(1, 40)
 disparities = hnp.arrays(np.float32, st.tuples(sides, sides), elements=st.floats(0, 1e4, width=32) | st.just(np.inf))
-
-
-def make_disparity(shape, low=0.01, high=255.9):
-    rng = np.random.default_rng(4)
-    disparity = rng.uniform(low, high, shape).astype(np.float32)
-    disparity[rng.random(shape) < 0.2] = np.inf
-    return disparity
 
 
 def by_opencv(data):
@@ -142,21 +135,6 @@ def test_wrong_pfm_is_refused_by_name(tmp_path, data):
 
 
 # Images and disparities of all kinds
-
-
-@pytest.mark.parametrize("png", [KITTI_DISPARITY, CRESTEREO_DISPARITY], ids=lambda png: png.name)
-def test_a_disparity_png_counts_steps(png):
-    disparity = make_disparity((30, 41))
-    data = png.encode(disparity)
-    steps = by_opencv(data)
-    assert steps.dtype == np.uint16
-    np.testing.assert_array_equal(steps == 0, np.isinf(disparity))
-    finite = np.isfinite(disparity)
-    per_px = {"png16": 256, "png16-32": 32}[png.name]
-    assert np.abs(steps[finite] / per_px - disparity[finite]).max(initial=0) <= 1 / (2 * per_px)
-    came = png.decode(data, PATH)
-    assert came.dtype == np.float32
-    np.testing.assert_array_equal(came, np.where(steps > 0, steps / np.float32(per_px), np.inf))
 
 
 def test_a_png16_ends_at_256_px_and_keeps_0_for_no_truth():

@@ -167,14 +167,6 @@ def test_what_png16_cannot_say_is_invalid_everywhere():
 # Names
 
 
-@pytest.mark.parametrize(("outputs", "length", "by_sequence"), [(("visibility",), 4, False), (("flow",), 4, True)])
-def test_only_flow_numbers_pairs_by_sequence(outputs, length, by_sequence):
-    plan = make_plan(config(length).model_copy(update={"outputs": outputs}), 0, "sceneflow", {"train": 9})
-    keys = [plan.key("train", number) for number in range(9)]
-    expected = [divmod(number, length) if by_sequence else (number, 0) for number in range(9)]
-    assert [(key.sequence, key.frame) for key in keys] == expected
-
-
 def test_sequences_that_names_cannot_count_are_refused():
     assert make_plan(config(90), 0, "kitti", {"train": 1}).layout.most_frames == 90
     with pytest.raises(InputError, match=r"sequence\.length"):

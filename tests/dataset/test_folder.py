@@ -14,7 +14,7 @@ from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.dataset.root import names_below, open_root
 from semisynth_gl.dataset.shard import write_shard
-from semisynth_gl.inputs.errors import InputError, SemisynthError
+from semisynth_gl.inputs.errors import InputError
 
 PAIRS = {"train": 4, "validation": 1}
 LAYOUTS = ("middlebury", "webdataset", "middlebury-2014", "sceneflow", "kitti")
@@ -213,13 +213,6 @@ def test_killed_before_it_renames_a_file_a_run_goes_on(clean, tmp_path, name):
     assert tree(folder) == tree(clean / "middlebury")
     write(nothing, "webdataset", overwrite=True)
     assert tree(nothing) == tree(clean / "webdataset")
-
-
-@pytest.mark.parametrize(("address", "said"), [("", "expected a folder"), ("nowhere://x", "nowhere")])
-def test_an_address_that_leads_nowhere_is_refused(tmp_path, monkeypatch, address, said):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(SemisynthError, match=said):
-        open_root(address)
 
 
 def test_a_store_is_filled_grown_and_overwritten_by_the_same_rules(clean, tmp_path):

@@ -29,8 +29,7 @@ from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTPUTS, OUTSIDE, RO
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.layouts import Key, find_layout, layout_names
-from semisynth_gl.layouts.roles import expose, number_objects, restore_outside
-from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
+from semisynth_gl.layouts.roles import number_objects, restore_outside
 from semisynth_gl.seeds.splits import SPLITS
 
 
@@ -183,15 +182,6 @@ def test_names_never_collide_and_stay_inside(name):
 
 
 # What the layouts make of a frame
-
-
-def test_other_exposures_are_those_of_the_imperfections():
-    rng = np.random.default_rng(0)
-    image = rng.integers(0, 256, (40, 50, 3), np.uint8)
-    for stops in (-1, 1):
-        np.testing.assert_array_equal(
-            expose(image, stops), apply_imperfections(image, Imperfections(0.0, float(stops), 0.0, 1.0), rng)
-        )
 
 
 def test_kittis_objects_leave_out_what_stands_still():
