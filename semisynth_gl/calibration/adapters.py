@@ -1,11 +1,10 @@
 """Formats whose structure names alone do not tell: each adapter gives the values of its files names that tell."""
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
 
 import numpy as np
 
-from semisynth_gl.calibration.arrays import NO_BOUNDS, DisparityBounds, camera_matrix
+from semisynth_gl.calibration.arrays import camera_matrix
 from semisynth_gl.calibration.kinds import Size, is_rotation
 from semisynth_gl.calibration.poses import pose_of
 from semisynth_gl.calibration.tree import Array, FormatError, Tree
@@ -27,28 +26,15 @@ _ZED_SIZES = {
 _DEPTHAI_LENSES = {0: ("radtan", 14), 1: ("fisheye", 4)}
 
 
-class Format(NamedTuple):
-    """Values of a calibration by names that tell, and what the format says beside them.
-
-    Attributes:
-        tree: the values, lengths in ``unit``.
-        unit: unit of lengths in the format; None if the format has no unit.
-        cameras: labels of the left and the right camera; None for the only two.
-        bounds: bounds of disparity.
-    """
-
-    tree: Tree
-    unit: str | None = None
-    cameras: tuple[str, str] | None = None
-    bounds: DisparityBounds = NO_BOUNDS
+Format = tuple[Tree, tuple[str, str] | None]
+"""Values by names that tell, lengths in metres; labels of the left and the right camera, None for the only two."""
 
 
 def middlebury(tree: Tree, _size: Size | None) -> Format | None:
     """Read calib.txt of Middlebury and ETH3D: cam0, cam1, and the baseline in mm."""
     if not tree.keys() >= {("cam0",), ("cam1",), ("baseline",)}:
         return None
-    bounds = DisparityBounds(*(_number(tree, key) if (key,) in tree else None for key in ("ndisp", "vmin", "vmax")))
-    return Format(tree | {("baseline",): np.array(_number(tree, "baseline") / 1000)}, "m", bounds=bounds)
+    return tree | {("baseline",): np.array(_number(tree, "baseline") / 1000)}, None
 
 
 def zed(tree: Tree, size: Size | None) -> Format | None:
@@ -63,7 +49,7 @@ def zed(tree: Tree, size: Size | None) -> Format | None:
     shift += [_number(tree, "STEREO", name, missing=0.0) for name in ("TY", "TZ")]
     turn = [_number(tree, "STEREO", f"{axis}_{mode}", missing=0.0) for axis in ("RX", "CV", "RZ")]
     made |= {("R",): np.array(turn), ("T",): np.array(shift) / 1000, ("size",): np.array(_ZED_SIZES[mode], float)}
-    return Format(made, "m")
+    return made, None
 
 
 def realsense(tree: Tree, size: Size | None) -> Format | None:
@@ -74,7 +60,7 @@ def realsense(tree: Tree, size: Size | None) -> Format | None:
     sizes = {n: Size(*(int(_number(tree, "rectified", n, side)) for side in ("width", "height"))) for n in numbers}
     number = _chosen({n: own for n, own in sizes.items() if min(own) > 0}, size)
     made = {name[2:]: value for name, value in tree.items() if name[:2] == ("rectified", number)}
-    return Format(made | {("baseline",): np.array(abs(_number(tree, "baseline")) / 1000)}, "m")
+    return made | {("baseline",): np.array(abs(_number(tree, "baseline")) / 1000)}, None
 
 
 def mrcal(tree: Tree, _size: Size | None) -> Format | None:
@@ -87,7 +73,7 @@ def mrcal(tree: Tree, _size: Size | None) -> Format | None:
             raise FormatError("expected intrinsics of 4 or more numbers, and extrinsics of 6")
         made |= {(*name, "K"): camera_matrix(*intrinsics[:4]), (*name, "D"): intrinsics[4:]}
         made[*name, "T_cam_reference"] = pose_of(np.array(rotation_of((pose[0], pose[1], pose[2]))), pose[3:])
-    return Format(made, "m") if len(made) > len(tree) else None
+    return (made, None) if len(made) > len(tree) else None
 
 
 def depthai(tree: Tree, _size: Size | None) -> Format | None:
@@ -109,9 +95,10 @@ def depthai(tree: Tree, _size: Size | None) -> Format | None:
             made[f"T_{there}_{socket}",] = pose_of(turn.reshape(3, 3), shift / 100)
     if not cameras:
         return None
-    eyes = (int(_number(tree, "stereoRectificationData", f"{eye}CameraSocket")) for eye in ("left", "right"))
-    left, right = map(str, eyes)
-    return Format(made, "m", (left, right))
+    left, right = (
+        str(int(_number(tree, "stereoRectificationData", f"{eye}CameraSocket"))) for eye in ("left", "right")
+    )
+    return made, (left, right)
 
 
 def kitti(tree: Tree, _size: Size | None) -> Format | None:
@@ -119,7 +106,7 @@ def kitti(tree: Tree, _size: Size | None) -> Format | None:
     names = {name[-1] for name in tree}
     for pair in (("2", "3"), ("0", "1")):
         if any({form + number for number in pair} <= names for form in ("P_rect_0", "P")):
-            return Format(tree, cameras=pair)
+            return tree, pair
     return None
 
 

@@ -40,17 +40,6 @@ Pair = tuple[Array, Array]
 """An array of the left eye, and one of the right eye."""
 
 
-class DisparityBounds(NamedTuple):
-    """Bounds of disparity that a calibration states, px, else None; ``ndisp`` and ``vmax_px`` are upper bounds."""
-
-    ndisp: float | None = None
-    vmin_px: float | None = None
-    vmax_px: float | None = None
-
-
-NO_BOUNDS = DisparityBounds()
-
-
 class Lens(NamedTuple):
     """Coefficients (N,) of a lens in OpenCV's order, and their model."""
 
@@ -71,7 +60,6 @@ class StereoArrays:
         rectification: rectified_from_raw of both eyes, (3, 3).
         p: projection matrices (3, 4) of the rectified images, the last column in pixels times metres.
         lens_fault: why lenses that are stated cannot be used; ``lenses`` is None then.
-        bounds: bounds of disparity.
         notes: sentences on what was concluded and not read.
         source: name of the file or files, for messages.
     """
@@ -84,7 +72,6 @@ class StereoArrays:
     rectification: Pair | None = None
     p: Pair | None = None
     lens_fault: str | None = None
-    bounds: DisparityBounds = NO_BOUNDS
     notes: tuple[str, ...] = ()
     source: str = ""
 
@@ -126,14 +113,9 @@ def models_of(names: Iterable[str]) -> set[LensModel]:
 def make_lens(d: Array, model: LensModel | None, k: Array, size: Size | None) -> Lens:
     """Return a lens of OpenCV's models.
 
-    Args:
-        d: coefficients (N,); none for a lens that does not bend.
-        model: the stated model; None for a radial-tangential lens, if 4 coefficients cannot be a fisheye's.
-        k: camera matrix (3, 3).
-        size: size of the images.
-
-    Raises:
-        FormatError: where coefficients do not fit the model or tell none, or the camera matrix has skew.
+    ``d`` are coefficients (N,), none for a lens that does not bend; ``k`` is the camera matrix (3, 3). Without a model
+    the lens is radial-tangential. Raises FormatError where coefficients do not fit the model or tell none, or the
+    camera matrix has skew.
     """
     if abs(k[0, 1]) > _MOST_SKEW * k[0, 0]:
         raise FormatError(f"a camera matrix has a skew of {k[0, 1]:g}: expected [fx 0 cx; 0 fy cy; 0 0 1]")

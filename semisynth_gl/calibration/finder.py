@@ -21,9 +21,9 @@ from semisynth_gl.calibration.arrays import (
     unit_of,
 )
 from semisynth_gl.calibration.kinds import KINDS, Size, are_numbers, is_pose, is_rotation, stated_sizes
-from semisynth_gl.calibration.names import Entry, label_of
+from semisynth_gl.calibration.names import Entry, label_of, words_of
 from semisynth_gl.calibration.parts import by_columns, with_parts
-from semisynth_gl.calibration.poses import frames_of, pose_of, right_from_left
+from semisynth_gl.calibration.poses import frames_of, more_rightwards, pose_of, right_from_left
 from semisynth_gl.calibration.tree import Array, FormatError, Name, Tree, rotation_of_quaternion
 from semisynth_gl.frame.raw_camera import rotation_of
 
@@ -57,7 +57,9 @@ class Finder:
         self.tree, self.unit, self.user_size = tree, unit, size
         self.cameras = cameras and (label_of(cameras[:1]) or cameras[0], label_of(cameras[1:]) or cameras[1])
         arrays = [Entry(name, value) for name, value in tree.items() if isinstance(value, np.ndarray)]
-        self.entries = [*with_parts(by_columns(arrays))]
+        self.poses = {e.name: np.vstack([e.value.reshape(-1, 4)[:3], [0, 0, 0, 1]]) for e in arrays if is_pose(e.value)}
+        self.values = {name: value for name, value in tree.items() if self._is_of_rig(name)}
+        self.entries = [*with_parts(by_columns([each for each in arrays if each.name in self.values]))]
         self.entries = [*(self._named(key, name) for key, name in (given or {}).items()), *self.entries]
         self.notes: list[str] = []
 
@@ -89,6 +91,9 @@ class Finder:
                 fault = str(error)
         rectification, fault = (None if p is None else rectification), (None if k is None else fault)
         return StereoArrays(size, k, lenses, turn, shift_m, rectification, p, fault, notes=tuple(self.notes))
+
+    def _is_of_rig(self, name: Name) -> bool:
+        return self.cameras is None or label_of(name, self.cameras, rotation=True) in {"", *self.cameras}
 
     def listing(self) -> str:
         """Return the arrays of the tree with their shapes, as text for a message."""
@@ -158,11 +163,13 @@ class Finder:
         both = [label for label in moved if label in turned]
         if "" in both and frames_of(moved[""].name) is None:
             return turned[""], moved[""].value
-        matrices = {e.name: e.value.reshape(-1, 4) for e in self.entries if is_pose(e.value)}
-        poses = {name: pose_of(each[:3, :3], each[:3, 3]) for name, each in matrices.items()}
+        poses = dict(self.poses)
         if len(both) > 1 or "" in both:
             poses |= {moved[each].name: pose_of(turned[each], moved[each].value) for each in both}
-        if (pose := right_from_left(poses, self.cameras, lone=lone)) is not None:
+        pose = right_from_left(poses, self.cameras)
+        if lone and pose is None and [frames_of(name) for name in poses] == [None]:
+            pose = more_rightwards(way for each in poses.values() for way in (each, np.linalg.inv(each)))
+        if pose is not None:
             return pose[:3, :3], pose[:3, 3]
         # Calibrations of one camera against the other keep R and T beside the second camera; "rotation (R)" is no eye.
         if len(turned) == len(moved) == 1:
@@ -230,12 +237,13 @@ class Finder:
 
     def _lenses(self, k: Pair, size: Size | None) -> tuple[Lens, Lens]:
         """Return the lenses of both eyes; raises FormatError where they cannot be used."""
-        values = [(Entry(name, np.zeros(0)), value) for name, value in self.tree.items() if self._is_of_rig(name)]
         names = [each.key for each in self.entries if each.key in {"radtan", "equidistant"}]
-        for name, value in values:
-            if isinstance(value, str) and name.has("model|type|lens|distortion|projection"):
+        for name, value in self.values.items():
+            words = " ".join(words_of(name))
+            if isinstance(value, str) and re.search(r"\b(model|type|lens|distortion|projection)", words):
                 names.append(value)
-            names += ["fisheye"] if name.has("(fisheye|equidistant)$") and _is_true(value) else []
+            if re.search(r"\b(fisheye|equidistant)\b", words) and _is_true(value):
+                names.append("fisheye")
         models = models_of(names)
         if len(models) > 1:
             raise FormatError("expected lenses of one model, got radial-tangential and fisheye ones")
@@ -250,14 +258,10 @@ class Finder:
         left, right = (make_lens(own, next(iter(models), None), of, size) for own, of in zip(d, k, strict=True))
         return left, right
 
-    def _is_of_rig(self, name: Name) -> bool:
-        return self.cameras is None or label_of(name, self.cameras) in {"", *self.cameras}
-
     def _size(self, k: Pair | None, p: Pair | None) -> tuple[Size | None, str | None]:
         """Return the size of the images, and why the raw images cannot be used if they have another size."""
         entries = [entry for entry in self.entries if entry.name == (_GIVEN, "size")]
-        entries = entries or [entry for entry in self.entries if self._is_of_rig(entry.name)]
-        of_rectified, of_raw = stated_sizes(entries, [*(k or ()), *(p or ())])
+        of_rectified, of_raw = stated_sizes(entries or self.entries, [*(k or ()), *(p or ())])
         fault = None
         if p is not None and of_rectified and of_raw and of_rectified[0] != of_raw[0]:
             fault = f"expected raw images of {of_rectified[0]}, as rectified ones, got {of_raw[0]}"

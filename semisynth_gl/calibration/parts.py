@@ -37,9 +37,9 @@ def by_columns(entries: Sequence[Entry]) -> list[Entry]:
 
 
 def with_parts(entries: Sequence[Entry]) -> Iterator[Entry]:
-    """Yield entries, and what parts make together: T_0 to T_2, fx and cx of a camera matrix, k1 and k2 of a lens."""
+    """Yield entries, and what numbers make together: fx and cx a camera matrix, k1 and k2 a lens."""
     groups: dict[tuple[Name, str], dict[str, float]] = {}
-    for entry in (*entries, *_numbered(entries)):
+    for entry in entries:
         yield entry
         words, value = words_of(entry.name[-1:]), entry.value.ravel()
         eye = next((word for word in words if word in LEFT | RIGHT), "")
@@ -65,15 +65,3 @@ def _made(name: Name, parts: Mapping[str, float]) -> Iterator[Entry]:
         yield Entry((*name, "radtan"), np.array([parts.get(each, 0.0) for each in names]))
     elif coefficients in ({"k1", "k2", "k3", "k4"}, {"k2", "k3", "k4", "k5"}):
         yield Entry((*name, "equidistant"), np.array([parts[each] for each in sorted(coefficients)]))
-
-
-def _numbered(entries: Sequence[Entry]) -> Iterator[Entry]:
-    """Yield the vectors that numbers count from 0 in their names: T_0, T_1 and T_2."""
-    vectors: dict[Name, dict[int, float]] = {}
-    for entry in entries:
-        if entry.value.size == 1 and (counted := re.fullmatch(r"(.*?[A-Za-z])_?(\d{1,2})", entry.name[-1])):
-            numbers = vectors.setdefault((*entry.name[:-1], counted[1]), {})
-            numbers[int(counted[2])] = float(entry.value.ravel()[0])
-    for name, numbers in vectors.items():
-        if len(numbers) > 2 and sorted(numbers) == [*range(len(numbers))]:
-            yield Entry(name, np.array([numbers[k] for k in range(len(numbers))]))

@@ -1,7 +1,7 @@
 """How one camera stands to another, by the poses that a calibration states."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -26,7 +26,7 @@ def pose_of(turn: Array, shift: Array) -> Array:
     return pose
 
 
-def right_from_left(poses: Mapping[Name, Array], cameras: tuple[str, str] | None, *, lone: bool) -> Array | None:
+def right_from_left(poses: Mapping[Name, Array], cameras: tuple[str, str] | None) -> Array | None:
     """Return the pose right_from_left, (4, 4), of the two cameras; None if the poses do not connect them.
 
     Where names do not tell a pose's direction, it is the one that puts the right camera more to the right.
@@ -34,7 +34,6 @@ def right_from_left(poses: Mapping[Name, Array], cameras: tuple[str, str] | None
     Args:
         poses: poses (4, 4) by name: between cameras, along Kalibr's chain, or against a body.
         cameras: labels of the left and the right camera; None for left and right, or the first two numbers.
-        lone: whether a single pose that names no frames leads from one eye to the other.
     """
     links = {name: frames_of(name, cameras) for name in poses}
     frames = {frame for link in links.values() for frame in link or ()} | {label_of(name, cameras) for name in poses}
@@ -54,10 +53,12 @@ def right_from_left(poses: Mapping[Name, Array], cameras: tuple[str, str] | None
             elif to in known:
                 known[start] = np.linalg.inv(way) @ known[to]
         found += [known[cameras[1]]] if cameras[1] in known else []
-    if lone and not found and [*links.values()] == [None]:
-        found = [np.asarray(each, np.float64) for pose in poses.values() for each in (pose, np.linalg.inv(pose))]
-    # The right camera sees points farther to the left.
-    return min(found, key=lambda way: way[0, 3] / (np.linalg.norm(way[:3, 3]) or 1), default=None)
+    return more_rightwards(found)
+
+
+def more_rightwards(poses: Iterable[Array]) -> Array | None:
+    """Return the pose (4, 4) of a camera that sees points farthest to the left; None without poses."""
+    return min(poses, key=lambda pose: pose[0, 3] / (np.linalg.norm(pose[:3, 3]) or 1), default=None)
 
 
 def _last_word(name: Name) -> str:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from semisynth_gl.calibration.adapters import ADAPTERS, Format
+from semisynth_gl.calibration.adapters import ADAPTERS
 from semisynth_gl.calibration.arrays import UNITS, StereoArrays, models_of
 from semisynth_gl.calibration.finder import KEYS, Finder
 from semisynth_gl.calibration.kinds import Size
@@ -88,13 +88,14 @@ def _arrays(
 ) -> StereoArrays | None:
     try:
         found = (adapter(tree, size) for adapter in ADAPTERS if not keys)
-        known = next((each for each in found if each is not None), Format(tree))
-        arrays = Finder(known.tree, keys, cameras or known.cameras, known.unit or unit, size).arrays()
+        known = next((each for each in found if each is not None), None)
+        if known is not None and unit is not None:
+            raise ReadError(Path(source), "its format states the unit: leave the unit out")
+        values, pair = known or (tree, None)
+        arrays = Finder(values, keys, cameras or pair, "m" if known else unit, size).arrays()
     except FormatError as error:
         raise ReadError(Path(source), str(error)) from None
-    if known.unit is not None and unit is not None:
-        raise ReadError(Path(source), "its format states the unit: leave the unit out")
-    return arrays and replace(arrays, bounds=known.bounds, source=source)
+    return arrays and replace(arrays, source=source)
 
 
 def _found(sources: Sequence[str | Path]) -> list[Path]:

@@ -196,19 +196,6 @@ def report():
         return text + f"ROTATION MATRIX (R):\n{R}\n\nTRANSLATION VECTOR (T) [mm]:\n{T[:, None] * 1000}\n"
 
 
-def numbered():
-    """As surgical robots keep a rig."""
-    text = ""
-    for eye, k, d in EYES_OF_RAW:
-        values = dict(zip(("fc_x", "fc_y", "cc_x", "cc_y"), vector(k), strict=True)) | {"res_x": 640, "res_y": 480}
-        values |= {f"kc_{n}": value for n, value in enumerate([*d, 0, 0, 0])}
-        if eye == "right":
-            values |= {f"R_{n}": value for n, value in enumerate(R.ravel())}
-            values |= {f"T_{n}": value * 1000 for n, value in enumerate(T)}
-        text += f"[Stereo{eye.title()}]\n" + lines({name: float(value) for name, value in values.items()}, "{}={!r}\n")
-    return text
-
-
 def from_right_to_left():
     back = np.linalg.inv(POSE)
     values = {"K_left": K1, "D_left": D1, "K_right": K2, "D_right": D2, "size": SIZE}
@@ -357,7 +344,6 @@ SHAPES = {
     "ros 1 messages in text": {"rig.txt": message("1", upper=True) + message("2", upper=True)},
     "ros ini": {"left.ini": ros_ini("left", "1"), "right.ini": ros_ini("right", "2")},
     "report": {"report.txt": report()},
-    "numbered": {"calibration.ini": numbered()},
     "from right to left": {"rig.json": from_right_to_left()},
     "tabs and a board": {"rig.yaml": lines(
         named(("left_K", "left_D", "right_K", "right_D", "stereo_R", "stereo_T"),
