@@ -6,6 +6,7 @@ with a translation. Names tell the eye, and which of several arrays of a kind is
 
 import re
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from semisynth_gl.calibration.parts import by_columns, with_parts
 from semisynth_gl.calibration.poses import frames_of, more_rightwards, pose_of, right_from_left
 from semisynth_gl.calibration.tree import Array, FormatError, Name, Tree, rotation_of_quaternion
 from semisynth_gl.frame.raw_camera import rotation_of
+from semisynth_gl.inputs.errors import abbreviate
 
 KEYS = ("K1", "D1", "R1", "P1", "K2", "D2", "R2", "P2", "R", "T", "Q", "size")
 """Names that a user can give to values of a file: OpenCV's, and the size of the images."""
@@ -39,28 +41,26 @@ _SAME_BASELINE, _NO_SHIFT_M = 0.02, 1e-6
 _LISTED = 40
 
 
+class Given(NamedTuple):
+    """What a user says of a calibration: names of values by `KEYS`, two of several cameras, the unit and the size."""
+
+    keys: Mapping[str, str]
+    cameras: tuple[str, str] | None
+    unit: str | None
+    size: Size | None
+
+
 class Finder:
-    """The arrays of a rig in one tree.
+    """The arrays of a rig in one tree."""
 
-    Its arguments are a tree, the user's names in it by `KEYS`, the left and the right camera where there are more than
-    two, the unit of the translation, and the size of the images where the tree does not say it; None for unknown ones.
-    """
-
-    def __init__(
-        self,
-        tree: Tree,
-        given: Mapping[str, str] | None = None,
-        cameras: tuple[str, str] | None = None,
-        unit: str | None = None,
-        size: Size | None = None,
-    ) -> None:
-        self.tree, self.unit, self.user_size = tree, unit, size
+    def __init__(self, tree: Tree, given: Given) -> None:
+        self.tree, self.unit, self.user_size, cameras = tree, given.unit, given.size, given.cameras
         self.cameras = cameras and (label_of(cameras[:1]) or cameras[0], label_of(cameras[1:]) or cameras[1])
         arrays = [Entry(name, value) for name, value in tree.items() if isinstance(value, np.ndarray)]
         self.poses = {e.name: np.vstack([e.value.reshape(-1, 4)[:3], [0, 0, 0, 1]]) for e in arrays if is_pose(e.value)}
         self.values = {name: value for name, value in tree.items() if self._is_of_rig(name)}
         self.entries = [*with_parts(by_columns([each for each in arrays if each.name in self.values]))]
-        self.entries = [*(self._named(key, name) for key, name in (given or {}).items()), *self.entries]
+        self.entries = [*(self._named(key, name) for key, name in given.keys.items()), *self.entries]
         self.notes: list[str] = []
 
     def arrays(self) -> StereoArrays | None:
@@ -95,23 +95,14 @@ class Finder:
     def _is_of_rig(self, name: Name) -> bool:
         return self.cameras is None or label_of(name, self.cameras, rotation=True) in {"", *self.cameras}
 
-    def listing(self) -> str:
-        """Return the arrays of the tree with their shapes, as text for a message."""
-        arrays = [(".".join(name), value.shape) for name, value in self.tree.items() if isinstance(value, np.ndarray)]
-        shown = [f"{name} ({' x '.join(map(str, shape)) or 'a number'})" for name, shape in arrays[:_LISTED]]
-        return (
-            ", ".join([*shown, f"and {len(arrays) - _LISTED} more"] if len(arrays) > _LISTED else shown) or "no numbers"
-        )
-
     def _named(self, key: str, name: str) -> Entry:
         """Return an array that the user named, under a name that tells its kind and its eye."""
         found = next((entry.value for entry in self.entries if ".".join(entry.name) == name), None)
         if found is None:
-            raise FormatError(f"has no {name}, which {key} was to be: it has {self.listing()}")
+            raise FormatError(f"has no {name}, which {key} was to be: it has {listing(self.tree)}")
         labels = self.cameras or ("left", "right")
-        return Entry(
-            (_GIVEN, *(labels[int(digit) - 1] for digit in key[1:] if digit.isdigit()), key.rstrip("12")), found
-        )
+        eye = [labels[int(key[-1]) - 1]] if key[-1].isdigit() else []
+        return Entry((_GIVEN, *eye, key.rstrip("12")), found)
 
     # --- arrays of both eyes ---
 
@@ -269,6 +260,13 @@ class Finder:
         if len(known) > 1:
             raise FormatError(f"has images of {known[0]} and of {known[1]}: expected one size of both cameras")
         return (known[0] if known else None), fault
+
+
+def listing(tree: Tree) -> str:
+    """Return the arrays of a tree with their shapes, as text for a message."""
+    arrays = [(".".join(name), value.shape) for name, value in tree.items() if isinstance(value, np.ndarray)]
+    shown = [f"{name} ({' x '.join(map(str, shape)) or 'a number'})" for name, shape in arrays]
+    return abbreviate(shown, _LISTED) or "no numbers"
 
 
 def _is_true(value: Array | str) -> bool:

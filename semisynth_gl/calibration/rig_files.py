@@ -1,13 +1,12 @@
 """Calibration files to rigs: any file becomes a tree of names, an adapter or the names give the arrays."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from semisynth_gl.calibration.adapters import ADAPTERS
 from semisynth_gl.calibration.arrays import UNITS, StereoArrays, models_of
-from semisynth_gl.calibration.finder import KEYS, Finder
+from semisynth_gl.calibration.finder import KEYS, Finder, Given, listing
 from semisynth_gl.calibration.kinds import Size
 from semisynth_gl.calibration.rig import Rig, rectified, stereo_rectify
 from semisynth_gl.calibration.tree import EXTENSIONS, FormatError, Tree, joined, read_tree
@@ -48,51 +47,54 @@ def read_rigs(
     paths = _found(sources)
     if unit is not None:
         check_one_of("unit", unit, UNITS)
-    for key in keys or {}:
-        if key not in KEYS:
-            raise InputError(
-                f"{key}: expected one of {', '.join(KEYS)}, equal to a name in the file", argument="calib_keys"
-            )
-    read = partial(_arrays, size=size or photographed, cameras=cameras, unit=unit, keys=keys or {})
+    if wrong := (keys or {}).keys() - {*KEYS}:
+        names = ", ".join(KEYS)
+        raise InputError(f"{min(wrong)}: expected one of {names}, equal to a name in the file", argument="calib_keys")
+    given = Given(keys or {}, cameras, unit, size or photographed)
     trees = [read_tree(path) for path in paths]
-    rigs = [each for tree, path in zip(trees, paths, strict=True) if (each := read(tree, str(path)))]
+    rigs = [each for tree, path in zip(trees, paths, strict=True) if (each := _arrays(tree, str(path), given))]
     if len(rigs) < len(paths):
         rigs = [each for each in rigs if each.lenses and (each.r is not None or each.rectification)]
-    return [_rig(each, size, photographed, alpha) for each in rigs or [_joined(paths, trees, read, cameras)]]
+    return [_rig(each, size, photographed, alpha) for each in rigs or [_joined(paths, trees, given)]]
 
 
-def _joined(
-    paths: Sequence[Path],
-    trees: Sequence[Tree],
-    read: Callable[[Tree, str], StereoArrays | None],
-    cameras: tuple[str, str] | None,
-) -> StereoArrays:
+def _joined(paths: Sequence[Path], trees: Sequence[Tree], given: Given) -> StereoArrays:
     """Return what files say together; where no name tells the eyes, the left camera's file comes first."""
     source, stems = " and ".join(map(str, paths)), [path.stem for path in paths]
     if len(set(stems)) < len(stems):
         stems = [f"{path.absolute().parent.name}.{path.stem}" for path in paths]
-    for prefixes in (stems, [str(number + 1) for number in range(len(paths))]) if len(paths) > 1 else ():
-        if (arrays := read(joined(trees, prefixes), source)) is not None:
+    wholes = [joined(trees, stems), joined(trees, [str(number + 1) for number in range(len(paths))])]
+    if len(paths) == 1:
+        wholes = [*trees]
+    for whole in wholes:
+        if (arrays := _arrays(whole, source, given)) is not None:
             return arrays
-    raise _nothing_found(source, joined(trees, stems) if len(paths) > 1 else trees[0], cameras)
-
-
-def _arrays(
-    tree: Tree,
-    source: str,
-    *,
-    size: Size | None,
-    cameras: tuple[str, str] | None,
-    unit: str | None,
-    keys: Mapping[str, str],
-) -> StereoArrays | None:
+    texts = [text for name, value in wholes[0].items() for text in (*name, value) if isinstance(text, str)]
     try:
-        found = (adapter(tree, size) for adapter in ADAPTERS if not keys)
-        known = next((each for each in found if each is not None), None)
-        if known is not None and unit is not None:
-            raise ReadError(Path(source), "its format states the unit: leave the unit out")
-        values, pair = known or (tree, None)
-        arrays = Finder(values, keys, cameras or pair, "m" if known else unit, size).arrays()
+        models_of(texts)
+    except FormatError as error:
+        raise ReadError(Path(source), str(error)) from None
+    if any("reprojection error" in text for text in texts):
+        raise ReadError(Path(source), "is Kalibr's report: give the file with camchain in its name instead")
+    chosen = "" if given.cameras is None else f" {' and '.join(given.cameras)}"
+    raise ReadError(
+        Path(source),
+        f"describes no pair of cameras{chosen}. Expected P of both, or K, D, R and T, or K and a baseline. It has "
+        f"{listing(wholes[0])}. Add the file that has the rest; or say which value is which (--calib-keys), such as "
+        "K1=left.camera_matrix,D1=left.dist,K2=...,R=...,T=...; or give the focal length, the baseline and the size of "
+        "rectified images as numbers",
+    )
+
+
+def _arrays(tree: Tree, source: str, given: Given) -> StereoArrays | None:
+    try:
+        found = (adapter(tree, given.size) for adapter in ADAPTERS if not given.keys)
+        if known := next((each for each in found if each is not None), None):
+            if given.unit is not None:
+                raise ReadError(Path(source), "its format states the unit: leave the unit out")
+            tree, pair = known
+            given = given._replace(cameras=given.cameras or pair, unit="m")
+        arrays = Finder(tree, given).arrays()
     except FormatError as error:
         raise ReadError(Path(source), str(error)) from None
     return arrays and replace(arrays, source=source)
@@ -106,24 +108,6 @@ def _found(sources: Sequence[str | Path]) -> list[Path]:
             raise InputError(f"{source}: no such file, nor a file with {', '.join(EXTENSIONS)} there", argument="calib")
         paths |= dict.fromkeys(matches)
     return [*paths]
-
-
-def _nothing_found(source: str, tree: Tree, cameras: tuple[str, str] | None) -> ReadError:
-    texts = [value for value in (*tree.values(), *(part for name in tree for part in name)) if isinstance(value, str)]
-    try:
-        models_of(texts)
-    except FormatError as error:
-        return ReadError(Path(source), str(error))
-    if any("reprojection error" in text for text in texts):
-        return ReadError(Path(source), "is Kalibr's report: give the file with camchain in its name instead")
-    chosen = "" if cameras is None else f" {' and '.join(cameras)}"
-    return ReadError(
-        Path(source),
-        f"describes no pair of cameras{chosen}. Expected P of both, or K, D, R and T, or K and a baseline. It has "
-        f"{Finder(tree).listing()}. Add the file that has the rest; or say which value is which (--calib-keys), such "
-        "as K1=left.camera_matrix,D1=left.dist,K2=...,R=...,T=...; or give the focal length, the baseline and the size "
-        "of rectified images as numbers",
-    )
 
 
 def _rig(arrays: StereoArrays, size: Size | None, photographed: Size | None, alpha: float | None) -> Rig:

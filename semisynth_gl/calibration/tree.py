@@ -59,9 +59,7 @@ def read_tree(path: Path) -> Tree:
         ReadError: where it cannot be read, or has no format that holds names and numbers.
     """
     try:
-        values = _parsed(path)
-        count = len([*islice(_nodes(values), _MOST_VALUES)])
-        return dict(_arrays((), values if count < _MOST_VALUES else {}))
+        return dict(_arrays((), _parsed(path)))
     except FormatError as error:
         raise ReadError(path, str(error)) from None
     except RecursionError:
@@ -147,6 +145,8 @@ def _yaml(text: str) -> dict[str, Any] | None:
         raise FormatError(f"is no YAML: {' '.join(str(error).split())[:300]}") from None
     if not all(isinstance(each, Mapping) for each in documents):
         return None
+    if len([*islice(_nodes(documents), _MOST_VALUES)]) == _MOST_VALUES:
+        raise FormatError(f"has more than {_MOST_VALUES} values: expected a calibration alone")
     # `ros2 topic echo` without --once prints a camera's message again and again until it is stopped.
     distinct = [*{repr({**each, "header": None}): each for each in documents}.values()]
     return {str(n): each for n, each in enumerate(distinct, 1)} if len(distinct) > 1 else dict(*distinct)
