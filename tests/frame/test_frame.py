@@ -53,7 +53,7 @@ def test_a_row_of_the_table_fits_the_others(channel):
     if channel.mask is not None:
         mask = CHANNELS[channel.mask]
         assert (mask.dtype, mask.components, mask.nothing) == (np.uint8, 1, 0)
-        assert mask.mask is None
+        assert (mask.mask, mask.output) == (None, channel.output or mask.name)
         # What has no value is no point that another image could show.
         assert np.isinf(channel.nothing)
 
