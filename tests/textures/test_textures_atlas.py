@@ -155,6 +155,8 @@ def test_the_same_photograph_twice_counts_once(tmp_path: Path) -> None:
     again = build(paths[::-1], min_difference=0.04)
     assert (atlas.patches, atlas.report) == (again.patches, again.report)
     assert build(paths, min_difference=0).report.total("kept") == 48
+    tiled = build(save(tmp_path / "tiled", tiled=np.tile(noise(32, 32), (2, 2, 1))), min_difference=0.04)
+    assert (tiled.report.total("kept"), tiled.report.total("duplicate")) == (1, 3)
     # Frames of a video resemble each other on purpose.
     frames = save(tmp_path / "video", **{f"f{i}": noise(32, 32) for i in range(17)})
     assert build(frames, min_difference=0.04).report.total("kept") == 1
