@@ -287,9 +287,10 @@ NAMES = {
 }
 WITH_FIVE = {
     **{name: {name: Storage(named(names) | IMAGE)} for name, names in NAMES.items()},
-    "npz in mm": {"rig.npz": named("mtxL distL mtxR distR R T") | {
+    "npz in mm": {"rig.npz": {"newMtxL": K1 * [[2], [2], [1]], "newMtxR": K2 * [[2], [2], [1]]}
+                  | named("mtxL distL mtxR distR R T") | {
         "T": T[:, None] * 1000, "objpoints": np.array([{}], dtype=object), "F": R * 7, "imageSize": SIZE,
-        "rectL": ALL["R1"], "rectR": ALL["R2"], "newMtxL": K1 * [[2], [2], [1]], "newMtxR": K2 * [[2], [2], [1]]}},
+        "rectL": ALL["R1"], "rectR": ALL["R2"]}},
     "npy for each": {
         "K_left.npy": K1, "K_right.npy": K2, "dist_left.npy": D1, "dist_right.npy": D2, "R.npy": R, "T.npy": T,
         "size.json": {"image_size": SIZE}},
@@ -545,6 +546,8 @@ def test_the_size_comes_from_the_file_the_user_or_the_photographs(tmp_path):
     with pytest.raises(InputError, match="is for images of 741 x 500, not 640 x 480"):
         read(tmp_path, {"calib.txt": MIDDLEBURY}, size=Size(640, 480))
     check(read(tmp_path, RAW | {"imageSize": SIZE[::-1]}))  # principal points tell which side is the width
+    square = {"fx": 500, "cx": 255, "cy": 245, "baseline": 0.1, "image_shape": [490, 510, 3]}
+    assert read(tmp_path, square).size == (510, 490)
 
 
 def test_two_of_several_cameras_are_chosen(tmp_path):
