@@ -33,7 +33,7 @@ class Augmentation:
     Raw images and maps into them are left out: they show the unchanged pair.
 
     Attributes:
-        scale: factors of both sides; sampled evenly in the logarithm, and raised where the crop would not fit otherwise.
+        scale: factors of both sides; sampled evenly in the logarithm, and raised where the crop would not fit.
         stretch: further factors of the width; likewise.
         mirrored: share that is mirrored, whose eyes change places. Needs truth of both views and a rectified rig.
         right_y_px: by which the right image is moved down, as in a badly rectified rig. Disparities stay along the row,
