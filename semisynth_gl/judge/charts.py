@@ -1,4 +1,4 @@
-"""Drawings of matplotlib: the contact sheet of a preview, and the histograms of a report."""
+"""Plots by matplotlib: the contact sheet of a preview, and the histograms of a report."""
 
 import io
 from base64 import b64encode

@@ -1,4 +1,4 @@
-"""A dataset's measures beside those of the place that it is made for: how far each is off, and what to change."""
+"""Compares the measures of a dataset with its place: how far each is off, and what to change."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -54,7 +54,7 @@ class Row:
 
 
 def gather(pictures: Iterable[Mapping[str, float]]) -> Values:
-    """Return the measures of pictures, given by the keys of those that each has, as arrays."""
+    """Collect the measures of pictures, each a mapping of the keys that it has, into arrays."""
     found = list(pictures)
     return {
         measure.key: np.array([each[measure.key] for each in found if measure.key in each], np.float64)

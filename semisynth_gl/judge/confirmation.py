@@ -1,4 +1,4 @@
-"""Predictions judged without truth: the share of left disparities that the right view's disparities do not confirm."""
+"""Judges predictions without truth: the share of left disparities that the right view does not confirm."""
 
 from os import PathLike, fspath
 from typing import Any

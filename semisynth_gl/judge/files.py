@@ -1,4 +1,4 @@
-"""Checks that all needed files are present and as recorded, and that no other file misleads a loader."""
+"""Checks that all files are there and as recorded, and that no other file misleads a loader."""
 
 import hashlib
 from collections.abc import Set as AbstractSet

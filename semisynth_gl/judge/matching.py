@@ -1,4 +1,4 @@
-"""Vectors from one image into another: the vectors back, the disparities, the mask and the image at their ends.
+"""Checks vectors from one image into another by the vectors back, the disparities, the mask and the image there.
 
 Disparities lead from one view of a pair to the other, flow from a frame of a sequence to the next or the previous one.
 """
@@ -129,7 +129,7 @@ class _Match:
         points: x and y (N,) px of their points.
         error_px: largest error of the vectors by their encoding.
         visible: (N,) where the mask says that the other image shows the point; without a mask, where nothing hides it.
-        surface: (N,) where the values around the point are those of one surface, in all comparisons so far.
+        surface: (N,) where the values around the point belong to one surface, in all comparisons so far.
         same: (N,) where both images show the same point by all comparisons so far.
     """
 

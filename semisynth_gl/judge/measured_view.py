@@ -53,7 +53,7 @@ def make_view(
     Args:
         width_px: the working width.
         image: (H, W, 3) uint8 RGB, or (H, W) grey.
-        disparity: (H, W) float32, px of its own width. inf and nan mean no value; so do 0 and below, unless
+        disparity: (H, W) float32, px of this width. inf and nan mean no value; so do 0 and below, unless
             ``signed``.
         signed: whether disparities of 0 and below are valid.
     """

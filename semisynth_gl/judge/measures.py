@@ -255,7 +255,7 @@ _KINDS = {"room": {"room"}, "street": {"street"}, "structures": {"cuboid", "plan
 
 
 def measure_view(view: MeasuredView, measures: Iterable[Measure] = MEASURES) -> dict[str, float]:
-    """Return those of the ``measures`` that a view has, by their keys."""
+    """Compute the measures that a view determines, by their keys."""
     values = {}
     for measure in measures:
         arrays = [array for name in measure.of if (array := getattr(view, name)) is not None]

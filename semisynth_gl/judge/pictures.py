@@ -1,4 +1,4 @@
-"""Pairs as the page embeds them: images and overlays as data URIs, and disparities without loss."""
+"""Encodes pairs for the report's page: images and overlays as data URIs, and disparities without loss."""
 
 import io
 import zlib

@@ -1,4 +1,4 @@
-"""The place that a dataset is made for: its photographs, and its disparity maps, read and measured."""
+"""Reads and measures the place that a dataset is made for: its photographs and its disparity maps."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,8 +29,8 @@ class MeasuredPlace:
     """The measures of a place.
 
     Attributes:
-        values: the measures; those that need only an image are of the photographs, where several photographs of one
-            subject count as one picture with their mean, and all others are of the maps.
+        values: the measures. Those of images are of the photographs: the photographs of one subject count as one
+            picture with their mean. All others are of the maps.
         summary: number of photographs, subjects and maps, as text.
         notes: sentences on photographs and maps that were left out, or used in part only.
     """

@@ -84,10 +84,10 @@ class Protocol:
 def _compare_middlebury(prediction: Disparity, truth: Disparity, limits: Limits) -> PixelComparison:
     """Compare as evaldisp.cpp, version 1.6, of the MiddEval3 SDK does.
 
-    A prediction of half or a quarter of the truth's size, in pixels of its own size, is enlarged: each pixel takes the
-    value of the nearest one. Only +inf is invalid. All other values are clipped to [0, s n], where s is the scale and n
-    is the truth's ndisp / s, rounded up; signed values are clipped only from above. If the truth is in whole pixels,
-    values are then rounded, halves upwards. NaN stays NaN: it is never bad, and makes the mean error NaN.
+    A prediction of half or a quarter of the truth's size, whose disparities are in its pixels, is enlarged: each pixel
+    takes the value of the nearest one. Only +inf is invalid. All other values are clipped to [0, s n], where s is the
+    scale and n is the truth's ndisp / s, rounded up; signed values are clipped only from above. If the truth is in
+    whole pixels, values are then rounded, halves upwards. NaN stays NaN: it is never bad, and makes the mean error NaN.
     """
     scale = next((scale for scale in (2, 4) if scale * prediction.shape[0] == truth.shape[0]), 1)
     _check_size(prediction, truth, scale)

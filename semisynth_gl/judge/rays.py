@@ -1,4 +1,4 @@
-"""The strongest check: sample a pair's scene again, and compare some of its pixels with float64 rays."""
+"""Samples a pair's scene again, and compares some of its pixels with float64 rays: the strongest check."""
 
 from collections.abc import Callable, Mapping
 from functools import partial

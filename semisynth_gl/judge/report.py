@@ -39,7 +39,7 @@ class Report:
         width_px: the working width, to which all images and maps were brought.
         disparity: distribution of disparity over all pixels of the left views; None where no pixel has a disparity.
         target: distribution that the config asks for.
-        rows: the measures, beside those of the place where one was given.
+        rows: the measures of the dataset and, where photographs were given, of the place.
         place: the measures of the place; None without photographs of it.
     """
 
