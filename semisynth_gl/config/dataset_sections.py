@@ -132,6 +132,11 @@ class SplitsSection(Section):
     models: bool = False
     """hold out the same shares of models too"""
 
+    def _faults(self) -> Iterator[ConfigError]:
+        if self.validation + self.test >= 1:
+            text = f"validation and test add up to {self.validation + self.test:g}: expected less than 1"
+            yield ConfigError(text, ("validation", "test"))
+
     def split(self, name: SplitName, splits: Collection[SplitName], seed: int) -> Split:
         """Return the split ``name`` of a dataset with this seed; ``splits`` are all splits that the dataset has."""
         shares: dict[SplitName, float] = {"validation": self.validation, "test": self.test}

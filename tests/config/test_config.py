@@ -81,6 +81,7 @@ MINIMAL = "name: m\n" + CAMERA + DISPARITY
         ("name: two words\n" + CAMERA + DISPARITY, "mine.yaml:1: name: string should match pattern"),
         (MINIMAL + "particles:\n  layers:\n  - {disparity_px: 3}\n", ":6: particles.layers.0: count is missing"),
         (MINIMAL + "background: {cuboid: 0, plane: 0}\n", ":4: background.plane: expected a weight above 0"),
+        (MINIMAL + "splits: {validation: 0.6, test: 0.5}\n", "splits.test: validation and test add up to 1.1"),
         (MINIMAL + "textures: {sequence: 1}\n", "textures.sequence: input should be a valid boolean, got 1"),
         ("name: m\n" + CAMERA.replace("50", ".nan") + DISPARITY, ":2: camera.focal_px: expected a number or"),
         (
