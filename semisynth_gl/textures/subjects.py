@@ -24,8 +24,6 @@ _VIEW = re.compile(r"(?<![^\W_])(im|view)[0-8](?:[EL]|e\d)?$", re.IGNORECASE)
 _CAMERA = re.compile(r"(?<![^\W\d_])cam(?:era)?[ _-]?\d{1,2}(?!\d)", re.IGNORECASE)
 # KITTI's folders, in which 000017_10 and 000017_11 are a tenth of a second apart.
 _KITTI_FOLDER = re.compile(r"image_0?[0-3]|colored_[01]")
-# Of two cameras: im0 and im1, cam0 and cam1, image_0 to image_3.
-_NUMBERED = re.compile(r"(?<![^\W_])(?:im|cam(?:era)?[ _-]?|image_0?|colored_)([0-3])(?!\d)")
 _FRAME = re.compile(r"(\d{6})_\d\d")
 # Middlebury: folders of one scene under different light.
 _LIGHT = re.compile(r"/(?:Illum\d|Exp\d|ambient/[FLT]\d)(?=/)")
@@ -53,23 +51,6 @@ def photographed_subjects(photographs: Sequence[Path]) -> list[list[Path]]:
 def of_subjects(photographs: int, subjects: int) -> str:
     """Return words to follow a number of photographs, such as `` of 12 subjects``; none where all subjects differ."""
     return "" if photographs == subjects else f" of {counted(subjects, 'subject')}"
-
-
-def is_right(path: Path) -> bool:
-    """Return whether a photograph is a right view by its name: the last part of its path that names a side.
-
-    A part does so by a word ``left``, ``right``, ``l`` or ``r``, by EuRoC's ``cam0`` and ``cam1``, by KITTI's folders
-    and by Middlebury's ``im0`` and ``im1``. A path should begin where photographs differ: /mnt/r is no side.
-    """
-    for part in (path.stem, *(folder.name for folder in path.parents)):
-        # Cameras number their photographs R0010123 and so on.
-        sides = [word for word in _SIDE.findall(part) if len(word) > 1 or not re.match(rf"{word}\d", part)]
-        if sides:
-            return sides[-1][0] in "rR"
-        numbered = _NUMBERED.search(part)
-        if numbered is not None:
-            return numbered[1] in "13"
-    return False
 
 
 def _subject(path: Path) -> str:
