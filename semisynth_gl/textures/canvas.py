@@ -1,20 +1,16 @@
-"""Tools for drawing pictures: colours that go together, noise, relief, cells."""
+"""What painted pictures are made of: palettes, noise, tilings, light, and layers of colour."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image, ImageDraw
+from PIL import Image
 
 from semisynth_gl.textures.crops import LUMINANCE_PARTS
 
 SIDE_PX = 768
-"""Width and height of a drawn picture, pixels."""
-
-# Shapes are drawn at this multiple of their size and reduced, since Pillow draws hard edges.
-_FINE = 2
-SHEET_PX = _FINE * SIDE_PX
-"""Width and height of the image that shapes are drawn on, pixels."""
+"""Width and height of a painted picture, pixels."""
+_TILES = 4096
 
 Field = NDArray[np.float32]
 Pixels = NDArray[np.uint8]
@@ -43,37 +39,25 @@ def palette(rng: np.random.Generator) -> NDArray[np.float64]:
     return np.clip(rng.permutation(pick(rng, _PALETTES)) * rng.uniform(0.9, 1.08, 3), 0, 255)
 
 
-def colour(values: NDArray[Any]) -> Colour:
-    """Return a colour, (3,) levels, as Pillow takes it: whole numbers, clipped to 0 to 255."""
-    red, green, blue = (int(value) for value in np.clip(values, 0, 255))
-    return red, green, blue
-
-
-def varied(rng: np.random.Generator, values: NDArray[Any], spread: float = 14.0) -> Colour:
-    """Return a colour near a given colour: lighter or darker, and a little different in hue.
-
-    ``spread`` is the standard deviation of the lightness, in levels.
-    """
-    return colour(values + rng.normal(0, spread) + rng.normal(0, spread / 3, 3))
-
-
 def pick(rng: np.random.Generator, colours: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a random colour out of several, (N, 3), or a random palette out of several, (N, K, 3)."""
     chosen: NDArray[np.float64] = colours[int(rng.integers(len(colours)))]
     return chosen
 
 
-def luminance(values: NDArray[Any]) -> float:
-    """Return the luminance of a colour, 0 to 255."""
-    return float(np.dot(values, LUMINANCE_PARTS))
+def colour(values: ArrayLike) -> Colour:
+    """Return a colour, (3,) levels, as Pillow takes it: whole numbers, clipped to 0 to 255."""
+    red, green, blue = (int(value) for value in np.clip(values, 0, 255))
+    return red, green, blue
 
 
-def ink_on(paper: NDArray[Any], colours: NDArray[np.float64]) -> Colour:
+def ink_on(paper: ArrayLike, colours: NDArray[np.float64]) -> Colour:
     """Return the colour in which text is easiest to read on a paper; near-black or off-white where none is legible."""
-    best = max(colours, key=lambda ink: abs(luminance(ink) - luminance(paper)))
-    if abs(luminance(best) - luminance(paper)) > 90:
-        return colour(best)
-    return (245, 243, 236) if luminance(paper) < 128 else (24, 24, 28)
+    ground = float(np.dot(paper, LUMINANCE_PARTS))
+    contrast = np.abs(colours @ LUMINANCE_PARTS - ground)
+    if contrast.max() > 90:
+        return colour(colours[contrast.argmax()])
+    return (245, 243, 236) if ground < 128 else (24, 24, 28)
 
 
 def fractal(
@@ -83,43 +67,39 @@ def fractal(
     coarsest_px: int = 256,
     finest_px: int = 1,
     persistence: float = 0.9,
+    stretch: int = 1,
 ) -> Field:
     """Return noise (H, W) with a mean of about 0 and a standard deviation of about 1.
 
     Its largest and smallest blobs have the given sizes, both powers of two. Each octave has the contrast of the next
-    coarser octave times ``persistence``, which is about 1 in photographs.
+    coarser octave times ``persistence``, which is about 1 in photographs. Blobs are ``stretch`` times as wide as high.
     """
+    high, wide = shape[0], -(-shape[1] // stretch)
     cell, amplitude = coarsest_px, 1.0
-    field: Field | None = None
+    field = np.zeros((1, 1), np.float32)
     while cell >= finest_px:
-        size = (-(-shape[0] // cell) + 1, -(-shape[1] // cell) + 1)
+        size = (-(-high // cell) + 1, -(-wide // cell) + 1)
         octave = rng.standard_normal(size, np.float32) * np.float32(amplitude)
-        if field is not None:
-            octave += resized(field, (2 * field.shape[0], 2 * field.shape[1]))[: size[0], : size[1]]
+        if cell < coarsest_px:
+            octave += _enlarged(field, 2, 2)[: size[0], : size[1]]
         field, cell, amplitude = octave, cell // 2, amplitude * persistence
-    assert field is not None  # noqa: S101 - coarsest_px is at least finest_px
-    if finest_px > 1:
-        field = resized(field, (field.shape[0] * finest_px, field.shape[1] * finest_px))
+    if finest_px * stretch > 1:
+        field = _enlarged(field, finest_px, finest_px * stretch)
     field = field[: shape[0], : shape[1]]
     some = field[::4, ::4].astype(np.float64)
     scaled: Field = (field - np.float32(some.mean())) * np.float32(1 / some.std())
     return scaled
 
 
-def resized(field: Field, shape: tuple[int, int]) -> Field:
-    """Return a field (H, W) at another size, smoothly interpolated."""
-    return np.asarray(Image.fromarray(field).resize((shape[1], shape[0]), Image.Resampling.BICUBIC))
+def _enlarged(field: Field, down: int, right: int) -> Field:
+    size = (field.shape[1] * right, field.shape[0] * down)
+    return np.asarray(Image.fromarray(field).resize(size, Image.Resampling.BICUBIC))
 
 
-def grid() -> tuple[Field, Field]:
+def grid(side_px: int = SIDE_PX) -> tuple[Field, Field]:
     """Return the row and the column of each pixel of a picture, (H, W) float32 each."""
-    rows, columns = np.mgrid[:SIDE_PX, :SIDE_PX].astype(np.float32)
+    rows, columns = np.mgrid[:side_px, :side_px].astype(np.float32)
     return rows, columns
-
-
-def window(y: float, x: float, radius: float) -> tuple[slice, slice]:
-    """Return the rows and columns of a picture that a disc may touch."""
-    return slice(max(0, int(y - radius)), int(y + radius) + 2), slice(max(0, int(x - radius)), int(x + radius) + 2)
 
 
 def direction(down: Field, right: Field) -> Field:
@@ -128,6 +108,56 @@ def direction(down: Field, right: Field) -> Field:
     It is computed in float64: NumPy's float32 arctan2 depends on the processor, and so would the patches of a dataset.
     """
     return np.arctan2(down.astype(np.float64), right.astype(np.float64)).astype(np.float32)
+
+
+class Tiling(NamedTuple):
+    """The tile of each pixel of a picture, (H, W): its number, and how far its border and its centre are, px."""
+
+    number: NDArray[np.int64]
+    border: Field
+    down: Field
+    right: Field
+
+    def uniform(self, rng: np.random.Generator, low: float, high: float) -> Field:
+        """Return a random number between two for each tile."""
+        return rng.uniform(low, high, _TILES).astype(np.float32)[self.number]
+
+    def one_of(self, rng: np.random.Generator, values: ArrayLike) -> Field:
+        """Return a random one of values (N, ...) for each tile."""
+        return rng.permutation(np.resize(values, (_TILES, *np.shape(values)[1:]))).astype(np.float32)[self.number]
+
+
+def bond(high: float, wide: float, sway: Field | float = 0.0, shift: float = 0.0) -> Tiling:
+    """Lay tiles of one size in rows, like bricks; ``shift`` moves every other row by that part of a tile.
+
+    ``sway`` moves each pixel, px: noise makes borders uneven.
+    """
+    y, x = grid()
+    row = np.floor((y + sway) / high)
+    across = x + sway + shift * wide * (row % 2)
+    column = np.floor(across / wide)
+    down, right = y + sway - (row + 0.5) * high, across - (column + 0.5) * wide
+    border = np.minimum(high / 2 - np.abs(down), wide / 2 - np.abs(right))
+    number = (row * 64 + column).astype(np.int64) % _TILES
+    return Tiling(number, *(np.asarray(field, np.float32) for field in (border, down, right)))
+
+
+def cells(rng: np.random.Generator, size_px: float, irregular: float = 0.9) -> Tiling:
+    """Divide a picture among points about ``size_px`` apart, on a grid (``irregular`` 0) or at random (1)."""
+    y, x = grid()
+    count = int(SIDE_PX / size_px) + 3
+    centres = np.mgrid[:count, :count] - 0.5 + rng.uniform(-0.5, 0.5, (2, count, count)) * irregular
+    rows, columns = (centres * size_px).astype(np.float32).reshape(2, -1)
+    first = (y // size_px).astype(np.int64) * count + (x // size_px).astype(np.int64)
+    nearest, second, number = np.full(y.shape, np.inf, np.float32), np.full(y.shape, np.inf, np.float32), first
+    for beside in range(9):
+        candidate = first + beside // 3 * count + beside % 3
+        distance = np.square(y - rows[candidate]) + np.square(x - columns[candidate])
+        second = np.minimum(second, np.maximum(distance, nearest))
+        number = np.where(distance < nearest, candidate, number)
+        nearest = np.minimum(nearest, distance)
+    border = np.asarray((np.sqrt(second) - np.sqrt(nearest)) / 2, np.float32)
+    return Tiling(number % _TILES, border, y - rows[number], x - columns[number])
 
 
 def step(field: NDArray[Any], width: float = 1.0) -> Field:
@@ -150,101 +180,29 @@ def mixed(below: ArrayLike, above: ArrayLike, mask: NDArray[Any]) -> Field:
     return np.asarray(low + (high - low) * mask[..., np.newaxis], np.float32)
 
 
-def lit(pixels: NDArray[Any], light: NDArray[Any]) -> NDArray[Any]:
+def lit(pixels: ArrayLike | Image.Image, light: NDArray[Any]) -> Field:
     """Multiply pixels (H, W, 3), or a colour, by a light (H, W); a light of 1 changes nothing."""
-    shaded: NDArray[Any] = pixels * light[..., np.newaxis]
-    return shaded
+    return np.asarray(np.asarray(pixels) * light[..., np.newaxis], np.float32)
 
 
 def relief(height: NDArray[Any], strength: float) -> Field:
-    """Return the light on a surface lit from the upper left, 1 where it is level; (H, W, 1).
-
-    ``height`` is (H, W) in pixels; ``strength`` is the change of the light per pixel of slope.
-    """
+    """Return the light on a surface, (H, W) px high, from the upper left: 1, and ``strength`` per pixel of slope."""
     slope = np.diff(height, axis=0, prepend=height[:1]) + np.diff(height, axis=1, prepend=height[:, :1])
-    return np.asarray(np.clip(1 + strength * slope, 0.35, 1.7), np.float32)[..., np.newaxis]
+    return np.asarray(np.clip(1 + strength * slope, 0.35, 1.7), np.float32)
 
 
-def bent(pixels: NDArray[Any], rows: NDArray[Any], columns: NDArray[Any]) -> NDArray[Any]:
-    """Return for each pixel the one that lies ``rows`` down and ``columns`` right of it, mirrored at the borders."""
-    y, x = grid()
-    places = []
-    for at, extent in ((y + rows, pixels.shape[0]), (x + columns, pixels.shape[1])):
-        around = np.rint(at).astype(np.int32) % (2 * extent)
-        places.append(np.minimum(around, 2 * extent - 1 - around))
-    moved: NDArray[Any] = pixels[places[0], places[1]]
-    return moved
-
-
-def cells(
-    rng: np.random.Generator, cell_px: int, irregular: float = 0.9
-) -> tuple[NDArray[np.int32], Field, NDArray[np.float32]]:
-    """Divide a picture into cells around random points.
-
-    Args:
-        rng: source of the points.
-        cell_px: mean distance of neighbouring points.
-        irregular: how far points move from a square grid, from 0, where the cells are squares, to 1.
-
-    Returns:
-        The number of each pixel's cell, (H, W); the pixel's distance from the border of its cell, pixels, (H, W); and
-        the cells' points, (N, 2), row and column.
-    """
-    count = -(-SIDE_PX // cell_px)
-    side = count * cell_px
-    centres = (np.mgrid[-1 : count + 1, -1 : count + 1] + 0.5) * cell_px
-    points = (centres + rng.uniform(-0.5, 0.5, centres.shape) * irregular * cell_px).astype(np.float32)
-    y = np.arange(side, dtype=np.float32).reshape(count, cell_px, 1, 1)
-    x = np.arange(side, dtype=np.float32).reshape(1, 1, count, cell_px)
-    nearest = np.full((count, cell_px, count, cell_px), np.inf, np.float32)
-    second = nearest.copy()
-    number = np.zeros(nearest.shape, np.int32)
-    every = np.arange((count + 2) ** 2, dtype=np.int32).reshape(count + 2, count + 2)
-    for down in range(3):
-        for right in range(3):
-            window = np.s_[down : down + count, right : right + count]
-            py, px, own = (values[window][:, np.newaxis, :, np.newaxis] for values in (*points, every))
-            distance = np.square(y - py) + np.square(x - px)
-            closer = distance < nearest
-            second = np.minimum(second, np.maximum(distance, nearest))
-            number = np.where(closer, own, number)
-            nearest = np.minimum(nearest, distance)
-    border = ((np.sqrt(second) - np.sqrt(nearest)) / 2).astype(np.float32)
-    cut = np.s_[:SIDE_PX, :SIDE_PX]
-    return number.reshape(side, side)[cut], border.reshape(side, side)[cut], points.reshape(2, -1).T
-
-
-def sheet(paper: NDArray[Any]) -> tuple[Image.Image, ImageDraw.ImageDraw]:
-    """Return an image of one colour to draw shapes on, `SHEET_PX` along both sides, and its drawing interface."""
-    image = Image.new("RGB", (SHEET_PX, SHEET_PX), colour(paper))
-    return image, ImageDraw.Draw(image)
-
-
-def vertices(points: NDArray[np.float64]) -> list[tuple[float, float]]:
-    """Return points (N, 2), x and y, as Pillow takes them."""
-    return [(float(x), float(y)) for x, y in points]
-
-
-def reduced(image: Image.Image) -> Field:
-    """Return a `sheet` at the size of a picture, (H, W, 3)."""
-    return np.asarray(image.reduce(_FINE), np.float32)
+def veins(rng: np.random.Generator, sharpness: float, coarsest_px: int = 256, persistence: float = 0.6) -> Field:
+    """Return fine winding lines, (H, W): 1 on a line, and the less beside it the higher the ``sharpness``."""
+    noise = fractal(rng, coarsest_px=coarsest_px, persistence=persistence)
+    return np.exp(-np.abs(noise).astype(np.float64) * sharpness).astype(np.float32)
 
 
 def finished(rng: np.random.Generator, image: NDArray[Any], grain: float = 5.0, light: float = 0.06) -> Pixels:
-    """Return a picture as 8-bit RGB, (H, W, 3), with grain and uneven light, as in any photograph.
+    """Return a picture, (H, W, 3) of 0 to 255, as 8-bit RGB with grain and uneven light, as in any photograph.
 
-    Args:
-        rng: source of the grain and the light.
-        image: the picture, (H, W, 3), 0 to 255.
-        grain: standard deviation of the grain, levels.
-        light: standard deviation of the light, whose mean is 1.
+    ``grain`` is the standard deviation of the grain, levels, ``light`` that of the light, whose mean is 1.
     """
     shade = 1 + light * fractal(rng, coarsest_px=512, finest_px=64, persistence=0.5)
     noise = grain * fractal(rng, coarsest_px=16, persistence=1.0)
     levels: Pixels = np.clip(np.rint(lit(image, shade) + noise[..., np.newaxis]), 0, 255).astype(np.uint8)
     return levels
-
-
-def as_image(levels: NDArray[Any]) -> Image.Image:
-    """Return levels (H, W, 3) as an image to draw on, clipped to 0 to 255 and truncated to whole numbers."""
-    return Image.fromarray(np.clip(levels, 0, 255).astype(np.uint8))

@@ -1,8 +1,7 @@
-"""Drawn pictures, which are held in memory: patches are cut from them as from photographs."""
+"""Painted pictures, which are held in memory: patches are cut from them as from photographs."""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,24 +12,18 @@ from semisynth_gl.textures.images import read_image
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """A picture that was drawn.
+    """A painted picture, (H, W, 3) uint8 RGB, top row first, under a name such as ``drawn/tartan``.
 
-    Attributes:
-        name: its name in the dataset, such as ``drawn/tartan``; unique among the pictures of a source.
-        pixels: (H, W, 3) uint8 RGB, top row first; a picture smaller than a patch gives no patches.
-
-    Raises:
-        InputError: where the pixels have another shape or type.
+    Names are unique within a source. Raises InputError where the pixels have another shape or type.
     """
 
     name: str
     pixels: NDArray[np.uint8]
 
     def __post_init__(self) -> None:
-        given: Any = self.pixels
-        if not isinstance(given, np.ndarray) or given.dtype != np.uint8 or given.shape[2:] != (3,):
-            what = f"{given.shape} {given.dtype}" if isinstance(given, np.ndarray) else type(given).__name__
-            raise InputError(f"picture {self.name!r}: expected an array (H, W, 3) of uint8, got {what}")
+        shape, kind = np.shape(self.pixels), getattr(self.pixels, "dtype", None)
+        if len(shape) != 3 or shape[2] != 3 or kind != np.uint8:
+            raise InputError(f"picture {self.name!r}: expected an array (H, W, 3) of uint8, got {shape} {kind}")
 
 
 TextureImage = Path | Picture

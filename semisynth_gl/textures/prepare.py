@@ -23,7 +23,7 @@ from semisynth_gl.textures.selection import build_atlas
 from semisynth_gl.textures.sources import describe_source, open_source
 from semisynth_gl.textures.subjects import photographed_subjects
 
-VERSION = 8
+VERSION = 9
 """Increase this when the same inputs give other patches or pictures; see `semisynth_gl.cache`."""
 
 # Pictures that are kept in memory until the large patches are cut from them.
