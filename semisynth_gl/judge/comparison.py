@@ -28,8 +28,9 @@ class Row:
         measure: the measure.
         dataset: (N,) float64, the numbers of the dataset's left views.
         place: (M,) float64, the numbers of the place's pictures; empty without any.
-        difference: the dataset's mean minus the place's mean, in the place's standard deviations (`unit_of`); None with
-            fewer than `FEWEST` pictures of the place, or where all their numbers are 0.
+        difference: the dataset's mean minus the place's mean, in the place's standard deviations (`unit_of`). None
+            without numbers of the dataset, with fewer than `FEWEST` pictures of the place, or where all of the place's
+            numbers are 0.
         distance: the Wasserstein-1 distance of both distributions, in the same unit. It decides: a mix of crowded and
             empty scenes may have the place's mean although no pair resembles it.
         advice: what to change in the config; "" where there is nothing to change, or no key is known.
@@ -141,9 +142,10 @@ def lines(rows: Sequence[Row]) -> list[str]:
         "  ".join(align(text, width) for align, text, width in zip(aligned, row, widths, strict=False)).rstrip()
         for row in cells
     ]
-    compared = [row for row in rows if row.distance is not None]
+    compared = [row for row in rows if row.dataset.size and len(row.place) >= FEWEST]
     if compared:
-        near = sum((row.distance or 0.0) <= 1 for row in compared)
+        # A measure that is 0 all over the place has no deviation: the dataset's must be 0 too.
+        near = sum(not row.dataset.any() if row.distance is None else row.distance <= 1 for row in compared)
         shown += ["", f"{near} of {len(compared)} measures within one standard deviation (sd) of the place"]
     farthest = sorted(rows, key=lambda row: -(row.distance or 0.0))
     return shown + [f"  {row.measure.name}: {row.advice}" for row in farthest if row.advice]

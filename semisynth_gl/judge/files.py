@@ -110,7 +110,7 @@ def read_pair(
     expected = plan.files(shard.split, number)
     listed = record.samples[number - shard.first].files if record is not None else None
     for name in sorted(set(expected.values()) ^ listed.keys()) if listed is not None else ():
-        verdict.add("files", f"{name} is not both in the shard's record and asked for by layout and outputs")
+        verdict.add("files", f"{name} is in the shard's record, or asked for by layout and outputs, but not both")
     values: dict[str, Any] = {}
     for role, name in expected.items():
         try:

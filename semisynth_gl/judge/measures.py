@@ -241,14 +241,15 @@ MEASURES: tuple[Measure, ...] = (
 )  # fmt: skip
 """All measures, in the order of tables."""
 
+_ADD_LENS = "add lens, which calibrate writes from cameras before rectification"
+_SIZES = ("large", "small")
+_NO_LENS = "leave lens out, or rectify with a smaller alpha"
 # Advice for a larger and for a smaller value of keys that are not numbers.
 _CHANGES = {
     "scenes": tuple(f"in scenes, give more weight to recipes with {count} objects" for count in ("many", "few")),
     "antialias": ("antialias: edges", "antialias: none"),
-    "lens": (
-        "add lens, which calibrate writes from cameras before rectification",
-        "leave lens out, or rectify with a smaller alpha",
-    ),
+    "lens": (_ADD_LENS, _NO_LENS),
+    "disparity.target": tuple(f"in disparity.target, give more weight to {size} disparities" for size in _SIZES),
 }
 # Kinds of background in whose scenes a section counts.
 _KINDS = {"room": {"room"}, "street": {"street"}, "structures": {"cuboid", "plane"}}
@@ -267,7 +268,8 @@ def measure_view(view: MeasuredView, measures: Iterable[Measure] = MEASURES) -> 
 def advice(measure: Measure, recipes: Sequence[Mapping[str, Any]], *, more: bool) -> str:
     """Return what to change in a config for a larger or smaller value of a measure.
 
-    Keys that have no effect in the scenes of any recipe are not named, nor are settings that the config already has.
+    Keys that have no effect in the scenes of any recipe are not named, nor are settings of ``antialias`` and ``lens``
+    that the config already has.
 
     Args:
         measure: the measure to move.
@@ -280,7 +282,8 @@ def advice(measure: Measure, recipes: Sequence[Mapping[str, Any]], *, more: bool
         numbers = [key for key in keys if key not in _CHANGES]
         changes += [_CHANGES[key][sign < 0] for key in keys if key in _CHANGES]
         changes += [f"{verb} {', '.join(numbers)}"] if numbers else []
-    return "; ".join(text for text in changes if text != f"antialias: {recipes[0].get('antialias')}")
+    there = {f"antialias: {recipes[0].get('antialias')}", _ADD_LENS if recipes[0].get("lens") else _NO_LENS}
+    return "; ".join(text for text in changes if text not in there)
 
 
 def _has_effect(key: str, recipes: Sequence[Mapping[str, Any]]) -> bool:
@@ -293,8 +296,10 @@ def _has_effect(key: str, recipes: Sequence[Mapping[str, Any]]) -> bool:
         kinds = {kind for kind in ("cuboid", "plane", "room", "street") if weights.get(kind, 0) > 0}
         if section == "background":
             counts = name in kinds and len(kinds) > 1  # the only weight above 0 is 1, whatever its value
-        elif key == "particles.density":
+        elif key in ("particles.density", "disparity.target"):
             counts = recipe.get("particles", {}).get("layers") is None
+        elif key == "particles.size_px":
+            counts = recipe.get("particles", {}).get("size_m") is None
         else:
             counts = section not in _KINDS or bool(kinds & _KINDS[section])
         if counts:

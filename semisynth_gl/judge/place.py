@@ -29,8 +29,8 @@ class MeasuredPlace:
     """The measures of a place.
 
     Attributes:
-        values: the measures. Those of images are of the photographs: the photographs of one subject count as one
-            picture with their mean. All others are of the maps.
+        values: the measures. Image measures come from the photographs, averaged over each subject. All others come
+            from the maps.
         summary: number of photographs, subjects and maps, as text.
         notes: sentences on photographs and maps that were left out, or used in part only.
     """
@@ -139,7 +139,7 @@ def measure_place(
         raise InputError(f"no photograph of the place can be read: {'; '.join(notes[:1])}")
     views = [map_view(path, width_px, png_scale) for path in maps]
     if narrow:
-        notes.append(f"{counted(narrow, 'photograph')} narrower than {width_px} px, used for luminance only")
+        notes.append(f"{counted(narrow, 'photograph')} narrower than {width_px} px, not used for detail")
     if sparse := sum(view.surfaces is None for view in views):
         few = "with disparities in fewer than half of the pixels, used for disparity only"
         notes.append(f"{counted(sparse, 'map')} {few}")

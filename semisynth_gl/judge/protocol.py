@@ -66,7 +66,7 @@ class Protocol:
         source: the program whose definitions these are.
         compare: compares a prediction (H, W) float32 px with a truth (H, W) float32 px under the truth's limits; raises
             InputError where the sizes do not fit.
-        full_share: the share that stands for all pixels: 100 percent, or a fraction of 1.
+        full_share: factor of all shares: 100 for percent, 1 for fractions.
         invalid_is_bad: whether a pixel that is judged but not scored counts as bad; otherwise shares leave it out.
         pooled: whether several images count as one large image; otherwise their figures are averaged.
         halved: names of the images that have half the weight of others in the mean.

@@ -26,8 +26,8 @@ _ERRORS = {"disparity": 1e-3, "normals": radians(0.01), "sky": 0.0}
 _VECTOR_PX, _VECTOR_SHARE = 1e-3, 1e-5
 # Rays may miss triangles that are seen edge-on: normals of so many pixels may be another triangle's.
 _NORMALS_SHARE = 0.005
-# Rasterisers move vertices to a grid of 1/256 px at best and 1/16 px at worst, so a pixel beside an edge may show the
-# surface on the edge's other side.
+# Rasterisers move vertices by up to half a step of a grid, whose steps are 1/256 px at best and 1/16 px at worst. So a
+# pixel beside an edge may show the surface on the edge's other side.
 _EDGE_PX = 1 / 32
 _STEPS = (-_EDGE_PX, -_EDGE_PX / 8, 0.0, _EDGE_PX / 8, _EDGE_PX)
 _AROUND_X, _AROUND_Y = (steps.ravel() for steps in np.meshgrid(_STEPS, _STEPS))
@@ -91,7 +91,7 @@ def _check_view(
         if number > (_NORMALS_SHARE * len(x) if name == "normals" else 0):
             first = np.argmax(wrong[name])
             where = f"the first at ({column[first]}, {row[first]})"
-            verdict.add("oracle", f"{name}_{eye}: {number} of {len(x)} pixels have not what their rays meet, {where}")
+            verdict.add("oracle", f"{name}_{eye}: {number} of {len(x)} pixels differ from their rays, {where}")
 
 
 def _cast(

@@ -59,9 +59,9 @@ def _check_values(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
 def _check_disparity(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict: Verdict) -> None:
     """Check a view's disparity.
 
-    It must be positive or, if signed, at least that of infinity, and at most the config's limit, ``largest_px``. It may
-    be inf only where the rig allows it: the background fills the view, so that each pixel has a depth. Then
-    d = f B / Z - doffs is above 0, unless doffs is positive and the surface is far away.
+    It must be positive or, if signed, at least that of infinity, and at most the config's limit, ``largest_px``. Every
+    pixel has a depth, since the background fills the view. So an unsigned disparity d = f B / Z - doffs is inf only on
+    far surfaces where doffs is positive, in the sky, in borders, and beyond the encoding.
     """
     disparity, name, camera = frame.view(eye)["disparity"], f"disparity_{eye}", frame.camera
     finite, infinite = np.isfinite(disparity), np.isposinf(disparity)

@@ -111,9 +111,9 @@ def find_predictions(
 ) -> tuple[list[tuple[TruePair, Path]], list[str]]:
     """Find the prediction for each pair.
 
-    A prediction has one of the pair's keys as its path in the folder, and the extension .pfm, .npy or .png (16-bit
-    grey: networks write other pictures beside their results). In a folder named like the pair it may also be named
-    ``disp0<METHOD>``, as Middlebury asks for. Its results lie beside the truth, which does not count then.
+    A prediction has one of the pair's keys as its path in the folder, the first that is there, and the extension .pfm,
+    .npy or .png (16-bit grey: networks write other pictures beside their results). In a folder named like the pair it
+    may also be named ``disp0<METHOD>``, as Middlebury asks for. The truth beside it does not count then.
 
     ``partial`` allows that predictions for some pairs, but not for all, are missing.
 
@@ -205,9 +205,8 @@ def _folder_truth(folder: Path) -> TrueSet:
         if paths := _files(folder, truth):
             eth3d = any("two_view_training_gt" in path.absolute().parts for path in paths)
             return TrueSet(pairs(paths, _read_scene, scenes=True), "eth3d" if eth3d else "middlebury")
-    return TrueSet(
-        pairs([path for path in sorted(folder.iterdir()) if path.suffix.lower() in MAP_EXTENSIONS], _read_map)
-    )
+    maps = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in MAP_EXTENSIONS]
+    return TrueSet(pairs([path for path in maps if is_disparity_map(path)], _read_map))
 
 
 def _read_kitti(path: Path) -> Truth:

@@ -75,7 +75,7 @@ def verify(
         rays: number of pairs, evenly spread, whose scenes are sampled again and compared with float64 rays; by default
             4, or none where the scenes cannot be sampled again.
         oracle: whether to compare all pairs with rays, whatever ``rays`` is.
-        pixels: number of rays for each of these pairs.
+        pixels: rays of each of these pairs; a view gets half of them.
         listener: is told the number of pairs, and each checked pair.
         on_finding: is called with each fault as soon as it is found.
 

@@ -1,4 +1,4 @@
-"""The scene of pair i, a function of (config, seed, i); pure numpy."""
+"""Samples the scene of pair i from (config, seed, i), and the sources that all scenes share; no OpenGL."""
 
 import numpy as np
 from numpy.typing import NDArray

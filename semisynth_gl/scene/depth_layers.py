@@ -20,14 +20,14 @@ error F e of F itself, hence each equation has the weight F(d_j)^2: first with t
 first solution where that is larger. See `solve_coverage`.
 
 One particle (`DepthLayers.exceedance`). The middle of a particle's path lies at the depth Z, m, and the disparity
-d = f B / Z - doffs, px, where f is the focal length, px, and B the baseline, m. At the relative depth z = (depth) / Z
-something shows
+d = f B / Z - doffs, px, where f is the focal length, px, and B the baseline, m. A
+point at the depth z Z has the disparity
 
     d' = (d + doffs) / z - doffs,                                                                                (3)
 
 since f B / Z = d + doffs. Lengths over Z are px over f: a sphere with a radius of r px has the radius r / f in units of
-its depth. A surface point that stands out towards the camera by h radii, at an age t of the path (0 to 1) that leads
-away by a px in depth, has
+its depth. Let the path recede by a px in depth while its age t runs from 0 to 1. A surface point h radii in front of
+the particle's centre has
 
     z = 1 + (t - 1/2) a / f - h r / f.                                                                           (4)
 
@@ -50,7 +50,7 @@ _MOST_LAYERS = 48
 # Largest mean coverage of a layer, which closes 98 % of its pixels.
 _DENSEST = 4.0
 # Smallest wanted share of open pixels; smaller shares are raised to it.
-_CLOSED = 0.01
+_LEAST_OPEN = 0.01
 # Iterations of the solver.
 _ROUNDS = 200
 # Points over which the probabilities of a particle are averaged.
@@ -161,7 +161,7 @@ def solve_coverage(shares: Floats, bare: Floats, exceedances: Floats, least: Flo
     Returns:
         (..., K) coverages, from ``least`` to 4; 0 in layers without room.
     """
-    wanted = np.maximum(np.cumsum(shares)[:-1], _CLOSED)
+    wanted = np.maximum(np.cumsum(shares)[:-1], _LEAST_OPEN)
     usable = bare > 0
     needed = np.where(usable, np.log(np.where(usable, bare, 1.0) / wanted), 0.0)
     most = np.where(has_room, _DENSEST, 0.0)

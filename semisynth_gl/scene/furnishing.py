@@ -186,7 +186,7 @@ def _add_pillar(room: Arrangement, walls: tuple[Wall, ...]) -> None:
         x, y = _on_floor(room, walls)
         half = room.rng.uniform(0.12, 0.25) * room.metre
         size = half, half, walls[0].height_m
-        if room.is_free(x, y, half) and room.add_box((x, y, 0), size, room.rng.uniform(0, 1.6)):
+        if room.is_free(x, y, half) and room.add_box((x, y, 0), size, room.rng.uniform(0, 1.6)) is not None:
             room.taken.append((x, y, 1.4 * half))
             return
 

@@ -18,7 +18,7 @@ _GOLDEN = (5**0.5 - 1) / 2
 
 
 def choose(ends: Floats, chance: Floats) -> Ints:
-    """Return the items, (N,), that uniform numbers (N,) choose from K items with cumulative chances (K,)."""
+    """Map uniform numbers (N,) to the indices (N,) of K items by the cumulative chances (K,) of the items."""
     return np.minimum(np.searchsorted(ends, chance, side="right"), len(ends) - 1)
 
 

@@ -38,7 +38,7 @@ class Slots:
     period_s: Floats  # (S,) time from the emission plane to the end of the view
     phase: Floats  # (S,) age at time 0, in periods, in [0, 1)
     path_m: Floats  # (S,) length that the path would have without drift
-    nearer_m: Floats  # (S,) how much nearer than its path's middle a model may come; 0 or less if that is too near
+    nearer_m: Floats  # (S,) largest approach from the path's middle; 0 or less where the middle is too near
     view: Height  # where both views end above and below
     resting: Mapping[int, Floats] = field(default_factory=dict)  # poses (4, 4) of the models that rest, by slot
 

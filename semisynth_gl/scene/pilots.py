@@ -1,4 +1,4 @@
-"""Pilot scenes: a dataset's scenes without particles, with only camera, background and structures.
+"""Pilot scenes: a dataset's static scenes, without particles.
 
 Each process that renders a dataset needs them before its first pair, and furnishing a room takes longer than rendering
 it. So the cache keeps them.

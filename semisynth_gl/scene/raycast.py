@@ -1,4 +1,4 @@
-"""A float64 ray caster in plain numpy, with which the oracle and the report judge.
+"""A float64 ray caster in plain numpy, for the oracle, `verify` and `bench`.
 
 The caster shares only the scene's arrays with `semisynth_gl.render`: rays come from the camera's intrinsics, triangles
 from the models' vertices (float32 as the renderer has them) placed in float64. It is simple on purpose: it has no tree

@@ -20,8 +20,8 @@ _ALONG_BORDER = 129
 # Number of steps in the search for the near plane of a camera that deviates.
 _STEPS = 8
 
-# Largest radius of a model along the viewing axis, relative to its depth, as a share of how much deeper than the near
-# plane a very narrow range is, relative to the near plane.
+# In a very narrow range, a model's radius along the viewing axis over its depth is at most this times (farthest depth /
+# near depth - 1); see `relief_px`.
 _RELIEF = 0.1
 
 BEYOND_NEAR = 1.01

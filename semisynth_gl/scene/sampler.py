@@ -283,7 +283,7 @@ class SampledScene:
             {
                 "model": models[row["model"]].name,
                 "patch": int(row["patch"]),
-                # In a dataset's files, "still" tells walls, grounds and panels from furniture and particles.
+                # True for surface models: walls, grounds, panels, and boxes such as pillars, rugs and houses.
                 "still": bool(row["model"] < len(SURFACE_MODELS)),
                 **({"resting": True} if row["resting"] else {}),
                 **({"sky": True} if row["sky"] else {}),

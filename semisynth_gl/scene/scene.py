@@ -58,7 +58,7 @@ class Scene:
     Numbers may be up to 1e9 in magnitude: poses are composed in float64, but drawn in float32.
 
     Attributes:
-        camera: the stereo camera, with square pixels.
+        camera: the stereo camera.
         near_m: depth of the near plane, 1e-9 to 1e9; nearer surfaces are not rendered.
         camera_from_world: (4, 4) float64, the left camera's pose, metres; with the identity, the world is the left
             camera's frame.

@@ -19,7 +19,7 @@ from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.prepare import prepare_atlas, split_images
 
-# Steps to which checksums round: lengths in radii of a model, and shares and heights; means of pixels in levels.
+# Rounding steps before hashing: of lengths in a model's radii, shares and heights, and of mean pixels in levels.
 _LENGTH = 1e-5
 _LEVELS = 0.5
 
@@ -32,7 +32,7 @@ class Sources:
     libraries: tuple[ModelLibrary, ...]  # the models of each recipe, all with the same `models`; at least one
     photographs: tuple[Path, ...] = ()  # the files that patches may come from; empty where all patches are procedural
     pattern: NDArray[np.uint8] | None = None  # (H, W), of the projector
-    pattern_is_read: bool = False  # then it has a checksum; a painted pattern follows from the config
+    pattern_is_read: bool = False  # from a file, which needs a checksum; a painted pattern follows from the config
 
     @property
     def models(self) -> tuple[Mesh, ...]:

@@ -100,7 +100,7 @@ def sample_static_scene(
     structures = sample_structures(config, rig, far_m, generator_for(Purpose.STRUCTURES))
     table = np.concatenate([background, structures], dtype=INSTANCE)
     table["texture"] = np.arange(len(table))
-    # The background is measured as if nothing stood in front of it.
+    # The background keeps its own depths. Its walls may come as near as structures, but for `BEYOND_NEAR`.
     seen_px = measure(table, camera, near_m / BEYOND_NEAR, catalogue.models, fixed=len(background))
     bare_px = seen_px if len(structures) else bare_px
     return StaticScene(rig, kind, table, bare_px, np.array([0.0, -1.0, 0.0]), np.inf)
