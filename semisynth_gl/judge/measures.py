@@ -242,14 +242,16 @@ MEASURES: tuple[Measure, ...] = (
 """All measures, in the order of tables."""
 
 _ADD_LENS = "add lens, which calibrate writes from cameras before rectification"
-_SIZES = ("large", "small")
 _NO_LENS = "leave lens out, or rectify with a smaller alpha"
 # Advice for a larger and for a smaller value of keys that are not numbers.
 _CHANGES = {
     "scenes": tuple(f"in scenes, give more weight to recipes with {count} objects" for count in ("many", "few")),
     "antialias": ("antialias: edges", "antialias: none"),
     "lens": (_ADD_LENS, _NO_LENS),
-    "disparity.target": tuple(f"in disparity.target, give more weight to {size} disparities" for size in _SIZES),
+    "disparity.target": (
+        "in disparity.target, give more weight to large disparities",
+        "in disparity.target, give more weight to small disparities",
+    ),
 }
 # Kinds of background in whose scenes a section counts.
 _KINDS = {"room": {"room"}, "street": {"street"}, "structures": {"cuboid", "plane"}}

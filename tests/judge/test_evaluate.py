@@ -210,6 +210,7 @@ def test_eth3d_is_known_by_its_folder(tmp_path):
 def test_a_folder_of_maps_is_truth_too(tmp_path):
     save(tmp_path / "gt" / "a.png", ramp())
     save(tmp_path / "gt" / "b.npy", ramp())
+    Image.new("RGB", SHAPE[::-1]).save(tmp_path / "gt" / "b.png")  # a picture beside it
     for name in "ab":
         save(tmp_path / "pred" / f"{name}.pfm", ramp() + 3)
     found = evaluate(tmp_path / "pred", tmp_path / "gt", "kitti")
