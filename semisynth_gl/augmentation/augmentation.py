@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import ceil, pi, radians, sin
+from math import ceil, inf, pi, radians, sin
 from typing import Annotated, Any, get_type_hints
 
 import numpy as np
@@ -85,10 +85,26 @@ class Augmentation:
                 raise InputError(f"expected (low, high) in rising order, got {shown(value)}", argument=name)
             object.__setattr__(self, name, (low, high))
 
-    def sample(self, crop: Sides | None, sides: Sides, seed: int, sequence: int, epoch: int = 0) -> "Changes":
-        """Sample the changes of a sequence's pairs.
+    def check(self, crop: Sides | None, sides: Sides) -> None:
+        """Check that crops of a size can be made of images of a size, both (height, width) in px.
 
-        A scale is raised where the crop would not fit into the image.
+        Raises:
+            InputError: where a change needs a crop, or the crop does not fit at the largest scale.
+        """
+        if not self.moves:
+            return
+        if crop is None:
+            raise InputError("expected crop=(height, width): scale, stretch, right_y_px and right_roll_deg need it")
+        least = self._least_scale(crop, sides)
+        if least > self.scale[1]:
+            raise InputError(
+                f"expected an upper end of {least:.3g} or more, got {self.scale[1]:g}: a crop of {crop[1]} x {crop[0]} "
+                f"px, with {self._margin(sides)} px around it, must fit into {sides[1]} x {sides[0]} px",
+                argument="scale",
+            )
+
+    def sample(self, crop: Sides | None, sides: Sides, seed: int, sequence: int, epoch: int = 0) -> "Changes":
+        """Sample the changes of a sequence's pairs; `check` must accept both sizes.
 
         Args:
             crop: height and width of the result, px; None for whole images.
@@ -101,10 +117,8 @@ class Augmentation:
         scale, stretch = (float(np.exp(rng.uniform(*np.log(each)))) for each in (self.scale, self.stretch))
         is_mirrored, is_asymmetric, is_occluded = rng.random(3) < (self.mirrored, self.asymmetric, self.occluded)
         size, margin = sides if crop is None else crop, self._margin(sides)
-        high, wide = scale, scale * stretch
-        if self.moves:
-            room = np.array(sides) - 2 * margin - 1  # a part of a pixel takes a whole one
-            high, wide = np.maximum((high, wide), np.array(size) / room).tolist()
+        least = self._least_scale(size, sides) if self.moves else 0.0
+        high, wide = max(scale, least), max(scale * stretch, least)
         right_y_px, right_roll_deg = rng.uniform(*self.right_y_px), rng.uniform(*self.right_roll_deg)
         warp = Warp(wide, high, right_y_px, radians(right_roll_deg), margin)
         tone = self._tone(rng)
@@ -124,6 +138,11 @@ class Augmentation:
     @property
     def _moves_right(self) -> bool:
         return self.right_y_px != (0, 0) or self.right_roll_deg != (0, 0)
+
+    def _least_scale(self, crop: Sides, sides: Sides) -> float:
+        """Return the least scale of images at which a crop fits; inf where none is large enough."""
+        room = [side - 2 * self._margin(sides) - 1 for side in sides]  # a part of a pixel takes a whole one
+        return max(side / most for side, most in zip(crop, room, strict=True)) if min(room) > 0 else inf
 
     def _margin(self, sides: Sides) -> int:
         """Return the margin of a moved right image, px: the largest movement at scale 1, and the filters' radius."""

@@ -37,7 +37,7 @@ def measure(
 
 
 def scene_facts(bench: BenchScenes, seed: int, truths: Sequence[SampledTruth]) -> dict[str, Any]:
-    """Describe the measured scenes: config, seed, sizes (width, height), and how many pixels met the oracle.
+    """Describe the measured scenes: config, seed, sizes (width, height), and how many pixels met the oracle's.
 
     "pixels_left_out" counts the chosen pixels that were not compared.
     """

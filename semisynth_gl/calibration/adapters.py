@@ -1,4 +1,4 @@
-"""Formats whose structure names alone do not tell: each adapter gives the values of its files names that tell."""
+"""Adapters for formats that the finder cannot read by names: each gives the values names that the finder knows."""
 
 from collections.abc import Callable, Mapping
 
@@ -82,7 +82,8 @@ def depthai(tree: Tree, _size: Size | None) -> Format | None:
     cameras = dict.fromkeys(name[:2] for name in tree if name[0] == "cameraData" and len(name) > 2)
     for camera in cameras:
         socket = int(_number(tree, *camera, "0"))
-        model, count = _DEPTHAI_LENSES.get(int(_number(tree, *camera, "1", "cameraType", missing=0)), ("omni", 0))
+        kind = int(_number(tree, *camera, "1", "cameraType", missing=0))
+        model, count = _DEPTHAI_LENSES.get(kind, (f"omni (cameraType {kind})", 0))
         for name, key in {"K": "intrinsicMatrix", "width": "width", "height": "height"}.items():
             made[f"cam{socket}", name] = _array(tree, *camera, "1", key)
         made[f"cam{socket}", "D"] = _array(tree, *camera, "1", "distortionCoeff").ravel()[:count]
@@ -116,6 +117,8 @@ ADAPTERS: tuple[Callable[[Tree, Size | None], Format | None], ...] = (middlebury
 
 def _chosen(sizes: Mapping[str, Size], size: Size | None) -> str:
     """Return the mode whose images have a size. Raises FormatError where no mode has it."""
+    if not sizes:
+        raise FormatError("has a baseline, but no camera such as LEFT_CAM_HD")
     fitting = [mode for mode, own in sizes.items() if own == size]
     if fitting or (size is None and len(sizes) == 1):
         return next(iter((*fitting, *sizes)))

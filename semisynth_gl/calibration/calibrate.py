@@ -111,6 +111,9 @@ def calibrate(
     given = [argument for argument, value in ranges.items() if value is not None]
     if len(given) > 1:
         raise InputError("expected only one of disparity maps, a range in px and a range in m", argument=given[-1])
+    of_files = {"unit": unit, "alpha": alpha, "cameras": cameras, "calib_keys": calib_keys or None}
+    if not files and (lone := [argument for argument, value in of_files.items() if value is not None]):
+        raise InputError("it is about a calibration's files: give them, or leave it out", argument=lone[0])
     photographed = [] if other_camera else photograph_sizes(find_images(sources))
     if files:
         if focal_px is not None or baseline_m is not None:
@@ -156,23 +159,25 @@ def calibrate(
         from semisynth_gl.calibration.trial import fit  # noqa: PLC0415
 
         draft = fit(draft, place.values, trials, listener or Listener())
-    return Calibration(draft.config(), write(draft), _summary(draft, atlas.report.total("kept")), notes)
+    config = draft.config()
+    return Calibration(config, write(draft), _summary(draft, config, atlas.report.total("kept")), notes)
 
 
-def _summary(draft: Draft, patches: int) -> list[str]:
-    """Return lines about the disparities, photographs, scenes and textures."""
-    disparity, style = draft.disparity, draft.style
+def _summary(draft: Draft, config: Config, patches: int) -> list[str]:
+    """Return lines about the disparities, photographs, scenes and textures of the config, overrides included."""
+    disparity, style = config.disparity, draft.style
     distances = [
         rig.camera.focal_baseline / total_px if (total_px := px + rig.camera.doffs_px) > 0 else math.inf
         for rig in draft.rigs
         for px in (disparity.min_px, disparity.max_px)
     ]
     mix = (f"{weight:.0%} {recipe['recipe']}" for weight, recipe in zip(style.weights, style.recipes, strict=True))
-    low, high = style.texels_per_pixel
+    texels, blur = config.textures.texels_per_pixel, config.imperfections.blur_px
+    mean_px = config.wanted_histogram().mean_px
     return [
-        f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {disparity.target.mean_px:.2f} px",
+        f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {mean_px:.2f} px",
         f"distance         {min(distances):.3g} to {max(distances):.3g} m",
         f"photographs      {draft.photographs}{', all grey' * draft.grey}, which give {counted(patches, 'patch')}",
         f"recipes          {', '.join(mix)}",
-        f"textures         {low:g} to {high:g} texels per pixel, blurred by {style.blur_px:g} px",
+        f"textures         {texels.low:g} to {texels.high:g} texels per pixel, blurred by {blur.high:g} px",
     ]

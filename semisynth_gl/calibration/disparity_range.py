@@ -134,7 +134,7 @@ def measured_range(histogram: Histogram, least_doffs_px: float = 0.0) -> Dispari
     """
     low, high = histogram.quantile(_LOWEST), histogram.quantile(_HIGHEST)
     _check(low, high + _LEAST_PX, least_doffs_px)
-    # Rounded down to two digits of its distance from infinity, or from 0.
+    # Rounded down: its distance from the disparity of infinity, or from 0 if that is larger, has two digits.
     farthest = max(0.0, -least_doffs_px)
     step = 10.0 ** (math.floor(math.log10(low - farthest)) - 1)
     first = farthest + float(f"{math.floor((low - farthest) / step) * step:.6g}")

@@ -36,7 +36,7 @@ _GIVEN = "given"
 # Words in names of derived arrays, such as the matrix of rectified images, which lie beside the calibrated ones.
 _DERIVED = "new|opt|rect|undist|roi|virtual"
 _BASELINE = r"(?:stereo)?baseline(?:lr)?(mm|cm|m|meters|metres)?|b|bl|numbers"
-# Relative difference of two baselines that are the same, and the length of a translation that is none.
+# Relative tolerance for equal baselines; translations up to this length count as zero.
 _SAME_BASELINE, _NO_SHIFT_M = 0.02, 1e-6
 _LISTED = 40
 
@@ -170,7 +170,7 @@ class Finder:
     # --- projections of rectified images ---
 
     def _right_alone(self) -> Pair | None:
-        """Return the projections where only the right eye's is stated, which holds the baseline."""
+        """Derive both projections from a lone right P; the left one is P without its last column."""
         found = self._fitting("P")
         left_label = "left" if self.cameras is None else self.cameras[0]
         if len(found) != 1 or found[0].value[0, 3] == 0 or label_of(found[0].name, self.cameras) == left_label:

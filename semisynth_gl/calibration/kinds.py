@@ -130,7 +130,7 @@ def stated_sizes(entries: Iterable[Entry], matrices: Sequence[Array]) -> tuple[l
 
 
 def turned_size_fault(size: Size, *matrices: Array) -> str | None:
-    """Return what is wrong with a size whose width and height have changed places, by camera matrices; None for others.
+    """Return a message if width and height are swapped, judged by the principal points; None if they are not.
 
     The principal points are far from the centre of such a size, and near the centre of the turned one.
     """

@@ -50,7 +50,7 @@ def words_of(name: Name) -> tuple[str, ...]:
 def label_of(name: Name, cameras: tuple[str, str] | None = None, *, rotation: bool = False) -> str:
     """Return which camera a name is of: left, right, a number, one of two chosen names, or "" for none or both.
 
-    The r of a rotation is its own name, unless a word before it says that it is one, or there are two.
+    In a rotation's name, a lone ``r`` means R. It means right after a word such as ``rot``, or beside a second ``r``.
     """
     for each in cameras or ():
         if not each.isdigit() and each.lower() in map(str.lower, name):

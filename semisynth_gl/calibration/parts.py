@@ -29,7 +29,7 @@ _PARTS = {(alias, len(parts)): parts for parts, aliases in _ALIASES.items() for 
 
 
 def by_columns(entries: Sequence[Entry]) -> list[Entry]:
-    """Return entries with matrices that multiply from the right, as MATLAB's do, turned to ones from the left."""
+    """Transpose all 3 x 3 matrices if K is stored for row vectors, as by MATLAB."""
     square = [e.value.reshape(3, 3) for e in entries if e.value.size == 9]
     if not any(is_camera_matrix(each.T) and not is_camera_matrix(each) for each in square):
         return list(entries)

@@ -57,7 +57,7 @@ def right_from_left(poses: Mapping[Name, Array], cameras: tuple[str, str] | None
 
 
 def more_rightwards(poses: Iterable[Array]) -> Array | None:
-    """Return the pose (4, 4) of a camera that sees points farthest to the left; None without poses."""
+    """Return the right_from_left pose (4, 4) whose right camera lies farthest to the right; None without poses."""
     return min(poses, key=lambda pose: pose[0, 3] / (np.linalg.norm(pose[:3, 3]) or 1), default=None)
 
 

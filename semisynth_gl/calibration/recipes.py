@@ -20,7 +20,7 @@ _DEPTH_OF_FLAT = 3.0
 _FLOATING = [12, 40]
 # Ends of ranges of disparity, as quantiles of the wanted distribution: of these particles, of walls, of panels.
 _NEAR, _ROOM_ENDS, _PANELS = (0.4, 0.98), (0.1, 0.4), (0.1, 0.8)
-# Where still things must be able to come as near as this quantile of the wanted distribution.
+# Walls and panels must reach this quantile of disparity; else no recipe has them.
 _STILL_UP_TO = 0.9
 # Sides of panels, as fractions of the image's width.
 _PANEL_OF_WIDTH = (0.3, 1.0)

@@ -131,7 +131,7 @@ def _element(element: ET.Element) -> Any:  # noqa: ANN401 - any nested value
 
 
 def _yaml(text: str) -> dict[str, Any] | None:
-    """Return the values of YAML's mappings; None for other YAML, FormatError for none."""
+    """Parse text as YAML: None if it is YAML but no mapping, FormatError if it is not YAML."""
     if len(text) > _LARGEST_YAML:
         raise FormatError(f"has more than {_LARGEST_YAML >> 10} KiB of YAML: expected a calibration alone")
     # Scalars stay text: dates, sexagesimal numbers and tags mean nothing here.

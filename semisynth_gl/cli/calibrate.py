@@ -113,7 +113,7 @@ def _calib_keys(_: click.Context, __: click.Parameter, text: str | None) -> dict
 )
 @set_option()
 @option("--out", type=OutputFile(".yaml", ".yml"), required=True, help="YAML file to write.")
-@option("--overwrite", is_flag=True, help="Replace an existing --out, with what you may have changed there.")
+@option("--overwrite", is_flag=True, help="Overwrite an existing --out: your changes in it are lost.")
 def calibrate(
     images: tuple[str, ...],
     disparity: tuple[str, ...],

@@ -92,7 +92,7 @@ def holds(values: Any, key: Key) -> bool:  # noqa: ANN401 - any YAML value
 
 
 def dotted(key: Key) -> str:
-    """Return a key as ``--set`` takes it."""
+    """Return a key as messages show it, such as scenes.0.weight."""
     return ".".join(map(str, key))
 
 

@@ -44,8 +44,8 @@ def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
     """Read a config.
 
     Where an override or an extending config changes ``camera.width_px`` or ``height_px``, principal points that it does
-    not state itself keep their distance from the image's middle. With ``scale``, it first brings the config below it to
-    another resolution.
+    not state itself keep their distance from the image's middle. ``scale`` first changes the resolution of the config
+    that a file extends, or that an override changes.
 
     Args:
         name_or_path: a path, or the name of a packaged config with or without ".yaml".
@@ -161,6 +161,9 @@ def _parse_override(override: str | tuple[str, Any]) -> Layer:
     else:
         name, value = override
     key = tuple(name.split("."))
+    if key == ("extends",) or any(part.isdigit() for part in key):
+        expected = "a file's own key" if key == ("extends",) else "lists are set whole, by their key without numbers"
+        raise InputError(f"{OVERRIDE} {cut(name)}: {expected}")
     values = reduce(lambda below, part: {part: below}, reversed(key), value)
     return Layer(values, dict.fromkeys(_keys_of(value, key), OVERRIDE))
 

@@ -50,7 +50,7 @@ from semisynth_gl.plugins import Group
 
 _MOST_RECIPES = 100
 
-# A config without a lens or a projector keeps the digest that it had before there were any.
+# None stays out of the digest, so that these sections did not change existing configs.
 _LEFT_OUT = Field(exclude_if=lambda section: section is None)
 
 RECIPE_KEYS = ("recipe", "extends", "weight")

@@ -90,7 +90,7 @@ def _result(ray: Any, reference: Any, number: int) -> Recorder:  # noqa: ANN401 
     return made
 
 
-# The maker of a process of Ray, by the job's bytes and the GPUs that Ray gives the process, another one at times.
+# The worker's ShardMaker, by the job's bytes and CUDA_VISIBLE_DEVICES: Ray may change the GPUs between tasks.
 _makers: dict[tuple[bytes, str | None], ShardMaker] = {}
 
 

@@ -72,13 +72,13 @@ def generate(
         out: the dataset's folder, or an address that fsspec knows.
         pairs: number of training pairs, or of the pairs of each split by its name.
         seed: the dataset's seed, 0 or more.
-        layout: see `semisynth_gl.layouts`; by default the layout of the unfinished dataset in ``out``, else
+        layout: see `semisynth_gl.layouts`; by default the layout of the dataset in ``out``, finished or not, else
             the config's, else ``middlebury``, and ``webdataset`` from 10,000 pairs on.
         backend: "auto", "egl" or "osmesa".
         engine: runs the shards; by default in this process.
         gpus: CUDA's numbers of the GPUs that workers take in turn; by default all workers use the first GPU of
             CUDA_VISIBLE_DEVICES or, where that is not set, EGL's first device.
-        shard_pairs: pairs in a shard; by default as in the unfinished dataset in ``out``, else 64 or fewer, see
+        shard_pairs: pairs in a shard; by default as in the dataset in ``out``, finished or not, else 64 or fewer, see
             `make_plan`.
         shards: numbers of the shards to make; by default all. Runs may share the shards of a dataset, also on several
             machines; the run that finds none missing writes the index.
@@ -87,7 +87,7 @@ def generate(
         listener: hears messages, the number of pairs to make and each pair, and may ask to stop.
 
     Raises:
-        SemisynthError: where the input cannot be used, the place holds something else, or workers keep dying.
+        SemisynthError: where the input cannot be used, ``out`` holds something else, or workers keep dying.
         OSError: where the disk is full or cannot be written to. Complete shards stay.
     """
     named: Mapping[SplitName, int] = pairs if isinstance(pairs, Mapping) else {"train": pairs}

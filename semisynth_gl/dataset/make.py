@@ -88,6 +88,7 @@ class ShardMaker:
 
     def _renderer_of(self, split: SplitName, listener: Listener) -> PairRenderer:
         if self._renderer is None or self._renderer.split.name != split:
+            self._renderer = None  # of an error below, no closed renderer is left
             self._resources.close()
             job, plan = self._job, self._job.plan
             _check_same("plug-ins", plan.plugins, used_plugins(plan.config, plan.layout_name))

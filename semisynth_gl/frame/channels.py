@@ -92,7 +92,7 @@ class Channel(Generic[Value]):
 
     @property
     def beyond_key(self) -> str:
-        """The key of a pair's provenance with the number of pixels per view whose value the codec cannot store."""
+        """The key of a pair's provenance that counts, for each view, the values beyond the codec's range."""
         return f"{self.name}_beyond"
 
 

@@ -7,7 +7,7 @@ from semisynth_gl.inputs.errors import InputError, how_to_install
 
 
 def open_opencv(what: str) -> Any:  # noqa: ANN401 - a module without types
-    """Return OpenCV; ``what`` needs it, the beginning of the message of the InputError where it is missing."""
+    """Import OpenCV; raises InputError where it is missing. Its message begins with ``what``, which needs OpenCV."""
     try:
         return import_module("cv2")
     except ImportError as error:

@@ -13,7 +13,7 @@ from semisynth_gl.lens.chain import LensChain
 
 # The masks, by the truth that leads from a pixel to its point in the other view or at another moment.
 _MASKS = {name: channel.mask for name, channel in CHANNELS.items() if channel.mask is not None}
-# What hangs on a pixel's disparity.
+# The channels that are computed from a pixel's disparity.
 _OF_DISPARITY = ("disparity", "correspondence", "disparity_change", "visibility")
 
 
@@ -35,7 +35,7 @@ def with_borders(
         changed: dict[str, NDArray[Any]] = {}
         for leading, mask in _MASKS.items():
             if mask in view:
-                # As files have it: not visible, for whatever reason.
+                # Files store only whether a point is visible, so OCCLUDED stands for a border too.
                 most = np.where(bordered(frame, eye, valid, leading), np.uint8(OCCLUDED), np.uint8(VISIBLE))
                 changed[mask] = np.minimum(view[mask], most)
         if "valid" in outputs and "disparity" in view:
@@ -53,7 +53,7 @@ def with_borders(
 def bordered(
     frame: Frame, eye: Eye, valid: Mapping[Eye, NDArray[np.bool_]], leading: str = "disparity"
 ) -> NDArray[np.bool_]:
-    """Return where a sensor saw nothing of a view's point, at its pixel or where the point lies otherwise, (H, W) bool.
+    """Return the pixels, (H, W) bool, whose point lies in a border, in this view or where ``leading`` points to.
 
     Args:
         frame: the pair.

@@ -22,9 +22,9 @@ from semisynth_gl.inputs.opencv import open_opencv
 
 # Directions are found exactly at a grid of raw pixels, and by cubic interpolation between them.
 _GRID_PX = 16
-# Where the lens does not bend further than this, px, its inverse is its own check.
+# Tolerance, px, of the round trip through lens and inverse.
 _INVERSE_PX = 1e-3
-# Densities up to this are 1: half a pixel more over the widest image.
+# Densities below this count as 1: over the widest image, that is 2 px at most.
 _SAME_DENSITY = 1 + 1e-4
 # Rounding of OpenCV's float32 maps, px, at a border.
 _BORDER_PX = 1e-3
@@ -104,7 +104,7 @@ class LensChain:
 
     @cached_property
     def density(self) -> float:
-        """The most raw pixels along a rectified one, 1 or more: drawn so dense, the raw image lacks no detail."""
+        """Supersampling factor: the largest number of raw pixels per rectified pixel, at least 1."""
         seen = self.valid[::_GRID_PX, ::_GRID_PX]
         # Behind the raw camera, maps are inf.
         x, y = (np.where(seen, each[::_GRID_PX, ::_GRID_PX].astype(np.float64) / _GRID_PX, 0) for each in self.maps)

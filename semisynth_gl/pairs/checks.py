@@ -12,8 +12,7 @@ from semisynth_gl.textures.crops import least_texture
 # black.
 _ROWS = 8
 
-# Texture of a sample over the limit at which the image surely has enough: a cell's contrast is at least a quarter of
-# that of every 16th of its pixels.
+# Factor over the limit at which a sample of every 64th pixel proves that the image has enough texture.
 _AMPLE = 8
 
 # Share of max_px within which a disparity counts as at the near plane. Walls and models stay farther away, so a surface
@@ -36,7 +35,7 @@ def faults(frame: Frame, config: Config, sampled: SampledScene | None = None) ->
         brightness = float(min(image.mean() for image in images))
         if brightness < section.min_brightness:
             clauses.append(f"too dark: mean {brightness:.1f} levels, at least {section.min_brightness:g} wanted")
-    # A sample of every 64th pixel takes a tenth of the time, and settles it for usual images.
+    # `least_texture` halves both sides again. Every 64th pixel takes a tenth of the time, and settles usual images.
     sampled_texture = least_texture(image[::4, ::4] for image in images)
     if sampled_texture < _AMPLE * section.min_texture and (texture := least_texture(images)) < section.min_texture:
         clauses.append(f"too little texture: {texture:.2f} levels, at least {section.min_texture:g} wanted")

@@ -173,7 +173,7 @@ def sample_imperfections(
     Args:
         section: the ranges from which imperfections are sampled.
         rng: source of lens blur, exposure, noise and gamma.
-        further: returns the generator of any other key. So no key changes the value of another key.
+        further: returns a generator for each other key, so that setting one key does not shift another's values.
     """
     values: dict[str, Any] = {
         key: getattr(section, key).sample(rng) for key in ("blur_px", "exposure_stops", "noise", "gamma")

@@ -9,12 +9,15 @@ from semisynth_gl.render.projection import clip_from_view
 from semisynth_gl.render.structs import CONSTANTS, CONSTANTS_BINDING
 from semisynth_gl.scene.scene import Scene
 
-# Below every disparity: see LARGEST in common_constants.glsl.
+# LARGEST of common_constants.glsl; its negative is below every disparity.
 _LARGEST = 3e38
 
 
 class ConstantsBuffer:
-    """The uniform block's buffer, which stays bound in its context; ``signed`` disparities are valid at 0 and below."""
+    """The uniform block's buffer, bound for the life of the context.
+
+    With ``signed``, disparities of 0 and below are valid.
+    """
 
     def __init__(self, gl: moderngl.Context, *, signed: bool = False) -> None:
         self._least_px = -_LARGEST if signed else 0.0

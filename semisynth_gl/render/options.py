@@ -142,7 +142,7 @@ class RenderOptions:
         """Return the attachments that the drawing pass of an eye writes."""
         own = eye in self.truth_eyes
         flow = own and self.flow
-        # Attachments that are drawn for later passes, or not drawn because another pass draws them.
+        # Exceptions: a later pass needs the attachment, or another pass draws it.
         needed = {
             "colour": not self.antialias.redraws,
             "disparity": own or self.visibility,

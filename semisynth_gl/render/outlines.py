@@ -93,7 +93,7 @@ def _shown(edges: MeshEdges, eyes: NDArray[np.float32], solid: NDArray[np.bool_]
         The numbers of instances and of edges, (N,) int64 each, for edges whose first side is in front, and the same for
         edges whose second side is in front.
     """
-    # Whether the eye lies where n . x < n . p for the plane of either side; with a negative w, whether it does not.
+    # For both adjacent faces: is the eye behind the face's plane? A negative w inverts the answer.
     homogeneous = eyes * np.array([-1, -1, -1, 1], np.float32)
     below = [homogeneous @ plane > 0 for plane in edges.plane]
     # Both triangles lie on one side of the edge.

@@ -164,8 +164,11 @@ class TargetCache:
             BackendError: as `for_pairs`.
         """
         size = camera.width_px, camera.height_px
-        for latest in (self._pairs, *self._images):
-            if latest is not None and latest.size == size:
+        if self._pairs is not None and self._pairs.size == size:
+            return self._pairs
+        for number, latest in enumerate(self._images):
+            if latest.size == size:
+                self._images.append(self._images.pop(number))
                 return latest
         self._images.append(ImageTargets(self._state, size))
         if len(self._images) > len(EYES):

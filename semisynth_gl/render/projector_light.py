@@ -46,7 +46,7 @@ class ProjectorLight:
         self._reached: InstanceTransforms | None = None
 
     def reach(self, transforms: InstanceTransforms, draw: Callable[[InstanceTransforms, EyeTargets], object]) -> None:
-        """Find what the projector of a scene reaches; nothing is done for the scene of the call before.
+        """Draw the depth map of a scene's projector. A second call with the same transforms does nothing.
 
         Args:
             transforms: the scene's instances.

@@ -1,15 +1,15 @@
 """The renderer: models and patches go to the GPU once, then any number of scenes are drawn from them.
 
 A pair takes three steps: the drawing pass of each eye (`DrawPass`: colour, disparity and other outputs), the visibility
-pass of each eye, and the copy of the results into arrays, with the passes that compare moments, or views in other ways
-(`ReadbackPass`). `RenderOptions` says what is made. This module checks the caller's arguments and the errors that the
+pass of each eye, and the readback, which also runs the correspondence and flow passes (`ReadbackPass`). `RenderOptions`
+lists the outputs. This module checks the caller's arguments and the errors that the
 driver reports.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Literal, Self
+from typing import Literal, Self, get_args
 from weakref import finalize
 
 import moderngl
@@ -20,7 +20,7 @@ from semisynth_gl.frame.camera import EYES, Crop, Eye, StereoCamera
 from semisynth_gl.frame.channels import DEFAULT_OUTPUTS, TruthViews, View
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.geometry.mesh import Mesh, centred
-from semisynth_gl.inputs.arguments import to_whole
+from semisynth_gl.inputs.arguments import check_one_of, to_whole
 from semisynth_gl.inputs.errors import BackendError, ContextLostError, InputError
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
@@ -103,6 +103,7 @@ class Renderer:
         atlases = {"layers": layers} | ({} if large_layers is None else {"large_layers": large_layers})
         _check_atlases(atlases)
         self._options = RenderOptions.of(outputs, truth, antialias, rectified=rectified, signed=signed)
+        check_one_of("wrap", wrap, get_args(Wrap))
         for name, most in (("anisotropy", anisotropy), ("large_anisotropy", large_anisotropy)):
             if most not in range(1, 17):
                 raise InputError(f"{name} must be a whole number from 1 to 16, got {most}")
@@ -183,7 +184,8 @@ class Renderer:
         Raises:
             InputError: where an index or the crop is out of range, the output "instances" has too few ids, an output
                 needs a motion that is missing or not the scene's, the right camera deviates although the renderer is
-                rectified, or float32 cannot hold an instance as the camera sees it.
+                rectified, the scene has a projector and the renderer no pattern, or float32 cannot hold an instance as
+                the camera sees it.
             BackendError: where the image is larger than the driver allows, or drawing failed.
             ContextLostError: where the driver took the context away; another renderer may still be opened.
         """
@@ -272,7 +274,7 @@ class Renderer:
             The image of each of these eyes, (H, W, 3) uint8 RGB or (H, W) grey.
 
         Raises:
-            InputError: where an index is out of range, or an eye is neither left nor right.
+            InputError: where the scene cannot be drawn, as in `render`, or an eye is neither left nor right.
             BackendError: where the image is larger than the driver allows, or drawing failed.
             ContextLostError: where the driver took the context away; another renderer may still be opened.
         """

@@ -45,15 +45,14 @@ class PairDataset(Dataset[Any]):
         transform: Transform | None,
     ) -> None:
         fits = crop is None or (
-            len(crop) == 2
+            isinstance(crop, Sequence)
+            and len(crop) == 2
             and all(isinstance(side, Integral) and 1 <= side <= most for side, most in zip(crop, sides, strict=True))
         )
         if not fits:
             raise InputError(f"crop: expected (height, width), whole numbers of up to {sides} px, got {shown(crop)}")
-        if augmentation is not None and augmentation.moves and crop is None:
-            raise InputError(
-                "an augmentation's scale, stretch, right_y_px and right_roll_deg need crop=(height, width)"
-            )
+        if augmentation is not None:
+            augmentation.check(crop, sides)
         self._sides, self._crop, self._augmentation, self._transform = sides, crop, augmentation, transform
         # In shared memory, for workers that outlive an epoch. PyTorch has no types for the method that puts it there.
         epoch: Any = torch.zeros((), dtype=torch.int64)

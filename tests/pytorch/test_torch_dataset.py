@@ -228,7 +228,8 @@ def test_what_lacks_pixels_is_filled_with_nothing(hand_made):
     [
         ({"crop": (0, 10)}, r"got \(0, 10\)"),
         ({"seed": -1}, "seed: must be 0 or more, got -1"),
-        ({"augmentation": SMALL}, "need crop="),
+        ({"augmentation": SMALL}, "crop="),
+        ({"crop": 16}, "crop: expected"),
     ],
 )
 def test_arguments_that_cannot_be_used_are_refused(hand_made, options, message):

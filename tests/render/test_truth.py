@@ -17,7 +17,8 @@ from semisynth_gl.scene.raycast import Hits, cast_rays
 from semisynth_gl.scene.scene import move
 
 EXACT_PX = 1e-3
-# A rasteriser moves vertices by 1/256 px, so within this distance of an edge a pixel may show either surface.
+# Rasterisers move vertices by up to half a step of a grid, so within this distance of an edge a pixel may show either
+# surface.
 EDGE_PX = 1 / 16
 # Two of float32's steps at 1500 px.
 STEP_PX = 2.5e-4
