@@ -13,7 +13,7 @@ from torch.nn import functional
 _DISPARITY_STEP_PX = 4
 """Features and cost volume have a quarter of the image's size."""
 _MULTIPLE_PX = 16
-"""Sides that every level of the network divides."""
+"""Inputs are padded to multiples of this: the coarsest features have a stride of 16 px."""
 _CHANNELS = 64
 """Of the features that are matched."""
 _GROUP = 8
@@ -24,8 +24,8 @@ class Estimates(NamedTuple):
 
     Attributes:
         disparities: each (B, H, W) px, of the left view, the coarsest first and the final one last.
-        scores: (B, D, H/4, W/4), rounded up; the higher, the likelier is a disparity of 4 D px. Softmax gives shares.
-        step_px: from level to level, and the side of a square that has scores.
+        scores: (B, D, H/4, W/4), rounded up: logits; channel d stands for a disparity of 4 d px.
+        step_px: px from channel to channel, and the stride of the scores.
     """
 
     disparities: list[Tensor]
@@ -84,7 +84,7 @@ class _Features(nn.Module):
         sixteenth = self.to_sixteenth(eighth)
         eighth = self.up_eighth(torch.cat([_resized(sixteenth, eighth), eighth], 1))
         quarter = self.up_quarter(torch.cat([_resized(eighth, quarter), quarter], 1))
-        # Without what all pixels have in common, which would make every pair of them alike.
+        # Each channel's mean goes: otherwise all correlations are high.
         return functional.instance_norm(self.out(quarter)), half
 
 
@@ -99,7 +99,7 @@ class _Aggregation(nn.Module):
         self.back = _conv3d(32, 32)
         self.leave = _conv3d(32, 16)
         self.cost = nn.Conv3d(16, 1, 1)
-        # Likeness counts as it is, too: so features learn from the first step on.
+        # A skip connection from the raw correlation gives features a gradient from the first step on.
         self.likeness = nn.Parameter(torch.tensor(12.0))
 
     def forward(self, volume: Tensor) -> Tensor:

@@ -6,7 +6,7 @@
     python examples/train.py --network my_module:make --loss sequence --pretrained theirs.pth
     python examples/train.py --devices 4 --precision bf16-mixed    # on four GPUs
 
-docs/training.md has what comes out.
+docs/training.md lists the results.
 """
 
 import importlib
@@ -51,7 +51,7 @@ LEVELS: Mapping[str, Callable[[Tensor], Tensor]] = {
 
 
 def needed(sample: Sample) -> Sample:
-    """Drop what a sample has beside what is learnt from."""
+    """Keep only the keys that training uses."""
     return {name: sample[name] for name in ("left", "right", "disparity_left")}
 
 
@@ -128,7 +128,7 @@ class StereoModule(lightning.LightningModule):
         return {name: each.to(device) if isinstance(each, Tensor) else each for name, each in batch.items()}
 
     def on_train_batch_start(self, *_: object) -> None:
-        """Seed what networks draw, such as dropout, by the step: a resumed training draws the same."""
+        """Seed dropout and the like by the step, so that a resumed training goes on alike."""
         torch.manual_seed((self.hparams["seed"] << 32) + self.global_step * self.trainer.world_size + self.global_rank)
 
     def training_step(self, batch: Sample, _: int) -> Tensor:

@@ -6,7 +6,7 @@ OpenGL. Its public names are in ``__init__.pyi``, and loaded when they are first
 change.
 """
 
-# Nothing is imported here: until the program's first statement, which follows, Ctrl-C is a traceback.
+# No imports at module level: `__main__` lets Ctrl-C end the program quietly only once this module is loaded.
 
 
 def _modules() -> dict[str, str]:

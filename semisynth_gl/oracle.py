@@ -1,8 +1,8 @@
 """The oracle: disparity, visibility, normals and flow by float64 rays, against which the renderer is measured.
 
 The oracle judges with the rays of `semisynth_gl.scene.raycast`, which neither the scene sampler nor the renderer uses.
-Its functions take the R hits of rays that one eye casts through the pixel positions ``x_px`` and ``y_px`` (R,), the
-meshes to which ``scene.model`` refers, and whether disparities of 0 and below are valid, ``signed``.
+``hits`` are the R hits of one eye's rays through the pixel positions ``x_px`` and ``y_px`` (R,). ``models`` are the
+meshes that ``scene.model`` indexes. ``signed`` allows disparities of 0 and below.
 """
 
 from collections.abc import Iterator, Sequence
@@ -36,11 +36,11 @@ def disparity_px(camera: StereoCamera, hits: Hits, *, signed: bool = False) -> F
 def correspondence_px(
     camera: StereoCamera, eye: Eye, x_px: Floats, y_px: Floats, hits: Hits, *, signed: bool = False
 ) -> Floats:
-    """Return the way from each ray's pixel position to where the other eye would see the hit.
+    """Return the displacement from each ray's pixel position to where the other eye would see the hit.
 
     Returns:
         (R, 2) float64 px, right and down; inf where nothing is hit, or the disparity is not valid. `disparity_of`
-        returns the disparities of ways.
+        turns it into disparities.
     """
     way = camera.correspondence(eye, np.asarray(x_px, np.float64), np.asarray(y_px, np.float64), hits.depth_m)
     disparity = way[:, 0] * (-1 if eye == "left" else 1)
@@ -55,7 +55,7 @@ def _in_image(camera: StereoCamera, position_px: Floats) -> NDArray[np.bool_]:
 
 
 def disparity_of(eye: Eye, way: Floats) -> Floats:
-    """Return the disparities x_left - x_right, (R,), of ways (R, 2) from one eye's view; inf where a way is inf."""
+    """Return the disparities x_left - x_right, (R,), of an eye's displacements (R, 2); inf where they are inf."""
     return way[:, 0] if eye == "right" else np.where(np.isinf(way[:, 0]), np.inf, -way[:, 0])
 
 

@@ -36,9 +36,10 @@ class Augmentation:
         scale: factors of both sides; sampled evenly in the logarithm, and raised where the crop would not fit.
         stretch: further factors of the width; likewise.
         mirrored: share that is mirrored, whose eyes change places. Needs truth of both views and a rectified rig.
-        right_y_px: by which the right image is moved down, as in a badly rectified rig. Disparities stay along the row,
-            and the output ``correspondence``, where the pairs have it, has the way down. Needs rectified rigs.
-        right_roll_deg: by which the right image is turned about its principal point, clockwise; likewise.
+        right_y_px: shifts of the right image, px down, as in a badly rectified rig. The disparity stays the horizontal
+            part; the output ``correspondence``, where the pairs have it, has the vertical one too. Needs rectified
+            rigs.
+        right_roll_deg: rotations of the right image about its principal point, clockwise. Needs rectified rigs.
         brightness: factors of all levels.
         contrast: factors of the distance from the mean luminance of both images.
         saturation: factors of the distance from grey.

@@ -19,9 +19,10 @@ from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 
 _FLOWS = ("flow", "flow_backward")
-# By how much three disparities (or ways) in a row on one surface may be off a line; of inverse depths, a share.
+# By how much three values in a row on one surface may be off a line: disparities and displacements, px, and a share of
+# inverse depths.
 _SURFACE_PX, _SURFACE_SHARE = 0.1, np.float32(2e-3)
-# What is counted in px: along rows, and along rows and columns.
+# Channels in px: scaled by scale_x only, and by scale_x and scale_y.
 _ACROSS, _WAYS = {"disparity", "disparity_change"}, {"correspondence", *_FLOWS}
 
 
@@ -134,13 +135,13 @@ class _Movement:
 
     def __init__(self, warp: Warp, camera: StereoCamera) -> None:
         self._cos, self._sin = np.cos(warp.right_roll_rad), np.sin(warp.right_roll_rad)
-        # How far a step to the right leads down, and a step down to the left: a circle is an ellipse in px.
+        # Off-diagonal terms of the rotation in px. They differ where fy is not fx.
         self._fall = self._sin * camera.fy_over_fx
         self._lean = self._sin / camera.fy_over_fx
         self._cx, self._cy, self._down = camera.cx_right_px, camera.cy_px, warp.right_y_px / warp.scale_y
 
     def source(self, x: Positions, y: Positions) -> tuple[Positions, Positions]:
-        """Return the points of the right image that come to stand at points."""
+        """Return the points of the right image that move to points."""
         across, along = x - self._cx, y - self._cy - self._down
         return self._cx + self._cos * across + self._lean * along, self._cy - self._fall * across + self._cos * along
 

@@ -44,7 +44,7 @@ def _masked(mask: NDArray[np.uint8], way: NDArray[np.floating], hidden: NDArray[
     """Return a mask, `OCCLUDED` where it says visible, but the way (H, W, 2) leads into what is hidden, (H, W) bool."""
     y, x = np.nonzero((mask == VISIBLE) & np.isfinite(way).all(axis=2))
     column, row = np.rint(np.stack([x, y]) + way[y, x].T).astype(np.intp)
-    # Beyond the image, nothing is hidden: so is a border around it.
+    # Positions beyond the image are clipped into a border of one pixel, which is not hidden.
     padded = np.pad(hidden, 1)
     covered = padded[(row + 1).clip(0, padded.shape[0] - 1), (column + 1).clip(0, padded.shape[1] - 1)]
     masked = mask.copy()

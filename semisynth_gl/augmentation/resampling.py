@@ -2,10 +2,10 @@
 
 Truth is the value of the nearest pixel, carried along its surface to the point asked for.
 The disparity of a plane is linear in the image, and so is the inverse of its depth. So a value is carried by the slope
-that the pixel's neighbours on the same surface have, and never mixed with the value of another surface. Neighbours are
-on one surface where three values in a row lie on a line, but for a tolerance; a pixel with none keeps its value. Three
-surfaces may lie so by chance: of 1.4 million pixels of packaged configs at half the size, scaled by 0.8 to 1.31, 0.04 %
-are more than 0.1 px off for that, the worst by 4 px.
+that the pixel's neighbours on the same surface have, and never mixed with the value of another surface. Three
+pixels in a row are on one surface if their values are collinear within a tolerance. A pixel without such neighbours has
+the slope 0. Pixels of three surfaces can be collinear by chance: of 1.4 million pixels of packaged configs at half the
+size, scaled by 0.8 to 1.31, 0.04 % are therefore more than 0.1 px off, the worst by 4 px.
 """
 
 from typing import Any
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float32]
 Positions = NDArray[np.floating[Any]]
 
-# Pixels beside a point that its value is made of.
+# Offsets of the interpolation filter's eight taps.
 _TAPS = np.arange(-3, 5)
 
 
@@ -28,7 +28,7 @@ def sheared(lines: Floats, shifts_px: Positions) -> Floats:
 
     Args:
         lines: (N, L, C).
-        shifts_px: (N,); a line's pixels come from so much further on.
+        shifts_px: (N,); line n of the result samples line n of the input at x + shifts_px[n].
     """
     if not shifts_px.any():
         return lines

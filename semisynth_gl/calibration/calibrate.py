@@ -111,9 +111,7 @@ def calibrate(
     given = [argument for argument, value in ranges.items() if value is not None]
     if len(given) > 1:
         raise InputError("expected only one of disparity maps, a range in px and a range in m", argument=given[-1])
-    of_files = {"unit": unit, "alpha": alpha, "cameras": cameras, "calib_keys": calib_keys or None}
-    if not files and (lone := [argument for argument, value in of_files.items() if value is not None]):
-        raise InputError("it is about a calibration's files: give them, or leave it out", argument=lone[0])
+    _check_about_files(files, unit=unit, alpha=alpha, cameras=cameras, calib_keys=calib_keys or None)
     photographed = [] if other_camera else photograph_sizes(find_images(sources))
     if files:
         if focal_px is not None or baseline_m is not None:
@@ -161,6 +159,13 @@ def calibrate(
         draft = fit(draft, place.values, trials, listener or Listener())
     config = draft.config()
     return Calibration(config, write(draft), _summary(draft, config, atlas.report.total("kept")), notes)
+
+
+def _check_about_files(files: Sequence[str], **about: object) -> None:
+    """Refuse arguments about a calibration's files where there are none."""
+    for argument, value in about.items():
+        if value is not None and not files:
+            raise InputError("it is about a calibration's files: give them, or leave it out", argument=argument)
 
 
 def _summary(draft: Draft, config: Config, patches: int) -> list[str]:

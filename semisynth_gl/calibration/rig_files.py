@@ -27,9 +27,9 @@ def read_rigs(
 ) -> list[Rig]:
     """Read rectified rigs from calibration files and globs, in the order of the files.
 
-    Files that each describe a rig are several rigs. Where one of them does not, the files with K and D of both cameras
-    count alone; without such a file, all files together are one rig: one file for each camera, the left one first
-    where their names do not tell, or intrinsics and extrinsics.
+    If every file describes a rig, each gives one. Otherwise only files with K, D and R of both cameras are used. If
+    there is none, all files together are one rig: one file for each camera, the left one first unless their names say
+    otherwise, or intrinsics and extrinsics.
 
     Args:
         sources: names of files, and globs.

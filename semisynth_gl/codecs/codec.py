@@ -88,7 +88,7 @@ def decode_image(
         data: the file's bytes.
         path: for messages.
         kind: Pillow's name of the format.
-        end: the bytes at the end of each file of the format, without which Pillow may fill up with black.
+        end: the format's end marker: Pillow may decode a cut-off file and fill the rest with black.
         raw_mode: how the decoder reads the stored bytes; by default as Pillow chooses.
 
     Raises:

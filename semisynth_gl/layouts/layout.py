@@ -25,11 +25,11 @@ class Layout:
         stems: the path of each file of a pair by role, without its ending; inside the shard's tar where packed.
         fields: returns further values for the templates.
         lists: files about the pairs of a split: by path, the line of a pair, with the path of each file of the pair by
-            its role, such as ``{left}``. Equal lines stand once.
+            its role, such as ``{left}``. Duplicate lines are dropped.
         links: symbolic links by path; the target is relative to the link's folder.
         flow_links: more links, in datasets with an output of flow.
         folders: folders that loaders list even where they are empty.
-        together: splits whose files are not in a folder of the split's.
+        together: splits that share the dataset's root instead of getting a folder each.
         roles: roles that differ from those of `ROLES`.
         packed: whether the files of a shard are packed into one tar; else each file stands in a folder.
         needs: outputs that every dataset in this layout must have.

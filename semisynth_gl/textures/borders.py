@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 # JPEG turns black into levels up to this one.
 _BLACK = 3
-# Dark objects may reach the edge of a photograph: a border is at least this share of it, and leaves at least this part.
+# A border covers at least this share of a photograph, and its inside at least this; otherwise it is a dark object.
 _LEAST, _LEAST_INSIDE = 1e-3, 0.5
-# Of an edge, at most this share may be black inside the borders; and pixels beside a border are mixed with it.
+# Largest black share of an edge of the inner rectangle; further pixels to trim, which interpolation mixed with black.
 _EDGE, _MIXED_PX = 0.005, 2
 # Fewest black corners of an image with a border that lies on no two opposite edges.
 _CORNERS = 2

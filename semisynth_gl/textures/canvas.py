@@ -111,7 +111,7 @@ def direction(down: Field, right: Field) -> Field:
 
 
 class Tiling(NamedTuple):
-    """The tile of each pixel of a picture, (H, W): its number, and how far its border and its centre are, px."""
+    """For each pixel, (H, W): its tile's number, roughly the distance to its border, and the offset from its centre."""
 
     number: NDArray[np.int64]
     border: Field
@@ -186,13 +186,13 @@ def lit(pixels: ArrayLike | Image.Image, light: NDArray[Any]) -> Field:
 
 
 def relief(height: NDArray[Any], strength: float) -> Field:
-    """Return the light on a surface, (H, W) px high, from the upper left: 1, and ``strength`` per pixel of slope."""
+    """Shade a height field (H, W), px, lit from the upper left: 1 + strength x slope, from 0.35 to 1.7."""
     slope = np.diff(height, axis=0, prepend=height[:1]) + np.diff(height, axis=1, prepend=height[:, :1])
     return np.asarray(np.clip(1 + strength * slope, 0.35, 1.7), np.float32)
 
 
 def veins(rng: np.random.Generator, sharpness: float, coarsest_px: int = 256, persistence: float = 0.6) -> Field:
-    """Return fine winding lines, (H, W): 1 on a line, and the less beside it the higher the ``sharpness``."""
+    """Return fine winding lines, (H, W): 1 on a line, falling off faster with ``sharpness``."""
     noise = fractal(rng, coarsest_px=coarsest_px, persistence=persistence)
     return np.exp(-np.abs(noise).astype(np.float64) * sharpness).astype(np.float32)
 

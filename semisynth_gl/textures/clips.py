@@ -34,9 +34,9 @@ def natural_key(path: Path) -> tuple[tuple[int, int, str], ...]:
 def cut_clips(images: Sequence[Path], section: TexturesSection, *, alone: bool) -> list[list[Path]]:
     """Cut the images of each folder, sorted naturally by name, into successive clips of nearly equal length.
 
-    All clips are as long as the limits allow: the number of crops of all clips, but at most ``max_patches``, times the
-    frames of a clip is not above `MOST_LAYERS`. The first image of a folder stands for the size of all. Where the
-    images are not ``alone``, patches of pictures may fill up ``max_patches``, so that number counts.
+    Clips get the largest number of frames for which patches times frames is at most `MOST_LAYERS`. The number of
+    patches is estimated as that of all crops, at most ``max_patches``; the first image of a folder stands for the size
+    of all. If painted pictures are used too (not ``alone``), it is ``max_patches``.
     """
     folders: dict[Path, list[Path]] = defaultdict(list)
     for path in sorted(images, key=lambda path: (path.parent.as_posix(), natural_key(path))):

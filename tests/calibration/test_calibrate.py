@@ -265,6 +265,7 @@ def test_both_views_of_a_pair_are_one_subject(tmp_path):
         ("--focal-px 700 --baseline-m -0.1 --size 741x500", ["--baseline-m: must be 0 or from"]),
         ("--focal-px 700 --baseline-m 0.1 --size 741", ["--size 741", "1280x720"]),
         ("--focal-px 700 --baseline-m 0.1 --size 741x500", ["--range-px: missing", "disparity maps"]),
+        ("--focal-px 700 --baseline-m 0.1 --size 741x500 --range-px 1 4 --unit mm", ["--unit: it is about"]),
         ("--calib calib.txt --focal-px 7", ["--focal-px: "]),
         ("--calib calib.txt --range-px 1e-9 2e-9", ["expected ends that differ by 2.2e-05"]),
         ("--calib calib.txt --range-px 1 4 --disparity x.pfm", ["--disparity: expected only one of"]),
