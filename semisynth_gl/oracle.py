@@ -127,7 +127,8 @@ def flow(
         # The sky in each direction is represented by a point of its instance.
         depth_m = np.where(is_sky, depth_on_planes(scene, models, eye, x, y, hits), depth_m)
     then = replace(scene, camera_from_world=motion.scene.camera_from_world, world_from_model=motion.world_from_model)
-    points = camera.rays_of_eye(eye, x, y) * depth_m[:, None]
+    # Rays without a hit have no point: their product would be NaN.
+    points = camera.rays_of_eye(eye, x, y) * np.where(np.isfinite(depth_m), depth_m, 0.0)[:, None]
     both = zip(_triangles_hit(scene, models, eye, hits), _triangles_hit(then, models, eye, hits), strict=True)
     for (rays, corners, normal), (_, moved, _) in both:
         # Move the triangle's corners, and the point with its barycentric coordinates: matrices of flat models have no

@@ -235,7 +235,7 @@ FAULTS = {
         "is 0 for a point in the image",
     ),
     "mask of other values": (mask_of(lambda mask: mask // 2, "flow_mask0"), "flow_visibility", "is not one of"),
-    "pfm NaN": (flow(at_pixel(40, 50, (np.nan, 1)), "flow0"), "files", "got NaN at 1 pixels"),
+    "pfm NaN": (flow(at_pixel(40, 50, (np.nan, 1)), "flow0"), "files", "got NaN"),
     "pfm -inf": (flow(at_pixel(40, 50, (-np.inf, -np.inf)), "flow1"), "flow", f"flow_right is NaN or -inf {AT}"),
     "pfm inf in one component": (
         flow(at_pixel(40, 50, (np.inf, 1)), "flow_backward0", number=1),
