@@ -31,11 +31,13 @@ def draw(report: Mapping[str, Any]) -> Figure:
         (antialias, "antialias", "antialiasing", "PSNR against 64 samples a pixel, dB", lambda row: row["psnr_db"]),
     )
     for axis, part, title, label, value in panels:
-        for row in report[part]:
+        for number, row in enumerate(report[part]):
             colour = _DEFAULT if row["default"] else _FRONT if row["on_front"] else _OFF
             point = row["time_ratio"], value(row)
             axis.scatter(*point, s=60 if row["default"] else 30, color=colour)
-            axis.annotate(row["name"], point, xytext=(6, 5), textcoords="offset points", fontsize=8, color=colour)
+            # Left and right of the points in turn, since neighbours are often alike.
+            offset, side = ((6, 4), "left") if number % 2 == 0 else ((-6, 4), "right")
+            axis.annotate(row["name"], point, offset, textcoords="offset points", fontsize=8, color=colour, ha=side)
         axis.set(title=title, xlabel="time / the default's", ylabel=label)
         axis.set_xlim(0, 1.3 * max(row["time_ratio"] for row in report[part]))
         axis.grid(alpha=0.25)
