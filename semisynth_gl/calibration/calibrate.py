@@ -91,7 +91,7 @@ def calibrate(
         trials: number of pairs to render and measure for each recipe at each of two texture scales; with 0, no pair is
             rendered, recipes have equal weights, and textures are as in the packaged configs.
         overrides: keys to set in the config, as `load_config` takes them; the trial pairs have them, too.
-        name: the config's name; characters other than letters, digits and hyphens become hyphens.
+        name: the config's name; runs of characters other than ASCII letters and digits become one hyphen.
         listener: hears the number of pairs to render, and each finished pair.
 
     Raises:

@@ -80,8 +80,8 @@ def describe(
 ) -> Draft:
     """Describe a config without trials.
 
-    ``name`` is any text, of which the config's name has the letters and digits, and hyphens. ``images`` are files,
-    folders and globs. Raises InputError where there is no photograph.
+    Of ``name``, runs of characters other than ASCII letters and digits become one hyphen in the config's name.
+    ``images`` are files, folders and globs. Raises InputError where there is no photograph.
     """
     photographs = find_images(images)
     sides = sorted(map(min, photograph_sizes(photographs))) or [0]
