@@ -185,6 +185,14 @@ def against_a_board(direction):
     return cameras
 
 
+def with_poses(turned):
+    """Each camera with its pose, in one direction or the other, which no name tells."""
+    return {
+        eye: {"K": k, "D": d, "pose": turned(body), "width": 640, "height": 480}
+        for eye, (_, k, d, body) in zip(("left", "right"), EYES, strict=True)
+    }
+
+
 def mrcal(k, d, turn, shift, pose="extrinsics"):
     values = {"lensmodel": "LENSMODEL_OPENCV5", "intrinsics": [*vector(k), *d.tolist()], "imagersize": [*SIZE]}
     return "# a model\n" + repr(values | {pose: [*vector_of(turn.tolist()), *map(float, shift)], "blob": b"{[#"})
@@ -342,6 +350,8 @@ WITH_FIVE = {
         {name: value.tolist() for name, value in named("left_K left_D right_K right_D stereo_R stereo_T").items()},
         "{}:\t{}\t\t# measured\n",
     ) + "img_shape:\t[640, 480]\nboard:\n  cols: 9\n  rows: 6\n  size: [9, 6]\n"},
+    "poses of cameras": with_poses(np.array),
+    "poses of cameras, the other way": with_poses(np.linalg.inv),
     "board to cam": against_a_board("board_to_cam"),
     "cam to board": against_a_board("cam_to_board"),
     **{f"mrcal {name}": {

@@ -120,6 +120,8 @@ def test_overrides_are_yaml_and_name_themselves(tmp_path):
         ("camera.width_px=x", r"^override camera\.width_px: input should be a valid integer, got 'x'"),
         ("camera.width_px.more=3", r"camera\.width_px: input should be a valid integer"),
         ("camera.width_px", "expected dotted.key=value"),
+        ("extends=kitti", "a file's own key"),
+        ("scenes.0.weight=2", "lists are set whole"),
         ("camera.width_px=[", "^override camera.width_px: .* not valid YAML"),
     ):
         with pytest.raises(InputError, match=word):

@@ -334,6 +334,7 @@ def test_a_mix_of_extremes_with_the_mean_of_its_place_does_not_pass(factor, alik
     assert row.distance == pytest.approx(apart)
     assert row.difference == pytest.approx(0, abs=1e-12)
     assert (row.distance <= 1) == alike
+    assert ("1 of 1 measures" in "".join(lines([row]))) == alike
     assert ("vary" in row.advice) != alike
 
 
