@@ -7,7 +7,7 @@ begins changes from turn to turn. The time is that between the writing of the fi
 image, so that start and first pair do not count. Both run with the Python that runs this script.
 
 The result is the median over the turns of the second checkout's time divided by the first one's, with its 90 %
-confidence interval (bootstrap over the turns). Let the machine do nothing else meanwhile.
+confidence interval (bootstrap over the turns). Run it on an idle machine.
 """
 
 import os
@@ -25,7 +25,7 @@ _RESAMPLES = 10_000
 
 
 def run(checkout: Path, work: Path, *arguments: str) -> str:
-    """Run Python on a checkout, with a cache of its own in ``work``, and return what it prints."""
+    """Run Python on a checkout, with its cache in ``work``; return what it prints."""
     environment = os.environ | {"PYTHONPATH": str(checkout), "SEMISYNTH_GL_CACHE": str(work / "cache")}
     command = [sys.executable, *arguments]
     result = subprocess.run(command, cwd=checkout, env=environment, check=False, capture_output=True, text=True)

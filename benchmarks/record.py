@@ -3,7 +3,7 @@
     python benchmarks/record.py alternatives   # measure again, write results/alternatives.json and .md
     python benchmarks/record.py --pages        # write all pages anew from the JSON that is there
 
-Times hold for a machine that does nothing else meanwhile.
+Run it on an idle machine.
 """
 
 import json

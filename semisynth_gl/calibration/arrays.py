@@ -76,7 +76,7 @@ class StereoArrays:
     source: str = ""
 
     def raw_cameras(self, size: Size) -> Mapping[Eye, RawCamera] | None:
-        """Return both cameras before rectification, for images of ``size``; None where K, D or R is missing."""
+        """Return the cameras before rectification, for images of ``size``; None if the file lacks K, D or R."""
         if self.k is None or self.lenses is None or self.rectification is None:
             return None
         cameras: dict[Eye, RawCamera] = {}
@@ -114,8 +114,8 @@ def make_lens(d: Array, model: LensModel | None, k: Array, size: Size | None) ->
     """Return a lens of OpenCV's models.
 
     ``d`` are coefficients (N,), none for a lens that does not bend; ``k`` is the camera matrix (3, 3). Without a model
-    the lens is radial-tangential. Raises FormatError where coefficients do not fit the model or tell none, or the
-    camera matrix has skew.
+    the lens is radial-tangential. Raises FormatError if coefficients do not fit the model, if four of a wide
+    lens fit both models, or if K has skew.
     """
     if abs(k[0, 1]) > _MOST_SKEW * k[0, 0]:
         raise FormatError(f"a camera matrix has a skew of {k[0, 1]:g}: expected [fx 0 cx; 0 fy cy; 0 0 1]")

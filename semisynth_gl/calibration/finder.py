@@ -139,7 +139,7 @@ class Finder:
     # --- how the cameras stand ---
 
     def _stereo_pose(self, *, lone: bool) -> tuple[Array | None, Array | None]:
-        """Return R (3, 3) and T (3,), right_from_left, in the file's unit; both are None where one is missing.
+        """Find R (3, 3) and T (3,), right_from_left, in the file's unit. If the tree lacks one, both are None.
 
         ``lone``: a single pose (4, 4) that names no frames may lead from one eye to the other.
         """

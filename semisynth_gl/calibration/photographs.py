@@ -1,4 +1,4 @@
-"""The sizes of photographs, beside those of a calibration."""
+"""Reads the sizes of photographs, and compares them with a calibration's."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ def photograph_sizes(images: Sequence[Path]) -> list[Size]:
 
 
 def most_common_size(photographs: Sequence[Size]) -> Size | None:
-    """Return the size of more than half of the photographs; None where there is none."""
+    """Return the size that more than half of the photographs have; None if no size does."""
     return next((size for size, count in Counter(photographs).items() if 2 * count > len(photographs)), None)
 
 

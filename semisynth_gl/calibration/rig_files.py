@@ -28,7 +28,7 @@ def read_rigs(
     """Read rectified rigs from calibration files and globs, in the order of the files.
 
     If every file describes a rig, each gives one. Otherwise only files with K, D and R of both cameras are used. If
-    there is none, all files together are one rig: one file for each camera, the left one first unless their names say
+    no file has these, all files together give one rig. They are one file a camera, left first unless names say
     otherwise, or intrinsics and extrinsics.
 
     Args:

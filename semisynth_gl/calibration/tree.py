@@ -182,7 +182,7 @@ def _lines(text: str) -> dict[str, Any]:
 
 
 def _nodes(node: Any) -> Iterator[Any]:  # noqa: ANN401 - any nested value
-    """Yield a value and all values in it; what an alias of YAML repeats, as often as it repeats it."""
+    """Yield a value and all values in it; an aliased node once for each use."""
     yield node
     for child in node.values() if isinstance(node, Mapping) else node if isinstance(node, list) else ():
         yield from _nodes(child)
@@ -215,7 +215,7 @@ def _array(node: Any) -> Array | None:  # noqa: ANN401 - any nested value
 
 
 def _text_array(text: str) -> Array | None:
-    """Return the numbers (N,) of a text of nothing else, but for brackets, commas and semicolons."""
+    """Parse a text of numbers, brackets, commas and semicolons as an array (N,); None for other text."""
     try:
         numbers = np.array(text.translate(_BRACKETS).split(), np.float64)
     except ValueError:

@@ -69,5 +69,5 @@ def accuracy(**options: Any) -> None:  # noqa: ANN401 - click's
     help="Number of workers. May be repeated.  [default: powers of two up to all cores]",
 )
 def speed(**options: Any) -> None:  # noqa: ANN401 - click's
-    """Time each stage of a pair, and count pairs per second by number of workers. Run nothing else meanwhile."""
+    """Time each stage of a pair, and count pairs per second by number of workers. Run it on an idle machine."""
     _run("speed", **options)

@@ -33,7 +33,7 @@ def _keys_of(section: type[BaseModel], above: str) -> Iterator[tuple[str, FieldI
 
 
 def section_of(field: FieldInfo) -> type[BaseModel] | None:
-    """Return the section of a key; None where the key has a plain value, or takes one of several forms."""
+    """Return the section that a key takes; None if it takes a plain value, or one of several forms."""
     found = [each for each in get_args(field.annotation) or (field.annotation,) if each is not type(None)]
     match found:
         case [type() as section] if issubclass(section, BaseModel):

@@ -83,7 +83,7 @@ def _check_layout(config: Config, layout_name: str, layout: Layout) -> None:
     raw = [channel.output for channel in CHANNELS.values() if channel.of_sensor and channel.output in config.outputs]
     reason = ""
     if layout.encodings is not None and config.files != type(config.files)():
-        reason = "has encodings of its own: leave the section files out of the config"
+        reason = "sets the encodings itself: leave the section files out of the config"
     elif length is not None and layout.most_frames is not None and length > layout.most_frames:
         reason = f"has names for {layout.most_frames} frames of a sequence with flow: set sequence.length to that"
     elif unsaid := sorted(layout.lacks.intersection(config.outputs)):

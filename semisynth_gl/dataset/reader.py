@@ -39,7 +39,7 @@ class StoredIndex:
 
     @property
     def fault(self) -> str | None:
-        """Why a finished dataset's index is missing; None where it is there."""
+        """What an unfinished dataset lacks; None for a finished one."""
         return None if self.made else f"it has no {INDEX}: it is not finished; run its generate command again"
 
     @property

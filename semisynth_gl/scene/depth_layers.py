@@ -20,8 +20,8 @@ error F e of F itself, hence each equation has the weight F(d_j)^2: first with t
 first solution where that is larger. See `solve_coverage`.
 
 One particle (`DepthLayers.exceedance`). The middle of a particle's path lies at the depth Z, m, and the disparity
-d = f B / Z - doffs, px, where f is the focal length, px, and B the baseline, m. A
-point at the depth z Z has the disparity
+d = f B / Z - doffs, px, where f is the focal length, px, and B the baseline, m. A point at the depth z Z has the
+disparity
 
     d' = (d + doffs) / z - doffs,                                                                                (3)
 

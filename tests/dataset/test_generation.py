@@ -35,7 +35,7 @@ def test_without_a_layout_the_number_of_pairs_decides(config, tmp_path):
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        (["files.disparity=png16"], "encodings of its own"),
+        (["files.disparity=png16"], "sets the encodings itself"),
         (["outputs=[correspondence]"], "no files for the output correspondence"),
         (["disparity.signed=true"], "no signed ones"),
         (["outputs=[flow]", "sequence.length=91"], r"sequence\.length"),
