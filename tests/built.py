@@ -6,7 +6,7 @@ Once the VERSION of a builder is raised, this records its numbers again:
 
 A number stands for an array: the mean of its values, each times a random weight. A hash would not do: the last bits of
 sines and matrix products depend on the processor and on numpy's version, and the edges of letters on Pillow's. From
-numpy 2.0 and Pillow 11.0 on, with and without AVX, the numbers agree to 6e-5 for drawn pictures, and to 1e-12 (all
+numpy 2.0 and Pillow 11.0 on, with and without AVX, the numbers agree to 6e-5 for painted pictures, and to 1e-12 (all
 digits that are written) for everything else.
 """
 
@@ -77,12 +77,12 @@ def faults(results: dict[str, Numbers]) -> list[str]:
 
 
 def drawn_picture(kind: Callable[[np.random.Generator], Any]) -> NDArray[np.uint8]:
-    """Draw a picture of a kind. All of them take seconds, so the test of their contrast compares them too."""
+    """Paint a picture of a kind. All of them take seconds, so the test of their contrast compares them too."""
     return np.asarray(kind(np.random.default_rng(7)))
 
 
 def of_picture(pixels: NDArray[np.uint8]) -> Numbers:
-    """Return what stands for a drawn picture."""
+    """Return what stands for a painted picture."""
     return {"pixels": _number(pixels)}
 
 
@@ -139,7 +139,7 @@ def _photograph(seed: int) -> Image.Image:
 def _kept(folder: Path, build: Callable[[], object]) -> dict[str, Numbers]:
     """Build something with an empty cache, and return the entries that it gets, by their kinds."""
     kept = mkdtemp(dir=folder)
-    # Kinds that are quick to draw stand for the program's own: which are drawn, and in which order.
+    # Kinds that are quick to paint stand for the program's own: which are painted, and in which order.
     kinds = [_named(kind.__name__, number) for number, kind in enumerate(drawn.KINDS)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SEMISYNTH_GL_CACHE", kept)

@@ -143,7 +143,7 @@ def calibrate(
     # Keys and photographs that cannot be used are reported before the trials; the dataset's patches are cached.
     atlas = prepare_atlas(draft.config().textures, Split(0))
     draft = replace(draft, grey=bool((atlas.layers[..., :3] == atlas.layers[..., :1]).all()))
-    notes += [f"not readable: {skipped}" for skipped in atlas.report.images_skipped]
+    notes += [f"not usable: {skipped}" for skipped in atlas.report.images_skipped]
     try:
         # Raises where OpenCV is missing, or a lens bends two directions of the rectified image to one pixel.
         for eye in draft.lenses:

@@ -119,9 +119,10 @@ class Arrangement:
     def add(
         self, model: int, pose: Floats, unit_m: ArrayLike, texture: int | None = None, *, large: bool = True
     ) -> int:
-        """Add an instance of a model of the catalogue, with its row's values; return the instance's number.
+        """Add an instance; return its number.
 
-        By default no earlier instance wears its texture, and its patch is large where the atlas has large ones.
+        It wears the texture of the earlier instance number ``texture``, by default one that nothing else wears;
+        ``large`` says whether it wears a large patch, where the atlas has any.
         """
         number = self._count
         if number == len(self._rows):
@@ -178,7 +179,7 @@ class Arrangement:
         return first
 
     def stand(self, picked: Picked, at: ArrayLike, yaw_rad: float, stretch: Floats | float = 1.0) -> int | None:
-        """Stand a model upright with its origin above a point (3,); return the thing's number.
+        """Stand a model upright on a point (3,), which lies below the model's origin; return the thing's number.
 
         A model that comes too near to the camera is not added: the result is None. ``stretch`` may have a factor for
         each axis of the model, (3,).

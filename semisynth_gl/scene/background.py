@@ -71,8 +71,9 @@ def sample_plane(config: Config, rig: SequenceRig, rng: np.random.Generator, *, 
         widest = float(np.arctan2(np.linalg.norm(rays[:, :2], axis=1), rays[:, 2]).max()) + sway.angle_rad
         if widest >= WIDEST_RAD:
             raise InputError(
-                f"camera.sway_deg turns views by up to {np.rad2deg(sway.angle_rad):.0f} degrees, and a far plane would "
-                "have to be endless: lower camera.sway_deg, or set background.plane and background.street to 0"
+                f"a view that sways sees up to {np.rad2deg(widest):.0f} degrees off a far plane's normal, expected "
+                f"less than {np.rad2deg(WIDEST_RAD):.0f}: lower camera.sway_deg, raise the focal length, or set "
+                "background.plane and background.street to 0"
             )
         if not sky and not config.disparity.signed:
             # The plane's disparity never falls below half of what was sampled. A camera that turns away sees it deeper.

@@ -123,8 +123,9 @@ class DisparitySolver:
             InputError: where a layer that the config states lies beyond infinity, or the target cannot be met: not
                 with ``particles.most`` particles as wide as the image, or not at ``particles.density``.
         """
-        for layer in self._stated:
-            check_reachable(camera, layer.disparity_px.low, "particles.layers or particles.clutter: disparity_px")
+        for number, layer in enumerate(self._stated):
+            key = "layers" if number < len(self._config.particles.layers or ()) else "clutter"
+            check_reachable(camera, layer.disparity_px.low, f"particles.{key}.disparity_px")
         solved = list[Batch]()
         if self._solved:
             quantile = (self._first_quantile + sequence * np.sqrt(_PRIMES[: len(self._layers)])) % 1.0

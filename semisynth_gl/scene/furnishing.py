@@ -216,7 +216,10 @@ def _hang(room: Arrangement, walls: tuple[Wall, ...]) -> None:
 
 
 def _hang_picture(room: Arrangement, wall: Wall, corner: Floats, wide: float, high: float, thick: float) -> bool:
-    """Hang a picture with its top left corner (3,) on a wall; return False where it would come too near, unhung."""
+    """Hang a picture with its top left corner (3,) on a wall.
+
+    Return False, without adding it, where it would come too near.
+    """
     corner = corner - thick * wall.out
     across, down = wall.right / wall.length_m * wide, wall.down / np.linalg.norm(wall.down) * high
     if (room.depths_m(np.array([corner, corner + across, corner + down])) <= room.rig.near_m).any():

@@ -78,8 +78,9 @@ def map_patches(
 ) -> tuple[Floats, Floats]:
     """Lay patches on N instances: small patches anywhere, large patches so that they do not repeat if possible.
 
-    ``texels`` (N,) per pixel hold where an instance faces the camera at its depth. The uniform numbers ``part`` (N, 2)
-    choose the part of its patch that an instance shows; ``large`` (N,) says whether the patch is a large one.
+    ``texels`` (N,) is the number of texels per pixel of an instance that faces the camera at its depth. The uniform
+    numbers ``part`` (N, 2) choose the part of its patch that an instance shows; ``large`` (N,) says whether the patch
+    is a large one.
 
     Returns:
         Patches per UV unit, and offsets in patches, (N, 2) each: `Scene.uv_scale` and `Scene.uv_offset`.

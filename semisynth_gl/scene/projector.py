@@ -43,8 +43,8 @@ def find_pattern(section: ProjectorSection) -> NDArray[np.uint8]:
     except ImageError as error:
         raise InputError(f"projector.pattern: {error}") from None
     if pattern.shape != (height, width):
-        found = f"got {pattern.shape[1]} x {pattern.shape[0]} px in {section.pattern}"
-        raise InputError(f"projector.pattern: expected {width} x {height} px (pattern_width_px and so on), {found}")
+        found = f"expected {width} x {height} px, got {pattern.shape[1]} x {pattern.shape[0]} px in {section.pattern}"
+        raise InputError(f"projector.pattern: {found}: set pattern_width_px and pattern_height_px")
     return pattern
 
 

@@ -20,8 +20,8 @@ _ALONG_BORDER = 129
 # Number of steps in the search for the near plane of a camera that deviates.
 _STEPS = 8
 
-# In a very narrow range, a model's radius along the viewing axis over its depth is at most this times (farthest depth /
-# near depth - 1); see `relief_px`.
+# Where the range is very narrow, a model's radius along the viewing axis is at most this share of the range's depth
+# (farthest less nearest); see `relief_px`.
 _RELIEF = 0.1
 
 BEYOND_NEAR = 1.01

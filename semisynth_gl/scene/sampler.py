@@ -43,6 +43,7 @@ class SceneSampler:
 
     Attributes:
         models: the models that `Scene.model` refers to: the surface models, then the library.
+        chances: running sum of the chances of the library's models that particles may be.
     """
 
     def __init__(
@@ -59,6 +60,7 @@ class SceneSampler:
         self.models = self.catalogue.models
         self.disparity_solver = DisparitySolver(config, seed, library.silhouette, self.catalogue, wanted)
         self.mapping = PatchMapping(config.textures, patches)
+        self.chances = np.cumsum(library.chances)
         self._latest: SceneSequence | None = None
 
     def sample(self, index: int, attempt: int = 0) -> "SampledScene":
@@ -175,8 +177,8 @@ class SceneSequence:
 
     def _models(self, generation: Ints, slot: Ints) -> Ints:
         """Return the index into the sampler's models, (N,), that each of N slots shows in its generation."""
-        library, chance = self.sampler.library, self._per_slot(Purpose.SHAPE, generation, slot, 1)[:, 0]
-        return len(SURFACE_MODELS) + library.drawn[choose(np.cumsum(library.chances), chance)]
+        sampler, chance = self.sampler, self._per_slot(Purpose.SHAPE, generation, slot, 1)[:, 0]
+        return len(SURFACE_MODELS) + sampler.library.drawn[choose(sampler.chances, chance)]
 
     def _generator(self, purpose: Purpose, *numbers: int) -> np.random.Generator:
         redone = (_REDONE, self.attempt) if self.attempt else ()

@@ -124,7 +124,10 @@ class Scene:
         return pose
 
     def offset_m(self, eye: Eye, which: int | EllipsisType = ...) -> NDArray[np.float64]:
-        """Return an eye's distance to the right of the left eye for all instances, (N,), or one, (); 0 for the sky."""
+        """Return how far an eye is to the right of the left eye: for all instances, (N,), or for one, ().
+
+        It is 0 for the sky.
+        """
         return np.where(self.sky[which], 0.0, self.camera.offset_m(eye))
 
 
@@ -227,7 +230,7 @@ def make_scene(
 
 
 def _for_each(name: str, value: object, n: int) -> NDArray[np.float64]:
-    """Return a value that broadcasts to (N, 2) as such an array."""
+    """Return a value as an (N, 2) array: it may be (2,), the same for all instances."""
     array = to_array(name, value, np.float64)
     try:
         return np.broadcast_to(array, (n, 2))

@@ -19,7 +19,8 @@ from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.prepare import prepare_atlas, split_images
 
-# Rounding steps before hashing: of lengths in a model's radii, shares and heights, and of mean pixels in levels.
+# Steps to which values are rounded before they are hashed: lengths (in radii of a model), shares and heights; and means
+# of pixels (in levels).
 _LENGTH = 1e-5
 _LEVELS = 0.5
 

@@ -142,7 +142,10 @@ def _add_row(street: Arrangement, section: StreetSection, border: float, side: i
 
 
 def _stand(street: Arrangement, sizes_m: Diameters, x_m: _Span, y_m: _Span, yaw_rad: float | None = None) -> None:
-    """Stand a thing where the floor is free, uniformly in the logarithm of the distance; by default at a random yaw."""
+    """Stand a thing where the floor is free; by default its yaw is random.
+
+    Positions are uniform in the logarithm of their distance.
+    """
     picked, rng = street.pick(sizes_m), street.rng
     if picked is None:
         return

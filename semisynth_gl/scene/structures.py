@@ -48,7 +48,7 @@ class StaticScene:
     rig: SequenceRig
     background: Kind
     instances: Instances  # background, structures and furniture; the background or a street's backdrop come first
-    bare_px: Floats  # (R,) finite disparities on a coarse grid over the left view
+    bare_px: Floats  # (R,) disparities on a coarse grid over the left view
     up: Floats  # (3,) unit, the direction upwards in the left camera's frame
     farthest_m: float  # depth that no view of a room exceeds; inf for other backgrounds
 
@@ -100,7 +100,8 @@ def sample_static_scene(
     structures = sample_structures(config, rig, far_m, generator_for(Purpose.STRUCTURES))
     table = np.concatenate([background, structures], dtype=INSTANCE)
     table["texture"] = np.arange(len(table))
-    # The background keeps its own depths. Its walls may come as near as structures, but for `BEYOND_NEAR`.
+    # The background keeps the depths it has (``fixed``). Its walls may stand exactly at the distance that `BEYOND_NEAR`
+    # gives, so the near plane is taken a little nearer.
     seen_px = measure(table, camera, near_m / BEYOND_NEAR, catalogue.models, fixed=len(background))
     bare_px = seen_px if len(structures) else bare_px
     return StaticScene(rig, kind, table, bare_px, np.array([0.0, -1.0, 0.0]), np.inf)

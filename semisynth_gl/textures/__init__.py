@@ -1,1 +1,1 @@
-"""From photographs and drawn pictures to the patch atlas: reading, drawing, cropping, measuring texture."""
+"""From photographs and painted pictures to the patch atlas: reading, painting, cropping, measuring texture."""

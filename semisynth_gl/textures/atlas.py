@@ -62,7 +62,7 @@ class Atlas:
             (L, P, P) uint8, see `in_grey`.
         patches: in the order of their layers.
         report: what became of all images and crops.
-        pictures: SHA-256 of the pixels of each drawn picture that patches come from, by the picture's name.
+        pictures: SHA-256 of the pixels of each painted picture that patches come from, by the picture's name.
         large_layers: (M, Q, Q, 4) uint8 RGBA, or (M, Q, Q) uint8 for monochrome cameras: the layers of large patches,
             numbered from L on; M may be 0.
     """

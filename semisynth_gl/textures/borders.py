@@ -7,9 +7,11 @@ from numpy.typing import NDArray
 
 # JPEG turns black into levels up to this one.
 _BLACK = 3
-# A border covers at least this share of a photograph, and its inside at least this; otherwise it is a dark object.
+# Black at an edge is a border if it covers at least `_LEAST` of a photograph and leaves at least `_LEAST_INSIDE`; else
+# it is a dark object.
 _LEAST, _LEAST_INSIDE = 1e-3, 0.5
-# Largest black share of an edge of the inner rectangle; further pixels to trim, which interpolation mixed with black.
+# `_EDGE`: largest share of black pixels along an edge of the inside. `_MIXED_PX`: pixels beside a border that are cut
+# off too, since interpolation mixed them with black.
 _EDGE, _MIXED_PX = 0.005, 2
 # Fewest black corners of an image with a border that lies on no two opposite edges.
 _CORNERS = 2

@@ -35,16 +35,18 @@ def cut_clips(images: Sequence[Path], section: TexturesSection, *, alone: bool) 
     """Cut the images of each folder, sorted naturally by name, into successive clips of nearly equal length.
 
     Clips get the largest number of frames for which patches times frames is at most `MOST_LAYERS`. The number of
-    patches is estimated as that of all crops, at most ``max_patches``; the first image of a folder stands for the size
-    of all. If painted pictures are used too (not ``alone``), it is ``max_patches``.
+    patches is estimated as that of all crops, at most ``max_patches``; the readable image of a folder with most crops
+    stands for all. If painted pictures are used too (not ``alone``), it is ``max_patches``.
     """
     folders: dict[Path, list[Path]] = defaultdict(list)
     for path in sorted(images, key=lambda path: (path.parent.as_posix(), natural_key(path))):
         folders[path.parent].append(path)
     crops = dict.fromkeys(folders, 0)
     for folder, paths in folders.items():
-        with suppress(ImageError):
-            crops[folder] = len(cover("", *stored_size(paths[0]), section.patch_px, section.scales))
+        for path in paths:
+            with suppress(ImageError):
+                squares = cover("", *stored_size(path), section.patch_px, section.scales)
+                crops[folder] = max(crops[folder], len(squares))
 
     def layers(frames: int) -> int:
         patches = sum(crops[folder] * -(-len(paths) // frames) for folder, paths in folders.items())
@@ -124,5 +126,5 @@ def read_clip(
             used.append(names[path])
             cut_frame(crops, image, section)
         else:
-            skipped.append(Skipped(path, "has another size, or is turned otherwise, than the frames before it"))
+            skipped.append(Skipped(path, "has another size or EXIF orientation than the first frame of its clip"))
     return used, crops, skipped

@@ -56,7 +56,7 @@ class TextureReport:
         images_used: images with at least one patch in the atlas.
         images_unused: images that were read, but have no patch in the atlas.
         images_too_small: images that are smaller than a patch along a side.
-        images_skipped: images that could not be read, and why.
+        images_skipped: images that could not be used, and why.
         images_not_opened: images that were not needed, because there were enough patches.
         counts: one entry for each image and each side of its squares, in this order.
         subjects: the subject's name by the image's name, for images that share their subject; see `Patch`.
@@ -110,14 +110,14 @@ class TextureReport:
         if shown < _FEW:
             lines.append("note: that is few: give a few dozen photographs")
         unused = {
-            "not readable": len(self.images_skipped),
+            "not usable": len(self.images_skipped),
             f"smaller than {self.patch_px} pixels": self.images_too_small,
             "without a patch in the atlas": self.images_unused,
             "not opened, enough patches had been found": self.images_not_opened,
         }
         if any(unused.values()):
             lines.append(f"images left out: {'; '.join(f'{count} {why}' for why, count in unused.items() if count)}")
-        return "\n".join([*lines, *(f"not readable: {skipped}" for skipped in self.images_skipped)])
+        return "\n".join([*lines, *(f"not usable: {skipped}" for skipped in self.images_skipped)])
 
 
 def count_crops(counts: Collection[CropCount], outcome: Outcome, side_px: int | None = None) -> int:

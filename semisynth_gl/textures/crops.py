@@ -175,7 +175,8 @@ class DuplicateFinder:
             if not alike[number, unique].any():
                 unique.append(number)
         self._fingerprints = np.concatenate([self._fingerprints, fingerprints[unique]])
-        return {square for number, square in enumerate(patches) if number not in unique}
+        squares = list(patches)
+        return set(squares) - {squares[number] for number in unique}
 
 
 def _luminance(image: NDArray[np.uint8]) -> NDArray[np.int32]:

@@ -106,9 +106,8 @@ def read_image(path: Path) -> NDArray[np.uint8]:
         if _has_16_bits(image):
             return np.repeat(_grey(path, image, level)[..., np.newaxis], 3, axis=2)
         if image.has_transparency_data:
-            return np.array(Image.alpha_composite(Image.new("RGBA", image.size, "grey"), image.convert("RGBA")))[
-                ..., :3
-            ].copy()
+            grey = Image.new("RGBA", image.size, "grey")
+            return np.array(Image.alpha_composite(grey, image.convert("RGBA")).convert("RGB"))
         return np.array(image.convert("RGB"))
 
 

@@ -20,7 +20,7 @@ MOST_LARGE = 24
 def with_large_patches(
     atlas: Atlas, images: Mapping[str, TextureImage], section: TexturesSection, rng: np.random.Generator
 ) -> Atlas:
-    """Return an atlas with large patches added: one for each subject that its patches show, up to `MOST_LARGE`.
+    """Return an atlas with large patches added: one for each subject, up to `MOST_LARGE`.
 
     Subjects are taken in random order; where a subject has several images, one is chosen at random. A patch is the
     largest square of its image, inside black borders and at a random place, with its pixels averaged. An image smaller
@@ -28,7 +28,7 @@ def with_large_patches(
 
     Args:
         atlas: the atlas, with no large patches yet.
-        images: the images that they are cut from, by name; no others are.
+        images: the images that they may be cut from, by name; other images of the atlas get none.
         section: the config's section.
         rng: source of the choices.
     """
@@ -40,6 +40,8 @@ def with_large_patches(
     for number in rng.permutation(len(sources))[:MOST_LARGE]:
         of_one = sources[sorted(sources)[int(number)]]
         order.append(of_one[0] if len(of_one) == 1 else of_one[int(rng.integers(len(of_one)))])
+    if not order:
+        return atlas
     stacks, patches = list[NDArray[np.uint8]](), list(atlas.patches)
     for number, name in enumerate(order, start=len(atlas.layers)):
         pixels = pixels_of(images[name])

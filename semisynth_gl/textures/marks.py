@@ -135,7 +135,10 @@ def lettering(
 
 
 def block(image: Image.Image, rng: np.random.Generator, box: Box, paper: Array) -> None:
-    """Fill a box of an image with clouds and shapes, a headline, or text; on a dark paper it is that of a program."""
+    """Fill a box of an image with a picture of clouds and shapes, a headline, or text.
+
+    On dark paper the text looks like a program's source.
+    """
     left, top, right, bottom = box
     wide, high, kind, inks, is_dark = right - left, bottom - top, rng.random(), palette(rng), paper.mean() < 128
     if kind < 0.25:

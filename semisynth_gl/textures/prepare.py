@@ -1,6 +1,6 @@
 """The atlas of a dataset, from the source that its config names: built once, and then found in the cache."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
@@ -26,7 +26,7 @@ from semisynth_gl.textures.subjects import photographed_subjects
 VERSION = 9
 """Increase this when the same inputs give other patches or pictures; see `semisynth_gl.cache`."""
 
-# Pictures that are kept in memory until the large patches are cut from them.
+# Most pictures that are kept in memory until the large patches are cut from them.
 _REMEMBERED = 256
 # The ``purpose`` under which `Split.share` deals out photographs.
 _PHOTOGRAPHS = 0
@@ -36,7 +36,7 @@ _NOT_DECISIVE = {"images", "texels_per_pixel", "anisotropy", "large_anisotropy",
 
 
 def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path] | None = None) -> Atlas:
-    """Build the patch atlas of a split, or load it from the cache; each split has its own drawn pictures.
+    """Build the patch atlas of a split, or load it from the cache; each split has its own painted pictures.
 
     Args:
         section: the config's section.
@@ -77,18 +77,16 @@ def _build(section: TexturesSection, split: Split, images: Sequence[Path]) -> At
     rng = generator(split.seed, Purpose.ATLAS)
     if section.source == "procedural":
         return procedural_atlas(rng, section.max_patches, section.patch_px)
+    pictures = split_pictures(section, split)
+    if not section.large_px or section.sequence:
+        return build_atlas(images, section, rng, pictures)
     painted: dict[str, TextureImage] = {}
 
-    def remembered(pictures: Iterable[Picture]) -> Iterator[Picture]:
-        for picture in pictures:
-            if len(painted) < _REMEMBERED:
-                painted[picture.name] = picture
-            yield picture
+    def remember(picture: Picture) -> None:
+        if len(painted) < _REMEMBERED:
+            painted[picture.name] = picture
 
-    pictures = split_pictures(section, split)
-    atlas = build_atlas(images, section, rng, pictures and remembered(pictures))
-    if not section.large_px or section.sequence:
-        return atlas
+    atlas = build_atlas(images, section, rng, pictures, remember)
     by_name = {name: path for path, name in relative_names(images).items()} | painted
     return with_large_patches(atlas, by_name, section, generator(split.seed, Purpose.LARGE_PATCHES))
 

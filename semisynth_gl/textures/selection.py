@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import Counter, defaultdict, deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain, groupby, zip_longest
 from pathlib import Path
 from typing import TypeVar
@@ -33,6 +33,7 @@ def build_atlas(
     section: TexturesSection,
     rng: np.random.Generator,
     pictures: Iterable[Picture] | None = None,
+    remember: Callable[[Picture], None] | None = None,
 ) -> Atlas:
     """Crop squares out of images and keep crops with texture that are sharp and unlike each other.
 
@@ -56,6 +57,7 @@ def build_atlas(
         section: the config's section.
         rng: source of all random choices.
         pictures: painted pictures, iterated over once; None where the source has none.
+        remember: called with each picture that patches come from.
 
     Returns:
         The atlas, with its patches ordered by image, side, row and column, files before pictures.
@@ -82,7 +84,9 @@ def build_atlas(
             used, crops, unread = read_clip(pending.pop(number), names, section)
             skipped += unread
         selection.add(number, used, crops)
-        del image  # frees the pixels before the next image is read or painted
+        # A picture never loses its last patch: the atlas would have been settled before.
+        if remember and isinstance(image, Picture) and any(crop.outcome == "kept" for crop in crops):
+            remember(image)
         if selection.settled:
             break
     report = selection.report(skipped, not_opened=sum(map(len, pending.values())))

@@ -27,11 +27,11 @@ class TextureSource:
     Attributes:
         files: returns the files that patches are cut from, sorted; raises `InputError` where files are missing. A
             source without files returns none.
-        pictures: draws the pictures that patches are cut from, one at a time and only until there are enough patches.
-            All randomness comes from the generator, which differs between splits. None where nothing is drawn.
+        pictures: paints the pictures that patches are cut from, one at a time and only until there are enough patches.
+            All randomness comes from the generator, which differs between splits. None where nothing is painted.
         licences: returns the licence of each of its files, by the file's name; empty where they are not known.
         licence: which licence covers everything else: the one in the config, this program's own, or none.
-        plugin: the plug-in that draws the pictures; None for the program's own sources.
+        plugin: the plug-in that paints the pictures; None for the program's own sources.
     """
 
     files: Callable[[TexturesSection], Sequence[Path]] = lambda _: ()
@@ -68,7 +68,7 @@ _OF_PLUGIN = TextureSource()
 
 
 def describe_source(name: str) -> TextureSource:
-    """Return a source by its name in a config, without importing plug-ins: the source of a plug-in draws nothing."""
+    """Return a source by its name in a config, without importing plug-ins: the source of a plug-in paints nothing."""
     return SOURCES.get(name, _OF_PLUGIN)
 
 
@@ -83,5 +83,5 @@ def open_source(name: str) -> TextureSource:
 def _plugin_pictures(plugin: Plugin, rng: np.random.Generator) -> Iterator[Picture]:
     """Yield the pictures of a plug-in, one at a time, named like ``prints/00003``."""
     for number, pixels in enumerate(islice(plugin.value(rng), _MOST_PICTURES)):
-        # A copy: the plug-in may draw the next picture into the same array.
+        # A copy: the plug-in may paint the next picture into the same array.
         yield Picture(f"{plugin.name}/{number:05d}", np.array(pixels, order="C"))

@@ -193,13 +193,13 @@ def test_what_is_kept_of_fixed_inputs_is_another_only_with_another_version(tmp_p
     results = fixed.built(tmp_path)
     assert not fixed.faults(results)
     recorded = json.loads(fixed.RECORDED.read_text("utf-8"))
-    pictures = {f"atlas/{kind.__name__}" for kind in KINDS}  # tests/textures/test_textures_drawn.py draws them
+    pictures = {f"atlas/{kind.__name__}" for kind in KINDS}  # tests/textures/test_textures_drawn.py paints them
     assert {"versions", *results, *pictures} == set(recorded)
     # Every user of the cache has its cases.
     package = Path(cache.__file__).parent
     users = {path for path in package.rglob("*.py") if "semisynth_gl.cache import Entry, cached" in path.read_text()}
     assert users == {Path(fixed.BUILDERS[name.partition("/")[0]].__file__) for name in results}
-    # A vertex a hundredth of a radius away, and another kind of drawn picture.
+    # A vertex a hundredth of a radius away, and another kind of painted picture.
     positions = results["models/user"]["positions"] + 1e-2 / 30_000
     others = {"models/user": results["models/user"] | {"positions": positions}, "atlas/batik": {"pixels": 1.0}}
     assert len(fixed.faults(others)) == 2

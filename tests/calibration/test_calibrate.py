@@ -80,7 +80,7 @@ def test_grey_photographs_make_grey_cameras(tmp_path, channels):
     rig = {"focal_px": 300, "baseline_m": 0.1, "size": (300, 280), "range_px": (3, 30)}
     made = calibrate(folder, **rig, trials=0)
     assert made.config.camera.colour == {1: "grey", 3: "rgb"}[channels]
-    assert [note for note in made.notes if "broken.png" in note and note.startswith("not readable")]
+    assert [note for note in made.notes if "broken.png" in note and note.startswith("not usable")]
     assert parse_config(made.text) == made.config
 
 

@@ -161,7 +161,7 @@ def test_hostile_images_are_named_and_counted(call, tmp_path, photographs):
     (photographs / "cut.png").write_bytes((photographs / "noise.png").read_bytes()[:5000])
     done = call(*ETH3D, photographs, "--out", "o", "--pairs", 1)
     assert done.returncode == 0, done.stderr
-    for words in ("broken.jpg", "cut.png", "2 not readable"):
+    for words in ("broken.jpg", "cut.png", "2 not usable"):
         assert words in done.stderr
     (photographs / "noise.png").unlink()
     refused(call(*ETH3D, photographs, "--out", "p"), "broken.jpg", "cut.png")

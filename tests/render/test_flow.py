@@ -227,5 +227,8 @@ def test_a_sway_is_smooth_bounded_and_comes_back():
 def test_a_sway_too_wide_for_a_far_plane_is_refused():
     camera, rng = StereoCamera.centred(600, 400, 300.0, 0.2), np.random.default_rng(0)
     sway = sample_sway(section_of(sway_deg=Range(40, 40)), rng)
-    with pytest.raises(InputError, match=r"camera\.sway_deg turns views by up to 69 degrees"):
+    with pytest.raises(InputError, match=r"up to 120 degrees off .* than 85: lower camera\.sway_deg, raise the"):
         sample_plane(load_config("kitti"), SequenceRig((camera,), sway=sway), rng)
+    wide, sway = StereoCamera.centred(600, 400, 20.0, 0.2), sample_sway(section_of(sway_m=Range(1, 1)), rng)
+    with pytest.raises(InputError, match="up to 87 degrees off"):
+        sample_plane(load_config("kitti"), SequenceRig((wide,), sway=sway), rng)

@@ -68,6 +68,15 @@ def test_disparities_that_no_depth_has_are_refused(sampler_of, background):
         near_depth_m(StereoCamera.centred(100, 100, 100.0, 0.1, -6.0), DISPARITY)
 
 
+def test_a_stated_layer_that_no_depth_has_is_named(sampler_of):
+    camera, rng = StereoCamera.centred(150, 100, 100.0, 0.1, -40.0), np.random.default_rng(0)
+    near, far = "[{count: 1, disparity_px: 60}]", "[{count: 1, disparity_px: 30}]"
+    for layers, clutter, key in ((near, far, "clutter"), (far, near, "layers"), ("null", far, "clutter")):
+        solver = sampler_of(f"particles.layers={layers}", f"particles.clutter={clutter}").disparity_solver
+        with pytest.raises(InputError, match=rf"^particles\.{key}\.disparity_px: 30 px lies beyond infinity"):
+            solver.sample(0, camera, np.array([60.0]), rng)
+
+
 @pytest.mark.parametrize("baseline_m", [0.005, 0.06, 0.54, 30.0])
 @pytest.mark.parametrize(("sampled_px", "fy_over_fx"), [(7.0, 1.0), (60.0, 1.0), (60.0, 1.2)])
 def test_a_ground_has_the_disparity_that_is_asked_for_whatever_the_rig(baseline_m, sampled_px, fy_over_fx):

@@ -78,7 +78,7 @@ def test_report_counts_every_image_and_crop(tmp_path: Path) -> None:
     assert (report.images_used, report.images_unused, report.images_too_small) == (2, 1, 1)
     assert [skipped.path.name for skipped in report.images_skipped] == ["absent.png", "broken.jpg"]
     assert (report.total("kept"), report.total("flat"), report.total("surplus")) == (12, 13, 6)
-    for said in ("12 patches", "13 flat", "6 surplus", "2 not readable", "broken.jpg: is not an image"):
+    for said in ("12 patches", "13 flat", "6 surplus", "2 not usable", "broken.jpg: is not an image"):
         assert said in report.summary()
 
 
@@ -209,6 +209,15 @@ def test_clips_are_cut_to_fit_into_the_layers(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(clips, "MOST_FRAMES", 16)
     monkeypatch.setattr(clips, "MOST_LAYERS", 20)
     assert longest_clip(build(paths, sequence=True, max_patches=2)) == 10
+
+
+def test_clips_fit_into_the_layers_without_their_first_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    paths = frames(tmp_path, 10)
+    paths[0].write_bytes(b"")
+    monkeypatch.setattr(clips, "MOST_LAYERS", 20)
+    atlas = build(paths, sequence=True, max_patches=20)
+    check_consistent(atlas, 10)
+    assert len(atlas.layers) <= 20
 
 
 def test_a_clip_is_flat_if_one_frame_is(tmp_path: Path) -> None:

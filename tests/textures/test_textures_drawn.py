@@ -1,4 +1,4 @@
-"""Pictures in memory as a source of patches, and the pictures that the program draws itself."""
+"""Pictures in memory as a source of patches, and the pictures that the program paints itself."""
 
 import hashlib
 import json
@@ -95,7 +95,7 @@ def test_patches_hold_the_pixels_of_their_pictures() -> None:
     assert atlas.report.images_used == 2
 
 
-def test_pictures_and_files_take_turns_and_no_more_are_drawn_than_needed(tmp_path: Path) -> None:
+def test_pictures_and_files_take_turns_and_no_more_are_painted_than_needed(tmp_path: Path) -> None:
     files = save(tmp_path, **{f"{number}": octaves(number, 192) for number in range(6)})
     asked = []
 

@@ -1,5 +1,8 @@
 """Large patches: whole pictures, from the cut to the surfaces that wear them."""
 
+import weakref
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from photograph_like import noise, save
@@ -15,10 +18,12 @@ from semisynth_gl.scene.mapping import map_patches
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.structures import SURFACE_MODELS
 from semisynth_gl.seeds.splits import Split
+from semisynth_gl.textures import prepare
 from semisynth_gl.textures.atlas import Patch, atlas_from_arrays
 from semisynth_gl.textures.large import MOST_LARGE, with_large_patches
 from semisynth_gl.textures.pictures import Picture
 from semisynth_gl.textures.prepare import pack_atlas, prepare_atlas, unpack_atlas
+from semisynth_gl.textures.sources import SOURCES
 
 
 def picture(name, height, width, seed=0):
@@ -68,6 +73,31 @@ def test_each_image_has_one_and_there_is_a_limit():
     assert len(sources) == len(set(sources)) == MOST_LARGE == len(atlas.large_layers)
     few = with_large(pictures[:3], 16)
     assert {patch.source for patch in few.patches if patch.large} == {"p0", "p1", "p2"}
+    none = with_large_patches(atlas_of(pictures), {}, section(16), np.random.default_rng(0))
+    assert not any(patch.large for patch in none.patches)
+
+
+def test_pictures_are_kept_in_memory_where_large_patches_may_be_cut_from_them(monkeypatch):
+    monkeypatch.setattr(prepare, "_REMEMBERED", 6)
+    pictures, alive = [], []
+
+    def source(_):
+        for number in range(20):
+            alive.append(sum(pixels() is not None for pixels in pictures))
+            pixels = noise(64, 64, number) if number >= 10 else np.full((64, 64, 3), 90, np.uint8)
+            pictures.append(weakref.ref(pixels))
+            yield Picture(f"mine/{number}", pixels)
+
+    monkeypatch.setitem(SOURCES, "builtin", replace(SOURCES["builtin"], files=lambda _: (), pictures=source))
+    for keys, most in (({"large_px": 64}, 6), ({"large_px": 64, "sequence": True}, 0), ({"large_px": 0}, 0)):
+        pictures.clear()
+        alive.clear()
+        atlas = prepare_atlas(TexturesSection(patch_px=32, scales=(1.0,), min_sharpness=0, **keys), Split(77))
+        assert len(alive) == 20
+        # The latest two may still be on their way.
+        assert most <= max(alive) <= most + 2
+        large = {patch.source for patch in atlas.patches if patch.large}
+        assert large == {f"mine/{number}" for number in range(10, 10 + most)}
 
 
 def test_an_atlas_comes_out_of_the_cache_as_it_went_in(tmp_path):
