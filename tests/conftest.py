@@ -1,6 +1,7 @@
 """Fixtures that several test modules share."""
 
 import gc
+import logging
 import os
 import signal
 import sys
@@ -42,6 +43,14 @@ def _cache_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[No
             "SEMISYNTH_GL_CACHE", str((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "cache")
         )
         yield
+
+
+@pytest.fixture(autouse=True)
+def _no_log_of_a_command() -> Iterator[None]:
+    """Remove the handler that a command leaves: it writes to the standard error of its test, which is closed then."""
+    yield
+    for handler in [each for each in logging.root.handlers if type(each) is logging.StreamHandler]:
+        logging.root.removeHandler(handler)
 
 
 @pytest.fixture(scope="module")
