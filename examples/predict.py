@@ -57,8 +57,11 @@ def main(checkpoint: Path, network: str, left: str, right: str, out: Path, right
 def load(checkpoint: Path, network: str) -> StereoModule:
     """Make a network, and give it the weights of its checkpoint; no code is run that the checkpoint names or has."""
     try:
-        module = StereoModule.load_from_checkpoint(checkpoint, "cpu", network=network, weights_only=True)
-    except (UnpicklingError, EOFError, KeyError, TypeError, RuntimeError) as error:
+        # Not by Lightning, some releases of which import modules that a checkpoint names.
+        state = torch.load(checkpoint, map_location="cpu", weights_only=True)
+        module = StereoModule(**state["hyper_parameters"] | {"network": network})
+        module.load_state_dict(state["state_dict"])
+    except (UnpicklingError, EOFError, LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise InputError(f"{checkpoint}: expected a checkpoint of train.py with --network {network}: {error}") from None
     return module.eval()
 

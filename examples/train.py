@@ -39,6 +39,8 @@ from semisynth_gl.torch import PRESETS, Augmentation, Sample, StereoDataset, Ste
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "show_default": True, "max_content_width": 100}
 CONFIG = Path(__file__).with_name("small-rooms.yaml")
+# Options that a resumed training may change.
+_HOW_TO_RUN = {"workers", "every", "precision", "devices"}
 _FILE = click.Path(path_type=Path, exists=True)
 _MULTIPLE_PX = 32
 """Whole images are padded to multiples of this, px, which published networks need."""
@@ -105,7 +107,8 @@ class StereoModule(lightning.LightningModule):
         self.network = _made(network, arguments, max_disparity)
 
     def on_fit_start(self) -> None:
-        """Switch fixed norms to evaluation, in which Lightning leaves them."""
+        """Switch the network to training, and fixed norms to evaluation; Lightning leaves them so."""
+        self.train()
         for module in self.network.modules() if self.hparams["fixed_norms"] else ():
             if isinstance(module, nn.modules.batchnorm._BatchNorm):  # noqa: SLF001 - all dimensions' common class
                 module.eval()
@@ -270,7 +273,7 @@ class Command(click.Command):
 @click.option("--batch", type=click.IntRange(1), default=2, help="Crops in a step of each device.")
 @click.option("--max-disparity", type=click.IntRange(16), default=80, help="Larger ones are not learnt from, px.")
 @click.option("--learning-rate", type=click.FloatRange(0), default=2e-3, help="AdamW's, at its highest.")
-@click.option("--precision", default="32-true", help="Lightning's, such as bf16-mixed.")
+@click.option("--precision", type=click.Choice(["32-true", "bf16-mixed", "16-mixed"]), default="32-true")
 @click.option("--fixed-norms", is_flag=True, help="Batch normalisation keeps its running means.")
 @click.option("--devices", type=click.IntRange(1), default=1, help="GPUs, or processes on a CPU.")
 @click.option("--workers", type=click.IntRange(0), default=1, help="Processes that read or render, for each device.")
@@ -303,7 +306,8 @@ def main(
         load_weights(module.network, pretrained)
     if resume:
         trained = torch.load(path, map_location="cpu", weights_only=True)["hyper_parameters"]
-        if changed := [name for name, value in module.hparams.items() if trained.get(name) != value]:
+        decisive = {name: value for name, value in module.hparams.items() if name not in _HOW_TO_RUN}
+        if changed := [name for name, value in decisive.items() if trained.get(name) != value]:
             raise InputError(f"{path}: was trained with another {', '.join(changed)}: give --resume the same options")
         warnings.filterwarnings("ignore", "You're resuming")  # TrainingOrder can
     trainer = lightning.Trainer(
