@@ -11,7 +11,10 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import Distribution, entry_points
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Annotated, Any, Literal, cast
+
+from pydantic import Field
+from typing_extensions import TypedDict  # pydantic takes that of typing only from Python 3.12 on
 
 from semisynth_gl.inputs.errors import InputError, did_you_mean, near, shown
 
@@ -34,8 +37,19 @@ BUILT_IN: Mapping[Group, tuple[str, ...]] = {
 }
 """The names of the program's own, which no plug-in may have."""
 
-Records = Mapping[str, Mapping[str, Mapping[str, str]]]
-"""The package of each plug-in, ``{"package": NAME, "version": VERSION}``, by group and name, in JSON's types."""
+# Messages put it into a command.
+_Text = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._+!-]*$", max_length=100)]
+
+
+class Package(TypedDict):
+    """Name and version of a plug-in's package."""
+
+    package: _Text
+    version: _Text
+
+
+Records = Mapping[str, Mapping[str, Package]]
+"""The package of each plug-in by group and name, in JSON's types."""
 
 
 class MissingPluginError(InputError):
@@ -57,7 +71,7 @@ class Plugin:
         return f"{NOUNS[self.group]} {self.name!r} of the package {self.package} {self.version}"
 
     @property
-    def record(self) -> dict[str, str]:
+    def record(self) -> Package:
         """The plug-in's package and its version, as datasets record them; see `Records`."""
         return {"package": self.package, "version": self.version}
 
@@ -104,9 +118,9 @@ def find_plugin(group: Group, name: str) -> Plugin:
     raise MissingPluginError(f"{NOUNS[group]}: {expected}, got {shown(name)}{'; ' if hint else ''}{hint}")
 
 
-def plugin_records(used: Iterable[tuple[Group, str]]) -> dict[str, dict[str, dict[str, str]]]:
+def plugin_records(used: Iterable[tuple[Group, str]]) -> dict[str, dict[str, Package]]:
     """Return the records of the plug-ins that a dataset uses, by group and name; raises as `find_plugin` does."""
-    records: dict[str, dict[str, dict[str, str]]] = {}
+    records: dict[str, dict[str, Package]] = {}
     for group, name in sorted(used, key=lambda each: ([*NOUNS].index(each[0]), each[1])):
         records.setdefault(group, {})[name] = find_plugin(group, name).record
     return records

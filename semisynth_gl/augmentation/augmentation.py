@@ -35,7 +35,8 @@ class Augmentation:
     Attributes:
         scale: factors of both sides; sampled evenly in the logarithm, and raised where the crop would not fit.
         stretch: further factors of the width; likewise.
-        mirrored: share that is mirrored, whose eyes change places. Needs truth of both views and a rectified rig.
+        mirrored: share of samples that are mirrored; left and right change places. Needs truth of both
+            views and a rectified rig.
         right_y_px: shifts of the right image, px down, as in a badly rectified rig. The disparity stays the horizontal
             part; the output ``correspondence``, where the pairs have it, has the vertical one too. Needs rectified
             rigs.
@@ -92,7 +93,7 @@ class Augmentation:
         Raises:
             InputError: where a change needs a crop, or the crop does not fit at the largest scale.
         """
-        if not self.moves:
+        if not self._moves:
             return
         if crop is None:
             raise InputError("expected crop=(height, width): scale, stretch, right_y_px and right_roll_deg need it")
@@ -118,7 +119,7 @@ class Augmentation:
         scale, stretch = (float(np.exp(rng.uniform(*np.log(each)))) for each in (self.scale, self.stretch))
         is_mirrored, is_asymmetric, is_occluded = rng.random(3) < (self.mirrored, self.asymmetric, self.occluded)
         size, margin = sides if crop is None else crop, self._margin(sides)
-        least = self._least_scale(size, sides) if self.moves else 0.0
+        least = self._least_scale(size, sides) if self._moves else 0.0
         high, wide = max(scale, least), max(scale * stretch, least)
         right_y_px, right_roll_deg = rng.uniform(*self.right_y_px), rng.uniform(*self.right_roll_deg)
         warp = Warp(wide, high, right_y_px, radians(right_roll_deg), margin)
@@ -132,7 +133,7 @@ class Augmentation:
         return Changes(warp, bool(is_mirrored), colours, rectangles, crop)
 
     @property
-    def moves(self) -> bool:
+    def _moves(self) -> bool:
         """Whether pixels move but for the mirror; then the result is a crop."""
         return self.scale != (1, 1) or self.stretch != (1, 1) or self._moves_right
 
@@ -240,4 +241,4 @@ PRESETS: Mapping[str, Augmentation] = {
     # PSMNet trains on crops that are not changed.
     "psmnet": Augmentation(),
 }
-"""Augmentations by name, with what they are taken from."""
+"""Augmentations by name; comments say where each comes from."""

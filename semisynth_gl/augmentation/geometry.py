@@ -141,7 +141,7 @@ class _Movement:
         self._cx, self._cy, self._down = camera.cx_right_px, camera.cy_px, warp.right_y_px / warp.scale_y
 
     def source(self, x: Positions, y: Positions) -> tuple[Positions, Positions]:
-        """Return the points of the right image that move to points."""
+        """Return where in the right image the points of the moved image come from."""
         across, along = x - self._cx, y - self._cy - self._down
         return self._cx + self._cos * across + self._lean * along, self._cy - self._fall * across + self._cos * along
 

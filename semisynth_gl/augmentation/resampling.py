@@ -23,8 +23,8 @@ _TAPS = np.arange(-3, 5)
 def sheared(lines: Floats, shifts_px: Positions) -> Floats:
     """Return an image whose lines are moved along themselves; beyond the border, the last pixel is repeated.
 
-    Each value lies on the polynomial through the eight nearest pixels, so that smooth structures come to stand where
-    they belong. Shorter kernels move structures of a few pixels by up to 0.1 px, as their phase is not linear.
+    Each value lies on the polynomial through the eight nearest pixels, so that smooth structures land at their true
+    places. Shorter kernels move structures of a few pixels by up to 0.1 px, as their phase is not linear.
 
     Args:
         lines: (N, L, C).

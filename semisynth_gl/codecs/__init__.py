@@ -22,6 +22,9 @@ DISPARITY_CODECS: Mapping[str, Codec[Any]] = {"pfm": PFM, "png16": KITTI_DISPARI
 FLOW_CODECS: Mapping[str, Codec[Any]] = {"flo": Flo(), "pfm": FlowPfm(), "png16": FlowPng16()}
 """Codecs of (H, W, 2) float32 px for ``files.flow``; all store inf as "no flow"."""
 
+# Codec of grey images for each codec of RGB images that has one.
+_GREY_CODECS: Mapping[Codec[Any], Codec[Any]] = {RGB8: GREY8, Jpeg(): Jpeg(grey=True)}
+
 _FIXED: Mapping[str, Codec[Any]] = {
     "grey8": GREY8,
     "grey16": GREY16,
@@ -54,10 +57,10 @@ class Encodings:
     def in_grey(self, *, three: bool) -> "Encodings":
         """Return the same formats for images of monochrome cameras, which are (H, W) uint8.
 
-        If ``three``, image files get three equal channels.
+        If ``three``, or where their format has no grey, image files get three equal channels.
         """
-        grey: Codec[Any] = Jpeg(grey=True) if isinstance(self.image, Jpeg) else GREY8
-        return replace(self, image=ThreeEqual(self.image) if three else grey)
+        grey = None if three else _GREY_CODECS.get(self.image)
+        return replace(self, image=grey or ThreeEqual(self.image))
 
     def codec(self, name: str) -> Codec[Any]:
         """Return the codec with the name that a channel or a role has for it.
@@ -66,8 +69,4 @@ class Encodings:
         ``vector`` (PFM of three channels) and ``shift`` (Middlebury's .flo) are the same in all datasets. Raises
         KeyError for other names.
         """
-        return (
-            _FIXED[name]
-            if name in _FIXED
-            else {"image": self.image, "disparity": self.disparity, "flow": self.flow}[name]
-        )
+        return {**_FIXED, "image": self.image, "disparity": self.disparity, "flow": self.flow}[name]

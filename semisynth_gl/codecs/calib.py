@@ -47,7 +47,7 @@ class MiddleburyCalib(Codec[Calibration]):
         return "".join(f"{key}={text}\n" for key, text in zip(_KEYS, values, strict=True)).encode()
 
     def decode(self, data: bytes, path: Path) -> Calibration:
-        """Decode a calibration; see `Codec.decode`."""
+        """Decode a calibration, with lines in any order; that the last number is cut off is not noticed."""
         values = calib_values(data.decode("utf-8", "replace"))
         try:
             number = {key: float(values[key]) for key in _KEYS[2:]}

@@ -10,7 +10,7 @@ from socket import create_connection
 from typing import Any
 
 from semisynth_gl.dataset.engines import Recorder, keep_freed_memory
-from semisynth_gl.dataset.interrupts import interrupts_end
+from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_kept
 from semisynth_gl.dataset.make import Job, ShardMaker
 from semisynth_gl.inputs.errors import (
     ContextLostError,
@@ -141,7 +141,8 @@ def _connected(ray: Any, address: str | None) -> Iterator[None]:  # noqa: ANN401
         if port.isdigit():
             # Without this, Ray would try for minutes to reach an address where nothing listens.
             create_connection((host.strip("[]"), int(port)), _KNOCK_S).close()
-        ray.init(address, log_to_driver=False, logging_level=logging.CRITICAL, include_dashboard=False)
+        with interrupts_kept():
+            ray.init(address, log_to_driver=False, logging_level=logging.CRITICAL, include_dashboard=False)
     except (OSError, RuntimeError, ValueError) as error:
         raise InputError(
             f"the Ray cluster (address {where}) cannot be reached ({error}). Is it running, and is this "

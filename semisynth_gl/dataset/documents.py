@@ -21,7 +21,7 @@ from semisynth_gl.dataset.names import FORMAT, PROGRAM, shard_name
 from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate, shown
 from semisynth_gl.layouts import Key, Layout, find_layout, layout_names
 from semisynth_gl.layouts.key import sequence_length
-from semisynth_gl.plugins import MissingPluginError, require_plugins
+from semisynth_gl.plugins import MissingPluginError, Package, require_plugins
 from semisynth_gl.seeds.splits import SPLITS, Split, SplitName
 
 _FAULTS_SHOWN = 3
@@ -34,8 +34,6 @@ _Pairs = Annotated[int, Field(ge=1, le=10**8)]
 _Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$", strict=True)]
 # Names of files may have bytes that are not UTF-8, which pydantic's strings refuse.
 _Text = InstanceOf[str]
-# Name and version of a plug-in's package, which messages put into a command.
-_Package = dict[str, Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._+!-]*$", max_length=100)]]
 
 
 class Document(BaseModel):
@@ -93,7 +91,7 @@ class Plan(Document):
     pairs: Annotated[dict[SplitName, _Pairs], Field(min_length=1)]
     shard_pairs: _Pairs
     views: Annotated[_Pairs, Field(exclude_if=lambda views: views == 1)] = 1
-    plugins: Annotated[dict[str, dict[str, _Package]], Field(exclude_if=lambda plugins: not plugins)] = {}
+    plugins: Annotated[dict[str, dict[str, Package]], Field(exclude_if=lambda plugins: not plugins)] = {}
     sources: dict[SplitName, dict[str, str]] = {}
 
     @property
@@ -203,7 +201,7 @@ class _Patch(Document):
 
 
 class SplitSources(Document):
-    """What readers take from the index of a split's photographs, patches and models."""
+    """The part of a split in the index that readers use: photographs, patches and models."""
 
     photographs: list[_Source] = []
     patches: list[_Patch] = []

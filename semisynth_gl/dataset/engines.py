@@ -13,7 +13,7 @@ from multiprocessing.sharedctypes import Synchronized
 from threading import Thread
 from typing import Protocol, runtime_checkable
 
-from semisynth_gl.dataset.interrupts import interrupts_ignored
+from semisynth_gl.dataset.interrupts import ENDING_SIGNALS, interrupts_blocked
 from semisynth_gl.dataset.make import Job, ShardMaker
 from semisynth_gl.inputs.errors import ContextLostError, WorkerError, counted
 from semisynth_gl.listener import FinishedPair, Listener
@@ -125,8 +125,8 @@ def _complete_shards(
     waiting, pending = iter(numbers), dict[Future[Recorder], int]()
     try:
         while not listener.stopping:
-            for number in islice(waiting, _AHEAD * workers - len(pending)):
-                with interrupts_ignored():  # the first call starts the processes
+            with interrupts_blocked():  # the first call starts the processes
+                for number in islice(waiting, _AHEAD * workers - len(pending)):
                     pending[executor.submit(_make, number)] = number
             if not pending:
                 return
@@ -149,7 +149,9 @@ _maker: ShardMaker
 def _start(job: Job, started: "Synchronized[int]", threads: int) -> None:
     """Begin a worker process; ``started`` counts them."""
     global _maker  # noqa: PLW0603 - one for the process
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # also where the engine runs outside of the main thread
+    # A terminal sends Ctrl-C to all processes: the first one decides about the shards in hand.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING_SIGNALS)
     with started.get_lock():
         number, started.value = started.value, started.value + 1
     Thread(target=_end_with_parent, daemon=True).start()

@@ -20,8 +20,8 @@ from semisynth_gl.dataset.names import CARD, INDEX, LOCK, PLAN, PROGRAM, RECORDS
 from semisynth_gl.dataset.plan import differences
 from semisynth_gl.dataset.reader import read_record
 from semisynth_gl.dataset.root import (
-    UNFINISHED,
     clear_errors,
+    final_name,
     is_local,
     names_below,
     path_of,
@@ -58,28 +58,30 @@ def read_plan(root: UPath) -> Plan | None:
     return plan
 
 
-def check_begin(root: UPath, plan: Plan, *, overwrite: bool) -> bool:
-    """Return whether `begin` removes the dataset that is there.
+def check_begin(root: UPath, plan: Plan, *, overwrite: bool) -> tuple[Plan | None, bool]:
+    """Return the plan that is there, and whether `begin` will remove its dataset.
 
-    Raises InputError where `begin` would, so far as that is known without the digests of patches and models.
+    Raises the InputErrors of `begin`, but for those that need the digests of patches and models.
     """
+    if is_local(root) and root.is_file():
+        raise InputError(f"{root}: expected a folder, got a file", argument="out")
     there = read_plan(root)
     if there is None:
         with clear_errors(root):
-            names = [name for name in names_below(root) if name != LOCK and not UNFINISHED.search(name)]
-        there = read_plan(root)  # another run may have begun the dataset meanwhile
-        if names and there is None:
+            names = [name for name in names_below(root) if final_name(name) not in {PLAN, LOCK}]
+        # Another run may have begun the dataset meanwhile.
+        if names and (there := read_plan(root)) is None:
             raise InputError(
                 f"{root}: the folder is not empty (it holds {abbreviate(names, 3)}), and is no dataset of {PROGRAM}: "
                 "choose another",
                 argument="out",
             )
     if there is None:
-        return False
+        return None, False
     if overwrite:
-        return there != plan or (root / INDEX).exists()
+        return there, there != plan or (root / INDEX).exists()
     if len(missing(root, there)) == len(there.shards):
-        return there != plan
+        return there, there != plan
     keys = ("version", "config_values", "seed", "layout", "shard_pairs", "plugins")
     old, new = ({key: values.get(key, {}) for key in keys} for values in (there.values(), plan.values()))
     pairs = {name: max(plan.pairs.get(name, 0), count) for name, count in there.pairs.items()}
@@ -89,7 +91,18 @@ def check_begin(root: UPath, plan: Plan, *, overwrite: bool) -> bool:
             "pairs, to go on with it; or choose another folder, or replace the dataset with overwrite",
             argument="out",
         )
-    return False
+    return there, False
+
+
+def check_links(root: UPath, plan: Plan) -> None:
+    """Raise InputError where a folder is in the place of a link: new pairs would be missing in it."""
+    for name in plan.links if is_local(root) else ():
+        if (root / name).is_dir() and not (root / name).is_symlink():
+            raise InputError(
+                f"{root}: {name} is a folder, as a copy without links has it, and should be a link: remove it, or copy "
+                "with cp -a",
+                argument="out",
+            )
 
 
 def begin(root: UPath, plan: Plan, *, overwrite: bool = False) -> None:
@@ -103,7 +116,7 @@ def begin(root: UPath, plan: Plan, *, overwrite: bool = False) -> None:
             differ.
         OSError: where the folder cannot be written to.
     """
-    replacing, there = check_begin(root, plan, overwrite=overwrite), read_plan(root)
+    there, replacing = check_begin(root, plan, overwrite=overwrite)
     if there is not None:
         if replacing:
             _remove(root, there)
@@ -125,9 +138,8 @@ def missing(root: UPath, plan: Plan) -> list[Shard]:
     return [shard for shard in plan.shards if record_path(shard.name) not in there]
 
 
-def is_complete(root: UPath, plan: Plan) -> bool:
-    """Return whether a dataset of this plan is finished; sources are not compared."""
-    there = read_plan(root)
+def is_complete(root: UPath, plan: Plan, there: Plan | None) -> bool:
+    """Return whether the dataset of the plan that is there is finished, and has this plan but for its sources."""
     same = there is not None and there.model_copy(update={"sources": plan.sources}) == plan
     return same and (root / INDEX).exists() and not missing(root, plan)
 
@@ -189,9 +201,11 @@ def locked(root: UPath, *, shared: bool = False) -> Iterator[None]:
             ) from None
         except OSError:  # a file system without locks
             pass
-        yield
-        if (root / INDEX).exists():
-            path.unlink(missing_ok=True)
+        try:
+            yield
+        finally:
+            if (root / INDEX).exists():
+                path.unlink(missing_ok=True)
 
 
 def _own_names(plan: Plan) -> Iterator[str]:
@@ -208,8 +222,9 @@ def _own_names(plan: Plan) -> Iterator[str]:
 def _remove(root: UPath, plan: Plan) -> None:
     """Remove the files of a dataset except its plan, then the empty folders of all these."""
     own, there = dict.fromkeys(_own_names(plan)), names_below(root)
-    present = frozenset(there)
-    names = [*(name for name in own if name in present), *filter(UNFINISHED.search, there)]
+    present, replaced = frozenset(there), own.keys() | {PLAN}
+    unfinished = [name for name in there if name not in own and name != PLAN and final_name(name) in replaced]
+    names = [*(name for name in own if name in present), *unfinished]
     if not is_local(root):
         if names:
             root.fs.rm([(root / name).path for name in names])

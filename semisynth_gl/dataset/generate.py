@@ -10,7 +10,7 @@ from upath import UPath
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.documents import Plan, Shard
 from semisynth_gl.dataset.engines import Engine, LocalEngine, SerialEngine
-from semisynth_gl.dataset.folder import begin, check_begin, finish, is_complete, locked, missing, read_plan
+from semisynth_gl.dataset.folder import begin, check_begin, check_links, finish, is_complete, locked, missing, read_plan
 from semisynth_gl.dataset.make import Job, open_renderer
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.root import is_local, open_root
@@ -103,9 +103,10 @@ def generate(
     plan = make_plan(config, seed, layout, counts, shard_pairs)
     chosen = _chosen(plan.shards, shards)
     check_apart(root, plan.config)
-    check_begin(root, plan, overwrite=overwrite)
-    if not overwrite and is_complete(root, plan):
+    there, _ = check_begin(root, plan, overwrite=overwrite)
+    if not overwrite and is_complete(root, plan, there):
         return GenerationResult(root, plan, 0)
+    check_links(root, plan)
     if isinstance(engine, SerialEngine | LocalEngine):
         check_libraries(backend)
     sources = {split: prepare_sources(plan.config, plan.split(split)) for split in plan.splits}
@@ -113,7 +114,7 @@ def generate(
     plan = plan.model_copy(update={"sources": digests})
     job = Job(plan, str(root.absolute()), backend, gpus)
     _describe(plan, sources, listener)
-    replacing = check_begin(root, plan, overwrite=overwrite)
+    _, replacing = check_begin(root, plan, overwrite=overwrite)
     with locked(root, shared=shards is not None and not replacing):
         if replacing:
             # If the driver or the config's checks fail, the earlier dataset stays.

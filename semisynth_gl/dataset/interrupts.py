@@ -4,11 +4,14 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from multiprocessing import resource_tracker
 from types import FrameType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 if TYPE_CHECKING:
     from semisynth_gl.listener import Listener
+
+ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def interrupts_raise() -> AbstractContextManager[None]:
@@ -21,11 +24,6 @@ def interrupts_end() -> AbstractContextManager[None]:
     return _handlers(signal.SIG_DFL, signal.SIGINT)
 
 
-def interrupts_ignored() -> AbstractContextManager[None]:
-    """Let processes that start in the block ignore Ctrl-C, which a terminal sends to all of them."""
-    return _handlers(signal.SIG_IGN, signal.SIGINT)
-
-
 def interrupts_stop(listener: "Listener") -> AbstractContextManager[None]:
     """Let Ctrl-C and SIGTERM in the block ask a long function to stop; a second one raises KeyboardInterrupt."""
 
@@ -35,7 +33,24 @@ def interrupts_stop(listener: "Listener") -> AbstractContextManager[None]:
         listener.stop()
         listener.on_message("Stopping; complete shards stay. Ctrl-C again stops at once.")
 
-    return _handlers(ask, signal.SIGINT, signal.SIGTERM)
+    return _handlers(ask, *ENDING_SIGNALS)
+
+
+def interrupts_kept() -> AbstractContextManager[None]:
+    """Restore the handlers of SIGINT and SIGTERM after a block in which other code may replace them."""
+    return _handlers(None, *ENDING_SIGNALS)
+
+
+@contextmanager
+def interrupts_blocked() -> Iterator[None]:
+    """Let processes that start in the block begin with SIGINT and SIGTERM blocked; here, these wait for its end."""
+    # Otherwise the resource tracker would start with the first process, and lift the mask.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _raise_once(_: int, __: FrameType | None) -> NoReturn:
@@ -45,12 +60,16 @@ def _raise_once(_: int, __: FrameType | None) -> NoReturn:
 
 
 @contextmanager
-def _handlers(handler: Callable[[int, FrameType | None], Any] | signal.Handlers, *numbers: int) -> Iterator[None]:
-    """Install a handler for the block, and restore the previous handlers after it."""
+def _handlers(
+    handler: Callable[[int, FrameType | None], Any] | signal.Handlers | None, *numbers: int
+) -> Iterator[None]:
+    """Install a handler for the block, None for none, and restore the previous handlers after it."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    previous = {number: signal.signal(number, handler) for number in numbers}
+    previous = {number: signal.getsignal(number) for number in numbers}
+    for number in numbers if handler is not None else ():
+        signal.signal(number, handler)
     try:
         yield
     finally:

@@ -88,7 +88,7 @@ class ShardMaker:
 
     def _renderer_of(self, split: SplitName, listener: Listener) -> PairRenderer:
         if self._renderer is None or self._renderer.split.name != split:
-            self._renderer = None  # of an error below, no closed renderer is left
+            self._renderer = None  # if opening fails below, no closed renderer stays
             self._resources.close()
             job, plan = self._job, self._job.plan
             _check_same("plug-ins", plan.plugins, used_plugins(plan.config, plan.layout_name))
@@ -129,7 +129,7 @@ def in_order(
     """Encode pairs, and yield the results in order.
 
     With ``in_thread``, another thread encodes a pair while this one, which owns the context, renders the next:
-    compression, checksums and NumPy let other threads run. Where the processor renders, one thread is best for both.
+    compression, checksums and NumPy let other threads run. On a software renderer, one thread for both is faster.
     """
     if not in_thread:
         yield from map(encode, rendered)

@@ -122,7 +122,7 @@ class Dataset(Sequence[StoredFrame]):
         layout, names = plan.layout, plan.files(split, pair)
         if layout.packed:
             shard = self._shards[split, pair - pair % plan.shard_pairs]
-            files = read_members(root, shard, self._record(root, shard), pair, list(names.values()))
+            files = read_members(root, shard, self._record(shard), pair, list(names.values()))
         else:
             files = {name: read_whole(root, name) for name in names.values()}
         values = {
@@ -147,11 +147,11 @@ class Dataset(Sequence[StoredFrame]):
             position -= count
         raise IndexError(number)
 
-    def _record(self, root: UPath, shard: Shard) -> Record:
+    def _record(self, shard: Shard) -> Record:
         if shard not in self._records:
             if len(self._records) >= _RECORDS_KEPT:
                 self._records.clear()
-            self._records[shard] = read_record(root, shard, packed=True)
+            self._records[shard] = read_record(self.about.root, shard, packed=True)
         return self._records[shard]
 
 

@@ -24,8 +24,8 @@ class RebuiltScenes:
 
     def __init__(self, index: StoredIndex, split: SplitName) -> None:
         made = index.made
-        patches = made and made.split_sources.get(split)
-        if made is None or not patches or not patches.patches:
+        described = made and made.split_sources.get(split)
+        if made is None or not described or not described.patches:
             raise InputError(f"{index.root}: the scenes cannot be rebuilt: {index.fault or 'its index has no patches'}")
         self.config, self.seed, part = made.config, made.seed, made.split(split)
         try:
@@ -35,7 +35,7 @@ class RebuiltScenes:
             raise MissingPluginError(f"{index.root}: the scenes cannot be rebuilt: {error}") from None
         libraries = recipe_libraries(self.config, part)
         self._sampler = MixSampler(
-            self.config, part.seed, libraries, tuple(Patch(**each.values()) for each in patches.patches)
+            self.config, part.seed, libraries, tuple(Patch(**each.values()) for each in described.patches)
         )
         self.models: tuple[Mesh, ...] = self._sampler.models
 

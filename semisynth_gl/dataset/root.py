@@ -12,8 +12,8 @@ from upath import UPath
 from semisynth_gl.inputs.errors import InputError, ReadError, how_to_install
 from semisynth_gl.inputs.user_files import expanded
 
-# Files that `replace` has not written to their end, which a kill leaves: the process's number stands before the ending.
-UNFINISHED = re.compile(r"\.json\.\d+\.new$")
+# A kill leaves files that `replace` has not written to their end: the process's number stands before the ending.
+_UNFINISHED = re.compile(r"\.\d+\.new$")
 # Most bytes that are read of a file at once.
 _MOST_BYTES = 1 << 31
 _WITH_BUCKETS = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oci", "oss"})
@@ -28,7 +28,7 @@ def open_root(address: str | os.PathLike[str]) -> UPath:
     """
     text = os.fspath(address)
     path = text.removeprefix("file://").removeprefix("local://")
-    if not path.strip() or re.match(r"[a-z0-9]+:/(?!/)", path):
+    if not path.strip() or re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/(?!/)", path):
         raise InputError(f"expected a folder or an address such as s3://bucket/name with two slashes, got {text!r}")
     if "://" not in path:
         return UPath(expanded(path))
@@ -57,20 +57,25 @@ def path_of(root: UPath, name: str) -> Path:
 
 def read_whole(root: UPath, name: str) -> bytes:
     """Read a file of a dataset; raises ReadError where it is missing, cannot be read, or has more than 2 GiB."""
-    data = read_if_there(root, name)
+    try:
+        data = read_if_there(root, name)
+    except OSError as error:
+        raise _unreadable(path_of(root, name), error) from None
     if data is None:
         raise ReadError(path_of(root, name), "is missing")
     return data
 
 
 def read_if_there(root: UPath, name: str) -> bytes | None:
-    """Read a file of a dataset as `read_whole` does; return None where it is missing."""
+    """Read a file of a dataset; return None where it is missing. OSErrors of a store are left to `clear_errors`."""
     try:
         data = _read(root, name, 0, _MOST_BYTES + 1)
     except (FileNotFoundError, NotADirectoryError):
         return None
     except OSError as error:
-        raise ReadError(path_of(root, name), f"cannot be read: {error.strerror or error}") from None
+        if is_local(root):
+            raise _unreadable(Path(root, name), error) from None
+        raise
     if len(data) > _MOST_BYTES:
         raise ReadError(path_of(root, name), f"has more than {_MOST_BYTES} bytes")
     return data
@@ -81,7 +86,11 @@ def read_part(root: UPath, name: str, offset: int, length: int) -> bytes:
     try:
         return _read(root, name, offset, length)
     except OSError as error:
-        raise ReadError(path_of(root, name), f"cannot be read: {error.strerror or error}") from None
+        raise _unreadable(path_of(root, name), error) from None
+
+
+def _unreadable(path: Path, error: OSError) -> ReadError:
+    return ReadError(path, f"cannot be read: {error.strerror or error}")
 
 
 def _read(root: UPath, name: str, offset: int, length: int) -> bytes:
@@ -124,6 +133,11 @@ def replace(root: UPath, name: str, data: bytes) -> None:
     write(root, unfinished, data)
     if unfinished != name:
         (root / unfinished).replace(root / name)
+
+
+def final_name(name: str) -> str:
+    """Return the name that a file gets that `replace` was writing; any other name stays."""
+    return _UNFINISHED.sub("", name)
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from semisynth_gl.codecs.calib import Calibration
 from semisynth_gl.frame.camera import EYES, Eye, StereoCamera
 from semisynth_gl.frame.channels import CHANNELS, ROLES, SKY, VISIBLE, Channel, View
 from semisynth_gl.frame.frame import Frame
-from semisynth_gl.inputs.errors import InputError, ReadError
+from semisynth_gl.inputs.errors import InputError, ReadError, shown
 from semisynth_gl.layouts import Key, Layout
 from semisynth_gl.layouts.roles import Sample, codec_name, mask_from_not_occluded, not_occluded_role, restore_outside
 
@@ -140,12 +140,16 @@ def decode_file(layout: Layout, role: str, data: bytes, path: Path, encodings: E
 
 
 def wrong_sizes(values: Mapping[str, Any], size: tuple[int, int]) -> Iterator[tuple[str, str]]:
-    """Yield the role of each array that does not have the dataset's size, and a message about it.
+    """Yield the role of each value that does not have the dataset's size, and a message about it.
 
-    ``values`` are a pair's decoded files by role, and ``size`` is the height and width of the dataset's images. A raw
-    image has the size of the camera that the provenance describes.
+    ``values`` are a pair's decoded files by role, and ``size`` is the height and width of the dataset's images. So
+    has the camera of a calibration or provenance. A raw image has the size of the sensor in the provenance's ``lens``;
+    one without objects is a fault, too.
     """
     lens = values.get("provenance", {}).get("lens") or {}
+    if not isinstance(lens, dict) or not all(isinstance(lens.get(eye, {}), dict) for eye in EYES):
+        yield "provenance", f"lens: expected an object, with one for each eye, got {shown(lens)}"
+        lens = {}
     for role, value in values.items():
         eye, channel = ROLES.get(role, (None, None))
         expected: tuple[Any, Any] = size
@@ -155,12 +159,25 @@ def wrong_sizes(values: Mapping[str, Any], size: tuple[int, int]) -> Iterator[tu
             expected = sensor.get("height_px"), sensor.get("width_px")
         if isinstance(value, np.ndarray) and value.shape[:2] != expected:
             yield role, f"expected shape {(*expected, *value.shape[2:])}, as {whose}, got {value.shape}"
+        elif (camera := _camera_size(value)) is not None and camera != size:
+            yield role, f"expected a camera of {size[1]} x {size[0]} px, as the dataset's images, got {camera[::-1]}"
+
+
+def _camera_size(value: object) -> tuple[Any, Any] | None:
+    """Return height and width in px of the camera in a calibration or provenance; None where there is none."""
+    match value:
+        case Calibration():
+            return value.camera.height_px, value.camera.width_px
+        case {"camera": {**camera}}:
+            return camera.get("height_px"), camera.get("width_px")
+    return None
 
 
 def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) -> StoredFrame:
     """Assemble a pair from its decoded files.
 
     ``values`` are what `decode_file` returns, by role: at least both images, the left disparity and the provenance.
+    `wrong_sizes` finds no fault in them.
 
     Raises:
         ReadError: where the provenance has no camera, or the truth of visible points differs from the truth of all
@@ -183,8 +200,6 @@ def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) ->
         camera = calibration.camera if calibration and not deviates else StereoCamera.from_values(provenance["camera"])
     except (KeyError, TypeError, InputError) as error:
         raise ReadError(path, f"its provenance has no camera that can be used: {error!r}") from None
-    if (camera.height_px, camera.width_px) != arrays["left"].shape[:2]:
-        raise ReadError(path, f"its camera is of {camera.width_px} x {camera.height_px} px, and its images are not")
     frame = Frame.from_arrays(camera, arrays)
     left, right = (_with_outside(frame, eye) for eye in EYES)
     return StoredFrame(camera, left, right, key.name, key.split, key.index, provenance, calibration, encodings)

@@ -33,4 +33,5 @@ def header_fault(header: bytes, name: str, size: int) -> str | None:
         return f"has no header of {name}: {error}"
     if (info.name, info.size, info.isreg()) == (name, size, True):
         return None
-    return f"expected the file {name} of {size} bytes, got {info.name!r} of {info.size} bytes"
+    other = "" if info.isreg() else ", which is no plain file"
+    return f"expected the file {name} of {size} bytes, got {info.name!r} of {info.size} bytes{other}"

@@ -56,7 +56,7 @@ class Role:
         value: returns the value of a sample that the codec encodes.
         output: the output to which the file belongs; None for a file that every pair has.
         eye: the view whose truth the file holds; None for images, their maps, and files about the pair.
-        arrays: roles of the frame's arrays without which a sample has no such file.
+        arrays: arrays of the frame that the value needs, by role; pairs that lack one get no such file.
         unwrap: returns the value for readers, from the decoded value and the file's path, which is for messages.
     """
 
@@ -87,7 +87,7 @@ def not_occluded_role(channel: Channel[Any], eye: Eye) -> str:
 def mask_from_not_occluded(
     truth: NDArray[np.float32], not_occluded: NDArray[np.float32], channel: Channel[Any], eye: Eye, path: Path
 ) -> NDArray[np.uint8]:
-    """Return the mask of a disparity or flow, (H, W) uint8, from its values at all points and at visible points only.
+    """Return the mask of a disparity or flow, (H, W) uint8, from all values and from those of visible points.
 
     Both arrays are (H, W) float32 px, or (H, W, 2) for flow, and inf where unknown; the path is for messages. A hidden
     point is occluded or outside the other image, see `restore_outside`. Raises ReadError where a finite value of

@@ -34,7 +34,7 @@ class PairDataset(Dataset[Any]):
         transform: gets the sample and returns the object to use instead.
 
     Raises:
-        InputError: where the crop does not fit.
+        InputError: where the crop does not fit, or the transform cannot be called.
     """
 
     def __init__(
@@ -51,6 +51,8 @@ class PairDataset(Dataset[Any]):
         )
         if not fits:
             raise InputError(f"crop: expected (height, width), whole numbers of up to {sides} px, got {shown(crop)}")
+        if transform is not None and not callable(transform):
+            raise InputError(f"expected a function, got {shown(transform)}", argument="transform")
         if augmentation is not None:
             augmentation.check(crop, sides)
         self._sides, self._crop, self._augmentation, self._transform = sides, crop, augmentation, transform

@@ -115,7 +115,8 @@ def test_a_dataset_lies_apart_from_its_photographs_and_models(home, tmp_path, mo
     ("address", "word"),
     [
         ("", "expected a folder"),
-        ("s3:/bucket/set", "slash"),
+        ("S3:/bucket/set", "slash"),
+        ("my-store:/set", "slash"),
         ("~nosuchuser/set", "nosuchuser"),
     ],
 )

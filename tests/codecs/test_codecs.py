@@ -13,10 +13,13 @@ from hypothesis.extra import numpy as hnp
 from isal import isal_zlib
 from PIL import Image
 
+from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.calib import MIDDLEBURY_CALIB, Calibration
 from semisynth_gl.codecs.disparity_map import read_disparity_map
+from semisynth_gl.codecs.jpeg import Jpeg
+from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.codecs.pfm import PFM, PFM3
-from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, RGB16, deflate
+from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, RGB16, ThreeEqual, deflate
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.inputs.errors import ReadError
@@ -33,6 +36,27 @@ def by_opencv(data):
 
 
 # The tables
+
+
+@pytest.mark.parametrize(
+    ("image", "grey"),
+    [(RGB8, GREY8), (Jpeg(), Jpeg(grey=True)), (RGB16, ThreeEqual(RGB16))],
+    ids=["png", "jpg", "other"],
+)
+def test_only_formats_with_a_grey_form_store_one_channel(image, grey):
+    encodings = Encodings(image)
+    assert encodings.in_grey(three=False).image == grey
+    assert encodings.in_grey(three=True).image == ThreeEqual(image)
+
+
+# JSON
+
+
+def test_numbers_beyond_float64_are_refused():
+    assert JSON_OBJECT.decode(b'{"x": 1e99}', PATH) == {"x": 1e99}
+    for text in (b"1e999", b"-1e999", b"NaN"):
+        with pytest.raises(ReadError, match="expected finite numbers"):
+            JSON_OBJECT.decode(b'{"x": %s}' % text, PATH)
 
 
 # PNG

@@ -6,15 +6,16 @@ from itertools import count
 from pathlib import Path
 
 import pytest
+from fsspec.implementations.memory import MemoryFileSystem
 from hand_made_datasets import config_of, pairs_of, plan_of, write_dataset
 
-from semisynth_gl.dataset.folder import begin, locked, missing
+from semisynth_gl.dataset.folder import begin, check_begin, check_links, locked, missing
 from semisynth_gl.dataset.names import INDEX, PLAN
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import open_dataset, read_index
-from semisynth_gl.dataset.root import names_below, open_root
+from semisynth_gl.dataset.root import names_below, open_root, read_whole
 from semisynth_gl.dataset.shard import write_shard
-from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.inputs.errors import InputError, ReadError
 
 PAIRS = {"train": 4, "validation": 1}
 LAYOUTS = ("middlebury", "webdataset", "middlebury-2014", "sceneflow", "kitti")
@@ -90,6 +91,23 @@ def test_a_dataset_grows_to_what_a_larger_one_is(clean, tmp_path, layout):
     assert tree(tmp_path / "set") == tree(clean / layout)
 
 
+@pytest.mark.parametrize("layout", ["middlebury-2014", "sceneflow"])
+def test_a_copy_with_folders_for_links_does_not_grow(clean, tmp_path, layout):
+    folder = copied(clean, layout, tmp_path / "set")
+    plan = plan_of(layout, PAIRS | {"train": 6}, 2, config_for(layout))[0]
+    check_links(open_root(folder), plan)
+    shutil.copytree(folder, tmp_path / "copy")
+    with pytest.raises(InputError, match="should be a link: remove it"):
+        check_links(open_root(tmp_path / "copy"), plan)
+
+
+def test_the_lock_file_of_a_finished_dataset_goes_with_an_error_too(clean, tmp_path):
+    folder = copied(clean, "middlebury", tmp_path / "set")
+    with suppress(Killed), locked(open_root(folder)):
+        raise Killed
+    assert tree(folder) == tree(clean / "middlebury")
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -124,7 +142,7 @@ def test_a_plan_without_a_complete_shard_stands_in_nobodys_way(tmp_path):
 
 def test_a_folder_of_others_is_left_alone(tmp_path):
     plan, _ = plan_of("middlebury", PAIRS, 2)
-    for name in ("notes.txt", INDEX, "shards/notes.txt"):
+    for name in ("notes.txt", "notes.json.12.new", INDEX, "shards/notes.txt"):
         folder = tmp_path / name.replace("/", "-")
         (folder / name).parent.mkdir(parents=True)
         (folder / name).write_text("mine")
@@ -132,6 +150,8 @@ def test_a_folder_of_others_is_left_alone(tmp_path):
             with pytest.raises(InputError, match=f"not empty.*{name}"):
                 begin(open_root(folder), plan, overwrite=overwrite)
         assert tree(folder).keys() - {"shards"} == {name}
+    with pytest.raises(InputError, match=r"out: .*expected a folder, got a file"):
+        check_begin(open_root(folder / name), plan, overwrite=False)
     with (
         pytest.raises(InputError, match="cannot be written to"),
         locked(open_root(tmp_path / "notes.txt" / "notes.txt")),
@@ -142,7 +162,7 @@ def test_a_folder_of_others_is_left_alone(tmp_path):
 @pytest.mark.parametrize("before", LAYOUTS)
 def test_overwrite_removes_the_files_of_the_old_dataset_and_no_others(clean, tmp_path, before):
     folder = copied(clean, before, tmp_path / "set")
-    others = ["notes.txt", "shards/plan.json.bak", "MiddEval3/trainingF/mine.png"]
+    others = ["notes.txt", "notes.json.12.new", "shards/plan.json.bak", "MiddEval3/trainingF/mine.png"]
     for name in others:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text("mine")
@@ -231,6 +251,17 @@ def test_a_store_is_filled_grown_and_overwritten_by_the_same_rules(clean, tmp_pa
     wanted = {name for name, content in tree(clean / "webdataset").items() if content is not None}
     assert {name for name in names_below(root) if not name.endswith(".log")} == wanted | {"notes.txt"}
     assert len(open_dataset(address)) == 5
+
+
+def test_a_refusal_of_a_store_comes_with_advice(monkeypatch):
+    def forbidden(*_, **__):
+        raise PermissionError("Forbidden")
+
+    monkeypatch.setattr(MemoryFileSystem, "cat_file", forbidden)
+    with pytest.raises(InputError, match="PermissionError: Forbidden; check address, rights"):
+        read_index("memory://forbidden")
+    with pytest.raises(ReadError, match="a file: cannot be read: Forbidden"):
+        read_whole(open_root("memory://forbidden"), "a file")
 
 
 def test_many_pairs_have_small_shards():

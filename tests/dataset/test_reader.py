@@ -155,7 +155,7 @@ def test_a_pair_of_another_dataset_or_camera_is_refused(tmp_path):
     calib = tmp_path / "set" / open_dataset(tmp_path / "set").about.plan.files("train", 0)["calibration"]
     text = calib.read_text()
     calib.write_text(text.replace("width=48", "width=50"))
-    with pytest.raises(ReadError, match="its camera is of 50 x 32 px"):
+    with pytest.raises(ReadError, match=r"calib\.txt: expected a camera of 48 x 32 px"):
         open_dataset(tmp_path / "set")[0]
     calib.write_text(text)
     index = json.loads((tmp_path / "set/index.json").read_text())

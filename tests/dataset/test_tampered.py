@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import shutil
 import tarfile
 from functools import partial
@@ -15,7 +16,7 @@ from semisynth_gl.dataset.folder import begin, read_plan
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import open_dataset, read_index, read_record
 from semisynth_gl.dataset.root import open_root
-from semisynth_gl.inputs.errors import SemisynthError
+from semisynth_gl.inputs.errors import ReadError, SemisynthError
 from semisynth_gl.judge.truth import find_truth
 from semisynth_gl.judge.verify import verify
 
@@ -120,6 +121,26 @@ def test_a_key_with_a_wrong_value_is_refused_by_name(clean, plans, tmp_path, nam
         readers[0]()
 
 
+def test_the_package_of_a_plugin_needs_name_and_version(clean, tmp_path):
+    values = json.loads((clean / "middlebury" / PLAN).read_text()) | {"plugins": {"layouts": {"flat": {}}}}
+    (tmp_path / "shards").mkdir()
+    (tmp_path / PLAN).write_text(json.dumps(values))
+    with pytest.raises(ReadError, match=r"flat\.package: .*required"):
+        read_plan(open_root(tmp_path))
+
+
+@pytest.mark.parametrize("camera", [False, True])
+def test_a_pair_of_which_the_provenance_says_another_thing_is_refused(clean, tmp_path, camera):
+    dataset = shutil.copytree(clean / "middlebury", tmp_path / "set", symlinks=True)
+    path = dataset / read_index(dataset).plan.files("train", 0)["provenance"]
+    values = json.loads(path.read_text())
+    changed = {"camera": values["camera"] | {"width_px": 7}} if camera else {"lens": "wide"}
+    path.write_text(json.dumps(values | changed))
+    said = f"{path}: " + ("expected a camera of" if camera else "lens: expected an object")
+    assert said in str(refusal(read_all, dataset))
+    assert any(path.name in message for message in found(dataset))
+
+
 @pytest.mark.parametrize("name", [INDEX, PLAN, RECORD])
 def test_a_file_cut_off_or_with_a_changed_byte_breaks_nothing(dataset, plans, name):
     path, plan = dataset / name, plans[dataset.name]
@@ -152,7 +173,7 @@ def test_a_member_that_is_no_file_is_refused(clean, tmp_path):
         changed = data.copy()
         changed[file["offset"] - 512 : file["offset"]] = info.tobuf(tarfile.USTAR_FORMAT)
         (dataset / TAR).write_bytes(changed)
-        assert f"expected the file {name}" in refusal(read_all, dataset)
+        assert re.search(f"expected the file {name} .*no plain file", refusal(read_all, dataset))
         assert any(TAR in message for message in found(dataset))
 
 
