@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from scipy import ndimage
 
-from semisynth_gl.augmentation.resampling import Points, Positions, sheared
+from semisynth_gl.augmentation.resampling import Points, Positions
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Crop, Deviation, Eye, StereoCamera
 from semisynth_gl.frame.channels import View
 from semisynth_gl.frame.frame import Frame
@@ -146,14 +147,16 @@ class _Movement:
         return self._cx + self._cos * across + self._lean * along, self._cy - self._fall * across + self._cos * along
 
     def image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return the moved right image: three shears make a turn."""
-        height, width = image.shape[:2]
-        across, along = np.arange(width) - self._cx, np.arange(height) - self._cy
-        lean = self._lean / (1 + self._cos)
-        values = sheared(image.reshape(height, width, -1).astype(np.float32), lean * along)
-        values = sheared(values.swapaxes(0, 1), -self._fall * across - self._down).swapaxes(0, 1)
-        values = sheared(values, lean * (along - self._down))
-        return np.rint(values).clip(0, 255).astype(np.uint8).reshape(image.shape)
+        """Return the moved right image; beyond the border, the last pixel is repeated."""
+        channels = image.reshape(*image.shape[:2], -1).astype(np.float32)
+        # ndimage counts rows before columns.
+        turn = np.array([[self._cos, -self._fall], [self._lean, self._cos]])
+        column, row = self.source(np.zeros(()), np.zeros(()))
+        values = [
+            ndimage.affine_transform(each, turn, (row, column), mode="nearest") for each in np.moveaxis(channels, 2, 0)
+        ]
+        moved: NDArray[np.uint8] = np.rint(np.stack(values, axis=2)).clip(0, 255).astype(np.uint8)
+        return moved.reshape(image.shape)
 
     def truth(
         self, eye: Eye, arrays: Mapping[str, NDArray[Any]], x: Positions, y: Positions

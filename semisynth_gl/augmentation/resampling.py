@@ -1,4 +1,4 @@
-"""Images and truth between pixels.
+"""Truth between pixels.
 
 Truth is the value of the nearest pixel, carried along its surface to the point asked for.
 The disparity of a plane is linear in the image, and so is the inverse of its depth. So a value is carried by the slope
@@ -15,42 +15,6 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
 Positions = NDArray[np.floating[Any]]
-
-# Offsets of the interpolation filter's eight taps.
-_TAPS = np.arange(-3, 5)
-
-
-def sheared(lines: Floats, shifts_px: Positions) -> Floats:
-    """Return an image whose lines are moved along themselves; beyond the border, the last pixel is repeated.
-
-    Each value lies on the polynomial through the eight nearest pixels, so that smooth structures land at their true
-    places. Shorter kernels move structures of a few pixels by up to 0.1 px, as their phase is not linear.
-
-    Args:
-        lines: (N, L, C).
-        shifts_px: (N,); line n of the result samples line n of the input at x + shifts_px[n].
-    """
-    if not shifts_px.any():
-        return lines
-    whole = np.floor(shifts_px).astype(np.intp)
-    beyond = shifts_px - whole
-    others = [_TAPS[tap != _TAPS] for tap in _TAPS]
-    # Lagrange's weights of the pixels around each point.
-    weights = np.array(
-        [
-            np.prod([(beyond - other) / (tap - other) for other in beside], axis=0)
-            for tap, beside in zip(_TAPS, others, strict=True)
-        ],
-        np.float32,
-    )
-    length, reach = lines.shape[1], int(np.abs(whole).max()) + len(_TAPS)
-    around, moved = np.pad(lines, ((0, 0), (reach, reach), (0, 0)), "edge"), np.zeros(lines.shape, np.float32)
-    for alike in np.split(np.arange(len(whole)), np.flatnonzero(np.diff(whole)) + 1):
-        part = slice(alike[0], alike[-1] + 1)
-        for tap, weight in zip(_TAPS, weights[:, part, None, None], strict=True):
-            start = reach + whole[alike[0]] + tap
-            moved[part] += around[part, start : start + length] * weight
-    return moved
 
 
 class Points:

@@ -1,6 +1,6 @@
 """Connections between triangles: vertices at equal positions, neighbours across edges, closed surfaces.
 
-trimesh has similar functions, but takes longer to load than everything else together; scipy is not a dependency.
+trimesh has similar functions, but takes longer to load than everything else together.
 """
 
 from dataclasses import replace
