@@ -10,11 +10,11 @@ from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS
 from semisynth_gl.config.fields import (
     SMALLEST,
     ZERO,
-    ConfigError,
     NotNegative,
     Positive,
     Range,
     RangeField,
+    Rule,
     Section,
     Share,
     one_of,
@@ -27,13 +27,8 @@ from semisynth_gl.seeds.splits import Split, SplitName
 _MOST_TURN_DEG = round(degrees(MOST_TURN_RAD))
 _SUB_FRAMES = 7
 
-# Largest number of characters in a licence.
-_LONGEST_LICENCE = 1000
-
 LAYOUTS = BUILT_IN["layouts"]
 """The names of the program's own layouts: the modules of `semisynth_gl.layouts`."""
-
-_Licence = Annotated[str, Field(max_length=_LONGEST_LICENCE)]
 
 
 class RigSection(Section):
@@ -50,10 +45,9 @@ class RigSection(Section):
     twin: bool = False
     """render each scene twice: pair 2 i deviates, pair 2 i + 1 is rectified"""
 
-    def _faults(self) -> Iterator[ConfigError]:
-        if self.twin and self.model_copy(update={"twin": False}).none():
-            text = "twin adds a rectified pair to each deviating pair, but no pair deviates: set another key too"
-            yield ConfigError(text, type(self).model_fields)
+    def _rules(self) -> Iterator[Rule]:
+        text = "twin adds a rectified pair to each deviating pair, but no pair deviates: set another key too"
+        yield self == RigSection.model_construct(twin=True), text, type(self).model_fields
 
     def none(self) -> bool:
         """Return whether the pairs are rectified."""
@@ -132,10 +126,9 @@ class SplitsSection(Section):
     models: bool = False
     """hold out the same shares of models too"""
 
-    def _faults(self) -> Iterator[ConfigError]:
-        if self.validation + self.test >= 1:
-            text = f"validation and test add up to {self.validation + self.test:g}: expected less than 1"
-            yield ConfigError(text, ("validation", "test"))
+    def _rules(self) -> Iterator[Rule]:
+        total = self.validation + self.test
+        yield total >= 1, f"validation and test add up to {total:g}: expected less than 1", ("validation", "test")
 
     def split(self, name: SplitName, splits: Collection[SplitName], seed: int) -> Split:
         """Return the split ``name`` of a dataset with this seed; ``splits`` are all splits that the dataset has."""
@@ -146,9 +139,9 @@ class SplitsSection(Section):
 class LicencesSection(Section):
     """Licences that the dataset's index and card state."""
 
-    dataset: _Licence = "unknown"
+    dataset: str = "unknown"
     """the dataset's, by the name that hubs use"""
-    images: _Licence = "unknown"
+    images: str = "unknown"
     """that of your photographs and of a plug-in's pictures"""
-    models: _Licence = "unknown"
+    models: str = "unknown"
     """that of your models and of a plug-in's models"""

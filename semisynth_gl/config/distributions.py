@@ -1,30 +1,14 @@
-"""The distributions of disparity that a config may ask for in ``disparity.target``.
-
-A target of form ``file`` becomes a target of form ``histogram`` when a config is read. The config alone then determines
-its pairs: a later change of the file does not affect a dataset that was begun before.
-"""
+"""The distributions of disparity that a config may ask for in ``disparity.target``."""
 
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from semisynth_gl.config.fields import (
-    FROM_LIST,
-    LARGEST,
-    SMALLEST,
-    ConfigError,
-    Finite,
-    Positive,
-    Section,
-    Weight,
-)
+from semisynth_gl.config.fields import FROM_LIST, SMALLEST, Finite, Positive, Rule, Section, Weight
 from semisynth_gl.histogram import Histogram
-from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.inputs.user_files import read_file
 
 # Largest share of a target that may be out of reach: measured histograms have a few stray pixels anywhere.
 _OUT_OF_REACH = 0.02
@@ -34,10 +18,6 @@ _SPREADS, _GAMMA_BINS = 8, 100
 _POINTS = 16
 # Number of bins of the wanted histogram where the target has no bins of its own.
 _BINS = 24
-# Largest number of bins of a target. A file's bins are cut into equal bins as wide as their common divisor.
-_MOST_BINS = 4096
-_LARGEST_BYTES = 1 << 20
-_RESOLUTION_PX = 1e-3
 
 
 class UniformTarget(Section):
@@ -66,23 +46,20 @@ class GammaTarget(Section):
     mean_px: Finite
     spread_px: Positive
 
-    def _faults(self) -> Iterator[ConfigError]:
-        if self.mean_px - self.origin_px < SMALLEST:
-            text = f"expected mean_px above origin_px, got {self.mean_px:g} and {self.origin_px:g}"
-            yield ConfigError(text, ("mean_px", "origin_px"))
+    def _rules(self) -> Iterator[Rule]:
+        text = f"expected mean_px above origin_px, got {self.mean_px:g} and {self.origin_px:g}"
+        yield self.mean_px - self.origin_px < SMALLEST, text, ("mean_px", "origin_px")
 
     def histogram(self, edges_px: NDArray[np.float64]) -> Histogram:
         """Integrate the distribution over bins of equal width with edges (K + 1,).
 
         Its density is x^(k - 1) exp(-x / theta), with x and the mean counted from the origin, k = (mean / spread)^2 and
-        theta = spread^2 / mean. If all bins lie below the origin, the last bin gets all pixels.
+        theta = spread^2 / mean.
         """
         mean_px = self.mean_px - self.origin_px
         shape, scale = (mean_px / self.spread_px) ** 2, self.spread_px**2 / mean_px
         width = np.diff(edges_px) / _POINTS
         at = edges_px[:-1, None] + (np.arange(_POINTS) + 0.5) * width[:, None] - self.origin_px
-        if at[-1, -1] <= 0:
-            return Histogram.from_counts(edges_px, np.arange(1 - len(width), 1) == 0)
         after = np.maximum(at, np.finfo(np.float64).tiny)
         logarithm = np.where(at > 0, (shape - 1) * np.log(after) - after / scale, -np.inf)
         # The largest density may be far from 1, so it is scaled to 1.
@@ -95,11 +72,10 @@ class HistogramTarget(Section):
     form: Literal["histogram"]
     bin_px: Positive
     first_px: Finite = 0.0
-    shares: Annotated[tuple[Weight, ...], FROM_LIST, Field(min_length=1, max_length=_MOST_BINS)]
+    shares: Annotated[tuple[Weight, ...], FROM_LIST, Field(min_length=1)]
 
-    def _faults(self) -> Iterator[ConfigError]:
-        if not sum(self.shares) > 0:
-            yield ConfigError("expected at least one share above 0", ("shares",))
+    def _rules(self) -> Iterator[Rule]:
+        yield sum(self.shares) <= 0, "expected at least one share above 0", ("shares",)
 
     def histogram(self) -> Histogram:
         """Return the shares with the bins' edges."""
@@ -112,20 +88,18 @@ TargetSection = Annotated[
 ]
 
 
-def target_faults(target: TargetSection, min_px: float, max_px: float, low_px: float) -> Iterator[ConfigError]:
-    """Yield a fault where scenes cannot show all but 2 % of the pixels of a target, by keys of the config.
+def target_fault(target: TargetSection, min_px: float, max_px: float, low_px: float) -> str | None:
+    """Return a message where scenes cannot show all but 2 % of the pixels of a target, else None.
 
     ``min_px`` and ``max_px`` are keys of the section ``disparity``. Scenes show ``low_px`` to ``max_px``.
     """
-    keys = "disparity.target", "disparity.min_px", "disparity.max_px"
     match target:
         case UniformDepthTarget():
-            return
+            return None
         case UniformTarget():
             low, high = _ends(target, min_px, max_px)
             if low >= high:
-                yield ConfigError(f"expected low_px < high_px, got {low:g} and {high:g}", keys)
-                return
+                return f"expected low_px < high_px, got {low:g} and {high:g}"
             whole = Histogram.from_counts([low, high], [1.0])
         case GammaTarget():
             reach_px = _SPREADS * target.spread_px
@@ -134,12 +108,12 @@ def target_faults(target: TargetSection, min_px: float, max_px: float, low_px: f
         case HistogramTarget():
             whole = target.histogram()
     below, to_end = whole.cumulative([low_px, max_px])
-    if max(below, 1 - to_end) > _OUT_OF_REACH:
-        yield ConfigError(
-            f"disparity.target wants {below:.1%} of the pixels below and {1 - to_end:.1%} above what this config can "
-            f"show, {low_px:g} to {max_px:g} px: change the target, or disparity.min_px and disparity.max_px",
-            keys,
-        )
+    if max(below, 1 - to_end) <= _OUT_OF_REACH:
+        return None
+    return (
+        f"disparity.target wants {below:.1%} of the pixels below and {1 - to_end:.1%} above what this config can show, "
+        f"{low_px:g} to {max_px:g} px: change the target, or disparity.min_px and disparity.max_px"
+    )
 
 
 def wanted_histogram(target: TargetSection, min_px: float, max_px: float, doffs_px: float) -> Histogram:
@@ -150,11 +124,6 @@ def wanted_histogram(target: TargetSection, min_px: float, max_px: float, doffs_
     edges_px = np.linspace(min_px, max_px, _BINS + 1, dtype=np.float64)
     match target:
         case UniformDepthTarget():
-            if min_px + doffs_px <= 0:
-                raise InputError(
-                    f"disparity.min_px: {min_px:g} px lies beyond infinity for cameras whose doffs is {doffs_px:g} px "
-                    f"on average: a target uniform in depth needs a min_px above {-doffs_px:g}"
-                )
             # Depth is f B / (d + doffs): a bin's share of the depths is a difference of 1 / (d + doffs), scaled.
             return Histogram.from_counts(edges_px, -np.diff(1 / (edges_px + doffs_px)))
         case GammaTarget():
@@ -168,36 +137,3 @@ def wanted_histogram(target: TargetSection, min_px: float, max_px: float, doffs_
 def _ends(target: UniformTarget, min_px: float, max_px: float) -> tuple[float, float]:
     low_px, high_px = target.low_px, target.high_px
     return min_px if low_px is None else low_px, max_px if high_px is None else high_px
-
-
-def read_histogram(path: Path) -> dict[str, Any]:
-    """Read the keys of a target of form ``histogram`` from a CSV file.
-
-    The lines ``low_px,high_px,share`` must be in rising order without gaps; a heading and # comments are allowed.
-    Raises InputError where the file cannot be read or breaks this form.
-    """
-    try:
-        lines = read_file(path, _LARGEST_BYTES).decode("utf-8").splitlines()
-        rows = [line for line in lines if line.replace(" ", "") != "low_px,high_px,share"]
-        lows, highs, shares = np.loadtxt(rows, delimiter=",", ndmin=2, unpack=True)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: expected lines low_px,high_px,share, but {error}") from None
-    wrong = ~((lows >= -LARGEST) & (lows < highs) & (highs <= LARGEST) & (shares >= 0) & (shares <= LARGEST))
-    wrong[1:] |= np.abs(lows[1:] - highs[:-1]) > _RESOLUTION_PX
-    for low, high, share in zip(lows[wrong], highs[wrong], shares[wrong], strict=True):
-        raise InputError(
-            f"{path}: expected low_px < high_px, each bin to begin where the previous one ends, and a share of 0 or "
-            f"more, all at most {LARGEST:g}, got {low:g},{high:g},{share:g}"
-        )
-    widths = np.maximum(np.round((highs - lows) / _RESOLUTION_PX), 1).astype(np.int64)
-    common = int(np.gcd.reduce(widths))
-    parts = widths // common
-    if parts.sum() > _MOST_BINS:
-        fault = f"the bins' widths have no common divisor of at least 1/{_MOST_BINS} of the range"
-        raise InputError(f"{path}: {fault}: expected widths such as 5 and 10")
-    return {
-        "form": "histogram",
-        "bin_px": round(common * _RESOLUTION_PX, 6),
-        "first_px": float(lows[0]),
-        "shares": np.repeat(shares / parts, parts).tolist(),
-    }

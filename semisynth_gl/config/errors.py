@@ -4,12 +4,10 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from semisynth_gl.config.explain import config_keys
-from semisynth_gl.config.fields import ConfigError, Section
+from semisynth_gl.config.fields import ConfigError
 from semisynth_gl.config.layers import Layer, dotted, holds, merged, undotted
 from semisynth_gl.config.yaml_values import Key
 from semisynth_gl.inputs.errors import did_you_mean, near, shown
-
-_FAULTS_SHOWN = 20
 
 
 def reason_of(fault: ErrorDetails) -> str:
@@ -22,8 +20,7 @@ def reason_of(fault: ErrorDetails) -> str:
 
 def explained(error: ValidationError, layer: Layer) -> str:
     """Return a line for each fault that pydantic found in a layer's values."""
-    lines = dict.fromkeys(_line(fault, layer) for fault in error.errors(include_url=False))
-    return "\n".join(list(lines)[:_FAULTS_SHOWN])
+    return "\n".join(dict.fromkeys(_line(fault, layer) for fault in error.errors(include_url=False)))
 
 
 def _line(fault: ErrorDetails, layer: Layer) -> str:
@@ -50,11 +47,7 @@ def _line(fault: ErrorDetails, layer: Layer) -> str:
 
 def _hint(key: Key) -> str:
     """Return a question with the keys that an unknown key may have been meant for: similar, or in another section."""
-    *above, last = key
-    known = [*config_keys()]
-    if above and not any(each.startswith(f"{dotted(tuple(above))}.") for each in known):
-        # The key is in a list, or in a target of some form.
-        known = [dotted((*above, name)) for section in Section.__subclasses__() for name in section.model_fields]
-    elsewhere = [each for each in config_keys() if each.rpartition(".")[2] == last]
-    names = dict.fromkeys([*near(dotted(key), known), *elsewhere[:2]])
+    elsewhere = [each for each in config_keys() if each.rpartition(".")[2] == key[-1]]
+    beside = [each for each in config_keys() if each.count(".") == len(key) - 1]
+    names = dict.fromkeys([*near(dotted(key), beside), *elsewhere[:2]])
     return did_you_mean(names, "`semisynth-gl configs NAME` lists all keys of a config")

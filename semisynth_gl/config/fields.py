@@ -35,6 +35,10 @@ class ConfigError(ValueError):
         self.keys = tuple(keys)
 
 
+Rule = tuple[bool, str, Iterable[str]]
+"""Whether a rule over several keys is broken, the message, and the keys as in `ConfigError`."""
+
+
 class Section(BaseModel):
     """Base of all sections: unknown keys are errors, values are not coerced, nothing changes after loading.
 
@@ -43,14 +47,15 @@ class Section(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
 
-    def _faults(self) -> Iterator[ConfigError]:
-        """Yield the broken rules about keys that are valid one by one; only the first one is reported."""
+    def _rules(self) -> Iterator[Rule]:
+        """Yield the rules about keys that are valid one by one; the first one that is broken is reported."""
         yield from ()
 
     @model_validator(mode="after")
     def _keys_go_together(self) -> Self:
-        for fault in self._faults():
-            raise fault
+        for is_broken, text, keys in self._rules():
+            if is_broken:
+                raise ConfigError(text, keys)
         return self
 
 

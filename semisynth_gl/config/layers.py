@@ -63,22 +63,21 @@ class Layer:
         ``recipe`` is the key of the recipe whose config has the fault: the message prefers the recipe's keys.
         """
         whole = [(*recipe, *key) if holds(self.values, (*recipe, *key)) else key for key in keys]
-        found = {key: self._placed(key) for key in [key for key in whole if holds(self.values, key)] or whole[:1]}
+        stated = [key for key in whole if holds(self.values, key)] or whole[:1]
+        homes = {key: self._home(key) for key in stated}
         order = [(), *self.places]
-        last, *others = sorted(found, key=lambda key: order.index(found[key]), reverse=True)
-        place = self.places.get(found[last], "")
-        # What was set in one place is not said twice.
-        apart = [(dotted(key), self.places.get(found[key])) for key in others]
-        notes = [f"{name} of {its_place}" for name, its_place in apart if its_place != place]
-        if recipe and not any(key[:2] == recipe for key in found):
+        last, *others = sorted(stated, key=lambda key: order.index(homes[key]), reverse=True)
+        places = {key: self.places.get(home, "") for key, home in homes.items()}
+        notes = [f"{dotted(key)} of {places[key]}" for key in others if places[key] != places[last]]
+        if recipe and not any(key[:2] == recipe for key in stated):
             notes.append(dotted(recipe))
-        start = f"{place} {dotted(last)}" if place == OVERRIDE else ": ".join(filter(None, (place, dotted(last))))
+        start = (" " if places[last] == OVERRIDE else ": ").join(filter(None, (places[last], dotted(last))))
         return f"{start}: {text}" + (f" (with {', '.join(notes)})" if notes else "")
 
-    def _placed(self, key: Key) -> Key:
-        """Return the longest beginning of a key that has a place, or else a key in it."""
-        above = [key[:n] for n in range(len(key), 0, -1) if key[:n] in self.places]
-        return next(iter(above or [each for each in self.places if key and each[: len(key)] == key]), ())
+    def _home(self, key: Key) -> Key:
+        """Return the key whose place a key has: itself, the nearest section around it, a key in it, or () for none."""
+        around = (key[:n] for n in range(len(key), 0, -1) if key[:n] in self.places)
+        return next(around, next((each for each in self.places if key and each[: len(key)] == key), ()))
 
 
 def holds(values: Any, key: Key) -> bool:  # noqa: ANN401 - any YAML value

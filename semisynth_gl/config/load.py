@@ -1,7 +1,7 @@
 """Reading a config: layers of YAML and overrides, merged and then checked once."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import reduce
@@ -11,11 +11,10 @@ from typing import Any
 from pydantic import ValidationError
 
 from semisynth_gl.config.dataset_sections import LAYOUTS
-from semisynth_gl.config.distributions import read_histogram
 from semisynth_gl.config.errors import explained
 from semisynth_gl.config.fields import is_number
 from semisynth_gl.config.image_size import recentred, scaled
-from semisynth_gl.config.layers import OVERRIDE, Layer, Values, merged, undotted
+from semisynth_gl.config.layers import OVERRIDE, Layer, Values, merged
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.yaml_values import MOST_BYTES, Key, YamlError, read_yaml
 from semisynth_gl.inputs.errors import InputError, cut, did_you_mean, near, shown
@@ -25,6 +24,8 @@ from semisynth_gl.plugins import find_plugin, installed_plugins
 
 # Largest factor of ``scale``, and of its inverse.
 _MOST_TIMES = 64
+# The keys that decide whether scenes can show the target.
+_OF_TARGET: tuple[Key, ...] = ("disparity", "target"), ("disparity", "min_px"), ("disparity", "max_px")
 
 Overrides = Mapping[str, Any] | Sequence[str | tuple[str, Any]]
 
@@ -81,7 +82,7 @@ def _validated(layer: Layer) -> Config:
     except ValidationError as error:
         raise InputError(explained(error, layer)) from None
     for recipe, fault in config.target_faults():
-        raise InputError(layer.said(str(fault), map(undotted, fault.keys), recipe))
+        raise InputError(layer.said(fault, _OF_TARGET, recipe))
     installed_plugins()  # refuses one that has a built-in name, which the config may mean
     used = config.used_plugins()
     if config.layout is not None and config.layout not in LAYOUTS:
@@ -103,8 +104,7 @@ def _about(layer: Layer, *keys: Key) -> Iterator[None]:
 
 def _find_config(name: str) -> Path:
     path = expanded(name)
-    # A name that is not a valid path counts as missing.
-    if os.path.exists(path) and not os.path.isdir(path):  # noqa: PTH110, PTH112 - those raise at such names
+    if path.exists() and not path.is_dir():
         return path
     stem, names = path.name.removesuffix(".yaml"), packaged_configs()
     if path.parent == Path() and stem in names:
@@ -128,7 +128,6 @@ def _read(path: Path, above: tuple[str, ...]) -> Layer:
     if not isinstance(values, dict):
         raise InputError(f"{file}:1: expected sections such as camera: and disparity:, got {shown(values)}")
     layer = Layer(values, {(): file} | {key: f"{file}:{line}" for key, line in lines.items()})
-    layer = _with_histograms(layer, path.parent)
     base_name = values.get("extends")
     if base_name is None:
         if "scale" in values:
@@ -138,7 +137,7 @@ def _read(path: Path, above: tuple[str, ...]) -> Layer:
         if not isinstance(base_name, str):
             raise InputError(f"expected the name of a config, got {shown(base_name)}")
         beside = Path(os.path.normpath(path.parent / expanded(base_name)))
-        base_path = beside if os.path.isfile(beside) else _find_config(base_name)  # noqa: PTH113 - see _find_config
+        base_path = beside if beside.is_file() else _find_config(base_name)
     return _over(_read(base_path, (*above, file)), layer)
 
 
@@ -146,7 +145,7 @@ def _override_layer(overrides: Overrides) -> Layer:
     if isinstance(overrides, str):  # a sequence of texts too
         raise InputError(f"overrides must be a Mapping or a list, got the text {shown(overrides)}: put it into a list")
     layers = map(_parse_override, overrides.items() if isinstance(overrides, Mapping) else overrides)
-    return _with_histograms(reduce(lambda below, own: own.over(below), layers, Layer({})), Path())
+    return reduce(lambda below, own: own.over(below), layers, Layer({}))
 
 
 def _parse_override(override: str | tuple[str, Any]) -> Layer:
@@ -188,39 +187,13 @@ def _over(below: Layer, layer: Layer) -> Layer:
 
 def _with_plugin_recipes(layer: Layer) -> Layer:
     """Merge each recipe over the plug-in's recipe that it extends."""
-
-    def whole(recipe: Values, at: Key) -> Values:
-        name, below = recipe.get("extends"), Values()
-        if isinstance(name, str):
-            with _about(layer, (*at, "extends")):
-                below = {"recipe": name} | find_plugin("recipes", name).value
-        return merged(below, recipe)
-
-    return _with_recipes(layer, whole)
-
-
-def _with_histograms(layer: Layer, folder: Path) -> Layer:
-    """Replace targets of form ``file``, whose path is relative to ``folder``, by histograms."""
-
-    def replaced(values: Values, at: Key) -> Values:
-        match values:
-            case {"disparity": {"target": {"form": "file", **keys}} as section}:
-                target = *at, "disparity", "target"
-                path = keys.get("path")
-                if not isinstance(path, str) or len(keys) > 1:
-                    raise InputError(layer.said("expected the form and the path of a file, and no other key", [target]))
-                with _about(layer, (*target, "path")):
-                    histogram = read_histogram(folder / expanded(path))
-                return values | {"disparity": section | {"target": histogram}}
-        return values
-
-    return _with_recipes(replace(layer, values=replaced(layer.values, ())), replaced)
-
-
-def _with_recipes(layer: Layer, change: Callable[[Values, Key], Values]) -> Layer:
-    """Return a layer with each recipe changed by a function, which gets the recipe and its key."""
     recipes = layer.values.get("scenes")
     if not isinstance(recipes, list):
         return layer
-    changed = [change(each, ("scenes", n)) if isinstance(each, dict) else each for n, each in enumerate(recipes)]
-    return replace(layer, values=layer.values | {"scenes": changed})
+    whole = [*recipes]
+    for number, recipe in enumerate(recipes):
+        name = recipe.get("extends") if isinstance(recipe, dict) else None
+        if isinstance(name, str):
+            with _about(layer, ("scenes", number, "extends")):
+                whole[number] = merged({"recipe": name} | find_plugin("recipes", name).value, recipe)
+    return replace(layer, values=layer.values | {"scenes": whole})

@@ -20,17 +20,8 @@ from semisynth_gl.config.dataset_sections import (
     SequenceSection,
     SplitsSection,
 )
-from semisynth_gl.config.distributions import target_faults, wanted_histogram
-from semisynth_gl.config.fields import (
-    FROM_LIST,
-    ConfigError,
-    Name,
-    PluginName,
-    Range,
-    Section,
-    Weight,
-    one_of,
-)
+from semisynth_gl.config.distributions import UniformDepthTarget, target_fault, wanted_histogram
+from semisynth_gl.config.fields import FROM_LIST, ConfigError, Name, PluginName, Range, Rule, Section, Weight, one_of
 from semisynth_gl.config.layers import Values, merged
 from semisynth_gl.config.rig_sections import CameraSection, DisparitySection, LensSection, ProjectorSection
 from semisynth_gl.config.scene_sections import (
@@ -48,27 +39,21 @@ from semisynth_gl.frame.channels import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, DRAW
 from semisynth_gl.histogram import Histogram, mix_histograms
 from semisynth_gl.plugins import Group
 
-_MOST_RECIPES = 100
-
 # None stays out of the digest, so that these sections did not change existing configs.
 _LEFT_OUT = Field(exclude_if=lambda section: section is None)
 
 RECIPE_KEYS = ("recipe", "extends", "weight")
 """The keys of a recipe beside its sections."""
 
-# The keys that a recipe may change, by section, where it may not change all: the others hold for all pairs of a
-# dataset. They are the kind of images, the shape of pixels, the number of pairs per scene, the sets of models and
-# patches, the sampling of patches by the graphics card, and the limits by which truth is stored and checked.
-_OF_RECIPES: Mapping[str, Collection[str]] = {
-    "camera": CameraSection.model_fields.keys() - {"width_px", "height_px", "fy_over_fx", "baselines", "colour"},
-    "disparity": {"target"},
-    "background": BackgroundSection.model_fields,
-    "room": RoomSection.model_fields,
-    "street": StreetSection.model_fields,
-    "structures": StructuresSection.model_fields,
-    "particles": ParticlesSection.model_fields,
-    "models": ModelsSection.model_fields.keys() - {"folders", "variants"},
-    "textures": {"texels_per_pixel"},
+# The sections that a recipe may change, and the keys of these that hold for all pairs of a dataset: the kind of images,
+# the shape of pixels, the number of pairs per scene, the sets of models and patches, the sampling of patches by the
+# graphics card, and the limits by which truth is stored and checked.
+_FIXED: Mapping[str, Collection[str]] = {
+    "camera": {"width_px", "height_px", "fy_over_fx", "baselines", "colour"},
+    "disparity": DisparitySection.model_fields.keys() - {"target"},
+    "models": {"folders", "variants"},
+    "textures": TexturesSection.model_fields.keys() - {"texels_per_pixel"},
+    **dict.fromkeys(("background", "room", "street", "structures", "particles"), ()),
 }
 
 
@@ -85,19 +70,18 @@ class RecipeSection(Section):
     weight: Weight = 1.0
     """weight of the recipe; its share of the sequences is in proportion to this"""
     given: dict[str, Any]
-    """the keys that the recipe states: a mapping for each section, None for each value"""
+    """the keys that the recipe states, as they are in YAML"""
     config: "Config"
     """the whole config with the recipe's keys merged in, and without recipes"""
 
     @field_validator("given")
     @classmethod
     def _holds_for_scenes(cls, given: dict[str, Any]) -> dict[str, Any]:
-        for section in given.keys() & Config.model_fields.keys():
-            known = getattr(Config.model_fields[section].annotation, "model_fields", {})
-            stated = [key for key in given[section] or () if key in known]
-            fixed = [f"{section}.{key}" for key in stated if key not in _OF_RECIPES.get(section, known)]
-            if section not in _OF_RECIPES or fixed:
-                key = fixed[0] if fixed else section
+        for section, keys in given.items():
+            stated = keys if isinstance(keys, dict) else {}
+            fixed = [f"{section}.{key}" for key in stated if key in _FIXED.get(section, ())]
+            if fixed or (section in Config.model_fields and section not in _FIXED):
+                key = next(iter(fixed), section)
                 text = f"a recipe cannot change this key, which holds for all pairs: set {key} beside scenes"
                 raise ConfigError(text, (key,))
         return given
@@ -115,18 +99,12 @@ def _whole(base: Values, recipe: Any) -> Any:  # noqa: ANN401 - any YAML value
         return recipe
     head = {key: recipe[key] for key in RECIPE_KEYS if key in recipe}
     given = {key: value for key, value in recipe.items() if key not in head}
-    return head | {"given": _given(given), "config": merged(base, given)}
-
-
-def _given(value: Any) -> Any:  # noqa: ANN401 - any YAML value
-    """Return a mapping with None for each value."""
-    is_section = isinstance(value, dict) and "form" not in value
-    return {key: _given(child) for key, child in value.items()} if is_section else None
+    return head | {"given": given, "config": merged(base, given)}
 
 
 def _picked(values: Any, given: Any) -> Any:  # noqa: ANN401 - any JSON value
     """Return, of the values of a config, those that a recipe states."""
-    if given is None:
+    if not isinstance(given, dict) or "form" in given:
         return values
     return {key: _picked(value, given[key]) for key, value in values.items() if key in given}
 
@@ -160,7 +138,7 @@ class Config(Section):
     particles: ParticlesSection = ParticlesSection()
     models: ModelsSection = ModelsSection()
     textures: TexturesSection = TexturesSection()
-    scenes: Annotated[tuple[RecipeSection, ...], FROM_LIST, Field(max_length=_MOST_RECIPES)] = ()
+    scenes: Annotated[tuple[RecipeSection, ...], FROM_LIST] = ()
     """list of recipes; each sequence takes one, by weight"""
     rig: RigSection = RigSection()
     lens: Annotated[LensSection | None, _LEFT_OUT] = None
@@ -171,7 +149,7 @@ class Config(Section):
     files: FilesSection = FilesSection()
     splits: SplitsSection = SplitsSection()
     licences: LicencesSection = LicencesSection()
-    outputs: Annotated[tuple[Annotated[str, one_of(OUTPUTS)], ...], FROM_LIST, Field(max_length=100)] = DEFAULT_OUTPUTS
+    outputs: Annotated[tuple[Annotated[str, one_of(OUTPUTS)], ...], FROM_LIST] = DEFAULT_OUTPUTS
     """outputs besides images and disparities: ``visibility``, ``correspondence``, ``instances``, ``depth``, ``sky``,
     ``normals``, ``flow``, ``flow_backward``, ``disparity_change``; with ``lens``, ``valid``, ``raw``, ``raw_map``"""
     truth: TruthViews = "both"
@@ -187,19 +165,29 @@ class Config(Section):
         base = {key: value for key, value in values.items() if key not in ("scenes", "layout")}
         return values | {"scenes": [_whole(base, recipe) for recipe in values["scenes"]]}
 
-    def _faults(self) -> Iterator[ConfigError]:
-        yield from self._disparity_faults()
-        if "disparity_change" in self.outputs and not self.rig.none():
-            text = "the output disparity_change needs rectified pairs: leave out this output, or the section rig"
-            yield ConfigError(text, ("outputs", "rig"))
-        yield from self._lens_faults()
+    def _rules(self) -> Iterator[Rule]:
+        yield from self._disparity_rules()
+        outputs = set(self.outputs)
+        text = "the output disparity_change needs rectified pairs: leave out this output, or the section rig"
+        yield "disparity_change" in outputs and not self.rig.none(), text, ("outputs", "rig")
+        of_lens = " and ".join(sorted(outputs - {*DRAWN_OUTPUTS}))
+        text = f"the output {of_lens} needs the section lens: add lens, or leave the output out"
+        yield self.lens is None and of_lens != "", text, ("outputs",)
+        if self.lens is not None:
+            is_cut = not self.lens.border_disparity
+            masked = [name for name in self.outputs if name in ("visibility", "flow", "flow_backward")]
+            for name in masked or ["disparity"] * is_cut:
+                text = f"{name} leaves out what the sensors of lens did not see: add valid to outputs, which marks it"
+                yield "valid" not in outputs, text, ("lens", "outputs")
+            text = "with lens.border_disparity false, disparity_change is missing where flow leads into a border"
+            has_no_flow = "disparity_change" in outputs and "flow" not in outputs
+            yield is_cut and has_no_flow, f"{text}: add flow to outputs", ("lens.border_disparity", "outputs")
         names = [section.recipe for section in self.scenes]
-        if len(set(names)) < len(names):
-            yield ConfigError("expected a name of its own for each recipe", ("scenes",))
-        if self.scenes and not sum(section.weight for section in self.scenes) > 0:
-            yield ConfigError("expected a weight above 0 for at least one recipe", ("scenes",))
+        yield len(set(names)) < len(names), "expected a name of its own for each recipe", ("scenes",)
+        is_weightless = names and sum(section.weight for section in self.scenes) == 0
+        yield bool(is_weightless), "expected a weight above 0 for at least one recipe", ("scenes",)
 
-    def _disparity_faults(self) -> Iterator[ConfigError]:
+    def _disparity_rules(self) -> Iterator[Rule]:
         signed, doffs_px = self.disparity.signed, self.camera.all_doffs_px.low
         shown, least, most = self._shown_px(), 0.0 - doffs_px if signed else 0.0, self.disparity.max_px
         if signed:
@@ -209,29 +197,15 @@ class Config(Section):
             why, others = "as disparity.signed is false", ("disparity.signed",)
         lowest = {"disparity.min_px": self.disparity.min_px} | {key: px.low for key, px in shown.items()}
         for key, low_px in lowest.items():
-            if low_px <= least:
-                text = f"{key} goes down to {low_px:g} px: expected more than {least:g}, {why}"
-                yield ConfigError(text, (key, *others))
+            text = f"{key} goes down to {low_px:g} px: expected more than {least:g}, {why}"
+            yield low_px <= least, text, (key, *others)
         for key, px in shown.items():
-            if px.high > most:
-                text = f"{key} goes up to {px.high:g} px: expected at most {most:g}, the limit disparity.max_px"
-                yield ConfigError(text, (key, "disparity.max_px"))
-
-    def _lens_faults(self) -> Iterator[ConfigError]:
-        outputs = self.outputs
-        if self.lens is None:
-            if of_lens := [output for output in outputs if output not in DRAWN_OUTPUTS]:
-                text = f"the output {of_lens[0]} needs the section lens: add lens, or leave the output out"
-                yield ConfigError(text, ("outputs",))
-            return
-        masked = [output for output in outputs if output in ("visibility", "flow", "flow_backward")]
-        masked += [] if self.lens.border_disparity else ["disparity"]
-        if masked and "valid" not in outputs:
-            text = f"{masked[0]} leaves out what the sensors of lens did not see, which the output valid marks"
-            yield ConfigError(f"{text}: add valid to outputs", ("lens", "outputs"))
-        if not self.lens.border_disparity and "disparity_change" in outputs and "flow" not in outputs:
-            text = "with lens.border_disparity false, disparity_change is missing where flow leads into a border"
-            yield ConfigError(f"{text}: add flow to outputs", ("lens.border_disparity", "outputs"))
+            text = f"{key} goes up to {px.high:g} px: expected at most {most:g}, the limit disparity.max_px"
+            yield px.high > most, text, (key, "disparity.max_px")
+        least = -self.camera.all_doffs_px.middle
+        text = f"a target uniform in depth needs a min_px above {least:g}, which is infinitely far away for this camera"
+        is_beyond = isinstance(self.disparity.target, UniformDepthTarget) and self.disparity.min_px <= least
+        yield is_beyond, text, ("disparity.min_px", "disparity.target", "camera.doffs_px")
 
     def _shown_px(self) -> dict[str, Range]:
         """Return the disparities that the sections state for objects that scenes can show, by dotted key."""
@@ -242,8 +216,8 @@ class Config(Section):
             shown |= {f"particles.{name}.{k}.disparity_px": layer.disparity_px for k, layer in enumerate(layers)}
         return {key: px for key, px in shown.items() if px is not None}
 
-    def target_faults(self) -> Iterator[tuple[Key, ConfigError]]:
-        """Yield the targets that scenes cannot show, each with the key of its recipe, () for the config's own.
+    def target_faults(self) -> Iterator[tuple[Key, str]]:
+        """Yield a message for each target that scenes cannot show, with the key of its recipe, () for the config's own.
 
         The mix as a whole meets the config's target, not each recipe.
         """
@@ -252,8 +226,9 @@ class Config(Section):
         for number, each in enumerate(self.scenes):
             found += [(("scenes", number), each.config, each.config.lowest_px())] if "disparity" in each.given else []
         for key, config, low_px in found:
-            wanted = config.disparity
-            yield from ((key, fault) for fault in target_faults(wanted.target, wanted.min_px, wanted.max_px, low_px))
+            section = config.disparity
+            if fault := target_fault(section.target, section.min_px, section.max_px, low_px):
+                yield key, fault
 
     @property
     def images_as_rendered(self) -> bool:
@@ -296,9 +271,6 @@ class Config(Section):
 
         A target of form ``histogram`` keeps its bins. Any other target gets 24 bins of equal width from ``min_px`` to
         ``max_px``.
-
-        Raises:
-            InputError: where a target uniform in depth reaches beyond infinity.
         """
         section = self.disparity
         return wanted_histogram(section.target, section.min_px, section.max_px, self.camera.all_doffs_px.middle)
@@ -307,7 +279,7 @@ class Config(Section):
         """Return the distribution of disparity over all pairs, if scenes match the wanted distribution.
 
         Where a scene has several baselines, the longest has the wanted distribution, and pairs with shorter baselines
-        show smaller disparities. Raises InputError as `wanted_histogram` does.
+        show smaller disparities.
         """
         wanted = self.wanted_histogram()
         if self.views == 1:

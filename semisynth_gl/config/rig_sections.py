@@ -13,7 +13,6 @@ from semisynth_gl.config.fields import (
     FROM_LIST,
     SMALLEST,
     ZERO,
-    ConfigError,
     Finite,
     NotNegativeRange,
     PathText,
@@ -21,6 +20,7 @@ from semisynth_gl.config.fields import (
     PositiveRange,
     Range,
     RangeField,
+    Rule,
     Section,
     Share,
     Vector,
@@ -87,30 +87,29 @@ class CameraSection(Section):
     colour: Colour = "rgb"
     """``rgb``, or ``grey`` for monochrome cameras"""
 
-    def _faults(self) -> Iterator[ConfigError]:
-        if self.width_px * self.height_px > MOST_PIXELS:
-            size = f"{self.width_px} x {self.height_px}"
-            text = f"expected width_px x height_px of at most {MOST_PIXELS}, got {size}"
-            yield ConfigError(text, ("width_px", "height_px"))
+    def _rules(self) -> Iterator[Rule]:
+        text = f"expected width_px x height_px of at most {MOST_PIXELS}, got {self.width_px} x {self.height_px}"
+        yield self.width_px * self.height_px > MOST_PIXELS, text, ("width_px", "height_px")
         focal = "focal_px", "focal_mm", "sensor_width_mm"
-        if [getattr(self, key) is None for key in focal] not in ([False, True, True], [True, False, False]):
-            yield ConfigError("give either focal_px, or focal_mm with sensor_width_mm", focal)
-        if self.cx_right_px is not None and (self.doffs_px is not None or self.cx_left_px is None):
-            text = "cx_right_px goes with cx_left_px, and without doffs_px"
-            yield ConfigError(text, ("cx_left_px", "cx_right_px", "doffs_px"))
-        if isinstance(self.baselines, tuple) == (self.baseline_m is not None):
-            text = "give either baseline_m, or baselines as a list of metres: null takes the first back"
-            yield ConfigError(text, ("baseline_m", "baselines"))
-        elif self.baselines != 1 and self.baseline_m is not None and self.baseline_m.low == self.baseline_m.high:
-            text = f"expected a range for {self.baselines} baselines, got only {self.baseline_m.low:g} m"
-            yield ConfigError(text, ("baseline_m", "baselines"))
+        are_missing = [getattr(self, key) is None for key in focal]
+        text = "give either focal_px, or focal_mm with sensor_width_mm"
+        yield are_missing not in ([False, True, True], [True, False, False]), text, focal
+        fits = self.cx_right_px is None or (self.doffs_px is None and self.cx_left_px is not None)
+        text = "cx_right_px goes with cx_left_px, and without doffs_px"
+        yield not fits, text, ("cx_left_px", "cx_right_px", "doffs_px")
+        baseline_m, baselines = self.baseline_m, self.baselines
+        text = "give either baseline_m, or baselines as a list of metres: null takes the first back"
+        yield isinstance(baselines, tuple) == (baseline_m is not None), text, ("baseline_m", "baselines")
+        if baseline_m is not None and baseline_m.low == baseline_m.high:
+            text = f"expected a range for {baselines} baselines, got only {baseline_m.low:g} m"
+            yield baselines != 1, text, ("baseline_m", "baselines")
 
     @property
     def baseline_ranges_m(self) -> tuple[Range, ...]:
         """The range that each baseline of a scene is sampled from, in the order of the pairs; at least one range."""
         if isinstance(self.baselines, tuple):
             return tuple(Range(metres, metres) for metres in self.baselines)
-        assert self.baseline_m is not None  # noqa: S101 - see `_faults`
+        assert self.baseline_m is not None  # noqa: S101 - see `_rules`
         return (self.baseline_m,) * self.baselines
 
     def baseline_ratios(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -141,12 +140,11 @@ class DisparitySection(Section):
     max_px: Finite
     """largest disparity of any pixel; it sets the near plane"""
     target: TargetSection = UniformTarget()
-    """wanted distribution: ``uniform`` (default), ``uniform-depth``, ``gamma``, ``histogram``, ``file``"""
+    """wanted distribution: ``uniform`` (default), ``uniform-depth``, ``gamma``, ``histogram``"""
 
-    def _faults(self) -> Iterator[ConfigError]:
-        if self.min_px >= self.max_px:
-            text = f"expected min_px < max_px, got {self.min_px:g} and {self.max_px:g}: the range is empty"
-            yield ConfigError(text, ("min_px", "max_px"))
+    def _rules(self) -> Iterator[Rule]:
+        text = f"expected min_px < max_px, got {self.min_px:g} and {self.max_px:g}: the range is empty"
+        yield self.min_px >= self.max_px, text, ("min_px", "max_px")
 
 
 class RawEyeSection(Section):
@@ -184,13 +182,11 @@ class LensSection(Section):
     border_disparity: bool = True
     """keep disparities in the borders; else they are inf there"""
 
-    def _faults(self) -> Iterator[ConfigError]:
+    def _rules(self) -> Iterator[Rule]:
         known = COEFFICIENTS[self.model]
         for name, eye in (("left", self.left), ("right", self.right)):
-            if len(eye.distortion) not in known:
-                expected = " or ".join(map(str, known))
-                text = f"{self.model} has {expected} coefficients, got {len(eye.distortion)}"
-                yield ConfigError(text, (f"{name}.distortion", "model"))
+            text = f"{self.model} has {' or '.join(map(str, known))} coefficients, got {len(eye.distortion)}"
+            yield len(eye.distortion) not in known, text, (f"{name}.distortion", "model")
 
     def sample(self, eye: Eye, rng: np.random.Generator) -> RawCamera:
         """Sample one eye's camera: every range once, always in the same order."""

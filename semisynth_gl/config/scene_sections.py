@@ -9,7 +9,6 @@ from semisynth_gl.config.fields import (
     FROM_LIST,
     SMALLEST,
     ZERO,
-    ConfigError,
     NotNegative,
     NotNegativeRange,
     PathText,
@@ -17,6 +16,7 @@ from semisynth_gl.config.fields import (
     PositiveRange,
     Range,
     RangeField,
+    Rule,
     Section,
     Share,
     Weight,
@@ -27,16 +27,14 @@ from semisynth_gl.plugins import BUILT_IN
 _AtLeastOne = Annotated[float, Field(ge=1, le=1024)]
 
 _MOST_PARTICLES = 100_000
+# Of an atlas: 8.6 GB at 4 bytes per texel.
 _MOST_TEXELS = 1 << 31
-_BYTES_PER_TEXEL = 4
-# Largest number of items in a list or mapping.
-_MOST_ITEMS = 1000
 
 TEXTURE_SOURCES = BUILT_IN["textures"]
 """The program's own sources of patches; any other name is a plug-in's."""
 
 _Density = Literal["sparse", "default", "dense"]
-_Paths = Annotated[tuple[PathText, ...], FROM_LIST, Field(max_length=100_000)]
+_Paths = Annotated[tuple[PathText, ...], FROM_LIST]
 
 
 class BackgroundSection(Section):
@@ -60,10 +58,9 @@ class BackgroundSection(Section):
     sky: Share = 0.0
     """share of outdoor scenes with an infinitely distant backdrop"""
 
-    def _faults(self) -> Iterator[ConfigError]:
-        if self.cuboid + self.plane + self.room + self.street == 0:
-            text = "expected a weight above 0 for cuboid, plane, room or street"
-            yield ConfigError(text, ("cuboid", "plane", "room", "street"))
+    def _rules(self) -> Iterator[Rule]:
+        text = "expected a weight above 0 for cuboid, plane, room or street"
+        yield self.cuboid + self.plane + self.room + self.street == 0, text, ("cuboid", "plane", "room", "street")
 
     @property
     def shows_sky(self) -> bool:
@@ -167,9 +164,9 @@ class DepthLayerSection(Section):
 class ParticlesSection(Section):
     """The particles: models that fall or float in front of the background."""
 
-    layers: Annotated[tuple[DepthLayerSection, ...], FROM_LIST, Field(max_length=_MOST_ITEMS)] | None = None
+    layers: Annotated[tuple[DepthLayerSection, ...], FROM_LIST] | None = None
     """depth layers, as in ``clutter``; by default solved from ``disparity.target``"""
-    clutter: Annotated[tuple[DepthLayerSection, ...], FROM_LIST, Field(max_length=_MOST_ITEMS)] = ()
+    clutter: Annotated[tuple[DepthLayerSection, ...], FROM_LIST] = ()
     """further depth layers: a list of ``{disparity_px, count, size_px}``, all ranges"""
     density: _Density | Annotated[float, Field(ge=SMALLEST, le=_MOST_PARTICLES)] = "default"
     """mean number in view, or ``default``, ``sparse`` (a third, larger), ``dense`` (three times, smaller)"""
@@ -192,13 +189,11 @@ class ParticlesSection(Section):
     most: Annotated[int, Field(ge=1, le=_MOST_PARTICLES)] = 2000
     """largest number in a scene; if the target needs more, they become larger"""
 
-    def _faults(self) -> Iterator[ConfigError]:
-        if self.layers is not None and self.density != "default":
-            text = "give either density or layers, not both: each layer states its own count"
-            yield ConfigError(text, ("density", "layers"))
-        if not isinstance(self.density, str) and self.density > self.most:
-            text = f"density asks for {self.density:g} particles in view, but most allows {self.most} in a scene"
-            yield ConfigError(text, ("density", "most"))
+    def _rules(self) -> Iterator[Rule]:
+        text = "give either density or layers, not both: each layer states its own count"
+        yield self.layers is not None and self.density != "default", text, ("density", "layers")
+        text = f"density asks for {self.density} particles in view, but most allows {self.most} in a scene"
+        yield not isinstance(self.density, str) and self.density > self.most, text, ("density", "most")
 
 
 class ModelsSection(Section):
@@ -210,19 +205,19 @@ class ModelsSection(Section):
     """weight of the complex family (chair, mug, plant, ...)"""
     user: Weight = 1.0
     """weight of the models in ``folders``; reduced below 25 models"""
-    kinds: Annotated[dict[str, Weight], Field(max_length=_MOST_ITEMS)] = Field(default_factory=dict)
+    kinds: dict[str, Weight] = Field(default_factory=dict)
     """weights of kinds within their family; by default 1"""
     folders: _Paths = ()
     """folders of model files"""
     variants: Annotated[int, Field(ge=1, le=100)] = 3
     """models per kind and per plug-in's family"""
-    families: Annotated[dict[PluginName, Weight], Field(max_length=_MOST_ITEMS)] = Field(default_factory=dict)
+    families: dict[PluginName, Weight] = Field(default_factory=dict)
     """weights of plug-ins' families"""
 
-    def _faults(self) -> Iterator[ConfigError]:
-        if self.simple + self.complex + self.user + sum(self.families.values()) == 0:
-            text = "expected a weight above 0 for simple, complex or user, or in families"
-            yield ConfigError(text, ("simple", "complex", "user", "families"))
+    def _rules(self) -> Iterator[Rule]:
+        total = self.simple + self.complex + self.user + sum(self.families.values())
+        text = "expected a weight above 0 for simple, complex or user, or in families"
+        yield total == 0, text, ("simple", "complex", "user", "families")
 
 
 class TexturesSection(Section):
@@ -235,7 +230,7 @@ class TexturesSection(Section):
     """files, folders and globs of the source ``images``"""
     patch_px: Annotated[int, Field(ge=16, le=8192)] = 256
     """side of a patch in the atlas"""
-    scales: Annotated[tuple[_AtLeastOne, ...], FROM_LIST, Field(min_length=1, max_length=100)] = (1.0, 2.0, 4.0)
+    scales: Annotated[tuple[_AtLeastOne, ...], FROM_LIST, Field(min_length=1)] = (1.0, 2.0, 4.0)
     """sides of squares in images, in multiples of ``patch_px``"""
     min_texture: NotNegative = 1.0
     """least median over 8 x 8 cells of the standard deviation of luminance, 8-bit levels"""
@@ -258,12 +253,7 @@ class TexturesSection(Section):
     sequence: bool = False
     """take a folder's images as successive frames"""
 
-    def _faults(self) -> Iterator[ConfigError]:
+    def _rules(self) -> Iterator[Rule]:
         most = _MOST_TEXELS // self.patch_px**2
-        if self.max_patches > most:
-            size = self.max_patches * self.patch_px**2 * _BYTES_PER_TEXEL / 1e9
-            yield ConfigError(
-                f"{self.max_patches} patches of {self.patch_px} x {self.patch_px} pixels would take {size:.0f} GB: "
-                f"expected max_patches of at most {most}, or a smaller patch_px",
-                ("max_patches", "patch_px"),
-            )
+        text = f"expected max_patches of at most {most} with a patch_px of {self.patch_px}, got {self.max_patches}"
+        yield self.max_patches > most, f"{text}: the atlas would exceed 8.6 GB", ("max_patches", "patch_px")

@@ -8,7 +8,7 @@ from ruamel.yaml.error import MarkedYAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 MOST_BYTES = 1 << 18
-"""Largest size of a file that is read as YAML; a text of that size takes a few seconds at worst."""
+"""Largest size of a file that is read as YAML; parsing that much takes a few seconds at worst."""
 
 Key = tuple[str | int, ...]
 
@@ -27,11 +27,9 @@ class YamlError(Exception):
 def read_yaml(text: str) -> tuple[Any, dict[Key, int]]:
     """Return the value of a text, None where it is empty, and the line, from 1, of each key and each item of a list.
 
-    Keys of mappings and dates stay texts as they are written. Raises YamlError where the text is not valid, is too
-    long, or has an anchor, an alias, a tag or a key twice.
+    Keys of mappings and dates stay texts as they are written. Raises YamlError where the text is not valid, or has an
+    anchor, an alias, a tag or a key twice.
     """
-    if len(text) > MOST_BYTES:
-        raise YamlError(None, f"has more than {MOST_BYTES} characters, the most that YAML may have here")
     yaml, lines = YAML(typ="safe", pure=True), dict[Key, int]()
     try:
         node = yaml.compose(text)
@@ -59,11 +57,10 @@ def write_yaml(value: Any) -> str:  # noqa: ANN401 - any YAML value
 
 def _value(yaml: YAML, node: Node, key: Key, lines: dict[Key, int]) -> Any:  # noqa: ANN401 - any value
     """Return a node's value, and add the lines of all keys in it."""
-    if node.anchor:
-        raise YamlError(_line(node), f"anchors (&) and aliases (*) are not accepted: write out what &{node.anchor} is")
     kind = str(node.tag).removeprefix(_TAG)
-    if kind not in _KINDS:
-        raise YamlError(_line(node), f"tags such as {node.tag} are not accepted: put quotes around the text")
+    if node.anchor or kind not in _KINDS:
+        mark = f"&{node.anchor}" if node.anchor else f"!{kind}"
+        raise YamlError(_line(node), f"anchors, aliases and tags are not accepted: write {mark} out, or quote the text")
     if isinstance(node, SequenceNode):
         lines |= {(*key, number): _line(item) for number, item in enumerate(node.value)}
         return [_value(yaml, item, (*key, number), lines) for number, item in enumerate(node.value)]
@@ -75,10 +72,7 @@ def _value(yaml: YAML, node: Node, key: Key, lines: dict[Key, int]) -> Any:  # n
             lines[*key, name.value] = _line(name)
             mapping[name.value] = _value(yaml, child, (*key, name.value), lines)
         return mapping
-    try:
-        return node.value if kind in ("str", "timestamp") else yaml.constructor.construct_object(node)
-    except ValueError:
-        raise YamlError(_line(node), f"expected a number, got {node.value[:100]!r}") from None
+    return node.value if kind in ("str", "timestamp") else yaml.constructor.construct_object(node)
 
 
 def _line(node: Node) -> int:

@@ -29,14 +29,6 @@ def complaint(folder: Path, text: str, overrides=()) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize(("ablation", "factor"), [("geometry", "models"), ("textures", "textures")])
-def test_configs_of_an_ablation_differ_only_in_their_factor(ablation, factor):
-    configs = [load_config(name).model_dump() for name in packaged_configs() if name.startswith(f"ablation-{ablation}")]
-    assert len(configs) >= 2
-    for other in configs[1:]:
-        assert {key for key in other if configs[0][key] != other[key]} == {"name", factor}
-
-
 def test_extends_merges_sections_and_finds_files_beside(tmp_path):
     written(tmp_path, "name: base\n" + CAMERA + DISPARITY + "textures: {patch_px: 64}\n", "base.yaml")
     child = written(tmp_path, "extends: base.yaml\nname: child\ncamera: {width_px: 65}\ntextures: {scales: [1]}\n")
@@ -167,34 +159,14 @@ def test_the_key_that_was_set_last_is_blamed_and_the_others_named(name, settings
         "texture.source": "textures",
         "images": "textures.images or licences.images",
         "models.kind.chair": "models.kinds",
-        "disparity.target.spred_px": "disparity.target.spread_px",
     }.items(),
 )
 def test_a_wrong_key_names_those_that_may_be_meant(key, meant):
     with pytest.raises(InputError, match=rf"^override {key.partition('.')[0]}.*: unknown key; did you mean .*{meant}"):
-        load_config("middlebury", {"disparity.target": {"form": "gamma", "mean_px": 90, "spread_px": 50}, key: 3})
+        load_config("middlebury", {key: 3})
 
 
 # Targets
-
-BINS = "low_px,high_px,share\n1,10,3\n10,19,1\n"
-
-
-def with_target(target: str) -> str:
-    return "name: m\n" + CAMERA + f"disparity:\n  min_px: 1\n  max_px: 20\n  target: {target}\n"
-
-
-def test_a_file_of_a_target_is_sought_beside_what_names_it(tmp_path, monkeypatch):
-    for folder in ("old", "run"):
-        (tmp_path / folder).mkdir()
-    written(tmp_path / "old", BINS, "there.csv")
-    written(tmp_path / "run", BINS.replace("10,19,1", "10,19,3"), "here.csv")
-    monkeypatch.chdir(tmp_path / "run")
-    path = written(tmp_path / "old", with_target("{form: file, path: there.csv}"))
-    child = written(tmp_path / "run", "extends: ../old/mine.yaml\ndisparity: {max_px: 21}\n", "child.yaml")
-    for file in (path, child):
-        assert load_config(file).disparity.target.shares == (3, 1)
-        assert load_config(file, ["disparity.target={form: file, path: here.csv}"]).disparity.target.shares == (3, 3)
 
 
 @pytest.mark.parametrize(
@@ -203,12 +175,13 @@ def test_a_file_of_a_target_is_sought_beside_what_names_it(tmp_path, monkeypatch
         ("{form: gamma, mean_px: 3, spred_px: 2}", "disparity.target: spread_px is missing"),
         ("{form: gamma, mean_px: -3, spread_px: 1}", "disparity.target.mean_px: expected mean_px above origin_px"),
         ("{form: gama}", "disparity.target: input tag 'gama' found using 'form' does not match"),
-        ("{form: file, path: a.csv, bin_px: 3}", "disparity.target: expected the form and the path"),
-        ("{form: file, path: a.csv}", "disparity.target.path: "),
+        ("{form: gamma, mean_px: 9, spread_px: 2, spred_px: 3}", "disparity.target.spred_px: unknown key"),
+        ("{form: uniform, low_px: 30}", "disparity.target: expected low_px < high_px, got 30 and 20"),
     ],
 )
 def test_faults_of_targets_name_their_keys(tmp_path, target, said):
-    assert complaint(tmp_path, with_target(target)).startswith(f"{tmp_path / 'mine.yaml'}:6: {said}")
+    text = "name: m\n" + CAMERA + f"disparity:\n  min_px: 1\n  max_px: 20\n  target: {target}\n"
+    assert complaint(tmp_path, text).startswith(f"{tmp_path / 'mine.yaml'}:6: {said}")
     assert complaint(tmp_path, MINIMAL, [f"disparity.target={target}"]).startswith(f"override {said}")
 
 

@@ -1,8 +1,7 @@
-"""Every number of a config, of the command line, of calibrations and of histograms has limits."""
+"""Every number of a config, of the command line and of calibrations has limits."""
 
 import math
-import subprocess
-import sys
+import time
 import typing
 
 import click
@@ -13,9 +12,8 @@ from pydantic import BaseModel, ValidationError
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.config import Config, Range, load_config
-from semisynth_gl.config.distributions import read_histogram
 from semisynth_gl.dataset.plan import make_plan
-from semisynth_gl.inputs.errors import InputError, SemisynthError
+from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
 
 DIGITS = "9" * 5000
 
@@ -55,20 +53,6 @@ def test_every_number_of_a_config_has_limits():
     assert [each for each in numbers for value in values if not is_refused(*each, value)] == []
 
 
-@pytest.mark.parametrize(
-    "overrides",
-    [
-        ["camera.width_px=16384", "camera.height_px=16384"],
-        ["textures.patch_px=8192", "textures.max_patches=33"],
-        ["particles.clutter=[{disparity_px: 3, count: 1e6}]"],
-    ],
-)
-def test_limits_are_said_with_their_key(overrides):
-    with pytest.raises(InputError) as caught:
-        load_config("kitti", overrides)
-    assert overrides[-1].partition("=")[0].rpartition(".")[2] in str(caught.value)
-
-
 # The command line and plans
 
 
@@ -97,7 +81,7 @@ def test_a_plan_of_too_many_shards_is_refused():
         make_plan(load_config("kitti"), 0, "middlebury", {"train": 10_000_000}, 1)
 
 
-# Calibrations and histograms
+# Calibrations
 
 MIDDLEBURY = "cam0=[{f} 0 {cx}; 0 {f} {cy}; 0 0 1]\ncam1=[{f} 0 {cx}; 0 {f} {cy}; 0 0 1]\ndoffs=0\nbaseline={b}\n"
 MIDDLEBURY += "width={w}\nheight={h}\n"
@@ -127,24 +111,10 @@ SLOW = {
 }
 
 
-def test_hostile_calibrations_are_given_up_at_once(tmp_path):
-    # In a process that can be ended: a regular expression does not hear of a time limit.
-    program = "import sys; from semisynth_gl.calibration.rig_files import read_rigs\n"
-    program += "for path in sys.argv[1:]:\n    try: read_rigs([path])\n"
-    program += "    except Exception as error: print(type(error).__name__)"
-    paths = [tmp_path / f"calib{number}.txt" for number in range(len(SLOW))]
-    for path, text in zip(paths, SLOW.values(), strict=True):
-        path.write_text(text)
-    done = subprocess.run([sys.executable, "-c", program, *paths], text=True, timeout=60, check=True, stdout=-1)
-    assert done.stdout == "ReadError\n" * len(SLOW)
-
-
-def test_files_of_histograms_are_limited(tmp_path):
-    path = tmp_path / "bins.csv"
-    many = "".join(f"{n},{n + 1},1\n" for n in range(5000))
-    for text in ("0,1e300,1\n", f"0,{DIGITS},1\n", "0,1,inf\n", "0,nan,1\n", many, "x" * (1 << 20) + "\n"):
-        path.write_text(text)
-        with pytest.raises(InputError) as caught:
-            read_histogram(path)
-        assert str(path) in str(caught.value)
-        assert len(str(caught.value)) < 500
+@pytest.mark.parametrize("name", SLOW)
+def test_hostile_calibrations_are_given_up_at_once(tmp_path, name):
+    (tmp_path / "calib.txt").write_text(SLOW[name])
+    start = time.monotonic()
+    with pytest.raises(ReadError):
+        read_rigs([tmp_path / "calib.txt"])
+    assert time.monotonic() - start < 20

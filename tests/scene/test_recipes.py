@@ -137,7 +137,7 @@ def test_a_recipe_goes_over_its_config_as_a_file_over_the_one_it_extends(tmp_pat
     assert other.config.digest() == alone.digest() != base.digest()
     assert plain.config.digest() == base.digest() != mix.digest()
     for again in (Config.model_validate(mix.model_dump(mode="json")), pickle.loads(pickle.dumps(mix))):  # noqa: S301
-        assert again == mix
+        assert again.digest() == mix.digest()
         assert [recipe.config for recipe in again.recipes()] == [recipe.config for recipe in mix.recipes()]
     assert load_config(tmp_path / "mix.yaml", {"scenes": []}).digest() == base.digest()
 
