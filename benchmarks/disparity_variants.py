@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Eye
-from semisynth_gl.geometry.mesh import Mesh, centred
+from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.constants import ConstantsBuffer
@@ -79,9 +79,8 @@ class DisparityVariants:
         self._gl = self._context.gl
         self._constants = ConstantsBuffer(self._gl)
         self._camera_64 = self._gl.buffer(reserve=CAMERA_64.itemsize)
-        drawn = [centred(model) for model in models]
-        self._composer = TransformComposer(drawn)
-        self._models = ModelBuffers(self._gl, [each.mesh for each in drawn], np.array([_ANY_PATCH]), traced=True)
+        self._composer = TransformComposer(models)
+        self._models = ModelBuffers(self._gl, models, np.array([_ANY_PATCH]), traced=True)
         self._poses = self._gl.buffer(reserve=1)
         self._targets: EyeTargets | None = None
         self._depth_m: EyeTargets | None = None

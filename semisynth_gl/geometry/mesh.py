@@ -1,8 +1,7 @@
 """The mesh type that the builders, the loader and the renderer share, and operations on meshes and vectors."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from math import inf
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +10,10 @@ from semisynth_gl.inputs.arguments import check_magnitudes, to_array
 from semisynth_gl.inputs.errors import InputError
 
 # float32 rounds a number by up to 2^-24 of it, so the error of vertices grows with their distance from the origin. At
-# this many times half a mesh's extent it is 2^-20 of that half, a thousandth of a pixel for a mesh 2000 px wide.
-_FAR = 16
-# Beyond this many times half its extent, float64 holds a mesh no better than float32 does at the origin: 53 - 24 bits.
-_FARTHEST = 2.0**29
+# this many times half a mesh's extent it is 2^-14 of that half.
+_FARTHEST = 1024
 
 Floats = NDArray[np.float64]
-Vertices = NDArray[np.float32] | Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,8 +26,8 @@ class Mesh:
 
     Attributes:
         name: the model's name in the provenance of a sample.
-        positions: (V, 3) float32 or float64, model units, up to 1e9; float64 is for meshes far from their origin.
-        uv: (V, 2) float32 or float64; u to the right and v downwards in the patch, as in its pixel rows.
+        positions: (V, 3) float32, model units, up to 1e9.
+        uv: (V, 2) float32; u to the right and v downwards in the patch, as in its pixel rows.
         triangles: (T, 3) uint32 indices into ``positions``.
         solid: whether the mesh is solid (see `is_solid`). Only the fronts of a solid mesh's triangles are drawn, of
             other meshes both sides.
@@ -41,17 +37,16 @@ class Mesh:
     """
 
     name: str
-    positions: Vertices
-    uv: Vertices
+    positions: NDArray[np.float32]
+    uv: NDArray[np.float32]
     triangles: NDArray[np.uint32]
     solid: bool = False
 
     def __post_init__(self) -> None:
-        floats = ("float32", "float64")
-        for label, width, dtypes in (("positions", 3, floats), ("uv", 2, floats), ("triangles", 3, ("uint32",))):
+        for label, width, dtype in (("positions", 3, "float32"), ("uv", 2, "float32"), ("triangles", 3, "uint32")):
             array, rows = getattr(self, label), "T" if label == "triangles" else "V"
-            if array.ndim != 2 or array.shape[1] != width or array.dtype not in dtypes:
-                expected = f"{label} must be ({rows}, {width}) {' or '.join(dtypes)}"
+            if array.ndim != 2 or array.shape[1] != width or array.dtype != dtype:
+                expected = f"{label} must be ({rows}, {width}) {dtype}"
                 raise InputError(f"mesh {self.name}: {expected}, got {array.shape} {array.dtype}")
         if len(self.uv) != len(self.positions):
             raise InputError(f"mesh {self.name}: {len(self.positions)} positions but {len(self.uv)} uv")
@@ -72,95 +67,38 @@ class Mesh:
 def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Mesh:
     """Build a `Mesh` from anything array-like, converting to its dtypes.
 
-    Positions and UV become float32, but stay float64 where they lie farther from the origin than 16 times half their
-    extent, as coordinates of maps and sites do.
-
     Args:
         name: see `Mesh`.
-        positions: (V, 3), model units, up to 1e9.
-        uv: (V, 2), up to 1e9.
+        positions: (V, 3), model units, up to 1e9, and near 0: within 1024 times half their extent.
+        uv: (V, 2), up to 1e9, and as near to 0.
         triangles: (T, 3) indices.
 
     Raises:
         InputError: where shapes, indices or values are wrong.
     """
-    vertices, coordinates, index = _arrays(name, positions, uv, triangles)
-    return Mesh(name, _rounded_near(vertices), _rounded_near(coordinates), index)
+    mesh = make_part(name, positions, uv, triangles)
+    for what, values in (("positions", positions), ("uv", uv)):
+        points = np.asarray(values, np.float64)
+        low, high = points.min(axis=0), points.max(axis=0)
+        if max(-low.min(), high.max()) > _FARTHEST * lengths(high - low) / 2 > 0:
+            raise InputError(
+                f"mesh {name}: {what} must lie within {_FARTHEST} times half their extent of 0, where float32 holds "
+                "their shape: subtract their middle, and add it to the instance's pose or UV offset"
+            )
+    return mesh
 
 
 def make_part(name: str, positions: object, uv: object, triangles: object) -> Mesh:
-    """Build a part of a model, as `make_mesh` does but always in float32: the origin is that of the model."""
-    vertices, coordinates, index = _arrays(name, positions, uv, triangles)
-    return Mesh(name, vertices.astype(np.float32, order="C"), coordinates.astype(np.float32, order="C"), index)
+    """Build a part of a model, as `make_mesh` does, but however far it lies from the model's origin."""
+    index = np.ascontiguousarray(to_array(f"mesh {name}: triangles", triangles, np.uint32))
+    vertices, coordinates = _to_float32(f"mesh {name}: positions", positions), _to_float32(f"mesh {name}: uv", uv)
+    return Mesh(name, vertices, coordinates, index)
 
 
-def _arrays(name: str, positions: object, uv: object, triangles: object) -> tuple[Floats, Floats, NDArray[np.uint32]]:
-    """Return positions and UV in float64, and triangles, (T, 3); refuses numbers too large to be rounded to float32."""
-    index = to_array(f"mesh {name}: triangles", triangles, np.int64)
-    if index.size % 3:
-        raise InputError(f"mesh {name}: triangles must be (T, 3), got {index.shape}")
-    index = index.reshape(-1, 3)
-    if len(index) and int(index.min()) < 0:
-        raise InputError(f"mesh {name}: triangle index {int(index.min())} is negative")
-    arrays = []
-    for what, values in ((f"mesh {name}: positions", positions), (f"mesh {name}: uv", uv)):
-        arrays.append(to_array(what, values, np.float64))
-        check_magnitudes(what, arrays[-1])
-    return arrays[0], arrays[1], np.ascontiguousarray(index, np.uint32)
-
-
-def _rounded_near(points: Floats) -> Vertices:
-    """Round points to float32 where they do not lie far from 0."""
-    is_far = points.ndim == 2 and _times_away(points) > _FAR
-    return np.ascontiguousarray(points) if is_far else points.astype(np.float32, order="C")
-
-
-def _times_away(points: Vertices) -> float:
-    """Return how far points (N, D) lie from 0, in units of half their extent; inf where all points coincide."""
-    if not len(points):
-        return 0.0
-    low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
-    away, reach = max(-low.min(), high.max()), lengths(high - low) / 2
-    return float(away / reach) if reach > 0 else inf
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CentredMesh:
-    """A mesh as it is drawn, in float32 and near its origin, and where its origins lie in the original mesh.
-
-    Attributes:
-        mesh: the mesh; its positions and UV are the original ones minus ``origin`` and ``uv_origin``.
-        origin: (3,) float64, model units; zero where the positions were not moved.
-        uv_origin: (2,) float64; zero where the UV was not moved.
-    """
-
-    mesh: Mesh
-    origin: Floats
-    uv_origin: Floats
-
-
-def centred(mesh: Mesh) -> CentredMesh:
-    """Move a mesh to its origin where it lies far away, and do the same with its UV.
-
-    Raises InputError where positions or UV lie so far away that float64 does not hold their shape.
-    """
-    for what, points in (("positions", mesh.positions), ("uv", mesh.uv)):
-        if _FARTHEST < (times := _times_away(points)) < inf:
-            raise InputError(
-                f"mesh {mesh.name}: {what} must lie within {_FARTHEST:.2g} times their size of 0, got {times:.2g}: "
-                "float64 does not hold their shape there"
-            )
-    (positions, origin), (uv, uv_origin) = _moved(mesh.positions), _moved(mesh.uv)
-    return CentredMesh(replace(mesh, positions=positions, uv=uv), origin, uv_origin)
-
-
-def _moved(points: Vertices) -> tuple[NDArray[np.float32], Floats]:
-    """Return points (N, D) in float32, moved to 0 by their middle if far away, and the shift, (D,), which may be 0."""
-    origin = np.zeros(points.shape[1])
-    if _times_away(points) > _FAR:
-        origin = (points.min(axis=0).astype(np.float64) + points.max(axis=0)) / 2
-        points = points - origin
-    return points.astype(np.float32, copy=False), origin
+def _to_float32(what: str, values: object) -> NDArray[np.float32]:
+    points = to_array(what, values, np.float64)
+    check_magnitudes(what, points)  # before they are rounded
+    return points.astype(np.float32, order="C")
 
 
 def mesh_grid(rows: int, columns: int) -> tuple[Floats, Floats, NDArray[np.int64]]:

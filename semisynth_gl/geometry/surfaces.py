@@ -214,8 +214,8 @@ def box(size: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
     normals = cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 1])
     normals /= lengths(normals)[:, None]
     uv = np.concatenate([_planar_uv(side, normal) for side, normal in zip(sides, normals, strict=True)])
-    first = np.arange(0, 24, 4)[:, None, None]
-    return make_part("box", sides.reshape(-1, 3), uv, first + np.array([[0, 1, 2], [0, 2, 3]]))
+    triangles = np.arange(0, 24, 4)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
+    return make_part("box", sides.reshape(-1, 3), uv, triangles.reshape(-1, 3))
 
 
 def extruded(outline: ArrayLike, height: float, hole: ArrayLike | None = None) -> Mesh:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.geometry.mesh import Mesh, centred, cross
+from semisynth_gl.geometry.mesh import Mesh, cross
 
 NO_NEIGHBOUR = 0xFFFFFFFF
 """Stands for the neighbour across an edge where a triangle has none."""
@@ -20,7 +20,7 @@ def neighbours(mesh: Mesh) -> NDArray[np.uint32]:
     Column k has the number of the triangle across the edge from corner k to the next corner. It is `NO_NEIGHBOUR` at a
     border, and where more than two triangles share the edge.
     """
-    start, stop, count = _edges(centred(mesh).mesh)
+    start, stop, count = _edges(mesh)
     edge = np.minimum(start, stop) * count + np.maximum(start, stop)
     by_edge = np.argsort(edge, kind="stable")
     first = np.flatnonzero(np.r_[True, np.diff(edge[by_edge]) != 0])
@@ -38,7 +38,6 @@ def is_solid(mesh: Mesh) -> bool:
     positive volume. A ray from outside then meets the front of a triangle first, unless a part turns itself inside out
     by crossing itself.
     """
-    mesh = centred(mesh).mesh
     start, stop, count = _edges(mesh)
     if not np.array_equal(np.sort(start * count + stop), np.sort(stop * count + start)):
         return False
@@ -57,7 +56,7 @@ def _edges(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     """Return the first and last vertex of the three edges of each triangle in turn, (3 T,) each.
 
     The third result is the number of vertices. Vertices at equal positions count as one, since UV seams do not cut a
-    surface. The mesh's positions must be float32.
+    surface.
     """
     # Adding 0 turns -0.0 into 0.0, whose bits differ.
     bits = np.ascontiguousarray(mesh.positions + np.float32(0)).view(np.uint32).astype(np.uint64)

@@ -43,9 +43,8 @@ def place_moved(transforms: InstanceTransforms, motion: Motion, composer: Transf
         raise InputError(
             f"motion: expected {counted(len(now), 'instance')}, those of the scene, got {len(motion.instance)}"
         )
-    view_from_model = composer.view_from_model(
-        replace(now, camera_from_world=then.camera_from_world, world_from_model=motion.world_from_model)
-    )
+    moved = replace(now, camera_from_world=then.camera_from_world, world_from_model=motion.world_from_model)
+    view_from_model = moved.view_from_model()
     moves = np.zeros(len(now), MOVE)
     # Use the pseudo-inverse, since the matrix of a flat model may flatten it.
     turn = view_from_model[:, :3, :3] @ np.linalg.pinv(transforms.view_from_model[:, :3, :3]) - np.eye(3)

@@ -1,8 +1,4 @@
-"""A scene's instances as the eyes see them: poses, composed in float64, of models that are drawn about their middle.
-
-float32 holds a number in steps of 2^-24 of its size, so the numbers that go to the GPU must be small: vertices are
-relative to their model's middle, models to the eye, and UV are near 0.
-"""
+"""A scene's instances as the eyes see them: poses, composed in float64 relative to the eye."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Crop, Eye
-from semisynth_gl.geometry.mesh import CentredMesh
+from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.inputs.arguments import LEAST, MOST, OTHER_UNITS
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render.projection import in_view
@@ -30,10 +26,10 @@ class InstanceTransforms:
 
     Attributes:
         scene: the scene.
-        view_from_model: (N, 4, 4) float64, poses of the centred models relative to the left eye.
+        view_from_model: (N, 4, 4) float64, poses of the models relative to the left eye.
         radius_m: (N,) float64, upper bound of an instance's reach from its centre.
         solid: (N,) bool, whether only fronts can be seen from outside.
-        patch_from_uv: (N, 4) float64, scale and offset, (u, v) each, for the centred models' UV.
+        patch_from_uv: (N, 4) float64, scale and offset, (u, v) each, for the models' UV.
     """
 
     scene: Scene
@@ -60,22 +56,19 @@ class InstanceTransforms:
 
 
 class TransformComposer:
-    """Places the instances of scenes that are made of these models, which are centred for drawing.
+    """Composes the transforms of scenes that are made of these models.
 
     Raises:
         InputError: where a model is too small or too large for float32.
     """
 
-    def __init__(self, models: Sequence[CentredMesh]) -> None:
-        self._origin = np.array([model.origin for model in models])
-        self._uv_origin = np.array([model.uv_origin for model in models])
-        self._moved = np.abs(self._origin).max(axis=1) > 0
-        self._radius = np.array([model.mesh.radius for model in models])
-        self._solid = np.array([model.mesh.solid for model in models])
+    def __init__(self, models: Sequence[Mesh]) -> None:
+        self._radius = np.array([model.radius for model in models])
+        self._solid = np.array([model.solid for model in models])
         for model, radius in zip(models, self._radius, strict=True):
             if not (radius == 0 or LEAST <= radius <= MOST):
                 raise InputError(
-                    f"mesh {model.mesh.name}: must reach {LEAST:g} to {MOST:g} from its middle, got {radius:g}: "
+                    f"mesh {model.name}: must reach {LEAST:g} to {MOST:g} from its origin, got {radius:g}: "
                     f"{OTHER_UNITS}"
                 )
 
@@ -85,7 +78,7 @@ class TransformComposer:
         Raises:
             InputError: where an instance is too small, too large or too far away for float32.
         """
-        view_from_model = self.view_from_model(scene)
+        view_from_model = scene.view_from_model()
         linear = view_from_model[:, :3, :3]
         # The largest row sum of |A^T A| is an upper bound of the squared largest singular value, and equal to it if the
         # instance is scaled along its own axes and then rotated.
@@ -99,21 +92,12 @@ class TransformComposer:
         # The radius of a tiny instance may be 0, because squares of small numbers are.
         extended = (np.abs(linear).max(axis=(1, 2), initial=0.0) > 0) & (self._radius[scene.model] > 0)
         _refuse(radius_m, extended & (radius_m < _LEAST_M), "is smaller")
-        return InstanceTransforms(scene, view_from_model, radius_m, solid, self._patch_from_uv(scene))
+        return InstanceTransforms(scene, view_from_model, radius_m, solid, _patch_from_uv(scene))
 
-    def view_from_model(self, scene: Scene) -> NDArray[np.float64]:
-        """Return the poses of a scene's instances, with centred models, relative to the left eye, (N, 4, 4) float64."""
-        poses = scene.view_from_model()
-        moved = np.flatnonzero(self._moved[scene.model])
-        if len(moved):
-            origin = self._origin[scene.model[moved], :, None]
-            poses[moved, :3, 3] += (poses[moved, :3, :3] @ origin)[..., 0]
-        return poses
 
-    def _patch_from_uv(self, scene: Scene) -> NDArray[np.float64]:
-        offset = scene.uv_offset + self._uv_origin[scene.model] * scene.uv_scale
-        offset = np.where(np.abs(offset) > _NEAR_PATCHES, offset % _PERIOD, offset)
-        return np.concatenate([scene.uv_scale, offset], axis=1)
+def _patch_from_uv(scene: Scene) -> NDArray[np.float64]:
+    offset = np.where(np.abs(scene.uv_offset) > _NEAR_PATCHES, scene.uv_offset % _PERIOD, scene.uv_offset)
+    return np.concatenate([scene.uv_scale, offset], axis=1)
 
 
 def _refuse(metres: NDArray[np.float64], wrong: NDArray[np.bool_], what: str) -> None:

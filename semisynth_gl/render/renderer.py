@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from semisynth_gl.frame.camera import EYES, Crop, Eye, StereoCamera
 from semisynth_gl.frame.channels import DEFAULT_OUTPUTS, TruthViews, View
 from semisynth_gl.frame.frame import Frame
-from semisynth_gl.geometry.mesh import Mesh, centred
+from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.inputs.arguments import check_one_of, to_whole
 from semisynth_gl.inputs.errors import BackendError, ContextLostError, InputError
 from semisynth_gl.listener import Listener
@@ -115,10 +115,8 @@ class Renderer:
             # outlive its release.
             with self._gl:
                 patches = PatchTextures(self._context, tuple(atlases.values()), mirrored=wrap == "mirror")
-                drawn = [centred(model) for model in models]
-                self._composer = TransformComposer(drawn)
-                meshes = [model.mesh for model in drawn]
-                buffers = ModelBuffers(self._gl, meshes, patches.ends, traced=self._options.reads_triangles)
+                self._composer = TransformComposer(models)
+                buffers = ModelBuffers(self._gl, models, patches.ends, traced=self._options.reads_triangles)
                 anisotropies = (anisotropy, large_anisotropy)[: len(atlases)]
                 constants = ConstantsBuffer(self._gl, signed=signed)
                 self._state = RenderState(

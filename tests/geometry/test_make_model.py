@@ -26,12 +26,12 @@ def test_a_model_is_scaled_and_gets_uv_in_its_units():
         np.testing.assert_allclose(lengths, in_uv, rtol=1e-5)
     for arguments, message in (
         ((corners, [[0, 1, 5]]), "triangle index 5 is out of range"),
-        ((corners, [[0, 1, -1]]), "index -1 is negative"),
+        ((corners, [[0, 1, -1]]), r"triangles: must be an array of uint32"),
         ((corners[:, :2], triangles), r"positions must be \(V, 3\)"),
         ((corners * np.nan, triangles), "got nan"),
         ((corners, triangles, corners[:2, :2]), "5 positions but 2 uv"),
         ((corners, [[0, 0, 1]]), "has no triangle with an area"),
-        ((corners, []), "has no triangles"),
+        ((corners, np.zeros((0, 3), int)), "has no triangles"),
         (("cube", triangles), "positions"),
     ):
         with pytest.raises(InputError, match=message):

@@ -78,8 +78,11 @@ def check(numbers, antialias="none"):
             return False
     camera = scene.camera
     y, x = (each.ravel() for each in np.mgrid[:HEIGHT, :WIDTH].astype(float))
-    corners = (wall.positions.astype(float) @ scene.view_from_model(0)[:3, :3].T) + scene.view_from_model(0)[:3, 3]
+    turn, shift = scene.view_from_model(0)[:3, :3].T, scene.view_from_model(0)[:3, 3]
+    corners = wall.positions.astype(float) @ turn + shift
     size_m = np.ptp(corners, axis=0).max()
+    # Far from the model's origin, large numbers cancel in float32.
+    reach_m = (np.abs(wall.positions) @ np.abs(turn)).max()
     for eye in EYES:
         view = frame.view(eye)
         for name, array in view.items():
@@ -87,7 +90,7 @@ def check(numbers, antialias="none"):
             assert array.dtype.kind != "f" or (array != -np.inf).all(), name
         # A rasteriser moves vertices by up to 1/256 px, and float32 rounds their places in the image.
         nearest_m = np.maximum(np.abs(corners[:, 2]).min(), scene.near_m)
-        across_px = camera.focal_px * (np.abs(corners[:, :2]).max() + camera.baseline_m) / nearest_m
+        across_px = camera.focal_px * (np.abs(corners[:, :2]).max() + camera.baseline_m + 2 * reach_m) / nearest_m
         aside = 1 / 16 + 2.0**-22 * (abs(camera.cx_px(eye)) + abs(camera.cy_px) + across_px)
         around = []
         # Nearby rays too: those farther aside may pass a wall that is narrower than a pixel on both sides.
@@ -105,7 +108,7 @@ def check(numbers, antialias="none"):
         # By the wall's size in units of its distance.
         away_m = camera.focal_baseline / np.maximum(np.abs(low + camera.doffs_px), 1e-300)
         # Beside the wall's border there may be rays to one side alone.
-        allowed = 2.0**-24 * (16 + 4 * size_m / away_m) * parallax + (high - low).max(initial=0)
+        allowed = 2.0**-24 * (16 + 4 * (size_m + reach_m) / away_m) * parallax + (high - low).max(initial=0)
         assert (found[finite] >= low - allowed).all()
         assert (found[finite] <= high + allowed).all()
     return True
@@ -161,7 +164,7 @@ def test_scenes_of_any_unit_that_float32_holds_are_drawn(scale):
         ({"depth_m": 9.99e8, "instance_scale": 9e8}, "instance 0 reaches farther from the camera"),
         ({"uv_scale": 1e18}, "scene: uv_scale: must be at most"),
         ({"model_scale": 1e18}, "mesh wall: positions: must be at most"),
-        ({"model_scale": 1e-30, "instance_scale": 1e-30}, "mesh wall: must reach 1e-09 to 1e\\+09 from its middle"),
+        ({"model_scale": 1e-30, "instance_scale": 1e-30}, "mesh wall: must reach 1e-09 to 1e\\+09 from its origin"),
         ({"model_scale": 1e-6, "instance_scale": 1e-6, "model_at": 1e7}, "mesh wall: positions must lie within"),
         ({"uv_of_model": 1e-4, "uv_at": 1e8}, "mesh wall: uv must lie within"),
     ],
