@@ -18,7 +18,7 @@ from scenes import SQUARE
 from semisynth_gl.cli import main
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.backends import Backend
-from semisynth_gl.render.devices import context_facts
+from semisynth_gl.render.context import context_facts
 from semisynth_gl.render.renderer import Renderer
 
 # The same examples in each run, however busy the machine is: a test is red for everybody, or for nobody.
@@ -98,7 +98,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         if "backend" in item.fixturenames:
             item.add_marker("opengl")
-    if backend_fault("egl") is not None or "llvmpipe" not in context_facts("egl").renderer:
+    if backend_fault("egl") is not None or "llvmpipe" not in context_facts("egl")["renderer"]:
         return
     out = [
         item

@@ -18,10 +18,9 @@ _LARGEST_ERROR_PX = 1e-3
 
 @click.command(cls=Command)
 def doctor() -> None:
-    """Show this machine's packages, devices and backends, say what is missing, and check a test pair's disparity."""
+    """Show this machine's packages, devices and backends, and check a test pair's disparity."""
     # Imported here, as in `_try`: completion needs no OpenGL.
-    from semisynth_gl.render.context import INSTALL_COMMAND, INSTALL_COMMAND_OSMESA  # noqa: PLC0415
-    from semisynth_gl.render.devices import egl_devices, missing_libraries, nvidia_fault  # noqa: PLC0415
+    from semisynth_gl.render.devices import egl_devices  # noqa: PLC0415
 
     click.echo(f"Python {platform.python_version()} on {platform.platform()}")
     for package in _PACKAGES:
@@ -32,22 +31,12 @@ def doctor() -> None:
     click.echo(f"Cache: {cache_summary()}")
     click.echo("EGL devices (in EGL's order, which is not CUDA's)")
     for device in egl_devices():
-        cuda = "" if device.cuda is None else f", GPU {device.cuda} of CUDA's"
-        click.echo(f"  {device.index}: {device.name}{', software' if device.software else ''}{cuda}")
+        cuda = "" if device.cuda is None else f"GPU {device.cuda} of CUDA's"
+        click.echo(f"  {device.index}: {cuda or ('software' if device.software else 'another GPU')}")
     if not egl_devices():
         click.echo("  none")
-    if fault := nvidia_fault(egl_devices()):
-        click.echo(f"  NVIDIA's GPU is not among them: {fault}")
     backends: tuple[Backend, ...] = ("egl", "osmesa")
     working = [backend for backend in backends if _try(backend)]
-    missing = missing_libraries()
-    if missing:
-        click.echo("Missing")
-        for library, package in missing.items():
-            click.echo(f"  {library}, from Debian's {package}")
-        optional = all("osmesa" in package for package in missing.values())
-        command = INSTALL_COMMAND_OSMESA if optional else INSTALL_COMMAND
-        click.echo(f"  {'optional, ' * optional}install with: {command}")
     if not working:
         click.echo("No backend works: nothing can be rendered here.")
         click.get_current_context().exit(1)
@@ -57,13 +46,13 @@ def doctor() -> None:
 def _try(backend: Backend) -> bool:
     """Show a backend and render its test pair; return whether the backend works and the pair's disparity is exact."""
     from semisynth_gl.bench.plane import plane_error_px  # noqa: PLC0415
-    from semisynth_gl.render.devices import context_facts  # noqa: PLC0415
+    from semisynth_gl.render.context import context_facts  # noqa: PLC0415
 
     click.echo(f"Backend {backend}")
     try:
         facts = context_facts(backend)
-        click.echo(f"  {facts.renderer}")
-        click.echo(f"  OpenGL {facts.version}")
+        click.echo(f"  {facts['renderer']}")
+        click.echo(f"  OpenGL {facts['opengl']}")
         error_px = plane_error_px(backend)
     except BackendError as error:
         click.echo("  " + str(error).replace("\n", "\n  "))

@@ -19,7 +19,7 @@ from semisynth_gl.inputs.errors import InputError, counted, shown
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
-from semisynth_gl.render.devices import check_libraries
+from semisynth_gl.render.context import check_libraries
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sources import Sources, prepare_sources
 from semisynth_gl.seeds.splits import SPLITS, SplitName

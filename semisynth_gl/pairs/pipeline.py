@@ -15,7 +15,7 @@ from semisynth_gl.pairs.cameras import Cameras
 from semisynth_gl.pairs.checks import faults
 from semisynth_gl.plugins import plugin_records
 from semisynth_gl.render.backends import Backend
-from semisynth_gl.render.devices import check_libraries
+from semisynth_gl.render.context import check_libraries
 from semisynth_gl.render.readers import Reader, read_array
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.mix import MixSampler

@@ -6,8 +6,23 @@ from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.render.projection import clip_from_view
-from semisynth_gl.render.structs import CONSTANTS, CONSTANTS_BINDING
 from semisynth_gl.scene.scene import Scene
+
+_BINDING = 0
+CONSTANTS = np.dtype(
+    [
+        ("clip_from_view", "<f4", (4, 4)),  # column by column
+        ("centre_px", "<f4", 2),
+        ("focal_px", "<f4", 2),
+        ("focal_baseline", "<f4"),
+        ("doffs_px", "<f4"),
+        ("near_m", "<f4"),
+        ("other_from_own", "<f4"),
+        ("least_px", "<f4"),
+        ("", "<f4", 3),
+    ]
+)
+"""The uniform block of common_constants.glsl, std140."""
 
 # LARGEST of common_constants.glsl; its negative is below every disparity.
 _LARGEST = 3e38
@@ -22,7 +37,7 @@ class ConstantsBuffer:
     def __init__(self, gl: moderngl.Context, *, signed: bool = False) -> None:
         self._least_px = -_LARGEST if signed else 0.0
         self._buffer = gl.buffer(reserve=CONSTANTS.itemsize, dynamic=True)
-        self._buffer.bind_to_uniform_block(CONSTANTS_BINDING)
+        self._buffer.bind_to_uniform_block(_BINDING)
         self._packed: bytes = b""
 
     def write(self, scene: Scene, eye: Eye, *, projection: NDArray[np.float64] | None = None) -> None:

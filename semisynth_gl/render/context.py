@@ -1,7 +1,9 @@
 """Headless OpenGL contexts, opened with EGL (a GPU, or llvmpipe) or OSMesa."""
 
+import ctypes
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from threading import get_ident
 from typing import Any
@@ -13,7 +15,7 @@ from semisynth_gl.inputs.arguments import check_one_of
 from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.backends import BACKENDS, Backend, is_software
 from semisynth_gl.render.load_order import load_before_driver
-from semisynth_gl.render.osmesa import OSMesaContext
+from semisynth_gl.render.osmesa import OSMESA_LIBRARIES, OSMesaContext
 from semisynth_gl.render.unbound import UnboundCalls
 
 # OpenGL 4.5 is the first version with glClipControl, which reversed Z needs; llvmpipe has offered it since Mesa 20.2.
@@ -25,8 +27,9 @@ _AFTER_FORK = (
     "drivers do not survive that: start it in another way, a DataLoader's workers with multiprocessing_context='spawn'"
 )
 
-INSTALL_COMMAND = "apt-get install -y libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri"
-INSTALL_COMMAND_OSMESA = "apt-get install -y libosmesa6 libgl1"
+_LIBRARIES = {"egl": ("libEGL.so.1",), "osmesa": OSMESA_LIBRARIES}
+# Debian's packages for each backend; "auto" takes EGL first.
+_PACKAGES = {"egl": "libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri", "osmesa": "libosmesa6 libgl1"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,13 +113,39 @@ def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsCo
         else:
             _opened_in.add(os.getpid())
             return context
-    command = INSTALL_COMMAND_OSMESA if backend == "osmesa" else INSTALL_COMMAND
     raise BackendError(
         "no OpenGL context could be opened; version 4.5 is needed.\n  "
         + "\n  ".join(reasons)
-        + f"\nOn Debian or Ubuntu: {command}"
+        + f"\nOn Debian or Ubuntu: apt-get install -y {_PACKAGES.get(backend, _PACKAGES['egl'])}"
         "\n`semisynth-gl doctor` shows what is there."
     )
+
+
+def check_libraries(backend: Backend) -> None:
+    """Check that a library of a backend is there, in next to no time, before patches and models are prepared.
+
+    Raises:
+        BackendError: where libraries are missing and no context opens; see `open_context`.
+        InputError: where there is no such backend.
+    """
+    load_before_driver()
+    for name in (library for own, names in _LIBRARIES.items() if backend in ("auto", own) for library in names):
+        with suppress(OSError):
+            ctypes.CDLL(name)
+            return
+    open_context(backend).release()
+
+
+def context_facts(backend: Backend) -> dict[str, str]:
+    """Open a context, and return its `GraphicsContext.facts` after closing it.
+
+    Raises:
+        BackendError: see `open_context`.
+    """
+    context = open_context(backend)
+    facts = context.facts
+    context.release()
+    return facts
 
 
 def _open_egl(device_index: int) -> Any:  # noqa: ANN401 - glcontext has no types

@@ -11,17 +11,16 @@ from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Crop, Eye
 from semisynth_gl.frame.channels import View
-from semisynth_gl.render.antialias import ColourTargets
 from semisynth_gl.render.edges import EdgePass
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.model_buffers import DrawRange
 from semisynth_gl.render.occlusion import Occlusion
 from semisynth_gl.render.options import OF_BOTH_VIEWS
-from semisynth_gl.render.pair_targets import COLOUR, DrawnPair, ImageTargets, PairTargets
+from semisynth_gl.render.pair_targets import COLOUR, DrawnPair, SizedTargets
 from semisynth_gl.render.programs import link_meshes, link_program
 from semisynth_gl.render.projector_light import ProjectorLight
 from semisynth_gl.render.state import RenderState
-from semisynth_gl.render.targets import EyeTargets
+from semisynth_gl.render.targets import EyeTargets, window
 from semisynth_gl.scene.scene import Scene
 
 
@@ -35,17 +34,16 @@ class DrawPass:
     def __init__(self, state: RenderState) -> None:
         self._state, self._options = state, state.options
         self._gl = state.context.gl
-        antialias = self._options.antialias
         self._occlusion = Occlusion(state) if state.context.software else None
         self._light = None if state.pattern is None else ProjectorLight(state, state.pattern)
         # Programs by attachments, anisotropy, and whether a projector lights what they draw.
         self._linked: dict[tuple[tuple[str, ...], int, bool], moderngl.Program] = {}
-        for names in (*map(self._options.attachments, EYES), *([COLOUR] if antialias.redraws else [])):
+        for names in (*map(self._options.attachments, EYES), *([COLOUR] if self._options.factor > 1 else [])):
             self._programs(names)
-        self._edges = EdgePass(state) if antialias.kind == "edges" else None
+        self._edges = EdgePass(state) if self._options.outlines else None
 
     def draw(
-        self, transforms: Sequence[InstanceTransforms], crop: Crop | None, sized: PairTargets
+        self, transforms: Sequence[InstanceTransforms], crop: Crop | None, sized: SizedTargets
     ) -> Iterator[DrawnPair]:
         """Draw the pairs of a scene with one or more cameras, or the parts of them that a crop needs.
 
@@ -61,8 +59,8 @@ class DrawPass:
             a separate pass, and the channels of the left view that an earlier pair has read.
         """
         parts = {eye: self._part([each.scene for each in transforms], eye, crop) for eye in EYES}
-        left = sized.eyes["left"] if len(transforms) == 1 else sized.shared
-        assert left is not None  # noqa: S101 - `PairTargets` were made for the number of cameras
+        shared = len(transforms) > 1
+        left = sized.shared if shared else sized.eyes["left"]
         seen: dict[str, Any] = {}
         for each in transforms:
             self._find_light(each)
@@ -70,19 +68,19 @@ class DrawPass:
             pair = DrawnPair(each, crop, sized, eyes, {"left": seen, "right": {}})
             if each is transforms[0]:
                 self._draw(pair, "left", parts["left"])
-            if left is sized.shared:
+            if shared:
                 self._draw_disparity(each.scene, left, parts["left"])
             self._draw(pair, "right", parts["right"])
             yield pair
             seen = {name: read for name, read in seen.items() if name not in OF_BOTH_VIEWS}
 
-    def draw_image(self, transforms: InstanceTransforms, eye: Eye, sized: ImageTargets) -> NDArray[np.uint8]:
+    def draw_image(self, transforms: InstanceTransforms, eye: Eye, sized: SizedTargets) -> NDArray[np.uint8]:
         """Draw only one eye's image; return it as the reader does, by default (H, W, 3) uint8 RGB or (H, W) grey."""
         self._find_light(transforms)
         filled = self._state.models.fill(transforms, eye)
         self._state.constants.write(transforms.scene, eye)
-        if sized.samples is not None:
-            return self._draw_samples(transforms, eye, None, sized.samples, filled)
+        if self._options.factor > 1:
+            return self._draw_samples(transforms, eye, None, sized, filled)
         targets = sized.image
         targets.limit(None)
         self._draw_once(transforms, eye, None, targets, filled)
@@ -104,6 +102,11 @@ class DrawPass:
     @cached_property
     def _disparity_pass(self) -> moderngl.VertexArray:
         return self._gl.vertex_array(link_program(self._state.context, "whole_image.vert", "disparity.frag", {}), [])
+
+    @cached_property
+    def _mean_pass(self) -> moderngl.VertexArray:
+        defines = {"FACTOR": self._options.factor}
+        return self._gl.vertex_array(link_program(self._state.context, "whole_image.vert", "resolve.frag", defines), [])
 
     def _draw_disparity(self, scene: Scene, targets: EyeTargets, part: Crop | None) -> None:
         """Work out the disparity of a shared left view, or a part of it, for the scene's camera.
@@ -156,7 +159,7 @@ class DrawPass:
 
     def _draw(self, pair: DrawnPair, eye: Eye, part: Crop | None) -> None:
         """Draw a part of one eye's view, or all of it; draw and read the image, too, if it takes a separate pass."""
-        transforms, targets, samples = pair.transforms, pair.eyes[eye], pair.sized.samples
+        transforms, targets = pair.transforms, pair.eyes[eye]
         filled = self._state.models.fill(transforms, eye, part)
         seen: Sequence[DrawRange] = filled
         self._state.constants.write(transforms.scene, eye)
@@ -166,11 +169,11 @@ class DrawPass:
                 self._state.models.bind_triangles(transforms, eye)
             seen = self._draw_once(transforms, eye, part, targets, filled)
             self._smooth(transforms, eye, targets, pair.crop)
-        if samples is not None:
+        if self._options.factor > 1:
             if seen is not filled:
                 # Instances that are hidden at the centres of pixels may show between them.
                 filled = self._state.models.fill(transforms, eye, part)
-            pair.views[eye]["image"] = self._draw_samples(transforms, eye, pair.crop, samples, filled)
+            pair.views[eye]["image"] = self._draw_samples(transforms, eye, pair.crop, pair.sized, filled)
 
     def _draw_once(
         self,
@@ -199,16 +202,21 @@ class DrawPass:
         transforms: InstanceTransforms,
         eye: Eye,
         crop: Crop | None,
-        targets: ColourTargets,
+        sized: SizedTargets,
         filled: Sequence[DrawRange],
     ) -> NDArray[np.uint8]:
         """Draw one eye's colour, or a crop of it, with several samples a pixel; return the image."""
-        targets.limit(crop)
-        targets.fine.use()
-        targets.fine.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
-        self._draw_models(COLOUR, filled, transforms.scene, eye, targets.fine.width)
-        targets.resolve()
-        return targets.read_colour(crop)
+        fine, mean, factor = sized.fine, sized.mean, self._options.factor
+        fine.limit(None if crop is None else Crop(*(factor * each for each in window(crop, sized.size))))
+        fine.clear()
+        self._draw_models(COLOUR, filled, transforms.scene, eye, fine.framebuffer.width)
+        mean.limit(crop)
+        mean.framebuffer.use()
+        self._gl.enable_only(moderngl.NOTHING)
+        fine.bind(colour=0)
+        self._mean_pass.render(moderngl.TRIANGLES, 3)
+        image: NDArray[np.uint8] = mean.read("colour", crop)
+        return image
 
     def _draw_models(
         self, names: tuple[str, ...], filled: Sequence[DrawRange], scene: Scene, eye: Eye, width_px: int

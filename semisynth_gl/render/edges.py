@@ -10,12 +10,14 @@ from semisynth_gl.render.model_buffers import refill
 from semisynth_gl.render.outlines import Outlines
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.state import RenderState
-from semisynth_gl.render.structs import WEARER, WEARERS_BINDING
 from semisynth_gl.render.targets import EyeTargets
+
+WEARER = np.dtype([("view_from_model", "<f4", (3, 4)), ("patch_from_uv", "<f4", 4), ("worn", "<f4", 4)])
+"""The struct Wearer of edges.geom, std430."""
 
 _FEWEST_STRIPS, _FEWEST_INSTANCES = 4096, 256
 # Bindings of edges.geom.
-_VERTICES, _STRIPS = 0, 6
+_VERTICES, _WEARERS, _STRIPS = 0, 5, 6
 # Texture unit of edges.frag, after those of the atlases and of a projector's light.
 _DRAWN = 4
 
@@ -52,7 +54,7 @@ class EdgePass:
         refill(self._strips, strips)
         refill(self._wearers, self._worn(transforms, eye))
         self._vertices.bind_to_storage_buffer(_VERTICES)
-        self._wearers.bind_to_storage_buffer(WEARERS_BINDING)
+        self._wearers.bind_to_storage_buffer(_WEARERS)
         self._strips.bind_to_storage_buffer(_STRIPS)
         self._gl.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         self._gl.depth_func = ">"

@@ -14,11 +14,13 @@ from semisynth_gl.render.model_buffers import refill
 from semisynth_gl.render.pair_targets import DrawnPair
 from semisynth_gl.render.programs import link_meshes
 from semisynth_gl.render.state import RenderState
-from semisynth_gl.render.structs import MOVE, MOVES_BINDING
 from semisynth_gl.render.targets import Targets
 from semisynth_gl.scene.scene import Motion
 
-_FEWEST_MOVES = 256
+MOVE = np.dtype([("turn_and_shift", "<f4", (3, 4)), ("centre", "<f4", 3), ("", "<f4"), ("then", "<u4"), ("", "<u4", 3)])
+"""The struct Move of flow.comp, std430."""
+
+_MOVES_BINDING, _FEWEST_MOVES = 4, 256
 # Largest entry of a rotation and scaling, which float32 can hold; an instance that is enlarged more was too small to
 # see.
 _LARGEST_TURN = 1e30
@@ -95,7 +97,7 @@ class FlowPass:
             moves["turn_and_shift"][:, :, 3] = moves["turn_and_shift"][:, :, 3] @ turn.T
             moves["centre"] = moves["centre"] @ turn.T
         refill(self._moves, moves)
-        self._moves.bind_to_storage_buffer(MOVES_BINDING)
+        self._moves.bind_to_storage_buffer(_MOVES_BINDING)
         models.bind_triangles(moved.then, eye)
         pair.eyes[eye].bind(depth=0, surface=1)
         then.bind(depth=2, surface=3)

@@ -13,7 +13,25 @@ from semisynth_gl.frame.camera import Crop, Eye
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.topology import NO_NEIGHBOUR, neighbours
 from semisynth_gl.render.instance_transforms import InstanceTransforms
-from semisynth_gl.render.structs import COMMAND, DRAWN_INSTANCE, VERTEX
+
+VERTEX = np.dtype([("position", "<f4", 3), ("uv", "<f4", 2)])
+"""The attributes of a vertex in mesh.vert."""
+
+DRAWN_INSTANCE = np.dtype(
+    [
+        ("view_from_model", "<f4", (3, 4)),
+        ("patch_from_uv", "<f4", 4),
+        ("layer", "<i4"),
+        ("instance", "<i4"),
+        ("sky", "<i4"),
+    ]
+)
+"""The attributes of an instance in mesh.vert."""
+
+COMMAND = np.dtype(
+    [("count", "<u4"), ("instances", "<u4"), ("first_index", "<u4"), ("base_vertex", "<i4"), ("base_instance", "<u4")]
+)
+"""OpenGL's DrawElementsIndirectCommand."""
 
 _FEWEST_INSTANCES = 256
 # Texture units of common_triangles.glsl, number of triangles or instances in a row of a texture, and texels of each.

@@ -4,7 +4,7 @@ import re
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.channels import (
@@ -43,46 +43,25 @@ def attachment_of(channel: Channel[Any]) -> str:
     return "colour" if channel is View.image else channel.name.replace("flow_backward", "flow")
 
 
-@dataclass(frozen=True, slots=True)
-class Antialias:
-    """How colour is antialiased.
-
-    Attributes:
-        kind: "none", "edges" (shares of pixels worked out along outlines) or "ssaa" (a larger image, averaged).
-        factor: how many times wider and higher "ssaa" draws; 1 for the others.
-    """
-
-    kind: Literal["none", "edges", "ssaa"]
-    factor: int = 1
-
-    @classmethod
-    def parse(cls, text: str) -> Self:
-        """Read "none", "edges", or "ssaa2" to "ssaa8".
-
-        Raises:
-            InputError: where the text names no antialiasing.
-        """
-        if not re.fullmatch(ANTIALIAS_PATTERN, text):
-            raise InputError(f"expected none, edges, or ssaa2 to ssaa8, got {text}", argument="antialias")
-        if text in ("none", "edges"):
-            return cls("none" if text == "none" else "edges")
-        return cls("ssaa", int(text[4:]))
-
-    @property
-    def redraws(self) -> bool:
-        """Whether colour is drawn once more, in a separate framebuffer."""
-        return self.kind == "ssaa"
-
-
 @dataclass(frozen=True)
 class RenderOptions:
-    """The options of a renderer; the arguments of `Renderer` say what each attribute means."""
+    """The options of a renderer; see also the arguments of `Renderer`.
+
+    Attributes:
+        outputs: the outputs to make beside images and disparities.
+        truth_eyes: the eyes whose views have disparity and outputs.
+        rectified: whether all right cameras are rectified.
+        signed: whether disparities of 0 and below are valid.
+        outlines: whether colour is antialiased along outlines.
+        factor: how many times wider and higher colour is drawn for supersampling; 1 for none.
+    """
 
     outputs: frozenset[str]
     truth_eyes: tuple[Eye, ...]
     rectified: bool
     signed: bool
-    antialias: Antialias
+    outlines: bool
+    factor: int
 
     @classmethod
     def of(cls, outputs: Collection[str], truth: TruthViews, antialias: str, *, rectified: bool, signed: bool) -> Self:
@@ -101,7 +80,10 @@ class RenderOptions:
             )
         check_one_of("truth", truth, TRUTH_VIEWS)
         eyes: tuple[Eye, ...] = EYES if truth == "both" else ("left",)
-        return cls(frozenset(outputs), eyes, rectified, signed, Antialias.parse(antialias))
+        if not re.fullmatch(ANTIALIAS_PATTERN, antialias):
+            raise InputError(f"expected none, edges, or ssaa2 to ssaa8, got {antialias}", argument="antialias")
+        factor = int(antialias[4:]) if antialias.startswith("ssaa") else 1
+        return cls(frozenset(outputs), eyes, rectified, signed, antialias == "edges", factor)
 
     @cached_property
     def channels(self) -> list[Channel[Any]]:
@@ -144,7 +126,7 @@ class RenderOptions:
         flow = own and self.flow
         # Exceptions: a later pass needs the attachment, or another pass draws it.
         needed = {
-            "colour": not self.antialias.redraws,
+            "colour": self.factor == 1,  # else it is drawn once more, in separate targets
             "disparity": own or self.visibility,
             "depth": flow or self.corresponds or (own and "depth" in self.outputs),
             "surface": self.visibility or flow or self.corresponds,

@@ -5,104 +5,90 @@ from functools import cached_property
 from typing import Any
 
 from semisynth_gl.frame.camera import EYES, Crop, Eye, StereoCamera
-from semisynth_gl.render.antialias import ColourTargets
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.state import RenderState
 from semisynth_gl.render.targets import CORRESPONDENCE, FLOW, VISIBILITY, Attachment, EyeTargets, Targets
 
 COLOUR = ("colour",)
+# Pairs have one size, and images for lenses another one for each eye.
+_MOST_SIZES = 3
 
 
-class ImageTargets:
-    """All targets for images of one size without truth.
+class SizedTargets:
+    """All targets for images and pairs of one size; a pass's targets are made when it first draws.
+
+    Making any of them raises BackendError where the driver refuses the size.
 
     Args:
         state: the renderer's context, and what it is to draw.
         size: width and height, px.
-
-    Attributes:
-        size: width and height, px.
-        samples: targets of colour with several samples a pixel; None where the caller wants one sample.
-
-    Raises:
-        BackendError: where the driver refuses the size.
     """
 
     def __init__(self, state: RenderState, size: tuple[int, int]) -> None:
         self._state, self.size = state, size
-        self._parts: list[ColourTargets | Targets] = []
-        self.samples: ColourTargets | None = None
-        if state.options.antialias.redraws:
-            self.samples = ColourTargets(state, size)
-            self._parts.append(self.samples)
+        self._made: list[Targets] = []
+
+    @cached_property
+    def eyes(self) -> dict[Eye, EyeTargets]:
+        """Targets of each eye's drawing pass."""
+        return {eye: self._eye(self._state.options.attachments(eye)) for eye in EYES}
+
+    @cached_property
+    def shared(self) -> EyeTargets:
+        """Targets of the same pass for left views that pairs share, with 1 / Z in the place of the disparity."""
+        names = self._state.options.attachments("left")
+        return self._eye(tuple("inverse_depth" if name == "disparity" else name for name in names))
 
     @cached_property
     def image(self) -> EyeTargets:
-        """Targets of one eye's image with one sample a pixel."""
-        return self._drawn_to(COLOUR)
+        """Targets of one eye's image without truth."""
+        return self._eye(COLOUR)
 
-    def release(self) -> None:
-        """Free all targets."""
-        for part in self._parts:
-            part.release()
+    @cached_property
+    def fine(self) -> EyeTargets:
+        """Targets of one eye's image with several pixels for one, for supersampling."""
+        return self._eye(COLOUR, self._state.options.factor)
 
-    def _drawn_to(self, names: tuple[str, ...]) -> EyeTargets:
-        state, blended = self._state, self._state.options.antialias.kind == "edges"
-        made = EyeTargets(state.context, self.size, names, grey=state.patches.grey, blended=blended, read=state.read)
-        self._parts.append(made)
-        return made
-
-
-class PairTargets(ImageTargets):
-    """All targets for pairs of one image size; a pass's targets are made when it first draws.
-
-    Args:
-        state: the renderer's context, and what it is to draw.
-        size: width and height, px.
-        shared: whether pairs share left views; see `Renderer.render_rig`.
-
-    Attributes:
-        eyes: targets of each eye's drawing pass.
-        shared: targets of the same pass for shared left views, with 1 / Z in the place of the disparity, or None.
-
-    Raises:
-        BackendError: where the driver refuses the size.
-    """
-
-    def __init__(self, state: RenderState, size: tuple[int, int], *, shared: bool) -> None:
-        super().__init__(state, size)
-        options = state.options
-        self.eyes: dict[Eye, EyeTargets] = {eye: self._drawn_to(options.attachments(eye)) for eye in EYES}
-        self.shared: EyeTargets | None = None
-        if shared:
-            names = ("inverse_depth" if name == "disparity" else name for name in options.attachments("left"))
-            self.shared = self._drawn_to(tuple(names))
+    @cached_property
+    def mean(self) -> Targets:
+        """Targets of the means of these pixels."""
+        return self._targets({"colour": self.fine.attachments["colour"]})
 
     @cached_property
     def visibility(self) -> dict[Eye, Targets]:
         """Targets of the visibility pass for each eye that has truth."""
-        return {eye: self._compared(VISIBILITY) for eye in self._state.options.truth_eyes}
+        return {eye: self._targets(VISIBILITY) for eye in self._state.options.truth_eyes}
 
     @cached_property
     def correspondence(self) -> Targets:
         """Targets of the correspondence pass."""
-        return self._compared(CORRESPONDENCE)
+        return self._targets(CORRESPONDENCE)
 
     @cached_property
     def then(self) -> EyeTargets:
         """Targets to which the flow pass draws the other moment."""
-        made = EyeTargets(self._state.context, self.size, ("depth", "surface"))
-        self._parts.append(made)
-        return made
+        return self._eye(("depth", "surface"))
 
     @cached_property
     def flow(self) -> Targets:
         """Targets of the flow pass."""
-        return self._compared(FLOW)
+        return self._targets(FLOW)
 
-    def _compared(self, attachments: dict[str, Attachment]) -> Targets:
+    def release(self) -> None:
+        """Free all targets."""
+        for targets in self._made:
+            targets.release()
+
+    def _eye(self, names: tuple[str, ...], factor: int = 1) -> EyeTargets:
+        state, size = self._state, (self.size[0] * factor, self.size[1] * factor)
+        blended = state.options.outlines and "colour" in names
+        made = EyeTargets(state.context, size, names, grey=state.patches.grey, blended=blended, read=state.read)
+        self._made.append(made)
+        return made
+
+    def _targets(self, attachments: dict[str, Attachment]) -> Targets:
         made = Targets(self._state.context, self.size, attachments, self._state.read)
-        self._parts.append(made)
+        self._made.append(made)
         return made
 
 
@@ -120,7 +106,7 @@ class DrawnPair:
 
     transforms: InstanceTransforms
     crop: Crop | None
-    sized: PairTargets
+    sized: SizedTargets
     eyes: dict[Eye, EyeTargets]
     views: dict[Eye, dict[str, Any]]
 
@@ -131,9 +117,7 @@ class DrawnPair:
 
 
 class TargetCache:
-    """Caches framebuffers: those of the latest pair size, and of the two latest sizes that are drawn without truth.
-
-    Lenses ask for denser images, of another size for each eye. Use the cache while its context is current.
+    """Caches the targets of the image sizes that were drawn last. Use the cache while its context is current.
 
     Args:
         state: the renderer's context, and what it is to draw.
@@ -141,42 +125,14 @@ class TargetCache:
 
     def __init__(self, state: RenderState) -> None:
         self._state = state
-        self._pairs: PairTargets | None = None
-        self._images: list[ImageTargets] = []  # the latest last
+        self._sized: dict[tuple[int, int], SizedTargets] = {}  # the latest last
 
-    def for_pairs(self, camera: StereoCamera, *, shared: bool) -> PairTargets:
-        """Return targets for a camera's pairs; make new ones where the size differs, or they cannot be shared.
-
-        Raises:
-            BackendError: where the driver refuses the size; the earlier targets are then kept.
-        """
-        latest, size = self._pairs, (camera.width_px, camera.height_px)
-        if latest is not None and latest.size == size and (latest.shared is not None or not shared):
-            return latest
-        self._pairs = PairTargets(self._state, size, shared=shared)
-        self._release(latest)
-        return self._pairs
-
-    def for_images(self, camera: StereoCamera) -> ImageTargets:
-        """Return targets for a camera's images without truth: the pairs' targets, where they have that size.
-
-        Raises:
-            BackendError: as `for_pairs`.
-        """
+    def of(self, camera: StereoCamera) -> SizedTargets:
+        """Return the targets of a camera's image size."""
         size = camera.width_px, camera.height_px
-        if self._pairs is not None and self._pairs.size == size:
-            return self._pairs
-        for number, latest in enumerate(self._images):
-            if latest.size == size:
-                self._images.append(self._images.pop(number))
-                return latest
-        self._images.append(ImageTargets(self._state, size))
-        if len(self._images) > len(EYES):
-            self._release(self._images.pop(0))
-        return self._images[-1]
-
-    def _release(self, outgrown: ImageTargets | None) -> None:
-        if outgrown is not None:
+        self._sized[size] = self._sized.pop(size) if size in self._sized else SizedTargets(self._state, size)
+        if len(self._sized) > _MOST_SIZES:
             # moderngl binds the framebuffer in use again after making another one, so it must not be one that is gone.
             self._state.context.gl.screen.use()
-            outgrown.release()
+            self._sized.pop(next(iter(self._sized))).release()
+        return self._sized[size]

@@ -17,8 +17,8 @@ def link_program(
 ) -> moderngl.Program:
     """Compile and link shaders.
 
-    ``vertex``, ``fragment`` and ``geometry`` name the shaders, and ``defines`` are for the fragment shader, and for the
-    geometry shader where it mentions them; see `shader_source`.
+    ``vertex``, ``fragment`` and ``geometry`` name the shaders, and ``defines`` are for the last two; see
+    `shader_source`.
 
     Raises:
         BackendError: where the driver refuses the shaders.
@@ -26,7 +26,7 @@ def link_program(
     try:
         return context.gl.program(
             vertex_shader=shader_source(vertex),
-            geometry_shader=None if geometry is None else _geometry_source(geometry, defines),
+            geometry_shader=None if geometry is None else shader_source(geometry, defines),
             fragment_shader=shader_source(fragment, defines),
         )
     except moderngl.Error as error:
@@ -61,11 +61,6 @@ def link_compute(context: GraphicsContext, compute: str, defines: Mapping[str, i
         raise BackendError(f"{context.renderer} does not compile {compute}: {error}") from error
 
 
-def _geometry_source(name: str, defines: Mapping[str, int]) -> str:
-    plain = shader_source(name)
-    return shader_source(name, {each: number for each, number in defines.items() if _mentions(plain, each)})
-
-
 def shader_source(name: str, defines: Mapping[str, int] | None = None) -> str:
     """Return the text of a shader.
 
@@ -74,18 +69,9 @@ def shader_source(name: str, defines: Mapping[str, int] | None = None) -> str:
 
     Raises:
         FileNotFoundError: where the file, or one that it includes, does not exist.
-        ValueError: where the text never mentions a name to define.
     """
     version, *body = _lines(name)
-    text = "\n".join(body)
-    for defined in defines or {}:
-        if not _mentions(text, defined):
-            raise ValueError(f"{name} does not know {defined}")
-    return "\n".join([version, *(f"#define {key} {value}" for key, value in (defines or {}).items()), text])
-
-
-def _mentions(text: str, name: str) -> bool:
-    return re.search(rf"\b{name}\b", text) is not None
+    return "\n".join([version, *(f"#define {key} {value}" for key, value in (defines or {}).items()), *body])
 
 
 def _lines(name: str) -> list[str]:

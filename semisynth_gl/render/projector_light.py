@@ -11,12 +11,23 @@ from semisynth_gl.inputs.arguments import LEAST
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.state import RenderState
-from semisynth_gl.render.structs import PROJECTOR, PROJECTOR_BINDING
 from semisynth_gl.render.targets import EyeTargets
 from semisynth_gl.scene.scene import Projector
 
-# Texture units of common_projector.glsl.
-_PATTERN, _REACHED = 2, 3
+PROJECTOR = np.dtype(
+    [
+        ("projector_from_window", "<f4", (4, 4)),  # column by column
+        ("middle_px", "<f4", 2),
+        ("projector_focal_px", "<f4"),
+        ("power", "<f4"),
+        ("ambient", "<f4"),
+        ("", "<f4", 3),
+    ]
+)
+"""The uniform block of common_projector.glsl, std140."""
+
+# Block and texture units of common_projector.glsl.
+_BINDING, _PATTERN, _REACHED = 1, 2, 3
 # Things may stand nearer to the projector than to the cameras.
 _NEARER = 0.1
 
@@ -42,7 +53,7 @@ class ProjectorLight:
         self._pattern = gl.texture(self._size, 1, np.ascontiguousarray(pattern), alignment=1)
         self._pattern.repeat_x = self._pattern.repeat_y = False
         self._buffer = gl.buffer(reserve=PROJECTOR.itemsize, dynamic=True)
-        self._buffer.bind_to_uniform_block(PROJECTOR_BINDING)
+        self._buffer.bind_to_uniform_block(_BINDING)
         self._reached: InstanceTransforms | None = None
 
     def reach(self, transforms: InstanceTransforms, draw: Callable[[InstanceTransforms, EyeTargets], object]) -> None:

@@ -158,12 +158,6 @@ class Renderer:
         """The "backend", the "renderer" (the driver's name for itself), and the driver's version of "opengl"."""
         return self._context.facts
 
-    def count_objects(self) -> dict[str, int]:
-        """Count the objects that the driver holds for this renderer, by kind such as "Texture", to find leaks."""
-        self._check_open()
-        with self._gl:
-            return self._context.unbound.count_objects()
-
     def render(
         self, scene: Scene, crop: Crop | None = None, *, future: Motion | None = None, past: Motion | None = None
     ) -> Frame:
@@ -232,7 +226,7 @@ class Renderer:
             self._check(shown)
         frames = []
         with self._current():
-            sized = self._targets.for_pairs(scene.camera, shared=len(scenes) > 1)
+            sized = self._targets.of(scene.camera)
             transforms = [self._composer.compose(shown) for shown in scenes]
             for pair in self._drawing.draw(transforms, crop, sized):
                 self._finish("draw")
@@ -281,7 +275,7 @@ class Renderer:
         if isinstance(eyes, str) or not set(eyes) <= set(EYES):
             raise InputError(f"expected some of {', '.join(EYES)}, got {eyes!r}", argument="eyes")
         with self._current():
-            sized = self._targets.for_images(scene.camera)
+            sized = self._targets.of(scene.camera)
             transforms = self._composer.compose(scene)
             return {eye: self._drawing.draw_image(transforms, eye, sized) for eye in eyes}
 

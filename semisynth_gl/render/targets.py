@@ -66,6 +66,10 @@ class Targets:
         read: takes the pixels of an attachment.
         depth_buffer: the depth buffer.
 
+    Attributes:
+        attachments: the attachments by name.
+        framebuffer: the framebuffer.
+
     Raises:
         BackendError: where the driver has no textures or framebuffers of that size.
     """
@@ -78,7 +82,7 @@ class Targets:
         read: Reader,
         depth_buffer: moderngl.Renderbuffer | None = None,
     ) -> None:
-        self._unbound, self._read, self._attachments = context.unbound, read, attachments
+        self._unbound, self._read, self.attachments = context.unbound, read, attachments
         gl = context.gl
         try:
             # Not every driver can draw into formats of three components.
@@ -96,7 +100,7 @@ class Targets:
     @property
     def names(self) -> tuple[str, ...]:
         """The attachments' names, in their order."""
-        return tuple(self._attachments)
+        return tuple(self.attachments)
 
     def limit(self, part: Crop | None) -> None:
         """Restrict drawing and clearing to a rectangle until the next call; None is the whole image."""
@@ -114,7 +118,7 @@ class Targets:
 
     def read(self, name: str, crop: Crop | None = None) -> Any:  # noqa: ANN401 - whatever the reader returns
         """Return an attachment, or a crop of it, as the reader does: by default an array (H, W[, C]), top row first."""
-        number, attachment = self.names.index(name), self._attachments[name]
+        number, attachment = self.names.index(name), self.attachments[name]
         rectangle = window(crop, self.framebuffer.size)
         return self._read(self.framebuffer, rectangle, number, attachment.kind, attachment.components)
 
@@ -186,7 +190,7 @@ class EyeTargets(Targets):
         if max(size) > limit:
             raise BackendError(
                 f"an image of {size[0]} x {size[1]} px was asked for, but {context.renderer} goes up to "
-                f"{limit} px a side: lower camera.width_px or camera.height_px"
+                f"{limit} px a side: lower camera.width_px or camera.height_px, or the factor of antialias"
             )
         self._depth_buffer = context.gl.depth_renderbuffer(size)
         context.unbound.make_depth_float32(self._depth_buffer.glo, *size)
@@ -194,7 +198,7 @@ class EyeTargets(Targets):
         super().__init__(context, size, attachments, read, self._depth_buffer)
         self._depth_alone = context.gl.framebuffer(depth_attachment=self._depth_buffer)
         self.disparity: Targets | None = None
-        if "inverse_depth" in self._attachments:
+        if "inverse_depth" in self.attachments:
             self.disparity = Targets(context, size, {"disparity": DRAWING["disparity"]}, read)
         self.blending = BlendTargets(context, self._textures["colour"], self._depth_buffer) if blended else None
 
@@ -213,7 +217,7 @@ class EyeTargets(Targets):
     def clear(self, *, depth: bool = True) -> None:
         """Bind the drawing pass's framebuffer; clear each attachment to its ``nothing`` and, by default, the depth."""
         self.framebuffer.use()
-        for number, attachment in enumerate(self._attachments.values()):
+        for number, attachment in enumerate(self.attachments.values()):
             if attachment.kind.startswith("u"):
                 self._unbound.clear_unsigned(number, int(attachment.nothing))
             else:

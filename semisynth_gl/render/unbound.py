@@ -22,10 +22,6 @@ _GL_TEXTURE_BASE_LEVEL, _GL_TEXTURE_MAX_LEVEL = 0x813C, 0x813D
 _GL_R8, _GL_R32F, _GL_RGB8, _GL_RGBA8, _GL_RED, _GL_RGBA = 0x8229, 0x822E, 0x8051, 0x8058, 0x1903, 0x1908
 _GL_UNSIGNED_BYTE, _GL_COLOR_ATTACHMENT0, _GL_UNPACK_ALIGNMENT = 0x1401, 0x8CE0, 0x0CF5
 
-# Kinds of objects that are counted, and the limit of the names that are tried: drivers hand out small names.
-_KINDS = ("Texture", "Buffer", "Framebuffer", "Renderbuffer", "Program", "VertexArray")
-_NAMES = 2048
-
 _UINT, _INT, _INTS = ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_int)
 _FLOATS, _UINTS = ctypes.POINTER(ctypes.c_float), ctypes.POINTER(ctypes.c_uint)
 
@@ -50,7 +46,6 @@ class UnboundCalls:
         self._pixel_store = function("glPixelStorei", _UINT, _INT)
         self._attach_level = function("glNamedFramebufferTexture", _UINT, _UINT, _UINT, _INT)
         self._reset_status = function("glGetGraphicsResetStatus", result=_UINT)
-        self._is_kind = {kind: function(f"glIs{kind}", _UINT, result=ctypes.c_ubyte) for kind in _KINDS}
 
     def set_up(self) -> None:
         """Map clip z to [0, 1] instead of [-1, 1], and keep colours as they are.
@@ -76,10 +71,6 @@ class UnboundCalls:
     def is_lost(self) -> bool:
         """Return whether the driver says that the context was lost, because the GPU was reset or taken away."""
         return bool(self._reset_status())
-
-    def count_objects(self) -> dict[str, int]:
-        """Return the number of the context's objects by kind, such as "Texture"; only names below 2048 are tried."""
-        return {kind: sum(map(is_kind, range(1, _NAMES))) for kind, is_kind in self._is_kind.items()}
 
     def mirror_beyond_border(self, texture: int) -> None:
         """Make a texture continue beyond its border as its mirror image."""

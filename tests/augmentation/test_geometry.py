@@ -17,7 +17,7 @@ from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import renderer_options
 from semisynth_gl.render.backends import is_software
-from semisynth_gl.render.devices import context_facts
+from semisynth_gl.render.context import context_facts
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sources import prepare_sources
@@ -122,7 +122,7 @@ def test_a_scaled_and_moved_pair_is_the_one_that_its_camera_sees(draw, warp, fy_
 def test_a_pair_that_is_not_changed_is_the_crop_bit_for_bit(draw, backend):
     whole = draw(1)
     # Depths are worked out anew from disparities, and a GPU's own division may be a step off.
-    steps = 0 if is_software(context_facts(backend).renderer) else 2
+    steps = 0 if is_software(context_facts(backend)["renderer"]) else 2
     crop = whole.cropped(Crop(10, 5, 90, 70))
     changed = Warp().applied(crop, (70, 90))
     assert changed.camera == crop.camera

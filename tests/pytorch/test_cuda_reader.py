@@ -8,6 +8,7 @@ from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
+from backends import count_objects
 from heavy import heavy
 from tiny_datasets import cheap
 
@@ -135,9 +136,9 @@ def test_what_is_drawn_reaches_cuda_as_it_is_read_back(backend, runtime, reader)
                 np.testing.assert_array_equal(tensors[role].numpy(), array, err_msg=role)
         # A buffer for each size, registered once: 1, 2, 3, 4, 8 and 12 bytes a pixel, for each of the two image sizes.
         assert runtime.calls.count("register") == 12
-        objects = renderer.renderer.count_objects()["Buffer"]
+        objects = count_objects(renderer.renderer)["Buffer"]
         reader.close()
-        assert renderer.renderer.count_objects()["Buffer"] == objects - 12
+        assert count_objects(renderer.renderer)["Buffer"] == objects - 12
         assert not runtime.registered
         reader.close()
     assert runtime.calls[:7] == ["set device", "devices", "register", "map", "pointer", "copy", "unmap"]

@@ -13,7 +13,7 @@ from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.topology import marked_solid
 from semisynth_gl.render import occlusion
 from semisynth_gl.render.backends import is_software
-from semisynth_gl.render.devices import context_facts
+from semisynth_gl.render.context import context_facts
 from semisynth_gl.render.model_buffers import ModelBuffers
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.raycast import cast_rays
@@ -27,7 +27,7 @@ CROP = Crop(90, 41, 50, 40)
 @pytest.fixture
 def drawn(backend, monkeypatch):
     """Let all scenes be searched, and count the instances or runs drawn: depth alone, then the image, for each eye."""
-    if not is_software(context_facts(backend).renderer):
+    if not is_software(context_facts(backend)["renderer"]):
         pytest.skip("hidden instances are left out where the processor draws")
     counts = []
 
