@@ -348,7 +348,7 @@ def test_a_picture_is_thrown_as_it_is_and_a_dataset_goes_on_with_no_other(tmp_pa
         generate(config, tmp_path / "set", 2)
     section = ProjectorSection(power=1, pattern=str(path))
     for picture, said in (
-        (levels, r"expected 1280 x 800 px .*pattern_width_px.*, got 140 x 90 px"),
+        (levels, "expected 1280 x 800 px, got 140 x 90 px .*: set pattern_width_px"),
         (np.full((800, 1280, 4), [255, 255, 255, 0], np.uint8), "save it without transparency"),
         (None, r"projector.pattern: .*own\.png: cannot be read: No such file"),
     ):
