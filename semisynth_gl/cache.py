@@ -1,9 +1,9 @@
 """The cache: results that are built once, and kept on disk for later runs.
 
 An entry is an .npz file, named by the SHA-256 of a key. The key holds everything that decides the result: values,
-states of files, versions of packages. The code of a builder is not part of the key. Its module has a `VERSION`;
-increase it with each change of what the builder makes of the same inputs, or of how it packs the result. tests/built.py
-finds changes without an increase.
+states of files, installed packages. The code of a builder is not part of the key. Its module has a `VERSION`; increase
+it with each change of what the builder makes of the same inputs, or of how it packs the result. tests/built.py finds
+changes without an increase.
 
 Where the cache is switched off, full, damaged or cannot be written to, the result is built again, and the run goes on.
 """
@@ -16,7 +16,6 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from importlib.metadata import version as package_version
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -56,18 +55,18 @@ def cached(
     Args:
         kind: the sort of result, with which the entry's name begins.
         version: the builder's version.
-        key: returns, in JSON's types, everything that decides the result. Where it raises OSError or ImportError, the
-            cache is not used.
+        key: returns, in JSON's types, everything but installed packages that decides the result. Where it raises
+            OSError, the cache is not used.
         work: what ``build`` does, such as "making models", logged as INFO before it begins; None where it is quick.
         build: returns the result.
         pack: turns a result into an entry; None keeps the result out of the cache.
         unpack: turns an entry into a result that equals the built one in every value.
     """
-    path = None
-    with suppress(OSError, ImportError):
-        if (folder := cache_folder()) is not None:
-            digest = hashlib.sha256(json.dumps([version, key()], sort_keys=True).encode()).hexdigest()
-            path = folder / f"{kind}-{digest}{SUFFIX}"
+    path, folder = None, cache_folder()
+    with suppress(OSError):
+        if folder is not None:
+            text = json.dumps([version, _installed_packages(), key()], sort_keys=True)
+            path = folder / f"{kind}-{hashlib.sha256(text.encode()).hexdigest()}{SUFFIX}"
     if path is not None:
         with suppress(Exception):  # there is no entry, or a damaged one, which may fail in any way
             return unpack(read_entry(path))
@@ -76,7 +75,7 @@ def cached(
     result = build()
     if path is not None and (entry := pack(result)) is not None:
         with suppress(OSError):
-            write_entry(path, entry)
+            _write_entry(path, entry)
     return result
 
 
@@ -86,13 +85,8 @@ def file_states(paths: Iterable[Path]) -> list[tuple[int, int, int]]:
     return [(status.st_size, status.st_mtime_ns, status.st_ctime_ns) for status in map(os.stat, paths)]
 
 
-def package_versions(*packages: str) -> dict[str, str]:
-    """Return the versions of packages by name; raises ImportError where a package is not installed."""
-    return {package: package_version(package) for package in packages}
-
-
-def installed_packages() -> list[str]:
-    """Return the names of all metadata folders, such as "x-1.0.dist-info", for results that any package may change."""
+def _installed_packages() -> list[str]:
+    """Return the names of all metadata folders, such as "numpy-2.2.0.dist-info"."""
     names = {path.name for folder in map(Path, sys.path) if folder.is_dir() for path in folder.iterdir()}
     return sorted(name for name in names if name.endswith((".dist-info", ".egg-info")))
 
@@ -102,10 +96,10 @@ def cache_folder() -> Path | None:
     chosen = os.environ.get(_VARIABLE, "")
     if chosen.lower() == "off":
         return None
+    base = Path(os.environ.get("XDG_CACHE_HOME", ""))
     try:
         if chosen:
             return Path(chosen).expanduser()
-        base = Path(os.environ.get("XDG_CACHE_HOME", ""))
         return (base if base.is_absolute() else Path.home() / ".cache") / "semisynth-gl"
     except RuntimeError:  # the user has no home folder
         return None
@@ -116,11 +110,6 @@ def cache_summary() -> str:
     folder = cache_folder()
     if folder is None:
         return "off"
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=folder).close()
-    except OSError as error:
-        return f"off: {folder} cannot be written to ({error.strerror}); set {_VARIABLE} to another folder"
     total = sum(path.stat().st_size for path in folder.glob(f"*{SUFFIX}"))
     return f"{folder}, {total / 1e6:.0f} MB of at most {LIMIT_BYTES / 1e6:.0f} MB"
 
@@ -132,8 +121,8 @@ def read_entry(path: Path) -> Entry:
     return Entry(json.loads(arrays.pop("values").tobytes()), arrays)
 
 
-def write_entry(path: Path, entry: Entry) -> None:
-    """Write an entry, then remove the oldest entries beyond `LIMIT_BYTES`; raises OSError where that fails."""
+def _write_entry(path: Path, entry: Entry) -> None:
+    """Write an entry, then remove the oldest entries beyond `LIMIT_BYTES`."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     content: Any = entry.arrays | {"values": np.frombuffer(json.dumps(entry.values).encode(), np.uint8)}
     # Under a name of its own until it is whole: other processes may read or write the same entry meanwhile.
@@ -144,9 +133,8 @@ def write_entry(path: Path, entry: Entry) -> None:
         Path(partial).replace(path)
     finally:
         Path(partial).unlink(missing_ok=True)
-    states = [(each.stat(), each) for each in path.parent.glob(f"*{SUFFIX}")]
-    room = LIMIT_BYTES
-    for status, each in sorted(states, key=lambda state: -state[0].st_mtime_ns):
-        room -= status.st_size
-        if room < 0:
+    size = 0
+    for each in sorted(path.parent.glob(f"*{SUFFIX}"), key=lambda each: -each.stat().st_mtime_ns):
+        size += each.stat().st_size
+        if size > LIMIT_BYTES:
             each.unlink(missing_ok=True)

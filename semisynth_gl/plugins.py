@@ -52,10 +52,6 @@ Records = Mapping[str, Mapping[str, Package]]
 """The package of each plug-in by group and name, in JSON's types."""
 
 
-class MissingPluginError(InputError):
-    """A plug-in that is asked for by name is not installed."""
-
-
 @dataclass(frozen=True)
 class Plugin:
     """What an installed package gives under a name; ``module`` is the package's top module."""
@@ -80,11 +76,8 @@ class Plugin:
         """SHA-256 of all modules of the package; raises OSError where they are not in files."""
         top = sys.modules[self.module]
         path = Path(next(iter(getattr(top, "__path__", None) or [str(top.__file__)])))
-        digest = hashlib.sha256()
-        for module in sorted(path.rglob("*.py")) or [path]:
-            content = module.read_bytes()
-            digest.update(f"{module.relative_to(path.parent).as_posix()} {len(content)}\n".encode() + content)
-        return digest.hexdigest()
+        modules = sorted(path.rglob("*.py")) or [path]
+        return hashlib.sha256(b"\0".join(module.read_bytes() for module in modules)).hexdigest()
 
 
 @cache
@@ -103,19 +96,19 @@ def installed_plugins() -> Mapping[tuple[Group, str], Plugin]:
     return found
 
 
-def plugin_names(group: Group) -> list[str]:
-    """Return the names of the installed plug-ins of a group, sorted."""
-    return sorted(name for each, name in installed_plugins() if each == group)
+def names_of_group(group: Group) -> list[str]:
+    """Return the names of a group, sorted: the program's own and those of installed plug-ins."""
+    return sorted([*BUILT_IN[group], *(name for each, name in installed_plugins() if each == group)])
 
 
 def find_plugin(group: Group, name: str) -> Plugin:
-    """Return the plug-in of a name; raises MissingPluginError where no installed package has it."""
+    """Return the plug-in of a name; raises InputError where no installed package has it."""
     if plugin := installed_plugins().get((group, name)):
         return plugin
-    known = sorted([*BUILT_IN[group], *plugin_names(group)])
+    known = names_of_group(group)
     expected = f"expected one of {', '.join(known)}" if known else "no installed package has any"
-    hint = did_you_mean(near(str(name), known))
-    raise MissingPluginError(f"{NOUNS[group]}: {expected}, got {shown(name)}{'; ' if hint else ''}{hint}")
+    hint = did_you_mean(near(name, known))
+    raise InputError(f"{NOUNS[group]}: {expected}, got {shown(name)}; {hint}".removesuffix("; "))
 
 
 def plugin_records(used: Iterable[tuple[Group, str]]) -> dict[str, dict[str, Package]]:
@@ -126,18 +119,20 @@ def plugin_records(used: Iterable[tuple[Group, str]]) -> dict[str, dict[str, Pac
     return records
 
 
-def require_plugins(records: Records, groups: Collection[Group] = tuple(NOUNS), *, same: bool = False) -> None:
+def require_plugins(
+    where: object, records: Records, groups: Collection[Group] = tuple(NOUNS), *, same: bool = False
+) -> None:
     """Check that the plug-ins of a dataset's records are installed, for some groups.
 
-    Where ``same`` is set, they must come from the same packages in the same versions. Raises MissingPluginError, with
-    the command to install it, where a plug-in is missing.
+    Where ``same`` is set, they must come from the same packages in the same versions. Raises InputError, which begins
+    with ``where`` and tells the command that installs the package, where a plug-in is missing.
     """
     for group in groups:
         for name, record in records.get(group, {}).items():
             plugin = installed_plugins().get((group, name))
             if plugin is None or (same and plugin.record != record):
                 package, version = record["package"], record["version"]
-                raise MissingPluginError(
-                    f"{NOUNS[group]} {name!r} comes from the plug-in package {package} {version}, which is not "
-                    f"installed: pip install {package}=={version}"
+                raise InputError(
+                    f"{where}: {NOUNS[group]} {name!r} comes from the plug-in package {package} {version}, which is "
+                    f"not installed: pip install {package}=={version}"
                 )

@@ -21,7 +21,7 @@ from semisynth_gl.dataset.names import FORMAT, PROGRAM, shard_name
 from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate, shown
 from semisynth_gl.layouts import Key, Layout, find_layout, layout_names
 from semisynth_gl.layouts.key import sequence_length
-from semisynth_gl.plugins import MissingPluginError, Package, require_plugins
+from semisynth_gl.plugins import Package, require_plugins
 from semisynth_gl.seeds.splits import SPLITS, Split, SplitName
 
 _FAULTS_SHOWN = 3
@@ -288,9 +288,8 @@ def parse_values(model: type[_Document], values: Mapping[str, Any], path: Path) 
     """Return a document of values in JSON's types; the path is for messages.
 
     Raises:
-        InputError: where a newer program wrote the dataset.
+        InputError: where a newer program wrote the dataset, or the layout is a plug-in's that is not installed.
         ReadError: where keys are wrong or missing; the message has the expected and the found values.
-        MissingPluginError: where the layout is a plug-in's that is not installed.
     """
     number = values.get("format")
     if issubclass(model, Plan) and isinstance(number, int) and number > FORMAT:
@@ -308,9 +307,6 @@ def parse_values(model: type[_Document], values: Mapping[str, Any], path: Path) 
             faults.append(f"{key}: {reason_of(fault)}{came}".removeprefix(": "))
         raise ReadError(path, abbreviate(faults, _FAULTS_SHOWN)) from None
     if isinstance(document, Plan) and document.layout_name not in layout_names():
-        try:
-            require_plugins(document.plugins, ["layouts"])
-        except MissingPluginError as error:
-            raise MissingPluginError(f"{path}: {error}") from None
+        require_plugins(path, document.plugins, ["layouts"])
         raise ReadError(path, f"layout: expected one of {', '.join(layout_names())}")
     return document

@@ -30,7 +30,7 @@ from semisynth_gl.dataset.root import (
     write,
 )
 from semisynth_gl.inputs.errors import InputError, abbreviate
-from semisynth_gl.plugins import MissingPluginError, require_plugins
+from semisynth_gl.plugins import require_plugins
 from semisynth_gl.scene.sources import Sources
 from semisynth_gl.seeds.splits import SplitName
 
@@ -42,19 +42,15 @@ def read_plan(root: UPath) -> Plan | None:
     """Read the plan of a dataset; return None where the root has no plan.
 
     Raises:
-        InputError: where a newer program wrote the plan.
+        InputError: where a newer program wrote the plan, or it names a plug-in that is not installed.
         ReadError: where it is damaged.
-        MissingPluginError: where it names a plug-in that is not installed.
     """
     with clear_errors(root):
         data = read_if_there(root, PLAN)
     if data is None:
         return None
     plan = parse(Plan, data, path_of(root, PLAN))
-    try:
-        require_plugins(plan.plugins)
-    except MissingPluginError as error:
-        raise MissingPluginError(f"{root}: {error}") from None
+    require_plugins(root, plan.plugins)
     return plan
 
 

@@ -4,7 +4,7 @@ from semisynth_gl.dataset.reader import StoredIndex
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.plugins import MissingPluginError, require_plugins
+from semisynth_gl.plugins import require_plugins
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.sources import recipe_libraries
@@ -18,8 +18,8 @@ class RebuiltScenes:
     ``config`` and ``seed`` are the dataset's, and ``models`` are the meshes that `Scene.model` indexes.
 
     Raises:
-        InputError: where the dataset is not finished, or models are missing.
-        MissingPluginError: where a plug-in that made models is missing or has another version.
+        InputError: where the dataset is not finished, or models are missing, or a plug-in that made models is missing
+            or has another version.
     """
 
     def __init__(self, index: StoredIndex, split: SplitName) -> None:
@@ -28,11 +28,8 @@ class RebuiltScenes:
         if made is None or not described or not described.patches:
             raise InputError(f"{index.root}: the scenes cannot be rebuilt: {index.fault or 'its index has no patches'}")
         self.config, self.seed, part = made.config, made.seed, made.split(split)
-        try:
-            # Another version of a plug-in may make other models. Recipes need no check: the config has their keys.
-            require_plugins(made.plugins, ["models"], same=True)
-        except MissingPluginError as error:
-            raise MissingPluginError(f"{index.root}: the scenes cannot be rebuilt: {error}") from None
+        # Another version of a plug-in may make other models. Recipes need no check: the config has their keys.
+        require_plugins(f"{index.root}: the scenes cannot be rebuilt", made.plugins, ["models"], same=True)
         libraries = recipe_libraries(self.config, part)
         self._sampler = MixSampler(
             self.config, part.seed, libraries, tuple(Patch(**each.values()) for each in described.patches)

@@ -243,10 +243,6 @@ class StereoCamera:
         """Focal length in x times baseline, px m."""
         return self.focal_px * self.baseline_m
 
-    def cx_px(self, eye: Eye) -> float:
-        """Return x of one eye's principal point."""
-        return self.cx_left_px if eye == "left" else self.cx_right_px
-
     def lens_px(self, eye: Eye) -> tuple[float, float, float, float]:
         """Return x and y of one eye's principal point, and the eye's focal lengths in x and y, px."""
         if eye == "left":

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.cache import Entry, cached, file_states, installed_packages, package_versions
+from semisynth_gl.cache import Entry, cached, file_states
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
 from semisynth_gl.geometry.families import build_family
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS, kind_weights
@@ -79,10 +79,7 @@ def build_library(section: ModelsSection, particles: ParticlesSection, split: Sp
             "split": [split.name, sorted(split.held_out.items()) if split.models else []],
             # Only the reader of a model knows which files it opens, so all count.
             "files": [[[str(path.absolute()) for path in group], file_states(group)] for group in files],
-            "versions": package_versions("numpy", "pyrr"),
-            "families": {plugin.name: [plugin.record, plugin.code_sha256] for plugin in families},
-            # A reader or a family may use any package.
-            "readers": installed_packages() if folders or families else [],
+            "families": {plugin.name: plugin.code_sha256 for plugin in families},
         }
 
     return cached(

@@ -43,10 +43,7 @@ def to_whole(name: str, value: object, least: int | None = None, most: int | Non
         raise _unfit(name, "a whole number", value)
     number = int(value)
     if (least is not None and number < least) or (most is not None and number > most):
-        limits = (
-            f"{least} or more" if most is None else f"at most {most}" if least is None else f"from {least} to {most}"
-        )
-        raise _unfit(name, limits, number)
+        raise _unfit(name, f"{least} or more" if most is None else f"from {least} to {most}", number)
     return number
 
 

@@ -8,7 +8,7 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.layouts.builtin import BUILT_IN
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.layout import Layout, view_stems
-from semisynth_gl.plugins import find_plugin, plugin_names
+from semisynth_gl.plugins import find_plugin, names_of_group
 from semisynth_gl.seeds.splits import SPLITS
 
 __all__ = ["LAYOUTS", "Key", "Layout", "find_layout", "layout_names", "view_stems"]
@@ -19,7 +19,7 @@ _NEEDED = {"left", "right", "disparity_left", "provenance"}
 
 def layout_names() -> tuple[str, ...]:
     """Return the names of all layouts, plug-ins included, sorted."""
-    return tuple(sorted([*LAYOUTS, *plugin_names("layouts")]))
+    return tuple(names_of_group("layouts"))
 
 
 @cache
@@ -27,8 +27,7 @@ def find_layout(name: str) -> Layout:
     """Return the layout with a name.
 
     Raises:
-        MissingPluginError: where no layout has the name.
-        InputError: where `check_layout` refuses a plug-in's layout.
+        InputError: where no layout has the name, or `check_layout` refuses a plug-in's layout.
     """
     if name in BUILT_IN:
         return BUILT_IN[name]

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from semisynth_gl.cache import Entry, cached, package_versions
+from semisynth_gl.cache import Entry, cached
 from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.scene import Floats
@@ -51,7 +51,6 @@ def sample_pilots(config: Config, seed: int, catalogue: Catalogue) -> list[Pilot
             "sections": config.model_dump(mode="json", include=_SECTIONS),
             "seed": seed,
             "models": models.hexdigest(),
-            "versions": package_versions("numpy", "pyrr"),
         }
 
     def sample(number: int) -> Pilot:

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from semisynth_gl.cache import Entry, cached, file_states, installed_packages, package_versions
+from semisynth_gl.cache import Entry, cached, file_states
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
@@ -57,9 +57,7 @@ def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path]
             "seed": split.seed,
             "images": list(map(str, images)),
             "files": file_states(images),
-            "versions": package_versions("numpy", "Pillow"),
-            # A plug-in may use any other package.
-            "plugin": source.plugin and [source.plugin.record, source.plugin.code_sha256, installed_packages()],
+            "plugin": source.plugin and source.plugin.code_sha256,
         }
 
     return cached(

@@ -73,7 +73,7 @@ def describe_source(name: str) -> TextureSource:
 
 
 def open_source(name: str) -> TextureSource:
-    """Return a source by its name in a config; raises MissingPluginError where no source has the name."""
+    """Return a source by its name in a config; raises InputError where no source has the name."""
     if name in SOURCES:
         return SOURCES[name]
     plugin = find_plugin("textures", name)

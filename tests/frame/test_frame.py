@@ -160,7 +160,7 @@ def test_points_lie_on_the_surface_that_was_drawn(open_renderer):
         step = np.cross(points[20, 31] - points[20, 30], points[21, 30] - points[20, 30])
         np.testing.assert_allclose(-step / np.linalg.norm(step), view.normals[20, 30], atol=1e-3)
         # The pixel again: the camera looks through its centre.
-        x_px = camera.cx_px(eye) + camera.focal_px * (points[..., 0] - camera.offset_m(eye)) / points[..., 2]
+        x_px = camera.lens_px(eye)[0] + camera.focal_px * (points[..., 0] - camera.offset_m(eye)) / points[..., 2]
         np.testing.assert_allclose(x_px[seen], np.mgrid[:48, :64][1][seen], atol=1e-3)
 
 

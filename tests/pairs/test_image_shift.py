@@ -156,7 +156,7 @@ def test_imperfections_leave_images_on_their_truth(plane, values):
     rng = np.random.default_rng(0)
 
     def point(eye, right=0, down=0):
-        return CAMERA.cx_px(eye) - right, CAMERA.cy_px - down
+        return CAMERA.lens_px(eye)[0] - right, CAMERA.cy_px - down
 
     def levels(image, eye):
         of_levels = Imperfections(**{key: value for key, value in values.items() if key in OF_LEVELS})

@@ -91,7 +91,7 @@ def check(numbers, antialias="none"):
         # A rasteriser moves vertices by up to 1/256 px, and float32 rounds their places in the image.
         nearest_m = np.maximum(np.abs(corners[:, 2]).min(), scene.near_m)
         across_px = camera.focal_px * (np.abs(corners[:, :2]).max() + camera.baseline_m + 2 * reach_m) / nearest_m
-        aside = 1 / 16 + 2.0**-22 * (abs(camera.cx_px(eye)) + abs(camera.cy_px) + across_px)
+        aside = 1 / 16 + 2.0**-22 * (abs(camera.lens_px(eye)[0]) + abs(camera.cy_px) + across_px)
         around = []
         # Nearby rays too: those farther aside may pass a wall that is narrower than a pixel on both sides.
         away = [far for near in (1 / 1024, 1 / 256, 1 / 64, aside) for far in (near, -near)]
