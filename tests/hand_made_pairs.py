@@ -76,6 +76,7 @@ def make_provenance(index):
     """As the pipeline makes them: some keys are there only for some pairs, and 1 stands beside 0.5."""
     provenance = {
         "pair": index,
+        "split": "train",
         "program": "semisynth-gl",
         "version": "0.1.0",
         "config": "lab",
@@ -104,7 +105,7 @@ def encode(layout, index, split="train", frame=None, encodings=None, length=None
 def encoded(layout, index, split="train", frame=None, encodings=None, length=None):
     key = Key("lab", split, index, length)
     frame = make_frame(index) if frame is None else frame
-    provenance = make_provenance(index) | {"camera": frame.camera.values()}
+    provenance = make_provenance(index) | {"split": split, "camera": frame.camera.values()}
     return encode_pair(layout, key, frame, provenance, 256, encodings or layout.encodings or Encodings())
 
 

@@ -20,7 +20,7 @@ from semisynth_gl.config.model import Config
 from semisynth_gl.dataset.names import FORMAT, PROGRAM, shard_name
 from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate, shown
 from semisynth_gl.layouts import Key, Layout, find_layout, layout_names
-from semisynth_gl.layouts.key import sequence_length
+from semisynth_gl.layouts.layout import sequence_length
 from semisynth_gl.plugins import Package, require_plugins
 from semisynth_gl.seeds.splits import SPLITS, Split, SplitName
 
@@ -139,8 +139,7 @@ class Plan(Document):
 
     def key(self, split: SplitName, index: int) -> Key:
         """Return the key of a pair, which names its files."""
-        length = sequence_length(self.config.outputs, self.config.sequence.length)
-        return Key(self.name, split, index, length, self.views)
+        return Key(self.name, split, index, sequence_length(self.config), self.views)
 
     def files(self, split: SplitName, index: int) -> dict[str, str]:
         """Return the path of each file of a pair by role: below the dataset's folder, or inside a tar."""

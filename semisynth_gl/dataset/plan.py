@@ -12,7 +12,7 @@ from semisynth_gl.frame.channels import CHANNELS
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, counted, shown
 from semisynth_gl.layouts import LAYOUTS, Layout, find_layout
-from semisynth_gl.layouts.key import sequence_length
+from semisynth_gl.layouts.layout import sequence_length
 from semisynth_gl.plugins import Records, plugin_records
 from semisynth_gl.seeds.splits import SPLITS, SplitName
 
@@ -79,7 +79,7 @@ def make_plan(
 
 def _check_layout(config: Config, layout_name: str, layout: Layout) -> None:
     """Raise InputError where a layout cannot hold a config's outputs, encodings or sequences."""
-    encodings, length = layout.encodings_for(config), sequence_length(config.outputs, config.sequence.length)
+    encodings, length = layout.encodings_for(config), sequence_length(config)
     raw = [channel.output for channel in CHANNELS.values() if channel.of_sensor and channel.output in config.outputs]
     reason = ""
     if layout.encodings is not None and config.files != type(config.files)():

@@ -123,7 +123,7 @@ def encode_pair(
             if counts:
                 beyond[channel.beyond_key] = counts
     provenance = {**provenance, **beyond}
-    sample = Sample(key, frame, provenance, ndisp)
+    sample = Sample(frame, provenance, ndisp)
     roles = {path: layout.role(name) for name, path in layout.files(key, encodings).items()}
     made = frame.arrays().keys()
     files = {
@@ -135,8 +135,8 @@ def encode_pair(
 
 
 def decode_file(layout: Layout, role: str, data: bytes, path: Path, encodings: Encodings) -> Any:  # noqa: ANN401 - by role
-    """Decode a role's file to what `Role.unwrap` returns; the path is for messages. Raises as `Codec.decode` does."""
-    return layout.role(role).unwrap(layout.role(role).codec(encodings).decode(data, path), path)
+    """Decode a role's file; the path is for messages. Raises as `Codec.decode` does."""
+    return layout.role(role).codec(encodings).decode(data, path)
 
 
 def wrong_sizes(values: Mapping[str, Any], size: tuple[int, int]) -> Iterator[tuple[str, str]]:
@@ -192,7 +192,7 @@ def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) ->
         if visible is not None:
             arrays[mask] = mask_from_not_occluded(arrays[role], visible, channel, eye, path)
         elif mask in arrays:
-            arrays[mask] = restore_outside(arrays[mask], arrays[role], channel, eye)
+            arrays[mask] = restore_outside(arrays[mask], arrays[role], eye)
     calibration, provenance = values.get("calibration"), values["provenance"]
     try:
         # The calibration of a deviating pair describes its rectified twin.
@@ -211,7 +211,7 @@ def _with_outside(frame: Frame, eye: Eye) -> View:
     if frame.camera.rectified or not view.keys() >= {"disparity", "visibility"}:
         return view
     way = view["correspondence"] if "correspondence" in view else frame.correspondences(eye).astype(np.float32)
-    return view.with_channels({"visibility": restore_outside(view["visibility"], way, View.correspondence, eye)})
+    return view.with_channels({"visibility": restore_outside(view["visibility"], way, eye)})
 
 
 def _invalidate(frame: Frame, channel: Channel[Any], codec: Codec[Any]) -> tuple[Frame, dict[str, int]]:

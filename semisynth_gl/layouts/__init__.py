@@ -6,8 +6,7 @@ from semisynth_gl.codecs import Encodings
 from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.layouts.builtin import BUILT_IN
-from semisynth_gl.layouts.key import Key
-from semisynth_gl.layouts.layout import Layout, view_stems
+from semisynth_gl.layouts.layout import Key, Layout, view_stems
 from semisynth_gl.plugins import find_plugin, names_of_group
 from semisynth_gl.seeds.splits import SPLITS
 

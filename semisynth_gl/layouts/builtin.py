@@ -11,21 +11,17 @@ from typing import Any
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.jpeg import Jpeg
-from semisynth_gl.codecs.json_object import JSON_OBJECT
+from semisynth_gl.codecs.json_object import JsonObject
 from semisynth_gl.codecs.pfm import FlowPfm
 from semisynth_gl.codecs.png16 import CRESTEREO_DISPARITY, KITTI_DISPARITY, FlowPng16
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.channels import CHANNELS, FLOW_OUTPUTS, View
 from semisynth_gl.inputs.errors import ReadError
-from semisynth_gl.layouts.key import Key
-from semisynth_gl.layouts.layout import Layout, view_stems
+from semisynth_gl.layouts.layout import Key, Layout, view_stems
 from semisynth_gl.layouts.roles import ROLES, Sample
 from semisynth_gl.seeds.splits import SplitName
 
 _PAIR_LINE = "{left} {right} {disparity_left}\n"
-_FLOW_ROLES = {channel.role(eye) for channel in CHANNELS.values() if channel.output in FLOW_OUTPUTS for eye in EYES}
-# Middlebury's names for y_left - y_right in pairs that are not rectified.
-_VERTICAL = {"disparity_y_left": "disp0y", "disparity_y_right": "disp1y"}
 
 
 def _below(folder: str, names: Mapping[str, str]) -> dict[str, str]:
@@ -34,23 +30,35 @@ def _below(folder: str, names: Mapping[str, str]) -> dict[str, str]:
 
 # Middlebury's scenes, and layouts like them
 
+_SCENE = {
+    "image": "im{n}",
+    "instances": "inst{n}",
+    "visibility": "mask{n}nocc",
+    "flow_visibility": "flow_mask{n}",
+    "flow_backward_visibility": "flow_backward_mask{n}",
+}
+# What tells a pair's change to another moment, view by view.
+_FLOW = {
+    channel.role(eye): view_stems(_SCENE, "{channel}{n}")[channel.role(eye)]
+    for eye in EYES
+    for channel in CHANNELS.values()
+    if channel.output in FLOW_OUTPUTS
+}
+# y_left - y_right, in pairs that are not rectified.
+_VERTICAL = {"disparity_y_left": "disp0y", "disparity_y_right": "disp1y"}
+_ABOUT = {"calibration": "calib", "provenance": "pair"}
 
-def _scene_stems(**names: str) -> tuple[dict[str, str], dict[str, str]]:
-    """Return names by role for the pair's own moment, and those for its change to another moment, view by view."""
-    masks = {"visibility": "mask{n}nocc", "flow_visibility": "flow_mask{n}"}
-    masks |= {"flow_backward_visibility": "flow_backward_mask{n}"}
-    stems = view_stems({"image": "im{n}", "instances": "inst{n}", **masks, **names}, "{channel}{n}")
-    now = {role: stem for role, stem in stems.items() if role not in _FLOW_ROLES}
-    flow = [channel.role(eye) for eye in EYES for channel in CHANNELS.values() if channel.output in FLOW_OUTPUTS]
-    return now, {role: stems[role] for role in flow}
+
+def _now(**names: str) -> dict[str, str]:
+    """Return names by role for the pair's own moment."""
+    stems = view_stems(_SCENE | names, "{channel}{n}")
+    return {role: stem for role, stem in stems.items() if role not in _FLOW}
 
 
-_NOW, _FLOW = _scene_stems(disparity="disp{n}GT")
+_GT = _now(disparity="disp{n}GT")
 
 _MIDDLEBURY = Layout(
-    stems=_below(
-        "MiddEval3/trainingF/{name}/", _NOW | _VERTICAL | _FLOW | {"calibration": "calib", "provenance": "pair"}
-    ),
+    stems=_below("MiddEval3/trainingF/{name}/", _GT | _VERTICAL | _FLOW | _ABOUT),
     lists={"MiddEval3/official_train.txt": "{name}\n"},
     # Loaders of half or quarter size list the scenes in one folder and may read them in another.
     links={
@@ -66,7 +74,7 @@ _ETH3D = Layout(
     stems=_below("two_view_training/{name}/", {"left": "im0", "right": "im1", "calibration": "calib"})
     | _below(
         "two_view_training_gt/{name}/",
-        {role: name for role, name in _NOW.items() if role not in EYES} | {"provenance": "pair"} | _FLOW,
+        {role: name for role, name in _GT.items() if role not in EYES} | {"provenance": "pair"} | _FLOW,
     ),
     links={f"ETH3D/{folder}": f"../{folder}" for folder in ("two_view_training", "two_view_training_gt")},
     needs=frozenset({"visibility"}),
@@ -75,16 +83,14 @@ _ETH3D = Layout(
     three_channels=True,  # for RAFT-Stereo's demo; ETH3D's own grey images have three channels too
 )
 
-_NOW_2014, _ = _scene_stems(disparity="disp{n}")
-
 # im1E and im1L are the right image one stop darker and one stop brighter. torchvision selects scenes by the ending.
 _MIDDLEBURY_2014 = Layout(
     stems=_below(
         "2014/{name}-perfect/",
         {"left": "im0", "right": "im1", "right_under": "im1E", "right_over": "im1L"}
-        | _NOW_2014
+        | _now(disparity="disp{n}")
         | _VERTICAL
-        | {"calibration": "calib", "provenance": "pair"}
+        | _ABOUT
         | _FLOW,
     ),
     lists={
@@ -103,7 +109,8 @@ _MIDDLEBURY_2014 = Layout(
 
 # KITTI numbers frames with two digits from here on.
 _FIRST_FRAME = 10
-# Folders that are not named by their channel, in the order in which a pair's files are listed.
+_PLAIN = {role: stem for role, stem in view_stems({}, "{channel}_{n}").items() if "visibility" not in role}
+# In the order in which a pair's files are listed.
 _KITTI_FOLDERS = {
     "left": "image_2",
     "right": "image_3",
@@ -112,10 +119,7 @@ _KITTI_FOLDERS = {
     "disparity_right": "disp_occ_1",
     "not_occluded_right": "disp_noc_1",
     "objects": "obj_map",
-    "instances_left": "instances_0",
-    "instances_right": "instances_1",
-    "depth_left": "depth_0",
-    "depth_right": "depth_1",
+    **{role: _PLAIN[role] for role in ("instances_left", "instances_right", "depth_left", "depth_right")},
     **{
         f"{flow}_{seen}{eye}": f"{flow}_{short}{'' if eye == 'left' else '_right'}"
         for flow in ("flow", "flow_backward")
@@ -123,6 +127,7 @@ _KITTI_FOLDERS = {
         for seen, short in (("", "occ"), ("not_occluded_", "noc"))
     },
 }
+_KITTI_FOLDERS |= {role: folder for role, folder in _PLAIN.items() if role not in _KITTI_FOLDERS}
 
 
 def _kitti_fields(key: Key) -> dict[str, str]:
@@ -136,21 +141,8 @@ def _kitti_fields(key: Key) -> dict[str, str]:
 
 
 _KITTI = Layout(
-    stems={
-        **{
-            role: f"training/{folder}/{{file}}"
-            for role, folder in (
-                _KITTI_FOLDERS
-                | {
-                    role: stem
-                    for role, stem in view_stems({}, "{channel}_{n}").items()
-                    if role not in _KITTI_FOLDERS and "visibility" not in role
-                }
-            ).items()
-        },
-        "calib_cam_to_cam": "training/calib_cam_to_cam/{calib}",
-        "provenance": "pairs/{pair}",
-    },
+    stems={role: f"training/{folder}/{{file}}" for role, folder in _KITTI_FOLDERS.items()}
+    | {"calib_cam_to_cam": "training/calib_cam_to_cam/{calib}", "provenance": "pairs/{pair}"},
     fields=_kitti_fields,
     lists={"filenames/KITTI_2015_{short_split}.txt": _PAIR_LINE},
     links={"Kitti2015/training": "../training"},
@@ -171,6 +163,12 @@ _KITTI = Layout(
 _THINGS = "SceneFlow/FlyingThings3D"
 _CLEAN, _FINAL = "frames_cleanpass", "frames_finalpass"
 _FRAMES = 1000
+_DRIVING = [
+    f"{length}mm_focallength/scene_{way}wards/{speed}"
+    for length in (35, 15)
+    for way in ("back", "for")
+    for speed in ("fast", "slow")
+]
 _PARTS: Mapping[SplitName, str] = {"train": "TRAIN", "validation": "TEST", "test": "TEST"}
 
 
@@ -205,17 +203,12 @@ _SCENEFLOW = Layout(
     links={f"{_THINGS}/frames_disparity": "disparity", f"{_THINGS}/{_FINAL}": _CLEAN},
     # PSMNet and HSM list these.
     folders=tuple(
-        f"{_THINGS}/{name.format(tree)}"
+        f"{_THINGS}/{folder}"
         for tree in (_CLEAN, "disparity")
-        for name in (
-            *(f"{{}}/{part}/{letter}" for part in ("TRAIN", "TEST") for letter in "ABC"),
-            "monkaa_{}",
-            *(
-                f"driving_{{}}/{length}mm_focallength/scene_{way}wards/{speed}/left"
-                for length in (35, 15)
-                for way in ("back", "for")
-                for speed in ("fast", "slow")
-            ),
+        for folder in (
+            *(f"{tree}/{part}/{letter}" for part in ("TRAIN", "TEST") for letter in "ABC"),
+            f"monkaa_{tree}",
+            *(f"driving_{tree}/{scene}/left" for scene in _DRIVING),
         )
     ),
     together=frozenset({"train", "test"}),
@@ -274,7 +267,7 @@ def _facts(sample: Sample) -> dict[str, Any]:
     beyond = provenance.get(View.disparity.beyond_key, {})
     return {
         "pair": int(provenance["pair"]),
-        "split": sample.key.split,
+        "split": str(provenance["split"]),
         **{name: str(provenance[name]) for name in ("config", "config_sha256", "version", "renderer", "backend")},
         **{name: int(provenance[name]) for name in ("seed", "sequence", "frame")},
         **({"view": int(provenance["view"])} if "view" in provenance else {}),
@@ -288,18 +281,20 @@ def _facts(sample: Sample) -> dict[str, Any]:
     }
 
 
-def _provenance(facts: Mapping[str, Any], path: Path) -> dict[str, Any]:
-    text = facts.get("provenance")
-    if not isinstance(text, str):
-        raise ReadError(path, f"expected the provenance as text, got {type(text).__name__}")
-    return JSON_OBJECT.decode(text.encode(), path)
+class _Facts(JsonObject):
+    """The JSON of `_facts`; it is decoded to the provenance."""
 
+    def decode(self, data: bytes, path: Path) -> dict[str, Any]:
+        text = super().decode(data, path).get("provenance")
+        if not isinstance(text, str):
+            raise ReadError(path, f"expected the provenance as text, got {type(text).__name__}")
+        return super().decode(text.encode(), path)
 
-_TAR_NOW, _ = _scene_stems(image="{view}", disparity="disp{n}", visibility="mask{n}")
 
 _WEBDATASET = Layout(
-    stems=_below("{index:08d}.", _TAR_NOW | _FLOW) | {"provenance": "{index:08d}"},
-    roles={"provenance": replace(ROLES["provenance"], value=_facts, unwrap=_provenance)},
+    stems=_below("{index:08d}.", _now(image="{view}", disparity="disp{n}", visibility="mask{n}") | _FLOW)
+    | {"provenance": "{index:08d}"},
+    roles={"provenance": replace(ROLES["provenance"], codec_or_name=_Facts(), value=_facts)},
     packed=True,
 )
 

@@ -6,12 +6,53 @@ from dataclasses import dataclass, field, replace
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import EYES
-from semisynth_gl.frame.channels import CHANNELS, Colour, TruthViews
-from semisynth_gl.layouts.key import Key
+from semisynth_gl.frame.channels import CHANNELS, FLOW_OUTPUTS, TruthViews
 from semisynth_gl.layouts.roles import ROLES, Role
 from semisynth_gl.seeds.splits import SplitName
 
 _SHORT_SPLITS: Mapping[SplitName, str] = {"train": "train", "validation": "val", "test": "test"}
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """The identity of a pair in a dataset, after which layouts name its files.
+
+    Attributes:
+        config: the config's name; letters, digits and hyphens.
+        index: the pair's number in the split, from 0.
+        sequence_length: see `sequence_length`; None where names only tell pairs apart.
+        views: number of pairs that show each scene, see `semisynth_gl.config.Config.views`. Loaders then see one
+            sequence for each right view, whose frames are every ``views``-th pair.
+    """
+
+    config: str
+    split: SplitName
+    index: int
+    sequence_length: int | None = None
+    views: int = 1
+
+    @property
+    def sequence(self) -> int:
+        """The number of the sequence in which loaders see the pair; `index` where `sequence_length` is None."""
+        if self.sequence_length is None:
+            return self.index
+        scene, view = divmod(self.index, self.views)
+        return scene // self.sequence_length * self.views + view
+
+    @property
+    def frame(self) -> int:
+        """The pair's number in its `sequence`, from 0; 0 where `sequence_length` is None."""
+        return 0 if self.sequence_length is None else self.index // self.views % self.sequence_length
+
+    @property
+    def name(self) -> str:
+        """A name for the pair; up to a million pairs, names sort in the order of the indices."""
+        return f"{self.config}-{self.index:06d}"
+
+
+def sequence_length(config: Config) -> int | None:
+    """Return the number of frames that loaders of flow see in a sequence; None for a dataset without flow."""
+    return config.sequence.length if FLOW_OUTPUTS.intersection(config.outputs) else None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,11 +107,7 @@ class Layout:
     ) -> dict[str, str]:
         """Return the path of each file of a pair by role, below the split's folder or inside the shard's tar.
 
-        Args:
-            key: the pair.
-            encodings: the codecs that `encodings_for` returns.
-            outputs: the dataset's outputs; None for all files that the layout knows.
-            truth: the views that have truth.
+        Without ``outputs``, these are all files that the layout knows; ``truth`` says which views have truth.
         """
         files, values = {}, self._values(key)
         for name, stem in self.stems.items():
@@ -103,12 +140,9 @@ class Layout:
 
     def encodings_for(self, config: Config) -> Encodings:
         """Return the codecs for the pairs of a config in this layout."""
-        return self.encodings_of(config.encodings, config.camera.colour)
-
-    def encodings_of(self, chosen: Encodings, colour: Colour) -> Encodings:
-        """Return the codecs in this layout, for the config's choice of encodings and the cameras' ``colour``."""
+        chosen = config.encodings
         encodings = chosen if self.encodings is None else replace(self.encodings, signed=chosen.signed)
-        return encodings if colour == "rgb" else encodings.in_grey(three=self.three_channels)
+        return encodings if config.camera.colour == "rgb" else encodings.in_grey(three=self.three_channels)
 
     def _values(self, key: Key) -> dict[str, object]:
         names = ("name", "index", "sequence", "frame", "split")

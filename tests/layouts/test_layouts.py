@@ -228,7 +228,7 @@ def test_masks_have_middleburys_values_in_files_and_three_meanings_when_read(nam
 )
 def test_a_hidden_point_is_outside_where_its_position_is(eye, disparity, mask):
     disparity, mask = np.array([disparity], np.float32), np.array([mask], np.uint8)
-    restored = restore_outside(mask, disparity, View.disparity, eye)
+    restored = restore_outside(mask, disparity, eye)
     for x in range(7):
         # As visibility.comp does it, in float32.
         position = np.float32(x) + (-disparity[0, x] if eye == "left" else disparity[0, x])

@@ -50,7 +50,7 @@ def grey_frame(index):
 
 
 def grey_encodings(layout, chosen=None):
-    return layout.encodings_of(chosen or Encodings(), "grey")
+    return (layout.encodings or chosen or Encodings()).in_grey(three=layout.three_channels)
 
 
 def slanted(open_renderer, square, layers, **options):
