@@ -7,13 +7,11 @@ from semisynth_gl.seeds.splits import SplitName
 
 @dataclass(frozen=True, slots=True)
 class FinishedPair:
-    """A pair that a long function has finished.
+    """A pair that a long function has finished; ``index`` is its number in its split.
 
-    Attributes:
-        split: the pair's split.
-        index: the pair's number in its split.
-        redrawn: why each earlier attempt failed its checks; only the first frame of a sequence has these reasons.
-        share_beyond: share of the pixels whose disparity the encoding cannot store, in the view with the larger share.
+    ``redrawn`` says why each earlier attempt failed its checks; only the first frame of a sequence has these reasons.
+    ``share_beyond`` is the share of the pixels whose disparity the encoding cannot store, in the view with the larger
+    share.
     """
 
     split: SplitName

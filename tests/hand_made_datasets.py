@@ -4,7 +4,7 @@ import numpy as np
 from hand_made_pairs import CAMERA, make_frame, make_provenance
 
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.folder import begin, check_begin, finish, locked, missing
+from semisynth_gl.dataset.folder import begin, finish, locked, missing
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.root import open_root
 from semisynth_gl.dataset.sample import encode_pair
@@ -56,7 +56,6 @@ def write_dataset(out, layout, pairs, shard_pairs, config=None, *, overwrite=Fal
     """Write a dataset of `make_frame`'s pairs, or what it lacks; return the numbers of the shards that it lacked."""
     plan, sources = plan_of(layout, pairs, shard_pairs, config, **options)
     root = open_root(out)
-    check_begin(root, plan, overwrite=overwrite)
     with locked(root):
         begin(root, plan, overwrite=overwrite)
         lacking = missing(root, plan)

@@ -84,15 +84,9 @@ def decode_image(
 ) -> tuple[str, NDArray[Any]]:
     """Decode an image with Pillow; return Pillow's mode, and the pixels, (H, W) or (H, W, C).
 
-    Args:
-        data: the file's bytes.
-        path: for messages.
-        kind: Pillow's name of the format.
-        end: the format's end marker: Pillow may decode a cut-off file and fill the rest with black.
-        raw_mode: how the decoder reads the stored bytes; by default as Pillow chooses.
-
-    Raises:
-        ReadError: where the bytes are cut off or have another format.
+    ``kind`` is Pillow's name of the format. ``end`` is its end marker: Pillow may decode a cut-off file and fill the
+    rest with black. ``raw_mode`` says how the decoder reads the stored bytes. Raises ReadError where the bytes are cut
+    off or have another format.
     """
     try:
         with Image.open(io.BytesIO(data), formats=[kind]) as image:

@@ -22,14 +22,10 @@ from semisynth_gl.inputs.errors import (
 )
 from semisynth_gl.listener import Listener
 
-# How often Ray makes a shard again after the loss of its process or node.
-_RETRIES = 3
-# How soon a request to stop is noticed.
-_TICK_S = 0.2
-# Shards that are waited for at a time, of all that Ray has been given.
-_WAITED_FOR = 1000
-# How long a cluster may take to accept a connection.
-_KNOCK_S = 5.0
+_RETRIES = 3  # of a shard after the loss of its process or node
+_TICK_S = 0.2  # how soon a request to stop is noticed
+_WAITED_FOR = 1000  # shards at a time, of all that Ray has been given
+_KNOCK_S = 5.0  # how long a cluster may take to accept a connection
 # Unless told otherwise, Ray reports usage to its makers. Without the second variable, Ray warns of a coming change in
 # how it hides GPUs from tasks that ask for none.
 _ENVIRONMENT = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
@@ -38,8 +34,7 @@ _ENVIRONMENT = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_Z
 class RayEngine:
     """Makes shards on a Ray cluster; this package must be installed on each of its nodes.
 
-    Ray starts the processes, and makes a shard again after the loss of its node or process. Each process is worker 0,
-    since Ray shows it only the GPUs that it may use.
+    Each process is worker 0, since Ray shows it only the GPUs that it may use.
 
     Args:
         address: ``host:port`` of a cluster that this machine is part of, or "auto" for a cluster that was started on

@@ -4,7 +4,7 @@ The values of a file are checked here, before a path is opened or memory allocat
 not know are ignored: another version may have written them. Documents of a newer format are refused.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -29,11 +29,13 @@ _FAULTS_SHOWN = 3
 _Format = Annotated[int, Field(ge=1, le=FORMAT)]
 _Number = Annotated[int, Field(ge=0)]
 _Bytes = Annotated[int, Field(ge=0, le=2**62, strict=True)]
-# More pairs than any dataset has, and few enough for lists and sums of them.
-_Pairs = Annotated[int, Field(ge=1, le=10**8)]
+MOST_PAIRS = 10**8
+"""Most pairs of a split: more than any dataset has, and few enough for lists and sums of them."""
+_Pairs = Annotated[int, Field(ge=1, le=MOST_PAIRS)]
 _Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$", strict=True)]
 # Names of files may have bytes that are not UTF-8, which pydantic's strings refuse.
 _Text = InstanceOf[str]
+_Value = TypeVar("_Value")
 
 
 class Document(BaseModel):
@@ -65,14 +67,10 @@ class Plan(Document):
     """The plan of a dataset: its pairs, their shards and their names. All but the pixels follows from it.
 
     Attributes:
-        program: `PROGRAM`.
         version: the version of the program that began the dataset.
         format: the format of the dataset, see `FORMAT`.
         name: the config's name.
-        config_sha256: the config's digest.
         config: the config, with the outputs that the layout needs.
-        seed: the dataset's seed.
-        layout_name: the name of the files' layout; see `semisynth_gl.layouts`.
         pairs: number of pairs of each split; splits without pairs are left out.
         shard_pairs: number of pairs in a shard; the last shard of a split may have fewer.
         views: number of pairs that show each scene.
@@ -121,17 +119,12 @@ class Plan(Document):
     @cached_property
     def shards(self) -> tuple[Shard, ...]:
         """All shards of the complete dataset, by number: the shards of train first."""
-        firsts = [(split, first) for split in self.splits for first in range(0, self.pairs[split], self.shard_pairs)]
-        return tuple(
-            Shard(
-                number,
-                shard_name(self.name, split, first // self.shard_pairs),
-                split,
-                first,
-                min(first + self.shard_pairs, self.pairs[split]),
-            )
-            for number, (split, first) in enumerate(firsts)
-        )
+        shards: list[Shard] = []
+        for split in self.splits:
+            for number, first in enumerate(range(0, self.pairs[split], self.shard_pairs)):
+                end = min(first + self.shard_pairs, self.pairs[split])
+                shards.append(Shard(len(shards), shard_name(self.name, split, number), split, first, end))
+        return tuple(shards)
 
     def folder(self, split: SplitName) -> str:
         """Return the folder of a split's files below the dataset's, "" or ending in a slash."""
@@ -151,16 +144,19 @@ class Plan(Document):
     @property
     def lists(self) -> dict[str, bytes]:
         """The layout's lists about the pairs of each split: bytes by path below the dataset's folder."""
-        of_splits = {split: self.layout.lists_of(self._keys(split), self.encodings) for split in self.splits}
-        return {
-            f"{self.folder(split)}{path}": data for split, lists in of_splits.items() for path, data in lists.items()
-        }
+        return self._of_splits(lambda keys: self.layout.lists_of(keys, self.encodings))
 
     @property
     def links(self) -> dict[str, str]:
         """The layout's links: target, from the link's folder, by path below the dataset's folder."""
-        of_splits = {split: self.layout.links_of(self._keys(split)) for split in self.splits}
-        return {f"{self.folder(split)}{path}": to for split, by in of_splits.items() for path, to in by.items()}
+        return self._of_splits(self.layout.links_of)
+
+    def _of_splits(self, of_keys: Callable[[list[Key]], Mapping[str, _Value]]) -> dict[str, _Value]:
+        return {
+            f"{self.folder(split)}{path}": value
+            for split in self.splits
+            for path, value in of_keys([self.key(split, index) for index in range(self.pairs[split])]).items()
+        }
 
     @property
     def copies(self) -> dict[str, str]:
@@ -178,9 +174,6 @@ class Plan(Document):
     def folders(self) -> list[str]:
         """The folders below the dataset's that loaders list, even where they are empty."""
         return [f"{self.folder(split)}{path}" for split in self.splits for path in self.layout.folders]
-
-    def _keys(self, split: SplitName) -> list[Key]:
-        return [self.key(split, index) for index in range(self.pairs[split])]
 
 
 class _Source(Document):
@@ -279,17 +272,14 @@ _Document = TypeVar("_Document", bound=Document)
 
 
 def parse(model: type[_Document], data: bytes, path: Path) -> _Document:
-    """Parse the bytes of a document's file; the path is for messages. Raises as `parse_values` does."""
-    return parse_values(model, JSON_OBJECT.decode(data, path), path)
-
-
-def parse_values(model: type[_Document], values: Mapping[str, Any], path: Path) -> _Document:
-    """Return a document of values in JSON's types; the path is for messages.
+    """Parse the bytes of a document's file; the path is for messages.
 
     Raises:
         InputError: where a newer program wrote the dataset, or the layout is a plug-in's that is not installed.
-        ReadError: where keys are wrong or missing; the message has the expected and the found values.
+        ReadError: where the bytes are no JSON, or keys are wrong or missing; the message has the expected and the found
+            values.
     """
+    values = JSON_OBJECT.decode(data, path)
     number = values.get("format")
     if issubclass(model, Plan) and isinstance(number, int) and number > FORMAT:
         raise InputError(

@@ -11,7 +11,7 @@ from itertools import islice
 from multiprocessing import active_children, get_context, parent_process
 from multiprocessing.sharedctypes import Synchronized
 from threading import Thread
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol
 
 from semisynth_gl.dataset.interrupts import ENDING_SIGNALS, interrupts_blocked
 from semisynth_gl.dataset.make import Job, ShardMaker
@@ -21,28 +21,21 @@ from semisynth_gl.listener import FinishedPair, Listener
 THREADS = "LP_NUM_THREADS"
 """Environment variable with the number of threads that llvmpipe may have; see `threads_each`."""
 
-# Largest number of pools of a run; a pool that lost a worker is replaced.
-_POOLS = 3
-# Shards that wait for each worker, so that none is idle.
-_AHEAD = 2
-# How soon a request to stop ends the workers.
-_TICK_S = 0.1
+_POOLS = 3  # of a run, at most; a pool that lost a worker is replaced
+_AHEAD = 2  # shards that wait for each worker, so that none is idle
+_TICK_S = 0.1  # how soon a request to stop ends the workers
 # M_TRIM_THRESHOLD, -1: most free bytes that stay at the heap's end. M_MMAP_THRESHOLD, -3: arrays larger than this are
 # not part of the heap; 32 MiB is the most that all versions of glibc accept.
 _MALLOC_OPTIONS = {-1: 256 << 20, -3: 32 << 20}
 
 
-@runtime_checkable
 class Engine(Protocol):
     """Makes the shards of a job."""
 
     def run(self, job: Job, numbers: Sequence[int], listener: Listener) -> None:
-        """Make shards; return once all are complete, or soon after `Listener.stopping` is true.
+        """Make the shards of these numbers; return once all are complete, or soon after `Listener.stopping` is true.
 
-        Args:
-            job: the dataset.
-            numbers: the shards' numbers in the plan.
-            listener: hears the pairs of finished shards, and messages about lost workers.
+        The listener hears the pairs of finished shards, and messages about lost workers.
 
         Raises:
             WorkerError: where workers keep dying.
@@ -65,23 +58,20 @@ class Recorder(Listener):
     """Keeps what a worker process reports about a shard, for the listener of the first process."""
 
     def __init__(self) -> None:
-        self.renderers: list[str] = []
-        self.pairs: list[FinishedPair] = []
+        self._heard: list[tuple[str, Any]] = []
 
     def on_renderer(self, name: str) -> None:
         """Keep the name."""
-        self.renderers.append(name)
+        self._heard.append(("on_renderer", name))
 
     def on_pair(self, pair: FinishedPair) -> None:
         """Keep the pair."""
-        self.pairs.append(pair)
+        self._heard.append(("on_pair", pair))
 
     def repeat(self, listener: Listener) -> None:
         """Tell another listener what this one has heard."""
-        for name in self.renderers:
-            listener.on_renderer(name)
-        for pair in self.pairs:
-            listener.on_pair(pair)
+        for method, value in self._heard:
+            getattr(listener, method)(value)
 
 
 class LocalEngine:
@@ -115,10 +105,7 @@ class LocalEngine:
 def _complete_shards(
     job: Job, numbers: Sequence[int], workers: int, listener: Listener
 ) -> Generator[tuple[int, Recorder], None, None]:
-    """Make shards in a pool of processes; yield each complete one, in any order. Ends early if the listener stops.
-
-    Raises BrokenProcessPool where a process dies.
-    """
+    """Make shards in a pool of processes; yield each complete one, in any order. Ends early if the listener stops."""
     # A forked process would inherit an OpenGL context that it cannot use.
     context, strangers = get_context("spawn"), {*active_children()}
     executor = ProcessPoolExecutor(workers, context, _start, (job, context.Value("i", 0), threads_each(workers)))

@@ -8,13 +8,13 @@ import os
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from pathlib import Path, PurePath
+from pathlib import PurePath
 
 from upath import UPath
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.dataset.card import encode_card
-from semisynth_gl.dataset.documents import Index, Plan, Shard, parse, parse_values
+from semisynth_gl.dataset.documents import Index, Plan, Shard, parse
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.names import CARD, INDEX, LOCK, PLAN, PROGRAM, RECORDS, log_path, record_path, tar_path
 from semisynth_gl.dataset.plan import differences
@@ -39,14 +39,27 @@ _REQUESTS = 16
 
 
 def read_plan(root: UPath) -> Plan | None:
-    """Read the plan of a dataset; return None where the root has no plan.
+    """Read the plan of a dataset; return None where there is nothing yet.
 
     Raises:
-        InputError: where a newer program wrote the plan, or it names a plug-in that is not installed.
-        ReadError: where it is damaged.
+        InputError: where a newer program wrote the plan, it names a plug-in that is not installed, or the root has
+            something else than a dataset.
+        ReadError: where the plan is damaged.
     """
-    with clear_errors(root):
-        data = read_if_there(root, PLAN)
+    if is_local(root) and root.is_file():
+        raise InputError(f"{root}: expected a folder, got a file", argument="out")
+    data = read_if_there(root, PLAN)
+    if data is None:
+        with clear_errors(root):
+            names = [name for name in names_below(root) if final_name(name) not in {PLAN, LOCK}]
+        # Another run may have begun the dataset meanwhile.
+        data = read_if_there(root, PLAN) if names else None
+        if names and data is None:
+            raise InputError(
+                f"{root}: the folder is not empty (it holds {abbreviate(names, 3)}), and is no dataset of {PROGRAM}: "
+                "choose another",
+                argument="out",
+            )
     if data is None:
         return None
     plan = parse(Plan, data, path_of(root, PLAN))
@@ -54,40 +67,23 @@ def read_plan(root: UPath) -> Plan | None:
     return plan
 
 
-def check_begin(root: UPath, plan: Plan, *, overwrite: bool) -> tuple[Plan | None, bool]:
-    """Return the plan that is there, and whether `begin` will remove its dataset.
+def check_same(root: UPath, there: Plan, plan: Plan) -> None:
+    """Raise InputError, which names the keys, where a dataset's plan cannot grow to another one.
 
-    Raises the InputErrors of `begin`, but for those that need the digests of patches and models.
+    A plan that is not begun yet may lack the digests of patches and models.
     """
-    if is_local(root) and root.is_file():
-        raise InputError(f"{root}: expected a folder, got a file", argument="out")
-    there = read_plan(root)
-    if there is None:
-        with clear_errors(root):
-            names = [name for name in names_below(root) if final_name(name) not in {PLAN, LOCK}]
-        # Another run may have begun the dataset meanwhile.
-        if names and (there := read_plan(root)) is None:
-            raise InputError(
-                f"{root}: the folder is not empty (it holds {abbreviate(names, 3)}), and is no dataset of {PROGRAM}: "
-                "choose another",
-                argument="out",
-            )
-    if there is None:
-        return None, False
-    if overwrite:
-        return there, there != plan or (root / INDEX).exists()
-    if len(missing(root, there)) == len(there.shards):
-        return there, there != plan
     keys = ("version", "config_values", "seed", "layout", "shard_pairs", "plugins")
     old, new = ({key: values.get(key, {}) for key in keys} for values in (there.values(), plan.values()))
     pairs = {name: max(plan.pairs.get(name, 0), count) for name, count in there.pairs.items()}
-    if changed := differences(old, new) + differences({"pairs": pairs}, {"pairs": plan.pairs}):
+    changed = differences(old, new) + differences({"pairs": pairs}, {"pairs": plan.pairs})
+    if plan.sources:
+        changed += differences(there.sources, plan.sources, "photographs or models: ")
+    if changed:
         raise InputError(
             f"{root}: holds a dataset that was begun with other values: {abbreviate(changed)}. Give the same, or more "
             "pairs, to go on with it; or choose another folder, or replace the dataset with overwrite",
             argument="out",
         )
-    return there, False
 
 
 def check_links(root: UPath, plan: Plan) -> None:
@@ -101,27 +97,31 @@ def check_links(root: UPath, plan: Plan) -> None:
             )
 
 
+def is_finished(root: UPath, plan: Plan) -> bool:
+    """Return whether a dataset has its index, and lacks no shard."""
+    return (root / INDEX).exists() and not missing(root, plan)
+
+
+def replaces(root: UPath, there: Plan | None, plan: Plan) -> bool:
+    """Return whether `begin` with ``overwrite`` removes what is there: another dataset, or one with an index."""
+    return there is not None and (there != plan or (root / INDEX).exists())
+
+
 def begin(root: UPath, plan: Plan, *, overwrite: bool = False) -> None:
     """Write a dataset's plan, or go on with the dataset that was begun with the same plan or one of fewer pairs.
 
-    With ``overwrite``, the files of another or finished dataset of this program are removed; other files stay. The same
-    happens where another plan has no complete shard.
+    With ``overwrite``, the files of another or finished dataset of this program are removed; other files stay.
 
     Raises:
-        InputError: where the folder holds something else, or a dataset of another plan; the message names the keys that
-            differ.
+        InputError: where the folder holds something else, or a dataset of another plan.
         OSError: where the folder cannot be written to.
     """
-    there, replacing = check_begin(root, plan, overwrite=overwrite)
+    there = read_plan(root)
     if there is not None:
-        if replacing:
+        if not overwrite:
+            check_same(root, there, plan)
+        elif replaces(root, there, plan):
             _remove(root, there)
-        elif changed := differences(there.sources, plan.sources):
-            raise InputError(
-                f"{root}: photographs or models are not those that the dataset was begun with: "
-                f"{abbreviate(changed)}. Give the same again, or choose another folder",
-                argument="out",
-            )
         (root / INDEX).unlink(missing_ok=True)
     if there != plan:
         with clear_errors(root):
@@ -134,37 +134,27 @@ def missing(root: UPath, plan: Plan) -> list[Shard]:
     return [shard for shard in plan.shards if record_path(shard.name) not in there]
 
 
-def is_complete(root: UPath, plan: Plan, there: Plan | None) -> bool:
-    """Return whether the dataset of the plan that is there is finished, and has this plan but for its sources."""
-    same = there is not None and there.model_copy(update={"sources": plan.sources}) == plan
-    return same and (root / INDEX).exists() and not missing(root, plan)
-
-
 def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> None:
     """Write the lists, links and card of a dataset that lacks no shard, and last its index.
 
-    Args:
-        root: the dataset's root.
-        plan: its plan.
-        sources: the photographs, patches and models of each split.
+    ``sources`` are the photographs, patches and models of each split.
     """
     with ThreadPoolExecutor(_REQUESTS) as pool:
         records = pool.map(lambda shard: read_record(root, shard, packed=plan.layout.packed), plan.shards)
-        values = describe_dataset(plan, sources, records)
+        index = JSON_OBJECT.encode(describe_dataset(plan, sources, records))
     for name, data in plan.lists.items():
         write(root, name, data)
-    write(root, CARD, encode_card(parse_values(Index, values, Path(INDEX))))
+    write(root, CARD, encode_card(parse(Index, index, path_of(root, INDEX))))
     if is_local(root):
         for name in plan.folders:
             (root / name).mkdir(parents=True, exist_ok=True)
         for name, target in plan.links.items():
-            link = root / name
-            link.parent.mkdir(parents=True, exist_ok=True)
+            (root / name).parent.mkdir(parents=True, exist_ok=True)
             with suppress(FileExistsError):  # of an earlier run, or of another one that finishes too
-                link.symlink_to(target)
+                (root / name).symlink_to(target)
     elif copies := plan.copies:
         root.fs.copy([(root / name).path for name in copies.values()], [(root / name).path for name in copies])
-    replace(root, INDEX, JSON_OBJECT.encode(values))
+    replace(root, INDEX, index)
 
 
 @contextmanager
@@ -172,10 +162,8 @@ def locked(root: UPath, *, shared: bool = False) -> Iterator[None]:
     """Lock a dataset against other runs, also on other machines with the disk.
 
     Runs that are ``shared``, since each makes other shards, lock out only runs that are not. The lock ends with the
-    process. Object stores and some network file systems have no locks.
-
-    Raises:
-        InputError: where another run has locked the dataset.
+    process. Object stores and some network file systems have no locks. Raises InputError where another run has locked
+    the dataset, or the folder cannot be written to.
     """
     if not is_local(root):
         yield
@@ -219,7 +207,7 @@ def _remove(root: UPath, plan: Plan) -> None:
     """Remove the files of a dataset except its plan, then the empty folders of all these."""
     own, there = dict.fromkeys(_own_names(plan)), names_below(root)
     present, replaced = frozenset(there), own.keys() | {PLAN}
-    unfinished = [name for name in there if name not in own and name != PLAN and final_name(name) in replaced]
+    unfinished = [name for name in there if name not in replaced and final_name(name) in replaced]
     names = [*(name for name in own if name in present), *unfinished]
     if not is_local(root):
         if names:

@@ -10,7 +10,17 @@ from upath import UPath
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.documents import Plan, Shard
 from semisynth_gl.dataset.engines import Engine, LocalEngine, SerialEngine
-from semisynth_gl.dataset.folder import begin, check_begin, check_links, finish, is_complete, locked, missing, read_plan
+from semisynth_gl.dataset.folder import (
+    begin,
+    check_links,
+    check_same,
+    finish,
+    is_finished,
+    locked,
+    missing,
+    read_plan,
+    replaces,
+)
 from semisynth_gl.dataset.make import Job, open_renderer
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.root import is_local, open_root
@@ -72,14 +82,13 @@ def generate(
         out: the dataset's folder, or an address that fsspec knows.
         pairs: number of training pairs, or of the pairs of each split by its name.
         seed: the dataset's seed, 0 or more.
-        layout: see `semisynth_gl.layouts`; by default the layout of the dataset in ``out``, finished or not, else
-            the config's, else ``middlebury``, and ``webdataset`` from 10,000 pairs on.
+        layout: see `semisynth_gl.layouts`; by default the layout of the dataset in ``out``, else the config's, else
+            ``middlebury``, and ``webdataset`` from 10,000 pairs on.
         backend: "auto", "egl" or "osmesa".
         engine: runs the shards; by default in this process.
         gpus: CUDA's numbers of the GPUs that workers take in turn; by default all workers use the first GPU of
             CUDA_VISIBLE_DEVICES or, where that is not set, EGL's first device.
-        shard_pairs: pairs in a shard; by default as in the dataset in ``out``, finished or not, else 64 or fewer, see
-            `make_plan`.
+        shard_pairs: pairs in a shard; by default as in the dataset in ``out``, else 64 or fewer, see `make_plan`.
         shards: numbers of the shards to make; by default all. Runs may share the shards of a dataset, also on several
             machines; the run that finds none missing writes the index.
         overwrite: replace an earlier dataset of this program, and leave other files in its folder; an unfinished
@@ -96,16 +105,18 @@ def generate(
     counts = {name: to_whole(f"pairs of {name}", count) for name, count in named.items()}
     gpus = tuple(to_whole("the number of a GPU", number, least=0) for number in gpus)
     listener, engine, root = listener or Listener(), engine or SerialEngine(), open_root(out)
-    if earlier := None if overwrite else read_plan(root):
-        layout = layout or earlier.layout_name
-        shard_pairs = earlier.shard_pairs if shard_pairs is None else shard_pairs
+    there = read_plan(root)
+    if there is not None and not overwrite:
+        layout = layout or there.layout_name
+        shard_pairs = there.shard_pairs if shard_pairs is None else shard_pairs
     layout = layout or config.layout or ("middlebury" if sum(counts.values()) < _MANY_PAIRS else "webdataset")
     plan = make_plan(config, seed, layout, counts, shard_pairs)
     chosen = _chosen(plan.shards, shards)
     check_apart(root, plan.config)
-    there, _ = check_begin(root, plan, overwrite=overwrite)
-    if not overwrite and is_complete(root, plan, there):
-        return GenerationResult(root, plan, 0)
+    if there is not None and not overwrite:
+        check_same(root, there, plan)
+        if there.pairs == plan.pairs and is_finished(root, there):
+            return GenerationResult(root, there, 0)
     check_links(root, plan)
     if isinstance(engine, SerialEngine | LocalEngine):
         check_libraries(backend)
@@ -114,9 +125,8 @@ def generate(
     plan = plan.model_copy(update={"sources": digests})
     job = Job(plan, str(root.absolute()), backend, gpus)
     _describe(plan, sources, listener)
-    _, replacing = check_begin(root, plan, overwrite=overwrite)
-    with locked(root, shared=shards is not None and not replacing):
-        if replacing:
+    with locked(root, shared=shards is not None and not overwrite):
+        if overwrite and replaces(root, there, plan):
             # If the driver or the config's checks fail, the earlier dataset stays.
             with open_renderer(job, plan.splits[0]) as renderer:
                 renderer.render(0)

@@ -73,5 +73,5 @@ def _handlers(
     try:
         yield
     finally:
-        for number, handler_before in previous.items():
-            signal.signal(number, handler_before)
+        for number, before in previous.items():
+            signal.signal(number, before)

@@ -1,12 +1,10 @@
 """Making shards: one process renders, encodes and writes the pairs of one shard after the other."""
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, closing
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import partial
 from math import ceil
-from typing import Any, TypeVar
+from typing import Any
 
 from semisynth_gl.dataset.documents import Plan, Shard
 from semisynth_gl.dataset.plan import differences, used_plugins
@@ -16,12 +14,9 @@ from semisynth_gl.dataset.shard import write_shard
 from semisynth_gl.inputs.errors import InputError, abbreviate
 from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
-from semisynth_gl.render.backends import Backend, is_software
+from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.seeds.splits import SplitName
-
-Rendered = TypeVar("Rendered")
-Encoded = TypeVar("Encoded")
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,14 +53,10 @@ class ShardMaker:
         self._resources.close()
 
     def make_shard(self, number: int, listener: Listener) -> bool:
-        """Render, encode and write the pairs of a shard, then write its record.
+        """Render, encode and write the pairs of a shard of this number, then its record.
 
-        Args:
-            number: the shard's number in the plan.
-            listener: hears each pair once its files are written, and may ask to stop between two pairs.
-
-        Returns:
-            Whether the shard is complete; else its pairs are to be made again.
+        The listener hears each pair once its files are written, and may ask to stop between two pairs. Return whether
+        the shard is complete.
 
         Raises:
             InputError: where this process has other plug-ins, photographs or models than the plan says, or pairs keep
@@ -76,23 +67,21 @@ class ShardMaker:
         plan, shard = self._job.plan, self._job.plan.shards[number]
         renderer = self._renderer_of(shard.split, listener)
 
-        def rendered() -> Iterator[Pair]:
+        def pairs() -> Iterator[EncodedPair]:
             for index in range(shard.first, shard.end):
                 if listener.stopping:
                     return
-                yield renderer.render(index)
+                yield encode(plan, shard, renderer.render(index))
 
-        in_thread = not is_software(renderer.renderer_name)
-        with closing(in_order(rendered(), partial(encode, plan, shard), in_thread=in_thread)) as pairs:
-            return write_shard(open_root(self._job.address), plan, shard, pairs, listener)
+        return write_shard(open_root(self._job.address), plan, shard, pairs(), listener)
 
     def _renderer_of(self, split: SplitName, listener: Listener) -> PairRenderer:
         if self._renderer is None or self._renderer.split.name != split:
             self._renderer = None  # if opening fails below, no closed renderer stays
             self._resources.close()
-            job, plan = self._job, self._job.plan
+            plan = self._job.plan
             _check_same("plug-ins", plan.plugins, used_plugins(plan.config, plan.layout_name))
-            renderer = self._resources.enter_context(open_renderer(job, split, self._worker))
+            renderer = self._resources.enter_context(open_renderer(self._job, split, self._worker))
             _check_same("photographs or models", plan.sources[split], renderer.sources.digests())
             renderer.forget_pixels()
             listener.on_renderer(renderer.renderer_name)
@@ -111,35 +100,11 @@ def _check_same(what: str, there: Mapping[str, Any], here: Mapping[str, Any]) ->
 
 def open_renderer(job: Job, split: SplitName, worker: int = 0) -> PairRenderer:
     """Open the renderer of a split, on the device of a worker; workers are numbered from 0."""
-    device_index = egl_index_of_worker(job.gpus, worker)
-    return PairRenderer(job.plan.config, job.plan.split(split), job.backend, device_index)
+    return PairRenderer(job.plan.config, job.plan.split(split), job.backend, egl_index_of_worker(job.gpus, worker))
 
 
 def encode(plan: Plan, shard: Shard, pair: Pair) -> EncodedPair:
     """Return a pair as files."""
     ndisp = max(1, ceil(plan.config.disparity.max_px))
-    return encode_pair(
-        plan.layout, plan.key(shard.split, pair.index), pair.frame, pair.provenance, ndisp, plan.encodings
-    )
-
-
-def in_order(
-    rendered: Iterable[Rendered], encode: Callable[[Rendered], Encoded], *, in_thread: bool
-) -> Generator[Encoded, None, None]:
-    """Encode pairs, and yield the results in order.
-
-    With ``in_thread``, another thread encodes a pair while this one, which owns the context, renders the next:
-    compression, checksums and NumPy let other threads run. On a software renderer, one thread for both is faster.
-    """
-    if not in_thread:
-        yield from map(encode, rendered)
-        return
-    with ThreadPoolExecutor(1) as pool:
-        before: Future[Encoded] | None = None
-        for pair in rendered:
-            now = pool.submit(encode, pair)
-            if before is not None:
-                yield before.result()
-            before = now
-        if before is not None:
-            yield before.result()
+    key = plan.key(shard.split, pair.index)
+    return encode_pair(plan.layout, key, pair.frame, pair.provenance, ndisp, plan.encodings)

@@ -1,16 +1,16 @@
 """Making the plan of a dataset: a layout that can hold it, and the number of pairs in a shard."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 from math import ceil
 from typing import Any
 
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.documents import Plan
+from semisynth_gl.dataset.documents import MOST_PAIRS, Plan
 from semisynth_gl.dataset.names import FORMAT, PROGRAM
 from semisynth_gl.frame.channels import CHANNELS
 from semisynth_gl.inputs.arguments import to_whole
-from semisynth_gl.inputs.errors import InputError, counted, shown
+from semisynth_gl.inputs.errors import InputError, shown
 from semisynth_gl.layouts import LAYOUTS, Layout, find_layout
 from semisynth_gl.layouts.layout import sequence_length
 from semisynth_gl.plugins import Records, plugin_records
@@ -21,8 +21,7 @@ from semisynth_gl.seeds.splits import SPLITS, SplitName
 _MOST_PAIRS = 64
 _SHARD_PIXELS = 86_000_000  # of cameras; about 1 GB
 _FEWEST_SHARDS = 8
-# Each shard adds a few files, and a row of the index.
-_MOST_SHARDS = 1_000_000
+_ABSENT = object()
 
 
 def make_plan(
@@ -42,23 +41,15 @@ def make_plan(
             outputs, encodings or sequences.
     """
     layout = find_layout(layout_name)
-    seed = to_whole("seed", seed, least=0)
-    counts = {name: pairs[name] for name in SPLITS if pairs.get(name)}
-    if not counts or min(counts.values()) < 1:
+    counts = {name: to_whole(f"pairs of {name}", pairs[name], 1, MOST_PAIRS) for name in SPLITS if pairs.get(name)}
+    if not counts:
         raise InputError(f"expected at least one pair, got {dict(pairs)}")
-    if shard_pairs is not None:
-        shard_pairs = to_whole("shard_pairs", shard_pairs, least=1)
-    _check_layout(config, layout_name, layout)
+    for reason in _faults(config, layout):
+        raise InputError(f"the layout {layout_name} {reason}; or choose another layout, such as middlebury")
     if lacking := sorted(layout.needs.difference(config.outputs)):
         config = config.model_copy(update={"outputs": (*config.outputs, *lacking)})
     if shard_pairs is None:
         shard_pairs = _shard_pairs(config, max(counts.values()))
-    shards = sum(ceil(count / shard_pairs) for count in counts.values())
-    if shards > _MOST_SHARDS:
-        raise InputError(
-            f"{counted(shards, 'shard')} of {counted(shard_pairs, 'pair')}: expected at most {_MOST_SHARDS}; give more "
-            "pairs to a shard, or make several datasets"
-        )
     return Plan.model_validate(
         {
             "program": PROGRAM,
@@ -67,33 +58,32 @@ def make_plan(
             "config": config.name,
             "config_sha256": config.digest(),
             "config_values": config.model_dump(mode="json"),
-            "seed": seed,
+            "seed": to_whole("seed", seed, least=0),
             "layout": layout_name,
             "pairs": counts,
-            "shard_pairs": shard_pairs,
+            "shard_pairs": to_whole("shard_pairs", shard_pairs, 1, MOST_PAIRS),
             "views": config.views,
             "plugins": used_plugins(config, layout_name),
         }
     )
 
 
-def _check_layout(config: Config, layout_name: str, layout: Layout) -> None:
-    """Raise InputError where a layout cannot hold a config's outputs, encodings or sequences."""
+def _faults(config: Config, layout: Layout) -> Iterator[str]:
+    """Yield why a layout cannot hold a config's outputs, encodings or sequences."""
     encodings, length = layout.encodings_for(config), sequence_length(config)
-    raw = [channel.output for channel in CHANNELS.values() if channel.of_sensor and channel.output in config.outputs]
-    reason = ""
     if layout.encodings is not None and config.files != type(config.files)():
-        reason = "sets the encodings itself: leave the section files out of the config"
-    elif length is not None and layout.most_frames is not None and length > layout.most_frames:
-        reason = f"has names for {layout.most_frames} frames of a sequence with flow: set sequence.length to that"
-    elif unsaid := sorted(layout.lacks.intersection(config.outputs)):
-        reason = f"has no files for the output {unsaid[0]}: leave it out of outputs"
-    elif raw and not encodings.image.lossless:
-        reason = f"stores images as {encodings.image.description}, too lossy for raw images: leave {raw[0]} out"
-    elif encodings.signed and not encodings.disparity.signed:
-        reason = f"stores disparities as {encodings.disparity.description}, which has no signed ones"
-    if reason:
-        raise InputError(f"the layout {layout_name} {reason}; or choose another layout, such as middlebury")
+        yield "sets the encodings itself: leave the section files out of the config"
+    if length is not None and layout.most_frames is not None and length > layout.most_frames:
+        yield f"has names for {layout.most_frames} frames of a sequence with flow: set sequence.length to that"
+    for output in config.outputs:
+        if output in layout.lacks:
+            yield f"has no files for the output {output}: leave it out of outputs"
+    for channel in CHANNELS.values():
+        if channel.of_sensor and channel.output in config.outputs and not encodings.image.lossless:
+            text = f"stores images as {encodings.image.description}, too lossy for raw images"
+            yield f"{text}: leave {channel.output} out"
+    if encodings.signed and not encodings.disparity.signed:
+        yield f"stores disparities as {encodings.disparity.description}, which has no signed ones"
 
 
 def used_plugins(config: Config, layout_name: str) -> Records:
@@ -124,9 +114,6 @@ def differences(before: Mapping[Any, Any], now: Mapping[Any, Any], prefix: str =
         elif old != new:
             texts.append(f"{prefix}{key} ({_shown(old)} there, {_shown(new)} now)")
     return texts
-
-
-_ABSENT = object()
 
 
 def _shown(value: object) -> str:

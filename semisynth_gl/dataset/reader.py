@@ -1,5 +1,6 @@
 """A dataset as a sequence of pairs, whose arrays have the same names in every layout."""
 
+import tarfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
@@ -9,9 +10,8 @@ from upath import UPath
 
 from semisynth_gl.dataset.documents import Index, Plan, Record, Shard, parse
 from semisynth_gl.dataset.names import INDEX, PLAN, record_path, tar_path
-from semisynth_gl.dataset.root import clear_errors, open_root, path_of, read_if_there, read_part, read_whole
+from semisynth_gl.dataset.root import open_root, path_of, read_if_there, read_part, read_whole
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file, wrong_sizes
-from semisynth_gl.dataset.tar import HEADER, header_fault
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, ReadError, shown
 from semisynth_gl.seeds.splits import SplitName
@@ -62,29 +62,21 @@ def read_index(address: str | PathLike[str]) -> StoredIndex:
     """
     address = fspath(address)
     root = open_root(address)
-    with clear_errors(root):
-        for name, model in ((INDEX, Index), (PLAN, Plan)):
-            data = read_if_there(root, name)
-            if data is not None:
-                return StoredIndex(address, parse(model, data, path_of(root, name)))
+    for name, model in ((INDEX, Index), (PLAN, Plan)):
+        data = read_if_there(root, name)
+        if data is not None:
+            return StoredIndex(address, parse(model, data, path_of(root, name)))
     raise InputError(f"{address}: not a dataset: there is no such folder, or it has neither {INDEX} nor {PLAN}")
 
 
 class Dataset(Sequence[StoredFrame]):
     """A finished dataset, or one of its splits: ``dataset[i]`` is a pair with its truth.
 
-    Indexing reads the files of a pair and closes them again, so threads and processes, forked or spawned, may share a
-    dataset. The header of each file in a tar is checked against the shard's record.
+    Without a split, these are all pairs, in the order train, validation, test. Indexing reads the files of a pair and
+    closes them again, so threads and processes, forked or spawned, may share a dataset. The header of each file in a
+    tar is checked against the shard's record. ``about`` is the index of the dataset.
 
-    Args:
-        index: the index of the dataset.
-        split: a split of the dataset; None for all pairs, in the order train, validation, test.
-
-    Attributes:
-        about: the index of the dataset.
-
-    Raises:
-        InputError: where the dataset is not finished, or lacks the split.
+    Raises InputError where the dataset is not finished, or lacks the split.
     """
 
     def __init__(self, index: StoredIndex, split: SplitName | None = None) -> None:
@@ -108,13 +100,10 @@ class Dataset(Sequence[StoredFrame]):
     def __getitem__(self, number: slice) -> list[StoredFrame]: ...
 
     def __getitem__(self, number: int | slice) -> StoredFrame | list[StoredFrame]:
-        """Read a pair, or the list of pairs that a slice selects.
+        """Read a pair, or the list of pairs that a slice selects; raises as `pair` does.
 
-        Raises:
-            IndexError: where the dataset has fewer pairs.
-            ReadError: where a file is missing, cut off, cannot be read, or has another size than the dataset's images,
-                or a record does not describe its shard.
-            InputError: where the number is not a whole number.
+        Raises ReadError where a file is missing, cut off, cannot be read, or has another size than the dataset's
+        images, or a record does not describe its shard.
         """
         if isinstance(number, slice):
             return [self[position] for position in range(*number.indices(len(self)))]
@@ -136,9 +125,7 @@ class Dataset(Sequence[StoredFrame]):
     def pair(self, number: int) -> tuple[SplitName, int]:
         """Return the split of a pair, and the pair's number in the split.
 
-        Raises:
-            IndexError: where the dataset has fewer pairs.
-            InputError: where the number is not a whole number.
+        Raises IndexError where the dataset has fewer pairs, InputError where the number is not a whole number.
         """
         position = range(len(self))[to_whole("the number of a pair", number)]
         for split, count in self._counts.items():
@@ -156,11 +143,9 @@ class Dataset(Sequence[StoredFrame]):
 
 
 def open_dataset(address: str | PathLike[str], split: SplitName | None = None) -> Dataset:
-    """Open a finished dataset in any layout; ``open_dataset(path)[i]`` is a `StoredFrame`.
+    """Open a finished dataset, or one of its splits, in any layout; ``open_dataset(path)[i]`` is a `StoredFrame`.
 
-    Args:
-        address: the dataset's folder, or an address that fsspec knows.
-        split: a split of the dataset; None for all pairs.
+    ``address`` is the dataset's folder, or an address that fsspec knows.
 
     Raises:
         InputError: where the address has no dataset, or the dataset is not finished.
@@ -188,22 +173,32 @@ def read_members(root: UPath, shard: Shard, record: Record, pair: int, names: Se
     ``record`` is the shard's from `read_record`, ``pair`` the pair's number in its split, and ``names`` are one or more
     names inside the tar. Raises ReadError where the record lacks a file, or the tar has something else in its place.
     """
-    tar = tar_path(shard.name)
-    path = path_of(root, tar)
     listed = record.samples[pair - shard.first].files
     for name in names:
         if name not in listed:
             raise ReadError(path_of(root, record_path(shard.name)), f"has no entry for {name}")
     spans = {name: (cast("int", listed[name].offset), listed[name].bytes) for name in names}
-    begin = min(offset for offset, _ in spans.values()) - HEADER
+    begin = min(offset for offset, _ in spans.values()) - tarfile.BLOCKSIZE
     end = max(offset + size for offset, size in spans.values())
-    data = read_part(root, tar, begin, end - begin)
+    data = read_part(root, tar_path(shard.name), begin, end - begin)
     contents = {}
     for name, (offset, size) in spans.items():
-        at = offset - begin
-        contents[name] = data[at : at + size]
-        if fault := header_fault(data[at - HEADER : at], name, size):
-            raise ReadError(path, f"at byte {begin + at - HEADER}: {fault}")
-        if len(contents[name]) < size:
-            raise ReadError(path, f"ends before {name} does")
+        header = offset - begin - tarfile.BLOCKSIZE
+        contents[name] = data[offset - begin : offset - begin + size]
+        fault = _header_fault(data[header : offset - begin], name, size)
+        if fault or len(contents[name]) < size:
+            reason = f"at byte {begin + header}: {fault}" if fault else f"ends before {name} does"
+            raise ReadError(path_of(root, tar_path(shard.name)), reason)
     return contents
+
+
+def _header_fault(header: bytes, name: str, size: int) -> str | None:
+    """Return why a header in a tar does not describe a plain file of this name and size in bytes; None if it does."""
+    try:
+        info = tarfile.TarInfo.frombuf(header, "utf-8", "surrogateescape")
+    except tarfile.TarError as error:
+        return f"has no header of {name}: {error}"
+    if (info.name, info.size, info.isreg()) == (name, size, True):
+        return None
+    other = "" if info.isreg() else ", which is no plain file"
+    return f"expected the file {name} of {size} bytes, got {info.name!r} of {info.size} bytes{other}"

@@ -41,8 +41,7 @@ class RebuiltScenes:
 
         Return None where config and seed lead to another recipe or camera than those in the pair's provenance.
         """
-        # Each entry is one time that the sequence was drawn again, since its first frame failed the config's checks.
-        redrawn = frame.provenance.get("redrawn")
+        redrawn = frame.provenance.get("redrawn")  # an entry for each earlier attempt that failed the config's checks
         rebuilt = self._sampler.sample(frame.index, len(redrawn) if isinstance(redrawn, list) else 0)
         recorded, camera = frame.provenance.get("camera"), rebuilt.scene.camera
         if rebuilt.recipe != frame.recipe or not isinstance(recorded, dict):

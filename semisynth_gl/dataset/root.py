@@ -57,51 +57,33 @@ def path_of(root: UPath, name: str) -> Path:
 
 def read_whole(root: UPath, name: str) -> bytes:
     """Read a file of a dataset; raises ReadError where it is missing, cannot be read, or has more than 2 GiB."""
-    try:
-        data = read_if_there(root, name)
-    except OSError as error:
-        raise _unreadable(path_of(root, name), error) from None
-    if data is None:
-        raise ReadError(path_of(root, name), "is missing")
-    return data
-
-
-def read_if_there(root: UPath, name: str) -> bytes | None:
-    """Read a file of a dataset; return None where it is missing. OSErrors of a store are left to `clear_errors`."""
-    try:
-        data = _read(root, name, 0, _MOST_BYTES + 1)
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    except OSError as error:
-        if is_local(root):
-            raise _unreadable(Path(root, name), error) from None
-        raise
+    data = read_part(root, name, 0, _MOST_BYTES + 1)
     if len(data) > _MOST_BYTES:
         raise ReadError(path_of(root, name), f"has more than {_MOST_BYTES} bytes")
     return data
 
 
+def read_if_there(root: UPath, name: str) -> bytes | None:
+    """Read a file like `read_whole`; return None where it is missing. See `clear_errors` for errors of a store."""
+    with clear_errors(root):
+        return read_whole(root, name) if (root / name).exists() else None
+
+
 def read_part(root: UPath, name: str, offset: int, length: int) -> bytes:
     """Read bytes of a file from an offset on, fewer where the file ends earlier; raises like `read_whole`."""
-    try:
-        return _read(root, name, offset, length)
-    except OSError as error:
-        raise _unreadable(path_of(root, name), error) from None
-
-
-def _unreadable(path: Path, error: OSError) -> ReadError:
-    return ReadError(path, f"cannot be read: {error.strerror or error}")
-
-
-def _read(root: UPath, name: str, offset: int, length: int) -> bytes:
     path = root / name
-    if not is_local(root):
-        return bytes(root.fs.cat_file(path.path, start=offset, end=offset + length))  # one request
-    with path.open("rb") as file:
-        # At most the rest of the file, so that a wrong length takes no memory.
-        length = max(0, min(length, os.fstat(file.fileno()).st_size - offset))
-        file.seek(offset)
-        return bytes(file.read(length))
+    try:
+        if not is_local(root):
+            return bytes(root.fs.cat_file(path.path, start=offset, end=offset + length))  # one request
+        with path.open("rb") as file:
+            # At most the rest of the file, so that a wrong length takes no memory.
+            length = max(0, min(length, os.fstat(file.fileno()).st_size - offset))
+            file.seek(offset)
+            return bytes(file.read(length))
+    except (FileNotFoundError, NotADirectoryError):
+        raise ReadError(path_of(root, name), "is missing") from None
+    except OSError as error:
+        raise ReadError(path_of(root, name), f"cannot be read: {error.strerror or error}") from None
 
 
 def names_below(root: UPath) -> list[str]:

@@ -115,23 +115,20 @@ def encode_pair(
         ndisp: upper bound of the disparities in whole pixels.
         encodings: the codecs that `Layout.encodings_for` returns.
     """
-    beyond: dict[str, dict[str, int]] = {}
+    provenance = dict(provenance)
     for channel in CHANNELS.values():
         codec = encodings.codec(codec_name(channel))
         if channel.mask is not None and isfinite(codec.limit_px):
             frame, counts = _invalidate(frame, channel, codec)
-            if counts:
-                beyond[channel.beyond_key] = counts
-    provenance = {**provenance, **beyond}
-    sample = Sample(frame, provenance, ndisp)
-    roles = {path: layout.role(name) for name, path in layout.files(key, encodings).items()}
-    made = frame.arrays().keys()
-    files = {
-        path: role.codec(encodings).encode(role.value(sample)) for path, role in roles.items() if role.arrays <= made
-    }
+            provenance |= {channel.beyond_key: counts} if counts else {}
+    sample, made, files = Sample(frame, provenance, ndisp), frame.arrays().keys(), {}
+    for name, path in layout.files(key, encodings).items():
+        role = layout.role(name)
+        if role.arrays <= made:
+            files[path] = role.codec(encodings).encode(role.value(sample))
+    beyond = provenance.get(View.disparity.beyond_key, {})
     pixels = frame.camera.width_px * frame.camera.height_px
-    share_beyond = max(beyond.get(View.disparity.beyond_key, {}).values(), default=0) / pixels
-    return EncodedPair(files, provenance, share_beyond)
+    return EncodedPair(files, provenance, max(beyond.values(), default=0) / pixels)
 
 
 def decode_file(layout: Layout, role: str, data: bytes, path: Path, encodings: Encodings) -> Any:  # noqa: ANN401 - by role

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import tarfile
 import time
 from collections.abc import Iterable
 from contextlib import ExitStack
@@ -13,27 +14,16 @@ from semisynth_gl.dataset.documents import Plan, Shard
 from semisynth_gl.dataset.names import FORMAT, RECORDS, log_path, record_path, tar_path
 from semisynth_gl.dataset.root import is_local, replace, write
 from semisynth_gl.dataset.sample import EncodedPair
-from semisynth_gl.dataset.tar import tar_end, tar_member
 from semisynth_gl.listener import FinishedPair, Listener
 
 
 def write_shard(
     root: UPath, plan: Plan, shard: Shard, pairs: Iterable[EncodedPair], listener: Listener | None = None
 ) -> bool:
-    """Write the files of a shard's pairs, then its record.
+    """Write the files of a shard's pairs, then its record; return whether the shard is complete.
 
-    Args:
-        root: the dataset's root.
-        plan: its plan.
-        shard: the shard.
-        pairs: the shard's pairs, in order; an iterable that ends early leaves the shard without a record.
-        listener: hears each pair once its files are written.
-
-    Returns:
-        Whether the shard is complete.
-
-    Raises:
-        OSError: where the disk is full or cannot be written to.
+    ``pairs`` are in order; an iterable that ends early leaves the shard without a record. The listener hears each pair
+    once its files are written. Raises OSError where the disk is full or cannot be written to.
     """
     start, listener = time.perf_counter(), listener or Listener()
     packed, digest, size = plan.layout.packed, hashlib.sha256(), 0
@@ -48,8 +38,8 @@ def write_shard(
             files: dict[str, dict[str, Any]] = {}
             for path, data in pair.files.items():
                 if packed:
-                    stored, offset = tar_member(path, data)
-                    files[path] = {"bytes": len(data), "offset": size + offset}
+                    files[path] = {"bytes": len(data), "offset": size + tarfile.BLOCKSIZE}
+                    stored = _tar_member(path, data)
                     tar.write(stored)
                     digest.update(stored)
                     size += len(stored)
@@ -67,8 +57,8 @@ def write_shard(
             listener.on_pair(FinishedPair(shard.split, number, tuple(redrawn), pair.share_beyond))
         if len(samples) < shard.end - shard.first:
             return False
-        if packed:
-            end = tar_end(size)
+        if packed:  # two empty blocks, and padding to whole tar records
+            end = bytes(2 * tarfile.BLOCKSIZE + -(size + 2 * tarfile.BLOCKSIZE) % tarfile.RECORDSIZE)
             tar.write(end)
             digest.update(end)
             size += len(end)
@@ -89,3 +79,13 @@ def write_shard(
     write(root, log_path(shard.name), f"{json.dumps({'seconds': round(time.perf_counter() - start, 3)})}\n".encode())
     replace(root, record_path(shard.name), f"{json.dumps(record)}\n".encode())
     return True
+
+
+def _tar_member(name: str, data: bytes) -> bytes:
+    """Encode a file as a member of a tar, without time and owner, and with mode 0644.
+
+    The header takes one block, as all readers know it, where the name has 100 characters or less.
+    """
+    info = tarfile.TarInfo(name)
+    info.size = len(data)
+    return b"".join((info.tobuf(tarfile.USTAR_FORMAT), data, bytes(-len(data) % tarfile.BLOCKSIZE)))

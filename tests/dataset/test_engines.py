@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from contextlib import closing
 from pathlib import Path
@@ -15,11 +14,10 @@ from processes import PATIENCE_S, alive, wait_for
 from recorder import Recorder
 from tiny_datasets import PAIRS, SEED, command, digests, tiny
 
-from semisynth_gl.dataset import make
 from semisynth_gl.dataset.cluster import RayEngine
 from semisynth_gl.dataset.engines import LocalEngine
 from semisynth_gl.dataset.generate import generate
-from semisynth_gl.dataset.make import ShardMaker, in_order
+from semisynth_gl.dataset.make import Job, ShardMaker
 from semisynth_gl.inputs.errors import InputError
 
 LAYOUTS = ("middlebury", "webdataset")
@@ -203,8 +201,8 @@ def test_a_dataset_is_not_replaced_while_another_run_makes_its_shards(config, tm
     with subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as first:
         wait_for((out / "shards/plan.json").exists)
         before = (out / "shards/plan.json").read_bytes()
-        for overwrite in (False, True):
-            with pytest.raises(InputError, match="another run is making this dataset"):
+        for overwrite, said in ((False, "seed"), (True, "another run is making this dataset")):
+            with pytest.raises(InputError, match=said):
                 generate(config, out, 3000, SEED + 1, shards=range(1), overwrite=overwrite, shard_pairs=3)
         assert first.poll() is None
         first.kill()
@@ -239,7 +237,7 @@ def parent(path):
 def test_other_photographs_or_models_in_a_worker_are_refused(config, tmp_path):
     made, _, _ = run(config, tmp_path / "o", shards=range(1))
     changed = made.plan.model_copy(update={"sources": {"train": made.plan.sources["train"] | {"patches": "0" * 64}}})
-    maker = ShardMaker(make.Job(changed, str(tmp_path / "p"), "auto"))
+    maker = ShardMaker(Job(changed, str(tmp_path / "p"), "auto"))
     with closing(maker), pytest.raises(InputError, match="patches"):
         maker.make_shard(0, Recorder())
 
@@ -248,31 +246,3 @@ def test_without_ray_the_message_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray.cloudpickle", None)
     with pytest.raises(InputError, match=r"pip install 'semisynth-gl\[ray\]'"):
         RayEngine().run(None, [], Recorder())
-
-
-# A thread that encodes while a GPU draws
-
-
-def test_pairs_in_flight_have_the_same_bytes(config, wanted, tmp_path, monkeypatch):
-    monkeypatch.setattr(make, "is_software", lambda _: False)
-    run(config, tmp_path / "o", listener=Recorder(lambda pair: pair.index == 1))
-    run(config, tmp_path / "o")
-    assert digests(tmp_path / "o") == wanted["middlebury"]
-
-
-def test_pairs_are_encoded_while_others_are_drawn_and_come_in_order():
-    drawn = [threading.Event() for _ in range(8)]
-
-    def draw():
-        for number, event in enumerate(drawn):
-            event.set()
-            yield number
-
-    def encode(number):
-        # The last one has nothing to wait for.
-        assert drawn[min(number + 1, len(drawn) - 1)].wait(PATIENCE_S)
-        return number, threading.current_thread() is threading.main_thread()
-
-    assert list(in_order(draw(), encode, in_thread=True)) == [(number, False) for number in range(8)]
-    here = threading.current_thread()
-    assert list(in_order(range(3), lambda _: threading.current_thread() is here, in_thread=False)) == [True] * 3

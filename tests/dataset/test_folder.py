@@ -7,14 +7,13 @@ from pathlib import Path
 
 import pytest
 from fsspec.implementations.memory import MemoryFileSystem
-from hand_made_datasets import config_of, pairs_of, plan_of, write_dataset
+from hand_made_datasets import config_of, plan_of, write_dataset
 
-from semisynth_gl.dataset.folder import begin, check_begin, check_links, locked, missing
+from semisynth_gl.dataset.folder import begin, check_links, locked, read_plan
 from semisynth_gl.dataset.names import INDEX, PLAN
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.dataset.root import names_below, open_root, read_whole
-from semisynth_gl.dataset.shard import write_shard
 from semisynth_gl.inputs.errors import InputError, ReadError
 
 PAIRS = {"train": 4, "validation": 1}
@@ -129,17 +128,6 @@ def test_another_plan_is_refused_with_the_keys_that_differ(clean, change, said):
     assert tree(folder) == before
 
 
-def test_a_plan_without_a_complete_shard_stands_in_nobodys_way(tmp_path):
-    """A run that failed before its first shard, and a run with a mended config."""
-    first, _ = plan_of("middlebury", PAIRS, 2, config_of(name="first"))
-    begin(open_root(tmp_path), first)
-    assert not write_shard(open_root(tmp_path), first, first.shards[0], list(pairs_of(first, first.shards[0]))[:1])
-    assert missing(open_root(tmp_path), first) == list(first.shards)
-    write(tmp_path, "middlebury")
-    assert not list(tmp_path.rglob("first-*"))
-    assert len(open_dataset(tmp_path)) == 5
-
-
 def test_a_folder_of_others_is_left_alone(tmp_path):
     plan, _ = plan_of("middlebury", PAIRS, 2)
     for name in ("notes.txt", "notes.json.12.new", INDEX, "shards/notes.txt"):
@@ -151,7 +139,7 @@ def test_a_folder_of_others_is_left_alone(tmp_path):
                 begin(open_root(folder), plan, overwrite=overwrite)
         assert tree(folder).keys() - {"shards"} == {name}
     with pytest.raises(InputError, match=r"out: .*expected a folder, got a file"):
-        check_begin(open_root(folder / name), plan, overwrite=False)
+        read_plan(open_root(folder / name))
     with (
         pytest.raises(InputError, match="cannot be written to"),
         locked(open_root(tmp_path / "notes.txt" / "notes.txt")),
@@ -257,7 +245,8 @@ def test_a_refusal_of_a_store_comes_with_advice(monkeypatch):
     def forbidden(*_, **__):
         raise PermissionError("Forbidden")
 
-    monkeypatch.setattr(MemoryFileSystem, "cat_file", forbidden)
+    for method in ("exists", "info", "cat_file"):
+        monkeypatch.setattr(MemoryFileSystem, method, forbidden)
     with pytest.raises(InputError, match="PermissionError: Forbidden; check address, rights"):
         read_index("memory://forbidden")
     with pytest.raises(ReadError, match="a file: cannot be read: Forbidden"):

@@ -20,7 +20,7 @@ from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import load_config
 from semisynth_gl.config.explain import explain
-from semisynth_gl.dataset.documents import Plan, parse_values
+from semisynth_gl.dataset.documents import Plan, parse
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.geometry.families import build_family
@@ -187,7 +187,7 @@ def test_a_file_cannot_make_a_message_propose_another_command():
     values = make_plan(load_config("kitti"), 0, "kitti", {"train": 1}).values()
     for package in ({"package": "a; rm -rf ~", "version": "1"}, {"package": "a", "version": "$(b)"}):
         with pytest.raises(ReadError, match=r"plugins\.layouts\.x"):
-            parse_values(Plan, values | {"plugins": {"layouts": {"x": package}}}, Path("plan.json"))
+            parse(Plan, json.dumps(values | {"plugins": {"layouts": {"x": package}}}).encode(), Path("plan.json"))
 
 
 LAYOUT = """
