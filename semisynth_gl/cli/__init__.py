@@ -2,9 +2,7 @@
 
 import errno
 import logging
-import os
 import sys
-from contextlib import suppress
 from importlib import import_module
 from typing import NoReturn
 
@@ -13,8 +11,8 @@ import click
 from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_raise
 from semisynth_gl.inputs.errors import SemisynthError
 
-# Exit codes. 2 also stands for a run that was stopped or ran out of disk space: the same command resumes it.
-_LOST, _REFUSED = 1, 2
+# An exit code. It also stands for a run that was stopped or ran out of disk space: the same command resumes it.
+_REFUSED = 2
 
 _COMMANDS = ("bench", "calibrate", "configs", "doctor", "evaluate", "generate", "preview", "report", "verify")
 
@@ -36,8 +34,7 @@ class _LazyGroup(click.Group):
 @click.group(
     cls=_LazyGroup,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    epilog="Exit codes: 0 success; 1 the command found faults, or its results could not be printed; 2 the input was "
-    "wrong, or the run could not go on.",
+    epilog="Exit codes: 0 success; 1 the command found faults; 2 the input was wrong, or the run could not go on.",
 )
 @click.version_option(package_name="semisynth-gl")
 def semisynth_gl() -> None:
@@ -72,23 +69,8 @@ def _run() -> int:
     except SemisynthError as error:
         text = str(error)
     except OSError as error:
-        if error.filename is None and _is_output_full():
-            return _LOST
         place = f"{error.filename}: " if error.filename else ""
         advice = " Free some space, or choose another folder with --out." if error.errno == errno.ENOSPC else ""
         text = f"{place}{error.strerror or error}.{advice}"
-    with suppress(OSError):  # nobody may read it
-        click.echo(f"Error: {text}", err=True)
+    click.echo(f"Error: {text}", err=True)
     return _REFUSED
-
-
-def _is_output_full() -> bool:
-    """Return whether standard output takes no more, and say so; where nobody reads it, click ends the command."""
-    try:
-        click.echo()
-    except OSError as error:
-        sys.stdout = open(os.devnull, "w")  # noqa: PTH123, SIM115 - the interpreter flushes it as it ends
-        with suppress(OSError):
-            click.echo(f"Error: standard output: {error.strerror}: not all was printed.", err=True)
-        return True
-    return False

@@ -22,7 +22,6 @@ from semisynth_gl.cli.options import (
 )
 from semisynth_gl.cli.outputs import OutputFile
 from semisynth_gl.cli.progress import Progress
-from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.inputs.errors import InputError
 
@@ -115,9 +114,6 @@ def _calib_keys(_: click.Context, __: click.Parameter, text: str | None) -> dict
 @option("--out", type=OutputFile(".yaml", ".yml"), required=True, help="YAML file to write.")
 @option("--overwrite", is_flag=True, help="Overwrite an existing --out: your changes in it are lost.")
 def calibrate(
-    images: tuple[str, ...],
-    disparity: tuple[str, ...],
-    png_scale: float,
     settings: tuple[str, ...],
     out: Path,
     overwrite: bool,
@@ -127,26 +123,13 @@ def calibrate(
     if out.is_file() and not overwrite:
         raise InputError(f"--out {out}: exists already; choose another name, or replace it with --overwrite")
     with Progress() as progress:
-        made = calibrate_rig(
-            images,
-            disparity=disparity,
-            png_scale=png_scale,
-            overrides=settings,
-            name=out.stem,
-            listener=progress,
-            **others,
-        )
+        made = calibrate_rig(overrides=settings, name=out.stem, listener=progress, **others)
     out.write_text(made.text, "utf-8")
     for line in made.summary:
         click.echo(line)
     for note in made.notes:
         click.echo(f"note: {note}", err=True)
-    config, data = shlex.quote(str(out)), shlex.quote(f"data/{made.config.name}")
-    sources = [f"--images {shlex.quote(source)}" for source in images]
-    sources += [f"--disparity {shlex.quote(source)}" for source in disparity]
-    if disparity and png_scale != KITTI_DISPARITY.steps:
-        sources.append(f"--png-scale {png_scale:g}")
+    config = shlex.quote(str(out))
     click.echo(f"wrote {out}; next:")
     click.echo(f"  semisynth-gl preview --config {config}")
-    click.echo(f"  semisynth-gl generate --config {config} --out {data} --pairs {_PROPOSED_PAIRS}")
-    click.echo(f"  semisynth-gl report {data} {' '.join(sources)}")
+    click.echo(f"  semisynth-gl generate --config {config} --out data/{made.config.name} --pairs {_PROPOSED_PAIRS}")
