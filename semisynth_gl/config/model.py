@@ -294,7 +294,7 @@ class Config(Section):
         ratios, counts = self.camera.baseline_ratios()
         if len(ratios) == 1:
             return longest
-        # Without a stated cx_right, doffs is in proportion to the baseline, as disparity is; see `sample_views`.
+        # Without a stated cx_right, doffs is in proportion to the baseline, as disparity is; see `sample_cameras`.
         doffs_px = 0.0 if self.camera.cx_right_px is None else self.camera.all_doffs_px.middle
         parts = [(count, longest.seen_from(ratio, doffs_px)) for ratio, count in zip(ratios, counts, strict=True)]
         lowest = float(min(part.edges_px[0] for _, part in parts))

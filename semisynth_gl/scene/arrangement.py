@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +12,7 @@ from semisynth_gl.geometry.mesh import Mesh, cross
 from semisynth_gl.geometry.parts import turned_about_z
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.background import FACE, OVERLAP
-from semisynth_gl.scene.instances import INSTANCE, Instances, new_instances
+from semisynth_gl.scene.instances import Instances, new_instances
 from semisynth_gl.scene.resting import surfaces_below
 from semisynth_gl.scene.rig import BEYOND_NEAR, SequenceRig
 from semisynth_gl.scene.scene import placed_vertices
@@ -65,6 +66,16 @@ class Catalogue:
         return np.asarray(self.high[number] - self.low[number])
 
 
+class Thing(NamedTuple):
+    """A static instance on a floor."""
+
+    model: int  # number in the catalogue
+    pose: Floats  # (4, 4) floor_from_model, metres
+    unit_m: ArrayLike  # lengths of one unit of u and of v, metres
+    texture: int  # number of the thing whose texture it wears: its own, or an earlier one's
+    large: bool  # whether it wears a large patch, where the atlas has any
+
+
 @dataclass(slots=True, eq=False)
 class Arrangement:
     """The static instances of a room or a street, gathered one by one in the floor's frame; see `camera_over_floor`."""
@@ -75,19 +86,14 @@ class Arrangement:
     metre: float  # length of one metre of the arrangement, which may be scaled, in true metres
     rng: np.random.Generator
     farthest_m: float = np.inf  # depth that no view exceeds, if the walls could be brought in that far
+    things: list[Thing] = field(default_factory=list)
     taken: list[tuple[float, float, float]] = field(default_factory=list)  # circles on the floor: x, y and radius
     raised: list[tuple[Corner, Corner, float]] = field(default_factory=list)  # opposite corners, height of the floor
-    _rows: Instances = field(default_factory=lambda: new_instances(128))  # with room for more
-    _count: int = 0
-
-    @property
-    def rows(self) -> Instances:
-        """The instances so far, whose pose is floor_from_model."""
-        return self._rows[: self._count]
 
     def table(self) -> Instances:
         """Return the table of the instances in the left camera's frame. Each has the depth of its origin."""
-        table = self.rows.copy()
+        columns = {name: [getattr(thing, name) for thing in self.things] for name in Thing._fields}
+        table = new_instances(len(self.things), **columns)
         table["pose"] = self.camera_from_floor @ table["pose"]
         table["depth_m"] = np.maximum(table["pose"][:, 2, 3], self.rig.near_m)
         return table
@@ -119,18 +125,10 @@ class Arrangement:
     def add(
         self, model: int, pose: Floats, unit_m: ArrayLike, texture: int | None = None, *, large: bool = True
     ) -> int:
-        """Add an instance; return its number.
-
-        It wears the texture of the earlier instance number ``texture``, by default one that nothing else wears;
-        ``large`` says whether it wears a large patch, where the atlas has any.
-        """
-        number = self._count
-        if number == len(self._rows):
-            self._rows = np.concatenate([self._rows, new_instances(number)], dtype=INSTANCE)
-        row = self._rows[number]
-        row["model"], row["pose"], row["unit_m"], row["large"] = model, pose, unit_m, large
-        row["texture"] = number if texture is None else texture
-        self._count += 1
+        """Add a `Thing`, which by default wears a texture that nothing else wears; return its number."""
+        number = len(self.things)
+        unit = np.broadcast_to(unit_m, 2)
+        self.things.append(Thing(model, pose, unit, number if texture is None else texture, large))
         return number
 
     def add_rectangle(
@@ -167,7 +165,7 @@ class Arrangement:
         turn = turned_about_z(yaw_rad)
         if self._too_near((-x, -y, 0), (x, y, z), turn, at):
             return None
-        first = self._count
+        first = len(self.things)
         for corner, u, v in (
             ((-x, -y, z), (2 * x, 0, 0), (0, 0, -z)),
             ((x, -y, z), (0, 2 * y, 0), (0, 0, -z)),
@@ -202,9 +200,9 @@ class Arrangement:
 
     def top(self, number: int, x: float, y: float) -> float | None:
         """Return the height of a thing's top over a point (x, y) of the floor; None where the top is not level."""
-        row = self.rows[number]
-        mesh = self.catalogue.models[row["model"]]
-        corners = placed_vertices(mesh, row["pose"])[mesh.triangles]
+        thing = self.things[number]
+        mesh = self.catalogue.models[thing.model]
+        corners = placed_vertices(mesh, thing.pose)[mesh.triangles]
         height, normal = surfaces_below(corners, np.array([[x, y, np.inf]]))
         return float(height[0]) if normal[0, 2] >= _LEVEL else None
 

@@ -1,12 +1,10 @@
 """The coverage that each depth layer needs for a wanted distribution of disparity.
 
 The Boolean model. Particles are thrown independently, so the number of a layer's particles that cover a given pixel has
-a Poisson distribution. Its mean, the coverage lambda_k of layer k, is a pure number: the sum of the particles' areas,
-px^2, over the area of the region into which they are thrown, px^2. A Poisson number is 0 with probability exp(-lambda).
-
-Of the particles of layer k that cover a pixel, let each show d px or more with probability S_k(d), independently. Then
-the number of particles that do is again Poisson, with mean lambda_k S_k(d). A pixel shows less than d px where the bare
-scene does, and no particle of any layer shows more. With F_bare(d) for the share of the bare view below d, this is
+a Poisson distribution. Its mean, the coverage lambda_k of layer k, is the sum of the particles' areas over the area of
+the region into which they are thrown. Of the particles of layer k that cover a pixel, let each show d px or more with
+probability S_k(d). The number that do is again Poisson, with mean lambda_k S_k(d), and is 0 with the probability
+exp(-lambda_k S_k(d)). With F_bare(d) for the share of the bare view below d, the share of the view below d is
 
     F(d) = F_bare(d) * product over k of exp(-lambda_k S_k(d)).                                                  (1)
 
@@ -14,25 +12,23 @@ The fit. The logarithm of (1) is linear in the lambdas. With the wanted F at the
 
     sum over k of lambda_k S_k(d_j) = log(F_bare(d_j) / F(d_j)).                                                 (2)
 
-Particles have depth and drift, so S_k is not a step at the layer's edge, and (2) couples all layers. There are K
-unknowns with limits, 0 <= least <= lambda <= 4, so (2) is solved by weighted least squares. An error e of log F is an
-error F e of F itself, hence each equation has the weight F(d_j)^2: first with the wanted F, then with the F of the
-first solution where that is larger. See `solve_coverage`.
+Particles have depth and drift, so S_k is not a step at the layer's edge, and (2) couples all layers. Its K unknowns
+have limits, 0 <= least <= lambda <= 4, so (2) is solved by weighted least squares. An error e of log F is an error F e
+of F itself, hence each equation has the weight F(d_j)^2: first with the wanted F, then with the F of the first solution
+where that is larger.
 
-One particle (`DepthLayers.exceedance`). The middle of a particle's path lies at the depth Z, m, and the disparity
-d = f B / Z - doffs, px, where f is the focal length, px, and B the baseline, m. A point at the depth z Z has the
-disparity
+One particle. The middle of its path lies at the depth Z, m, with the disparity d = f B / Z - doffs. A point at the
+depth z Z has the disparity
 
-    d' = (d + doffs) / z - doffs,                                                                                (3)
+    d' = (d + doffs) / z - doffs.                                                                                (3)
 
-since f B / Z = d + doffs. Lengths over Z are px over f: a sphere with a radius of r px has the radius r / f in units of
-its depth. Let the path recede by a px in depth while its age t runs from 0 to 1. A surface point h radii in front of
-the particle's centre has
+Lengths over Z are px over f. Let the path recede by a px in depth while its age t runs from 0 to 1, and let the
+particle have a radius of r px. A surface point h radii in front of the particle's centre has
 
     z = 1 + (t - 1/2) a / f - h r / f.                                                                           (4)
 
-S_k(d) is the mean of [d' >= d] over particles, which count by their area r^2, as a pixel is covered in proportion to
-it. The mean is taken over 128 points that are spread evenly over (d, r, h, speed of the drift, heading, t).
+S_k(d) is the mean of [d' >= d] over particles, which count by their area r^2. The mean is taken over 128 points that
+are spread evenly over (d, r, h, speed of the drift, heading, t).
 """
 
 from dataclasses import dataclass
@@ -63,12 +59,6 @@ class DepthLayers:
 
     low_px: Floats  # (K,) lowest disparity of a particle's middle
     high_px: Floats  # (K,) highest disparity of a particle's middle; equal to `low_px` in a layer without room
-
-    @classmethod
-    def from_bins(cls, target: Histogram, min_px: float, max_px: float) -> "DepthLayers":
-        """Return a layer for each bin of a target, within the limits ``min_px`` and ``max_px``."""
-        low = np.maximum(target.edges_px[:-1], min_px)
-        return cls(low, np.maximum(low, np.minimum(target.edges_px[1:], max_px)))
 
     def __len__(self) -> int:
         return len(self.low_px)
@@ -143,13 +133,10 @@ def merge_bins(target: Histogram) -> Histogram:
 def solve_coverage(shares: Floats, bare: Floats, exceedances: Floats, least: Floats, has_room: Bools) -> Floats:
     """Find the layers' coverages lambda, within their limits, that solve (2) of the module's text best.
 
-    With S for ``exceedances``, b_j for the right side of (2) and W for the diagonal matrix of the weights F(d_j)^2, it
-    minimises  (S^T lambda - b)^T W (S^T lambda - b),  whose gradient is twice  S W S^T lambda - S W b:  in the code
-    ``product @ lambda - aim``. The accelerated projected gradient (Beck and Teboulle 2009) steps along it and cuts the
-    result to the limits. Its step for lambda_k is 1 / (sum of row k of abs(product)): the diagonal matrix of these sums
-    minus ``product`` is diagonally dominant, hence positive semidefinite, so that no step is too long.
-
-    scipy's `lsq_linear` would take 20 times as long, as it solves one view at a time.
+    The accelerated projected gradient (Beck and Teboulle 2009) minimises  (S^T lambda - b)^T W (S^T lambda - b),  with
+    b_j for the right side of (2) and W for the diagonal matrix of the weights. The step for lambda_k is 1 / (sum of row
+    k of abs(S W S^T)): the diagonal matrix of these sums minus S W S^T is diagonally dominant, hence positive
+    semidefinite, so no step is too long. scipy's `lsq_linear`, for one view at a time, would take 20 times as long.
 
     Args:
         shares: (K,) wanted share of a view in each bin; their running sum is F.

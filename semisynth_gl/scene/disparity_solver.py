@@ -1,29 +1,22 @@
 """The numbers of particles in a scene, by depth layer, for the dataset's wanted distribution of disparity.
 
-The wanted distribution is a histogram of shares over bins of disparity, px. There is a depth layer for each bin, and
-`semisynth_gl.scene.depth_layers` finds its coverage: how many particles cover a pixel, on average. This module takes a
-dataset from the wanted shares to whole numbers of particles:
+There is a depth layer for each bin of the wanted histogram. `semisynth_gl.scene.depth_layers` finds its coverage
+lambda: how many particles cover a pixel, on average. This module takes a dataset from wanted shares to numbers:
 
-1. Pilots. A dataset cannot be measured before it is made, so 32 pilot scenes stand for it. They have camera,
-   background, structures and furniture, but no particles. A pilot gives the share of its view that is bare of
-   particles below each disparity.
-2. Aim. Each scene is solved separately, with its own camera and background. A wall keeps some scenes from the target,
-   and the others must compensate. So scenes are solved for an aim that is shifted until the mean of the pilots is the
-   target:  aim <- aim + wanted - achieved,  a fixed-point iteration of shares. Of its steps, the aim whose mean has the
-   smallest total difference from the target is taken.
-3. Coverage to numbers. One particle adds c = A / R to the mean coverage, where A px^2 is the mean area of its
-   silhouette and R px^2 the area of the region in which it may be (`expected_cover`). A layer with coverage lambda thus
-   has n = lambda / c particles on average.
-4. Sizes and density. At the stated sizes, n follows. A density asks for a number in view instead: since c grows with
-   the square of the sizes, the number falls with it, and a bisection over the logarithm of a factor of all sizes finds
-   the wanted number. Sizes grow as well where n adds up to more than ``particles.most``.
-5. Counts. Particles that are thrown independently have Poisson numbers. The number of layer k in sequence s is the
-   quantile u = (u_0 + s * sqrt(p_k)) mod 1 of the Poisson distribution of mean n, where p_k is the layer's prime and
-   u_0 comes from the seed. Multiples of an irrational number are spread evenly over [0, 1), so that few scenes reach
-   the mean that independent samples reach with many.
+1. Pilots. 32 scenes without particles stand for the dataset: they give the share of a view that is bare of particles
+   below each disparity.
+2. Aim. Each scene is solved for itself. A wall keeps some scenes from the target, and the others must compensate: the
+   aim of all scenes is shifted by  wanted - achieved,  until the mean of the pilots is the target.
+3. Numbers. One particle adds c = A / R to the coverage, where A px^2 is the mean area of its silhouette and R px^2 the
+   area of the region in which it may be (`expected_cover`). So a layer has n = lambda / c particles on average.
+4. Sizes. c grows with the square of the sizes, so n falls with it. A bisection over a factor of all sizes finds the
+   number in view that ``particles.density`` asks for. Sizes also grow where n adds up to more than ``particles.most``.
+5. Counts. The number of layer k in sequence s is the quantile u = (u_0 + s * sqrt(p_k)) mod 1 of the Poisson
+   distribution of mean n, where p_k is the layer's prime and u_0 comes from the seed. Multiples of an irrational number
+   are spread evenly over [0, 1), so few scenes reach the mean that independent samples reach with many.
 
-Layers that the config states (``particles.layers``) are not solved, and clutter (``particles.clutter``) is added to
-what is solved. Both count in what is bare of solved particles.
+Layers that the config states (``particles.layers``) are not solved, and ``particles.clutter`` is added to what is
+solved. Both count in what is bare of solved particles.
 """
 
 from collections.abc import Sequence
@@ -32,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semisynth_gl.config import Config
+from semisynth_gl.config import Config, Range
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.silhouette import Silhouette
 from semisynth_gl.histogram import Histogram
@@ -40,7 +33,7 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.arrangement import Catalogue
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, merge_bins, solve_coverage
-from semisynth_gl.scene.particles import Batch, Sizes, expected_cover, expected_in_view, stated_layers, stated_sizes
+from semisynth_gl.scene.particles import Batch, Sizes, expected_cover, expected_in_view, stated_sizes
 from semisynth_gl.scene.pilots import Pilot, sample_pilots
 from semisynth_gl.scene.rig import check_reachable, near_depth_m, relief_px
 from semisynth_gl.seeds.seeds import Purpose, generator
@@ -59,8 +52,7 @@ _BEYOND_MOST = 2.0
 _ENLARGEMENTS = 12
 # Number of bisections in the search for a factor of sizes.
 _HALVINGS = 10
-# Multiples of the roots of primes, modulo 1, spread evenly over [0, 1) for each layer separately, since the roots are
-# irrational and unrelated. There are 50 primes, for at most 48 layers.
+# The roots of primes are irrational and unrelated. There are 50 primes, for at most 48 layers.
 _PRIMES = np.array([n for n in range(2, 230) if all(n % k for k in range(2, n))], np.float64)
 # Smallest share of the aim for a bin that each correction leaves: from 0 the aim could not rise again.
 _LEAST_OF_AIM = 0.1
@@ -106,8 +98,14 @@ class DisparitySolver:
         own, particles = config.wanted_histogram(), config.particles
         self.target = merge_bins(wanted or own)
         self._solved = particles.layers is None
-        self._stated = stated_layers((*(particles.layers or ()), *particles.clutter), particles, own)
-        self._layers = DepthLayers.from_bins(self.target, config.disparity.min_px, config.disparity.max_px)
+        middle = Range(own.quantile(0.1), own.quantile(0.9))
+        self._stated = [
+            (layer.disparity_px or middle, layer.count, stated_sizes(particles, layer))
+            for layer in (*(particles.layers or ()), *particles.clutter)
+        ]
+        low_px = np.maximum(self.target.edges_px[:-1], config.disparity.min_px)
+        high_px = np.minimum(self.target.edges_px[1:], config.disparity.max_px)
+        self._layers = DepthLayers(low_px, np.maximum(low_px, high_px))
         self._first_quantile = generator(seed, Purpose.COUNTS).random(len(self._layers))
 
     def sample(self, sequence: int, camera: StereoCamera, bare_px: Floats, rng: np.random.Generator) -> list[Batch]:
@@ -123,9 +121,9 @@ class DisparitySolver:
             InputError: where a layer that the config states lies beyond infinity, or the target cannot be met: not
                 with ``particles.most`` particles as wide as the image, or not at ``particles.density``.
         """
-        for number, layer in enumerate(self._stated):
+        for number, (disparity_px, *_) in enumerate(self._stated):
             key = "layers" if number < len(self._config.particles.layers or ()) else "clutter"
-            check_reachable(camera, layer.disparity_px.low, f"particles.{key}.disparity_px")
+            check_reachable(camera, disparity_px.low, f"particles.{key}.disparity_px")
         solved = list[Batch]()
         if self._solved:
             quantile = (self._first_quantile + sequence * np.sqrt(_PRIMES[: len(self._layers)])) % 1.0
@@ -135,8 +133,8 @@ class DisparitySolver:
             # `sample_slots` cuts the number to particles.most in any case.
             mean *= min(1.0, _BEYOND_MOST * self._config.particles.most / max(float(mean.sum()), 1.0))
             layers = zip(self._layers.low_px, self._layers.high_px, poisson_counts(mean, quantile), strict=True)
-            solved = [Batch(low, high, int(count), sizes) for low, high, count in layers]
-        return solved + [stated.batch(rng) for stated in self._stated]
+            solved = [Batch(Range(low, high), int(count), sizes) for low, high, count in layers]
+        return solved + [Batch(where, round(count.sample(rng)), sizes) for where, count, sizes in self._stated]
 
     def expected(self) -> Histogram:
         """Return the mean distribution of the dataset, in the bins of ``target``, by the Boolean model of pilot scenes.
@@ -162,8 +160,8 @@ class DisparitySolver:
     def _scale(self, sizes: Sizes, wanted: float, *, stated: bool) -> float:
         """Return the factor of sizes at which a wanted number of objects is in the left view on average.
 
-        A number that is too small is refused where the config states it; otherwise the result comes as near as it can.
-        A number that is too large is refused in any case.
+        A number that is too large is refused. One that is too small is refused where the config states it; else the
+        result comes as near as it can.
         """
         # At the largest factor, the largest particles of the nearest layer are as wide as the image.
         camera = self._pilots[0].camera
@@ -252,10 +250,10 @@ class DisparitySolver:
         inner = self.target.edges_px[1:-1]
         # How many times stated particles cover a pixel with at least the edge's disparity.
         covered = np.zeros(len(inner))
-        for stated in self._stated:
-            layer = DepthLayers(np.array([stated.disparity_px.low]), np.array([stated.disparity_px.high]))
-            cover = expected_cover(camera, stated.sizes, layer.middle_px, self._silhouette.fill)[0]
-            covered += cover * stated.count.middle * self._exceedance(layer, inner, camera, stated.sizes)[0]
+        for disparity_px, count, sizes in self._stated:
+            layer = DepthLayers(np.array([disparity_px.low]), np.array([disparity_px.high]))
+            cover = expected_cover(camera, sizes, layer.middle_px, self._silhouette.fill)[0]
+            covered += cover * count.middle * self._exceedance(layer, inner, camera, sizes)[0]
         return np.asarray(np.searchsorted(np.sort(bare_px), inner) / len(bare_px) * np.exp(-covered))
 
     def _exceedance(self, layers: DepthLayers, edges_px: Floats, camera: StereoCamera, sizes: Sizes) -> Floats:
@@ -266,11 +264,8 @@ class DisparitySolver:
 
 
 def poisson_counts(mean: Floats, quantile: Floats) -> Ints:
-    """Return the value at each quantile (K,), in [0, 1), of Poisson distributions with means (K,): (K,) int64.
-
-    The number of particles that are thrown independently has a Poisson distribution. It is summed up here because scipy
-    takes long to import.
-    """
+    """Return the value at each quantile (K,), in [0, 1), of Poisson distributions with means (K,): (K,) int64."""
+    # scipy would take long to import.
     largest = mean.max(initial=0.0)
     number = np.arange(int(largest + 12 * largest**0.5 + 24))
     log_mean = np.log(np.maximum(mean, np.finfo(np.float64).tiny))[:, None]

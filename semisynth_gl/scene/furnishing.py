@@ -8,75 +8,33 @@ from semisynth_gl.config.scene_sections import RoomSection
 from semisynth_gl.scene import Floats
 from semisynth_gl.scene.arrangement import Arrangement, Corner, Diameters, Wall
 
+# Diameters of the bounding spheres of what stands on the floor, of what stands on anything, and of what hangs on walls.
 _STANDING: Final[Diameters] = {
-    "table": (1.1, 1.9),
-    "chair": (0.95, 1.2),
-    "bookcase": (1.2, 2.2),
-    "shelf": (1.0, 1.8),
-    "lamp": (0.9, 1.7),
-    "clothes_rack": (1.2, 1.8),
-    "potted_plant": (0.7, 1.6),
-    "cactus": (0.5, 1.3),
-    "fan": (0.8, 1.4),
-    "ladder": (1.2, 2.1),
-    "stairs": (1.2, 2.2),
-    "basket": (0.4, 0.7),
-    "cage": (0.5, 0.9),
-    "picture_frame": (0.8, 1.4),
-    "bench": (1.2, 1.9),
-    "bin": (0.7, 1.1),
-    "bicycle": (1.6, 1.8),
-    "figure": (1.5, 1.8),
-    "animal": (0.5, 1.1),
-    "cushion": (0.5, 0.8),
-    "blob": (0.5, 1.0),
-    "cuboid": (0.4, 1.1),
-    "cube": (0.4, 0.9),
-    "cylinder": (0.4, 0.9),
+    "table": (1.1, 1.9), "chair": (0.95, 1.2), "bookcase": (1.2, 2.2), "shelf": (1.0, 1.8),
+    "lamp": (0.9, 1.7), "clothes_rack": (1.2, 1.8), "potted_plant": (0.7, 1.6), "cactus": (0.5, 1.3),
+    "fan": (0.8, 1.4), "ladder": (1.2, 2.1), "stairs": (1.2, 2.2), "basket": (0.4, 0.7),
+    "cage": (0.5, 0.9), "picture_frame": (0.8, 1.4), "bench": (1.2, 1.9), "bin": (0.7, 1.1),
+    "bicycle": (1.6, 1.8), "figure": (1.5, 1.8), "animal": (0.5, 1.1), "cushion": (0.5, 0.8),
+    "blob": (0.5, 1.0), "cuboid": (0.4, 1.1), "cube": (0.4, 0.9), "cylinder": (0.4, 0.9),
     "capsule": (0.5, 0.9),
-}
+}  # fmt: skip
 _FURNITURE: Final = {name: _STANDING[name] for name in ("table", "bookcase", "shelf", "cuboid", "cube")}
 """Things with a flat top, on which small things stand; half of the furniture is chosen from these only."""
 _AT_WALLS: Final = frozenset({"bookcase", "shelf", "picture_frame", "bench", "clothes_rack", "stairs"})
 _SMALL: Final[Diameters] = {
-    "bottle": (0.2, 0.35),
-    "vase": (0.15, 0.4),
-    "mug": (0.09, 0.14),
-    "goblet": (0.14, 0.22),
-    "bowl_stack": (0.15, 0.3),
-    "jug": (0.2, 0.35),
-    "flower": (0.25, 0.5),
-    "potted_plant": (0.25, 0.5),
-    "cactus": (0.15, 0.35),
-    "lamp": (0.35, 0.6),
-    "basket": (0.2, 0.4),
-    "gear": (0.1, 0.25),
-    "spring": (0.1, 0.25),
-    "torus_knot": (0.12, 0.3),
-    "bolt": (0.1, 0.2),
-    "cushion": (0.25, 0.5),
-    "animal": (0.15, 0.4),
-    "figure": (0.15, 0.4),
-    "blob": (0.12, 0.4),
-    "car": (0.15, 0.35),
-    "cube": (0.08, 0.3),
-    "cuboid": (0.1, 0.4),
-    "sphere": (0.08, 0.25),
-    "cone": (0.1, 0.3),
-    "cylinder": (0.08, 0.3),
-    "pyramid": (0.1, 0.25),
-    "prism": (0.1, 0.3),
-    "torus": (0.1, 0.25),
+    "bottle": (0.2, 0.35), "vase": (0.15, 0.4), "mug": (0.09, 0.14), "goblet": (0.14, 0.22),
+    "bowl_stack": (0.15, 0.3), "jug": (0.2, 0.35), "flower": (0.25, 0.5), "potted_plant": (0.25, 0.5),
+    "cactus": (0.15, 0.35), "lamp": (0.35, 0.6), "basket": (0.2, 0.4), "gear": (0.1, 0.25),
+    "spring": (0.1, 0.25), "torus_knot": (0.12, 0.3), "bolt": (0.1, 0.2), "cushion": (0.25, 0.5),
+    "animal": (0.15, 0.4), "figure": (0.15, 0.4), "blob": (0.12, 0.4), "car": (0.15, 0.35),
+    "cube": (0.08, 0.3), "cuboid": (0.1, 0.4), "sphere": (0.08, 0.25), "cone": (0.1, 0.3),
+    "cylinder": (0.08, 0.3), "pyramid": (0.1, 0.25), "prism": (0.1, 0.3), "torus": (0.1, 0.25),
     "cloth": (0.4, 0.9),
-}
+}  # fmt: skip
 _HANGING: Final[Diameters] = {
-    "hook_rail": (0.5, 1.0),
-    "grating": (0.4, 0.9),
-    "lattice_panel": (0.4, 1.0),
-    "picture_frame": (0.5, 1.0),
-    "gear": (0.3, 0.6),
-    "spoked_wheel": (0.4, 0.8),
-}
+    "hook_rail": (0.5, 1.0), "grating": (0.4, 0.9), "lattice_panel": (0.4, 1.0), "picture_frame": (0.5, 1.0),
+    "gear": (0.3, 0.6), "spoked_wheel": (0.4, 0.8),
+}  # fmt: skip
 
 _TRIES = 8
 
@@ -119,10 +77,10 @@ def fill_niche(room: Arrangement, wall: Wall, low: Corner, high: Corner, deep_m:
 
 def _on_top(room: Arrangement, number: int) -> tuple[float, float, float] | None:
     """Sample a position (x, y, z) on top of the thing with a number; return None where the top is not level there."""
-    row = room.rows[number]
-    low, high = room.catalogue.low[row["model"]], room.catalogue.high[row["model"]]
+    model, pose, *_ = room.things[number]
+    low, high = room.catalogue.low[model], room.catalogue.high[model]
     spot = low + (high - low) * (*room.rng.uniform(0.12, 0.88, 2), 1)
-    x, y, _ = row["pose"][:3, :3] @ spot + row["pose"][:3, 3]
+    x, y, _ = pose[:3, :3] @ spot + pose[:3, 3]
     z = room.top(number, x, y)
     return None if z is None else (x, y, z)
 

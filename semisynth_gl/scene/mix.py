@@ -23,19 +23,14 @@ _SEARCHED = 100_000
 _STEP = (221**0.5 - 11) / 10
 
 
-class Shares:
-    """Shares out sequences among recipes: among successive sequences, each recipe is as frequent as its share says.
+def recipe_numbers(sequences: Ints, shares: Sequence[float], seed: int) -> Ints:
+    """Return the numbers of the recipes of sequences, (N,) each.
 
-    The R ``shares`` are above 0 and add up to 1. The ``seed`` decides where the order of recipes begins.
+    Among successive sequences each of R recipes is as frequent as its share says. The R ``shares`` are above 0 and add
+    up to 1. The ``seed`` decides where the order of recipes begins.
     """
-
-    def __init__(self, shares: Sequence[float], seed: int) -> None:
-        self._ends = np.cumsum(shares)[:-1]
-        self._first = generator(seed, Purpose.RECIPES).random()
-
-    def recipes(self, sequences: Ints) -> Ints:
-        """Return the numbers of the recipes of sequences, (N,) each."""
-        return np.searchsorted(self._ends, (self._first + sequences * _STEP) % 1.0, side="right")
+    first = generator(seed, Purpose.RECIPES).random()
+    return np.searchsorted(np.cumsum(shares)[:-1], (first + sequences * _STEP) % 1.0, side="right")
 
 
 class MixSampler:
@@ -59,8 +54,7 @@ class MixSampler:
     def __init__(
         self, config: Config, seed: int, libraries: Sequence[ModelLibrary], patches: tuple[Patch, ...]
     ) -> None:
-        self.recipes, self._config = config.recipes(), config
-        self._shares = Shares([recipe.share for recipe in self.recipes], seed)
+        self.recipes, self._config, self._seed = config.recipes(), config, seed
 
         def samplers(wanted: Histogram | None = None, *, solved: bool) -> dict[int, SceneSampler]:
             """Make the samplers of the recipes that are, or are not, solved for the dataset's target, by number."""
@@ -77,7 +71,7 @@ class MixSampler:
 
     def sample(self, index: int, attempt: int = 0) -> SampledScene:
         """Sample the scene of pair ``index``; see `SceneSampler.sample`. All attempts use the same recipe."""
-        sampler = self.samplers[int(self._shares.recipes(np.array(index // self._config.sequence_pairs)))]
+        sampler = self.samplers[int(self._recipes(np.array(index // self._config.sequence_pairs)))]
         with _named(sampler.recipe):
             return sampler.sample(index, attempt)
 
@@ -98,9 +92,12 @@ class MixSampler:
         The first pair of each recipe is taken, and then the first of the dataset's other pairs. Recipes whose share is
         so tiny that the first 100,000 sequences have none of them are left out.
         """
-        firsts = np.unique(self._shares.recipes(np.arange(_SEARCHED)), return_index=True)[1]
+        firsts = np.unique(self._recipes(np.arange(_SEARCHED)), return_index=True)[1]
         firsts = np.sort(firsts) * self._config.sequence_pairs
         return sorted(list(dict.fromkeys([*firsts.tolist(), *range(pairs)]))[:pairs])
+
+    def _recipes(self, sequences: Ints) -> Ints:
+        return recipe_numbers(sequences, [recipe.share for recipe in self.recipes], self._seed)
 
     def _rest(self, others: Mapping[int, SceneSampler]) -> Histogram:
         """Return the part of the mix's target that other recipes leave open."""

@@ -19,7 +19,6 @@ from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import DepthLayerSection, ParticlesSection
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.silhouette import sample_scales
-from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene import Bools, Floats, Ints
 from semisynth_gl.scene.rig import SequenceRig, rotation_about_axis, rotation_from_quaternion
 from semisynth_gl.scene.view_volume import Height, clear_depth_m, height_of_view
@@ -44,6 +43,10 @@ class Slots:
 
     def __len__(self) -> int:
         return len(self.depth_m)
+
+    def radius_m(self, camera: StereoCamera) -> Floats:
+        """Return the radii (S,) of the bounding spheres before models are flattened."""
+        return self.radius_px * (self.depth_m / camera.focal_px)
 
     @property
     def shown(self) -> Bools:
@@ -99,35 +102,12 @@ def stated_sizes(section: ParticlesSection, layer: DepthLayerSection | None = No
     return Sizes(section.size_px.low, section.size_px.high)
 
 
-@dataclass(frozen=True, slots=True)
-class Batch:
+class Batch(NamedTuple):
     """Particles of one range of disparities."""
 
-    low_px: float  # lowest disparity of a path's middle
-    high_px: float  # highest disparity of a path's middle
-    count: int  # number of particles
+    disparity_px: Range  # of the paths' middles
+    number: int  # of particles
     sizes: Sizes
-
-
-@dataclass(frozen=True, slots=True)
-class StatedLayer:
-    """A depth layer of particles that the config states."""
-
-    disparity_px: Range
-    count: Range
-    sizes: Sizes
-
-    def batch(self, rng: np.random.Generator) -> Batch:
-        """Return the layer's particles, with a number sampled from its range and rounded."""
-        return Batch(self.disparity_px.low, self.disparity_px.high, round(self.count.sample(rng)), self.sizes)
-
-
-def stated_layers(
-    layers: Sequence[DepthLayerSection], section: ParticlesSection, wanted: Histogram
-) -> tuple[StatedLayer, ...]:
-    """Return the layers that a config states; by default from the first to the last decile of ``wanted``."""
-    middle = Range(wanted.quantile(0.1), wanted.quantile(0.9))
-    return tuple(StatedLayer(each.disparity_px or middle, each.count, stated_sizes(section, each)) for each in layers)
 
 
 def expected_cover(camera: StereoCamera, sizes: Sizes, disparity_px: Floats, fill: float) -> Floats:
@@ -183,11 +163,11 @@ def sample_slots(
     viewing axis would be above ``relief_px`` are flattened.
     """
     camera = rig.camera
-    counts = np.array([batch.count for batch in batches], np.int64)
+    counts = np.array([batch.number for batch in batches], np.int64)
     if counts.sum() > section.most:
         counts = counts * section.most // counts.sum()
-    low = np.repeat([batch.low_px for batch in batches], counts)
-    high = np.repeat([batch.high_px for batch in batches], counts)
+    low = np.repeat([batch.disparity_px.low for batch in batches], counts)
+    high = np.repeat([batch.disparity_px.high for batch in batches], counts)
     total = len(low)
     disparity = low + (high - low) * rng.random(total)
     quantile = rng.random(total)
@@ -225,35 +205,23 @@ def sample_release(camera: StereoCamera, section: ParticlesSection, slots: Slots
     return Release(start, quaternion, axis, spin, drift, scale)
 
 
-class Particles(NamedTuple):
-    """The models of all slots at one moment; the world is the left camera's frame without its sway."""
-
-    generation: Ints  # (S,) number of the model in its slot
-    radius_m: Floats  # (S,) radius of the bounding sphere before models are flattened
-    world_from_model: Floats  # (S, 4, 4) poses of models of radius 1
-
-
-def particles_at(
-    camera: StereoCamera,
-    slots: Slots,
-    release: Callable[[int], Release],
-    time_s: float,
-    generation: Ints | None = None,
-) -> Particles:
-    """Pose every slot's model at any time, directly and without stepping.
+def particle_poses(
+    camera: StereoCamera, slots: Slots, release: Callable[[int], Release], time_s: float, generation: Ints
+) -> Floats:
+    """Pose a model of every slot at any time, directly and without stepping.
 
     ``release`` returns the release of all slots for the number of a generation. ``generation`` (S,) chooses the model
-    of each slot; by default the one that the slot shows at that time. Other models go on along their paths, before
-    their release and after their end.
+    of each slot, which goes on along its path before its release and after its end.
+
+    Returns:
+        world_from_model (S, 4, 4) of models of radius 1; the world is the left camera's frame without its sway.
     """
-    if generation is None:
-        generation = slots.generation(time_s)
     # Periods since the release: 0 to 1 while the slot shows the model.
     age = time_s / slots.period_s + slots.phase - generation
     metre = slots.depth_m / camera.focal_px
     matrix = np.tile(np.eye(4), (len(slots), 1, 1))
     centre = matrix[:, :3, 3]
-    radius_m = slots.radius_px * metre
+    radius_m = slots.radius_m(camera)
     (above, below), apart_m = slots.view.secants, radius_m + slots.view.reach_m
     nearest = np.maximum(slots.nearer_m, 0.0)
     for number in np.unique(generation):
@@ -274,4 +242,4 @@ def particles_at(
     matrix[:, 2, :3] *= slots.flatness[:, None]
     for slot, pose in slots.resting.items():
         matrix[slot] = pose
-    return Particles(generation, radius_m, matrix)
+    return matrix

@@ -28,24 +28,38 @@ BEYOND_NEAR = 1.01
 """Smallest depth of walls, in units of the near plane's, so that rounding never puts a disparity above max_px."""
 
 
-def sample_camera(section: CameraSection, rng: np.random.Generator) -> StereoCamera:
-    """Sample a camera: every range of the section once, always in the same order, and the first baseline only."""
+def sample_cameras(section: CameraSection, rng: np.random.Generator) -> tuple[StereoCamera, ...]:
+    """Sample the camera of each right view of a scene; the cameras differ only in the right eye.
+
+    The sampled doffs is that of the longest baseline. Shorter baselines have a doffs in proportion, unless the config
+    states the right principal point. Disparities are then in proportion, too, so that a surface with a valid disparity
+    in one view has one in all views.
+    """
 
     def sample(key: Range | None, default: float) -> float:
         return (key or Range(default, default)).sample(rng)
 
+    # Every range is sampled once, always in the same order.
     if section.focal_px is not None:
         focal_px = section.focal_px.sample(rng)
     else:
         assert section.focal_mm is not None and section.sensor_width_mm is not None  # noqa: S101, PT018 - CameraSection
         focal_px = section.focal_mm.sample(rng) / section.sensor_width_mm * section.width_px
-    baseline_m = section.baseline_ranges_m[0].sample(rng)
+    baselines_m = [section.baseline_ranges_m[0].sample(rng)]
     doffs_px = sample(section.doffs_px, 0.0)
     cx_left_px = sample(section.cx_left_px, (section.width_px - 1) / 2 - doffs_px / 2)
     cx_right_px = sample(section.cx_right_px, cx_left_px + doffs_px)
     cy_px = sample(section.cy_px, (section.height_px - 1) / 2)
-    intrinsics = focal_px, baseline_m, cx_left_px, cx_right_px, cy_px
-    return StereoCamera(section.width_px, section.height_px, *intrinsics, fy_over_fx=section.fy_over_fx)
+    baselines_m += [range_m.sample(rng) for range_m in section.baseline_ranges_m[1:]]
+    intrinsics = focal_px, baselines_m[0], cx_left_px, cx_right_px, cy_px
+    camera = StereoCamera(section.width_px, section.height_px, *intrinsics, fy_over_fx=section.fy_over_fx)
+
+    def centre_px(baseline_m: float) -> float:
+        if baseline_m == max(baselines_m) or section.cx_right_px is not None:
+            return cx_right_px
+        return cx_left_px + baseline_m / max(baselines_m) * camera.doffs_px
+
+    return tuple(replace(camera, baseline_m=each_m, cx_right_px=centre_px(each_m)) for each_m in baselines_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,8 +120,7 @@ def sample_rig(config: Config, generator_for: Callable[[Purpose], np.random.Gene
     Raises:
         InputError: see `near_depth_m`.
     """
-    rng = generator_for(Purpose.CAMERA)
-    views = sample_views(config.camera, sample_camera(config.camera, rng), rng)
+    views = sample_cameras(config.camera, generator_for(Purpose.CAMERA))
     section = config.rig
     if not section.none():
         rng = generator_for(Purpose.RIG)
@@ -117,23 +130,6 @@ def sample_rig(config: Config, generator_for: Callable[[Purpose], np.random.Gene
         views = tuple(replace(view, deviation=each) for view in views for each in twins)
     rig = SequenceRig(views, sway=sample_sway(config.camera, generator_for(Purpose.SWAY)))
     return replace(rig, near_m=near_depth_m(rig.camera, config.disparity))
-
-
-def sample_views(section: CameraSection, camera: StereoCamera, rng: np.random.Generator) -> tuple[StereoCamera, ...]:
-    """Return the camera of each right view of a scene; the cameras differ only in the right eye.
-
-    ``camera`` comes from `sample_camera` with the same generator, and has the first baseline. Its doffs is that of the
-    longest baseline. Shorter baselines have a doffs in proportion, unless the config states the right principal point.
-    Disparities are then in proportion, too, so that a surface with a valid disparity in one view has one in all views.
-    """
-    baselines_m = [camera.baseline_m, *(range_m.sample(rng) for range_m in section.baseline_ranges_m[1:])]
-
-    def centre_px(baseline_m: float) -> float:
-        if baseline_m == max(baselines_m) or section.cx_right_px is not None:
-            return camera.cx_right_px
-        return camera.cx_left_px + baseline_m / max(baselines_m) * camera.doffs_px
-
-    return tuple(replace(camera, baseline_m=each_m, cx_right_px=centre_px(each_m)) for each_m in baselines_m)
 
 
 def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:

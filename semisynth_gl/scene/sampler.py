@@ -12,9 +12,8 @@ from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.disparity_solver import DisparitySolver
-from semisynth_gl.scene.instances import INSTANCE, Instances, new_instances, to_scene
-from semisynth_gl.scene.mapping import PatchMapping, choose
-from semisynth_gl.scene.particles import Particles, Release, particles_at, sample_release, sample_slots
+from semisynth_gl.scene.instances import INSTANCE, Instances, PatchMapping, choose, new_instances, to_scene
+from semisynth_gl.scene.particles import Release, particle_poses, sample_release, sample_slots
 from semisynth_gl.scene.projector import projector_record, sample_projector
 from semisynth_gl.scene.resting import come_to_rest, triangles_of
 from semisynth_gl.scene.rig import relief_px
@@ -110,7 +109,7 @@ class SceneSequence:
         table["texture"][count:] = np.arange(count, len(table))
         slot, generation = table["slot"][count:], table["generation"][count:]
         of_static = self._generator(Purpose.TEXTURE, 0).random((count, 4))
-        of_slots = self._per_slot(Purpose.TEXTURE, generation, slot, 4, first_key=1)
+        of_slots = self._per_slot(Purpose.TEXTURE, generation, slot, 4)
         mapping.apply(table, np.concatenate([of_static, of_slots]), rig.camera)
         layer, pose = mapping.layers(table["patch"], self.number, frame), self.camera_from_world(frame)
         scene = to_scene(table, rig.views[view], rig.near_m, pose, layer, self.projector)
@@ -120,22 +119,21 @@ class SceneSequence:
         """Return the left camera's pose, (4, 4), at a frame or between frames."""
         return self.static.rig.sway.camera_from_world(frame * self.sampler.config.sequence.frame_s)
 
-    def particles(self, frame: float, generation: Ints | None = None) -> Particles:
-        """Pose the models of all slots at a frame: of given generations (S,), or of those that the frame shows."""
+    def particle_poses(self, frame: float, generation: Ints) -> Floats:
+        """Return the poses (S, 4, 4) at a frame of all slots' models of given generations (S,)."""
         config, camera = self.sampler.config, self.static.rig.camera
 
         def release(number: int) -> Release:
-            rng = self._generator(Purpose.PARTICLES, 1 + _generation_key(number))
-            return sample_release(camera, config.particles, self.slots, rng)
+            return sample_release(camera, config.particles, self.slots, self._released(Purpose.PARTICLES, number))
 
-        return particles_at(camera, self.slots, release, frame * config.sequence.frame_s, generation)
+        return particle_poses(camera, self.slots, release, frame * config.sequence.frame_s, generation)
 
     def _falling(self, frame: int) -> Instances:
         """Return the table of the particles that a frame shows."""
-        slots, particles = self.slots, self.particles(frame)
+        slots, shown = self.slots, self.slots.generation(frame * self.sampler.config.sequence.frame_s)
         # The near plane is in front of both cameras, so no model can swallow a camera.
         slot = np.flatnonzero(slots.shown)
-        generation, pose = particles.generation[slot], particles.world_from_model[slot]
+        generation, pose = shown[slot], self.particle_poses(frame, shown)[slot]
         model = self._models(generation, slot)
         return new_instances(
             len(slot),
@@ -160,17 +158,16 @@ class SceneSequence:
         if not len(chosen):
             return {}
         first, camera = np.zeros(len(slots), np.int64), static.rig.camera
-        particles = self.particles(0.0, first)
+        poses, radius_m = self.particle_poses(0.0, first), slots.radius_m(camera)
         meshes = [models[number] for number in self._models(first[chosen], chosen)]
         ground = static.instances[~static.instances["sky"]]
         corners = triangles_of(models, ground["model"], ground["pose"])
-        rested = come_to_rest(particles.world_from_model[chosen], meshes, corners, static.up)
         resting = {}
-        for number, pose in rested.items():
+        for number, pose in come_to_rest(poses[chosen], meshes, corners, static.up).items():
             slot = int(chosen[number])
             x, y, z = pose[:3, 3]
             row = camera.cy_px + camera.focal_y_px * y / z
-            clear_m = clear_depth_m(static.rig, particles.radius_m[slot] * slots.flatness[slot], np.hypot(x, y))
+            clear_m = clear_depth_m(static.rig, radius_m[slot] * slots.flatness[slot], np.hypot(x, y))
             if z > clear_m and -0.5 < row < camera.height_px - 0.5:
                 resting[slot] = pose
         return resting
@@ -184,22 +181,19 @@ class SceneSequence:
         redone = (_REDONE, self.attempt) if self.attempt else ()
         return generator(self.sampler.seed, purpose, self.number, *numbers, *redone)
 
-    def _per_slot(self, purpose: Purpose, generation: Ints, slot: Ints, width: int, first_key: int = 0) -> Floats:
-        """Return uniform random numbers (N, width) for slots and generations, (N,) each, whatever other slots exist.
+    def _released(self, purpose: Purpose, generation: int) -> np.random.Generator:
+        """Return the generator of one generation; the first key of PARTICLES and TEXTURE is the static scene's."""
+        key = generation if generation >= 0 else _BEFORE - generation
+        return self._generator(purpose, key + (purpose is not Purpose.SHAPE))
 
-        The keys of the generations' generators count from ``first_key``.
-        """
+    def _per_slot(self, purpose: Purpose, generation: Ints, slot: Ints, width: int) -> Floats:
+        """Return uniform random numbers (N, width) for slots and generations, (N,) each, whatever other slots exist."""
         result = np.empty((len(slot), width))
         for number in np.unique(generation):
             rows = generation == number
-            rng = self._generator(purpose, first_key + _generation_key(int(number)))
+            rng = self._released(purpose, int(number))
             result[rows] = rng.random((int(slot[rows].max()) + 1, width))[slot[rows]]
         return result
-
-
-def _generation_key(generation: int) -> int:
-    """Return the key of a generation's generator; keys must not be negative."""
-    return generation if generation >= 0 else _BEFORE - generation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -250,7 +244,7 @@ class SampledScene:
         moved, falling = self.instances["pose"].copy(), self.instances["slot"] >= 0
         slots, generation = self.instances["slot"][falling], np.zeros(len(self.sequence.slots), np.int64)
         generation[slots] = self.instances["generation"][falling]
-        moved[falling] = self.sequence.particles(frame, generation).world_from_model[slots]
+        moved[falling] = self.sequence.particle_poses(frame, generation)[slots]
         return moved
 
     def provenance(self) -> dict[str, Any]:

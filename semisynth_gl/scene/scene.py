@@ -1,7 +1,8 @@
 """The scene of one pair, as arrays for the renderer, and its motion to another moment."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from types import EllipsisType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +68,7 @@ class Scene:
         layer: (N,) int64, indices into the patch atlas; large patches follow the others.
         uv_scale: (N, 2) float64, patches per unit of the model's UV.
         uv_offset: (N, 2) float64, patches; patch coordinate = uv * uv_scale + uv_offset.
-        sky: (N,) bool, whether each instance is infinitely far away; by default none is. Both eyes see such an instance
+        sky: (N,) bool, whether each instance is infinitely far away. Both eyes see such an instance
             behind all others, in the directions in which it stands from the world's origin, and it keeps these
             directions as the cameras turn.
         projector: the projector that lights the scene; with None, colours stay the patches' own.
@@ -84,19 +85,14 @@ class Scene:
     layer: NDArray[np.int64]
     uv_scale: NDArray[np.float64]
     uv_offset: NDArray[np.float64]
-    sky: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
+    sky: NDArray[np.bool_]
     projector: Projector | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "near_m", to_real("near_m", self.near_m, LEAST, MOST))
         n = len(self.model)
-        if not self.sky.any():
-            object.__setattr__(self, "sky", np.zeros(n, bool))
-        if self.sky.shape != (n,) or self.sky.dtype != np.bool_:
-            found = f"{self.sky.shape} {self.sky.dtype}"
-            raise InputError(f"sky must be ({n},) bool for {n} instances, got {found}", argument="scene")
         shapes = {"camera_from_world": (4, 4), "model": (n,), "world_from_model": (n, 4, 4), "layer": (n,)}
-        for name, shape in (shapes | {"uv_scale": (n, 2), "uv_offset": (n, 2)}).items():
+        for name, shape in (shapes | {"uv_scale": (n, 2), "uv_offset": (n, 2), "sky": (n,)}).items():
             array = getattr(self, name)
             if array.shape != shape:
                 text = f"{name} must have shape {shape} for {n} instances, got {array.shape}"
@@ -204,8 +200,8 @@ def make_scene(
 ) -> Scene:
     """Build a `Scene` of N instances from array-likes; the arguments are its attributes.
 
-    ``uv_scale`` and ``uv_offset`` may be (2,) for all instances, and ``sky`` a single bool. By default the left
-    camera's pose is the identity.
+    ``uv_scale``, ``uv_offset`` and ``sky`` may be the same for all instances: (2,), or a single bool. By default the
+    left camera's pose is the identity.
 
     Raises:
         InputError: where shapes or values are wrong.
@@ -213,7 +209,6 @@ def make_scene(
     index = to_array("model", model, np.int64).reshape(-1)
     n = len(index)
     poses = to_array("world_from_model", world_from_model, np.float64)
-    is_sky = to_array("sky", sky, np.bool_)
     pose = np.eye(4) if camera_from_world is None else camera_from_world
     return Scene(
         camera=camera,
@@ -222,18 +217,16 @@ def make_scene(
         model=index,
         world_from_model=poses.reshape(n, 4, 4) if poses.size == n * 16 else poses,
         layer=to_array("layer", layer, np.int64).reshape(-1),
-        uv_scale=_for_each("uv_scale", uv_scale, n),
-        uv_offset=_for_each("uv_offset", uv_offset, n),
-        sky=np.broadcast_to(is_sky, (n,)) if is_sky.ndim == 0 else is_sky,
+        uv_scale=_for_each(to_array("uv_scale", uv_scale, np.float64), (n, 2)),
+        uv_offset=_for_each(to_array("uv_offset", uv_offset, np.float64), (n, 2)),
+        sky=_for_each(to_array("sky", sky, np.bool_), (n,)),
         projector=projector,
     )
 
 
-def _for_each(name: str, value: object, n: int) -> NDArray[np.float64]:
-    """Return a value as an (N, 2) array: it may be (2,), the same for all instances."""
-    array = to_array(name, value, np.float64)
+def _for_each(array: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Repeat what is the same for all instances; an array that does not fit is left to `Scene` to refuse."""
     try:
-        return np.broadcast_to(array, (n, 2))
+        return np.broadcast_to(array, shape)
     except ValueError:
-        text = f"{name} must have shape (2,) or ({n}, 2) for {n} instances, got {array.shape}"
-        raise InputError(text, argument="scene") from None
+        return array

@@ -16,20 +16,11 @@ _VEHICLES: Final[Diameters] = {"car": (4.2, 5.6), "bicycle": (1.7, 1.9)}
 _HOUSES: Final[Diameters] = {"house": (10, 20)}
 _TALL: Final[Diameters] = {"tree": (4, 9), "street_lamp": (5, 9), "road_sign": (2.2, 3), "scaffold": (4, 8)}
 _LOW: Final[Diameters] = {
-    "figure": (1.6, 1.9),
-    "animal": (0.6, 1.3),
-    "bench": (1.4, 2.2),
-    "bin": (0.9, 1.3),
-    "potted_plant": (0.8, 1.6),
-    "grass": (0.5, 1.4),
-    "road_sign": (2.0, 2.8),
-    "cuboid": (0.5, 1.4),
-    "cylinder": (0.6, 1.2),
-    "ladder": (2, 3.5),
-    "chair": (1.0, 1.2),
-    "table": (1.2, 2.0),
+    "figure": (1.6, 1.9), "animal": (0.6, 1.3), "bench": (1.4, 2.2), "bin": (0.9, 1.3),
+    "potted_plant": (0.8, 1.6), "grass": (0.5, 1.4), "road_sign": (2.0, 2.8), "cuboid": (0.5, 1.4),
+    "cylinder": (0.6, 1.2), "ladder": (2, 3.5), "chair": (1.0, 1.2), "table": (1.2, 2.0),
     "clothes_rack": (1.5, 1.9),
-}
+}  # fmt: skip
 _FENCES: Final[Diameters] = {"fence": (2.2, 3.0)}
 
 # Smallest depth of the backdrop in a street of true size; where it is nearer, everything is scaled down.
@@ -64,8 +55,8 @@ def sample_street(
     height = max(height, float(smallest_offsets(rig, down[None])[0]))
     camera_from_floor = camera_over_floor(height, yaw, pitch, roll)
     street = Arrangement(rig, camera_from_floor, catalogue, metre, rng)
-    street.add(catalogue.number(FACE), np.linalg.inv(camera_from_floor) @ backdrop["pose"], backdrop["unit_m"])
-    street.rows["sky"] = sky
+    pose = np.linalg.inv(camera_from_floor) @ backdrop["pose"]
+    street.add(catalogue.number(FACE), pose, backdrop["unit_m"])
     # Lay the ground along the direction in which the camera looks.
     ahead = camera_from_floor[2, :3] * (1, 1, 0)
     along = camera_from_floor[:3, :3] @ (ahead / np.linalg.norm(ahead))

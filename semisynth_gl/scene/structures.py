@@ -87,6 +87,7 @@ def sample_static_scene(
         else:
             things = sample_street(config, rig, catalogue, rng, sky=sky)
         table = things.table()
+        table["sky"][0] = sky
         bare_px = measure(table, camera, near_m, catalogue.models)
         return StaticScene(rig, kind, table, bare_px, things.camera_from_floor[:3, 2], things.farthest_m)
     if kind == "plane":

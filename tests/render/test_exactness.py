@@ -16,7 +16,7 @@ from semisynth_gl.render import programs
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.scene.background import FACE, sample_cuboid
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.rig import SequenceRig, near_depth_m, sample_camera
+from semisynth_gl.scene.rig import SequenceRig, near_depth_m, sample_cameras
 from semisynth_gl.scene.scene import make_scene, move
 from semisynth_gl.seeds.seeds import Purpose, generator
 
@@ -254,7 +254,7 @@ def test_image_sizes(open_renderer, size):
 def test_walls_leave_no_gap_where_they_meet(open_renderer, index):
     """Two scenes with a pixel within 3e-6 of an edge of the room, where walls that only met showed what is behind."""
     config = load_config("sceneflow")
-    camera = sample_camera(config.camera, generator(1, Purpose.CAMERA, index))
+    camera = sample_cameras(config.camera, generator(1, Purpose.CAMERA, index))[0]
     rng = generator(1, Purpose.BACKGROUND, index)
     rng.random()  # the kind
     room, _ = sample_cuboid(config, SequenceRig((camera,), near_depth_m(camera, config.disparity)), rng)

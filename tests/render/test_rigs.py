@@ -26,7 +26,7 @@ from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.particles import Slots, sample_release
-from semisynth_gl.scene.rig import SequenceRig, near_depth_m, rotation_about_axis, sample_camera, sample_views
+from semisynth_gl.scene.rig import SequenceRig, near_depth_m, rotation_about_axis, sample_cameras
 from semisynth_gl.scene.scene import make_scene, move
 from semisynth_gl.scene.sources import prepare_sources
 from semisynth_gl.scene.view_volume import height_of_view
@@ -339,10 +339,10 @@ def test_scenes_are_made_for_their_longest_baseline():
     section = CameraSection(width_px=64, height_px=48, focal_px=Range(60, 80), baseline_m=Range(0.1, 0.5), baselines=4)
     plain = section.model_copy(update={"baselines": 1})
     for number in range(20):
-        camera = sample_camera(section, generator(0, Purpose.CAMERA, number))
-        assert camera == sample_camera(plain, generator(0, Purpose.CAMERA, number))
+        camera = sample_cameras(section, generator(0, Purpose.CAMERA, number))[0]
+        assert camera == sample_cameras(plain, generator(0, Purpose.CAMERA, number))[0]
         rng = generator(0, Purpose.CAMERA, number)
-        views = sample_views(section, sample_camera(section, rng), rng)
+        views = sample_cameras(section, rng)
         assert views[0].baseline_m == camera.baseline_m
         assert len({view.baseline_m for view in views}) == 4
         assert all(0.1 <= view.baseline_m <= 0.5 and view.left_alone == camera.left_alone for view in views)
@@ -352,7 +352,7 @@ def test_doffs_is_the_longest_baselines_unless_the_right_principal_point_is_stat
     base = {"width_px": 64, "height_px": 48, "focal_px": 60, "cx_left_px": 30, "baselines": [0.1, 0.4, 0.2]}
     for keys, expected in (({"doffs_px": 8}, [2, 8, 4]), ({"cx_right_px": 38}, [8, 8, 8])):
         section, rng = CameraSection.model_validate({**base, **keys}), np.random.default_rng(0)
-        views = sample_views(section, sample_camera(section, rng), rng)
+        views = sample_cameras(section, rng)
         assert [view.doffs_px for view in views] == pytest.approx(expected)
 
 

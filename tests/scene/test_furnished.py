@@ -97,11 +97,8 @@ def first_hit(triangles: np.ndarray, origin: np.ndarray, direction: np.ndarray) 
 
 def corners_of(things: Arrangement) -> list[np.ndarray]:
     """The triangles (T, 3, 3) of each thing, in the floor's frame."""
-    meshes = [things.catalogue.models[number] for number in things.rows["model"]]
-    return [
-        (mesh.positions.astype(float) @ matrix[:3, :3].T + matrix[:3, 3])[mesh.triangles]
-        for mesh, matrix in zip(meshes, things.rows["pose"], strict=True)
-    ]
+    both = [(things.catalogue.models[thing.model], thing.pose) for thing in things.things]
+    return [(mesh.positions.astype(float) @ pose[:3, :3].T + pose[:3, 3])[mesh.triangles] for mesh, pose in both]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -110,7 +107,7 @@ def test_things_at_rest_stand_upright_and_on_something(kind: str) -> None:
     for seed in range(2):
         things = arranged(kind, seed, **({"pictures": 20} if kind == "room" else {}))
         corners = corners_of(things)
-        for k, (number, matrix) in enumerate(zip(things.rows["model"], things.rows["pose"], strict=True)):
+        for k, (number, matrix, *_) in enumerate(things.things):
             if number < len(SURFACE_MODELS):
                 continue
             points = corners[k].reshape(-1, 3)
@@ -138,15 +135,15 @@ def is_of(number: int, *names: str) -> bool:
 
 
 def count(things: Arrangement) -> int:
-    return len(things.rows)
+    return len(things.things)
 
 
 def number_of(*names: str):
-    return lambda things: sum(is_of(number, *names) for number in things.rows["model"])
+    return lambda things: sum(is_of(thing.model, *names) for thing in things.things)
 
 
 def gap_of_fences(things: Arrangement) -> float:
-    return np.ptp([row["pose"][0, 3] for row in things.rows if is_of(row["model"], "fence")])
+    return np.ptp([thing.pose[0, 3] for thing in things.things if is_of(thing.model, "fence")])
 
 
 def height(things: Arrangement) -> float:
@@ -230,15 +227,15 @@ def test_what_hangs_on_a_wall_meets_neither_its_hole_nor_its_ends_nor_each_other
     keys = dict.fromkeys(("furniture", "small", "curtain", "pillars", "rug", "doorway", "niche"), 0) | {hole: 1}
     for seed in range(8):
         things = arranged("room", seed, pictures=60, **keys)
-        meshes = [things.catalogue.models[number] for number in things.rows["model"]]
-        for wall, row in zip(meshes, things.rows, strict=True):
+        placed = [(things.catalogue.models[thing.model], thing.pose) for thing in things.things]
+        for wall, wall_pose in placed:
             if wall not in (*DOORWAYS, *NICHES):
                 continue
             top, bottom = (0.2, 1.0) if wall in DOORWAYS else (0.3, 0.62)
             left, right = columns[(DOORWAYS if wall in DOORWAYS else NICHES).index(wall)]
             boxes = [(np.array([left, top]), np.array([right, bottom]))]
-            for mesh, pose in zip(meshes, things.rows["pose"], strict=True):
-                points = np.c_[mesh.positions, np.ones(len(mesh.positions))] @ (np.linalg.inv(row["pose"]) @ pose).T
+            for mesh, pose in placed:
+                points = np.c_[mesh.positions, np.ones(len(mesh.positions))] @ (np.linalg.inv(wall_pose) @ pose).T
                 low, high = points[:, :3].min(axis=0), points[:, :3].max(axis=0)
                 # Of a picture its front: not its sides, nor those of a picture on the next wall.
                 is_front = mesh is FACE and high[2] - low[2] < 1e-9 and (high - low)[0] > 0.02
@@ -262,8 +259,8 @@ def test_fences_and_houses_stand_clear_of_pavements() -> None:
         # The tops of slabs are level, and a hand above the ground.
         slabs = [each[..., 0] for each in corners if np.ptp(each[..., 2]) < 1e-9 and 0.05 < each[0, 0, 2] < 0.2]
         left, right = min(each.min() for each in slabs), max(each.max() for each in slabs)
-        for number, each in zip(things.rows["model"], corners, strict=True):
-            if is_of(number, "fence", "house"):
+        for thing, each in zip(things.things, corners, strict=True):
+            if is_of(thing.model, "fence", "house"):
                 assert each[..., 0].max() < left or each[..., 0].min() > right
                 stood += 1
     assert stood > 20

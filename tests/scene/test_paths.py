@@ -11,7 +11,7 @@ from samplers import still_rig
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import ParticlesSection
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.scene.particles import Batch, particles_at, sample_release, sample_slots, stated_sizes
+from semisynth_gl.scene.particles import Batch, particle_poses, sample_release, sample_slots, stated_sizes
 from semisynth_gl.scene.rig import Sway
 
 CAMERA = StereoCamera(600, 400, 700.0, 0.2, 280.0, 320.0, 190.0)
@@ -33,13 +33,17 @@ def rigs(draw):
 
 def slots_of(rig, section, *ranges, count=COUNT, relief_px=np.inf, seed=2):
     """The slots of a number of particles in each range of disparity, and a release for each generation."""
-    batches = [Batch(low, high, count, stated_sizes(section)) for low, high in ranges]
+    batches = [Batch(Range(*ends), count, stated_sizes(section)) for ends in ranges]
     slots = sample_slots(rig, section, batches, np.random.default_rng(seed), relief_px)
     return slots, lambda number: sample_release(rig.camera, section, slots, np.random.default_rng([3, number]))
 
 
 def stream(**options):
     return slots_of(still_rig(CAMERA, 1e9), ParticlesSection(**options), (20.0, 30.0), (60.0, 90.0))
+
+
+def poses_at(slots, release, time_s):
+    return particle_poses(CAMERA, slots, release, time_s, slots.generation(time_s))
 
 
 @settings(max_examples=100)
@@ -53,12 +57,14 @@ def test_nothing_in_view_appears_or_disappears(rig, drift, size, relief_px, seed
     def seen(age, time_s):
         """Points (S, 300, 3) of the spheres around all models that are shown, in the swaying left camera's frame."""
         of_age = replace(slots, phase=np.full(COUNT, age))
-        state = particles_at(camera, of_age, release, 0.0, np.zeros(COUNT, np.int64))
-        depth_m = np.linalg.norm(state.world_from_model[:, 2, :3], axis=1)
-        assert (depth_m <= slots.flatness * state.radius_m * (1 + 1e-9)).all()
-        balls = SPHERE * state.radius_m[:, None, None]
+        poses, radius_m = (
+            particle_poses(camera, of_age, release, 0.0, np.zeros(COUNT, np.int64)),
+            slots.radius_m(camera),
+        )
+        assert (np.linalg.norm(poses[:, 2, :3], axis=1) <= slots.flatness * radius_m * (1 + 1e-9)).all()
+        balls = SPHERE * radius_m[:, None, None]
         balls[..., 2] *= slots.flatness[:, None]
-        points = (state.world_from_model[:, None, :3, 3] + balls)[slots.shown]
+        points = (poses[:, None, :3, 3] + balls)[slots.shown]
         pose = rig.sway.camera_from_world(time_s)
         return points @ pose[:3, :3].T + pose[:3, 3]
 
@@ -87,9 +93,8 @@ def test_models_whose_drift_would_take_them_too_near_are_still_shown():
 def test_particles_fall_at_constant_speed_and_are_released_anew():
     slots, release = stream(fall_m_s=Range(1, 1), drift=Range(0, 0), spin_deg_s=Range(90, 90))
     times = np.linspace(0, 3 * slots.period_s.max(), 400)
-    states = [particles_at(CAMERA, slots, release, t) for t in times]
-    y = np.array([state.world_from_model[:, 1, 3] for state in states])
-    generation = np.array([state.generation for state in states])
+    generation = np.array([slots.generation(t) for t in times])
+    y = np.array([poses_at(slots, release, t)[:, 1, 3] for t in times])
     later = np.diff(generation, axis=0)
     step = np.broadcast_to(np.diff(times)[:, None], later.shape)
     np.testing.assert_allclose(np.diff(y, axis=0)[later == 0], step[later == 0], rtol=1e-9)
@@ -107,24 +112,24 @@ def test_particles_fall_at_constant_speed_and_are_released_anew():
 
 def test_poses_at_a_time_need_no_steps():
     slots, release = stream(spin_deg_s=Range(90, 90), stretch=Range(1, 1), drift=Range(0, 0))
-    first, later = (particles_at(CAMERA, slots, release, time_s) for time_s in (0.0, 1e-3))
-    same = first.generation == later.generation
-    turn = later.world_from_model[same, :3, :3] @ np.linalg.inv(first.world_from_model[same, :3, :3])
+    first, later = (poses_at(slots, release, time_s)[:, :3, :3] for time_s in (0.0, 1e-3))
+    same = slots.generation(0.0) == slots.generation(1e-3)
+    turn = later[same] @ np.linalg.inv(first[same])
     angle = np.arccos(np.clip((np.trace(turn, axis1=1, axis2=2) - 1) / 2, -1, 1))
     np.testing.assert_allclose(np.rad2deg(angle), 0.09, rtol=1e-3)
     for time_s in (0.0, 1.7, 100.0):
-        disparity = CAMERA.disparity_px(particles_at(CAMERA, slots, release, time_s).world_from_model[:, 2, 3])
+        disparity = CAMERA.disparity_px(poses_at(slots, release, time_s)[:, 2, 3])
         assert [((disparity >= low) & (disparity <= high)).sum() for low, high in ((20, 30), (60, 90))] == [COUNT] * 2
 
 
 def test_stretch_never_exceeds_the_bounding_sphere():
-    state = particles_at(CAMERA, *stream(stretch=Range(0.2, 1)), 0.3)
-    largest = np.linalg.norm(state.world_from_model[:, :3, :3], axis=1).max(axis=1)
-    np.testing.assert_allclose(largest, state.radius_m)
+    slots, release = stream(stretch=Range(0.2, 1))
+    largest = np.linalg.norm(poses_at(slots, release, 0.3)[:, :3, :3], axis=1).max(axis=1)
+    np.testing.assert_allclose(largest, slots.radius_m(CAMERA))
 
 
 def test_batches_of_more_particles_than_allowed_are_cut_in_proportion():
     section = ParticlesSection(most=50)
-    batches = [Batch(low, low, count, stated_sizes(section)) for low, count in ((20.0, 400), (60.0, 100))]
+    batches = [Batch(Range(low, low), count, stated_sizes(section)) for low, count in ((20.0, 400), (60.0, 100))]
     slots = sample_slots(still_rig(CAMERA, 1e9), section, batches, np.random.default_rng(2))
     assert np.unique(slots.disparity_px, return_counts=True)[1] == pytest.approx([40, 10], abs=1)

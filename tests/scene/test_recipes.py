@@ -23,7 +23,7 @@ from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.histogram import PixelCount, total_variation
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.scene.mix import MixSampler, Shares
+from semisynth_gl.scene.mix import MixSampler, recipe_numbers
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.seeds.splits import Split
@@ -76,8 +76,7 @@ def sampler_of(config, seed=3):
 @given(st.lists(st.floats(0.01, 10), min_size=1, max_size=6), st.integers(0, 2**32), st.integers(0, 10**9))
 def test_successive_sequences_have_each_recipe_as_often_as_its_share_says(weights, seed, first):
     given_shares = np.array(weights) / sum(weights)
-    shares = Shares(given_shares.tolist(), seed)
-    drawn = shares.recipes(first + np.arange(500))
+    drawn = recipe_numbers(first + np.arange(500), given_shares.tolist(), seed)
     so_far = np.arange(1, 501)
     for recipe, share in enumerate(given_shares):
         # Independent draws would be off by more than 20 now and then.
@@ -260,9 +259,9 @@ def test_a_dataset_of_recipes_is_exact(dataset):
 def test_pairs_say_their_recipe(dataset):
     pairs = open_dataset(dataset)
     config = read_index(dataset).plan.config
-    shares = Shares([recipe.share for recipe in config.recipes()], 1)
+    numbers = recipe_numbers(np.arange(12) // 2, [recipe.share for recipe in config.recipes()], 1)
     names = [recipe["recipe"] for recipe in RECIPES]
-    assert [pair.recipe for pair in pairs] == [names[recipe] for recipe in shares.recipes(np.arange(12) // 2)]
+    assert [pair.recipe for pair in pairs] == [names[number] for number in numbers]
     assert {pair.recipe for pair in pairs} == set(names)
     assert all(pair.provenance["recipe"] == pair.recipe for pair in pairs)
 

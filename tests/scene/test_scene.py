@@ -18,7 +18,7 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.background import OVERLAP, sample_cuboid, sample_plane
 from semisynth_gl.scene.instances import to_scene
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.rig import near_depth_m, rotation_about_axis, rotation_from_quaternion, sample_camera
+from semisynth_gl.scene.rig import near_depth_m, rotation_about_axis, rotation_from_quaternion, sample_cameras
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.scene.structures import CURVED_PANEL, SURFACE_MODELS, sample_structures
@@ -51,7 +51,7 @@ def differing(one, other):
 
 def test_cameras_are_sampled_within_their_ranges():
     section = load_config("middlebury").camera
-    cameras = [sample_camera(section, generator(1, Purpose.CAMERA, i)) for i in range(200)]
+    cameras = [sample_cameras(section, generator(1, Purpose.CAMERA, i))[0] for i in range(200)]
     for name, low, high in (("focal_px", 1164, 2700), ("baseline_m", 0.16, 0.38), ("doffs_px", 40, 200)):
         values = np.array([getattr(camera, name) for camera in cameras])
         assert low <= values.min() < values.max() <= high

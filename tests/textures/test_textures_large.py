@@ -13,8 +13,7 @@ from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.glance import glance
-from semisynth_gl.scene.instances import new_instances
-from semisynth_gl.scene.mapping import map_patches
+from semisynth_gl.scene.instances import map_patches, new_instances
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.structures import SURFACE_MODELS
 from semisynth_gl.seeds.splits import Split
