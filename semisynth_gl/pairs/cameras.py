@@ -1,4 +1,8 @@
-"""What the cameras of a rig make of rendered images: exposed, bent by lenses, made imperfect, and rectified."""
+"""What the cameras of a rig make of rendered images: exposed, bent by lenses, made imperfect, and rectified.
+
+An exposure is the mean of images of several moments, which lie symmetrically about the frame's own time: the blurred
+image of a steadily moving point is centred on its place in the truth.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -14,10 +18,10 @@ from semisynth_gl.frame.camera import EYES, Eye, StereoCamera
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.lens.borders import with_borders
 from semisynth_gl.lens.chain import LensChain
-from semisynth_gl.pairs.exposure import expose, moments
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections, sample_imperfections
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.sampler import SampledScene
+from semisynth_gl.scene.scene import Scene
 from semisynth_gl.seeds.seeds import Purpose, generator
 
 Images = dict[Eye, NDArray[np.uint8]]
@@ -150,3 +154,25 @@ class Cameras:
             if eye not in self._chains or self._chains[eye][0] != key:
                 self._chains[eye] = key, LensChain(raw, camera, eye, section.border)
         return {eye: chain for eye, (_, chain) in self._chains.items()}
+
+
+def moments(share: float, count: int) -> NDArray[np.float64]:
+    """Return the (count,) middles of ``count`` equal parts of an exposure, as times from the middle of the exposure.
+
+    The times and the exposure's length ``share`` are in units of the time between frames.
+    """
+    return share * ((np.arange(count) + 0.5) / count - 0.5)
+
+
+def expose(renderer: Renderer, scenes: Sequence[Scene], eyes: Sequence[Eye]) -> Images:
+    """Return the mean of the images of a scene at up to 257 moments, by eye; halves are rounded to the even level."""
+    first, *others = scenes
+    images = renderer.render_images(first, eyes)
+    if not others:
+        return images
+    sums = {eye: image.astype(np.uint16) for eye, image in images.items()}
+    for scene in others:
+        for eye, image in renderer.render_images(scene, eyes).items():
+            sums[eye] += image
+    table = np.rint(np.arange(255 * len(scenes) + 1) / len(scenes)).astype(np.uint8)
+    return {eye: np.take(table, total) for eye, total in sums.items()}

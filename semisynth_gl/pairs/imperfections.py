@@ -1,6 +1,6 @@
 """Imperfections of a real rig, applied to the images after rendering; the truth stays unchanged.
 
-They follow the order of a camera: motion blur (`semisynth_gl.pairs.exposure`), lens blur, vignetting, exposure and
+They follow the order of a camera: motion blur (`semisynth_gl.pairs.cameras`), lens blur, vignetting, exposure and
 white balance, sensor noise, tone curve, sharpening, JPEG. Noise comes after the white balance, so that its amount is in
 levels of the image. All are applied to the 8-bit values themselves, since the tone curves of photographs are not known.
 Values are rounded to whole levels after the lens blur, the tone curve, sharpening and JPEG.

@@ -7,7 +7,7 @@ import pytest
 from tiny_datasets import cheap
 
 from semisynth_gl.frame.camera import EYES
-from semisynth_gl.pairs.exposure import moments
+from semisynth_gl.pairs.cameras import moments
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.renderer import Renderer
 

@@ -12,7 +12,7 @@ from semisynth_gl.frame.raw_camera import RawCamera, rotation_of
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.lens.chain import LensChain
-from semisynth_gl.pairs.exposure import expose, moments
+from semisynth_gl.pairs.cameras import expose, moments
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.background import FACE
