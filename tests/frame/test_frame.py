@@ -16,7 +16,7 @@ from semisynth_gl.codecs.codec import Codec
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, Crop, Deviation, StereoCamera
 from semisynth_gl.frame.channels import CHANNELS, OUTSIDE, ROLES, View
-from semisynth_gl.frame.frame import Frame, finite_range
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.layouts.roles import ROLES as FILE_ROLES
@@ -58,12 +58,9 @@ def test_a_row_of_the_table_fits_the_others(channel):
         assert np.isinf(channel.nothing)
 
 
-def test_roles_are_unique_and_lead_back_to_their_channel():
+def test_roles_are_unique_and_files_have_the_same():
     assert len(ROLES) == len(EYES) * len(CHANNELS)
     assert [role for role, (_, channel) in ROLES.items() if channel is View.image] == list(EYES)
-    for role, (eye, channel) in ROLES.items():
-        assert channel.role(eye) == role
-    assert set(ROLES) <= set(FILE_ROLES)
     assert {role: FILE_ROLES[role].output for role in ROLES} == {role: each.output for role, (_, each) in ROLES.items()}
 
 
@@ -86,11 +83,7 @@ def test_a_view_has_its_channels_under_their_names():
     ("name", "array", "words"),
     [
         ("albedo", np.zeros((4, 5), np.float32), "expected channels of image, disparity, .*, got albedo"),
-        (
-            "image",
-            np.zeros((4, 5, 3), np.uint16),
-            r"image must be \(H, W, 3\) or \(H, W\) uint8, got \(4, 5, 3\) uint16",
-        ),
+        ("image", np.zeros((4, 5, 3), np.uint16), r"must be \(H, W, 3\) or \(H, W\) uint8, got \(4, 5, 3\) uint16"),
         ("disparity", np.zeros((4, 5)), r"disparity must be \(H, W\) float32, got \(4, 5\) float64"),
         ("disparity", np.zeros((), np.float32), r"got \(\) float32"),
         ("flow", np.zeros((4, 5, 3), np.float32), r"flow must be \(H, W, 2\) float32, got \(4, 5, 3\)"),
@@ -125,12 +118,10 @@ def test_frames_and_arrays_by_role_are_inverses():
     arrays = frame.arrays()
     assert set(arrays) == {channel.role("left") for channel in CHANNELS.values()} | {"right"}
     assert arrays["left"] is frame.left.image
-    assert arrays["right"] is frame.right.image
     assert arrays["flow_backward_visibility_left"] is frame.left.flow_backward_visibility
     again = Frame.from_arrays(CAMERA, arrays)
-    assert dict(again.left) == {name: frame.left[name] for name in CHANNELS}
-    assert list(again.right) == ["image"]
-    assert again.right.image is frame.right.image
+    assert dict(again.left) == dict(frame.left)
+    assert dict(again.right) == dict(frame.right)
 
 
 # Points
@@ -164,29 +155,16 @@ def test_points_lie_on_the_surface_that_was_drawn(open_renderer):
         np.testing.assert_allclose(x_px[seen], np.mgrid[:48, :64][1][seen], atol=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("values", "expected"),
-    [
-        ([], (0, 0.0, 0.0)),
-        ([3, -1, 2], (3, -1.0, 3.0)),
-        ([-np.inf, 4, np.nan, 5], (2, 4.0, 5.0)),
-    ],
-)
-def test_the_range_of_values_is_that_of_the_finite_ones(values, expected):
-    assert finite_range(np.array(values, np.float32)) == expected
-
-
 @pytest.mark.filterwarnings("error")
 def test_what_has_no_disparity_has_no_point():
     camera = StereoCamera.centred(5, 4, 6.0, 0.1, doffs_px=2.0)
     disparity = np.full((4, 5), 3, np.float32)
     disparity[0] = np.inf, np.nan, -2, -3, -np.inf
     view = View({"image": make_array("image"), "disparity": disparity})
-    points = Frame(camera, view, View({"image": make_array("image")})).points()
-    assert np.isnan(points[0]).all()
-    assert np.isfinite(points[1:]).all()
-    np.testing.assert_allclose(points[1:, :, 2], 6.0 * 0.1 / (3 + 2), rtol=1e-6)
     frame = Frame(camera, view, View({"image": make_array("image")}))
+    points = frame.points()
+    assert np.isnan(points[0]).all()
+    np.testing.assert_allclose(points[1:, :, 2], 6.0 * 0.1 / (3 + 2), rtol=1e-6)
     for eye, said in (("right", "no disparity"), ("middle", "left, right, got 'middle'"), (0, "got 0")):
         with pytest.raises(AttributeError if eye == "right" else InputError, match=said):
             frame.points(eye)

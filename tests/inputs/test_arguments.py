@@ -86,7 +86,6 @@ def test_an_unfit_argument_is_named(argument):
 def test_numbers_of_numpy_are_numbers(backend):
     crop = Crop(np.int64(3), np.uint8(2), np.int32(12), np.int16(10))
     camera = StereoCamera.centred(np.int64(40), np.int32(30), np.float32(40), np.float64(0.1))
-    assert {type(value) for value in camera.values().values()} == {int, float}
     assert json.loads(json.dumps(camera.values())) == camera.values()
     assert StereoCamera.from_values(camera.values()) == camera
     # Rounded to float32 once, when it is made, and never in what it works out.

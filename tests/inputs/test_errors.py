@@ -4,7 +4,7 @@ import re
 import tomllib
 from pathlib import Path
 
-from semisynth_gl.inputs.errors import counted, how_to_install, shown
+from semisynth_gl.inputs.errors import counted, shown
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -21,11 +21,9 @@ def test_a_long_value_is_cut():
     assert len(shown(-(10**5000))) < 50
 
 
-def test_every_extra_that_a_message_names_exists_and_is_told_with_its_packages():
+def test_every_extra_that_a_message_names_exists():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
     sources = [path.read_text("utf-8") for path in (ROOT / "semisynth_gl").rglob("*.py")]
     named = {name for text in sources for name in re.findall(r"how_to_install\(['\"](\w+)['\"]\)", text)}
     assert named
-    for extra in named:
-        assert extra in extras
-        assert f"'semisynth-gl[{extra}]'" in how_to_install(extra)
+    assert named <= extras.keys()

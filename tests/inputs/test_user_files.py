@@ -26,7 +26,6 @@ from semisynth_gl.textures.prepare import prepare_atlas
 READERS = {
     "config": load_config,
     "extends": lambda path: parse_config(f"extends: '{path}'\n"),
-    "target": lambda path: load_config("kitti", {"disparity.target": {"form": "file", "path": str(path)}}),
     "image": read_image,
     "map": read_disparity_map,
     "calib.txt of a scene": read_limits,
