@@ -13,10 +13,9 @@ from semisynth_gl.bench.summary import machine_facts, markdown
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.engines import THREADS, LocalEngine, cores, keep_freed_memory, threads_each
 from semisynth_gl.dataset.generate import generate
-from semisynth_gl.dataset.make import Job, encode, open_renderer
+from semisynth_gl.dataset.make import Job, encode, open_renderer, write_shard
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.root import open_root
-from semisynth_gl.dataset.shard import write_shard
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.render.backends import Backend

@@ -17,20 +17,35 @@ from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.config.errors import reason_of
 from semisynth_gl.config.model import Config
-from semisynth_gl.dataset.names import FORMAT, PROGRAM, shard_name
 from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate, shown
 from semisynth_gl.layouts import Key, Layout, find_layout, layout_names
 from semisynth_gl.layouts.layout import sequence_length
 from semisynth_gl.plugins import Package, require_plugins
 from semisynth_gl.seeds.splits import SPLITS, Split, SplitName
 
-_FAULTS_SHOWN = 3
+PROGRAM = "semisynth-gl"
+"""Value of the key ``program`` in index and plan."""
+FORMAT = 1
+"""Value of the key ``format`` in index, plan and records: the newest format of a dataset that this program reads.
 
+A change that an older program would misread takes the next number. A new key takes none: older programs ignore it.
+"""
+INDEX = "index.json"
+"""The dataset's index, written last: it says that the dataset is complete."""
+CARD = "README.md"
+RECORDS = "shards"
+"""Folder of the shards' records and tars."""
+PLAN = f"{RECORDS}/plan.json"
+"""The dataset's plan, written first: without an index beside it, the dataset is unfinished."""
+LOCK = f"{RECORDS}/lock"
+"""Locked by runs on the dataset; a finished dataset has no such file."""
+MOST_PAIRS = 10**8
+"""Most pairs of a split: more than any dataset has, and few enough for lists and sums of them."""
+
+_FAULTS_SHOWN = 3
 _Format = Annotated[int, Field(ge=1, le=FORMAT)]
 _Number = Annotated[int, Field(ge=0)]
 _Bytes = Annotated[int, Field(ge=0, le=2**62, strict=True)]
-MOST_PAIRS = 10**8
-"""Most pairs of a split: more than any dataset has, and few enough for lists and sums of them."""
 _Pairs = Annotated[int, Field(ge=1, le=MOST_PAIRS)]
 _Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$", strict=True)]
 # Names of files may have bytes that are not UTF-8, which pydantic's strings refuse.
@@ -53,7 +68,8 @@ class Shard:
     """A fixed range of a split's pairs, from ``first`` to ``end`` - 1, with one record once all pairs are written.
 
     ``number`` counts the shards of the whole dataset from 0, for ``--shards``. ``name`` is the name of the shard's own
-    files without their endings.
+    files without their endings: the record, which says that the shard is complete, a log of how long it took and, in
+    layouts that pack their files, a tar.
     """
 
     number: int
@@ -61,6 +77,21 @@ class Shard:
     split: SplitName
     first: int
     end: int
+
+    @property
+    def record(self) -> str:
+        """The path of the record."""
+        return f"{RECORDS}/{self.name}.json"
+
+    @property
+    def log(self) -> str:
+        """The path of the log."""
+        return f"{RECORDS}/{self.name}.log"
+
+    @property
+    def tar(self) -> str:
+        """The path of the tar."""
+        return f"{RECORDS}/{self.name}.tar"
 
 
 class Plan(Document):
@@ -123,7 +154,8 @@ class Plan(Document):
         for split in self.splits:
             for number, first in enumerate(range(0, self.pairs[split], self.shard_pairs)):
                 end = min(first + self.shard_pairs, self.pairs[split])
-                shards.append(Shard(len(shards), shard_name(self.name, split, number), split, first, end))
+                name = f"semisynth-{self.name}-{split}-{number:06d}"
+                shards.append(Shard(len(shards), name, split, first, end))
         return tuple(shards)
 
     def folder(self, split: SplitName) -> str:

@@ -14,9 +14,8 @@ from upath import UPath
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.dataset.card import encode_card
-from semisynth_gl.dataset.documents import Index, Plan, Shard, parse
+from semisynth_gl.dataset.documents import CARD, INDEX, LOCK, PLAN, PROGRAM, RECORDS, Index, Plan, Shard, parse
 from semisynth_gl.dataset.index import describe_dataset
-from semisynth_gl.dataset.names import CARD, INDEX, LOCK, PLAN, PROGRAM, RECORDS, log_path, record_path, tar_path
 from semisynth_gl.dataset.plan import differences
 from semisynth_gl.dataset.reader import read_record
 from semisynth_gl.dataset.root import (
@@ -131,7 +130,7 @@ def begin(root: UPath, plan: Plan, *, overwrite: bool = False) -> None:
 def missing(root: UPath, plan: Plan) -> list[Shard]:
     """Return the shards that have no record: they are made again as a whole."""
     there = {f"{RECORDS}/{name}" for name in names_below(root / RECORDS)}
-    return [shard for shard in plan.shards if record_path(shard.name) not in there]
+    return [shard for shard in plan.shards if shard.record not in there]
 
 
 def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> None:
@@ -194,9 +193,9 @@ def locked(root: UPath, *, shared: bool = False) -> Iterator[None]:
 
 def _own_names(plan: Plan) -> Iterator[str]:
     """Yield the names of all files that a dataset may have, records first: without them, no shard is complete."""
-    yield from (INDEX, *(record_path(shard.name) for shard in plan.shards))
+    yield from (INDEX, *(shard.record for shard in plan.shards))
     for shard in plan.shards:
-        yield from (log_path(shard.name), tar_path(shard.name))
+        yield from (shard.log, shard.tar)
     for split in plan.splits if not plan.layout.packed else ():
         for index in range(plan.pairs[split]):
             yield from plan.files(split, index).values()

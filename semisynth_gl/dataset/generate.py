@@ -43,13 +43,9 @@ _APART = "Its files would be used as photographs or models: choose a folder apar
 
 @dataclass(frozen=True, slots=True)
 class GenerationResult:
-    """The state of a dataset after a run.
+    """A dataset after a run: its root, the plan of the complete dataset, and the number of shards still missing.
 
-    Attributes:
-        root: the dataset's root.
-        plan: the plan of the complete dataset.
-        missing: number of shards that are still missing; 0 for a complete dataset.
-        stopped: whether the listener stopped the run before it had made all shards that it was asked for.
+    ``stopped`` says whether the listener stopped the run before it had made all shards that it was asked for.
     """
 
     root: UPath
@@ -86,8 +82,8 @@ def generate(
             ``middlebury``, and ``webdataset`` from 10,000 pairs on.
         backend: "auto", "egl" or "osmesa".
         engine: runs the shards; by default in this process.
-        gpus: CUDA's numbers of the GPUs that workers take in turn; by default all workers use the first GPU of
-            CUDA_VISIBLE_DEVICES or, where that is not set, EGL's first device.
+        gpus: CUDA's numbers of the GPUs that workers take in turn; by default the first GPU of CUDA_VISIBLE_DEVICES
+            or, where that is not set, EGL's first device.
         shard_pairs: pairs in a shard; by default as in the dataset in ``out``, else 64 or fewer, see `make_plan`.
         shards: numbers of the shards to make; by default all. Runs may share the shards of a dataset, also on several
             machines; the run that finds none missing writes the index.

@@ -6,8 +6,7 @@ from math import ceil
 from typing import Any
 
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.documents import MOST_PAIRS, Plan
-from semisynth_gl.dataset.names import FORMAT, PROGRAM
+from semisynth_gl.dataset.documents import FORMAT, MOST_PAIRS, PROGRAM, Plan
 from semisynth_gl.frame.channels import CHANNELS
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, shown

@@ -4,12 +4,11 @@ import tarfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
-from typing import cast, overload
+from typing import cast
 
 from upath import UPath
 
-from semisynth_gl.dataset.documents import Index, Plan, Record, Shard, parse
-from semisynth_gl.dataset.names import INDEX, PLAN, record_path, tar_path
+from semisynth_gl.dataset.documents import INDEX, PLAN, Index, Plan, Record, Shard, parse
 from semisynth_gl.dataset.root import open_root, path_of, read_if_there, read_part, read_whole
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file, wrong_sizes
 from semisynth_gl.inputs.arguments import to_whole
@@ -42,16 +41,6 @@ class StoredIndex:
         """What an unfinished dataset lacks; None for a finished one."""
         return None if self.made else f"it has no {INDEX}: it is not finished; run its generate command again"
 
-    @property
-    def signed(self) -> bool:
-        """Whether disparities of 0 and below are valid."""
-        return self.plan.config.disparity.signed
-
-    @property
-    def imperfect(self) -> bool:
-        """Whether a lens or imperfections of a rig change the images, differently in the two views."""
-        return not self.plan.config.images_as_rendered
-
 
 def read_index(address: str | PathLike[str]) -> StoredIndex:
     """Read the index of a dataset, or the plan of an unfinished one, by its folder or an address that fsspec knows.
@@ -69,7 +58,7 @@ def read_index(address: str | PathLike[str]) -> StoredIndex:
     raise InputError(f"{address}: not a dataset: there is no such folder, or it has neither {INDEX} nor {PLAN}")
 
 
-class Dataset(Sequence[StoredFrame]):
+class Dataset:
     """A finished dataset, or one of its splits: ``dataset[i]`` is a pair with its truth.
 
     Without a split, these are all pairs, in the order train, validation, test. Indexing reads the files of a pair and
@@ -93,20 +82,12 @@ class Dataset(Sequence[StoredFrame]):
     def __len__(self) -> int:
         return sum(self._counts.values())
 
-    @overload
-    def __getitem__(self, number: int) -> StoredFrame: ...
-
-    @overload
-    def __getitem__(self, number: slice) -> list[StoredFrame]: ...
-
-    def __getitem__(self, number: int | slice) -> StoredFrame | list[StoredFrame]:
-        """Read a pair, or the list of pairs that a slice selects; raises as `pair` does.
+    def __getitem__(self, number: int) -> StoredFrame:
+        """Read a pair; raises as `pair` does.
 
         Raises ReadError where a file is missing, cut off, cannot be read, or has another size than the dataset's
         images, or a record does not describe its shard.
         """
-        if isinstance(number, slice):
-            return [self[position] for position in range(*number.indices(len(self)))]
         plan, root, (split, pair) = self.about.plan, self.about.root, self.pair(number)
         layout, names = plan.layout, plan.files(split, pair)
         if layout.packed:
@@ -156,14 +137,13 @@ def open_dataset(address: str | PathLike[str], split: SplitName | None = None) -
 
 def read_record(root: UPath, shard: Shard, *, packed: bool) -> Record:
     """Read the record of a shard; raises ReadError where it is missing, or does not describe the shard."""
-    name = record_path(shard.name)
-    path = path_of(root, name)
-    record = parse(Record, read_whole(root, name), path)
+    path = path_of(root, shard.record)
+    record = parse(Record, read_whole(root, shard.record), path)
     if not record.describes(shard) or [each.pair for each in record.samples] != list(range(shard.first, shard.end)):
         raise ReadError(path, f"expected {shard.name} with the pairs {shard.first} to {shard.end - 1}")
     files = (file for sample in record.samples for file in sample.files.values())
-    if packed and (record.tar != tar_path(shard.name) or any(file.offset is None for file in files)):
-        raise ReadError(path, f"expected tar {tar_path(shard.name)}, and the offset of each file in it")
+    if packed and (record.tar != shard.tar or any(file.offset is None for file in files)):
+        raise ReadError(path, f"expected tar {shard.tar}, and the offset of each file in it")
     return record
 
 
@@ -176,11 +156,11 @@ def read_members(root: UPath, shard: Shard, record: Record, pair: int, names: Se
     listed = record.samples[pair - shard.first].files
     for name in names:
         if name not in listed:
-            raise ReadError(path_of(root, record_path(shard.name)), f"has no entry for {name}")
+            raise ReadError(path_of(root, shard.record), f"has no entry for {name}")
     spans = {name: (cast("int", listed[name].offset), listed[name].bytes) for name in names}
     begin = min(offset for offset, _ in spans.values()) - tarfile.BLOCKSIZE
     end = max(offset + size for offset, size in spans.values())
-    data = read_part(root, tar_path(shard.name), begin, end - begin)
+    data = read_part(root, shard.tar, begin, end - begin)
     contents = {}
     for name, (offset, size) in spans.items():
         header = offset - begin - tarfile.BLOCKSIZE
@@ -188,7 +168,7 @@ def read_members(root: UPath, shard: Shard, record: Record, pair: int, names: Se
         fault = _header_fault(data[header : offset - begin], name, size)
         if fault or len(contents[name]) < size:
             reason = f"at byte {begin + header}: {fault}" if fault else f"ends before {name} does"
-            raise ReadError(path_of(root, tar_path(shard.name)), reason)
+            raise ReadError(path_of(root, shard.tar), reason)
     return contents
 
 

@@ -86,12 +86,9 @@ class StoredFrame(Frame):
 
 
 class EncodedPair(NamedTuple):
-    """A pair as files in memory.
+    """A pair as files in memory: their bytes by path, below the split's folder or inside the tar.
 
-    Attributes:
-        files: the files' bytes by path, below the split's folder or inside the tar.
-        provenance: the content of its JSON file.
-        share_beyond: share of the pixels whose disparity the encoding cannot store, in the view with the larger share.
+    ``provenance`` is the content of its JSON file; see `semisynth_gl.listener.FinishedPair` for ``share_beyond``.
     """
 
     files: dict[str, bytes]
@@ -107,13 +104,8 @@ def encode_pair(
     Disparities and flow that the codec cannot store become invalid. They become invalid in the masks, in the changes of
     disparity and in the calibration too, and the written provenance counts them by view under `Channel.beyond_key`.
 
-    Args:
-        layout: the files' names and roles.
-        key: the pair's identity, which its files are named after.
-        frame: the pair; it is not changed.
-        provenance: how the pair was made, in JSON's types.
-        ndisp: upper bound of the disparities in whole pixels.
-        encodings: the codecs that `Layout.encodings_for` returns.
+    ``provenance`` says how the pair was made, in JSON's types, and ``ndisp`` is an upper bound of the disparities in
+    whole pixels. ``encodings`` are the codecs that `Layout.encodings_for` returns.
     """
     provenance = dict(provenance)
     for channel in CHANNELS.values():
@@ -174,11 +166,8 @@ def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) ->
     """Assemble a pair from its decoded files.
 
     ``values`` are what `decode_file` returns, by role: at least both images, the left disparity and the provenance.
-    `wrong_sizes` finds no fault in them.
-
-    Raises:
-        ReadError: where the provenance has no camera, or the truth of visible points differs from the truth of all
-            points.
+    `wrong_sizes` finds no fault in them. Raises ReadError where the provenance has no camera, or the truth of visible
+    points differs from the truth of all points.
     """
     path = Path(key.name)
     arrays = {role: value for role, value in values.items() if role in ROLES}

@@ -8,8 +8,7 @@ from typing import Any, cast
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.config.model import digest_of
-from semisynth_gl.dataset.documents import Record, Shard, StoredFile
-from semisynth_gl.dataset.names import CARD, INDEX, LOCK, PLAN, log_path, record_path, tar_path
+from semisynth_gl.dataset.documents import CARD, INDEX, LOCK, PLAN, Record, Shard, StoredFile
 from semisynth_gl.dataset.reader import StoredIndex, read_members, read_record
 from semisynth_gl.dataset.root import is_local, read_whole
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file, wrong_sizes
@@ -63,10 +62,9 @@ def _check_names(index: StoredIndex, present: AbstractSet[str], verdict: Verdict
 def _shard_files(index: StoredIndex) -> set[str]:
     """Return the names of the files, records and logs of all shards."""
     plan = index.plan
-    kinds = [record_path, log_path, *([tar_path] if plan.layout.packed else [])]
-    paths = {path(shard.name) for shard in plan.shards for path in kinds}
+    paths = {path for shard in plan.shards for path in (shard.record, shard.log)}
     if plan.layout.packed:
-        return paths
+        return paths | {shard.tar for shard in plan.shards}
     files = (plan.files(split, number).values() for split, pairs in plan.pairs.items() for number in range(pairs))
     return paths.union(*files)
 
@@ -77,7 +75,7 @@ def check_shard(index: StoredIndex, shard: Shard, verdict: Verdict) -> Record | 
         record = read_record(index.root, shard, packed=index.plan.layout.packed)
     except ReadError as error:
         why = "the shard is not finished, or its record was changed"
-        verdict.add("shard", f"{record_path(shard.name)} {error.reason}: {why}")
+        verdict.add("shard", f"{shard.record} {error.reason}: {why}")
         return None
     entry = record if index.made is None else index.made.shard_entries[shard.number]
     for key in ("bytes", "sha256"):
@@ -85,7 +83,7 @@ def check_shard(index: StoredIndex, shard: Shard, verdict: Verdict) -> Record | 
         if ours != theirs:
             verdict.add("shard", f"{shard.name}: {key} is {ours!r} in its record, {theirs!r} in the index")
     if record.tar is not None:
-        name = tar_path(shard.name)
+        name = shard.tar
         try:
             with (index.root / name).open("rb") as file:
                 digest = hashlib.file_digest(cast("BufferedReader", file), "sha256").hexdigest()

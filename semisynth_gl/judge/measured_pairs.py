@@ -75,7 +75,7 @@ def measure_pairs(
     for position in positions:
         frame = dataset[position]
         count.add(frame.left.disparity)
-        view = make_view(width_px, frame.left.image, frame.left.disparity, signed=dataset.about.signed)
+        view = make_view(width_px, frame.left.image, frame.left.disparity, signed=dataset.about.plan.encodings.signed)
         name = frame.name if len(plan.pairs) == 1 else f"{frame.split} {frame.name}"
         pairs.append(MeasuredPair(position, name, frame.recipe, measure_view(view)))
         listener.on_pair(FinishedPair(*dataset.pair(position)))

@@ -18,7 +18,7 @@ from semisynth_gl.codecs.calib import calib_values
 from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map, read_disparity_map
 from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, DisparityPng16
-from semisynth_gl.dataset.names import INDEX, PLAN
+from semisynth_gl.dataset.documents import INDEX, PLAN
 from semisynth_gl.dataset.reader import Dataset, open_dataset
 from semisynth_gl.dataset.root import path_of, read_whole
 from semisynth_gl.frame.channels import VISIBLE
@@ -186,7 +186,7 @@ def _read_pair(dataset: Dataset, place: int) -> Truth:
     # A frame has no array for KITTI's map of objects.
     name = index.plan.files(*dataset.pair(place)).get("objects")
     objects = None if name is None else GREY8.decode(read_whole(index.root, name), path_of(index.root, name))
-    limits = Limits(max(1, ceil(index.plan.config.disparity.max_px)), signed=index.signed)
+    limits = Limits(max(1, ceil(index.plan.config.disparity.max_px)), signed=index.plan.encodings.signed)
     return Truth(left.disparity, None if visibility is None else visibility == VISIBLE, objects, limits)
 
 

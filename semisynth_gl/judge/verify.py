@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from semisynth_gl.dataset.names import record_path
 from semisynth_gl.dataset.reader import StoredIndex, read_index
 from semisynth_gl.dataset.rebuild import RebuiltScenes
 from semisynth_gl.dataset.root import names_below
@@ -144,7 +143,7 @@ def _verdicts(
     plan, position = index.plan, -1
     verdict, present = Verdict(DATASET), frozenset(names_below(index.root))
     # Shards without a record are unfinished: the next run makes them from the start.
-    unmade = {shard for shard in plan.shards if index.fault is not None and record_path(shard.name) not in present}
+    unmade = {shard for shard in plan.shards if index.fault is not None and shard.record not in present}
     check_index(index, present, sum(shard.end - shard.first for shard in unmade), verdict)
     yield verdict
     recent: deque[StoredFrame | None] = deque(maxlen=plan.views)
@@ -178,9 +177,9 @@ def _check_frame(frame: StoredFrame, before: StoredFrame | None, index: StoredIn
         check_masks(frame, eye, verdict)
         check_lens(frame, eye, verdict)
     # Imperfections make the images of both views differ, as a real rig does.
-    lossless = frame.encodings.image.lossless
-    check_views(frame, verdict, imperfect=index.imperfect or not lossless)
+    imperfect, lossless = not index.plan.config.images_as_rendered, frame.encodings.image.lossless
+    check_views(frame, verdict, imperfect=imperfect or not lossless)
     if before is not None:
         # A surface point has the same colour in all frames, unless textures or imperfections change it.
-        changing = index.imperfect or index.plan.config.textures.sequence
+        changing = imperfect or index.plan.config.textures.sequence
         check_frames(before, frame, verdict, images=not changing and lossless)

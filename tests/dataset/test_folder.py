@@ -9,8 +9,8 @@ import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 from hand_made_datasets import config_of, plan_of, write_dataset
 
+from semisynth_gl.dataset.documents import INDEX, PLAN
 from semisynth_gl.dataset.folder import begin, check_links, locked, read_plan
-from semisynth_gl.dataset.names import INDEX, PLAN
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.dataset.root import names_below, open_root, read_whole

@@ -20,8 +20,8 @@ from PIL import Image
 
 from semisynth_gl import InputError, open_dataset
 from semisynth_gl.config import load_config
+from semisynth_gl.dataset.documents import FORMAT, INDEX, PLAN
 from semisynth_gl.dataset.generate import generate
-from semisynth_gl.dataset.names import FORMAT, INDEX, PLAN
 from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.judge.verify import verify_dataset
 

@@ -16,7 +16,7 @@ ROOMS = re.findall(r"^- `(\w+)(?:/|\.py)`: ", PAGE, re.MULTILINE)
 
 OPENGL = ("moderngl", "glcontext", "OpenGL")
 # Nothing that goes into a pair depends on the clock: these measure how long a run takes.
-CLOCKS = {"cli/progress.py", "cli/report.py", "cli/verify.py", "dataset/shard.py"}
+CLOCKS = {"cli/progress.py", "cli/report.py", "cli/verify.py", "dataset/make.py"}
 # Rooms with a module that cannot be imported without OpenGL.
 NEED_OPENGL = {"bench", "calibration", "dataset", "pairs", "render", "torch"}
 

@@ -181,7 +181,7 @@ def test_signed_datasets_are_evaluated_beyond_0(tmp_path):
     data, results = tmp_path / "data", tmp_path / "results"
     generate(encoded, data, 2, SEED, layout="webdataset")
     index = read_index(data)
-    assert (index.signed, index.plan.format) == (True, 1)
+    assert (index.plan.encodings.signed, index.plan.format) == (True, 1)
     assert all_findings(data, 50) == []
     results.mkdir()
     with PairRenderer(config, SEED) as renderer:
