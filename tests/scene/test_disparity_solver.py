@@ -140,20 +140,6 @@ def test_narrow_ranges_meet_their_target(magnitude, width, doffs):
     assert 0 < particles_of(sampler, 1)[0] <= config.particles.most
 
 
-def test_a_file_gives_its_lines_as_bins(tmp_path):
-    (tmp_path / "wanted.csv").write_text("low_px,high_px,share\n# a comment\n4,24,1\n24,64,3\n")
-    made = target({"form": "file", "path": str(tmp_path / "wanted.csv")})
-    assert made.edges_px.tolist() == [4, 24, 44, 64]
-    assert made.shares.tolist() == [0.25, 0.375, 0.375]
-
-
-@pytest.mark.parametrize(("text", "message"), [("0,10,1\n20,30,1\n", r"got 20,30,1"), ("0,10,x\n", r"'x'")])
-def test_files_that_are_no_histogram_are_refused(tmp_path, text, message):
-    (tmp_path / "wanted.csv").write_text(text)
-    with pytest.raises(InputError, match=rf"wanted\.csv: .*{message}"):
-        target({"form": "file", "path": str(tmp_path / "wanted.csv")})
-
-
 # The Boolean model
 
 
