@@ -90,10 +90,11 @@ build/gallery/.drawn: docs/make_gallery.py $(shell find semisynth_gl shaders con
 	@touch $@
 
 .PHONY: lint
-lint: $(VENV)/.dev  ## ruff and mypy
+lint: $(VENV)/.dev  ## ruff, mypy, and import-linter for the rooms
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
+	$(VENV)/bin/lint-imports --no-logo
 
 .PHONY: format
 format: $(VENV)/.dev  ## let ruff rewrite the Python files

@@ -1,54 +1,14 @@
-"""The rooms of the package, listed from top to bottom in docs/contributing.md: each imports only rooms below it."""
+"""What the rooms load: OpenGL, PyTorch and slow packages only where they are used; import-linter has the rest."""
 
-import ast
-import re
 import subprocess
 import sys
-from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 
 import semisynth_gl
 
 PACKAGE = Path(semisynth_gl.__file__).resolve().parent
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "contributing.md").read_text("utf-8")
-ROOMS = re.findall(r"^- `(\w+)(?:/|\.py)`: ", PAGE, re.MULTILINE)
-
-OPENGL = ("moderngl", "glcontext", "OpenGL")
-# Nothing that goes into a pair depends on the clock: these measure how long a run takes.
-CLOCKS = {"cli/progress.py", "cli/report.py", "cli/verify.py", "dataset/make.py"}
 # Rooms with a module that cannot be imported without OpenGL.
 NEED_OPENGL = {"bench", "calibration", "dataset", "pairs", "render", "torch"}
-
-
-@cache
-def imports() -> dict[Path, list[str]]:
-    """The full names that each file imports, anywhere in it; not read by workers that only collect these tests."""
-    paths = [path for path in sorted(PACKAGE.rglob("*.py*")) if path.suffix in (".py", ".pyi")]
-    return {path.relative_to(PACKAGE): list(imported_names(path.read_text("utf-8"))) for path in paths}
-
-
-def imported_names(source: str) -> Iterator[str]:
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            yield from (f"{'.' * node.level}{node.module or ''}.{alias.name}" for alias in node.names)
-
-
-def room_of(path: Path) -> str:
-    return path.with_suffix("").parts[0]
-
-
-def rooms_used(names: list[str]) -> list[str]:
-    """The rooms of names that a file imports; __init__ for `semisynth_gl.load_config`, relative names as they are."""
-    rooms = [name.split(".")[1] for name in names if name.startswith("semisynth_gl.")]
-    relative = [name for name in names if name.startswith(".")]
-    return relative + [room if room in ROOMS else "__init__" for room in rooms]
-
-
-def importers(*packages: str) -> set[Path]:
-    return {path for path, names in imports().items() if any(name.split(".")[0] in packages for name in names)}
 
 
 def run_python(program: str, without: tuple[str, ...] = ()) -> subprocess.CompletedProcess[str]:
@@ -57,42 +17,14 @@ def run_python(program: str, without: tuple[str, ...] = ()) -> subprocess.Comple
     return subprocess.run([sys.executable, "-c", block + program], capture_output=True, text=True, check=False)
 
 
-def test_the_page_lists_every_room_and_no_other() -> None:
-    assert sorted(ROOMS) == sorted({room_of(path) for path in imports()})
-
-
-def test_a_room_uses_only_rooms_below_it() -> None:
-    upward = [
-        f"{path} imports {used}"
-        for path, names in imports().items()
-        for used in rooms_used(names)
-        if used not in ROOMS[ROOMS.index(room_of(path)) :]
-    ]
-    assert upward == []
-
-
-def test_the_oracle_shares_no_room_with_the_renderer() -> None:
-    reached, new = set(), {"oracle"}
-    while new:
-        reached |= new
-        new = {used for path, names in imports().items() if room_of(path) in new for used in rooms_used(names)}
-        new -= reached
-    assert reached & {"render", "pairs", "dataset"} == set()
-
-
-def test_opengl_torch_and_the_clock_are_imported_where_they_may_be() -> None:
-    assert {room_of(path) for path in importers(*OPENGL)} == {"render"}
-    assert {room_of(path) for path in importers("torch")} == {"torch"}
-    assert {path.as_posix() for path in importers("time", "datetime") if room_of(path) != "bench"} == CLOCKS
-
-
 def test_the_rooms_that_load_without_opengl() -> None:
     program = "from importlib import import_module\n"
-    for path in imports():
-        if path.suffix == ".py" and path.name != "__main__.py":
-            module = ".".join(("semisynth_gl", *path.with_suffix("").parts)).removesuffix(".__init__")
-            program += f"try: import_module({module!r})\nexcept ImportError: print({room_of(path)!r})\n"
-    loading = run_python(program, without=OPENGL)
+    for path in sorted(PACKAGE.rglob("*.py")):
+        if path.name != "__main__.py":
+            names = path.relative_to(PACKAGE.parent).with_suffix("").parts
+            module = ".".join(names).removesuffix(".__init__")
+            program += f"try: import_module({module!r})\nexcept ImportError: print({names[1]!r})\n"
+    loading = run_python(program, without=("moderngl", "glcontext"))
     assert loading.returncode == 0, loading.stderr
     assert set(loading.stdout.split()) == NEED_OPENGL
 
