@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from semisynth_gl.cli.options import COUNT, Command, images_option, map_options, option
-from semisynth_gl.cli.outputs import OutputFile, write_json
+from semisynth_gl.cli.outputs import OutputFile, table, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.dataset.root import open_root
 from semisynth_gl.inputs.errors import counted
@@ -42,6 +42,7 @@ def report(directory: str, out: Path | None, json_file: Path | None, **options: 
     keys of the config to change. The page needs no server and no network: it opens from disk in a browser.
     """
     # Imported here: matplotlib takes longer to load than a pair to read.
+    from semisynth_gl.judge import comparison  # noqa: PLC0415
     from semisynth_gl.judge.report import report as report_on  # noqa: PLC0415
 
     if out is None:
@@ -52,9 +53,12 @@ def report(directory: str, out: Path | None, json_file: Path | None, **options: 
     data = built.page.encode("utf-8", "backslashreplace")  # file names may hold bytes that are not text
     out.write_bytes(data)
     write_json(json_file, built.values())
-    for line in (*built.lines(), ""):
+    measured = counted(len(built.pairs), "pair")
+    beside = "" if built.place is None else f" beside {built.place.summary}"
+    click.echo(f"{measured}{beside}, at a width of {built.width_px} px\n")
+    advice = len(comparison.HEAD) - 1
+    for line in (*table(row[:advice] for row in comparison.table(built.rows)), "", *comparison.summary(built.rows)):
         click.echo(line)
     for note in () if built.place is None else built.place.notes:
         click.echo(f"note: {note}", err=True)
-    measured = counted(len(built.pairs), "pair")
     click.echo(f"{out}: {measured} measured, {len(data) / 1e6:.1f} MB, {time.monotonic() - start:.0f} s")

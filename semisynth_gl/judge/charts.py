@@ -10,11 +10,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from semisynth_gl.frame.frame import Frame, as_rgb, finite_range
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation
 from semisynth_gl.judge.comparison import Row
 from semisynth_gl.judge.pictures import COLOUR_MAP
+
+Shares = NDArray[np.floating]
 
 _ACHIEVED, _WANTED = "#d98a3d", "#4a90d9"
 # Visible on a light and on a dark page.
@@ -70,19 +73,25 @@ def draw_sheet(
 
 def _draw_disparity(axis: Axes, achieved: Histogram | None, target: Histogram) -> None:
     """Draw the achieved distribution of disparity, None where no pixel has a disparity, and the target's outline."""
-    if achieved is None:
-        axis.set_title("no pixel has a disparity", fontsize=9)
-        return
     # The outermost 0.01 % of pixels on either side would make the axis too long.
-    low, high = ([each.quantile(share) for each in (achieved, target)] for share in (1e-4, 1 - 1e-4))
+    drawn = [each for each in (achieved, target) if each is not None]
+    low, high = ([each.quantile(share) for each in drawn] for share in (1e-4, 1 - 1e-4))
     edges = np.linspace(min(low), max(high), _DISPARITY_BINS + 1)
-    axis.stairs(achieved.rebinned(edges).shares, edges, fill=True, color=_ACHIEVED, label="achieved")
-    axis.stairs(target.rebinned(edges).shares, edges, color=_WANTED, linewidth=1.5, label="wanted by the config")
-    distance = total_variation(target, achieved)
-    axis.set_title(f"share of pixels per disparity, px; total variation {distance:.3f}", fontsize=9)
+    filled, outline = (None if each is None else each.rebinned(edges).shares for each in (achieved, target))
+    distance = "no pixel has one" if achieved is None else f"total variation {total_variation(target, achieved):.3f}"
+    _draw_shares(axis, edges, filled, outline, f"share of pixels per disparity, px; {distance}")
+    axis.legend(("achieved", "wanted by the config")[achieved is None :], fontsize=8, frameon=False)
+
+
+def _draw_shares(axis: Axes, edges: Shares, filled: Shares | None, outline: Shares | None, title: str) -> None:
+    """Draw two distributions, (K,) shares in bins with (K + 1,) edges: the dataset's filled, the wanted as a line."""
+    if filled is not None:
+        axis.stairs(filled, edges, fill=True, color=_ACHIEVED)
+    if outline is not None:
+        axis.stairs(outline, edges, color=_WANTED, linewidth=1.5)
+    axis.set_title(title, fontsize=8)
     axis.tick_params(labelsize=8)
     axis.margins(x=0)
-    axis.legend(fontsize=8, frameon=False)
 
 
 def draw_report(achieved: Histogram | None, target: Histogram, rows: Sequence[Row]) -> str:
@@ -101,19 +110,15 @@ def draw_report(achieved: Histogram | None, target: Histogram, rows: Sequence[Ro
         grid = figure.add_gridspec(1 + below, _COLUMNS, height_ratios=[_FIRST_IN, *[_ROW_IN] * below])
         _draw_disparity(figure.add_subplot(grid[0, :]), achieved, target)
         for number, row in enumerate(rows):
-            _draw_measure(figure.add_subplot(grid[1 + number // _COLUMNS, number % _COLUMNS]), row)
+            edges = np.histogram_bin_edges(np.concatenate([row.dataset, row.place]), _BINS)
+            ours, theirs = (
+                np.histogram(values, edges)[0] / values.size if values.size else None
+                for values in (row.dataset, row.place)
+            )
+            axis = figure.add_subplot(grid[1 + number // _COLUMNS, number % _COLUMNS])
+            _draw_shares(axis, edges, ours, theirs, f"{row.measure.name}, {row.measure.unit}")
         for axis in figure.axes:
             axis.set_facecolor("none")
         data = io.BytesIO()
         figure.savefig(data, format="svg", transparent=True, metadata={"Date": None})
     return f"data:image/svg+xml;base64,{b64encode(data.getvalue()).decode('ascii')}"
-
-
-def _draw_measure(axis: Axes, row: Row) -> None:
-    edges = np.histogram_bin_edges(np.concatenate([row.dataset, row.place]), _BINS)
-    for values, options in ((row.dataset, {"fill": True, "color": _ACHIEVED}), (row.place, {"color": _WANTED})):
-        if values.size:
-            axis.stairs(np.histogram(values, edges)[0] / values.size, edges, **options)
-    axis.set_title(f"{row.measure.name}, {row.measure.unit}", fontsize=8)
-    axis.tick_params(labelsize=7)
-    axis.margins(x=0)

@@ -1,8 +1,8 @@
-"""Compares the measures of a dataset with its place: how far each is off, and what to change."""
+"""Compares the measures of a dataset with its place, and of a pair with the other pairs."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,11 @@ place, one measure in four is more than one standard deviation apart by chance; 
 
 # As shares of a measure's mean: the standard deviation assumed for a single picture, and the lower limit of any.
 _UNKNOWN, _LEAST = 0.25, 0.05
+# Outliers are this many standard deviations off; a deviation is so many median absolute deviations, if normal.
+_FAR, _DEVIATION = 3.0, 1.4826
+
+HEAD = ("measure", "unit", "dataset", "place", "off by", "apart", "advice")
+"""The columns of `table`."""
 
 Values = Mapping[str, NDArray[np.float64]]
 """By the key of each of `MEASURES`, the numbers (N,) of the N pictures that have the measure."""
@@ -29,8 +34,7 @@ class Row:
         dataset: (N,) float64, the numbers of the dataset's left views.
         place: (M,) float64, the numbers of the place's pictures; empty without any.
         difference: the dataset's mean minus the place's mean, in the place's standard deviations (`unit_of`). None
-            without numbers of the dataset, with fewer than `FEWEST` pictures of the place, or where all of the place's
-            numbers are 0.
+            without numbers of the dataset, with fewer than `FEWEST` pictures of the place, or where all of these are 0.
         distance: the Wasserstein-1 distance of both distributions, in the same unit. It decides: a mix of crowded and
             empty scenes may have the place's mean although no pair resembles it.
         advice: what to change in the config; "" where there is nothing to change, or no key is known.
@@ -52,6 +56,33 @@ class Row:
             for name, side in sides.items()
         }
         return values | numbers | {name: getattr(self, name) for name in ("difference", "distance", "advice")}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredPair:
+    """The measures of one pair.
+
+    Attributes:
+        position: index of the pair in the `Dataset` that was measured.
+        name: name of the pair's scene, with the split in a dataset of several splits.
+        recipe: name of the pair's recipe; None where the config has no recipes.
+        values: the numbers of the left view, by the key of each of `MEASURES` that it has.
+    """
+
+    position: int
+    name: str
+    recipe: str | None
+    values: Mapping[str, float]
+
+
+class Outlier(NamedTuple):
+    """A pair whose value of a measure is far from the median ``typical``, by so many standard deviations."""
+
+    pair: MeasuredPair
+    measure: Measure
+    value: float
+    typical: float
+    deviations: float
 
 
 def gather(pictures: Iterable[Mapping[str, float]]) -> Values:
@@ -99,16 +130,39 @@ def _row(
 ) -> Row:
     if len(ours) == 0 or len(theirs) < FEWEST:
         return Row(measure, ours, theirs)
-    off, apart, unit = float(ours.mean() - theirs.mean()), distance(ours, theirs), unit_of(theirs)
+    unit = unit_of(theirs)
+    if unit == 0:
+        # All of the place's numbers are 0, so no deviation tells how far others are off.
+        return Row(measure, ours, theirs, advice=advice(measure, recipes, more=False) if ours.any() else "")
+    off, apart = float(ours.mean() - theirs.mean()) / unit, distance(ours, theirs) / unit
     change = ""
-    if abs(off) > unit:
+    if abs(off) > 1:
         change = advice(measure, recipes, more=off < 0)
-    elif apart > unit:
+    elif apart > 1:
         vary = "more: add recipes to scenes, or widen ranges" if ours.std() < theirs.std() else "less: narrow ranges"
         change = f"the mean fits, but pairs should vary {vary}"
-    if unit == 0:
-        return Row(measure, ours, theirs, advice=change)
-    return Row(measure, ours, theirs, off / unit, apart / unit, change)
+    return Row(measure, ours, theirs, off, apart, change)
+
+
+def find_outliers(pairs: Sequence[MeasuredPair]) -> list[Outlier]:
+    """Return for each measure the pair farthest from the median, if at least three deviations off; the farthest first.
+
+    The standard deviation is estimated from the median absolute deviation. Where more than half of the pairs have the
+    same value, the mean absolute deviation is used instead.
+    """
+    outliers = []
+    for measure in MEASURES:
+        valued = [pair for pair in pairs if measure.key in pair.values]
+        if not valued:
+            continue
+        values = np.array([pair.values[measure.key] for pair in valued])
+        typical = float(np.median(values))
+        off = np.abs(values - typical)
+        scale = _DEVIATION * float(np.median(off)) or float(off.mean())
+        at = int(np.argmax(off))
+        if scale and off[at] >= _FAR * scale:
+            outliers.append(Outlier(valued[at], measure, float(values[at]), typical, float(off[at] / scale)))
+    return sorted(outliers, key=lambda outlier: -outlier.deviations)
 
 
 def table(rows: Sequence[Row]) -> list[tuple[str, ...]]:
@@ -116,7 +170,6 @@ def table(rows: Sequence[Row]) -> list[tuple[str, ...]]:
 
     Without pictures of a place, only the first three columns are returned.
     """
-    head = ("measure", "unit", "dataset", "place", "off by", "apart", "advice")
     texts = [
         (
             row.measure.name,
@@ -129,26 +182,17 @@ def table(rows: Sequence[Row]) -> list[tuple[str, ...]]:
         )
         for row in rows
     ]
-    columns = len(head) if any(row.place.size for row in rows) else 3
-    return [each[:columns] for each in (head, *texts)]
+    columns = len(HEAD) if any(row.place.size for row in rows) else 3
+    return [each[:columns] for each in (HEAD, *texts)]
 
 
-def lines(rows: Sequence[Row]) -> list[str]:
-    """Return the rows as lines for a terminal: the table, and what to change, the farthest measures first."""
-    cells = [each[:6] for each in table(rows)]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    aligned = [str.ljust] * 2 + [str.rjust] * 4
-    shown = [
-        "  ".join(align(text, width) for align, text, width in zip(aligned, row, widths, strict=False)).rstrip()
-        for row in cells
-    ]
-    compared = [row for row in rows if row.dataset.size and len(row.place) >= FEWEST]
-    if compared:
-        # A measure that is 0 all over the place has no deviation: the dataset's must be 0 too.
-        near = sum(not row.dataset.any() if row.distance is None else row.distance <= 1 for row in compared)
-        shown += ["", f"{near} of {len(compared)} measures within one standard deviation (sd) of the place"]
-    farthest = sorted(rows, key=lambda row: -(row.distance or 0.0))
-    return shown + [f"  {row.measure.name}: {row.advice}" for row in farthest if row.advice]
+def summary(rows: Sequence[Row]) -> list[str]:
+    """Return how many measures are near the place's, and what to change, the farthest measures first, as lines."""
+    compared = [row.distance for row in rows if row.distance is not None]
+    near = sum(apart <= 1 for apart in compared)
+    head = f"{near} of {len(compared)} measures within one standard deviation (sd) of the place"
+    advised = sorted((row for row in rows if row.advice), key=lambda row: -(row.distance or 0.0))
+    return [*[head] * bool(compared), *(f"  {row.measure.name}: {row.advice}" for row in advised)]
 
 
 def _shown(values: NDArray[np.float64]) -> str:

@@ -7,8 +7,8 @@ surface. They differ by the error of interpolating the other image between its p
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.judge.bilinear import Floats, between, corners
 from semisynth_gl.judge.findings import Verdict
+from semisynth_gl.judge.interpolation import Floats, between, corners
 
 # Bounds; docs/verify.md has them.
 MIN_PIXELS = 200

@@ -7,8 +7,8 @@ from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import OTHER_EYE, Eye
 from semisynth_gl.frame.channels import VISIBLE
 from semisynth_gl.frame.raw_camera import RawCamera, pinhole_of
-from semisynth_gl.judge.bilinear import Floats, between, corners
 from semisynth_gl.judge.findings import Verdict
+from semisynth_gl.judge.interpolation import Floats, between, corners
 from semisynth_gl.lens.borders import valid_at
 
 # Bounds, px; docs/verify.md has them. Pixels whose place in the raw image is nearer to its border are not judged.

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Eye
 from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE
-from semisynth_gl.judge.bilinear import Floats, between, corners
 from semisynth_gl.judge.findings import Verdict
 from semisynth_gl.judge.images import MIN_PIXELS, check_images
+from semisynth_gl.judge.interpolation import Floats, between, corners
 from semisynth_gl.judge.lens import find_borders
 
 Where = NDArray[np.bool_]

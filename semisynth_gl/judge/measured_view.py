@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.judge.holes import fill_rows
+from semisynth_gl.judge.interpolation import fill_holes
 from semisynth_gl.seeds.spread import centres
 from semisynth_gl.textures.crops import LUMINANCE_PARTS
 
@@ -76,22 +76,10 @@ def mean_luminance(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[n
     images that keep their size compare with averaged images.
     """
     rows, columns = (_mean_parts(count, parts) for count, parts in zip(image.shape[:2], size, strict=True))
-    channels = np.atleast_3d(image)
-    parts = LUMINANCE_PARTS.astype(np.float32) if channels.shape[2] > 1 else np.ones(1, np.float32)
     # Channel by channel: a large image as float32 RGB would fill memory.
-    luminance = sum(part * channels[..., number] for number, part in enumerate(parts))
+    parts = enumerate(LUMINANCE_PARTS.astype(np.float32))
+    luminance = image if image.ndim == 2 else sum(part * image[..., number] for number, part in parts)
     return np.asarray(rows @ (luminance @ columns.T), np.float32)
-
-
-def fill_holes(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return a disparity (H, W) px in which each nan pixel has the smaller of the nearest values to its left and right.
-
-    The smaller value is taken since most holes are background that only one eye sees. A row without any value becomes a
-    copy of the nearest row with values; at least one row must have some.
-    """
-    rows = np.flatnonzero(np.isfinite(disparity).any(axis=1))
-    nearest = rows[np.abs(rows[:, None] - np.arange(len(disparity))).argmin(axis=0)]
-    return fill_rows(disparity[nearest])
 
 
 def _mean_parts(count: int, parts: int) -> NDArray[np.float32]:

@@ -14,7 +14,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from semisynth_gl.judge.measured_view import MeasuredView
-from semisynth_gl.textures.borders import border_share
 
 JUMP_PX = 1.0
 """Larger differences between the disparities of neighbours are jumps: two surfaces, or one surface seen edge-on."""
@@ -144,12 +143,6 @@ def gradient(luminance: Floats) -> float:
     return float(lengths.mean()) if lengths.size else float("nan")
 
 
-def black_border(luminance: Floats) -> float:
-    """Return the share of an image that rectification left black, %."""
-    # Means over a border and what lies beside it are not black.
-    return 100 * border_share(np.clip(np.ceil(luminance), 0, 255).astype(np.uint8))
-
-
 @dataclass(frozen=True, slots=True)
 class Measure:
     """A quantity that is one number for each view.
@@ -237,23 +230,19 @@ MEASURES: tuple[Measure, ...] = (
         "contrast", "luminance, deviation", "levels", _IMAGE, lambda levels: float(levels.std()),
         {"imperfections.exposure_stops": 1},
     ),
-    Measure("border", "black border of rectification", "%", _IMAGE, black_border, {"lens": 1}),
 )  # fmt: skip
 """All measures, in the order of tables."""
 
-_ADD_LENS = "add lens, which calibrate writes from cameras before rectification"
-_NO_LENS = "leave lens out, or rectify with a smaller alpha"
 # Advice for a larger and for a smaller value of keys that are not numbers.
 _CHANGES = {
     "scenes": tuple(f"in scenes, give more weight to recipes with {count} objects" for count in ("many", "few")),
     "antialias": ("antialias: edges", "antialias: none"),
-    "lens": (_ADD_LENS, _NO_LENS),
-    "disparity.target": (
-        "in disparity.target, give more weight to large disparities",
-        "in disparity.target, give more weight to small disparities",
+    "disparity.target": tuple(
+        f"in disparity.target, give more weight to {size} disparities" for size in ("large", "small")
     ),
 }
-# Kinds of background in whose scenes a section counts.
+# Kinds of background, and those in whose scenes a section counts.
+_BACKGROUNDS = ("cuboid", "plane", "room", "street")
 _KINDS = {"room": {"room"}, "street": {"street"}, "structures": {"cuboid", "plane"}}
 
 
@@ -270,8 +259,7 @@ def measure_view(view: MeasuredView, measures: Iterable[Measure] = MEASURES) -> 
 def advice(measure: Measure, recipes: Sequence[Mapping[str, Any]], *, more: bool) -> str:
     """Return what to change in a config for a larger or smaller value of a measure.
 
-    Keys that have no effect in the scenes of any recipe are not named, nor are settings of ``antialias`` and ``lens``
-    that the config already has.
+    Keys of backgrounds that no recipe has are not named, nor is the setting of ``antialias`` that the config has.
 
     Args:
         measure: the measure to move.
@@ -284,29 +272,18 @@ def advice(measure: Measure, recipes: Sequence[Mapping[str, Any]], *, more: bool
         numbers = [key for key in keys if key not in _CHANGES]
         changes += [_CHANGES[key][sign < 0] for key in keys if key in _CHANGES]
         changes += [f"{verb} {', '.join(numbers)}"] if numbers else []
-    there = {f"antialias: {recipes[0].get('antialias')}", _ADD_LENS if recipes[0].get("lens") else _NO_LENS}
-    return "; ".join(text for text in changes if text not in there)
+    return "; ".join(text for text in changes if text != f"antialias: {recipes[0].get('antialias')}")
 
 
 def _has_effect(key: str, recipes: Sequence[Mapping[str, Any]]) -> bool:
     """Return whether a key has an effect in the scenes of any recipe."""
+    section, _, name = key.rpartition(".")
+    kinds = [{kind for kind in _BACKGROUNDS if recipe["background"][kind] > 0} for recipe in recipes]
     if key == "scenes":
         return len(recipes) > 1
-    section, _, name = key.rpartition(".")
-    for recipe in recipes:
-        weights = recipe.get("background", {})
-        kinds = {kind for kind in ("cuboid", "plane", "room", "street") if weights.get(kind, 0) > 0}
-        if section == "background":
-            counts = name in kinds and len(kinds) > 1  # the only weight above 0 is 1, whatever its value
-        elif key in ("particles.density", "disparity.target"):
-            counts = recipe.get("particles", {}).get("layers") is None
-        elif key == "particles.size_px":
-            counts = recipe.get("particles", {}).get("size_m") is None
-        else:
-            counts = section not in _KINDS or bool(kinds & _KINDS[section])
-        if counts:
-            return True
-    return False
+    if section == "background":
+        return any(name in each and len(each) > 1 for each in kinds)
+    return section not in _KINDS or any(each & _KINDS[section] for each in kinds)
 
 
 def _squares(values: Floats, side: int) -> Floats:

@@ -14,7 +14,7 @@ from PIL import Image
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.frame.frame import as_rgb
-from semisynth_gl.judge.bilinear import between, corners
+from semisynth_gl.judge.interpolation import between, corners
 
 COLOUR_MAP = "inferno"
 """The colour map of disparities: perceptually uniform, and dark at small disparities."""

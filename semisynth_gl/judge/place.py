@@ -21,7 +21,6 @@ from semisynth_gl.textures.subjects import of_subjects, photographed_subjects
 # The image of a map, by the map's name (Middlebury and ETH3D), and the images' folder, by the maps' folder (KITTI).
 _IMAGE_OF_NAME = {"disp0GT": "im0.png", "disp0": "im0.png", "disp1GT": "im1.png", "disp1": "im1.png"}
 _IMAGE_OF_FOLDER = dict(zip(KITTI_2015_MAPS, ("image_2", "image_2", "image_3", "image_3"), strict=True))
-_OF_RIGHT_VIEWS = frozenset({"disp1GT", "disp1", *KITTI_2015_MAPS[2:]})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,10 +76,9 @@ def read_map(path: Path, png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np
 
 
 def map_view(path: Path, width_px: int, png_scale: float = KITTI_DISPARITY.steps) -> MeasuredView:
-    """Return a map at the working width ``width_px``, with its image where there is one.
+    """Return a map at the working width ``width_px``, with its image if one has Middlebury's, ETH3D's or KITTI's name.
 
-    The image is found by the names of Middlebury, ETH3D and KITTI. Right views, by the same names, are mirrored, so
-    that they count as left views. `read_map` explains the other arguments.
+    `read_map` explains the other arguments.
 
     Raises:
         InputError: where the map has no disparity, or another size than its image.
@@ -95,9 +93,6 @@ def map_view(path: Path, width_px: int, png_scale: float = KITTI_DISPARITY.steps
     image = read_image(beside) if beside != path and beside.is_file() else None
     if image is not None and image.shape[:2] != disparity.shape:
         raise InputError(f"{path}: {disparity.shape[::-1]} px, but {beside} has {image.shape[1::-1]} px")
-    if _OF_RIGHT_VIEWS.intersection((path.stem, path.parent.name)):
-        # The mirror image of a right view is a left view.
-        disparity, image = disparity[:, ::-1], None if image is None else image[:, ::-1]
     return make_view(width_px, image, disparity)
 
 
@@ -119,8 +114,7 @@ def measure_place(
         InputError: where no photograph can be read, or a map does not fit its image or has no disparity.
         ReadError: where a map cannot be read.
     """
-    notes: list[str] = []
-    subjects = []
+    notes, subjects = list[str](), list[dict[str, float]]()
     measured = narrow = 0
     for paths in photographed_subjects(photographs):
         pictures = []
@@ -137,16 +131,16 @@ def measure_place(
             subjects.append({key: float(values.mean()) for key, values in gather(pictures).items() if values.size})
     if not subjects:
         raise InputError(f"no photograph of the place can be read: {'; '.join(notes[:1])}")
-    views = [map_view(path, width_px, png_scale) for path in maps]
+    mapped = [map_view(path, width_px, png_scale) for path in maps]
     if narrow:
         notes.append(f"{counted(narrow, 'photograph')} narrower than {width_px} px, not used for detail")
-    if sparse := sum(view.surfaces is None for view in views):
+    if sparse := sum(view.surfaces is None for view in mapped):
         few = "with disparities in fewer than half of the pixels, used for disparity only"
         notes.append(f"{counted(sparse, 'map')} {few}")
-    summary = f"{counted(measured, 'photograph')}{of_subjects(measured, len(subjects))}"
-    of_images, of_maps = gather(subjects), gather(measure_view(view) for view in views)
+    of_images, of_maps = gather(subjects), gather(map(measure_view, mapped))
     return MeasuredPlace(
         {each.key: (of_images if each.of_images else of_maps)[each.key] for each in MEASURES},
-        f"{summary}, {counted(len(maps), 'disparity map')}",
+        f"{counted(measured, 'photograph')}{of_subjects(measured, len(subjects))}, "
+        f"{counted(len(maps), 'disparity map')}",
         tuple(notes),
     )

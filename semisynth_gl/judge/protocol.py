@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.inputs.arguments import check_one_of
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.judge.holes import fill_rows
+from semisynth_gl.judge.interpolation import fill_holes
 
 ProtocolName = Literal["middlebury", "eth3d", "kitti", "paper"]
 """Name of a benchmark; ``paper`` stands for the definitions of HSM's eval_mb.py."""
@@ -117,13 +117,14 @@ def _compare_eth3d(prediction: Disparity, truth: Disparity, _: Limits) -> PixelC
 def _compare_kitti(prediction: Disparity, truth: Disparity, limits: Limits) -> PixelComparison:
     """Compare as evaluate_scene_flow.cpp and io_disp.h of KITTI 2015's development kit do.
 
-    NaN, infinite values, 0 and, unless signed, negative values are holes. They are filled (see `fill_holes`) and judged
+    NaN, infinite values, 0 and, unless signed, negative values are holes. They are filled by `fill_holes`, and judged
     like all other pixels. Float predictions are not rounded to the kit's 1/256 px.
     """
     _check_size(prediction, truth)
     judged = np.isfinite(truth) & (limits.signed | (truth > 0))
     estimated = np.isfinite(prediction) & (limits.signed | (prediction > 0))
-    return PixelComparison(truth, _error(fill_holes(prediction, estimated), truth), judged, estimated, judged)
+    filled = fill_holes(np.where(estimated, prediction, np.float32(np.nan)))
+    return PixelComparison(truth, _error(filled, truth), judged, estimated, judged)
 
 
 def _compare_paper(prediction: Disparity, truth: Disparity, limits: Limits) -> PixelComparison:
@@ -136,21 +137,6 @@ def _compare_paper(prediction: Disparity, truth: Disparity, limits: Limits) -> P
     values = prediction if limits.ndisp is None else np.minimum(prediction, np.float32(limits.ndisp))
     judged = truth != np.inf
     return PixelComparison(truth, _error(values, truth), judged, np.ones_like(judged), judged)
-
-
-def fill_holes(disparity: Disparity, valid: Where) -> Disparity:
-    """Return a prediction (H, W) px with its holes, where ``valid`` is False, filled as KITTI's kit does.
-
-    Within a row, a hole takes the smaller of the nearest values to its left and right, or the only one. Rows above the
-    first and below the last row with a value become copies of it. Other rows without any value get -1, KITTI's value
-    for no disparity, which is compared with the truth like any other.
-    """
-    filled = fill_rows(np.where(valid, disparity, np.float32(np.nan)))
-    rows = np.flatnonzero(valid.any(axis=1))
-    if rows.size:
-        filled[: rows[0]] = filled[rows[0]]
-        filled[rows[-1] + 1 :] = filled[rows[-1]]
-    return np.where(np.isnan(filled), np.float32(-1), filled)
 
 
 def _error(values: Disparity, truth: Disparity) -> Disparity:

@@ -6,27 +6,31 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import Any
 
+import numpy as np
+
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.dataset.reader import Dataset, StoredIndex, read_index
-from semisynth_gl.histogram import Histogram, total_variation, wasserstein_px
+from semisynth_gl.dataset.reader import Dataset, read_index
+from semisynth_gl.histogram import Histogram, PixelCount, total_variation, wasserstein_px
 from semisynth_gl.inputs.arguments import LEAST, to_real, to_whole
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.resources import data_root
 from semisynth_gl.inputs.templates import template_environment
 from semisynth_gl.inputs.user_files import Files, names_of
 from semisynth_gl.judge.charts import draw_report
-from semisynth_gl.judge.comparison import Row, compare, gather, lines, table
-from semisynth_gl.judge.measured_pairs import MeasuredPair, find_outliers, measure_pairs
-from semisynth_gl.judge.measured_view import working_width
+from semisynth_gl.judge.comparison import MeasuredPair, Row, compare, find_outliers, gather, table
+from semisynth_gl.judge.measured_view import make_view, working_width
+from semisynth_gl.judge.measures import measure_view
 from semisynth_gl.judge.pictures import BEYOND, HIDDEN, NO_DISPARITY, embed_pair
 from semisynth_gl.judge.place import MeasuredPlace, map_files, measure_place
-from semisynth_gl.listener import Listener
+from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.seeds.spread import spread
 from semisynth_gl.textures.image_files import find_images
 
 # The page shows this many of the outliers, beside evenly spread pairs.
 _SHOWN_OUTLIERS = 3
+# Number of bins in which disparities are counted: so many that the bins do not affect the distance of distributions.
+_BINS = 1024
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,11 +54,6 @@ class Report:
     target: Histogram
     rows: Sequence[Row]
     place: MeasuredPlace | None
-
-    def lines(self) -> list[str]:
-        """Return the measures, and what to change in the config, as lines for a terminal."""
-        place = "" if self.place is None else f" beside {self.place.summary}"
-        return [f"{len(self.pairs)} pairs{place}, at a width of {self.width_px} px", "", *lines(self.rows)]
 
     def values(self) -> dict[str, Any]:
         """Return the measures in JSON's types."""
@@ -96,31 +95,21 @@ def report(
         ReadError: where a pair or a map cannot be read.
     """
     pairs, sample = to_whole("pairs", pairs, least=0), to_whole("sample", sample, least=1)
-    index = read_index(dataset)
-    opened, config = Dataset(index, split), index.plan.config
+    opened = Dataset(read_index(dataset), split)
+    config = opened.about.plan.config
     width_px, png_scale = working_width(config.camera.width_px), to_real("png_scale", png_scale, least=LEAST)
     image_names, map_names = names_of(images), names_of(disparity)
     if map_names and not image_names:
         raise InputError("expected photographs of the place, too: --images", argument="disparity")
     place = measure_place(find_images(image_names), map_files(map_names), width_px, png_scale) if image_names else None
     target = config.shown_histogram()
-    positions = spread(len(opened), max(sample, pairs))
-    measured, achieved = measure_pairs(opened, positions, width_px, target, listener or Listener())
+    measured, achieved = _measure(opened, spread(len(opened), max(sample, pairs)), width_px, target, listener)
     recipes = [recipe.config.model_dump(mode="json") for recipe in config.recipes()]
     rows = compare(gather(pair.values for pair in measured), gather(()) if place is None else place.values, recipes)
     outliers = find_outliers(measured)
     shown = [measured[number] for number in spread(len(measured), pairs)]
     shown += [outlier.pair for outlier in outliers[: _SHOWN_OUTLIERS * bool(shown)]]
     by_position = {pair.position: pair for pair in shown}
-    facts = _provenance(index, split)
-    if achieved is not None:
-        facts["distance from the target"] = (
-            f"total variation {total_variation(target, achieved):.3f}, "
-            f"Wasserstein-1 {wasserstein_px(target, achieved):.3g} px"
-        )
-    embedded = [
-        embed_pair(opened[pair.position]) | {"name": pair.name, "recipe": pair.recipe} for pair in by_position.values()
-    ]
     assets = data_root("assets")
     page = (
         template_environment()
@@ -132,14 +121,17 @@ def report(
             measured=len(measured),
             pairs=len(opened),
             width_px=width_px,
-            facts=facts,
+            facts=_facts(opened, target, achieved),
             config=json.dumps(config.model_dump(mode="json"), indent=1),
             chart=draw_report(achieved, target, rows),
             place=place,
             table=table(rows),
             outliers=outliers,
             numbers={position: number for number, position in enumerate(by_position)},
-            embedded=embedded,
+            embedded=[
+                embed_pair(opened[position]) | {"name": pair.name, "recipe": pair.recipe}
+                for position, pair in by_position.items()
+            ],
             colours={
                 "hidden in the right view": HIDDEN,
                 "outside the right view": BEYOND,
@@ -150,9 +142,29 @@ def report(
     return Report(page, measured, width_px, achieved, target, rows, place)
 
 
-def _provenance(index: StoredIndex, split: SplitName | None) -> dict[str, str]:
-    """Return what made a dataset, by name."""
-    plan, made = index.plan, index.made
+def _measure(
+    dataset: Dataset, positions: Sequence[int], width_px: int, target: Histogram, listener: Listener | None
+) -> tuple[list[MeasuredPair], Histogram | None]:
+    """Read pairs, measure their left views, and count the disparities of these in bins that refine the target's."""
+    listener = listener or Listener()
+    listener.on_total(len(positions))
+    pairs, plan, first = [], dataset.about.plan, dataset[positions[0]].camera
+    low = min(0.0, -first.doffs_px, target.edges_px[0])
+    high = max(plan.config.disparity.max_px or first.width_px, target.edges_px[-1])
+    count = PixelCount(np.union1d(np.linspace(low, high, _BINS + 1), target.edges_px))
+    for position in positions:
+        frame = dataset[position]
+        count.add(frame.left.disparity)
+        view = make_view(width_px, frame.left.image, frame.left.disparity, signed=plan.encodings.signed)
+        name = frame.name if len(plan.pairs) == 1 else f"{frame.split} {frame.name}"
+        pairs.append(MeasuredPair(position, name, frame.recipe, measure_view(view)))
+        listener.on_pair(FinishedPair(*dataset.pair(position)))
+    return pairs, count.histogram if count.counts.any() else None
+
+
+def _facts(dataset: Dataset, target: Histogram, achieved: Histogram | None) -> dict[str, str]:
+    """Return what made a dataset, and how far its disparities are from the target, by name."""
+    plan, made = dataset.about.plan, dataset.about.made
     codecs = f"images {plan.encodings.image.name}, disparities {plan.encodings.disparity.name}"
     facts = {
         "program": f"{plan.program} {plan.version}",
@@ -163,7 +175,12 @@ def _provenance(index: StoredIndex, split: SplitName | None) -> dict[str, str]:
         "truth": f"{plan.config.truth}; {', '.join(plan.config.outputs)}",
     }
     if made is not None:
-        redraws = sum(entry.redraws for entry in made.shard_entries if split in (None, entry.split))
+        redraws = sum(entry.redraws for entry in made.shard_entries)
         facts["redrawn"] = f"{redraws:,} attempts failed the config's checks and were rendered anew"
         facts["renderers"] = ", ".join(made.renderers)
+    if achieved is not None:
+        facts["distance from the target"] = (
+            f"total variation {total_variation(target, achieved):.3f}, "
+            f"Wasserstein-1 {wasserstein_px(target, achieved):.3g} px"
+        )
     return facts

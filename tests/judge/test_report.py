@@ -18,7 +18,7 @@ from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.judge import pictures
-from semisynth_gl.judge.measured_pairs import MeasuredPair, find_outliers
+from semisynth_gl.judge.comparison import MeasuredPair, find_outliers
 from semisynth_gl.judge.pictures import embed_pair
 from semisynth_gl.judge.report import report
 from semisynth_gl.seeds.spread import spread
