@@ -20,7 +20,7 @@ from trimesh.exchange import load as trimesh_load
 from trimesh.resolvers import Resolver
 
 from semisynth_gl.geometry.mesh import Floats, Mesh
-from semisynth_gl.geometry.model_units import OUT_OF_MEMORY, BrokenModelError, Surface, join_surfaces
+from semisynth_gl.geometry.model_units import BrokenModelError, Surface, join_surfaces
 from semisynth_gl.inputs.errors import InputError, Skipped, cut, described
 from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER, files_below
 
@@ -56,8 +56,6 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
                 meshes.append(join_surfaces(name, read_surfaces(path)))
         except BrokenModelError as error:
             skipped.append(Skipped(path, str(error)))
-        except MemoryError:
-            skipped.append(Skipped(path, OUT_OF_MEMORY))
     if not meshes:
         where = ", ".join(str(folder) for folder in folders)
         reasons = "".join(f"\n  {broken}" for broken in skipped)
@@ -82,10 +80,8 @@ def _files(folders: Sequence[Path]) -> Iterator[tuple[Path, str]]:
 def read_surfaces(path: Path) -> list[Surface]:
     """Read the parts of a model's file that have triangles, once for each node that places them, in the scene's frame.
 
-    Raises:
-        BrokenModelError: where the file cannot be read, refers to a file elsewhere, exceeds a limit, or has vertices
-            that are not finite or triangles whose indices are out of range.
-        MemoryError: where there is not enough memory.
+    Raises BrokenModelError where the file cannot be read, refers to a file elsewhere, exceeds a limit, or has vertices
+    that are not finite or triangles whose indices are out of range.
     """
     suffix = path.suffix.lower().removeprefix(".")
     if suffix not in trimesh.available_formats():
@@ -94,7 +90,7 @@ def read_surfaces(path: Path) -> list[Surface]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return _surfaces(_scene(path, suffix))
-    except (BrokenModelError, MemoryError):
+    except BrokenModelError:
         raise
     except Exception as error:  # a reader may throw anything at a hostile file
         clause = cut(" ".join(described(error).split()), 120)
@@ -170,11 +166,10 @@ def _surface(part: trimesh.Trimesh, scene_from_part: Floats) -> Surface:
         raise BrokenModelError(f"has {bad} vertices that are not finite")
     if np.linalg.det(scene_from_part[:3, :3]) < 0:  # reversed, so that the outside of a mirrored part stays outside
         triangles = triangles[:, ::-1]
-    used, renumbered = np.unique(triangles, return_inverse=True)
     upwards = getattr(part.visual, "uv", None)  # in all formats, as trimesh returns it
-    has_uv = upwards is not None and np.shape(upwards) == (len(local), 2)
-    uv = np.asarray(upwards, np.float64)[used] * (1, -1) + np.array([0, 1]) if has_uv else None
-    return positions[used], renumbered.reshape(-1, 3), uv
+    if upwards is None or np.shape(upwards) != (len(local), 2):
+        return positions, triangles, None
+    return positions, triangles, np.asarray(upwards, np.float64) * (1, -1) + np.array([0, 1])
 
 
 def _require_at_most(limit: int, what: str, count: int) -> None:

@@ -1,6 +1,5 @@
 """The models that a dataset draws from: built or read once for a config and a seed, then loaded from the cache."""
 
-import hashlib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,10 +11,9 @@ from numpy.typing import NDArray
 
 from semisynth_gl.cache import Entry, cached, file_states
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
-from semisynth_gl.geometry.families import build_family
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS, kind_weights
 from semisynth_gl.geometry.mesh import Floats, Mesh
-from semisynth_gl.geometry.model_units import OUT_OF_MEMORY
+from semisynth_gl.geometry.model_units import make_model
 from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette
 from semisynth_gl.geometry.topology import marked_solid
 from semisynth_gl.inputs.errors import InputError, Skipped
@@ -31,8 +29,8 @@ FULL_FAMILY = 25
 """Number of the user's models from which on their family has its full weight; fewer have a proportional part of it. It
 lies between the numbers of kinds of the two built-in families."""
 
-# `Split.share`'s purpose for the user's models; the purposes of the two families of kinds are 0 and 1.
-_USER = 2
+# `Split.share`'s purposes for the user's models and for a plug-in's; those of the two families of kinds are 0 and 1.
+_USER, _PLUGIN = 2, 3
 _ARRAYS = ("positions", "uv", "triangles")
 
 
@@ -107,34 +105,42 @@ def build_libraries(
     own = [built[first] for first in first_like]
     if len(built) == 1:
         return tuple(own)
-    models: dict[tuple[str, int], tuple[int, Mesh]] = {}
+    numbers, models = dict[tuple[object, ...], int](), list[Mesh]()
     result = []
     for library in own:
-        seen, drawn = Counter[str](), []
+        seen, drawn = Counter[tuple[object, ...]](), []
         for mesh in library.models:
-            digest = _digest(mesh)
+            content = (mesh.name, *(getattr(mesh, name).tobytes() for name in _ARRAYS))
             # A library may have several equal models, each with its own chance.
-            number, _ = models.setdefault((digest, seen[digest]), (len(models), mesh))
-            seen[digest] += 1
-            drawn.append(number)
+            key = (*content, seen[content])
+            seen[content] += 1
+            if key not in numbers:
+                numbers[key] = len(models)
+                models.append(mesh)
+            drawn.append(numbers[key])
         result.append(replace(library, drawn=np.array(drawn, np.int64)))
-    return tuple(replace(library, models=tuple(mesh for _, mesh in models.values())) for library in result)
+    return tuple(replace(library, models=tuple(models)) for library in result)
 
 
-def _digest(mesh: Mesh) -> str:
-    digest = hashlib.sha256(mesh.name.encode(errors="surrogatepass"))
-    for name in _ARRAYS:
-        digest.update(np.ascontiguousarray(getattr(mesh, name)).data)
-    return digest.hexdigest()
+def build_family(name: str, variants: int, split: Split) -> list[Mesh]:
+    """Build ``variants`` models of a plug-in's family, or a split's share of them.
 
+    Where models are held out, ``variants`` models of the dataset's seed are shared out among the splits; else each
+    split has ``variants`` models of its own seed. The models are normalised, as by `make_model`.
 
-def _packed(library: ModelLibrary) -> Entry | None:
-    """Return the library as an entry whose arrays hold the models one after the other.
-
-    Returns None where a model did not fit into memory, which may fit the next time.
+    Raises InputError where no plug-in has the name, or the models are too few for all splits.
     """
-    if any(skipped.reason == OUT_OF_MEMORY for skipped in library.skipped):
-        return None
+    build = find_plugin("models", name).value
+    seed, numbers = split.seed, list(range(variants))
+    if split.models and split.held_out:
+        what, names = f"models of the family {name} (models.variants)", [f"{name}/{number}" for number in numbers]
+        seed, numbers = split.dataset_seed, split.share(numbers, what, _PLUGIN, names)
+    meshes = [build(generator(seed, Purpose.MODELS, "models", name, number)) for number in numbers]
+    return [make_model(f"{name}/{mesh.name}", mesh.positions, mesh.triangles, mesh.uv) for mesh in meshes]
+
+
+def _packed(library: ModelLibrary) -> Entry:
+    """Return the library as an entry whose arrays hold the models one after the other."""
     values = {
         "rows": {name: [len(getattr(mesh, name)) for mesh in library.models] for name in _ARRAYS},
         "models": [[mesh.name, mesh.solid] for mesh in library.models],
@@ -168,24 +174,26 @@ def _build(section: ModelsSection, particles: ParticlesSection, split: Split) ->
         user, skipped = load_models([expanded(folder) for folder in section.folders])
     # The weight counts the models of all splits, so that held-out models are as frequent as the rest.
     user_weight = section.user * min(1.0, len(user) / FULL_FAMILY)
-    kinds = [list(family) for family in (SIMPLE_KINDS, COMPLEX_KINDS)]
-    if split.models and split.held_out:
-        user = split.share(user, "models of the user's", _USER) if user else user
-        kinds = [split.share(names, "kinds of built-in models", k, names) for k, names in enumerate(kinds)]
-    foreign = [
-        (weight, build_family(name, section.variants, split)) for name, weight in section.families.items() if weight > 0
-    ]
+    held_out = split.models and bool(split.held_out)
+    if held_out and user:
+        user = split.share(user, "models of the user's", _USER)
     weights = kind_weights(section.kinds)
     families = [(user_weight, user, [1.0] * len(user))]
-    builders = {**SIMPLE_KINDS, **COMPLEX_KINDS}
-    for names, weight in zip(kinds, (section.simple, section.complex), strict=True):
-        used = [name for name in names if weight > 0 and weights[name] > 0]
-        if used:
-            variants = [(name, number) for name in used for number in range(section.variants)]
+    for purpose, (builders, weight) in enumerate(((SIMPLE_KINDS, section.simple), (COMPLEX_KINDS, section.complex))):
+        names = list(builders)
+        if held_out:
+            names = split.share(names, "kinds of built-in models", purpose, names)
+        variants = [
+            (name, number) for name in names if weight * weights[name] > 0 for number in range(section.variants)
+        ]
+        if variants:
             # The key has the kind's name, not its position: a further kind changes no model of other kinds.
             models = [builders[name](generator(split.seed, Purpose.MODELS, name, number)) for name, number in variants]
             families.append((weight, list(map(marked_solid, models)), [weights[name] for name, _ in variants]))
-    families += [(weight, models, [1.0] * len(models)) for weight, models in foreign]
+    for name, weight in section.families.items():
+        if weight > 0:
+            models = build_family(name, section.variants, split)
+            families.append((weight, models, [1.0] * len(models)))
     if not any(weight > 0 and models for weight, models, _ in families):
         raise InputError(
             "there are no models to draw: no family of models with a weight above 0 has any; name a folder with models "

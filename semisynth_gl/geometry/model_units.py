@@ -16,14 +16,6 @@ UV_LOSS = 0.5
 PULL_LIMIT = 16
 """A triangle's UV is unusable where it stretches the texture this many times as much as the median of its part."""
 
-# A UV map whose distance from the origin exceeds its extent this many times is moved to the origin, because float32
-# would shift its texels. Moving it does no harm, since a patch may lie anywhere on a model.
-_FAR_UV = 1024
-
-
-OUT_OF_MEMORY = "does not fit into memory: decimate the model, for example in MeshLab or Blender"
-"""The only reason for leaving a model out that may be gone the next time; results with it are not cached."""
-
 
 class BrokenModelError(Exception):
     """A model is unusable; the message is a clause about the file, such as ``"has no triangles"``."""
@@ -51,14 +43,12 @@ def make_model(name: str, positions: object, triangles: object, uv: object = Non
     """
     points = to_array(f"model {name}: positions", positions, np.float64)
     coordinates = None if uv is None else to_array(f"model {name}: uv", uv, np.float64)
+    # A mesh checks them; its largest number may be 1e9.
     unmapped = np.zeros((len(points) if points.ndim else 0, 2))
     given = make_part(name, _scaled(points), unmapped if coordinates is None else _scaled(coordinates), triangles)
-    # Vertices without a triangle would count in the size of the model.
-    used, renumbered = np.unique(given.triangles, return_inverse=True)
-    surface = points[used], renumbered.reshape(-1, 3), None if coordinates is None else coordinates[used]
     try:
         with np.errstate(all="ignore"):
-            return join_surfaces(name, [surface])
+            return join_surfaces(name, [(points, given.triangles.astype(np.int64), coordinates)])
     except BrokenModelError as error:
         raise InputError(f"model {name}: {error}") from None
 
@@ -76,6 +66,7 @@ def join_surfaces(name: str, parts: list[Surface]) -> Mesh:
     """
     if not parts:
         raise BrokenModelError("has no triangles")
+    parts = [_without_loose_vertices(*part) for part in parts]
     # In float64, before anything is rounded: a model may stand far from its origin, or be of any size.
     vertices = np.concatenate([positions for positions, _, _ in parts])
     low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -85,19 +76,22 @@ def join_surfaces(name: str, parts: list[Surface]) -> Mesh:
         raise BrokenModelError("has no extent")
     try:
         unwrapped = [_unwrapped(name, (positions - centre) / extent, faces, uv) for positions, faces, uv in parts]
-        # Normalised twice, since vertices without a triangle may have widened the bounding box.
+        # Normalised twice, since triangles without area may have widened the bounding box.
         return normalised(without_degenerate(normalised(merged(name, list(chain(*unwrapped))))))
     except InputError as error:
         raise BrokenModelError("has no triangle with an area") from error
+
+
+def _without_loose_vertices(positions: Floats, triangles: NDArray[np.int64], uv: Floats | None) -> Surface:
+    """Drop the vertices that no triangle has, which would count in the size of the model."""
+    used, renumbered = np.unique(triangles, return_inverse=True)
+    return positions[used], renumbered.reshape(-1, 3), None if uv is None else uv[used]
 
 
 def _unwrapped(name: str, positions: Floats, triangles: NDArray[np.int64], uv: Floats | None) -> list[Mesh]:
     """Return a part with its UV map in model units where the map is usable, and projected UV elsewhere."""
     if uv is None:
         return [project_uv(name, positions, triangles)]
-    finite = uv[np.isfinite(uv).all(axis=1)]
-    if len(finite) and np.abs(finite).max() > _FAR_UV * np.ptp(finite, axis=0).max():
-        uv = uv - finite[0]
     area, uv_area, pull = _texture_pull(positions[triangles], uv[triangles])
     mapped = (area > 0) & np.isfinite(pull)
     if area[mapped].sum() <= UV_LOSS * area.sum():

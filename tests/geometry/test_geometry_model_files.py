@@ -19,7 +19,7 @@ from trimesh.exchange import load as trimesh_load
 from semisynth_gl.geometry import model_files
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_files import load_models, read_surfaces
-from semisynth_gl.geometry.model_units import OUT_OF_MEMORY, BrokenModelError
+from semisynth_gl.geometry.model_units import BrokenModelError
 from semisynth_gl.geometry.surfaces import box
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.user_files import LFS_POINTER
@@ -331,12 +331,12 @@ def test_damaged_bytes_give_surfaces_or_a_reason(
         damaged[int(at * len(damaged))] = value
     try:
         surfaces = read_surfaces(write(tmp_path, name, bytes(damaged)))
-    except (BrokenModelError, MemoryError):
+    except BrokenModelError:
         return
     for positions, triangles, _ in surfaces:
         assert positions.shape[1:] == triangles.shape[1:] == (3,)
         assert np.isfinite(positions).all()
-        assert {*triangles.flat} == {*range(len(positions))}
+        assert {*triangles.flat} <= {*range(len(positions))}
 
 
 @pytest.mark.parametrize("error", [MemoryError(), RecursionError("too deep"), ValueError("two\nlines")])
@@ -351,7 +351,7 @@ def test_whatever_a_reader_raises_leaves_the_other_models(
     meshes, skipped = load_models([folder])
     assert [mesh.name for mesh in meshes] == ["good.obj"]
     assert [each.path for each in skipped] == [broken]
-    assert (skipped[0].reason == OUT_OF_MEMORY) == isinstance(error, MemoryError)
+    assert f"cannot be read ({type(error).__name__}" in skipped[0].reason
 
 
 @needs_shared

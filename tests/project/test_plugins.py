@@ -23,9 +23,8 @@ from semisynth_gl.config.explain import explain
 from semisynth_gl.dataset.documents import Plan, parse
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import read_index
-from semisynth_gl.geometry.families import build_family
 from semisynth_gl.geometry.kinds import SIMPLE_KINDS
-from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.geometry.model_library import build_family, build_library
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.layouts import LAYOUTS, Key, check_layout, find_layout
 from semisynth_gl.seeds.splits import Split
