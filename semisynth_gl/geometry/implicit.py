@@ -52,7 +52,7 @@ def blended(fields: Sequence[Field], softness: float) -> Field:
     return lambda points: reduce(smaller, (field(points) for field in fields))
 
 
-def surface_of(name: str, field: Field, low: ArrayLike, high: ArrayLike, cells: int) -> Mesh:
+def surface_of(field: Field, low: ArrayLike, high: ArrayLike, cells: int) -> Mesh:
     """Make a mesh of the surface where a field is zero, by surface nets: one vertex for each cell that it passes.
 
     The box from ``low`` to ``high``, (3,) each, has ``cells`` along its longest side; at its border the field must be
@@ -88,7 +88,7 @@ def surface_of(name: str, field: Field, low: ArrayLike, high: ArrayLike, cells: 
         quads.append(np.where((begin < 0)[:, None], quad, quad[:, ::-1]))
     used, corner = np.unique(np.concatenate(quads), return_inverse=True)
     positions = origin + (sums.reshape(-1, 3)[used] / crossings.reshape(-1)[used, None]) * step
-    return project_uv(name, positions, halved(corner.reshape(-1, 4)))
+    return project_uv("implicit", positions, halved(corner.reshape(-1, 4)))
 
 
 def _without_pinches(values: Floats) -> Floats:

@@ -1,6 +1,6 @@
 """The kinds of built-in models: builders by name, in two families, and their weights."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
 from typing import Final
@@ -8,18 +8,18 @@ from typing import Final
 import numpy as np
 
 from semisynth_gl.geometry import furniture, hardware, outdoors, plants, soft, solids, structures, vessels
-from semisynth_gl.geometry.mesh import Mesh, merged, normalised
+from semisynth_gl.geometry.mesh import Mesh, Parts, merged, normalised
 from semisynth_gl.inputs.errors import InputError, did_you_mean, near
 
 Builder = Callable[[np.random.Generator], Mesh]
 """Builds one model of a kind, normalised and named after the kind; all variation comes from the generator."""
 
 
-def _build(kind: Callable[[np.random.Generator], Sequence[Mesh]], rng: np.random.Generator) -> Mesh:
+def _build(kind: Callable[[np.random.Generator], Parts], rng: np.random.Generator) -> Mesh:
     return normalised(merged(kind.__name__, kind(rng)))
 
 
-def _builders(*kinds: Callable[[np.random.Generator], Sequence[Mesh]]) -> Mapping[str, Builder]:
+def _builders(*kinds: Callable[[np.random.Generator], Parts]) -> Mapping[str, Builder]:
     return MappingProxyType({kind.__name__: partial(_build, kind) for kind in kinds})
 
 

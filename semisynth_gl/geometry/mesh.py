@@ -1,6 +1,6 @@
 """The mesh type that the builders, the loader and the renderer share, and operations on meshes and vectors."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,6 +62,10 @@ class Mesh:
     def radius(self) -> float:
         """Largest distance of a vertex from the origin, model units."""
         return float(np.sqrt((self.positions.astype(np.float64) ** 2).sum(axis=1).max()))
+
+
+Parts = Iterator[Mesh]
+"""The parts of a model, which a kind of model yields."""
 
 
 def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Mesh:
@@ -157,11 +161,14 @@ def unit(vector: Floats) -> Floats:
     return vector / np.linalg.norm(vector)
 
 
-def merged(name: str, parts: Sequence[Mesh]) -> Mesh:
+def merged(name: str, parts: Iterable[Mesh]) -> Mesh:
     """Join meshes into one of the given name, with vertices and triangles in the order given; ``solid`` is not set."""
-    offsets = np.cumsum([0] + [len(part.positions) for part in parts[:-1]])
-    triangles = [part.triangles.astype(np.int64) + offset for part, offset in zip(parts, offsets, strict=True)]
-    positions, uv = [part.positions for part in parts], [part.uv for part in parts]
+    positions, uv, triangles, count = [], [], [], 0
+    for part in parts:
+        positions.append(part.positions)
+        uv.append(part.uv)
+        triangles.append(part.triangles + np.uint32(count))
+        count += len(part.positions)
     return make_part(name, np.concatenate(positions), np.concatenate(uv), np.concatenate(triangles))
 
 

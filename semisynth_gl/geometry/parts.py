@@ -30,9 +30,11 @@ def on_circle(radius: ArrayLike, angle_rad: ArrayLike) -> Floats:
     return np.stack([np.multiply(radius, np.cos(angle_rad)), np.multiply(radius, np.sin(angle_rad))], axis=1)
 
 
-def upright(curve: Floats) -> Floats:
-    """Stand a plane curve of (P, 2) points up in the plane y = 0, its second axis along z; (P, 3)."""
-    return np.column_stack([curve[:, 0], np.zeros(len(curve)), curve[:, 1]])
+def lift(curve: Floats, axes: str) -> Floats:
+    """Lift a plane curve of (P, 2) points into space, its two axes along two of "xyz", such as "xz"; (P, 3)."""
+    points = np.zeros((len(curve), 3))
+    points[:, ["xyz".index(axis) for axis in axes]] = curve
+    return points
 
 
 def smooth(points: ArrayLike, steps: int = 6) -> Floats:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from semisynth_gl.geometry.mesh import Floats, Mesh, cross, merged, unit
+from semisynth_gl.geometry.mesh import Floats, Mesh, Parts, cross, merged, unit
 from semisynth_gl.geometry.parts import arc, ball, circle, onto, placed, rod, smooth, turned, wire
 from semisynth_gl.geometry.surfaces import grid_surface, lathe, sweep
 from semisynth_gl.geometry.vessels import hollow
@@ -36,39 +36,38 @@ def _facing(azimuth_rad: float, rise_rad: float) -> Floats:
     return turned((0, 0, 1), azimuth_rad) @ turned((0, 1, 0), -rise_rad)
 
 
-def potted_plant(rng: np.random.Generator) -> list[Mesh]:
+def potted_plant(rng: np.random.Generator) -> Parts:
     """A pot with stems that bend outwards and carry leaves."""
     radius, height = rng.uniform(0.2, 0.3), rng.uniform(0.25, 0.45)
     pot = np.array([(0.7 * radius, 0), (radius, height)])
     rim = np.array([(0.97, 0.82), (1.15, 0.82), (1.15, 0.98), (0.97, 0.98)]) * (radius, height)
     soil = [(0, 0.7 * height), (0.88 * radius, 0.7 * height), (0.88 * radius, 0.78 * height), (0, 0.8 * height)]
-    parts = [lathe(hollow(pot, 0.02), 36), lathe(rim, 36, closed=True), lathe(soil, 24)]
+    yield from (lathe(hollow(pot, 0.02), 36), lathe(rim, 36, closed=True), lathe(soil, 24))
     long, wide = rng.uniform(0.25, 0.5), rng.uniform(0.08, 0.2)
     for stem in range(int(rng.integers(4, 9))):
         azimuth, tall, spread = stem * GOLDEN_TURN_RAD, rng.uniform(0.5, 1.1), rng.uniform(0.1, 0.45)
         away = np.array([np.cos(azimuth), np.sin(azimuth), 0])
         foot = 0.4 * radius * away + (0, 0, 0.72 * height)
         path = smooth([foot, foot + 0.25 * spread * away + (0, 0, 0.55 * tall), foot + spread * away + (0, 0, tall)], 5)
-        parts.append(_stem(path, 0.016, 0.006))
+        yield _stem(path, 0.016, 0.006)
         for place in range(3, len(path), 2):
             turn = _facing(azimuth + place * GOLDEN_TURN_RAD, rng.uniform(0, 0.7))
             size = rng.uniform(0.7, 1)
-            parts.append(placed(_leaf(size * long, size * wide, rng.uniform(0.4, 1.4)), path[place], rotation=turn))
-    return parts
+            yield placed(_leaf(size * long, size * wide, rng.uniform(0.4, 1.4)), path[place], rotation=turn)
 
 
-def tree(rng: np.random.Generator) -> list[Mesh]:
+def tree(rng: np.random.Generator) -> Parts:
     """A bare tree: branches that fork into ever thinner ones."""
     levels = int(rng.integers(4, 6))
     spread, shrink = rng.uniform(0.35, 0.7), rng.uniform(0.68, 0.8)
-    parts, tips = list[Mesh](), [(np.zeros(3), np.eye(3)[2], 0.6, 0.07)]
+    tips = [(np.zeros(3), np.eye(3)[2], 0.6, 0.07)]
     for level in range(levels + 1):
         grown = []
         for foot, axis, length, radius in tips:
             end = foot + length * axis
             middle = (foot + end) / 2 + rng.normal(0, 0.04 * length, 3)
             path = smooth([foot, middle, end], 3 if level < 3 else 1)
-            parts.append(_stem(path, radius, 0.7 * radius, 8 if level < 2 else 5))
+            yield _stem(path, radius, 0.7 * radius, 8 if level < 2 else 5)
             for fork in range(2 if rng.random() < 0.7 or level > 2 else 3):
                 sideways = unit(cross(axis, rng.normal(size=3)))
                 heading = turned(axis, np.pi * fork) @ (np.cos(spread) * axis + np.sin(spread) * sideways)
@@ -76,22 +75,20 @@ def tree(rng: np.random.Generator) -> list[Mesh]:
                 long = length * shrink * rng.uniform(0.85, 1.1)
                 grown.append((end - 0.3 * radius * axis, heading, long, 0.7 * radius))
         tips = grown
-    return parts
 
 
-def cactus(rng: np.random.Generator) -> list[Mesh]:
+def cactus(rng: np.random.Generator) -> Parts:
     """A column with arms that bend upwards, each with a round end, in a low pot."""
     thick, tall = rng.uniform(0.09, 0.14), rng.uniform(0.8, 1.2)
-    pot = np.array([(0.18, 0), (0.26, 0.2), (0.28, 0.22)])
-    parts = [lathe(hollow(pot, 0.02), 32), _round_ended([(0, 0, 0.05), (0, 0, tall / 2), (0, 0, tall)], thick)]
+    yield lathe(hollow(np.array([(0.18, 0), (0.26, 0.2), (0.28, 0.22)]), 0.02), 32)
+    yield _round_ended([(0, 0, 0.05), (0, 0, tall / 2), (0, 0, tall)], thick)
     for arm in range(int(rng.integers(1, 5))):
         azimuth = arm * GOLDEN_TURN_RAD + rng.uniform(-0.5, 0.5)
         away = np.array([np.cos(azimuth), np.sin(azimuth), 0])
         level, reach, rise = rng.uniform(0.3, 0.65) * tall, rng.uniform(0.36, 0.5), rng.uniform(0.2, 0.5)
         bend = arc(reach - thick, -np.pi / 2, 0, 7) + (thick, reach)
         path = [away * r + (0, 0, level + z) for r, z in bend]
-        parts.append(_round_ended([(0, 0, level + thick), *path, path[-1] + (0, 0, rise)], 0.55 * thick))
-    return parts
+        yield _round_ended([(0, 0, level + thick), *path, path[-1] + (0, 0, rise)], 0.55 * thick)
 
 
 def _round_ended(path: ArrayLike, radius: float) -> Mesh:
@@ -101,19 +98,16 @@ def _round_ended(path: ArrayLike, radius: float) -> Mesh:
     return merged("tube", [wire(points, 0.99 * radius, 20), end])
 
 
-def grass(rng: np.random.Generator) -> list[Mesh]:
+def grass(rng: np.random.Generator) -> Parts:
     """A tuft of thin blades that bend outwards."""
-    parts = []
     for blade in range(int(rng.integers(30, 70))):
         foot = 0.15 * np.sqrt(rng.random()) * np.array([np.cos(blade), np.sin(blade), 0])
         strand = _leaf(rng.uniform(0.6, 1.2), rng.uniform(0.015, 0.04), rng.uniform(0.2, 1.6), 7)
-        parts.append(placed(strand, foot, rotation=_facing(rng.uniform(0, 2 * np.pi), rng.uniform(1, 1.5))))
-    return parts
+        yield placed(strand, foot, rotation=_facing(rng.uniform(0, 2 * np.pi), rng.uniform(1, 1.5)))
 
 
-def flower(rng: np.random.Generator) -> list[Mesh]:
+def flower(rng: np.random.Generator) -> Parts:
     """A few flowers on long stems, each a ring of petals about a disc."""
-    parts = []
     petals, long = int(rng.integers(5, 14)), rng.uniform(0.16, 0.3)
     for stem in range(int(rng.integers(1, 5))):
         azimuth = stem * GOLDEN_TURN_RAD
@@ -121,18 +115,16 @@ def flower(rng: np.random.Generator) -> list[Mesh]:
         tall = rng.uniform(0.8, 1.3)
         head = rng.uniform(0.1, 0.4) * away + (0, 0, tall)
         path = smooth([np.zeros(3), 0.3 * head * (1, 1, 0) + (0, 0, 0.6 * tall), head], 6)
-        parts.append(_stem(path, 0.015, 0.009, 8))
+        yield _stem(path, 0.015, 0.009, 8)
         tilt = _facing(azimuth, 0) @ turned((0, 1, 0), rng.uniform(0.2, 1))
-        disc = [(0, -0.02), (0.06, -0.01), (0.05, 0.02), (0, 0.035)]
-        parts.append(placed(lathe(disc, 20), head, rotation=tilt))
+        yield placed(lathe([(0, -0.02), (0.06, -0.01), (0.05, 0.02), (0, 0.035)], 20), head, rotation=tilt)
         for petal in range(petals):
             turn = tilt @ _facing(2 * np.pi * petal / petals, 0.25)
-            parts.append(placed(_leaf(long, 5.0 * long / petals, 0.5), head + turn @ (0.04, 0, 0), rotation=turn))
+            yield placed(_leaf(long, 5.0 * long / petals, 0.5), head + turn @ (0.04, 0, 0), rotation=turn)
         for side in (0.3, 0.5):
-            turn = _facing(azimuth + 9 * side, 0.5)
             place = (0.3 * side * head * (1, 1, 0)) + (0, 0, side * tall)
-            parts.append(placed(_leaf(0.3, 0.09, 1), place, rotation=turn))
-    return [*parts, rod((0, 0, -0.02), (0, 0, 0.03), 0.06, sides=16)]
+            yield placed(_leaf(0.3, 0.09, 1), place, rotation=_facing(azimuth + 9 * side, 0.5))
+    yield rod((0, 0, -0.02), (0, 0, 0.03), 0.06, sides=16)
 
 
 KINDS = (potted_plant, tree, cactus, grass, flower)

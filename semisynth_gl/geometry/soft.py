@@ -3,11 +3,11 @@
 import numpy as np
 
 from semisynth_gl.geometry.implicit import Field, blended, limb, surface_of
-from semisynth_gl.geometry.mesh import Floats, Mesh, lengths
+from semisynth_gl.geometry.mesh import Floats, Mesh, Parts, lengths
 from semisynth_gl.geometry.surfaces import grid_surface
 
 
-def blob(rng: np.random.Generator) -> list[Mesh]:
+def blob(rng: np.random.Generator) -> Parts:
     """A free-form lump: balls of many sizes that have flown together."""
     count = int(rng.integers(4, 8))
     at, parts = np.zeros(3), list[Field]()
@@ -17,10 +17,10 @@ def blob(rng: np.random.Generator) -> list[Mesh]:
         points.append(at)
         towards = rng.normal(size=3)
         at = points[int(rng.integers(len(points)))] + towards / lengths(towards) * radius * rng.uniform(0.9, 1.5)
-    return [_cut("blob", blended(parts, 0.14), np.array(points), radii + 0.06, 24)]
+    yield _cut(blended(parts, 0.14), np.array(points), radii + 0.06, 24)
 
 
-def figure(rng: np.random.Generator) -> list[Mesh]:
+def figure(rng: np.random.Generator) -> Parts:
     """A person who stands, walks or waves."""
     tall = rng.uniform(0.9, 1.1)
     hip, neck = np.array([0, 0, 0.85 * tall]), np.array([0, rng.uniform(-0.04, 0.08), 1.42 * tall])
@@ -39,10 +39,10 @@ def figure(rng: np.random.Generator) -> list[Mesh]:
         elbow = shoulder + upper / lengths(upper) * 0.29 * tall
         lower = np.array([side * rng.uniform(-0.2, 0.5), -swing - rng.uniform(0, 0.9), rng.uniform(-1, 0.8)])
         bones += [(shoulder, 0.065, elbow, 0.05), (elbow, 0.05, elbow + lower / lengths(lower) * 0.28 * tall, 0.045)]
-    return [_body("figure", bones, 0.07, 44)]
+    yield _body(bones, 0.07, 44)
 
 
-def animal(rng: np.random.Generator) -> list[Mesh]:
+def animal(rng: np.random.Generator) -> Parts:
     """A four-legged animal: short or long in its legs, neck, tail and ears."""
     long, leg, thick = rng.uniform(0.55, 0.95), rng.uniform(0.25, 0.7), rng.uniform(0.14, 0.22)
     rear, front = np.array([0, 0.5 * long, leg + thick]), np.array([0, -0.5 * long, leg + thick * 1.1])
@@ -61,10 +61,10 @@ def animal(rng: np.random.Generator) -> list[Mesh]:
             joint = body + (side * thick * 0.6, 0, -thick * 0.3)
             foot = np.array([joint[0], joint[1] + side * step, thick * 0.35])
             bones.append((joint, thick * 0.48, foot, thick * 0.34))
-    return [_body("animal", bones, 0.08, 38)]
+    yield _body(bones, 0.08, 38)
 
 
-def cushion(rng: np.random.Generator) -> list[Mesh]:
+def cushion(rng: np.random.Generator) -> Parts:
     """A stuffed cushion or sack with rounded corners, dented."""
     half = np.array([1.0, rng.uniform(0.6, 1.0), rng.uniform(0.2, 0.45)])
     dents = rng.uniform(-0.7, 0.7, (3, 3)) * half
@@ -79,10 +79,10 @@ def cushion(rng: np.random.Generator) -> list[Mesh]:
         dented = sum(height * np.maximum(1 - far / 0.16, 0) for far, height in zip(squares, depth, strict=True))
         return np.asarray((hull + dented) * half[2] / 2)
 
-    return [surface_of("cushion", field, -half * 1.15, half * 1.15, 24)]
+    yield surface_of(field, -half * 1.15, half * 1.15, 24)
 
 
-def curtain(rng: np.random.Generator) -> list[Mesh]:
+def curtain(rng: np.random.Generator) -> Parts:
     """Cloth that hangs in folds, which widen downwards."""
     width, height = rng.uniform(0.8, 1.6), rng.uniform(1.2, 2.2)
     folds, deep = int(rng.integers(4, 11)), rng.uniform(0.02, 0.06)
@@ -94,10 +94,10 @@ def curtain(rng: np.random.Generator) -> list[Mesh]:
     sway = 0.01 * np.sin(3 * along + 2 * down)
     x = width * (share - 0.5 + 0.0 * down)
     z = height * (1 - down) + 0 * share
-    return [grid_surface(np.stack([x, depth + sway * deep, z], axis=2)[::-1])]
+    yield grid_surface(np.stack([x, depth + sway * deep, z], axis=2)[::-1])
 
 
-def cloth(rng: np.random.Generator) -> list[Mesh]:
+def cloth(rng: np.random.Generator) -> Parts:
     """Cloth that lies: a sheet with a few long creases and ripples."""
     width, length = rng.uniform(0.8, 1.2), rng.uniform(0.8, 1.6)
     size = 28
@@ -108,21 +108,21 @@ def cloth(rng: np.random.Generator) -> list[Mesh]:
         steep = rng.uniform(0.08, 0.2)
         crest = np.sin(2 * np.pi * (x * np.cos(turn) + y * np.sin(turn)) / wave + phase)
         z += steep * wave / (2 * np.pi) * crest
-    return [grid_surface(np.stack([x, y, z], axis=2))]
+    yield grid_surface(np.stack([x, y, z], axis=2))
 
 
-def _body(name: str, bones: list[tuple[Floats, float, Floats, float]], softness: float, cells: int) -> Mesh:
+def _body(bones: list[tuple[Floats, float, Floats, float]], softness: float, cells: int) -> Mesh:
     field = blended([limb(start, stop, radius, end) for start, radius, stop, end in bones], softness)
     points = np.array([end for start, _, stop, _ in bones for end in (start, stop)])
     radii = np.array([radius for _, first, _, last in bones for radius in (first, last)])
-    return _cut(name, field, points, radii + 0.03, cells)
+    return _cut(field, points, radii + 0.03, cells)
 
 
-def _cut(name: str, field: Field, points: Floats, reach: Floats, cells: int) -> Mesh:
+def _cut(field: Field, points: Floats, reach: Floats, cells: int) -> Mesh:
     """Make a mesh of a field within the box around its balls, given by their centres, (N, 3), and radii, (N,)."""
     low, high = (points - reach[:, None]).min(axis=0), (points + reach[:, None]).max(axis=0)
     margin = 2 * (high - low).max() / cells
-    return surface_of(name, field, low - margin, high + margin, cells)
+    return surface_of(field, low - margin, high + margin, cells)
 
 
 KINDS = (blob, figure, animal, cushion, curtain, cloth)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from semisynth_gl.geometry.mesh import Floats, Mesh, lengths
-from semisynth_gl.geometry.parts import arc, around, placed, rod, smooth, turned, upright, wire
+from semisynth_gl.geometry.mesh import Floats, Parts, lengths
+from semisynth_gl.geometry.parts import arc, around, lift, placed, rod, smooth, turned, wire
 from semisynth_gl.geometry.surfaces import lathe
 
 
@@ -23,7 +23,7 @@ def hollow(outside: Floats, wall: float) -> Floats:
     return np.concatenate([[[0, outside[0, 1]]], outside, lip, inside, [[edge, floor], [0, floor]]])
 
 
-def bottle(rng: np.random.Generator) -> list[Mesh]:
+def bottle(rng: np.random.Generator) -> Parts:
     """A bottle, with a cap or open."""
     body, neck = rng.uniform(0.2, 0.34), rng.uniform(0.05, 0.1)
     shoulder, slope = rng.uniform(0.45, 0.8), rng.uniform(0.08, 0.35)
@@ -32,36 +32,35 @@ def bottle(rng: np.random.Generator) -> list[Mesh]:
     rise = np.stack([neck + (body - neck) * (1 + np.cos(t)) / 2, shoulder + slope * t / np.pi], axis=1)
     outside = np.concatenate([[(0.92 * body, 0), (body, 0.03)], rise, [(neck, top)]])
     ring = [(0.9 * neck, top - 0.05), (1.2 * neck, top - 0.05), (1.2 * neck, top - 0.01), (0.9 * neck, top - 0.01)]
-    parts = [lathe(ring, 24, closed=True)]
+    yield lathe(ring, 24, closed=True)
     if rng.random() < 0.5:
         cap = [(0, top - 0.02), (1.35 * neck, top - 0.02), (1.35 * neck, top + 0.06), (0, top + 0.06)]
-        parts += [lathe([(0, 0), *outside, (0, top)], 40), lathe(cap, 24)]
+        yield from (lathe([(0, 0), *outside, (0, top)], 40), lathe(cap, 24))
     else:
-        parts.append(lathe(hollow(outside, 0.018), 40))
-    return parts
+        yield lathe(hollow(outside, 0.018), 40)
 
 
-def vase(rng: np.random.Generator) -> list[Mesh]:
+def vase(rng: np.random.Generator) -> Parts:
     """A vase with a belly, a waist and a lip of random sizes; open at the top."""
     height = rng.uniform(0.8, 1.6)
     radii = rng.uniform((0.2, 0.3, 0.12, 0.16), (0.35, 0.5, 0.3, 0.42))
     heights = np.array([0, rng.uniform(0.25, 0.5), rng.uniform(0.7, 0.85), 1]) * height
     outside = smooth(np.column_stack([radii, heights]), 8)
-    return [lathe(hollow(outside, 0.025), 44)]
+    yield lathe(hollow(outside, 0.025), 44)
 
 
-def mug(rng: np.random.Generator) -> list[Mesh]:
+def mug(rng: np.random.Generator) -> Parts:
     """A mug with a handle that one can look through."""
     radius, height, wall = rng.uniform(0.3, 0.45), rng.uniform(0.6, 1.1), rng.uniform(0.025, 0.05)
     foot = radius * rng.uniform(0.75, 1)
     outside = np.array([(foot, 0), (radius, 0.08), (radius, 0.5 * height), (radius * rng.uniform(0.95, 1.1), height)])
-    parts = [lathe(hollow(outside, wall), 44)]
+    yield lathe(hollow(outside, wall), 44)
     tall = 0.3 * height
     bow = arc(1, -np.pi / 2, np.pi / 2, 25) * (tall * rng.uniform(0.8, 1.15), tall) + (radius - 0.6 * wall, height / 2)
-    return [*parts, wire(upright(bow), rng.uniform(0.03, 0.045), 12)]
+    yield wire(lift(bow, "xz"), rng.uniform(0.03, 0.045), 12)
 
 
-def goblet(rng: np.random.Generator) -> list[Mesh]:
+def goblet(rng: np.random.Generator) -> Parts:
     """A wine glass: thin foot, thinner stem, thin bowl."""
     foot, stem, bowl = rng.uniform(0.22, 0.32), rng.uniform(0.018, 0.035), rng.uniform(0.25, 0.4)
     leg, tall = rng.uniform(0.3, 0.6), rng.uniform(0.35, 0.7)
@@ -71,68 +70,64 @@ def goblet(rng: np.random.Generator) -> list[Mesh]:
     inner = cup[::-1] - (wall, 0)
     inner = inner[inner[:, 0] > 0.02]
     profile = np.concatenate([[(0, 0), (foot, 0), (foot, 0.012), (stem, 0.06)], cup, inner, [(0, inner[-1, 1])]])
-    return [lathe(profile, 40)]
+    yield lathe(profile, 40)
 
 
-def bowl_stack(rng: np.random.Generator) -> list[Mesh]:
+def bowl_stack(rng: np.random.Generator) -> Parts:
     """Bowls stacked in each other, not quite centred."""
-    parts, floor = [], 0.0
-    radius = rng.uniform(0.5, 0.7)
+    floor, radius = 0.0, rng.uniform(0.5, 0.7)
     for _ in range(int(rng.integers(2, 6))):
         depth = radius * rng.uniform(0.45, 0.7)
         curve = np.column_stack([np.linspace(0.35, 1, 10), np.linspace(0, 1, 10) ** 2.2]) * (radius, depth)
-        wobble = (*rng.uniform(-0.015, 0.015, 2), floor)
-        tilt = turned((1, 0, 0), rng.uniform(-0.06, 0.06))
-        parts.append(placed(lathe(hollow(curve, 0.02), 36), wobble, rotation=tilt))
+        wobble, tilt = (*rng.uniform(-0.015, 0.015, 2), floor), turned((1, 0, 0), rng.uniform(-0.06, 0.06))
+        yield placed(lathe(hollow(curve, 0.02), 36), wobble, rotation=tilt)
         floor += rng.uniform(0.08, 0.2)
         radius *= rng.uniform(0.85, 1)
-    return parts
 
 
-def jug(rng: np.random.Generator) -> list[Mesh]:
+def jug(rng: np.random.Generator) -> Parts:
     """A jug with a tall handle and a pipe for a spout, like a watering can."""
     radius, height = rng.uniform(0.3, 0.4), rng.uniform(0.5, 0.8)
     top = radius * rng.uniform(0.5, 0.8)
     outside = smooth([(0.9 * radius, 0), (radius, 0.3 * height), (0.9 * radius, 0.7 * height), (top, height)], 6)
-    parts = [lathe(hollow(outside, 0.025), 40)]
+    yield lathe(hollow(outside, 0.025), 40)
     reach, rise, arch = rng.uniform(0.4, 0.8), rng.uniform(0.8, 1.2), rng.uniform(0.25, 0.5)
     spout = [(0.8 * radius, 0.2 * height), (radius + 0.4 * reach, 0.5 * height), (radius + reach, rise * height)]
-    parts.append(wire(upright(smooth(spout, 7)), 0.04, 12))
+    yield wire(lift(smooth(spout, 7), "xz"), 0.04, 12)
     handle = [(-0.9 * radius, 0.3 * height), (-radius - 0.6 * arch, 0.7 * height), (-0.9 * radius, height + arch)]
     handle += [(0.0, height + arch), (top - 0.02, height - 0.02)]
-    return [*parts, wire(upright(smooth(handle, 7)), 0.03, 10)]
+    yield wire(lift(smooth(handle, 7), "xz"), 0.03, 10)
 
 
-def basket(rng: np.random.Generator) -> list[Mesh]:
+def basket(rng: np.random.Generator) -> Parts:
     """A basket of upright rods and hoops, with a handle across; open between the rods."""
     low, high, height = rng.uniform(0.3, 0.45), rng.uniform(0.45, 0.6), rng.uniform(0.35, 0.6)
-    parts = [lathe([(0, 0), (low + 0.02, 0), (low + 0.02, 0.03), (0, 0.03)], 32)]
+    yield lathe([(0, 0), (low + 0.02, 0), (low + 0.02, 0.03), (0, 0.03)], 32)
     turns = around(int(rng.integers(12, 25)))
-    parts += [rod(turn @ (low, 0, 0.01), turn @ (high, 0, height), 0.011, sides=6) for turn in turns]
+    yield from [rod(turn @ (low, 0, 0.01), turn @ (high, 0, height), 0.011, sides=6) for turn in turns]
     for share in np.linspace(0.15, 1, int(rng.integers(3, 6))):
         hoop = arc(0.012 if share < 1 else 0.022, 0, 2 * np.pi, 9)[:-1]
-        parts.append(lathe(hoop + (low + share * (high - low), share * height), 36, closed=True))
+        yield lathe(hoop + (low + share * (high - low), share * height), 36, closed=True)
     if rng.random() < 0.7:
         over = arc(high, 0, np.pi, 20) * (1, rng.uniform(0.7, 1.2))
-        parts.append(wire(upright(over + (0, height)), 0.02))
-    return parts
+        yield wire(lift(over + (0, height), "xz"), 0.02)
 
 
-def cage(rng: np.random.Generator) -> list[Mesh]:
+def cage(rng: np.random.Generator) -> Parts:
     """A bird cage: thin bars that meet under a ring, with a perch inside."""
     radius, height, dome = rng.uniform(0.35, 0.55), rng.uniform(0.5, 0.9), rng.uniform(0.25, 0.5)
-    parts = [lathe([(0, 0), (radius + 0.03, 0), (radius + 0.03, 0.05), (0, 0.05)], 36)]
+    yield lathe([(0, 0), (radius + 0.03, 0), (radius + 0.03, 0.05), (0, 0.05)], 36)
     over = arc(1, 0, 0.46 * np.pi, 9) * (radius, dome) + (0, height)
     bar = np.concatenate([[(radius, 0.03)], over])
-    parts += [wire(upright(bar) @ turn.T, 0.009, 6) for turn in around(int(rng.integers(12, 28)))]
+    yield from [wire(lift(bar, "xz") @ turn.T, 0.009, 6) for turn in around(int(rng.integers(12, 28)))]
     tube = arc(0.014, 0, 2 * np.pi, 9)[:-1]
-    parts += [lathe(tube + (radius, z), 36, closed=True) for z in np.linspace(0, height, int(rng.integers(2, 5)))[1:]]
+    yield from [lathe(tube + (radius, z), 36, closed=True) for z in np.linspace(0, height, int(rng.integers(2, 5)))[1:]]
     top = height + dome
-    parts.append(lathe([(0, top - 0.01), (0.09, top - 0.01), (0.05, top + 0.05), (0, top + 0.05)], 16))
-    ring = np.column_stack([arc(0.07, 0, 2 * np.pi, 17)[:-1], np.zeros(16)]) @ turned((1, 0, 0), np.pi / 2).T
-    parts.append(wire(ring + (0, 0, height + dome + 0.1), 0.012, 8, closed=True))
+    yield lathe([(0, top - 0.01), (0.09, top - 0.01), (0.05, top + 0.05), (0, top + 0.05)], 16)
+    ring = lift(arc(0.07, 0, 2 * np.pi, 17)[:-1], "xy") @ turned((1, 0, 0), np.pi / 2).T
+    yield wire(ring + (0, 0, height + dome + 0.1), 0.012, 8, closed=True)
     perch = rng.uniform(0.25, 0.6) * height
-    return [*parts, rod((-radius, 0, perch), (radius, 0, perch), 0.018)]
+    yield rod((-radius, 0, perch), (radius, 0, perch), 0.018)
 
 
 KINDS = (bottle, vase, mug, goblet, bowl_stack, jug, basket, cage)
