@@ -24,11 +24,11 @@ MOST_FRAMES = 16
 """Largest number of frames of a clip."""
 
 
-def natural_key(path: Path) -> tuple[tuple[int, int, str], ...]:
+def natural_key(path: Path) -> tuple[list[str | int], str]:
     """Return a sort key under which numbers in names count as numbers: frame2 before frame10."""
-    parts = re.findall(r"(\d+)|(\D+)", path.name)
-    # The name itself comes last, so that frame01 and frame1 have an order too.
-    return *((0, int(digits), "") if digits else (1, 0, text) for digits, text in parts), (2, 0, path.name)
+    # Texts and numbers take turns, the first is a text. The name itself orders frame01 and frame1.
+    parts = re.split(r"(\d+)", path.name)
+    return [int(part) if number % 2 else part for number, part in enumerate(parts)], path.name
 
 
 def cut_clips(images: Sequence[Path], section: TexturesSection, *, alone: bool) -> list[list[Path]]:

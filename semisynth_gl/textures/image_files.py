@@ -129,7 +129,7 @@ def builtin_licences() -> dict[str, str]:
 
 
 def builtin_photographs() -> list[Path]:
-    """Return the photographs of the installed scikit-image package that ``assets/photographs.yaml`` lists, in order.
+    """Return the photographs of the installed scikit-image package that ``assets/photographs.yaml`` lists, sorted.
 
     The package is found without importing it, and nothing is ever downloaded.
 
@@ -138,7 +138,7 @@ def builtin_photographs() -> list[Path]:
     """
     spec = find_spec("skimage")
     folders = spec.submodule_search_locations if spec else None
-    paths = [Path(folders[0], "data", name) for name in builtin_licences()] if folders else []
+    paths = [Path(folders[0], "data", name) for name in sorted(builtin_licences())] if folders else []
     missing = [str(path) for path in paths if not path.is_file()]
     if missing or not paths:
         raise InputError(

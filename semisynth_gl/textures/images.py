@@ -5,21 +5,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
-from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.inputs.user_files import IS_LFS_POINTER, LFS_POINTER
 from semisynth_gl.seeds.spread import spread
 
 MAX_PIXELS = 178_956_970
 """Most pixels of an image; a larger image is refused before anything is decoded. It is Pillow's own limit."""
-
-OUT_OF_MEMORY = "does not fit into memory"
-"""The only reason for skipping an image that may be gone the next time; results with it are not cached."""
 
 # Pillow opens these formats but does not decode them, or starts another program to do so (Ghostscript for EPS).
 _FORMATS_WITHOUT_PIXELS = frozenset({"BUFR", "GRIB", "HDF5", "MPEG", "EPS", "WMF"})
@@ -31,16 +28,8 @@ _SAMPLED = 8
 """Files of a folder by which the bits of its images are told."""
 
 
-class ImageError(InputError):
+class ImageError(ReadError):
     """An image file that cannot be used, with a reason such as ``"is truncated or damaged"``."""
-
-    def __init__(self, path: Path, reason: str) -> None:
-        super().__init__(f"{path}: {reason}")
-        self.path = path
-        self.reason = reason
-
-    def __reduce__(self) -> tuple[type[Self], tuple[Path, str]]:
-        return type(self), (self.path, self.reason)
 
 
 @cache
@@ -128,8 +117,6 @@ def _opened(path: Path) -> Iterator[Image.Image]:
         raise
     except UnidentifiedImageError as error:
         raise ImageError(path, IS_LFS_POINTER if pointer else "is not an image that Pillow can read") from error
-    except MemoryError as error:
-        raise ImageError(path, OUT_OF_MEMORY) from error
     except Exception as error:  # decoders of hostile files raise anything
         if isinstance(error, OSError) and error.strerror:
             raise ImageError(path, f"cannot be read: {error.strerror}") from error
@@ -153,9 +140,7 @@ def _grey(path: Path, image: Image.Image, level: int) -> NDArray[np.uint8]:
     if not (low >= 0 and high <= _WHITES[-1]):
         raise ImageError(path, f"has grey values from {low} to {high}, expected 0 to {_WHITES[-1]}")
     white = next(white for white in _WHITES if max(high, level) <= white)
-    rounded = ((np.arange(white + 1, dtype=np.uint32) * 510 + white) // (2 * white)).astype(np.uint8)
-    levels: NDArray[np.uint8] = rounded[values]
-    return levels
+    return ((values.astype(np.uint32) * 510 + white) // (2 * white)).astype(np.uint8)
 
 
 @lru_cache

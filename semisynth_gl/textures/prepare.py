@@ -15,7 +15,6 @@ from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Atlas, Patch
 from semisynth_gl.textures.crop_report import TextureReport
 from semisynth_gl.textures.image_files import relative_names
-from semisynth_gl.textures.images import OUT_OF_MEMORY
 from semisynth_gl.textures.large import with_large_patches
 from semisynth_gl.textures.pictures import Picture, TextureImage
 from semisynth_gl.textures.procedural import procedural_atlas
@@ -134,10 +133,8 @@ def share_photographs(split: Split, subjects: Sequence[Sequence[Path]], what: st
     return set(chain.from_iterable(split.share(subjects, what, _PHOTOGRAPHS)))
 
 
-def pack_atlas(atlas: Atlas) -> Entry | None:
-    """Turn an atlas into an entry of the cache; None where an image did not fit into memory: it may the next time."""
-    if any(image.reason == OUT_OF_MEMORY for image in atlas.report.images_skipped):
-        return None
+def pack_atlas(atlas: Atlas) -> Entry:
+    """Turn an atlas into an entry of the cache."""
     report = TypeAdapter(TextureReport).dump_python(atlas.report, mode="json")
     values = {"patches": [asdict(patch) for patch in atlas.patches], "report": report, "pictures": atlas.pictures}
     return Entry(values, {"layers": atlas.layers, "large_layers": atlas.large_layers})

@@ -122,7 +122,7 @@ class _Selection:
     """
 
     def __init__(self, section: TexturesSection, rng: np.random.Generator, subjects: Sequence[int]) -> None:
-        self._section, self._rng, self._subjects = section, rng, subjects
+        self._section, self._rng, self._subjects = section, rng, dict(enumerate(subjects))
         self._duplicates = DuplicateFinder(section.min_difference)
         # By the number of the image or clip.
         self._frames: dict[int, list[str]] = {}
@@ -156,11 +156,8 @@ class _Selection:
         """Return the kept crops of each image, by subject."""
         kept: dict[int, list[list[Crop]]] = defaultdict(list)
         for number, crops in self._kept.items():
-            kept[self._subject(number)].append(crops)
+            kept[self._subjects.get(number, number)].append(crops)
         return kept
-
-    def _subject(self, number: int) -> int:
-        return self._subjects[number] if number < len(self._subjects) else number
 
     def patches(self) -> list[Crop]:
         """Return the chosen crops by image, side, row and column."""
@@ -172,7 +169,7 @@ class _Selection:
         used = [number for number, kept in sorted(self._kept.items()) if kept]
         by_subject: dict[int, list[str]] = defaultdict(list)
         for number in used:
-            by_subject[self._subject(number)].append(self._frames[number][0])
+            by_subject[self._subjects.get(number, number)].append(self._frames[number][0])
         return TextureReport(
             images_used=sum(len(self._frames[number]) for number in used),
             images_unused=sum(len(self._frames[number]) for number, _ in images if number not in used),

@@ -47,29 +47,22 @@ def _of_the_user(section: TexturesSection) -> Sequence[Path]:
     return find_images(section.images)
 
 
-def _packaged(_: TexturesSection) -> Sequence[Path]:
-    return sorted(builtin_photographs(), key=Path.as_posix)
-
+_PACKAGED = TextureSource(
+    files=lambda _: builtin_photographs(), pictures=drawn_pictures, licences=builtin_licences, licence="own"
+)
 
 SOURCES: dict[str, TextureSource] = {
     "images": TextureSource(files=_of_the_user),
-    "builtin": TextureSource(
-        files=_packaged,
-        pictures=drawn_pictures,
-        licences=builtin_licences,
-        licence="own",
-    ),
-    "photographs": TextureSource(files=_packaged, licences=builtin_licences),
+    "builtin": _PACKAGED,
+    "photographs": replace(_PACKAGED, pictures=None, licence="config"),
     "procedural": TextureSource(licence="none"),
 }
 """The program's own sources, by their names in a config."""
 
-_OF_PLUGIN = TextureSource()
-
 
 def describe_source(name: str) -> TextureSource:
     """Return a source by its name in a config, without importing plug-ins: the source of a plug-in paints nothing."""
-    return SOURCES.get(name, _OF_PLUGIN)
+    return SOURCES.get(name, TextureSource())
 
 
 def open_source(name: str) -> TextureSource:
@@ -77,7 +70,7 @@ def open_source(name: str) -> TextureSource:
     if name in SOURCES:
         return SOURCES[name]
     plugin = find_plugin("textures", name)
-    return replace(_OF_PLUGIN, pictures=partial(_plugin_pictures, plugin), plugin=plugin)
+    return TextureSource(pictures=partial(_plugin_pictures, plugin), plugin=plugin)
 
 
 def _plugin_pictures(plugin: Plugin, rng: np.random.Generator) -> Iterator[Picture]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageFile
 from shared_material import SHARED, needs_shared
 
-from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.textures.image_files import find_files, find_images
 from semisynth_gl.textures.images import MAX_PIXELS, ImageError, image_extensions, read_image, stored_size
 
@@ -229,7 +229,7 @@ def test_what_is_no_image_is_refused_with_a_reason(tmp_path: Path, text: str | N
         with pytest.raises(ImageError, match=reason) as caught:
             read(path)
         assert caught.value.path == path
-        assert isinstance(caught.value, InputError)
+        assert isinstance(caught.value, ReadError)
         assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)  # noqa: S301  # our own bytes
 
 
