@@ -4,9 +4,10 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from semisynth_gl.calibration.arrays import camera_matrix
-from semisynth_gl.calibration.kinds import Size, is_rotation
+from semisynth_gl.calibration.kinds import as_rotation
+from semisynth_gl.calibration.parts import camera_matrix
 from semisynth_gl.calibration.poses import pose_of
+from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.calibration.tree import Array, FormatError, Tree
 from semisynth_gl.frame.raw_camera import rotation_of
 from semisynth_gl.inputs.errors import abbreviate, shown
@@ -39,9 +40,9 @@ def middlebury(tree: Tree, _size: Size | None) -> Format | None:
 
 def zed(tree: Tree, size: Size | None) -> Format | None:
     """Read ZED's SN*.conf: cameras for each mode, the translation in mm, the turn as a rotation vector."""
-    modes = [name[0].removeprefix("LEFT_CAM_") for name in tree if name[0].startswith("LEFT_CAM_")]
     if ("STEREO", "Baseline") not in tree:
         return None
+    modes = (name[0].removeprefix("LEFT_CAM_") for name in tree)
     mode = _chosen({mode: _ZED_SIZES[mode] for mode in modes if mode in _ZED_SIZES}, size)
     eyes = {"LEFT_CAM_" + mode: "left", "RIGHT_CAM_" + mode: "right"}
     made: Tree = {(eyes[name[0]], name[-1]): value for name, value in tree.items() if name[0] in eyes}
@@ -67,8 +68,8 @@ def mrcal(tree: Tree, _size: Size | None) -> Format | None:
     """Read .cameramodel files of mrcal: K and D in one list, and the camera's pose as rotation and translation."""
     made = dict(tree)
     for name in (name[:-1] for name in tree if name[-1] == "lensmodel"):
-        intrinsics = _array(tree, *name, "intrinsics").ravel()
-        pose = _array(tree, *name, "extrinsics" if (*name, "extrinsics") in tree else "rt_cam_ref").ravel()
+        intrinsics = _array(tree, *name, "intrinsics")
+        pose = _array(tree, *name, "extrinsics" if (*name, "extrinsics") in tree else "rt_cam_ref")
         if len(intrinsics) < 4 or len(pose) != 6:
             raise FormatError("expected intrinsics of 4 or more numbers, and extrinsics of 6")
         made |= {(*name, "K"): camera_matrix(*intrinsics[:4]), (*name, "D"): intrinsics[4:]}
@@ -81,25 +82,24 @@ def depthai(tree: Tree, _size: Size | None) -> Format | None:
     made: Tree = {}
     cameras = dict.fromkeys(name[:2] for name in tree if name[0] == "cameraData" and len(name) > 2)
     for camera in cameras:
-        socket = int(_number(tree, *camera, "0"))
-        kind = int(_number(tree, *camera, "1", "cameraType", missing=0))
+        socket, values = int(_number(tree, *camera, "0")), (*camera, "1")
+        kind = int(_number(tree, *values, "cameraType", missing=0))
         model, count = _DEPTHAI_LENSES.get(kind, (f"omni (cameraType {kind})", 0))
         for name, key in {"K": "intrinsicMatrix", "width": "width", "height": "height"}.items():
-            made[f"cam{socket}", name] = _array(tree, *camera, "1", key)
-        made[f"cam{socket}", "D"] = _array(tree, *camera, "1", "distortionCoeff").ravel()[:count]
-        made[f"cam{socket}", "distortion_model"] = model
+            made[f"cam{socket}", name] = _array(tree, *values, key)
+        made |= {
+            (f"cam{socket}", "D"): _array(tree, *values, "distortionCoeff")[:count],
+            (f"cam{socket}", "model"): model,
+        }
         # The last camera of a chain leads to -1, with an empty rotation or one of zeros.
-        link = (*camera, "1", "extrinsics")
-        turn, shift = _array(tree, *link, "rotationMatrix"), _array(tree, *link, "translation")
-        if is_rotation(turn) and shift.size == 3:
-            there = int(_number(tree, *link, "toCameraSocket", missing=-1))
-            made[f"T_{there}_{socket}",] = pose_of(turn.reshape(3, 3), shift / 100)
+        turn, shift = (_array(tree, *values, "extrinsics", key) for key in ("rotationMatrix", "translation"))
+        if (rotation := as_rotation(turn)) is not None and shift.size == 3:
+            there = int(_number(tree, *values, "extrinsics", "toCameraSocket", missing=-1))
+            made[f"T_{there}_{socket}",] = pose_of(rotation, shift / 100)
     if not cameras:
         return None
-    left, right = (
-        str(int(_number(tree, "stereoRectificationData", f"{eye}CameraSocket"))) for eye in ("left", "right")
-    )
-    return made, (left, right)
+    left, right = (int(_number(tree, "stereoRectificationData", f"{eye}CameraSocket")) for eye in ("left", "right"))
+    return made, (str(left), str(right))
 
 
 def kitti(tree: Tree, _size: Size | None) -> Format | None:
@@ -116,25 +116,23 @@ ADAPTERS: tuple[Callable[[Tree, Size | None], Format | None], ...] = (middlebury
 
 
 def _chosen(sizes: Mapping[str, Size], size: Size | None) -> str:
-    """Return the mode whose images have a size. Raises FormatError where no mode has it."""
-    if not sizes:
-        raise FormatError("has a baseline, but no camera such as LEFT_CAM_HD")
-    fitting = [mode for mode, own in sizes.items() if own == size]
-    if fitting or (size is None and len(sizes) == 1):
-        return next(iter((*fitting, *sizes)))
+    """Return the mode whose images have a size, or the only mode. Raises FormatError where no mode has it."""
+    fitting = [mode for mode, own in sizes.items() if own == size or (size is None and len(sizes) == 1)]
+    if fitting:
+        return fitting[0]
     got = "" if size is None else f", got {size}"
     raise FormatError(f"is for images of {abbreviate([*map(str, sizes.values())])}: give the size of yours{got}")
 
 
 def _array(tree: Tree, *name: str) -> Array:
     value = tree.get(name)
-    return value if isinstance(value, np.ndarray) else np.zeros(0)
+    return value.ravel() if isinstance(value, np.ndarray) else np.zeros(0)
 
 
 def _number(tree: Tree, *name: str, missing: float | None = None) -> float:
     value = _array(tree, *name)
     if value.size == 1 and np.isfinite(value).all():
-        return float(value.ravel()[0])
+        return float(value[0])
     if missing is not None and not value.size:
         return missing
     raise FormatError(f"{'.'.join(name)}: expected a number, got {shown(tree.get(name, 'nothing'))}")

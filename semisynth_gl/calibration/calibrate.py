@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 
 from semisynth_gl.calibration.disparity_range import disparity_range
 from semisynth_gl.calibration.draft import Draft, describe
-from semisynth_gl.calibration.kinds import Size
-from semisynth_gl.calibration.photographs import check_sizes, most_common_size, photograph_sizes
 from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.rig_files import read_rigs
+from semisynth_gl.calibration.sizes import Size, check_sizes, most_common_size, photograph_sizes
 from semisynth_gl.calibration.write import write
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config import Config
@@ -134,7 +133,6 @@ def calibrate(
         missing = "focal_px" if focal_px is None else "baseline_m" if baseline_m is None else "size"
         raise InputError("missing: give a calibration, or focal length, baseline and size", argument=missing)
     notes = list(dict.fromkeys(note for rig in rigs for note in rig.notes))
-    notes += [f"the lenses were left out: {rig.lens_fault}" for rig in rigs if rig.lens_fault]
     check_sizes(photographed, [rig.size for rig in rigs], scale)
     rigs = [rig.scaled(scale) for rig in rigs]
     maps = map_files(names_of(disparity))

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.calibration.kinds import Size
 from semisynth_gl.calibration.rig import Rig, median_size
+from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.histogram import Histogram, PixelCount
 from semisynth_gl.inputs.errors import InputError, abbreviate, counted

@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from semisynth_gl.calibration.disparity_range import DisparityRange
-from semisynth_gl.calibration.kinds import Size
-from semisynth_gl.calibration.photographs import photograph_sizes
 from semisynth_gl.calibration.recipes import Style, is_outdoors, suitable_recipes, untried_style
 from semisynth_gl.calibration.rig import Rig, median_size, rig_ranges
+from semisynth_gl.calibration.sizes import Size, photograph_sizes
 from semisynth_gl.config import Config
 from semisynth_gl.config.load import Overrides, parse_values
 from semisynth_gl.config.scene_sections import BackgroundSection, TexturesSection

@@ -10,35 +10,33 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semisynth_gl.calibration.arrays import (
-    UNITS,
-    Lens,
-    Pair,
-    StereoArrays,
-    camera_matrix,
-    make_lens,
-    models_of,
-    projections,
-    unit_of,
-)
-from semisynth_gl.calibration.kinds import KINDS, Size, are_numbers, is_pose, is_rotation, stated_sizes
+from semisynth_gl.calibration.kinds import COEFFICIENT_WORDS, KINDS, are_numbers, as_pose
+from semisynth_gl.calibration.lenses import checked_coefficients, model_of
 from semisynth_gl.calibration.names import Entry, label_of, words_of
-from semisynth_gl.calibration.parts import by_columns, with_parts
-from semisynth_gl.calibration.poses import frames_of, more_rightwards, pose_of, right_from_left
-from semisynth_gl.calibration.tree import Array, FormatError, Name, Tree, rotation_of_quaternion
-from semisynth_gl.frame.raw_camera import rotation_of
-from semisynth_gl.inputs.errors import abbreviate
+from semisynth_gl.calibration.parts import by_columns, camera_matrix, with_parts
+from semisynth_gl.calibration.poses import Link, link_of, pose_of, right_from_left
+from semisynth_gl.calibration.rig import Pair, StereoArrays
+from semisynth_gl.calibration.sizes import Size, stated_sizes
+from semisynth_gl.calibration.tree import Array, FormatError, Tree, listing
+from semisynth_gl.frame.raw_camera import LensModel
 
 KEYS = ("K1", "D1", "R1", "P1", "K2", "D2", "R2", "P2", "R", "T", "Q", "size")
 """Names that a user can give to values of a file: OpenCV's, and the size of the images."""
+UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+"""Metres per unit of a translation, by the unit's name."""
 
+# Largest baseline, m, that a number without a unit stands for; larger ones are in cm or in mm, whichever is nearer to
+# 12 cm, the baseline of most rigs.
+_LARGEST_M, _BETWEEN_CM_AND_MM = 2.5, 38.0
 _GIVEN = "given"
 # Words in names of derived arrays, such as the matrix of rectified images, which lie beside the calibrated ones.
 _DERIVED = "new|opt|rect|undist|roi|virtual"
 _BASELINE = r"(?:stereo)?baseline(?:lr)?(mm|cm|m|meters|metres)?|b|bl|numbers"
+_FOCAL_TIMES_BASELINE = {"bf", "fb", "focalxbaseline"}
 # Relative tolerance for equal baselines; translations up to this length count as zero.
 _SAME_BASELINE, _NO_SHIFT_M = 0.02, 1e-6
-_LISTED = 40
+# Images of radial-tangential lenses are hardly wider than this times the focal length, 100 degrees.
+_WIDE = 2.4
 
 
 class Given(NamedTuple):
@@ -54,14 +52,14 @@ class Finder:
     """The arrays of a rig in one tree."""
 
     def __init__(self, tree: Tree, given: Given) -> None:
-        self.tree, self.unit, self.user_size, cameras = tree, given.unit, given.size, given.cameras
+        self.unit, self.user_size, self.notes, cameras = given.unit, given.size, list[str](), given.cameras
         self.cameras = cameras and (label_of(cameras[:1]) or cameras[0], label_of(cameras[1:]) or cameras[1])
         arrays = [Entry(name, value) for name, value in tree.items() if isinstance(value, np.ndarray)]
-        self.poses = {e.name: np.vstack([e.value.reshape(-1, 4)[:3], [0, 0, 0, 1]]) for e in arrays if is_pose(e.value)}
-        self.values = {name: value for name, value in tree.items() if self._is_of_rig(name)}
-        self.entries = [*with_parts(by_columns([each for each in arrays if each.name in self.values]))]
-        self.entries = [*(self._named(key, name) for key, name in given.keys.items()), *self.entries]
-        self.notes: list[str] = []
+        poses = [(entry.name, as_pose(entry.value)) for entry in arrays]
+        self.links = [link_of(name, pose, self.cameras) for name, pose in poses if pose is not None]
+        self.texts = {name: value for name, value in tree.items() if self._is_of_rig(name)}
+        self.entries = [*with_parts(by_columns([each for each in arrays if self._is_of_rig(each.name)]))]
+        self.entries = [*(self._named(key, name, tree) for key, name in given.keys.items()), *self.entries]
 
     def arrays(self) -> StereoArrays | None:
         """Return the arrays that the tree has of a rig; None where they make no rig.
@@ -69,37 +67,36 @@ class Finder:
         Raises:
             FormatError: where there are more than two cameras, or what is there contradicts itself.
         """
-        k, p = self._eyes("K"), self._eyes("P")
+        k, p, rectification = (self._eyes(key) for key in "KPR")
         size, fault = self._size(k, p)
         p = p or self._right_alone()
-        turn, shift = self._stereo_pose(lone=p is None)
-        rectification = self._eyes("R")
-        if p is None and turn is None:
-            p, k = self._projections(k, rectification)
-        if k is not None and k[0] is k[1] and turn is not None:
-            self.notes.append("one K was taken for both cameras")
-        if p is None and (k is None or shift is None):
+        pose = self._stereo_pose(lone=p is None)
+        if p is None and pose is None:
+            p, k = self._rectified(k, rectification)
+        if p is None and (k is None or pose is None):
+            self._model()  # a lens of another model may be why nothing was found
             return None
-        shift_m, p = self._in_metres(shift, p)
-        lenses = None
-        if k is not None and fault is None:
+        if k is not None and k[0] is k[1] and pose is not None:
+            self.notes.append("one K was taken for both cameras")
+        r, t_m, p = self._in_metres(pose, p)
+        d = model = None
+        if k is not None:
             try:
-                lenses = self._lenses(k, size or self.user_size)
+                d, model = self._lenses(k, size or self.user_size, fault)
             except FormatError as error:
                 if p is None:
                     raise
-                fault = str(error)
-        rectification, fault = (None if p is None else rectification), (None if k is None else fault)
-        return StereoArrays(size, k, lenses, turn, shift_m, rectification, p, fault, notes=tuple(self.notes))
+                self.notes.append(f"the lenses were left out: {error}")
+        return StereoArrays(size, k, d, model, r, t_m, rectification if p else None, p, tuple(self.notes))
 
-    def _is_of_rig(self, name: Name) -> bool:
+    def _is_of_rig(self, name: tuple[str, ...]) -> bool:
         return self.cameras is None or label_of(name, self.cameras, rotation=True) in {"", *self.cameras}
 
-    def _named(self, key: str, name: str) -> Entry:
+    def _named(self, key: str, name: str, tree: Tree) -> Entry:
         """Return an array that the user named, under a name that tells its kind and its eye."""
         found = next((entry.value for entry in self.entries if ".".join(entry.name) == name), None)
         if found is None:
-            raise FormatError(f"has no {name}, which {key} was to be: it has {listing(self.tree)}")
+            raise FormatError(f"has no {name}, which {key} was to be: it has {listing(tree)}")
         labels = self.cameras or ("left", "right")
         eye = [labels[int(key[-1]) - 1]] if key[-1].isdigit() else []
         return Entry((_GIVEN, *eye, key.rstrip("12")), found)
@@ -107,19 +104,22 @@ class Finder:
     # --- arrays of both eyes ---
 
     def _fitting(self, key: str) -> list[Entry]:
-        """Return the entries of a kind, the likeliest first."""
-        kind = KINDS[key]
-        found = (e for e in self.entries if kind.fits(e.value) and (not kind.words or e.has(kind.words)))
-        return sorted(
-            (Entry(e.name, e.value.reshape(kind.shape)) for e in found),
-            key=lambda e: (e.name[0] != _GIVEN, e.has(_DERIVED) == (key in "KD"), len(e.name)),
-        )
+        """Return the arrays of a kind, the likeliest first."""
+        found = [(each, array) for each in self.entries if (array := KINDS[key](each)) is not None]
 
-    def _of(self, key: str) -> dict[str, Array]:
-        """Return the arrays of a kind by eye or number of the camera."""
-        found: dict[str, Array] = {}
-        for entry in self._fitting(key):
-            found.setdefault(label_of(entry.name, self.cameras, rotation=key == "R"), entry.value)
+        def unlikeliness(pair: tuple[Entry, Array]) -> tuple[bool, bool, bool, int]:
+            entry, array = pair
+            is_vector = entry.value.size != array.size  # of a rotation
+            return entry.name[0] != _GIVEN, entry.has(_DERIVED) == (key in "KD"), is_vector, len(entry.name)
+
+        return [Entry(each.name, array) for each, array in sorted(found, key=unlikeliness)]
+
+    def _of(self, key: str, *, raw: bool = False) -> dict[str, Entry]:
+        """Return the arrays of a kind by eye or number of the camera; if ``raw``, none of rectified cameras."""
+        found: dict[str, Entry] = {}
+        for each in self._fitting(key):
+            if not (raw and each.has("rect")):
+                found.setdefault(label_of(each.name, self.cameras, rotation=key == "R"), each)
         return found
 
     def _eyes(self, key: str) -> Pair | None:
@@ -134,167 +134,140 @@ class Finder:
             left, right = numbered[:2]
         if key in "KD" and found.keys() == {""}:
             left = right = ""
-        return (found[left], found[right]) if {left, right} <= found.keys() else None
+        return (found[left].value, found[right].value) if {left, right} <= found.keys() else None
 
     # --- how the cameras stand ---
 
-    def _stereo_pose(self, *, lone: bool) -> tuple[Array | None, Array | None]:
-        """Find R (3, 3) and T (3,), right_from_left, in the file's unit. If the tree lacks one, both are None.
+    def _stereo_pose(self, *, lone: bool) -> Array | None:
+        """Find R and T as one pose (4, 4), right_from_left, in the file's unit; None without both.
 
-        ``lone``: a single pose (4, 4) that names no frames may lead from one eye to the other.
+        ``lone``: a single pose that names no frames may lead from one eye to the other.
         """
-        turned: dict[str, Array] = {}
-        for entry in sorted(self.entries, key=lambda e: (e.name[0] != _GIVEN, e.value.size != 9)):
-            if not entry.has("rect") and (turn := _rotation(entry)) is not None:
-                turned.setdefault(label_of(entry.name, self.cameras, rotation=True), turn)
-        moved: dict[str, Entry] = {}
-        for entry in self._fitting("T"):
-            if not entry.is_rotation:
-                moved.setdefault(label_of(entry.name, self.cameras), entry)
-        both = [label for label in moved if label in turned]
-        if "" in both and frames_of(moved[""].name) is None:
-            return turned[""], moved[""].value
-        poses = dict(self.poses)
-        if len(both) > 1 or "" in both:
-            poses |= {moved[each].name: pose_of(turned[each], moved[each].value) for each in both}
-        pose = right_from_left(poses, self.cameras)
-        if lone and pose is None and [frames_of(name) for name in poses] == [None]:
-            pose = more_rightwards(way for each in poses.values() for way in (each, np.linalg.inv(each)))
-        if pose is not None:
-            return pose[:3, :3], pose[:3, 3]
-        # Calibrations of one camera against the other keep R and T beside the second camera; "rotation (R)" is no eye.
-        if len(turned) == len(moved) == 1:
-            both, turned = [*moved], dict.fromkeys(moved, next(iter(turned.values())))
-        return (turned[both[0]], moved[both[0]].value) if len(both) == 1 else (None, None)
+        turned, moved = self._of("R", raw=True), self._of("T")
+        if len(turned) == len(moved) == 1:  # "rotation (R)" is no eye
+            turned = dict.fromkeys(moved, *turned.values())
+        pairs = {each: pose_of(turned[each].value, moved[each].value) for each in moved if each in turned}
+        links = {each: link_of(moved[each].name, pose, self.cameras) for each, pose in pairs.items()}
+        if "" in links and not links[""].sure:
+            return pairs[""]
+        all_links = [*self.links, *(links.values() if len(links) > 1 or "" in links else ())]
+        found = right_from_left(all_links, self.cameras)
+        if found is None and lone and [each.sure for each in all_links] == [False]:
+            found = right_from_left([Link("right", "left", all_links[0].pose, sure=False)], ("left", "right"))
+        # Calibrations of one camera against the other keep R and T beside the second camera.
+        return next(iter(pairs.values())) if found is None and len(pairs) == 1 else found
+
+    def _in_metres(self, pose: Array | None, p: Pair | None) -> tuple[Array | None, Array | None, Pair | None]:
+        """Return R, T and the projections in metres; where their baselines differ, the translation's counts.
+
+        DrivingStereo's small images have projections of twice the baseline.
+        """
+        baseline = 0.0 if p is None else abs(float(p[0][0, 3] / p[0][0, 0] - p[1][0, 3] / p[1][0, 0]))
+        shift = 0.0 if pose is None else float(np.linalg.norm(pose[:3, 3]))
+        length = shift if shift > _NO_SHIFT_M else baseline
+        unit = self.unit or ("m" if length <= _LARGEST_M else "cm" if length <= _BETWEEN_CM_AND_MM else "mm")
+        length_m = length * UNITS[unit]
+        if length and baseline and min(abs(baseline * each / length_m - 1) for each in UNITS.values()) > _SAME_BASELINE:
+            self.notes.append(f"the cameras are {baseline:.6g} apart by P, and {length:.6g} by T, which was taken")
+        if self.unit is None and unit != "m":
+            self.notes.append(f"the cameras are {length:g} apart, taken for {unit}: if that is wrong, give --unit")
+        scale = (1, 1, 1, length_m / (baseline or 1))
+        turn, shift_m = (None, None) if pose is None else (pose[:3, :3], pose[:3, 3] * UNITS[unit])
+        return turn, shift_m, p and (p[0] * scale, p[1] * scale)
 
     # --- projections of rectified images ---
 
     def _right_alone(self) -> Pair | None:
         """Derive both projections from a lone right P; the left one is P without its last column."""
         found = self._fitting("P")
-        left_label = "left" if self.cameras is None else self.cameras[0]
-        if len(found) != 1 or found[0].value[0, 3] == 0 or label_of(found[0].name, self.cameras) == left_label:
+        left = "left" if self.cameras is None else self.cameras[0]
+        if len(found) != 1 or label_of(found[0].name, self.cameras) == left or found[0].value[0, 3] == 0:
             return None
         return found[0].value * (1, 1, 1, 0), found[0].value
 
-    def _projections(self, k: Pair | None, rectification: Pair | None) -> tuple[Pair | None, Pair | None]:
+    def _rectified(self, k: Pair | None, rectification: Pair | None) -> tuple[Pair | None, Pair | None]:
         """Return the projections that follow from a baseline or from Q, and the raw cameras' matrices beside them."""
         found = self._of("K")
         alone = found.get("", next(iter(found.values()), None))
         # OpenVSLAM's and Stella's K is of the rectified cameras, beside both raw ones and how they were turned.
         raw = k if rectification is not None and "" in found else None
-        of = k if raw is None and k is not None else None if alone is None else (alone, alone)
-        if of is not None and (p := self._of_baseline(of)) is not None:
-            if raw is None and any(each.any() for each in self._of("D").values()):
+        of = k if raw is None and k is not None else alone and (alone.value, alone.value)
+        if of is not None and (baseline := self._baseline(float(of[0][0, 0]))) is not None:
+            if raw is None and any(each.value.any() for each in self._of("D").values()):
                 self.notes.append("D was left out: with a baseline and without R, images are taken to be rectified")
-            return p, raw
-        return next((_from_q(each) for each in self._of("Q").values()), None), k
+            return _projections(*of, baseline), raw
+        for _, q in self._fitting("Q"):
+            # Q's last row ends in -1 / Tx and (cx - cx') / Tx.
+            left, right = (
+                camera_matrix(q[2, 3], q[2, 3], cx, -q[1, 3]) for cx in (-q[0, 3], q[3, 3] / q[3, 2] - q[0, 3])
+            )
+            return _projections(left, right, abs(1 / q[3, 2])), k
+        return None, k
 
-    def _of_baseline(self, k: Pair) -> Pair | None:
-        """Return the projections of rectified cameras with a stated baseline, in the file's unit; None without one.
-
-        A file names its baseline, names the product of focal length and baseline, or has one number beside a matrix.
-        """
+    def _baseline(self, focal_px: float) -> float | None:
+        """Return a stated baseline in the file's unit: it, its product with the focal length, or a number alone."""
         for entry in self.entries:
             if not are_numbers(entry.value, 1):
                 continue
             value = abs(float(entry.value.ravel()[0]))
             if found := re.fullmatch(_BASELINE, entry.key):
                 self.unit = self.unit or (found[1] and (found[1] if found[1] in UNITS else "m"))
-                return projections(*k, value)
-            if entry.key in {"bf", "fb", "focalxbaseline"}:
-                return projections(*k, value / float(k[0][0, 0]))
+                return value
+            if entry.key in _FOCAL_TIMES_BASELINE:
+                return value / focal_px
         return None
-
-    def _in_metres(self, shift: Array | None, p: Pair | None) -> tuple[Array | None, Pair | None]:
-        """Return the translation and the projections in metres; where their baselines differ, the translation's counts.
-
-        DrivingStereo's small images have projections of twice the baseline.
-        """
-        length = 0.0 if shift is None else float(np.linalg.norm(shift))
-        baseline = 0.0 if p is None else abs(float(p[0][0, 3] / p[0][0, 0] - p[1][0, 3] / p[1][0, 0]))
-        length_m, baseline_m = (each * UNITS[self.unit or unit_of(each)] for each in (length, baseline))
-        if length_m > _NO_SHIFT_M and baseline and abs(baseline_m / length_m - 1) > _SAME_BASELINE:
-            self.notes.append(f"the cameras are {baseline:.6g} apart by P, and {length:.6g} by T, which was taken")
-            baseline_m = length_m
-        if self.unit is None and (unit := unit_of(length or baseline)) != "m":
-            apart = f"the cameras are {length or baseline:g} apart"
-            self.notes.append(f"{apart}, which was taken for {unit}: if that is wrong, give --unit")
-        scale = (1, 1, 1, baseline_m / (baseline or 1))
-        shift_m = None if shift is None else shift * (length_m / (length or 1))
-        return shift_m, None if p is None else (p[0] * scale, p[1] * scale)
 
     # --- lenses and sizes ---
 
-    def _lenses(self, k: Pair, size: Size | None) -> tuple[Lens, Lens]:
-        """Return the lenses of both eyes; raises FormatError where they cannot be used."""
+    def _model(self) -> LensModel | None:
         names = [each.key for each in self.entries if each.key in {"radtan", "equidistant"}]
-        for name, value in self.values.items():
+        for name, value in self.texts.items():
             words = " ".join(words_of(name))
             if isinstance(value, str) and re.search(r"\b(model|type|lens|distortion|projection)", words):
                 names.append(value)
-            if re.search(r"\b(fisheye|equidistant)\b", words) and _is_true(value):
-                names.append("fisheye")
-        models = models_of(names)
-        if len(models) > 1:
-            raise FormatError("expected lenses of one model, got radial-tangential and fisheye ones")
-        d = self._eyes("D")
-        named = [each for each in self.entries if each.has(KINDS["D"].words) and each.value.size > 1]
-        if d is None and named:
+            if re.search(r"\b(fisheye|equidistant)\b", words):
+                is_true = (
+                    value.any() if isinstance(value, np.ndarray) else value.lower() not in {"", "false", "no", "off"}
+                )
+                names += ["fisheye"] * bool(is_true)
+        return model_of(names)
+
+    def _lenses(self, k: Pair, size: Size | None, fault: str | None) -> tuple[Pair, LensModel]:
+        """Return the coefficients of both lenses and their model; raises FormatError where they cannot be used."""
+        model, d = self._model(), self._eyes("D")
+        if fault is not None:
+            raise FormatError(fault)
+        if d is None and (
+            named := [each for each in self.entries if each.has(COEFFICIENT_WORDS) and each.value.size > 1]
+        ):
             counts = ", ".join(f"{each.value.size} in {'.'.join(each.name)}" for each in named[:2])
             raise FormatError(f"expected 4, 5, 8, 12 or 14 coefficients of both lenses, got {counts}")
         if d is None:
             self.notes.append("no coefficients of lenses were found: the cameras are taken for pinholes")
             d = np.zeros(0), np.zeros(0)
-        left, right = (make_lens(own, next(iter(models), None), of, size) for own, of in zip(d, k, strict=True))
-        return left, right
+        is_wide = size is not None and size.width_px > _WIDE * float(k[0][0, 0])
+        if model is None and is_wide and d[0].any() and len(d[0]) == 4:
+            raise FormatError(
+                "a wide lens with 4 coefficients may be radial-tangential or a fisheye: add the value "
+                "distortion_model, fisheye or radtan, to the file"
+            )
+        model = model or "radial-tangential"
+        return (checked_coefficients(d[0], model, k[0]), checked_coefficients(d[1], model, k[1])), model
 
     def _size(self, k: Pair | None, p: Pair | None) -> tuple[Size | None, str | None]:
         """Return the size of the images, and why the raw images cannot be used if they have another size."""
-        entries = [entry for entry in self.entries if entry.name == (_GIVEN, "size")]
-        of_rectified, of_raw = stated_sizes(entries or self.entries, [*(k or ()), *(p or ())])
+        entries = [entry for entry in self.entries if entry.name == (_GIVEN, "size")] or self.entries
+        rectified, raw = (stated_sizes(entries, [*(k or ()), *(p or ())], rectified=of) for of in (True, False))
         fault = None
-        if p is not None and of_rectified and of_raw and of_rectified[0] != of_raw[0]:
-            fault = f"expected raw images of {of_rectified[0]}, as rectified ones, got {of_raw[0]}"
-        known = [*dict.fromkeys((of_raw or of_rectified) if p is None else (of_rectified or of_raw))]
+        if p is not None and rectified and raw and rectified[0] != raw[0]:
+            fault = f"expected raw images of {rectified[0]}, as rectified ones, got {raw[0]}"
+        known = (raw or rectified) if p is None else (rectified or raw)
         if len(known) > 1:
             raise FormatError(f"has images of {known[0]} and of {known[1]}: expected one size of both cameras")
         return (known[0] if known else None), fault
 
 
-def listing(tree: Tree) -> str:
-    """Return the arrays of a tree with their shapes, as text for a message."""
-    arrays = [(".".join(name), value.shape) for name, value in tree.items() if isinstance(value, np.ndarray)]
-    shown = [f"{name} ({' x '.join(map(str, shape)) or 'a number'})" for name, shape in arrays]
-    return abbreviate(shown, _LISTED) or "no numbers"
-
-
-def _is_true(value: Array | str) -> bool:
-    if isinstance(value, str):
-        return value.strip().lower() not in {"", "false", "no", "off", "none"}
-    return value.size == 1 and bool(value.any())
-
-
-def _rotation(entry: Entry) -> Array | None:
-    """Return a rotation (3, 3) from nine numbers, or by its name from a vector or a quaternion; None for no rotation.
-
-    The part of a quaternion that is nearly 1 is w, which is the first or the last one.
-    """
-    value = entry.value.ravel()
-    if is_rotation(value):
-        return value.reshape(3, 3)
-    if not entry.is_rotation:
-        return None
-    if are_numbers(value, 3) and np.linalg.norm(value) < 2 * np.pi:
-        x, y, z = value.tolist()
-        return np.array(rotation_of((x, y, z)))
-    if are_numbers(value, 4) and abs(np.linalg.norm(value) - 1) < 1e-3 and np.abs(value[[0, 3]]).max() > 0.9:
-        return rotation_of_quaternion(value if abs(value[3]) > abs(value[0]) else np.roll(value, -1))
-    return None
-
-
-def _from_q(q: Array) -> Pair:
-    """Return the projections that OpenCV's Q (4, 4) inverts."""
-    # Q's last row ends in -1 / Tx and (cx - cx') / Tx.
-    k = [camera_matrix(q[2, 3], q[2, 3], cx, -q[1, 3]) for cx in (-q[0, 3], q[3, 3] / q[3, 2] - q[0, 3])]
-    return projections(k[0], k[1], abs(1 / q[3, 2]))
+def _projections(left: Array, right: Array, baseline: float) -> Pair:
+    """Return P (3, 4) of both rectified cameras from K (3, 3) of each and their distance."""
+    shift = np.array([[-right[0, 0] * baseline], [0], [0]])
+    return np.hstack([left, np.zeros((3, 1))]), np.hstack([right, shift])

@@ -18,18 +18,13 @@ class Entry(NamedTuple):
     value: Array
 
     @property
-    def words(self) -> tuple[str, ...]:
-        """The name in lower-case words; numbers are words, and an eye's letter at the end of a word is one."""
-        return words_of(self.name)
-
-    @property
     def key(self) -> str:
         """The last part of the name that is no number, in lower-case letters, without what is in parentheses."""
-        return re.sub(r"\(.*?\)|[^a-z]", "", next((p for p in reversed(self.name) if not p.isdigit()), "").lower())
+        return re.sub(r"\(.*?\)|[^a-z]", "", last_part(self.name).lower())
 
     def has(self, beginnings: str) -> bool:
         """Return whether a word of the name begins as a regular expression says."""
-        return any(re.match(beginnings, word) for word in self.words)
+        return any(re.match(beginnings, word) for word in words_of(self.name))
 
     @property
     def is_rotation(self) -> bool:
@@ -37,14 +32,19 @@ class Entry(NamedTuple):
         return self.has(rf"r$|q$|qvec|{_ROTATIONS}") and not self.has("angle|euler|rpy|roll|deg")
 
 
-def words_of(name: Name) -> tuple[str, ...]:
-    """Return a name's words: ``("cameraMatrixL",)`` gives camera, matrix, l."""
+def last_part(name: Name) -> str:
+    """Return the last part of a name that is no number; empty for none."""
+    return next((part for part in reversed(name) if not part.isdigit()), "")
+
+
+def words_of(name: Name) -> list[str]:
+    """Return a name's words in lower case: ``("cameraMatrixL", "1")`` gives camera, matrix, l, 1."""
     words: list[str] = []
     for part in name:
         for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", part):
             lower = word.lower()
             words += [lower[:-1], lower[-1]] if lower[-1] in "lr" and lower[:-1] in _BEFORE_A_LETTER else [lower]
-    return tuple(words)
+    return words
 
 
 def label_of(name: Name, cameras: tuple[str, str] | None = None, *, rotation: bool = False) -> str:
@@ -56,9 +56,9 @@ def label_of(name: Name, cameras: tuple[str, str] | None = None, *, rotation: bo
         if not each.isdigit() and each.lower() in map(str.lower, name):
             return each
     words = words_of(name)
-    left, right = bool(LEFT & set(words)), bool(RIGHT - {"r"} & set(words))
-    own = rotation and not re.search(rf"\b(rect\b|{_ROTATIONS}).* r\b", " ".join(words))
-    right = right or words.count("r") > own
+    left, right = bool(LEFT & {*words}), bool(RIGHT - {"r"} & {*words})
+    means_rotation = rotation and not re.search(rf"\b(rect\b|{_ROTATIONS}).* r\b", " ".join(words))
+    right = right or words.count("r") > means_rotation
     if left or right:
         return "" if left and right else "left" if left else "right"
     numbers = next((numbers for part in reversed(name) if (numbers := re.findall(r"\d+", part))), [])

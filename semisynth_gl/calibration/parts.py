@@ -5,10 +5,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from semisynth_gl.calibration.arrays import camera_matrix
-from semisynth_gl.calibration.kinds import are_numbers, is_camera_matrix
+from semisynth_gl.calibration.kinds import are_numbers, as_camera_matrix
 from semisynth_gl.calibration.names import LEFT, RIGHT, Entry, words_of
-from semisynth_gl.calibration.tree import Name
+from semisynth_gl.calibration.tree import Array, Name
 
 _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")
 # Names, without separators, of K's entries, of D's in OpenCV's order, and of vectors of them.
@@ -28,12 +27,17 @@ _ALIASES: dict[tuple[str, ...], str] = {
 _PARTS = {(alias, len(parts)): parts for parts, aliases in _ALIASES.items() for alias in aliases.split()}
 
 
+def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> Array:
+    """Return K (3, 3) of focal lengths and a principal point, px."""
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
+
+
 def by_columns(entries: Sequence[Entry]) -> list[Entry]:
     """Transpose all 3 x 3 matrices if K is stored for row vectors, as by MATLAB."""
-    square = [e.value.reshape(3, 3) for e in entries if e.value.size == 9]
-    if not any(is_camera_matrix(each.T) and not is_camera_matrix(each) for each in square):
-        return list(entries)
-    return [Entry(e.name, e.value.reshape(3, 3).T if e.value.size == 9 else e.value) for e in entries]
+    turned = [Entry(e.name, e.value.reshape(3, 3).T) if e.value.size == 9 else e for e in entries]
+    pairs = zip(entries, turned, strict=True)
+    is_turned = any(as_camera_matrix(e.value) is None and as_camera_matrix(t.value) is not None for e, t in pairs)
+    return turned if is_turned else [*entries]
 
 
 def with_parts(entries: Sequence[Entry]) -> Iterator[Entry]:
@@ -58,7 +62,7 @@ def with_parts(entries: Sequence[Entry]) -> Iterator[Entry]:
 def _made(name: Name, parts: Mapping[str, float]) -> Iterator[Entry]:
     if {"fx", "cx", "cy"} <= parts.keys():
         yield Entry((*name, "K"), camera_matrix(parts["fx"], parts.get("fy", parts["fx"]), parts["cx"], parts["cy"]))
-    coefficients = parts.keys() & set(_COEFFICIENTS)
+    coefficients = parts.keys() & {*_COEFFICIENTS}
     if {"k1", "k2", "p1"} <= coefficients:
         last = max(map(_COEFFICIENTS.index, coefficients))
         names = _COEFFICIENTS[: next(count for count in (4, 5, 8, 12) if count > last)]

@@ -1,11 +1,12 @@
 """How one camera stands to another, by the poses that a calibration states."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from semisynth_gl.calibration.names import label_of, words_of
+from semisynth_gl.calibration.names import label_of, last_part, words_of
 from semisynth_gl.calibration.tree import Array, Name
 
 # What stands for a camera in the name of a pose; anything else is a body, an IMU or the world.
@@ -19,6 +20,15 @@ _FORMS = (
 )
 
 
+class Link(NamedTuple):
+    """A pose (4, 4) from one frame to another; ``sure`` says whether its direction is known."""
+
+    to: str
+    start: str
+    pose: Array
+    sure: bool = True
+
+
 def pose_of(turn: Array, shift: Array) -> Array:
     """Return the pose (4, 4) of a rotation (3, 3) and a translation of three numbers."""
     pose: Array = np.eye(4)
@@ -26,44 +36,36 @@ def pose_of(turn: Array, shift: Array) -> Array:
     return pose
 
 
-def right_from_left(poses: Mapping[Name, Array], cameras: tuple[str, str] | None) -> Array | None:
-    """Return the pose right_from_left, (4, 4), of the two cameras; None if the poses do not connect them.
+def link_of(name: Name, pose: Array, cameras: tuple[str, str] | None) -> Link:
+    """Return the link of a pose (4, 4): between the frames in its name, else between its camera and a common frame."""
+    if frames := frames_of(name, cameras):
+        return Link(*frames, pose)
+    # All poses of one name are against the same thing.
+    stem = re.sub(r"\d+|left|right", "", last_part(name).lower())
+    return Link(label_of(name, cameras), f"against {stem}", pose, sure=False)
 
-    Where names do not tell a pose's direction, it is the one that puts the right camera more to the right.
 
-    Args:
-        poses: poses (4, 4) by name: between cameras, along Kalibr's chain, or against a body.
-        cameras: labels of the left and the right camera; None for left and right, or the first two numbers.
+def right_from_left(links: Sequence[Link], cameras: tuple[str, str] | None) -> Array | None:
+    """Return the pose right_from_left, (4, 4), of the two cameras; None if the links do not connect them.
+
+    Links of unknown direction have the one that puts the right camera more to the right. ``cameras`` are the labels of
+    the left and the right camera; None for left and right, or the first two numbers.
     """
-    links = {name: frames_of(name, cameras) for name in poses}
-    frames = {frame for link in links.values() for frame in link or ()} | {label_of(name, cameras) for name in poses}
+    frames = {frame for link in links for frame in link[:2]}
     numbers = sorted((frame for frame in frames if frame.isdigit()), key=int)
     if cameras is None:
         cameras = ("left", "right") if len(numbers) < 2 or {"left", "right"} <= frames else (numbers[0], numbers[1])
     found = list[Array]()
     for turned in (False, True):
         known: dict[str, Array] = {cameras[0]: np.eye(4)}
-        for name, pose in [*poses.items()] * min(len(poses), 9):
-            # A pose without frames is one of a camera, against whatever all poses of this name are against.
-            stem = re.sub(r"\d+|left|right", "", _last_word(name).lower())
-            to, start = links[name] or (label_of(name, cameras), f"against {stem}")
-            way = pose if links[name] or not turned else np.linalg.inv(pose)
+        for to, start, pose, sure in [*links] * min(len(links), 9):
+            way = np.linalg.inv(pose) if turned and not sure else pose
             if start in known:
                 known.setdefault(to, way @ known[start])
             elif to in known:
                 known[start] = np.linalg.inv(way) @ known[to]
         found += [known[cameras[1]]] if cameras[1] in known else []
-    return more_rightwards(found)
-
-
-def more_rightwards(poses: Iterable[Array]) -> Array | None:
-    """Return the right_from_left pose (4, 4) whose right camera lies farthest to the right; None without poses."""
-    return min(poses, key=lambda pose: pose[0, 3] / (np.linalg.norm(pose[:3, 3]) or 1), default=None)
-
-
-def _last_word(name: Name) -> str:
-    """Return the last part of a name that is no number."""
-    return next((part for part in reversed(name) if not part.isdigit()), "")
+    return min(found, key=lambda pose: pose[0, 3] / (np.linalg.norm(pose[:3, 3]) or 1), default=None)
 
 
 def frames_of(name: Name, cameras: tuple[str, str] | None = None) -> tuple[str, str] | None:
@@ -71,7 +73,7 @@ def frames_of(name: Name, cameras: tuple[str, str] | None = None) -> tuple[str, 
 
     ``T_cam_imu`` in the section of cam1 leads from imu to 1.
     """
-    key = _last_word(name)
+    key = last_part(name)
     if key == "T_cn_cnm1":
         number = label_of(name[: name.index(key)])
         return (number, str(int(number) - 1)) if number.isdigit() else None
@@ -79,7 +81,7 @@ def frames_of(name: Name, cameras: tuple[str, str] | None = None) -> tuple[str, 
     if found is None:
         return None
     frames = [found["to"], found["start"]] if "to" in found.groupdict() else [each for each in found.groups() if each]
-    eyes = [frame for frame in frames if frame.isdigit() or _EYES & set(words_of((frame,)))]
+    eyes = [frame for frame in frames if frame.isdigit() or _EYES & {*words_of((frame,))}]
     to, start = (
         (label_of((frame,), cameras) or label_of(name, cameras)) if frame in eyes else frame.lower() for frame in frames
     )

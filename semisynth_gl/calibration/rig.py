@@ -1,4 +1,4 @@
-"""Rectified rigs: what OpenCV makes of raw ones, the checks of all calibrations, and ranges over several rigs."""
+"""Rigs: what a calibration says, OpenCV's rectification, checks of rectified pairs, and ranges over several rigs."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from semisynth_gl.calibration.arrays import StereoArrays, camera_matrix
-from semisynth_gl.calibration.kinds import Size, turned_size_fault
+from semisynth_gl.calibration.parts import camera_matrix
+from semisynth_gl.calibration.sizes import Size, upright
 from semisynth_gl.calibration.tree import Array
 from semisynth_gl.config.fields import LARGEST
-from semisynth_gl.frame.camera import Eye, StereoCamera
-from semisynth_gl.frame.raw_camera import RawCamera
+from semisynth_gl.frame.camera import EYES, Eye, StereoCamera
+from semisynth_gl.frame.raw_camera import LensModel, RawCamera
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.inputs.opencv import open_opencv
 
@@ -28,6 +28,38 @@ _LARGEST_ENTRY = LARGEST**2
 # OpenCV would shrink the middle.
 _WIDEST_FISHEYE = math.tan(math.radians(50))
 
+Pair = tuple[Array, Array]
+"""An array of the left eye, and one of the right eye."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoArrays:
+    """What a calibration says of a rig, by OpenCV's names; None for what it does not say.
+
+    Attributes:
+        size: size of the images.
+        k: camera matrices (3, 3) before rectification.
+        d: coefficients (N,) of both lenses in OpenCV's order.
+        model: their model.
+        r: rotation R (3, 3), right_from_left.
+        t_m: translation T (3,), metres.
+        rectification: R1 and R2, rectified_from_raw of both eyes, (3, 3).
+        p: projection matrices (3, 4) of the rectified images, the last column in pixels times metres.
+        notes: sentences on what was concluded and not read.
+        source: name of the file or files, for messages.
+    """
+
+    size: Size | None = None
+    k: Pair | None = None
+    d: Pair | None = None
+    model: LensModel | None = None
+    r: Array | None = None
+    t_m: Array | None = None
+    rectification: Pair | None = None
+    p: Pair | None = None
+    notes: tuple[str, ...] = ()
+    source: str = ""
+
 
 @dataclass(frozen=True, slots=True)
 class Rig:
@@ -37,14 +69,12 @@ class Rig:
         camera: the rectified cameras.
         source: name of the file or files, for messages.
         raw: the cameras before rectification; None where they are not known, or give rectified images by themselves.
-        lens_fault: why cameras that the calibration states cannot be used.
         notes: sentences on what was concluded from the calibration.
     """
 
     camera: StereoCamera
     source: str
     raw: Mapping[Eye, RawCamera] | None = None
-    lens_fault: str | None = None
     notes: tuple[str, ...] = ()
 
     @property
@@ -69,7 +99,7 @@ def stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None) -> Ste
     """Return a calibration with R1, R2, P1 and P2, which OpenCV's stereoRectify makes of K, D, R and T.
 
     Args:
-        arrays: a calibration with K and lenses of both cameras, R and T.
+        arrays: a calibration with K and D of both cameras, R and T.
         size: of the raw and of the rectified images.
         alpha: from 0, for images without borders, to 1, for as much of the raw images as they can show; None for
             OpenCV's default, but with a view of at most 100 degrees for a fisheye. A fisheye's is OpenCV's ``balance``.
@@ -78,8 +108,8 @@ def stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None) -> Ste
         ReadError: where the cameras have the same position, or one stands above the other.
         InputError: where OpenCV is missing.
     """
-    k, lenses, turn, shift_m = arrays.k, arrays.lenses, arrays.r, arrays.t_m
-    if k is None or lenses is None or turn is None or shift_m is None:
+    k, d, turn, shift_m = arrays.k, arrays.d, arrays.r, arrays.t_m
+    if k is None or d is None or turn is None or shift_m is None:
         raise ReadError(Path(arrays.source), "expected K and D of both cameras, R and T")
     cv2 = open_opencv("rectifying by R and T, as the calibration has no P1 and P2,")
     right_m, down_m, _ = (-turn.T @ shift_m).tolist()
@@ -90,12 +120,12 @@ def stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None) -> Ste
             f"left one and {down_m:.6g} m below it: turn the images of a vertical rig by a quarter, and calibrate the "
             "turned images",
         )
-    fisheye = lenses[0].model == "fisheye"
+    fisheye = arrays.model == "fisheye"
     chosen = {} if alpha is None else {"balance" if fisheye else "alpha": alpha}
     rectify = cv2.fisheye.stereoRectify if fisheye else cv2.stereoRectify
-    placed = tuple(size), np.array(turn), np.array(shift_m).reshape(3, 1)
-    of_eyes = (each for own, lens in zip(k, lenses, strict=True) for each in (own, lens.coefficients))
-    r1, r2, p1, p2, *_ = rectify(*of_eyes, *placed, flags=cv2.CALIB_ZERO_DISPARITY, **chosen)
+    shift = np.array(shift_m).reshape(3, 1)
+    flags = cv2.CALIB_ZERO_DISPARITY
+    r1, r2, p1, p2, *_ = rectify(k[0], d[0], k[1], d[1], tuple(size), turn, shift, flags=flags, **chosen)
     least_focal_px = size.width_px / 2 / _WIDEST_FISHEYE
     if alpha is None and fisheye and p1[0, 0] < least_focal_px:
         baseline_m = p2[0, 3] / p2[0, 0]
@@ -111,54 +141,63 @@ def rectified(arrays: StereoArrays, size: Size) -> Rig:
 
     Raises InputError where the pair is not rectified, the baseline is not above 0, or the size is one of turned images.
     """
-    source = arrays.source
     if arrays.p is None:
-        raise InputError(f"{source}: has no projection matrices")
+        raise InputError(f"{arrays.source}: has no projection matrices")
     left, right = arrays.p
-    baseline_m = _baseline_m(source, left, right)
     # The principal points of cameras that were turned a lot lie anywhere once they are rectified.
-    if (fault := turned_size_fault(size, *(arrays.k or arrays.p))) is not None:
-        raise InputError(f"{source}: {fault}")
-    (fx, _, cx_left, _), (_, fy, cy, _), _ = left.tolist()
+    if (turned := upright(size, arrays.k or arrays.p)) != size:
+        raise InputError(
+            f"{arrays.source}: the principal points are far from the centre of images of {size}, and near that of "
+            f"{turned}: the size is probably written as height, width: expected width, then height"
+        )
     try:
+        baseline_m = _baseline_m(left, right)
+        (fx, _, cx_left, _), (_, fy, cy, _), _ = left.tolist()
         camera = StereoCamera(*size, fx, baseline_m, cx_left, float(right[0, 2]), cy, fy_over_fx=fy / fx)
     except InputError as error:
-        raise InputError(f"{source}: {error}") from None
-    raw = arrays.raw_cameras(size)
-    if raw is not None and all(each.is_pinhole(camera, eye) for eye, each in raw.items()):
-        raw = None
-    return Rig(camera, source, raw, arrays.lens_fault, arrays.notes)
+        raise InputError(f"{arrays.source}: {error}") from None
+    raw = _raw_cameras(arrays, size)
+    is_rectified = all(each.is_pinhole(camera, eye) for eye, each in raw.items())
+    return Rig(camera, arrays.source, None if is_rectified else raw, arrays.notes)
 
 
-def _baseline_m(source: str, left: Array, right: Array) -> float:
+def _raw_cameras(arrays: StereoArrays, size: Size) -> dict[Eye, RawCamera]:
+    """Return the cameras before rectification; none if the calibration lacks K, D or R1 and R2."""
+    k, d, model, rectification = arrays.k, arrays.d, arrays.model, arrays.rectification
+    if k is None or d is None or model is None or rectification is None:
+        return {}
+    cameras: dict[Eye, RawCamera] = {}
+    for eye, matrix, coefficients, rotation in zip(EYES, k, d, rectification, strict=True):
+        (fx, _, cx), (_, fy, cy), _ = matrix.tolist()
+        rows = tuple(map(tuple, rotation.tolist()))
+        cameras[eye] = RawCamera(*size, fx, fy, cx, cy, model, tuple(coefficients.tolist()), rows)
+    return cameras
+
+
+def _baseline_m(left: Array, right: Array) -> float:
     """Return the baseline of two projection matrices; raises InputError where they are of no rectified pair.
 
     Both matrices of a rectified pair are K [I | t] with the same fx, fy and cy, and with t along x only.
     """
     (fx, *_), (_, fy, cy, _), _ = left.tolist()
-    fault = None
-    for matrix in (left, right):
-        if not ((np.abs(matrix) <= _LARGEST_ENTRY).all() and min(fx, fy) > 0):  # written so that nan fails too
-            raise InputError(f"{source}: a projection matrix holds {matrix.tolist()}: expected usable numbers")
-        off = np.abs(matrix[:, :3] - camera_matrix(fx, fy, matrix[0, 2], cy))
-        if off[1, 2] > _SAME_CY_PX or np.delete(off, 5).max() > _SAME_FOCAL * fx or off[2, 2] > _SAME_FOCAL:
-            fault = f"the projection matrices are {left[:, :3].tolist()} and {right[:, :3].tolist()}"
+    if not (np.abs((left, right)) <= _LARGEST_ENTRY).all() or min(fx, fy) <= 0:  # written so that nan fails too
+        raise InputError(f"the projection matrices hold {left.tolist()} and {right.tolist()}: expected usable numbers")
+    off = [np.abs(matrix[:, :3] - camera_matrix(fx, fy, matrix[0, 2], cy)) for matrix in (left, right)]
+    is_rectified = all(
+        (each <= [[_SAME_FOCAL * fx] * 3, [_SAME_FOCAL * fx] * 2 + [_SAME_CY_PX], [_SAME_FOCAL] * 3]).all()
+        for each in off
+    )
     # Translations t, metres; their difference is the right camera's position.
     left_m, right_m = (np.linalg.solve(matrix[:, :3], matrix[:, 3]) for matrix in (left, right))
     baseline_m, down_m, forward_m = map(float, left_m - right_m)
-    if np.hypot(down_m, forward_m) > _OFF_BASELINE * abs(baseline_m):
-        fault = fault or (
-            f"the right camera stands {baseline_m:g} m to the right of the left one, but also {down_m:g} m below and "
-            f"{forward_m:g} m in front of it"
-        )
-    if fault is not None:
+    if not is_rectified or np.hypot(down_m, forward_m) > _OFF_BASELINE * abs(baseline_m):
         raise InputError(
-            f"{source}: is not rectified: {fault}. Rectify first (OpenCV: stereoRectify), and give the calibration of "
-            "the rectified images"
+            f"is not rectified: the projection matrices are {left.tolist()} and {right.tolist()}. Rectify first "
+            "(OpenCV: stereoRectify), and give the calibration of the rectified images"
         )
     if baseline_m <= 0:
         raise InputError(
-            f"{source}: the baseline is {baseline_m:g} m: swap left and right, in the calibration and in your images"
+            f"the baseline is {baseline_m:g} m: swap left and right, in the calibration and in your images"
         )
     return baseline_m
 

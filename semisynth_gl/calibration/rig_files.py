@@ -5,11 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from semisynth_gl.calibration.adapters import ADAPTERS
-from semisynth_gl.calibration.arrays import UNITS, StereoArrays, models_of
-from semisynth_gl.calibration.finder import KEYS, Finder, Given, listing
-from semisynth_gl.calibration.kinds import Size
-from semisynth_gl.calibration.rig import Rig, rectified, stereo_rectify
-from semisynth_gl.calibration.tree import EXTENSIONS, FormatError, Tree, joined, read_tree
+from semisynth_gl.calibration.finder import KEYS, UNITS, Finder, Given
+from semisynth_gl.calibration.rig import Rig, StereoArrays, rectified, stereo_rectify
+from semisynth_gl.calibration.sizes import Size
+from semisynth_gl.calibration.tree import EXTENSIONS, FormatError, Tree, joined, listing, read_tree
 from semisynth_gl.inputs.arguments import check_one_of
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.textures.image_files import find_files
@@ -31,20 +30,14 @@ def read_rigs(
     no file has these, all files together give one rig. They are one file a camera, left first unless names say
     otherwise, or intrinsics and extrinsics.
 
-    Args:
-        sources: names of files, and globs.
-        size: size of the images, for files that do not state it; where a file does, both must be equal.
-        photographed: size of the rig's photographs, which chooses or stands for the size where files do not state it.
-        unit: as `calibrate` takes it, like all that follow.
-        alpha: see `stereo_rectify`.
-        cameras: of a file with more than two.
-        keys: names of values in the files by `KEYS`.
+    ``photographed`` is the size of the rig's photographs, which chooses or stands for the size where files do not state
+    it. The other arguments are those of `calibrate`.
 
     Raises:
         InputError: where there is no file, a rig is not rectified, or OpenCV is needed and missing.
         ReadError: where a file describes no rig, or contradicts itself.
     """
-    paths = _found(sources)
+    paths = [*dict.fromkeys(path for source in sources for path in _found(source))]
     if unit is not None:
         check_one_of("unit", unit, UNITS)
     if wrong := (keys or {}).keys() - {*KEYS}:
@@ -54,36 +47,14 @@ def read_rigs(
     trees = [read_tree(path) for path in paths]
     rigs = [each for tree, path in zip(trees, paths, strict=True) if (each := _arrays(tree, str(path), given))]
     if len(rigs) < len(paths):
-        rigs = [each for each in rigs if each.lenses and (each.r is not None or each.rectification)]
+        rigs = [each for each in rigs if each.d and (each.r is not None or each.rectification)]
     return [_rig(each, size, photographed, alpha) for each in rigs or [_joined(paths, trees, given)]]
 
 
-def _joined(paths: Sequence[Path], trees: Sequence[Tree], given: Given) -> StereoArrays:
-    """Return what files say together; where no name tells the eyes, the left camera's file comes first."""
-    source, stems = " and ".join(map(str, paths)), [path.stem for path in paths]
-    if len(set(stems)) < len(stems):
-        stems = [f"{path.absolute().parent.name}.{path.stem}" for path in paths]
-    wholes = [joined(trees, stems), joined(trees, [str(number + 1) for number in range(len(paths))])]
-    if len(paths) == 1:
-        wholes = [*trees]
-    for whole in wholes:
-        if (arrays := _arrays(whole, source, given)) is not None:
-            return arrays
-    texts = [text for name, value in wholes[0].items() for text in (*name, value) if isinstance(text, str)]
-    try:
-        models_of(texts)
-    except FormatError as error:
-        raise ReadError(Path(source), str(error)) from None
-    if any("reprojection error" in text for text in texts):
-        raise ReadError(Path(source), "is Kalibr's report: give the file with camchain in its name instead")
-    chosen = "" if given.cameras is None else f" {' and '.join(given.cameras)}"
-    raise ReadError(
-        Path(source),
-        f"describes no pair of cameras{chosen}. Expected P of both, or K, D, R and T, or K and a baseline. It has "
-        f"{listing(wholes[0])}. Add the file that has the rest; or say which value is which (--calib-keys), such as "
-        "K1=left.camera_matrix,D1=left.dist,K2=...,R=...,T=...; or give the focal length, the baseline and the size of "
-        "rectified images as numbers",
-    )
+def _found(source: str | Path) -> list[Path]:
+    if matches := find_files([source], EXTENSIONS):
+        return matches
+    raise InputError(f"{source}: no such file, nor a file with {', '.join(EXTENSIONS)} there", argument="calib")
 
 
 def _arrays(tree: Tree, source: str, given: Given) -> StereoArrays | None:
@@ -100,27 +71,31 @@ def _arrays(tree: Tree, source: str, given: Given) -> StereoArrays | None:
     return arrays and replace(arrays, source=source)
 
 
-def _found(sources: Sequence[str | Path]) -> list[Path]:
-    paths: dict[Path, None] = {}
-    for source in sources:
-        matches = find_files([source], EXTENSIONS)
-        if not matches:
-            raise InputError(f"{source}: no such file, nor a file with {', '.join(EXTENSIONS)} there", argument="calib")
-        paths |= dict.fromkeys(matches)
-    return [*paths]
+def _joined(paths: Sequence[Path], trees: Sequence[Tree], given: Given) -> StereoArrays:
+    """Return what files say together; where no name tells the eyes, the left camera's file comes first."""
+    source, names = " and ".join(map(str, paths)), [path.stem for path in paths]
+    if len({*names}) < len(names):
+        names = [f"{path.absolute().parent.name}.{path.stem}" for path in paths]
+    for prefixes in (names, [str(number) for number in range(1, len(paths) + 1)]) if len(paths) > 1 else ():
+        if (arrays := _arrays(joined(trees, prefixes), source, given)) is not None:
+            return arrays
+    chosen = "" if given.cameras is None else f" {' and '.join(given.cameras)}"
+    raise ReadError(
+        Path(source),
+        f"describes no pair of cameras{chosen}. Expected P of both, or K, D, R and T, or K and a baseline. It has "
+        f"{listing(joined(trees, names) if len(paths) > 1 else trees[0])}. Add the file that has the rest; or say "
+        "which value is which (--calib-keys), such as K1=left.camera_matrix,D1=left.dist,K2=...,R=...,T=...",
+    )
 
 
 def _rig(arrays: StereoArrays, size: Size | None, photographed: Size | None, alpha: float | None) -> Rig:
-    if arrays.size is None and size is None and photographed is not None:
-        size = photographed
-        arrays = replace(arrays, notes=(*arrays.notes, f"images are taken to be of {size}, as the photographs are"))
-    if arrays.size is not None and size is not None and arrays.size != size:
-        raise InputError(
-            f"{arrays.source} is for images of {arrays.size}, not {size}: leave the size out, or give the scale if "
-            "your images are reduced",
-            argument="size",
-        )
-    size = arrays.size or size
+    stated = arrays.size
+    if stated is not None and size not in {None, stated}:
+        text = f"{arrays.source} is for images of {stated}, not {size}: leave the size out, or give the scale"
+        raise InputError(text, argument="size")
+    if stated is None and size is None and photographed is not None:
+        arrays = replace(arrays, notes=(*arrays.notes, f"images are taken to be of {photographed}, as photographs are"))
+    size = stated or size or photographed
     if size is None:
         raise InputError(f"{arrays.source}: does not say how large the images are: give it", argument="size")
     if arrays.p is not None and alpha is not None:

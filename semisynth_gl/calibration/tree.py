@@ -4,13 +4,10 @@ import ast
 import io
 import json
 import re
-import zipfile
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
-from tokenize import TokenError
 from typing import Any
 from xml.etree import ElementTree as ET
 
@@ -20,7 +17,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from semisynth_gl.codecs import read_bytes
-from semisynth_gl.inputs.errors import ReadError
+from semisynth_gl.inputs.errors import ReadError, abbreviate
 from semisynth_gl.scene.rig import rotation_from_quaternion
 
 Array = NDArray[np.float64]
@@ -33,19 +30,15 @@ EXTENSIONS = (".txt", ".yaml", ".yml", ".json", ".xml", ".npz", ".npy", ".conf",
 
 # ruamel reads about 25 kB of YAML a second; an .npz may hold the corners of all photographs of a board.
 _LARGEST_BYTES, _LARGEST_YAML, _LARGEST_NUMPY, _MOST_VALUES = 1 << 20, 128 << 10, 256 << 20, 200_000
-# What NumPy raises for a damaged file, or for pickled objects, which may run code and are not opened.
-_NO_ARRAY = (
-    *(ValueError, EOFError, OSError, SyntaxError, TokenError, TypeError, MemoryError, OverflowError, RuntimeError),
-    *(KeyError, zipfile.BadZipFile, zlib.error),
-)
 # Name of the only value of a file, and the beginning of names of numbers without any.
 _WHOLE: Name = ("values",)
-UNNAMED = "numbers"
+_UNNAMED = "numbers"
 # Axes of a translation, of quaternions, and of a pose.
 _VECTORS = [tuple(axes.split()) for axes in ("x y z", "qx qy qz qw", "x y z w", "px py pz qx qy qz qw")]
 _BRACKETS = str.maketrans(dict.fromkeys("[](){},;", " "))
 # OpenCV's reader needs no space after a colon, YAML does.
 _NO_SPACE = re.compile(r"^([ \t]*(?:- )?[A-Za-z_][\w.-]*):(?=[^\s/])", re.MULTILINE)
+_LISTED = 40
 
 
 class FormatError(Exception):
@@ -59,7 +52,7 @@ def read_tree(path: Path) -> Tree:
         ReadError: where it cannot be read, or has no format that holds names and numbers.
     """
     try:
-        return dict(_arrays((), _parsed(path)))
+        return dict(_leaves((), _parsed(path)))
     except FormatError as error:
         raise ReadError(path, str(error)) from None
     except RecursionError:
@@ -75,6 +68,13 @@ def joined(trees: Sequence[Tree], prefixes: Sequence[str]) -> Tree:
     }
 
 
+def listing(tree: Tree) -> str:
+    """Return the arrays of a tree with their shapes, as text for a message."""
+    arrays = [(".".join(name), value.shape) for name, value in tree.items() if isinstance(value, np.ndarray)]
+    shown = [f"{name} ({' x '.join(map(str, shape)) or 'a number'})" for name, shape in arrays]
+    return abbreviate(shown, _LISTED) or "no numbers"
+
+
 def rotation_of_quaternion(quaternion: Array) -> Array:
     """Return the rotation (3, 3) of a quaternion x y z w of any length; nan for a length of 0."""
     with np.errstate(all="ignore"):
@@ -87,10 +87,7 @@ def _parsed(path: Path) -> Any:  # noqa: ANN401 - any nested value
     data = read_bytes(path, _LARGEST_NUMPY if suffix in {".npz", ".npy"} else _LARGEST_BYTES)
     if data.startswith((b"\x93NUMPY", b"PK")):
         return _numpy(data)
-    try:
-        text = data.decode("utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError:
-        raise FormatError("is neither text nor NumPy's .npz or .npy") from None
+    text = data.decode("utf-8-sig", "replace").replace("\r\n", "\n")
     with suppress(ValueError, SyntaxError, MemoryError, TypeError):
         if suffix == ".cameramodel":  # mrcal's, a literal of Python
             return ast.literal_eval(text)
@@ -107,17 +104,18 @@ def _parsed(path: Path) -> Any:  # noqa: ANN401 - any nested value
 
 
 def _numpy(data: bytes) -> Any:  # noqa: ANN401 - an array, or arrays by name
+    """Return what NumPy's file holds, without pickled objects, which may run code."""
     arrays = {}
     try:
         file = np.load(io.BytesIO(data), allow_pickle=False)
         if isinstance(file, np.ndarray):
             return file
         names = file.files if sum(each.file_size for each in file.zip.infolist()) < _LARGEST_NUMPY else []
-    except _NO_ARRAY as error:
-        raise FormatError(f"is no .npz or .npy without objects: {error}") from None
-    for name in names:
-        with suppress(*_NO_ARRAY):
-            arrays[name] = file[name]
+        for name in names:
+            with suppress(ValueError):  # objects
+                arrays[name] = file[name]
+    except Exception as error:  # noqa: BLE001 - NumPy raises a dozen kinds for damaged files
+        raise FormatError(f"is no .npz or .npy: {error}") from None
     return arrays
 
 
@@ -155,14 +153,14 @@ def _yaml(text: str) -> dict[str, Any] | None:
 def _lines(text: str) -> dict[str, Any]:
     """Return the values of text: sections, ``name: value``, ``name = value``, names above numbers, or only numbers.
 
-    Rows of numbers without a name are called by `UNNAMED`; a row of another length begins the next ones.
+    Rows of numbers without a name are called by `_UNNAMED`; a row of another length begins the next ones.
     """
     values: dict[str, Any] = {}
     section, name, rows = values, "", list[str]()
     for line in (each.strip() for each in (*text.splitlines(), "")):
-        numbers = _text_array(line) is not None
+        numbers = _numbers(line) is not None
         if rows and not (numbers and (name or len(rows[-1].split()) == len(line.split()))):
-            section[name or UNNAMED + "'" * len(values)] = " ".join(rows)
+            section[name or _UNNAMED + "'" * len(values)] = " ".join(rows)
             rows.clear()
         if numbers:
             rows.append(line)
@@ -172,7 +170,7 @@ def _lines(text: str) -> dict[str, Any]:
             sign = re.search("[=:]", line)
             name, _, value = line.partition(sign[0] if sign else " ")
             name, value = name.strip(), value.strip("; ")
-            if _text_array(value) is not None:
+            if _numbers(value) is not None:
                 rows.append(value)
             elif sign and value:
                 section[name] = value
@@ -188,7 +186,7 @@ def _nodes(node: Any) -> Iterator[Any]:  # noqa: ANN401 - any nested value
         yield from _nodes(child)
 
 
-def _arrays(name: Name, node: Any) -> Iterator[tuple[Name, Array | str]]:  # noqa: ANN401 - any nested value
+def _leaves(name: Name, node: Any) -> Iterator[tuple[Name, Array | str]]:  # noqa: ANN401 - any nested value
     array = _array(node)
     if array is not None and array.ndim > 1 and len(array) == 2 and array[0].size > 1:
         node, array = dict(enumerate(array)), None  # an array of each camera
@@ -198,15 +196,16 @@ def _arrays(name: Name, node: Any) -> Iterator[tuple[Name, Array | str]]:  # noq
         yield name or _WHOLE, str(node)[:100]
     elif isinstance(node, Mapping | list | tuple):
         for key, value in node.items() if isinstance(node, Mapping) else enumerate(node):
-            yield from _arrays((*name, *(part for part in str(key).split(".") if part)), value)
+            yield from _leaves((*name, *(part for part in str(key).split(".") if part)), value)
 
 
 def _array(node: Any) -> Array | None:  # noqa: ANN401 - any nested value
     """Return the array that a node stands for; None for a node of names or words."""
     if isinstance(node, str):
-        return _text_array(node)
+        return _numbers(node)
     if isinstance(node, Mapping):
-        return _mapping_array(node)
+        data = _array(node["data"]) if "data" in node else _axes_array(node)  # OpenCV's matrices have data
+        return data if data is None or "data" not in node else data.ravel()
     if isinstance(node, np.ndarray):
         return node.astype(np.float64) if node.dtype.kind in "iuf" and node.size < _MOST_VALUES else None
     with suppress(TypeError, ValueError, OverflowError):
@@ -214,23 +213,22 @@ def _array(node: Any) -> Array | None:  # noqa: ANN401 - any nested value
     return None
 
 
-def _text_array(text: str) -> Array | None:
+def _axes_array(node: Mapping[Any, Any]) -> Array | None:
+    """Return a vector (3,) of its axes' numbers, a quaternion's rotation (3, 3), or a pose (4, 4)."""
+    axes = next((axes for axes in _VECTORS if node.keys() == {*axes}), ())
+    numbers = _array([node[axis] for axis in axes])
+    if numbers is None or numbers.ndim != 1 or not axes:
+        return None
+    if len(axes) == 3:
+        return numbers
+    turn = rotation_of_quaternion(numbers[-4:])
+    return turn if len(axes) == 4 else np.vstack([np.column_stack([turn, numbers[:3]]), [0, 0, 0, 1]])
+
+
+def _numbers(text: str) -> Array | None:
     """Parse a text of numbers, brackets, commas and semicolons as an array (N,); None for other text."""
     try:
         numbers = np.array(text.translate(_BRACKETS).split(), np.float64)
     except ValueError:
         return None
     return numbers if numbers.size else None
-
-
-def _mapping_array(node: Mapping[Any, Any]) -> Array | None:
-    """Return the array of a mapping that is one: a matrix of OpenCV's, a vector, quaternion or pose by its axes."""
-    if "data" in node:
-        data = _array(node["data"])
-        return None if data is None else data.ravel()
-    for axes in _VECTORS:
-        numbers = _array([node[axis] for axis in axes]) if node.keys() == set(axes) else None
-        if numbers is not None and numbers.ndim == 1:
-            turn = rotation_of_quaternion(numbers[-4:]) if len(axes) > 3 else numbers
-            return turn if len(axes) < 5 else np.vstack([np.column_stack([turn, numbers[:3]]), [0, 0, 0, 1]])
-    return None

@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
-from semisynth_gl.calibration.arrays import UNITS
 from semisynth_gl.calibration.calibrate import calibrate as calibrate_rig
+from semisynth_gl.calibration.finder import UNITS
 from semisynth_gl.cli.options import (
     NATURAL,
     Command,

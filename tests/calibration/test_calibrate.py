@@ -17,11 +17,10 @@ from skimage.data import stereo_motorcycle
 from semisynth_gl.calibration.calibrate import calibrate
 from semisynth_gl.calibration.disparity_range import chosen_range, disparity_range, measured_range
 from semisynth_gl.calibration.draft import describe
-from semisynth_gl.calibration.kinds import Size
-from semisynth_gl.calibration.photographs import check_sizes
 from semisynth_gl.calibration.recipes import is_outdoors
 from semisynth_gl.calibration.rig import Rig, median_size, rig_ranges
 from semisynth_gl.calibration.rig_files import read_rigs
+from semisynth_gl.calibration.sizes import Size, check_sizes
 from semisynth_gl.calibration.write import write as write_draft
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.config import Range, load_config

@@ -33,10 +33,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shared_material import SHARED, needs_shared
 
-from semisynth_gl.calibration.arrays import StereoArrays
-from semisynth_gl.calibration.kinds import Size, turned_size_fault
-from semisynth_gl.calibration.rig import rectified
+from semisynth_gl.calibration.rig import StereoArrays, rectified
 from semisynth_gl.calibration.rig_files import read_rigs
+from semisynth_gl.calibration.sizes import Size, upright
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.raw_camera import vector_of
 from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
@@ -446,7 +445,7 @@ numbers = st.floats(1, 5000, allow_nan=False)
 def test_a_rectified_rig_in_any_format_is_read_back(tmp_path_factory, size, focal_px, baseline_m, centre):
     folder = tmp_path_factory.mktemp("rig")
     camera = StereoCamera(*size, focal_px, baseline_m, *centre)
-    assume(turned_size_fault(Size(*size), *matrices(camera)) is None)
+    assume(upright(Size(*size), matrices(camera)) == size)
     for name, text in RECTIFIED.items():
         (folder / name).write_text(text(camera))
         (rig,) = read_rigs([folder / name])
@@ -651,7 +650,6 @@ def m(old, new):
 
 SAME_POSES = basalt()
 SAME_POSES["value0"]["T_imu_cam"] = SAME_POSES["value0"]["T_imu_cam"][:1] * 2
-REPORT = "Calibration results\n===\ncam0 (/cam0/image_raw):\n    projection: [458.6 457.3 367.2 248.4] +- [0.2 0.2]\n"
 
 
 @pytest.mark.parametrize(
@@ -675,7 +673,6 @@ REPORT = "Calibration results\n===\ncam0 (/cam0/image_raw):\n    projection: [45
         (depthai("nowhere"), "describes no pair"),
         (depthai(lens=(np.full(14, 0.1),) * 2), "got 14: the last two, a tilted sensor's, must be 0"),
         (depthai() | {"stereoRectificationData": {}}, "leftCameraSocket: expected a number"),
-        (f"{REPORT}    reprojection error: [0, 0] +- [0.1, 0.1]\n", "Kalibr's report: give .* camchain"),
         ("fx: 3\n", r"describes no pair.*fx \(1\)"),
         ("a: !!python/object:os.system b\n", "no numbers"),
         ("[" * 100_000, "nested too deeply"),
@@ -761,7 +758,7 @@ TWO_MODELS = re.sub(r"cols: 5\n   dt: d\n   data: \[[^]]*", FOUR_OF_FISHEYE, ros
 def test_a_rectified_rig_does_without_a_lens_that_cannot_be_used(tmp_path, files, words):
     rig = read(tmp_path, files)
     assert rig.raw is None
-    assert re.search(words, str(rig.lens_fault))
+    assert any(re.search(f"the lenses were left out: .*{words}", note) for note in rig.notes)
 
 
 # What damages a number or a name: other values, other names, and nothing.
