@@ -111,4 +111,4 @@ def plain_rig(focal_px, baseline_m, width_px, height_px):
 
 def facts(rigs, disparity):
     """What a config is drafted from, with one photograph."""
-    return Draft("x", rigs, disparity, ["a"], "1", 256, untried_style(suitable_recipes(rigs, disparity)))
+    return Draft("x", rigs, disparity, ["a"], 256, untried_style(suitable_recipes(rigs, disparity)))

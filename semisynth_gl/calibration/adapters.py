@@ -4,8 +4,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from semisynth_gl.calibration.kinds import as_rotation
-from semisynth_gl.calibration.parts import camera_matrix
+from semisynth_gl.calibration.kinds import camera_matrix, is_rotation
 from semisynth_gl.calibration.poses import pose_of
 from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.calibration.tree import Array, FormatError, Tree
@@ -93,9 +92,9 @@ def depthai(tree: Tree, _size: Size | None) -> Format | None:
         }
         # The last camera of a chain leads to -1, with an empty rotation or one of zeros.
         turn, shift = (_array(tree, *values, "extrinsics", key) for key in ("rotationMatrix", "translation"))
-        if (rotation := as_rotation(turn)) is not None and shift.size == 3:
+        if (turn.size, shift.size) == (9, 3) and is_rotation(turn.reshape(3, 3)):
             there = int(_number(tree, *values, "extrinsics", "toCameraSocket", missing=-1))
-            made[f"T_{there}_{socket}",] = pose_of(rotation, shift / 100)
+            made[f"T_{there}_{socket}",] = pose_of(turn.reshape(3, 3), shift / 100)
     if not cameras:
         return None
     left, right = (int(_number(tree, "stereoRectificationData", f"{eye}CameraSocket")) for eye in ("left", "right"))

@@ -1,7 +1,7 @@
 """Making a config for `generate` from a rig's calibration and photographs."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from semisynth_gl.calibration.disparity_range import disparity_range
@@ -9,7 +9,6 @@ from semisynth_gl.calibration.draft import Draft, describe
 from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.calibration.sizes import Size, check_sizes, most_common_size, photograph_sizes
-from semisynth_gl.calibration.write import write
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config import Config
 from semisynth_gl.config.load import Overrides
@@ -52,7 +51,6 @@ def calibrate(
     size: tuple[int, int] | None = None,
     scale: float | None = None,
     unit: str | None = None,
-    calib_keys: Mapping[str, str] | None = None,
     cameras: tuple[str, str] | None = None,
     alpha: float | None = None,
     disparity: Files = (),
@@ -76,8 +74,6 @@ def calibrate(
         size: width and height of the images, px; by default what the calibration states, else the photographs' size.
         scale: size of the images relative to the calibrated size, such as 0.5 for half the width.
         unit: unit of the translation, ``"mm"``, ``"cm"`` or ``"m"``; by default the likeliest.
-        calib_keys: names of values in the files by K1, D1, R1, P1, K2, D2, R2, P2, R, T, Q and size, where their names
-            do not tell.
         cameras: names or numbers of the left and the right camera, of a calibration with more than two.
         alpha: how to rectify a calibration that does not say it, as OpenCV's stereoRectify takes it: from 0, for images
             without borders, to 1, for as much of the raw images as they can show; by default OpenCV's default, with a
@@ -110,22 +106,16 @@ def calibrate(
     given = [argument for argument, value in ranges.items() if value is not None]
     if len(given) > 1:
         raise InputError("expected only one of disparity maps, a range in px and a range in m", argument=given[-1])
-    _check_about_files(files, unit=unit, alpha=alpha, cameras=cameras, calib_keys=calib_keys or None)
-    photographed = [] if other_camera else photograph_sizes(find_images(sources))
+    photographs = find_images(sources)
+    sizes = photograph_sizes(photographs)
+    of_rig = [] if other_camera else sizes
     if files:
         if focal_px is not None or baseline_m is not None:
             text = "the calibration states it: leave it out"
             raise InputError(text, argument="baseline_m" if focal_px is None else "focal_px")
-        usual = most_common_size(photographed)
-        rigs = read_rigs(
-            files,
-            size=wanted,
-            photographed=usual and usual.scaled(1 / scale),
-            unit=unit,
-            alpha=alpha,
-            cameras=cameras,
-            keys=calib_keys,
-        )
+        usual = most_common_size(of_rig)
+        photographed = usual and usual.scaled(1 / scale)
+        rigs = read_rigs(files, size=wanted, photographed=photographed, unit=unit, alpha=alpha, cameras=cameras)
     elif focal_px is not None and baseline_m is not None and wanted is not None:
         camera = StereoCamera.centred(*wanted, focal_px, baseline_m)
         rigs = [Rig(camera, "the focal length, baseline and size given")]
@@ -133,11 +123,11 @@ def calibrate(
         missing = "focal_px" if focal_px is None else "baseline_m" if baseline_m is None else "size"
         raise InputError("missing: give a calibration, or focal length, baseline and size", argument=missing)
     notes = list(dict.fromkeys(note for rig in rigs for note in rig.notes))
-    check_sizes(photographed, [rig.size for rig in rigs], scale)
+    check_sizes(of_rig, [rig.size for rig in rigs], scale)
     rigs = [rig.scaled(scale) for rig in rigs]
     maps = map_files(names_of(disparity))
     disparities = disparity_range(rigs, maps, png_scale=png_scale, range_px=range_px, range_m=range_m)
-    draft = describe(name, rigs, sources, disparities, overrides)
+    draft = describe(name, rigs, sources, disparities, sizes, overrides)
     # Keys and photographs that cannot be used are reported before the trials; the dataset's patches are cached.
     atlas = prepare_atlas(draft.config().textures, Split(0))
     draft = replace(draft, grey=bool((atlas.layers[..., :3] == atlas.layers[..., :1]).all()))
@@ -150,23 +140,18 @@ def calibrate(
         draft = replace(draft, lenses={})
         notes.append(f"the lenses were left out: {error}")
     if trials:
-        place = measure_place(find_images(sources), maps, working_width(draft.size.width_px), png_scale)
+        place = measure_place(photographs, maps, working_width(draft.size.width_px), png_scale)
         # Imported here: loading OpenGL and models takes longer than writing a config without trials.
         from semisynth_gl.calibration.trial import fit  # noqa: PLC0415
 
         draft = fit(draft, place.values, trials, listener or Listener())
+    patches = counted(atlas.report.total("kept"), "patch")
+    source = f"{len(photographs)}{', all grey' * draft.grey}, which give {patches}"
     config = draft.config()
-    return Calibration(config, write(draft), _summary(draft, config, atlas.report.total("kept")), notes)
+    return Calibration(config, draft.text(), _summary(draft, config, source), notes)
 
 
-def _check_about_files(files: Sequence[str], **about: object) -> None:
-    """Refuse arguments about a calibration's files where there are none."""
-    for argument, value in about.items():
-        if value is not None and not files:
-            raise InputError("it is about a calibration's files: give them, or leave it out", argument=argument)
-
-
-def _summary(draft: Draft, config: Config, patches: int) -> list[str]:
+def _summary(draft: Draft, config: Config, photographs: str) -> list[str]:
     """Return lines about the disparities, photographs, scenes and textures of the config, overrides included."""
     disparity, style = config.disparity, draft.style
     distances = [
@@ -175,12 +160,12 @@ def _summary(draft: Draft, config: Config, patches: int) -> list[str]:
         for px in (disparity.min_px, disparity.max_px)
     ]
     mix = (f"{weight:.0%} {recipe['recipe']}" for weight, recipe in zip(style.weights, style.recipes, strict=True))
-    texels, blur = config.textures.texels_per_pixel, config.imperfections.blur_px
+    texels, blur_px = config.textures.texels_per_pixel, config.imperfections.blur_px.high
     mean_px = config.wanted_histogram().mean_px
     return [
         f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {mean_px:.2f} px",
         f"distance         {min(distances):.3g} to {max(distances):.3g} m",
-        f"photographs      {draft.photographs}{', all grey' * draft.grey}, which give {counted(patches, 'patch')}",
+        f"photographs      {photographs}",
         f"recipes          {', '.join(mix)}",
-        f"textures         {texels.low:g} to {texels.high:g} texels per pixel, blurred by {blur.high:g} px",
+        f"textures         {texels.low:g} to {texels.high:g} texels per pixel, blurred by {blur_px:g} px",
     ]

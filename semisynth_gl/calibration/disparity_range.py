@@ -12,7 +12,7 @@ from semisynth_gl.calibration.rig import Rig, median_size
 from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.histogram import Histogram, PixelCount
-from semisynth_gl.inputs.errors import InputError, abbreviate, counted
+from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.judge.place import read_map
 
 # Quantiles between which the range lies: predictions and lidar have a few values that are far off.
@@ -31,8 +31,6 @@ _EVEN_PART, _HUMP = 0.25, 1 / 6
 _FINE_PX = 1 / 16
 # Largest ratio of a map's shape to the rig's; beyond it, the map is hardly one of this rig.
 _MOST_SHAPE = 1.5
-# Largest number of maps that the sentence on the origin names.
-_NAMED = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +69,7 @@ def disparity_range(
     cameras = [rig.camera for rig in rigs]
     least_doffs_px = min(camera.doffs_px for camera in cameras)
     if maps:
-        origin = f"Measured from {counted(len(maps), 'disparity map')}: {abbreviate(list(map(str, maps)), _NAMED)}."
+        origin = f"Disparities measured from {counted(len(maps), 'map')}."
         return replace(measured_range(measure_maps(maps, rigs, png_scale), least_doffs_px), origin=origin)
     if range_px is not None:
         (low_px, high_px), origin = range_px, "the range given"
@@ -109,15 +107,12 @@ def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = 
         size = Size(*disparity.shape[::-1])
         scale = 1.0 if size in sizes else median.width_px / size.width_px
         largest = np.max(disparity, initial=-np.inf, where=np.isfinite(disparity))
-        if not -np.inf < largest <= size.width_px:
+        shape = size.height_px / size.width_px * median.width_px / median.height_px
+        if not (-np.inf < largest <= size.width_px and 1 / _MOST_SHAPE <= shape <= _MOST_SHAPE):
             raise InputError(
-                f"{path}: expected disparities, some above 0 and all below the {size.width_px} px of the map's width, "
-                f"got {largest:g} px at most. If a PNG has not {png_scale:g} levels per pixel, give its scale"
-            )
-        if not 1 / _MOST_SHAPE <= size.height_px / size.width_px * median.width_px / median.height_px <= _MOST_SHAPE:
-            raise InputError(
-                f"{path}: has {size} pixels, but the images of the calibration have {median}: expected maps of this "
-                "rig, of nearly the same shape"
+                f"{path}: has {size} pixels and disparities up to {largest:g} px: expected maps of nearly the shape of "
+                f"the rig's images, {median}, with disparities above 0 and below their width. If a PNG has not "
+                f"{png_scale:g} levels per pixel, give its scale"
             )
         count = PixelCount(edges)
         count.add(disparity * np.float32(scale))

@@ -1,23 +1,30 @@
-"""The draft of a config: what a rig, its photographs and its disparities tell, and the values that follow."""
+"""The draft of a config: what a rig, its photographs and its disparities tell, and the YAML that follows."""
 
 import math
 import re
+import sys
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from io import StringIO
 from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.nodes import ScalarNode, SequenceNode
+from ruamel.yaml.representer import RoundTripRepresenter
 
 from semisynth_gl.calibration.disparity_range import DisparityRange
 from semisynth_gl.calibration.recipes import Style, is_outdoors, suitable_recipes, untried_style
 from semisynth_gl.calibration.rig import Rig, median_size, rig_ranges
-from semisynth_gl.calibration.sizes import Size, photograph_sizes
+from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.config import Config
-from semisynth_gl.config.load import Overrides, parse_values
+from semisynth_gl.config.load import Overrides, overridden, parse_values
 from semisynth_gl.config.scene_sections import BackgroundSection, TexturesSection
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.frame.raw_camera import RawCamera, vector_of
+from semisynth_gl.inputs.errors import abbreviate
 from semisynth_gl.inputs.user_files import expanded
-from semisynth_gl.textures.image_files import find_images
-from semisynth_gl.textures.subjects import of_subjects, photographed_subjects
+from semisynth_gl.textures.image_files import printable
 
 # Largest side of large patches, px. Two dozen patches of this side take 100 MB.
 _LARGEST_SIDE = 1024
@@ -30,6 +37,8 @@ _SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH = 0.04, 0.28
 _WALL_UP_TO = 0.05
 # Ends of the far plane's disparities, as fractions of the way from the farthest possible disparity to min_px.
 _PLANE_OF_MIN = (0.1, 0.7)
+# Columns of the comment, and names of calibrations in it.
+_WIDTH, _SOURCES_SHOWN = 98, 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +50,6 @@ class Draft:
         rigs: the rigs.
         disparity: range and wanted histogram of disparity.
         images: the user's sources of photographs, as absolute paths.
-        photographs: text with the number of photographs and, if that differs, the number of their subjects.
         large_px: side of large patches.
         style: the mix of recipes and the look of surfaces.
         grey: whether all photographs are grey.
@@ -53,7 +61,6 @@ class Draft:
     rigs: Sequence[Rig]
     disparity: DisparityRange
     images: Sequence[str]
-    photographs: str
     large_px: int
     style: Style
     grey: bool = False
@@ -67,7 +74,83 @@ class Draft:
 
     def config(self) -> Config:
         """Return the config; raises InputError where its numbers make no valid one."""
-        return parse_values(config_values(self), f"{self.name}.yaml", self.overrides)
+        return parse_values(self.values(), f"{self.name}.yaml", self.overrides)
+
+    def values(self) -> dict[str, Any]:
+        """Return the config's values before the user's overrides: sections and keys in the YAML's order."""
+        disparity, ranges, width_px = self.disparity, rig_ranges(self.rigs), self.size.width_px
+        fy_over_fx = sum(ranges.pop("fy_over_fx")) / 2
+        smallest, largest = (round(part * width_px) for part in (_SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH))
+        values = {
+            "name": self.name,
+            "camera": {
+                "width_px": width_px,
+                "height_px": self.size.height_px,
+                **ranges,
+                "fy_over_fx": fy_over_fx if abs(fy_over_fx - 1) > _SQUARE else None,
+                "colour": "grey" if self.grey else None,
+            },
+            "lens": _lens(self.lenses) if self.lenses else None,
+            "outputs": ["visibility", "valid"] if self.lenses else None,
+            "disparity": {
+                "signed": disparity.signed or None,
+                "min_px": disparity.min_px,
+                "max_px": disparity.max_px,
+                "target": {
+                    "form": "histogram",
+                    "bin_px": disparity.bin_px,
+                    "first_px": float(disparity.target.edges_px[0]),
+                    "shares": [round(float(share), 4) for share in disparity.target.shares],
+                },
+            },
+            "background": _background(self, ranges),
+            "particles": {"size_px": (max(smallest, 1), max(largest, 2))},
+            "scenes": [
+                {"recipe": recipe["recipe"], "weight": weight, **recipe}
+                for recipe, weight in zip(self.style.recipes, self.style.weights, strict=True)
+            ],
+            "textures": {
+                "texels_per_pixel": self.style.texels_per_pixel,
+                "large_px": self.large_px,
+                "source": "images",
+                "images": list(self.images),
+            },
+            "imperfections": {"blur_px": self.style.blur_px},
+        }
+        made: dict[str, Any] = _rounded(values)
+        return made
+
+    def text(self) -> str:
+        """Return the config as YAML, below a comment on the origin of its numbers."""
+        yaml, text = YAML(), StringIO()
+        yaml.Representer, yaml.width = _Representer, sys.maxsize
+        yaml.indent(mapping=2, sequence=4, offset=2)
+        sources = abbreviate([*dict.fromkeys(rig.source for rig in self.rigs)], _SOURCES_SHOWN)
+        comment = f"{self.name}: written by semisynth-gl calibrate from {sources}."
+        comment = printable(f"{comment} {self.disparity.origin} {self.style.origin}")
+        text.writelines(f"# {line}\n" for line in textwrap.wrap(comment, _WIDTH))
+        for name, section in overridden(self.values(), self.overrides).items():
+            yaml.dump({name: section}, text)
+            text.write("\n")
+        return text.getvalue().rstrip("\n") + "\n"
+
+
+class _Representer(RoundTripRepresenter):
+    """Writes lists of numbers on one line, and text with unprintable letters in quotes.
+
+    Without quotes, a line break of Unicode in a file's name would be read as a space.
+    """
+
+    def represent_list(self, values: list[Any]) -> SequenceNode:
+        numbers = not any(isinstance(value, dict | str) for value in values)
+        return self.represent_sequence("tag:yaml.org,2002:seq", values, flow_style=numbers)
+
+    def represent_str(self, text: str) -> ScalarNode:
+        return self.represent_scalar("tag:yaml.org,2002:str", text, style=None if text.isprintable() else '"')
+
+
+_Representer.add_representer(list, _Representer.represent_list)
+_Representer.add_representer(str, _Representer.represent_str)
 
 
 def describe(
@@ -75,72 +158,25 @@ def describe(
     rigs: Sequence[Rig],
     images: Sequence[str],
     disparity: DisparityRange,
+    photographed: Sequence[Size],
     overrides: Overrides = (),
 ) -> Draft:
     """Describe a config without trials.
 
     Of ``name``, runs of characters other than ASCII letters and digits become one hyphen in the config's name.
-    ``images`` are files, folders and globs. Raises InputError where there is no photograph.
+    ``images`` are files, folders and globs with photographs of the sizes ``photographed``.
     """
-    photographs = find_images(images)
-    sides = sorted(map(min, photograph_sizes(photographs))) or [0]
-    subjects = len(photographed_subjects(photographs))
+    sides = sorted(map(min, photographed)) or [0]
     return Draft(
         re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-") or "calibrated",
         rigs,
         disparity,
         [str(expanded(path).absolute()) for path in images],
-        f"{len(photographs)}{of_subjects(len(photographs), subjects)}",
         max(min(sides[len(sides) // 2], median_size(rigs).width_px, _LARGEST_SIDE), TexturesSection().patch_px),
         untried_style(suitable_recipes(rigs, disparity)),
         lenses=(len(rigs) == 1 and rigs[0].raw) or {},
         overrides=overrides,
     )
-
-
-def config_values(draft: Draft) -> dict[str, Any]:
-    """Return the values of a draft's config, before the user's overrides: sections and keys in the YAML's order."""
-    style, disparity, ranges, width_px = draft.style, draft.disparity, rig_ranges(draft.rigs), draft.size.width_px
-    fy_over_fx = sum(ranges.pop("fy_over_fx")) / 2
-    smallest, largest = (round(part * width_px) for part in (_SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH))
-    values = {
-        "name": draft.name,
-        "camera": {
-            "width_px": width_px,
-            "height_px": draft.size.height_px,
-            **ranges,
-            "fy_over_fx": fy_over_fx if abs(fy_over_fx - 1) > _SQUARE else None,
-            "colour": "grey" if draft.grey else None,
-        },
-        "lens": _lens(draft.lenses) if draft.lenses else None,
-        "outputs": ["visibility", "valid"] if draft.lenses else None,
-        "disparity": {
-            "signed": disparity.signed or None,
-            "min_px": disparity.min_px,
-            "max_px": disparity.max_px,
-            "target": {
-                "form": "histogram",
-                "bin_px": disparity.bin_px,
-                "first_px": float(disparity.target.edges_px[0]),
-                "shares": [round(float(share), 4) for share in disparity.target.shares],
-            },
-        },
-        "background": _background(draft, ranges),
-        "particles": {"size_px": (max(smallest, 1), max(largest, 2))},
-        "scenes": [
-            {"recipe": recipe["recipe"], "weight": weight, **recipe}
-            for recipe, weight in zip(style.recipes, style.weights, strict=True)
-        ],
-        "textures": {
-            "texels_per_pixel": style.texels_per_pixel,
-            "large_px": draft.large_px,
-            "source": "images",
-            "images": list(draft.images),
-        },
-        "imperfections": {"blur_px": style.blur_px},
-    }
-    made: dict[str, Any] = _rounded(values)
-    return made
 
 
 def _lens(lenses: Mapping[Eye, RawCamera]) -> dict[str, Any]:

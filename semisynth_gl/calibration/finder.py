@@ -10,29 +10,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semisynth_gl.calibration.kinds import COEFFICIENT_WORDS, KINDS, are_numbers, as_pose
+from semisynth_gl.calibration.kinds import COEFFICIENT_WORDS, by_columns, camera_matrix, kind_of, with_parts
 from semisynth_gl.calibration.lenses import checked_coefficients, model_of
 from semisynth_gl.calibration.names import Entry, label_of, words_of
-from semisynth_gl.calibration.parts import by_columns, camera_matrix, with_parts
 from semisynth_gl.calibration.poses import Link, link_of, pose_of, right_from_left
 from semisynth_gl.calibration.rig import Pair, StereoArrays
-from semisynth_gl.calibration.sizes import Size, stated_sizes
-from semisynth_gl.calibration.tree import Array, FormatError, Tree, listing
+from semisynth_gl.calibration.sizes import Size, upright
+from semisynth_gl.calibration.tree import Array, FormatError, Tree
 from semisynth_gl.frame.raw_camera import LensModel
 
-KEYS = ("K1", "D1", "R1", "P1", "K2", "D2", "R2", "P2", "R", "T", "Q", "size")
-"""Names that a user can give to values of a file: OpenCV's, and the size of the images."""
 UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 """Metres per unit of a translation, by the unit's name."""
 
 # Largest baseline, m, that a number without a unit stands for; larger ones are in cm or in mm, whichever is nearer to
 # 12 cm, the baseline of most rigs.
 _LARGEST_M, _BETWEEN_CM_AND_MM = 2.5, 38.0
-_GIVEN = "given"
 # Words in names of derived arrays, such as the matrix of rectified images, which lie beside the calibrated ones.
 _DERIVED = "new|opt|rect|undist|roi|virtual"
 _BASELINE = r"(?:stereo)?baseline(?:lr)?(mm|cm|m|meters|metres)?|b|bl|numbers"
 _FOCAL_TIMES_BASELINE = {"bf", "fb", "focalxbaseline"}
+_LARGEST_SIDE_PX = 99_999
 # Relative tolerance for equal baselines; translations up to this length count as zero.
 _SAME_BASELINE, _NO_SHIFT_M = 0.02, 1e-6
 # Images of radial-tangential lenses are hardly wider than this times the focal length, 100 degrees.
@@ -40,9 +37,8 @@ _WIDE = 2.4
 
 
 class Given(NamedTuple):
-    """What a user says of a calibration: names of values by `KEYS`, two of several cameras, the unit and the size."""
+    """What a user says of a calibration: two of several cameras, the unit of lengths and the size of images."""
 
-    keys: Mapping[str, str]
     cameras: tuple[str, str] | None
     unit: str | None
     size: Size | None
@@ -55,11 +51,15 @@ class Finder:
         self.unit, self.user_size, self.notes, cameras = given.unit, given.size, list[str](), given.cameras
         self.cameras = cameras and (label_of(cameras[:1]) or cameras[0], label_of(cameras[1:]) or cameras[1])
         arrays = [Entry(name, value) for name, value in tree.items() if isinstance(value, np.ndarray)]
-        poses = [(entry.name, as_pose(entry.value)) for entry in arrays]
-        self.links = [link_of(name, pose, self.cameras) for name, pose in poses if pose is not None]
+        entries = [*with_parts(by_columns(arrays))]
+        kinds = [(entry, *found) for entry in entries if (found := kind_of(entry)) is not None]
+        self.links = [link_of(entry.name, pose, self.cameras) for entry, kind, pose in kinds if kind == "pose"]
+        self.entries = [entry for entry in entries if self._is_of_rig(entry.name)]
         self.texts = {name: value for name, value in tree.items() if self._is_of_rig(name)}
-        self.entries = [*with_parts(by_columns([each for each in arrays if self._is_of_rig(each.name)]))]
-        self.entries = [*(self._named(key, name, tree) for key, name in given.keys.items()), *self.entries]
+        self.found: dict[str, list[Entry]] = {}
+        for entry, kind, array in sorted(kinds, key=_unlikeliness):
+            if self._is_of_rig(entry.name):
+                self.found.setdefault(kind, []).append(Entry(entry.name, array))
 
     def arrays(self) -> StereoArrays | None:
         """Return the arrays that the tree has of a rig; None where they make no rig.
@@ -78,7 +78,7 @@ class Finder:
             return None
         if k is not None and k[0] is k[1] and pose is not None:
             self.notes.append("one K was taken for both cameras")
-        r, t_m, p = self._in_metres(pose, p)
+        pose, p = self._in_metres(pose, p)
         d = model = None
         if k is not None:
             try:
@@ -87,37 +87,17 @@ class Finder:
                 if p is None:
                     raise
                 self.notes.append(f"the lenses were left out: {error}")
-        return StereoArrays(size, k, d, model, r, t_m, rectification if p else None, p, tuple(self.notes))
+        return StereoArrays(size, k, d, model, pose, rectification if p else None, p, tuple(self.notes))
 
     def _is_of_rig(self, name: tuple[str, ...]) -> bool:
         return self.cameras is None or label_of(name, self.cameras, rotation=True) in {"", *self.cameras}
 
-    def _named(self, key: str, name: str, tree: Tree) -> Entry:
-        """Return an array that the user named, under a name that tells its kind and its eye."""
-        found = next((entry.value for entry in self.entries if ".".join(entry.name) == name), None)
-        if found is None:
-            raise FormatError(f"has no {name}, which {key} was to be: it has {listing(tree)}")
-        labels = self.cameras or ("left", "right")
-        eye = [labels[int(key[-1]) - 1]] if key[-1].isdigit() else []
-        return Entry((_GIVEN, *eye, key.rstrip("12")), found)
-
     # --- arrays of both eyes ---
-
-    def _fitting(self, key: str) -> list[Entry]:
-        """Return the arrays of a kind, the likeliest first."""
-        found = [(each, array) for each in self.entries if (array := KINDS[key](each)) is not None]
-
-        def unlikeliness(pair: tuple[Entry, Array]) -> tuple[bool, bool, bool, int]:
-            entry, array = pair
-            is_vector = entry.value.size != array.size  # of a rotation
-            return entry.name[0] != _GIVEN, entry.has(_DERIVED) == (key in "KD"), is_vector, len(entry.name)
-
-        return [Entry(each.name, array) for each, array in sorted(found, key=unlikeliness)]
 
     def _of(self, key: str, *, raw: bool = False) -> dict[str, Entry]:
         """Return the arrays of a kind by eye or number of the camera; if ``raw``, none of rectified cameras."""
         found: dict[str, Entry] = {}
-        for each in self._fitting(key):
+        for each in self.found.get(key, ()):
             if not (raw and each.has("rect")):
                 found.setdefault(label_of(each.name, self.cameras, rotation=key == "R"), each)
         return found
@@ -157,8 +137,8 @@ class Finder:
         # Calibrations of one camera against the other keep R and T beside the second camera.
         return next(iter(pairs.values())) if found is None and len(pairs) == 1 else found
 
-    def _in_metres(self, pose: Array | None, p: Pair | None) -> tuple[Array | None, Array | None, Pair | None]:
-        """Return R, T and the projections in metres; where their baselines differ, the translation's counts.
+    def _in_metres(self, pose: Array | None, p: Pair | None) -> tuple[Array | None, Pair | None]:
+        """Return R and T, and the projections, in metres; where their baselines differ, the translation's counts.
 
         DrivingStereo's small images have projections of twice the baseline.
         """
@@ -172,14 +152,14 @@ class Finder:
         if self.unit is None and unit != "m":
             self.notes.append(f"the cameras are {length:g} apart, taken for {unit}: if that is wrong, give --unit")
         scale = (1, 1, 1, length_m / (baseline or 1))
-        turn, shift_m = (None, None) if pose is None else (pose[:3, :3], pose[:3, 3] * UNITS[unit])
-        return turn, shift_m, p and (p[0] * scale, p[1] * scale)
+        pose_m = None if pose is None else pose_of(pose[:3, :3], pose[:3, 3] * UNITS[unit])
+        return pose_m, p and (p[0] * scale, p[1] * scale)
 
     # --- projections of rectified images ---
 
     def _right_alone(self) -> Pair | None:
         """Derive both projections from a lone right P; the left one is P without its last column."""
-        found = self._fitting("P")
+        found = self.found.get("P", ())
         left = "left" if self.cameras is None else self.cameras[0]
         if len(found) != 1 or label_of(found[0].name, self.cameras) == left or found[0].value[0, 3] == 0:
             return None
@@ -196,7 +176,7 @@ class Finder:
             if raw is None and any(each.value.any() for each in self._of("D").values()):
                 self.notes.append("D was left out: with a baseline and without R, images are taken to be rectified")
             return _projections(*of, baseline), raw
-        for _, q in self._fitting("Q"):
+        for _, q in self.found.get("Q", ()):
             # Q's last row ends in -1 / Tx and (cx - cx') / Tx.
             left, right = (
                 camera_matrix(q[2, 3], q[2, 3], cx, -q[1, 3]) for cx in (-q[0, 3], q[3, 3] / q[3, 2] - q[0, 3])
@@ -207,7 +187,7 @@ class Finder:
     def _baseline(self, focal_px: float) -> float | None:
         """Return a stated baseline in the file's unit: it, its product with the focal length, or a number alone."""
         for entry in self.entries:
-            if not are_numbers(entry.value, 1):
+            if entry.value.size != 1 or not np.isfinite(entry.value).all():
                 continue
             value = abs(float(entry.value.ravel()[0]))
             if found := re.fullmatch(_BASELINE, entry.key):
@@ -256,8 +236,15 @@ class Finder:
 
     def _size(self, k: Pair | None, p: Pair | None) -> tuple[Size | None, str | None]:
         """Return the size of the images, and why the raw images cannot be used if they have another size."""
-        entries = [entry for entry in self.entries if entry.name == (_GIVEN, "size")] or self.entries
-        rectified, raw = (stated_sizes(entries, [*(k or ()), *(p or ())], rectified=of) for of in (True, False))
+        sizes: dict[bool, list[Size]] = {True: [], False: []}
+        for entry in self.found.get("size", ()):
+            width, height = entry.value.tolist()
+            if not all(0 <= side <= _LARGEST_SIDE_PX and side == int(side) for side in (width, height)):
+                raise FormatError(f"expected a width and height of whole pixels, got {width:g} x {height:g}")
+            size = upright(Size(int(width), int(height)), [*(k or ()), *(p or ())])
+            if width and height and size not in sizes[entry.has("rect")]:  # 0 x 0 is OpenCV's unknown size
+                sizes[entry.has("rect")].append(size)
+        rectified, raw = sizes[True], sizes[False]
         fault = None
         if p is not None and rectified and raw and rectified[0] != raw[0]:
             fault = f"expected raw images of {rectified[0]}, as rectified ones, got {raw[0]}"
@@ -265,6 +252,13 @@ class Finder:
         if len(known) > 1:
             raise FormatError(f"has images of {known[0]} and of {known[1]}: expected one size of both cameras")
         return (known[0] if known else None), fault
+
+
+def _unlikeliness(found: tuple[Entry, str, Array]) -> tuple[bool, bool, int]:
+    """Return how unlikely an array is the calibrated one of its kind, or of rotations the rectifying one."""
+    entry, kind, array = found
+    is_vector = entry.value.size != array.size  # of a rotation
+    return entry.has(_DERIVED) == (kind in "KD"), is_vector, len(entry.name)
 
 
 def _projections(left: Array, right: Array, baseline: float) -> Pair:

@@ -1,92 +1,144 @@
-"""The kinds of arrays in calibrations, told by their numbers, and by words where numbers do not tell."""
+"""Kinds of arrays in calibrations, told by their numbers, and by names where numbers do not tell.
 
-from collections.abc import Callable, Mapping
+Camera matrices, lenses and sizes may also be single numbers, such as fx and cx, k1 and p1, or vectors of them.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from semisynth_gl.calibration.names import Entry
-from semisynth_gl.calibration.tree import Array, rotation_of_quaternion
+from semisynth_gl.calibration.names import LEFT, RIGHT, Entry, words_of
+from semisynth_gl.calibration.tree import Array, Name, rotation_of_quaternion
 from semisynth_gl.frame.raw_camera import rotation_of
 
 # Numbers are printed with six digits.
 _PRINTED = 1e-4
 _LARGEST = 1e9
+# Beginnings of words in names, and names of sizes in letters only.
 COEFFICIENT_WORDS = "d$|dist|coef|kc|radtan|equidistant"
 """Beginnings of words in names of a lens's coefficients, as a regular expression."""
 _TRANSLATION = "t$|tr$|trans|trns|tvec|shift|position"
+_SIZE = r"(image|img|im|imager|frame)?size|(image)?resolution|srect|s|wh|dimensions|((image|img)?shape|hw)"
+_OTHER_SIZES = "board|pattern|chess|checker|grid|tag|marker|roi|crop"
+_COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")
+# Names, without separators, of K's entries, of D's in OpenCV's order, of sides of images, and of vectors of them.
+_ALIASES: dict[tuple[str, ...], str] = {
+    ("fx",): "fx fcx focallengthx focalx flx mu fu focallengthpx focalpx f focal focallength",
+    ("fy",): "fy fcy focallengthy focaly fly mv fv",
+    ("cx",): "cx ccx ppx u0 cu principalpointx opticalcenterx px0",
+    ("cy",): "cy ccy ppy v0 cv principalpointy opticalcentery py0",
+    **{(name,): name for name in _COEFFICIENTS},
+    ("width",): "width imagewidth imgwidth imagew w cols resx",
+    ("height",): "height imageheight imgheight imageh h rows resy",
+    ("fx", "fy", "cx", "cy"): "intrinsics intrinsic intrinsicsvector projectionparameters cameramatrix k",
+    ("fx", "fy"): "fc focallength focal focallengths",
+    ("cx", "cy"): "cc principalpoint opticalcenter",
+    ("k1", "k2"): "radialdistortion",
+    ("k1", "k2", "k3"): "radialdistortion",
+    ("p1", "p2"): "tangentialdistortion",
+}
+_PARTS = {(alias, len(parts)): parts for parts, aliases in _ALIASES.items() for alias in aliases.split()}
 
 
-def are_numbers(value: Array, *counts: int) -> bool:
-    """Return whether an array has one of the numbers of entries, all finite and of usable magnitude."""
-    return value.size in counts and bool((np.abs(value) <= _LARGEST).all())  # written so that nan fails too
+def kind_of(entry: Entry) -> tuple[str, Array] | None:
+    """Return an entry's kind and its array of that kind; None for other things.
 
-
-def as_rotation(value: Array) -> Array | None:
-    """Return nine numbers as a rotation (3, 3), None if they are none."""
-    if not are_numbers(value, 9):
-        return None
-    r = value.reshape(3, 3)
-    return r if np.allclose(r @ r.T, np.eye(3), atol=_PRINTED) and np.linalg.det(r) > 0 else None
-
-
-def as_camera_matrix(value: Array) -> Array | None:
-    """Return nine numbers as [fx s cx; 0 fy cy; 0 0 1], None if they are none."""
-    if not are_numbers(value, 9):
-        return None
-    k = value.reshape(3, 3)
-    return k if min(k[0, 0], k[1, 1]) > 1 and np.abs([k[1, 0], *(k[2] - (0, 0, 1))]).sum() < _PRINTED else None
-
-
-def as_pose(value: Array) -> Array | None:
-    """Return 12 or 16 numbers as a pose (4, 4), None if they are none."""
-    if not are_numbers(value, 12, 16):
-        return None
-    pose = np.vstack([value.reshape(-1, 4), [0, 0, 0, 1]])
-    is_pose = as_rotation(pose[:3, :3]) is not None and np.allclose(pose[3:], (0, 0, 0, 1))
-    return pose[:4] if is_pose else None
-
-
-def _rotation(entry: Entry) -> Array | None:
-    """Return a rotation from a matrix, or by its name from a rotation vector or a quaternion."""
+    Kinds are K, R (3, 3), P (3, 4), Q, pose (4, 4), T (3,), D (N,) in OpenCV's order, and size (2,), width first.
+    """
     value = entry.value.ravel()
-    if value.size == 9 or not entry.is_rotation:
-        return as_rotation(value)
-    if are_numbers(value, 3) and np.linalg.norm(value) < 2 * np.pi:
+    if not (np.abs(value) <= _LARGEST).all():  # written so that nan fails too
+        return None
+    return _kind_of_matrix(value) or _kind_by_name(entry, value)
+
+
+def _kind_of_matrix(value: Array) -> tuple[str, Array] | None:
+    if value.size == 9:
+        square = value.reshape(3, 3)
+        return ("K", square) if is_camera_matrix(square) else ("R", square) if is_rotation(square) else None
+    if value.size not in (12, 16):
+        return None
+    rows = value.reshape(-1, 4)
+    if len(rows) == 3 and is_camera_matrix(rows[:, :3]):
+        return "P", rows
+    if len(rows) == 4 and rows[0, 0] == rows[1, 1] == 1 and rows[2, 3] > 1 and rows[3, 2] and not rows[2, :3].any():
+        return "Q", rows
+    is_pose = is_rotation(rows[:3, :3]) and np.allclose(rows[3:], (0, 0, 0, 1))
+    return ("pose", np.vstack([rows[:3], (0, 0, 0, 1)])) if is_pose else None
+
+
+def _kind_by_name(entry: Entry, value: Array) -> tuple[str, Array] | None:
+    count = value.size
+    if entry.is_rotation and (rotation := _rotation(value)) is not None:
+        return "R", rotation
+    if max(entry.value.shape, default=0) == count and count in (0, *range(4, 33)) and entry.has(COEFFICIENT_WORDS):
+        return "D", value
+    if count == 3 and entry.has(_TRANSLATION) and not entry.is_rotation:
+        return "T", value
+    if count in (2, 3, 4) and not entry.has(_OTHER_SIZES) and (named := re.fullmatch(_SIZE, entry.key)):
+        return "size", value[:2][:: -1 if named[4] else 1]  # shapes are of height and width
+    return None
+
+
+def is_camera_matrix(k: Array) -> bool:
+    """Return whether (3, 3) numbers are [fx s cx; 0 fy cy; 0 0 1]."""
+    return bool(min(k[0, 0], k[1, 1]) > 1 and np.abs([k[1, 0], *(k[2] - (0, 0, 1))]).sum() < _PRINTED)
+
+
+def is_rotation(r: Array) -> bool:
+    """Return whether (3, 3) numbers are a rotation."""
+    return np.allclose(r @ r.T, np.eye(3), atol=_PRINTED) and bool(np.linalg.det(r) > 0)
+
+
+def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> Array:
+    """Return K (3, 3) of focal lengths and a principal point, px."""
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
+
+
+def _rotation(value: Array) -> Array | None:
+    """Return the rotation of a rotation vector, or of a quaternion whose part that is nearly 1, w, is first or last."""
+    if value.size == 3 and np.linalg.norm(value) < 2 * np.pi:
         x, y, z = value.tolist()
         return np.array(rotation_of((x, y, z)))
-    # The part of a quaternion that is nearly 1 is w, which is the first or the last one.
-    if are_numbers(value, 4) and abs(np.linalg.norm(value) - 1) < 1e-3 and np.abs(value[[0, 3]]).max() > 0.9:
+    if value.size == 4 and abs(np.linalg.norm(value) - 1) < 1e-3 and np.abs(value[[0, 3]]).max() > 0.9:
         return rotation_of_quaternion(value if abs(value[3]) > abs(value[0]) else np.roll(value, -1))
     return None
 
 
-def _coefficients(entry: Entry) -> Array | None:
-    in_a_row = max(entry.value.shape, default=0) == entry.value.size != 1
-    fitting = in_a_row and are_numbers(entry.value, 0, *range(4, 33)) and entry.has(COEFFICIENT_WORDS)
-    return entry.value.ravel() if fitting else None
+def by_columns(entries: Sequence[Entry]) -> Sequence[Entry]:
+    """Transpose all 3 x 3 matrices if K is stored for row vectors, as by MATLAB."""
+    turned = [Entry(e.name, e.value.reshape(3, 3).T) if e.value.size == 9 else e for e in entries]
+    is_turned = (is_camera_matrix(e.value) and not is_camera_matrix(e.value.T) for e in turned if e.value.size == 9)
+    return turned if any(is_turned) else entries
 
 
-def _translation(entry: Entry) -> Array | None:
-    is_shift = are_numbers(entry.value, 3) and entry.has(_TRANSLATION) and not entry.is_rotation
-    return entry.value.ravel() if is_shift else None
+def with_parts(entries: Sequence[Entry]) -> Iterator[Entry]:
+    """Yield entries, and what numbers make together: fx and cx a camera matrix, k1 and k2 a lens."""
+    groups: dict[tuple[Name, str], dict[str, float]] = {}
+    for entry in entries:
+        yield entry
+        words, value = words_of(entry.name[-1:]), entry.value.ravel()
+        eye = next((word for word in words if word in LEFT | RIGHT), "")
+        key = "".join(word for word in words if word not in LEFT | RIGHT)
+        if value.size == 1 and (key, 1) not in _PARTS and (numbered := re.fullmatch(r"([a-z]+)(\d)", key)):
+            key, eye = numbered[1], numbered[2]
+        for part, number in zip(_PARTS.get((key, value.size), ()), value.tolist(), strict=False):
+            groups.setdefault((entry.name[:-1], eye), {}).setdefault(part, number)
+    both = {name for name, eye in groups if eye}  # where numbers without an eye are of both
+    for (name, eye), own in groups.items():
+        if eye or name not in both:
+            yield from _made((*name, eye) if eye else name, groups.get((name, ""), {}) | own)
 
 
-def _projection(entry: Entry) -> Array | None:
-    p = entry.value.reshape(3, 4) if are_numbers(entry.value, 12) else None
-    return None if p is None or as_camera_matrix(p[:, :3]) is None else p
-
-
-def _reprojection(entry: Entry) -> Array | None:
-    q = entry.value.reshape(4, 4) if are_numbers(entry.value, 16) else np.zeros((4, 4))
-    return q if q[0, 0] == q[1, 1] == 1 and q[2, 3] > 1 and q[3, 2] != 0 and not q[2, :3].any() else None
-
-
-KINDS: Mapping[str, Callable[[Entry], Array | None]] = {
-    "K": lambda entry: as_camera_matrix(entry.value),
-    "D": _coefficients,
-    "R": _rotation,
-    "P": _projection,
-    "Q": _reprojection,
-    "T": _translation,
-}
-"""Functions that return an entry as an array of a kind, by OpenCV's names, or None; R1, R2 and R are of one kind."""
+def _made(name: Name, parts: Mapping[str, float]) -> Iterator[Entry]:
+    if {"fx", "cx", "cy"} <= parts.keys():
+        yield Entry((*name, "K"), camera_matrix(parts["fx"], parts.get("fy", parts["fx"]), parts["cx"], parts["cy"]))
+    if {"width", "height"} <= parts.keys():
+        yield Entry((*name, "size"), np.array([parts["width"], parts["height"]]))
+    coefficients = parts.keys() & {*_COEFFICIENTS}
+    if {"k1", "k2", "p1"} <= coefficients:
+        last = max(map(_COEFFICIENTS.index, coefficients))
+        names = _COEFFICIENTS[: next(count for count in (4, 5, 8, 12) if count > last)]
+        yield Entry((*name, "radtan"), np.array([parts.get(each, 0.0) for each in names]))
+    elif coefficients in ({"k1", "k2", "k3", "k4"}, {"k2", "k3", "k4", "k5"}):
+        yield Entry((*name, "equidistant"), np.array([parts[each] for each in sorted(coefficients)]))

@@ -3,17 +3,16 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
-from semisynth_gl.calibration.parts import camera_matrix
-from semisynth_gl.calibration.sizes import Size, upright
+from semisynth_gl.calibration.kinds import camera_matrix
+from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.calibration.tree import Array
 from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.frame.camera import EYES, Eye, StereoCamera
 from semisynth_gl.frame.raw_camera import LensModel, RawCamera
-from semisynth_gl.inputs.errors import InputError, ReadError
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.opencv import open_opencv
 
 # Largest differences between equal values, relative and in px: the rounding of calibrations that are printed with six
@@ -41,8 +40,7 @@ class StereoArrays:
         k: camera matrices (3, 3) before rectification.
         d: coefficients (N,) of both lenses in OpenCV's order.
         model: their model.
-        r: rotation R (3, 3), right_from_left.
-        t_m: translation T (3,), metres.
+        pose_m: R and T as one pose (4, 4), right_from_left, metres.
         rectification: R1 and R2, rectified_from_raw of both eyes, (3, 3).
         p: projection matrices (3, 4) of the rectified images, the last column in pixels times metres.
         notes: sentences on what was concluded and not read.
@@ -53,8 +51,7 @@ class StereoArrays:
     k: Pair | None = None
     d: Pair | None = None
     model: LensModel | None = None
-    r: Array | None = None
-    t_m: Array | None = None
+    pose_m: Array | None = None
     rectification: Pair | None = None
     p: Pair | None = None
     notes: tuple[str, ...] = ()
@@ -95,37 +92,58 @@ class Rig:
         return replace(self, camera=camera, raw=raw)
 
 
-def stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None) -> StereoArrays:
-    """Return a calibration with R1, R2, P1 and P2, which OpenCV's stereoRectify makes of K, D, R and T.
+def make_rig(arrays: StereoArrays, size: Size, alpha: float | None = None) -> Rig:
+    """Return the rig of a calibration, with images of ``size``, by its P1 and P2 or else by OpenCV's stereoRectify.
 
-    Args:
-        arrays: a calibration with K and D of both cameras, R and T.
-        size: of the raw and of the rectified images.
-        alpha: from 0, for images without borders, to 1, for as much of the raw images as they can show; None for
-            OpenCV's default, but with a view of at most 100 degrees for a fisheye. A fisheye's is OpenCV's ``balance``.
+    ``alpha`` is stereoRectify's, from 0, for images without borders, to 1, for as much of the raw images as they can
+    show, and a fisheye's ``balance``; None for OpenCV's default, but with a view of at most 100 degrees for a fisheye.
 
     Raises:
-        ReadError: where the cameras have the same position, or one stands above the other.
-        InputError: where OpenCV is missing.
+        InputError: where a calibration with P1 and P2 is not rectified, the baseline is not above 0, the cameras have
+            the same position or one stands above the other, or OpenCV is missing.
     """
-    k, d, turn, shift_m = arrays.k, arrays.d, arrays.r, arrays.t_m
-    if k is None or d is None or turn is None or shift_m is None:
-        raise ReadError(Path(arrays.source), "expected K and D of both cameras, R and T")
+    source, p, rectification = arrays.source, arrays.p, arrays.rectification
+    if p is None:
+        p, rectification = _stereo_rectify(arrays, size, alpha)
+        source = f"{source}, rectified by stereoRectify"
+    elif alpha is not None:
+        raise InputError(f"{source} states how its images are rectified: leave it out", argument="alpha")
+    left, right = p
+    try:
+        baseline_m = _baseline_m(left, right)
+        (fx, _, cx_left, _), (_, fy, cy, _), _ = left.tolist()
+        camera = StereoCamera(*size, fx, baseline_m, cx_left, float(right[0, 2]), cy, fy_over_fx=fy / fx)
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+    raw = dict[Eye, RawCamera]()
+    if arrays.k is not None and arrays.d is not None and arrays.model is not None and rectification is not None:
+        for eye, k, d, rotation in zip(EYES, arrays.k, arrays.d, rectification, strict=True):
+            (fx, _, cx), (_, fy, cy), _ = k.tolist()
+            rows = tuple(map(tuple, rotation.tolist()))
+            raw[eye] = RawCamera(*size, fx, fy, cx, cy, arrays.model, tuple(d.tolist()), rows)
+    is_rectified = all(each.is_pinhole(camera, eye) for eye, each in raw.items())
+    return Rig(camera, source, None if is_rectified else raw, arrays.notes)
+
+
+def _stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None) -> tuple[Pair, Pair]:
+    """Return P1 and P2, and R1 and R2, which OpenCV's stereoRectify makes of K, D, R and T."""
+    k, d, pose_m = arrays.k, arrays.d, arrays.pose_m
+    if k is None or d is None or pose_m is None:
+        raise InputError(f"{arrays.source}: expected K and D of both cameras, R and T")
     cv2 = open_opencv("rectifying by R and T, as the calibration has no P1 and P2,")
-    right_m, down_m, _ = (-turn.T @ shift_m).tolist()
+    turn, shift_m = pose_m[:3, :3].copy(), pose_m[:3, 3:].copy()  # OpenCV wants arrays in one piece
+    right_m, down_m, _ = (-turn.T @ shift_m).ravel().tolist()
     if abs(right_m) <= abs(down_m):
-        raise ReadError(
-            Path(arrays.source),
-            f"expected cameras apart and side by side, but the right one stands {right_m:.6g} m to the right of the "
-            f"left one and {down_m:.6g} m below it: turn the images of a vertical rig by a quarter, and calibrate the "
-            "turned images",
+        raise InputError(
+            f"{arrays.source}: expected cameras apart and side by side, but the right one is {right_m:.6g} m to the "
+            f"right of the left one and {down_m:.6g} m below it: turn images of a vertical rig by a quarter, and "
+            "calibrate these"
         )
     fisheye = arrays.model == "fisheye"
     chosen = {} if alpha is None else {"balance" if fisheye else "alpha": alpha}
     rectify = cv2.fisheye.stereoRectify if fisheye else cv2.stereoRectify
-    shift = np.array(shift_m).reshape(3, 1)
     flags = cv2.CALIB_ZERO_DISPARITY
-    r1, r2, p1, p2, *_ = rectify(k[0], d[0], k[1], d[1], tuple(size), turn, shift, flags=flags, **chosen)
+    r1, r2, p1, p2, *_ = rectify(k[0], d[0], k[1], d[1], tuple(size), turn, shift_m, flags=flags, **chosen)
     least_focal_px = size.width_px / 2 / _WIDEST_FISHEYE
     if alpha is None and fisheye and p1[0, 0] < least_focal_px:
         baseline_m = p2[0, 3] / p2[0, 0]
@@ -133,45 +151,7 @@ def stereo_rectify(arrays: StereoArrays, size: Size, alpha: float | None) -> Ste
         p1[:2, 2] = (np.array(size) - 1) / 2
         p2 = p1.copy()
         p2[0, 3] = baseline_m * p2[0, 0]
-    return replace(arrays, source=f"{arrays.source}, rectified by stereoRectify", rectification=(r1, r2), p=(p1, p2))
-
-
-def rectified(arrays: StereoArrays, size: Size) -> Rig:
-    """Check the projection matrices of a calibration, and return their rig, with images of ``size``.
-
-    Raises InputError where the pair is not rectified, the baseline is not above 0, or the size is one of turned images.
-    """
-    if arrays.p is None:
-        raise InputError(f"{arrays.source}: has no projection matrices")
-    left, right = arrays.p
-    # The principal points of cameras that were turned a lot lie anywhere once they are rectified.
-    if (turned := upright(size, arrays.k or arrays.p)) != size:
-        raise InputError(
-            f"{arrays.source}: the principal points are far from the centre of images of {size}, and near that of "
-            f"{turned}: the size is probably written as height, width: expected width, then height"
-        )
-    try:
-        baseline_m = _baseline_m(left, right)
-        (fx, _, cx_left, _), (_, fy, cy, _), _ = left.tolist()
-        camera = StereoCamera(*size, fx, baseline_m, cx_left, float(right[0, 2]), cy, fy_over_fx=fy / fx)
-    except InputError as error:
-        raise InputError(f"{arrays.source}: {error}") from None
-    raw = _raw_cameras(arrays, size)
-    is_rectified = all(each.is_pinhole(camera, eye) for eye, each in raw.items())
-    return Rig(camera, arrays.source, None if is_rectified else raw, arrays.notes)
-
-
-def _raw_cameras(arrays: StereoArrays, size: Size) -> dict[Eye, RawCamera]:
-    """Return the cameras before rectification; none if the calibration lacks K, D or R1 and R2."""
-    k, d, model, rectification = arrays.k, arrays.d, arrays.model, arrays.rectification
-    if k is None or d is None or model is None or rectification is None:
-        return {}
-    cameras: dict[Eye, RawCamera] = {}
-    for eye, matrix, coefficients, rotation in zip(EYES, k, d, rectification, strict=True):
-        (fx, _, cx), (_, fy, cy), _ = matrix.tolist()
-        rows = tuple(map(tuple, rotation.tolist()))
-        cameras[eye] = RawCamera(*size, fx, fy, cx, cy, model, tuple(coefficients.tolist()), rows)
-    return cameras
+    return (p1, p2), (r1, r2)
 
 
 def _baseline_m(left: Array, right: Array) -> float:

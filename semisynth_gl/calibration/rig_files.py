@@ -1,12 +1,12 @@
 """Calibration files to rigs: any file becomes a tree of names, an adapter or the names give the arrays."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from semisynth_gl.calibration.adapters import ADAPTERS
-from semisynth_gl.calibration.finder import KEYS, UNITS, Finder, Given
-from semisynth_gl.calibration.rig import Rig, StereoArrays, rectified, stereo_rectify
+from semisynth_gl.calibration.finder import UNITS, Finder, Given
+from semisynth_gl.calibration.rig import Rig, StereoArrays, make_rig
 from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.calibration.tree import EXTENSIONS, FormatError, Tree, joined, listing, read_tree
 from semisynth_gl.inputs.arguments import check_one_of
@@ -22,7 +22,6 @@ def read_rigs(
     unit: str | None = None,
     alpha: float | None = None,
     cameras: tuple[str, str] | None = None,
-    keys: Mapping[str, str] | None = None,
 ) -> list[Rig]:
     """Read rectified rigs from calibration files and globs, in the order of the files.
 
@@ -40,14 +39,11 @@ def read_rigs(
     paths = [*dict.fromkeys(path for source in sources for path in _found(source))]
     if unit is not None:
         check_one_of("unit", unit, UNITS)
-    if wrong := (keys or {}).keys() - {*KEYS}:
-        names = ", ".join(KEYS)
-        raise InputError(f"{min(wrong)}: expected one of {names}, equal to a name in the file", argument="calib_keys")
-    given = Given(keys or {}, cameras, unit, size or photographed)
+    given = Given(cameras, unit, size or photographed)
     trees = [read_tree(path) for path in paths]
     rigs = [each for tree, path in zip(trees, paths, strict=True) if (each := _arrays(tree, str(path), given))]
     if len(rigs) < len(paths):
-        rigs = [each for each in rigs if each.d and (each.r is not None or each.rectification)]
+        rigs = [each for each in rigs if each.d and (each.pose_m is not None or each.rectification)]
     return [_rig(each, size, photographed, alpha) for each in rigs or [_joined(paths, trees, given)]]
 
 
@@ -59,8 +55,7 @@ def _found(source: str | Path) -> list[Path]:
 
 def _arrays(tree: Tree, source: str, given: Given) -> StereoArrays | None:
     try:
-        found = (adapter(tree, given.size) for adapter in ADAPTERS if not given.keys)
-        if known := next((each for each in found if each is not None), None):
+        if known := next((each for adapter in ADAPTERS if (each := adapter(tree, given.size)) is not None), None):
             if given.unit is not None:
                 raise ReadError(Path(source), "its format states the unit: leave the unit out")
             tree, pair = known
@@ -76,15 +71,16 @@ def _joined(paths: Sequence[Path], trees: Sequence[Tree], given: Given) -> Stere
     source, names = " and ".join(map(str, paths)), [path.stem for path in paths]
     if len({*names}) < len(names):
         names = [f"{path.absolute().parent.name}.{path.stem}" for path in paths]
-    for prefixes in (names, [str(number) for number in range(1, len(paths) + 1)]) if len(paths) > 1 else ():
-        if (arrays := _arrays(joined(trees, prefixes), source, given)) is not None:
+    numbers = [str(number) for number in range(1, len(paths) + 1)]
+    wholes = [*trees] if len(paths) == 1 else [joined(trees, names), joined(trees, numbers)]
+    for whole in wholes:
+        if (arrays := _arrays(whole, source, given)) is not None:
             return arrays
     chosen = "" if given.cameras is None else f" {' and '.join(given.cameras)}"
     raise ReadError(
         Path(source),
         f"describes no pair of cameras{chosen}. Expected P of both, or K, D, R and T, or K and a baseline. It has "
-        f"{listing(joined(trees, names) if len(paths) > 1 else trees[0])}. Add the file that has the rest; or say "
-        "which value is which (--calib-keys), such as K1=left.camera_matrix,D1=left.dist,K2=...,R=...,T=...",
+        f"{listing(wholes[0])}. Add the file that has the rest; or call the values K1, D1, K2, D2, R, T and image_size",
     )
 
 
@@ -98,6 +94,4 @@ def _rig(arrays: StereoArrays, size: Size | None, photographed: Size | None, alp
     size = stated or size or photographed
     if size is None:
         raise InputError(f"{arrays.source}: does not say how large the images are: give it", argument="size")
-    if arrays.p is not None and alpha is not None:
-        raise InputError(f"{arrays.source} states how its images are rectified: leave it out", argument="alpha")
-    return rectified(stereo_rectify(arrays, size, alpha) if arrays.p is None else arrays, size)
+    return make_rig(arrays, size, alpha)

@@ -1,27 +1,17 @@
-"""Sizes of images: those that a calibration states, and those of photographs."""
+"""Sizes of images and photographs."""
 
-import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from semisynth_gl.calibration.kinds import are_numbers
-from semisynth_gl.calibration.names import Entry, label_of
-from semisynth_gl.calibration.tree import Array, FormatError, Name
+from semisynth_gl.calibration.tree import Array
 from semisynth_gl.inputs.errors import InputError, abbreviate, counted
 from semisynth_gl.textures.images import ImageError, stored_size
 
-_LARGEST_SIDE_PX = 99_999
 # A principal point farther from the centre than this, as a fraction of the side, may be that of another size.
 _NEAR_CENTRE = 0.1
-# Names of sizes, letters only.
-_WIDTHS = ("width", "imagewidth", "imgwidth", "imagew", "w", "cols", "resx")
-_HEIGHTS = ("height", "imageheight", "imgheight", "imageh", "h", "rows", "resy")
-_SIZE = r"(image|img|im|imager|frame)?size|(image)?resolution|srect|s|wh|dimensions|(image|img)?shape|hw"
-# Words in names of sizes of other things.
-_OTHERS = "board|pattern|chess|checker|grid|tag|marker|roi|crop"
 _SIZES_SHOWN = 3
 
 
@@ -37,28 +27,6 @@ class Size(NamedTuple):
     def scaled(self, scale: float) -> "Size":
         """Return the size times a factor, rounded to whole pixels."""
         return Size(*(max(1, int(side * scale + 0.5)) for side in self))
-
-
-def stated_sizes(entries: Iterable[Entry], matrices: Sequence[Array], *, rectified: bool) -> list[Size]:
-    """Return the different sizes of rectified or of raw images, `upright`; 0 x 0 is OpenCV's unknown size.
-
-    Raises FormatError where a side is no number of pixels.
-    """
-    sides: dict[Name, list[float]] = {}
-    for entry in entries:
-        value = entry.value.ravel()
-        if not are_numbers(value, 1, 2, 3, 4) or entry.has(_OTHERS) or entry.has("rect") != rectified:
-            continue
-        if value.size > 1 and re.fullmatch(_SIZE, entry.key):
-            sides[entry.name] = value[:2].tolist()[:: -1 if entry.key.endswith(("shape", "hw")) else 1]
-        elif value.size == 1 and entry.key in (*_WIDTHS, *_HEIGHTS):
-            found = sides.setdefault((*entry.name[:-1], label_of(entry.name)), [0.0, 0.0])
-            found[entry.key in _HEIGHTS] = float(value[0])
-    for width, height in sides.values():
-        if not all(0 <= side <= _LARGEST_SIDE_PX and side == int(side) for side in (width, height)):
-            raise FormatError(f"expected a width and height of whole pixels, got {width:g} x {height:g}")
-    sizes = (Size(int(width), int(height)) for width, height in sides.values() if width and height)
-    return [*dict.fromkeys(upright(size, matrices) for size in sizes)]
 
 
 def upright(size: Size, matrices: Sequence[Array]) -> Size:

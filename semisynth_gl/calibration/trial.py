@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from semisynth_gl.calibration.draft import Draft, config_values
+from semisynth_gl.calibration.draft import Draft
 from semisynth_gl.calibration.recipes import TEXELS, Style, untried_style
 from semisynth_gl.config.load import parse_values
 from semisynth_gl.inputs.errors import InputError
@@ -51,7 +51,7 @@ def fit(draft: Draft, place: Values, pairs: int, listener: Listener) -> Draft:
     tried = [
         recipes[r] | {"recipe": name, "textures": {"texels_per_pixel": TEXELS[k]}} for name, (r, k) in cells.items()
     ]
-    values = config_values(replace(draft, style=untried_style(tried)))
+    values = replace(draft, style=untried_style(tried)).values()
     # Recipes without layers get targets of their own: solving them for what a mix lacks takes long.
     wanted = {"target": values["disparity"].pop("target")}
     for recipe in values["scenes"]:

@@ -21,7 +21,6 @@ from semisynth_gl.calibration.recipes import is_outdoors
 from semisynth_gl.calibration.rig import Rig, median_size, rig_ranges
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.calibration.sizes import Size, check_sizes
-from semisynth_gl.calibration.write import write as write_draft
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.config import Range, load_config
 from semisynth_gl.frame.camera import StereoCamera
@@ -59,7 +58,7 @@ def test_scaling_keeps_rays():
 
 @pytest.mark.parametrize(("ratio", "written"), [(1.0, None), (1 + 9e-7, None), (1 - 2e-6, 1 - 2e-6), (1.2, 1.2)])
 def test_a_config_gets_both_focal_lengths_unless_they_differ_by_rounding(ratio, written):
-    camera = parse_config(write_draft(facts([Rig(replace(CAMERA, fy_over_fx=ratio), "x")], chosen_range(2, 60)))).camera
+    camera = parse_config(facts([Rig(replace(CAMERA, fy_over_fx=ratio), "x")], chosen_range(2, 60)).text()).camera
     assert camera.fy_over_fx == pytest.approx(written or 1.0, rel=1e-9, abs=0)
     assert camera.focal_px == Range(994.978, 994.978)
 
@@ -107,7 +106,7 @@ def test_far_pixels_make_a_scene_an_outdoor_one(disparities, outdoors):
 def test_every_kind_of_scene_has_recipes_that_a_config_takes():
     found = measured_range(Histogram.from_counts((19.4, 62), [1.0]))
     for baseline_m, kind in ((0.1, "room"), (4, "street")):
-        recipes = parse_config(write_draft(facts([plain_rig(1000, baseline_m, 640, 480)], found))).recipes()
+        recipes = parse_config(facts([plain_rig(1000, baseline_m, 640, 480)], found).text()).recipes()
         assert sum(recipe.share for recipe in recipes) == pytest.approx(1)
         shown = {name for name in ("room", "street") if any(getattr(each.config.background, name) for each in recipes)}
         assert shown == {kind}
@@ -161,7 +160,9 @@ def test_a_table_top_becomes_a_dataset_that_verifies(tmp_path, program):
     # Two surfaces and one jump a row are next to nothing floating.
     shares = {recipe.name: recipe.share for recipe in config.recipes()}
     assert shares["clutter"] == pytest.approx(0.05)
-    assert "# Weights by trial pairs beside the disparity maps." in (tmp_path / "table.yaml").read_text()
+    assert "Weights by trial pairs beside the disparity maps." in (tmp_path / "table.yaml").read_text().replace(
+        "\n# ", " "
+    )
     assert f"recipes          {', '.join(f'{share:.0%} {name}' for name, share in shares.items())}" in out
     assert f"blurred by {config.imperfections.blur_px.low:g} px" in out
     assert program("generate", "--config", "table.yaml", "--out", "table", "--pairs", 5)[0] == 0
@@ -178,7 +179,9 @@ def test_keys_that_are_set_are_written_beside_the_comments(tmp_path, program):
     assert program(*given, "--trials", 0, "--out", "set.yaml", *settings)[0] == 0
     plain, changed = (load_config(tmp_path / name) for name in ("plain.yaml", "set.yaml"))
     assert changed == load_config(tmp_path / "plain.yaml", keys) != plain
-    assert "# A wide and smooth histogram over the range given" in (tmp_path / "set.yaml").read_text()
+    assert "A wide and smooth histogram over the range given" in (tmp_path / "set.yaml").read_text().replace(
+        "\n# ", " "
+    )
     for key in ("camera.widht_px=3", "scenes=[]"):
         code, _, err = program(*given, "--trials", 1, "--out", "no.yaml", "--set", key)
         assert code == 2
@@ -197,8 +200,8 @@ def test_whatever_files_are_called_the_yaml_is_read_back(tmp_path_factory, name)
     except OSError:
         return
     rig = Rig(StereoCamera.centred(30, 20, 40.0, 0.1), str(photograph))
-    found = describe(name, [rig], [str(photograph)], disparity_range([rig], range_px=(1, 10)))
-    config = load_config(write(folder, "config.yaml", write_draft(found)))
+    found = describe(name, [rig], [str(photograph)], disparity_range([rig], range_px=(1, 10)), [rig.size])
+    config = load_config(write(folder, "config.yaml", found.text()))
     assert config.textures.images == (str(photograph),)
 
 
@@ -246,16 +249,6 @@ def test_a_real_pair_becomes_a_config_that_renders(program, tmp_path, monkeypatc
     assert program(*given, "--overwrite")[0] == 0
 
 
-def test_both_views_of_a_pair_are_one_subject(tmp_path):
-    for number in range(2):
-        folder = photographs(tmp_path / f"photos/scene{number}", 2, (300, 300), 2 * number)
-        for eye in (0, 1):
-            (folder / f"photo{2 * number + eye}.png").rename(folder / f"im{eye}.png")
-    rig = {"focal_px": 700, "baseline_m": 0.12, "size": (640, 480), "range_px": (2, 96)}
-    made = calibrate(tmp_path / "photos", **rig, other_camera=True, trials=0)
-    assert any(line.startswith("photographs      4 of 2 subjects, which give") for line in made.summary)
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -263,7 +256,6 @@ def test_both_views_of_a_pair_are_one_subject(tmp_path):
         ("--focal-px 700 --baseline-m -0.1 --size 741x500", ["--baseline-m: must be 0 or from"]),
         ("--focal-px 700 --baseline-m 0.1 --size 741", ["--size 741", "1280x720"]),
         ("--focal-px 700 --baseline-m 0.1 --size 741x500", ["--range-px: missing", "disparity maps"]),
-        ("--focal-px 700 --baseline-m 0.1 --size 741x500 --range-px 1 4 --unit mm", ["--unit: it is about"]),
         ("--calib calib.txt --focal-px 7", ["--focal-px: "]),
         ("--calib calib.txt --range-px 1e-9 2e-9", ["expected ends that differ by 2.2e-05"]),
         ("--calib calib.txt --range-px 1 4 --disparity x.pfm", ["--disparity: expected only one of"]),

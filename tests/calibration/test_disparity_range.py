@@ -13,7 +13,6 @@ from PIL import Image
 from semisynth_gl.calibration.disparity_range import chosen_range, disparity_range, measure_maps, measured_range
 from semisynth_gl.calibration.recipes import untried_style
 from semisynth_gl.calibration.rig import Rig
-from semisynth_gl.calibration.write import write as write_draft
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation
@@ -42,9 +41,9 @@ def test_maps_say_where_there_is_no_value(tmp_path):
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        (np.full((30, 40), np.nan), ["expected disparities, some above 0"]),
-        (np.full((30, 40), 512.0), ["got 512 px at most", "the 40 px of the map", "256 levels per pixel"]),
-        (np.ones((40, 30)), ["has 30 x 40 pixels", "40 x 30", "maps of this rig"]),
+        (np.full((30, 40), np.nan), ["disparities above 0"]),
+        (np.full((30, 40), 512.0), ["up to 512 px", "256 levels per pixel"]),
+        (np.ones((40, 30)), ["has 30 x 40 pixels", "40 x 30"]),
     ],
 )
 def test_maps_that_fit_no_rig_are_refused_with_their_numbers(tmp_path, values, words):
@@ -78,7 +77,7 @@ def test_maps_of_several_sizes_count_at_the_rigs_width(tmp_path):
     # A map that has the size of one of several rigs is taken as it is.
     large = plain_rig(60, 0.1, 80, 60)
     assert measure_maps(paths[1:2], [SMALL, large]).mean_px == pytest.approx(0.06 * 80, abs=0.05)
-    assert disparity_range([SMALL], paths).origin.startswith("Measured from 4 disparity maps: ")
+    assert disparity_range([SMALL], paths).origin.startswith("Disparities measured from 4 maps")
 
 
 @settings(max_examples=100, deadline=None)
@@ -115,7 +114,7 @@ def test_nothing_of_a_config_lies_beyond_infinity(doffs_px, wider_px, beyond_px,
         farthest = -doffs_px if found.signed else max(-doffs_px, 0)
         known = facts([Rig(camera, "x") for camera in cameras], found)
         # The recipes' numbers are looked at below: a config takes much longer to read with them.
-        config = parse_config(write_draft(replace(known, style=untried_style(known.style.recipes[-1:]))))
+        config = parse_config(replace(known, style=untried_style(known.style.recipes[-1:])).text())
         assert farthest < config.disparity.min_px < positive + span
         if config.background.plane:
             planes = config.background.plane_disparity_px
@@ -183,6 +182,6 @@ def test_a_range_of_distances_is_that_of_their_disparities(focal_px, baseline_m,
 
 @pytest.mark.parametrize(("low_px", "signed"), [(7, False), (-20, True), (0, True)])
 def test_ranges_may_begin_below_zero(low_px, signed):
-    text = write_draft(facts([Rig(CAMERA, "x")], disparity_range([Rig(CAMERA, "x")], range_px=(low_px, 60))))
+    text = facts([Rig(CAMERA, "x")], disparity_range([Rig(CAMERA, "x")], range_px=(low_px, 60))).text()
     assert ("\n  signed: true\n" in text) == signed
     assert f"\n  min_px: {low_px}\n" in text
