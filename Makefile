@@ -58,7 +58,7 @@ ablation-textures: setup  ## procedural textures, photographs, and with IMAGES= 
 
 # Lint's complaints do not keep the tests from running: one run shows all that is wrong.
 .PHONY: test
-test: $(VENV)/.dev  ## lint, and the tests without PyTorch, Ray and site, on EGL and OSMesa where they are installed
+test: $(VENV)/.dev  ## lint, and the tests without PyTorch and Ray, on EGL and OSMesa where they are installed
 	@sh tools/system-packages.sh $(VENV)/bin/python $(opengl)
 	@sh tools/browser-packages.sh
 	@status=0; \
@@ -70,7 +70,7 @@ test: $(VENV)/.dev  ## lint, and the tests without PyTorch, Ray and site, on EGL
 # everybody, or for nobody. EXAMPLES=4711 tries others.
 EXAMPLES ?= $(shell printf %d 0x$$(git rev-parse --short=7 HEAD 2>/dev/null || echo 0))
 .PHONY: test-heavy
-test-heavy: $(VENV)/.heavy  ## tests with PyTorch and Ray (GBs to download), of the site, and property tests on random examples
+test-heavy: $(VENV)/.heavy  ## tests with PyTorch and Ray (GBs to download), and property tests on random examples
 	@sh tools/browser-packages.sh
 	$(VENV)/bin/mypy
 	$(VENV)/bin/python -m pytest --numprocesses auto --dist worksteal -m "heavy or hypothesis" \

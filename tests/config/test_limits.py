@@ -10,9 +10,8 @@ from pydantic import BaseModel, ValidationError
 
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.cli import semisynth_gl
-from semisynth_gl.config import Config, Range, load_config
-from semisynth_gl.dataset.plan import make_plan
-from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
+from semisynth_gl.config import Config, Range
+from semisynth_gl.inputs.errors import ReadError, SemisynthError
 
 DIGITS = "9" * 5000
 
@@ -52,7 +51,7 @@ def test_every_number_of_a_config_has_limits():
     assert [each for each in numbers for value in values if not is_refused(*each, value)] == []
 
 
-# The command line and plans
+# The command line
 
 
 def commands(group=semisynth_gl):
@@ -73,11 +72,6 @@ def test_every_number_of_the_command_line_has_limits():
         for value in (DIGITS, "1" + "0" * 30, "1e300", "inf", "nan", "-1e300"):
             with pytest.raises(click.BadParameter):
                 pytest.fail(f"{name} {kind.convert(value, None, None)}")
-
-
-def test_a_plan_of_too_many_shards_is_refused():
-    with pytest.raises(InputError, match="10000000 shards"):
-        make_plan(load_config("kitti"), 0, "middlebury", {"train": 10_000_000}, 1)
 
 
 # Calibrations
