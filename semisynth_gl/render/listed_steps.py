@@ -50,8 +50,6 @@ class ListedSteps:
     ) -> None:
         self._gl = context.gl
         self._steps = [link_compute(context, shader, {"STEP": step, **(defines or {})}) for step in range(steps)]
-        # A step that only reads lists may leave the band out.
-        self._banded = [step for step in self._steps if "band" in list(step)]
         self._tile_px, self._entries = tile_px, entries
         self._work = context.gl.buffer(reserve=len(_COUNTERS))
         self._groups = _GROUPS_ON_SOFTWARE if context.software else _GROUPS_ON_GPU
@@ -59,7 +57,7 @@ class ListedSteps:
     def set(self, name: str, value: object) -> None:
         """Set a uniform in all steps that use it."""
         for step in self._steps:
-            if name in list(step):
+            if step.get(name, None) is not None:
                 step[name] = value
 
     def run(self, part: Crop) -> None:
@@ -77,8 +75,7 @@ class ListedSteps:
 
     def _judge(self, band: tuple[int, int, int, int]) -> None:
         self._work.write(_COUNTERS)
-        for step in self._banded:
-            step["band"] = band
+        self.set("band", band)
         first, *later = self._steps
         first.run(ceil(band[2] / _GROUP_TILES[0]), ceil(band[3] / _GROUP_TILES[1]))
         for step in later:

@@ -243,16 +243,11 @@ def _by_last_corner(triangles: NDArray[np.int64], vertices: int) -> tuple[NDArra
     is_last[triangles[:, 2]] = True
     source = np.concatenate([triangles[:, 2], np.flatnonzero(~is_last)])
     by_source = np.argsort(source, kind="stable")
-    key = source[by_source] * len(source) + by_source
     result = number.repeat(3).reshape(-1, 3)
-    for corner in (0, 1):
-        # Take the copy that is nearest in the order: the driver may still have it in its cache.
-        own = triangles[:, corner]
-        place = np.searchsorted(key, own * len(source) + number)
-        before, after = by_source[np.maximum(place - 1, 0)], by_source[np.minimum(place, len(source) - 1)]
-        fits_before, fits_after = source[before] == own, source[after] == own
-        nearer = np.abs(before - number) <= np.abs(after - number)
-        result[:, corner] = np.where(fits_before & (nearer | ~fits_after), before, after)
+    # Take the latest copy before the triangle's own corner, else the next one: it may still be in the driver's cache.
+    key = source[by_source] * len(source) + by_source
+    before = np.searchsorted(key, triangles[:, :2] * len(source) + number[:, None]) - 1
+    result[:, :2] = by_source[before + (source[by_source[before]] != triangles[:, :2])]
     return source, result
 
 

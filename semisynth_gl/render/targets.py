@@ -234,7 +234,7 @@ class EyeTargets(Targets):
         """Return the depth buffer, or a part of it, as (H, W) float32: near / Z, and 0 where nothing is drawn."""
         rectangle = window(part, self.framebuffer.size)
         depth = np.empty((rectangle[3], rectangle[2]), np.float32)
-        self._depth_alone.read_into(depth, rectangle, 1, attachment=-1, dtype="f4", alignment=1)
+        self.framebuffer.read_into(depth, rectangle, 1, attachment=-1, dtype="f4", alignment=1)
         return depth
 
     def release(self) -> None:
