@@ -1,6 +1,7 @@
 """`antialias: edges`: outlines beside the mean of 64 samples a pixel, all else as without antialiasing."""
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from semisynth_gl.render.outlines import Outlines
 from semisynth_gl.scene.scene import make_scene
 
 pytestmark = pytest.mark.one_backend
-CAMERA = StereoCamera.centred(160, 120, 200.0, 0.05)
+CAMERA = replace(StereoCamera.centred(160, 120, 200.0, 0.05), fy_over_fx=1.2)
 # Patches of one colour each.
 FLAT = np.full((4, 16, 16, 4), 255, np.uint8)
 FLAT[:, ..., :3] = np.array([[20, 30, 40], [220, 60, 20], [40, 200, 90], [90, 120, 250]])[:, None, None]
@@ -25,7 +26,8 @@ WALL = facing(CAMERA, -200, -200, 700, 700, 8.0)
 
 def polygon(points, *, depth_m=2.0):
     """A flat triangle or a fan of them: corners in pixels of the left view."""
-    corners = (np.asarray(points, float) - [CAMERA.cx_left_px, CAMERA.cy_px]) * depth_m / CAMERA.focal_px
+    centre, focal = (CAMERA.cx_left_px, CAMERA.cy_px), (CAMERA.focal_px, CAMERA.focal_y_px)
+    corners = (np.asarray(points, float) - centre) * depth_m / focal
     fan = [(0, k, k + 1) for k in range(1, len(corners) - 1)]
     return make_mesh("polygon", np.c_[corners, np.full(len(corners), depth_m)], corners, fan)
 
@@ -174,7 +176,7 @@ def test_rods_thinner_than_a_pixel_are_whole(open_renderer, square):
 
 
 def test_what_the_near_plane_cuts_is_smooth_too(open_renderer, square):
-    floor = make_mesh("floor", [[-1, 0.5, -1], [1, 0.5, -1], [0.2, 0.5, 6]], np.zeros((3, 2)), [[0, 1, 2]])
+    floor = make_mesh("floor", [[-1, 0.45, -1], [1, 0.45, -1], [0.2, 0.45, 6]], np.zeros((3, 2)), [[0, 1, 2]])
     none, edges, many = (
         drawn(open_renderer, square, {"floor": [floor]}, mode)["floor"] for mode in ("none", "edges", "ssaa8")
     )

@@ -7,18 +7,12 @@ import pytest
 from scene_table import BALL, CAMERA, models, placed, turned, wall
 from scenes import SQUARE, assert_equal, board, facing, noise_layers, on_plane, one_model, posed
 
-from semisynth_gl.config import load_config
 from semisynth_gl.frame.camera import EYES, Deviation, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
-from semisynth_gl.geometry.mesh import make_mesh
-from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render import programs
 from semisynth_gl.render.context import GraphicsContext
-from semisynth_gl.scene.background import FACE, sample_cuboid
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.rig import SequenceRig, near_depth_m, sample_cameras
 from semisynth_gl.scene.scene import make_scene, move
-from semisynth_gl.seeds.seeds import Purpose, generator
 
 pytestmark = pytest.mark.one_backend
 
@@ -197,28 +191,6 @@ def test_where_corners_move_left_views_are_shared_and_nothing_lies_beyond_the_ho
             assert (frame.view(eye).depth > 0).all()
 
 
-def test_a_sphere_has_its_analytic_disparity_and_shows_nothing_through_it(open_renderer):
-    camera, centre, radius = StereoCamera.centred(200, 150, 250.0, 0.2), np.array([0.1, -0.05, 2.0]), 0.5
-    scene = make_scene(
-        camera, model=[0, BALL], world_from_model=[wall(camera, 9.0), placed(turned(1), radius, centre)], layer=[0, 0]
-    )
-    frame = open_renderer(models(), noise_layers(1, 16), outputs=("instances",)).render(scene)
-    y, x = np.mgrid[:150, :200].astype(float)
-    for eye in EYES:
-        rays = camera.rays(eye, x, y)
-        offset = centre - [camera.offset_m(eye), 0, 0]
-        a, b, c = (rays**2).sum(-1), rays @ offset, offset @ offset - radius**2
-        square_root = np.sqrt(np.maximum(b * b - a * c, 0))
-        depth = (b - square_root) / a
-        # The cosine between ray and normal; beside the limb the facets' own error is magnified without bound.
-        valid = square_root / np.sqrt(a) / radius > 0.3
-        assert valid.sum() > 5_000
-        np.testing.assert_allclose(frame.view(eye).disparity[valid], camera.disparity_px(depth[valid]), atol=4e-3)
-        inside = b * b - a * (offset @ offset - (0.99 * radius) ** 2) > 0
-        assert (frame.view(eye).instances[inside] == 2).all()
-        assert (frame.view(eye).instances[b * b - a * c < -0.02] == 1).all()
-
-
 @pytest.mark.parametrize("across_m", [2.0, 20.0, 200.0, 1000.0])
 def test_the_error_grows_with_the_size_of_a_triangle_over_its_distance(open_renderer, across_m):
     camera = StereoCamera.centred(160, 120, 1500.0, 0.2)
@@ -248,27 +220,6 @@ def test_image_sizes(open_renderer, size):
     depth = 2.0 / (camera.rays("left", x, y) @ normal)
     assert frame.left.image.shape == (height, width, 3)
     np.testing.assert_allclose(frame.left.disparity[::step, ::step], camera.disparity_px(depth), rtol=3e-6)
-
-
-@pytest.mark.parametrize("index", [9, 113])
-def test_walls_leave_no_gap_where_they_meet(open_renderer, index):
-    """Two scenes with a pixel within 3e-6 of an edge of the room, where walls that only met showed what is behind."""
-    config = load_config("sceneflow")
-    camera = sample_cameras(config.camera, generator(1, Purpose.CAMERA, index))[0]
-    rng = generator(1, Purpose.BACKGROUND, index)
-    rng.random()  # the kind
-    room, _ = sample_cuboid(config, SequenceRig((camera,), near_depth_m(camera, config.disparity)), rng)
-    scene = make_scene(camera, model=[0] * 6, world_from_model=room["pose"], layer=[0] * 6)
-    frame = open_renderer([FACE], noise_layers(1, 16)).render(scene)
-    assert np.isfinite(frame.left.disparity).all()
-    assert np.isfinite(frame.right.disparity).all()
-
-
-def test_what_float32_cannot_hold_of_poses_is_refused():
-    with pytest.raises(InputError, match=r"got (inf|nan)"):
-        one_model(CAMERA, [np.full((4, 4), np.inf)])
-    with pytest.raises(InputError, match="got nan"):
-        make_mesh("bad", [[0, 0, np.nan], [1, 0, 0], [0, 1, 0]], np.zeros((3, 2)), [[0, 1, 2]])
 
 
 # Masks, on paper: f B = 10 px m.

@@ -137,13 +137,16 @@ def test_instances_without_end_are_drawn_but_ids_end(open_renderer):
 
 @pytest.mark.one_backend
 def test_outputs_are_made_only_when_asked_for(open_renderer):
-    full = open_renderer([SQUARE], noise_layers(1, 16), outputs=STILL).render(SIMPLE)
-    for names in ((), *((name,) for name in STILL)):
-        alone = open_renderer([SQUARE], noise_layers(1, 16), outputs=names).render(SIMPLE)
-        for eye in EYES:
-            assert set(alone.view(eye)) == {"image", "disparity", *names}
-            for name, array in alone.view(eye).items():
-                np.testing.assert_array_equal(array, full.view(eye)[name])
+    motions = dict.fromkeys(("future", "past"), move(SIMPLE, camera_from_world=posed(np.eye(3), (0.02, 0, 0))))
+    full = open_renderer([SQUARE], noise_layers(1, 16), outputs=DRAWN_OUTPUTS).render(SIMPLE, **motions)
+    for names in ((), *((name,) for name in DRAWN_OUTPUTS)):
+        for truth in ("both", "left"):
+            alone = open_renderer([SQUARE], noise_layers(1, 16), outputs=names, truth=truth).render(SIMPLE, **motions)
+            channels = {"disparity", *names, *(f"{name}_visibility" for name in names if name.startswith("flow"))}
+            assert set(alone.left) == {"image", *channels}
+            assert set(alone.right) == {"image", *(channels if truth == "both" else ())}
+            for role, array in alone.arrays().items():
+                np.testing.assert_array_equal(array, full.arrays()[role])
 
 
 @pytest.mark.one_backend
