@@ -241,6 +241,7 @@ def _with(camera: StereoCamera = CAMERA, **changes: object) -> StereoCamera:
     return replace(camera, **changes)
 
 
+_BALLS = enumerate(((0.08, 0.02, 0.01, 1.2), (0.05, -0.3, 0.15, 1.5), (0.06, 0.25, -0.2, 1.8)))
 _ROOM = {"background": {"cuboid": 0.0, "room": 1.0}}
 _STREET = {"background": {"cuboid": 0.0, "room": 0.0, "street": 1.0, "sky": 1.0}, "structures": {"panels": [1, 3]}}
 _SMALL = StereoCamera.centred(100, 50, 300.0, 1.0)
@@ -281,6 +282,11 @@ CASES: dict[str, Callable[[], Case]] = {
     ),
     "fine ball": lambda: case(
         of(CAMERA, [(0, wall(CAMERA, 9.0)), (BALL, placed(turned(1), 0.4, [0.05, 0, 2.0]))]), exact=0.99
+    ),
+    # Dozens of triangles lie across a pixel of a small ball.
+    "fine balls": lambda: case(
+        of(CAMERA, [(0, wall(CAMERA, 4.0)), *((BALL, placed(turned(k), size, at)) for k, (size, *at) in _BALLS)]),
+        seen=0.9995,
     ),
     "parallel, near first": lambda: case(of(CAMERA, [(0, wall(CAMERA, d)) for d in (2.0, 2.0 * (1 + 1e-5))])),
     "parallel, far first": lambda: case(of(CAMERA, [(0, wall(CAMERA, d)) for d in (2.0 * (1 + 1e-5), 2.0)])),

@@ -4,15 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scene_table import BALL, CAMERA, models, placed, turned, wall
-from scenes import SQUARE, assert_equal, board, facing, noise_layers, on_plane, one_model, posed
+from scene_table import CAMERA, wall
+from scenes import SQUARE, assert_equal, board, facing, noise_layers, on_plane, one_model
 
 from semisynth_gl.frame.camera import EYES, Deviation, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.render import programs
 from semisynth_gl.render.context import GraphicsContext
-from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.scene import make_scene, move
 
 pytestmark = pytest.mark.one_backend
 
@@ -92,35 +90,6 @@ def test_planes_have_their_analytic_truth(open_renderer, camera):
             np.testing.assert_allclose(view.normals[seen], np.broadcast_to(unit, (seen.sum(), 3)), atol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["doffs", "deviation, wide pixels, doffs"])
-def test_a_plane_that_moves_before_a_camera_that_turns_has_the_flow_of_equations(open_renderer, name):
-    camera, turn = CAMERAS[name], rotation(Deviation(0.05, -0.03))
-    changes = ("disparity_change",) if camera.rectified else ()
-    renderer = open_renderer(
-        [SQUARE], noise_layers(1, 16), outputs=("flow", "flow_backward", *changes), rectified=camera.rectified
-    )
-    scene = one_model(camera, [on_plane((0.2, 0.1, 1.0), 3.0, 16.0)])
-    moved, camera_moved = posed(rotation(Deviation(-0.02, 0.04)), (0.1, -0.05, 0.3)), posed(turn, (0.02, 0.01, -0.1))
-    poses = moved @ scene.world_from_model
-    future, past = move(scene, world_from_model=poses, camera_from_world=camera_moved), move(scene)
-    frame = renderer.render(scene, future=future, past=past)
-    y, x = np.mgrid[: camera.height_px, : camera.width_px].astype(float)
-    for eye in EYES:
-        points, view = on_rays(camera, eye, np.array([0.2, 0.1, 1.0]), 3.0), frame.view(eye)
-        then = points @ (turn @ moved[:3, :3]).T + turn @ moved[:3, 3] + camera_moved[:3, 3]
-        place = project(camera, eye, then)[0]
-        np.testing.assert_allclose(view.flow, place - np.stack([x, y], -1), atol=5e-5)
-        inside = (place >= -0.5).all(-1) & (place[..., 0] < 159.5) & (place[..., 1] < 119.5)
-        assert (view.flow_visibility == np.where(inside, VISIBLE, OUTSIDE)).mean() > 0.999
-        # What stands still has no flow at all.
-        assert not view.flow_backward.any()
-        if changes:
-            change = camera.focal_baseline * (1 / then[..., 2] - 1 / points[..., 2])
-            valid = np.isfinite(view.disparity) & np.isfinite(view.disparity_change)
-            assert valid.mean() > 0.2
-            np.testing.assert_allclose(view.disparity_change[valid], change[valid], atol=2e-5)
-
-
 # GPUs move corners of triangles before they interpolate. The processor's driver does not, so the vertex shader does it.
 STEPS = 256
 MOVE = f"""
@@ -191,23 +160,6 @@ def test_where_corners_move_left_views_are_shared_and_nothing_lies_beyond_the_ho
             assert (frame.view(eye).depth > 0).all()
 
 
-@pytest.mark.parametrize("across_m", [2.0, 20.0, 200.0, 1000.0])
-def test_the_error_grows_with_the_size_of_a_triangle_over_its_distance(open_renderer, across_m):
-    camera = StereoCamera.centred(160, 120, 1500.0, 0.2)
-    renderer, rng = open_renderer([SQUARE], noise_layers(1, 16), outputs=()), np.random.default_rng(0)
-    for _ in range(3):
-        # About 1.5 m away and at 200 px, a wall that is seen anywhere in its middle half.
-        matrix = placed(np.eye(3), across_m, [*(-across_m * rng.uniform(0.25, 0.75, 2)), 1.5])
-        matrix[2, :2] = rng.uniform(-0.2, 0.2, 2) * across_m
-        matrix[2, 3] -= matrix[2, :2] @ (-matrix[:2, 3] / across_m)
-        frame, normal = renderer.render(one_model(camera, [matrix])), np.cross(matrix[:3, 0], matrix[:3, 1])
-        for eye in EYES:
-            expected = camera.disparity_px(on_rays(camera, eye, normal, normal @ matrix[:3, 3])[..., 2])
-            # In steps of float32 at the disparity.
-            error = np.abs(frame.view(eye).disparity - expected).max()
-            assert error <= 200 * 2.0**-24 * (4 + 0.5 * across_m / 1.5)
-
-
 @pytest.mark.parametrize("size", [(1, 1), (941, 489), (7680, 4320)])
 def test_image_sizes(open_renderer, size):
     width, height = size
@@ -266,22 +218,6 @@ def test_masks_know_what_lies_between_pixels(open_renderer, x, boards, expected)
     left = open_renderer([SQUARE], noise_layers(1, 16)).render(scene).left
     np.testing.assert_allclose(left.disparity[:, x], boards[0][2], atol=1e-4)
     assert (left.visibility[:, x] == expected).all()
-
-
-@pytest.mark.parametrize("radius_px", [9, 4.5])
-def test_fine_meshes_hide_what_is_behind_them(open_renderer, radius_px):
-    """Dozens of triangles lie across a pixel of a small ball of 100k triangles."""
-    at = np.array([[0.02, 0.01, 1.2], [-0.3, 0.15, 1.5], [0.25, -0.2, 1.8]])
-    poses = [placed(turned(k), radius_px * each[2] / CAMERA.focal_px, each) for k, each in enumerate(at)]
-    scene = make_scene(CAMERA, model=[0] + [BALL] * 3, world_from_model=[wall(CAMERA, 4.0), *poses], layer=np.zeros(4))
-    frame = open_renderer(models(), noise_layers(1, 16), outputs=("instances", "visibility")).render(scene)
-    y, x = (values.ravel().astype(float) for values in np.mgrid[:90, :120])
-    way = CAMERA.disparity_px(cast_rays(scene, models(), "left", x, y).depth_m)
-    there = cast_rays(scene, models(), "right", x - way, y)
-    expected = np.where(there.depth_m < CAMERA.depth_m(way) * (1 - 1e-9), OCCLUDED, VISIBLE)
-    expected[x - way < -0.5] = OUTSIDE
-    assert (expected == OCCLUDED).sum() > 40
-    assert (frame.left.visibility.ravel() != expected).sum() <= 1
 
 
 @pytest.mark.parametrize("shared_at_once", [1, 2048])

@@ -93,16 +93,6 @@ def test_anisotropy_keeps_detail_at_grazing_angles(open_renderer):
     assert error[2] < error[1]
 
 
-def test_whole_disparities_shift_the_same_pixels_in_the_right_view(open_renderer):
-    camera = StereoCamera.centred(200, 100, 400.0, 0.1)
-    matrix = facing(camera, -500, -500, 30 * SIDE, 30 * SIDE, 400 * 0.1 / 16)
-    scene = make_scene(camera, model=[0], world_from_model=[matrix], layer=[0], uv_scale=30)
-    frame = open_renderer([SQUARE], noise_layers(1, SIDE)).render(scene)
-    np.testing.assert_array_equal(frame.left.image[:, 16:], frame.right.image[:, :-16])
-    for view in (frame.left, frame.right):
-        np.testing.assert_allclose(view.disparity, 16, atol=1e-5)
-
-
 @pytest.mark.parametrize("grey", [False, True])
 def test_smaller_levels_are_means(open_renderer, grey):
     """A patch that is 2, 4, ... 64 times smaller in the image shows one texel of a smaller level in each pixel."""

@@ -15,6 +15,7 @@ import pytest
 from backends import backend_fault, count_objects
 from scene_table import CASES, clutter, models
 from scenes import SQUARE, facing, noise_layers, one_model, posed
+from scipy.ndimage import maximum_filter, minimum_filter
 from tiny_datasets import cheap
 
 from semisynth_gl.dataset.generate import generate
@@ -160,21 +161,18 @@ def test_antialiasing_changes_colour_at_edges_only_and_truth_nowhere(open_render
     )
     scene = make_scene(camera, model=[0, 0], world_from_model=poses, layer=[0, 1])
     plain, smooth = (
-        open_renderer([SQUARE], flat, outputs=STILL, antialias=each).render(scene) for each in ("none", mode)
+        open_renderer([SQUARE], flat, outputs=STILL, antialias=each).render(scene).arrays() for each in ("none", mode)
     )
-    assert set(plain.arrays()) == set(smooth.arrays())
-    for role, array in plain.arrays().items():
+    assert set(plain) == set(smooth)
+    for role, array in plain.items():
         if role not in EYES:
-            np.testing.assert_array_equal(smooth.arrays()[role], array)
-    for eye in EYES:
-        before, after = plain.view(eye).image[..., 0], smooth.view(eye).image[..., 0]
-        changed, shades = before != after, np.unique(after)
-        assert ((shades > 0) & (shades < 200)).sum() >= 3
-        # Only within one pixel of the edge.
-        near = np.zeros_like(changed)
-        for dy, dx in np.ndindex(3, 3):
-            near |= np.roll(before, (dy - 1, dx - 1), (0, 1)) != before
-        assert not (changed & ~near).any()
+            np.testing.assert_array_equal(smooth[role], array)
+            continue
+        before, after = array[..., 0], smooth[role][..., 0]
+        assert len(np.unique(after)) >= 5
+        # The edge may pass just beside the image.
+        beside_edge = maximum_filter(before, 3, mode="constant", cval=255) != minimum_filter(before, 3)
+        assert not ((before != after) & ~beside_edge).any()
         # The mean brightness stays: no shift of the edge.
         assert abs(float(after.mean()) - float(before.mean())) < 0.3
 
@@ -213,16 +211,7 @@ def provoke(gl):
 
 @pytest.mark.one_backend
 def test_an_error_of_its_opening_is_told_of_no_pair(backend, monkeypatch):
-    loaded, create = ModelBuffers.__init__, moderngl.create_context
-
-    def opened(**options):
-        provoke(gl := create(**options))
-        return gl
-
-    # Asking for limits that a driver does not know leaves errors behind.
-    monkeypatch.setattr(moderngl, "create_context", opened)
-    with Renderer([SQUARE], noise_layers(1, 8), backend=backend) as renderer:
-        assert renderer.render(SIMPLE) is not None
+    loaded = ModelBuffers.__init__
 
     def faulty(self, gl, *given, **options):
         loaded(self, gl, *given, **options)

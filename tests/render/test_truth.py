@@ -10,7 +10,7 @@ from scenes import assert_equal
 
 from semisynth_gl import oracle
 from semisynth_gl.frame.camera import EYES, Crop
-from semisynth_gl.frame.channels import DRAWN_OUTPUTS, SKY, VISIBLE
+from semisynth_gl.frame.channels import DRAWN_OUTPUTS, SKY
 from semisynth_gl.render import listed_steps
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.raycast import Hits, cast_rays
@@ -251,21 +251,3 @@ def test_bands_and_crops_are_parts_of_the_whole(backend, name, monkeypatch):
         assert not drawn(nothing, backend).left.image.any()
         monkeypatch.setattr(listed_steps, "_MOST_PIXELS", most_pixels)
         assert_equal(drawn(case, backend, crop), whole, crop)
-
-
-@pytest.mark.one_backend
-def test_flow_to_the_next_frame_is_undone_by_its_flow_back(backend):
-    case = CASES["clutter 0"]()
-    now = drawn(case, backend)
-    back = move(case.future.scene, world_from_model=case.scene.world_from_model, camera_from_world=np.eye(4))
-    then = drawn(replace(case, scene=case.future.scene, past=back, future=back), backend)
-    for eye in EYES:
-        y, x = np.nonzero(now.view(eye).flow_visibility == VISIBLE)
-        flow = now.view(eye).flow[y, x]
-        assert 0.5 * now.left.flow[..., 0].size < len(x)
-        at = np.rint(y + flow[:, 1]).astype(int), np.rint(x + flow[:, 0]).astype(int)
-        # The nearest pixel is up to half a pixel away, where flow differs by what changes within that.
-        apart = np.abs(flow + then.view(eye).flow_backward[at]).max(axis=1)
-        assert np.median(apart) < 0.1
-        change = then.view(eye).disparity[at] - now.view(eye).disparity[y, x] - now.view(eye).disparity_change[y, x]
-        assert np.median(np.abs(change)) < 0.05
