@@ -27,14 +27,13 @@ def unpack(wheel, folder):
         archive.extractall(folder)
 
 
-def write_package(folder, code, name="other-plugins", version="0.3"):
-    """Write an installed package with one module, whose `PLUGINS` has its plug-ins."""
-    module = name.replace("-", "_")
-    info = folder / f"{module}-{version}.dist-info"
+def write_package(folder, code, version="0.3"):
+    """Write the installed package other-plugins with one module, whose `PLUGINS` has its plug-ins."""
+    info = folder / f"other_plugins-{version}.dist-info"
     info.mkdir(parents=True)
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
-    (info / "entry_points.txt").write_text(f"[semisynth_gl.plugins]\n{module} = {module}:PLUGINS\n")
-    (folder / f"{module}.py").write_text(code)
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: other-plugins\nVersion: {version}\n")
+    (info / "entry_points.txt").write_text("[semisynth_gl.plugins]\nother_plugins = other_plugins:PLUGINS\n")
+    (folder / "other_plugins.py").write_text(code)
 
 
 def find_anew():
@@ -42,5 +41,5 @@ def find_anew():
     importlib.invalidate_caches()
     plugins.installed_plugins.cache_clear()
     find_layout.cache_clear()
-    for name in [name for name in sys.modules if name.partition(".")[0] in ("acme_stereo", "other_plugins", "second")]:
+    for name in [name for name in sys.modules if name.partition(".")[0] in ("acme_stereo", "other_plugins")]:
         del sys.modules[name]

@@ -1,13 +1,9 @@
 """The command line as a script sees it: output, files, messages, exit codes."""
 
-import errno
 import json
 import os
-import pathlib
-import signal
 import subprocess
 import sys
-import time
 
 import click
 import cv2
@@ -173,22 +169,6 @@ def test_broken_models_are_named_and_left_out(call, tmp_path, photographs):
     refused(call(*command, "--out", "p"), "nan.obj")
 
 
-def test_a_full_disk_is_told(call, monkeypatch, tmp_path, photographs):
-    whole, written = pathlib.Path.write_bytes, []
-
-    def write_bytes(path, data):
-        written.append(len(data))
-        if sum(written) > 600_000:
-            whole(path, data[: len(data) // 2])
-            raise OSError(errno.ENOSPC, "No space left on device", str(path))
-        return whole(path, data)
-
-    monkeypatch.setattr(pathlib.Path, "write_bytes", write_bytes)
-    refused(call(*ETH3D, photographs, "--out", "o", "--layout", "middlebury", "--pairs", 9), "No space left on device")
-    assert list((tmp_path / "o/shards").glob("*train*.json"))
-    assert not (tmp_path / "o/index.json").exists()
-
-
 def test_what_is_refused_while_drawing_costs_no_earlier_dataset(call, tmp_path, photographs):
     base = (*ETH3D, photographs, "--out", "o", "--pairs", 1)
     assert call(*base).returncode == 0
@@ -196,29 +176,6 @@ def test_what_is_refused_while_drawing_costs_no_earlier_dataset(call, tmp_path, 
     for setting in ("checks.min_brightness=255", "camera.width_px=200000"):
         refused(call(*base, "--overwrite", "--set", setting), "Error:")
         assert files(tmp_path / "o") == before
-
-
-def test_ctrl_c_stops_without_traceback_and_the_place_can_be_used_again(tmp_path, photographs):
-    command = (*ETH3D, str(photographs), "--out", "o", "--layout", "middlebury", "--pairs")
-    process = subprocess.Popen(
-        [sys.executable, "-m", "semisynth_gl", *command, "1000"],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    scenes = tmp_path / "o/MiddEval3/trainingF"
-    while not (scenes.is_dir() and len(list(scenes.iterdir())) > 2):
-        assert process.poll() is None
-        time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
-    output, messages = process.communicate(timeout=120)
-    refused(subprocess.CompletedProcess(command, process.returncode, output, messages), "Stopped")
-    # The shards in hand have no record: the next run makes them again, whole.
-    assert not (tmp_path / "o/index.json").exists()
-    done = run(*command, 1, "--overwrite", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert len(list(scenes.iterdir())) == 1
 
 
 @pytest.mark.parametrize(

@@ -104,7 +104,6 @@ def test_a_scale_is_of_what_it_stands_over(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("extends: middlebury\nscale: 0\n", "lab.yaml:2: scale: expected a number from 1/64 to 64, got 0"),
         ("extends: middlebury\nscale: .nan\n", "lab.yaml:2: scale: expected a number from 1/64 to 64, got nan"),
         ("name: x\nscale: 2\n", "lab.yaml:2: scale: expected extends beside it"),
         ("extends: middlebury\nscale: 64\n", "camera.width_px: input should be less than or equal to 16384"),
@@ -112,9 +111,8 @@ def test_a_scale_is_of_what_it_stands_over(tmp_path):
 )
 def test_a_scale_that_cannot_be_is_refused(tmp_path, text, said):
     (tmp_path / "lab.yaml").write_text(text)
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=said):
         load_config(tmp_path / "lab.yaml")
-    assert said in str(caught.value)
 
 
 # Keys that go over a camera of 1280 x 720 with the focal length 900 px and the points (650, 640, 350), and its points.
