@@ -23,6 +23,11 @@ layout(std430, binding = 0) readonly buffer Vertices { float vertex[]; };  // x 
 layout(std430, binding = 5) readonly buffer Wearers { Wearer wearers[]; };
 // Instance, and three vertices of the triangle in front: from where to where the edge goes, and the one opposite.
 layout(std430, binding = 6) readonly buffer Strips { uvec4 strips[]; };
+// Smallest depth, near / Z, that the image has in blocks of 2^a x 2^b tiles, by first tile, in layer a * levels + b.
+layout(binding = 5) uniform sampler2DArray farthest;
+uniform int levels;
+uniform int tile_px;
+uniform vec4 part;  // of the image, in which the tiles are counted: left, top, width and height, px
 
 out vec4 seen_patch;
 flat out vec4 line;
@@ -36,6 +41,25 @@ const float ROUNDING = 5e-4;
 const float STEEPEST = 0.03;
 // Length below which an edge is left out.
 const float SHORTEST_PX = 1e-3;
+
+// Margin for rounding of depths, as a share.
+const float MARGIN = 1e-3;
+
+// Whether everything that the part of the image shows within a pixel of a box is nearer than near / Z = depth.
+bool hidden(vec2 low_px, vec2 high_px, float depth) {
+    ivec2 begin = ivec2(clamp(floor(low_px - 1.0) - part.xy, vec2(0.0), part.zw - 1.0)) / tile_px;
+    ivec2 last = ivec2(clamp(ceil(high_px + 1.0) - part.xy, vec2(0.0), part.zw - 1.0)) / tile_px;
+    // Two spans of the same power of two cover all tiles from the first to the last.
+    ivec2 level = findMSB(last - begin + 1);
+    ivec2 second = last + 1 - (ivec2(1) << level);
+    int layer = level.y * levels + level.x;
+    vec2 upper = vec2(texelFetch(farthest, ivec3(begin, layer), 0).r,
+                      texelFetch(farthest, ivec3(second.x, begin.y, layer), 0).r);
+    vec2 lower = vec2(texelFetch(farthest, ivec3(begin.x, second.y, layer), 0).r,
+                      texelFetch(farthest, ivec3(second, layer), 0).r);
+    vec2 least = min(upper, lower);
+    return depth < min(least.x, least.y);
+}
 
 void main() {
     uvec4 strip = strips[gl_PrimitiveIDIn];
@@ -72,6 +96,21 @@ void main() {
     }
     vec2 away = sign(order) * vec2(way.y, -way.x) / length_px;
     float reach = 0.5 * (abs(away.x) + abs(away.y));
+    // For each end: how the weights of the triangle's corners change from pixel to pixel, and with them UV and 1 / Z.
+    mat3 change[2];
+    float nearer[2];
+    float nearest_m = max(min(view[0].z, min(view[1].z, view[2].z)), near_m);
+    for (int end = 0; end < 2; ++end) {
+        float depth_m = end == 0 ? from.z : to.z;
+        vec3 per_pixel = vec3(depth_m / (focal_px * order), 0.0);
+        change[end] = mat3(sides[0] * per_pixel, sides[1] * per_pixel, sides[2] * per_pixel);
+        float rise = -reach * dot(change[end] * vec3(1.0), vec3(away, 0.0));
+        nearer[end] = 1.0 + ROUNDING + clamp(rise, 0.0, max(STEEPEST, depth_m / nearest_m - 1.0));
+    }
+    float most_depth = near_m * max(nearer[0] / from.z, nearer[1] / to.z) * (1.0 + MARGIN);
+    if (hidden(min(from_px, to_px), max(from_px, to_px), most_depth)) {
+        return;
+    }
 
 #ifdef LIT
     // Two sides of the triangle, from positions (x, y, 1) in the window times Z.
@@ -83,25 +122,20 @@ void main() {
     }
     vec3 facing = cross(ways[0], ways[1]);
 #endif
-    float nearest_m = max(min(view[0].z, min(view[1].z, view[2].z)), near_m);
     for (int end = 0; end < 2; ++end) {
         vec3 corner = end == 0 ? from : to;
         vec2 uv_here = end == 0 ? mix(uv[0], uv[1], cut_from) : mix(uv[1], uv[0], cut_to);
-        // How the weights of the triangle's corners change from pixel to pixel, and with them UV and 1 / Z.
-        vec3 per_pixel = vec3(corner.z / (focal_px * order), 0.0);
-        mat3 change = mat3(sides[0] * per_pixel, sides[1] * per_pixel, sides[2] * per_pixel);
-        vec3 along_x = vec3(change[0].x, change[1].x, change[2].x), along_y = vec3(change[0].y, change[1].y, change[2].y);
+        mat3 weights = change[end];
+        vec3 along_x = vec3(weights[0].x, weights[1].x, weights[2].x), along_y = vec3(weights[0].y, weights[1].y, weights[2].y);
         mat3x2 around = mat3x2(uv[0] - uv_here, uv[1] - uv_here, uv[2] - uv_here) * wearer.worn.z;
         float x_texels = length(around * along_x), y_texels = length(around * along_y);
         // A part that reaches into a pixel from its side is at most half a pixel wide.
         float texels = 0.5 * max(max(x_texels, y_texels) / wearer.worn.w, min(x_texels, y_texels));
-        float rise = -reach * dot(change * vec3(1.0), vec3(away, 0.0));
-        float nearer = 1.0 + ROUNDING + clamp(rise, 0.0, max(STEEPEST, corner.z / nearest_m - 1.0));
         for (int side = 0; side < 2; ++side) {
             bool inside = side == 1;
             vec2 beside_px = (inside ? -reach : reach) * away;
             gl_Position = clip_from_view * vec4(corner.xy + beside_px * corner.z / focal_px, corner.z, 1.0);
-            gl_Position.z = min((inside ? nearer : 1.0 + ROUNDING) * near_m, gl_Position.w);
+            gl_Position.z = min((inside ? nearer[end] : 1.0 + ROUNDING) * near_m, gl_Position.w);
             seen_patch = vec4(uv_here, wearer.worn.x, log2(max(texels, 1.0)));
             line = vec4(away, -dot(from_px + 0.5, away), wearer.worn.y);
 #ifdef LIT

@@ -40,7 +40,7 @@ class DrawPass:
         self._linked: dict[tuple[tuple[str, ...], int, bool], moderngl.Program] = {}
         for names in (*map(self._options.attachments, EYES), *([COLOUR] if self._options.factor > 1 else [])):
             self._programs(names)
-        self._edges = EdgePass(state) if self._options.outlines else None
+        self._edges = EdgePass(state, self._occlusion) if self._options.outlines else None
 
     def draw(
         self, transforms: Sequence[InstanceTransforms], crop: Crop | None, sized: SizedTargets

@@ -5,12 +5,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Crop, Eye
+from semisynth_gl.render import occlusion
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.model_buffers import refill
 from semisynth_gl.render.outlines import Outlines
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.state import RenderState
-from semisynth_gl.render.targets import EyeTargets
+from semisynth_gl.render.targets import EyeTargets, window
 
 WEARER = np.dtype([("view_from_model", "<f4", (3, 4)), ("patch_from_uv", "<f4", 4), ("worn", "<f4", 4)])
 """The struct Wearer of edges.geom, std430."""
@@ -18,27 +19,28 @@ WEARER = np.dtype([("view_from_model", "<f4", (3, 4)), ("patch_from_uv", "<f4", 
 _FEWEST_STRIPS, _FEWEST_INSTANCES = 4096, 256
 # Bindings of edges.geom.
 _VERTICES, _WEARERS, _STRIPS = 0, 5, 6
-# Texture unit of edges.frag, after those of the atlases and of a projector's light.
-_DRAWN = 4
+# Texture units of edges.frag and edges.geom, after those of the atlases and of a projector's light.
+_DRAWN, _FARTHEST = 4, 5
 
 
 class EdgePass:
     """Blends along the outlines of one eye's image; see edges.geom and edges.frag."""
 
-    def __init__(self, state: RenderState) -> None:
+    def __init__(self, state: RenderState, hidden: occlusion.Occlusion | None) -> None:
         context, models, self._patches = state.context, state.models, state.patches
         gl = context.gl
-        self._gl, self._vertices = gl, models.vertices
+        self._gl, self._vertices, self._occlusion = gl, models.vertices, hidden
         self._anisotropies = np.array(state.anisotropies)
         self._outlines = Outlines(models.meshes, models.vertex_number)
         defines = {"LARGE": 1} if len(self._patches.ends) > 1 else {}
         lights = [{}] if state.pattern is None else [{}, {"LIT": 1}]
-        self._vaos = [
-            gl.vertex_array(link_program(context, "edges.vert", "edges.frag", defines | lit, "edges.geom"), [])
-            for lit in lights
+        self._programs = [
+            link_program(context, "edges.vert", "edges.frag", defines | lit, "edges.geom") for lit in lights
         ]
+        self._vaos = [gl.vertex_array(program, []) for program in self._programs]
         self._wearers = gl.buffer(reserve=_FEWEST_INSTANCES * WEARER.itemsize, dynamic=True)
         self._strips = gl.buffer(reserve=_FEWEST_STRIPS * 16, dynamic=True)
+        self._farthest = gl.texture_array((1, 1, 1), 1, dtype="f4")
 
     def draw(
         self, transforms: InstanceTransforms, eye: Eye, targets: EyeTargets, part: Crop | None, *, lit: bool
@@ -48,7 +50,11 @@ class EdgePass:
         ``lit`` is whether a projector's light is bound for this eye; see `ProjectorLight.use`.
         """
         assert targets.blending is not None  # noqa: S101 - the targets are made for outlines
-        strips = self._outlines.find(transforms, eye)
+        # The sky has no outlines: there is nothing beyond it.
+        seen, farthest = np.flatnonzero(transforms.in_view(eye) & ~transforms.scene.sky), occlusion.NOTHING_NEARER
+        if self._occlusion is not None:
+            seen, farthest = self._occlusion.farthest(transforms, eye, part, targets, seen)
+        strips = self._outlines.find(transforms, eye, seen)
         if not len(strips):
             return
         refill(self._strips, strips)
@@ -62,7 +68,22 @@ class EdgePass:
         for atlas in range(len(self._patches.ends)):
             self._patches.use(atlas, atlas)
         targets.blending.use(part, _DRAWN)
+        self._use_farthest(farthest)
+        program = self._programs[lit]
+        program["levels"], program["tile_px"] = farthest.shape[1], occlusion.TILE_PX
+        program["part"] = window(part, targets.framebuffer.size)
         self._vaos[lit].render(moderngl.POINTS, len(strips))
+
+    def _use_farthest(self, farthest: NDArray[np.float32]) -> None:
+        """Upload the result of `Occlusion.farthest` and bind it for edges.geom."""
+        rows, columns = farthest.shape[2:]
+        layers = farthest.reshape(-1, rows, columns)
+        if self._farthest.size != (columns, rows, len(layers)):
+            self._farthest.release()
+            self._farthest = self._gl.texture_array((columns, rows, len(layers)), 1, dtype="f4")
+            self._farthest.filter = moderngl.NEAREST, moderngl.NEAREST
+        self._farthest.write(layers)
+        self._farthest.use(_FARTHEST)
 
     def _worn(self, transforms: InstanceTransforms, eye: Eye) -> NDArray[np.void]:
         """Return the numbers that edges.geom looks up for each instance, (N,) of `WEARER`."""

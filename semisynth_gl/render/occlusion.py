@@ -26,12 +26,16 @@ _FEWEST_TRIANGLES = 150_000
 _HIDING = 0.05
 # Triangles of a run, and side of a tile.
 _RUN_TRIANGLES = 128
-_TILE_PX = 16
+TILE_PX = 16
 # Margins for rounding: of positions in the image, and of depth as a share.
 _BORDER_PX = 1
 _ROUNDING = 1e-3
 # Offset that puts the depth that is drawn first farther away, by 1 / 1024 to 1 / 2048 of a triangle's largest depth.
 _BEHIND_ULP = -8192.0
+# Most by which strips along outlines are nearer than their surface; see edges.geom.
+_STRIPS_NEARER = 1.032
+NOTHING_NEARER = np.zeros((1, 1, 1, 1), np.float32)
+"""What `Occlusion.farthest` returns where nothing is hidden."""
 _WHICH_END = np.indices((2, 2, 2)).reshape(3, 8).T
 
 
@@ -120,6 +124,30 @@ class Occlusion:
         drawn = np.add.reduceat(runs.triangles[run], begin) if len(begin) else runs.triangles[:0]
         return self._models.select(filled, number[begin], runs.first_triangle[run[begin]], drawn)
 
+    def farthest(
+        self, transforms: InstanceTransforms, eye: Eye, part: Crop | None, targets: EyeTargets, seen: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """Leave instances out whose outlines lie behind everything that was drawn to the targets.
+
+        Args:
+            transforms: the scene's instances.
+            eye: the eye.
+            part: the part of the image that is antialiased; None for all of it.
+            targets: the drawn targets.
+            seen: (N,) numbers of instances.
+
+        Returns:
+            Those of ``seen`` that are left, and what `_farthest` returns for the drawn depth. Where there are so few
+            triangles that finding hidden ones does not pay, all of ``seen`` and `NOTHING_NEARER`.
+        """
+        model = transforms.scene.model[seen]
+        if self._triangles[model].sum() < _FEWEST_TRIANGLES:
+            return seen, NOTHING_NEARER
+        farthest = _farthest(targets.read_depth(part))
+        boxes = _boxes(transforms, eye, part, transforms.rows(eye)[seen], self._corners[model])
+        boxes[4] *= _STRIPS_NEARER
+        return seen[~_hidden(farthest, window(part, targets.framebuffer.size)[2:], boxes)], farthest
+
     def _draw_depth(self, targets: EyeTargets, part: Crop | None, filled: Sequence[DrawRange]) -> None:
         targets.use_depth(part)
         self._unbound.clear_depth(0.0)
@@ -181,8 +209,8 @@ def _farthest(depth: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the smallest depth (near / Z) of blocks of 2 ** a x 2 ** b tiles, by first tile: (a, b, row, column)."""
     height, width = depth.shape
     # Reduce rows first: the processor does this for eight pixels at a time.
-    strips = np.stack([depth[row : row + _TILE_PX].min(axis=0) for row in range(0, height, _TILE_PX)])
-    tiles = np.minimum.reduceat(strips, np.arange(0, width, _TILE_PX), axis=1)
+    strips = np.stack([depth[row : row + TILE_PX].min(axis=0) for row in range(0, height, TILE_PX)])
+    tiles = np.minimum.reduceat(strips, np.arange(0, width, TILE_PX), axis=1)
     rows, columns = tiles.shape
     farthest = np.zeros((rows.bit_length(), columns.bit_length(), rows, columns), np.float32)
     farthest[0, 0] = tiles
@@ -206,7 +234,7 @@ def _hidden(farthest: NDArray[np.float32], size: tuple[int, int], boxes: NDArray
     behind = boxes[4] * (1 + _ROUNDING)
     ends, level = [], []
     for low, high, length in ((top, bottom, size[1]), (left, right, size[0])):
-        begin, last = ((edge.clip(0, length - 1) // _TILE_PX).astype(np.int64) for edge in (low, high))
+        begin, last = ((edge.clip(0, length - 1) // TILE_PX).astype(np.int64) for edge in (low, high))
         # Two spans of the same power of two cover all tiles from the first to the last.
         doubled = np.frexp(last - begin + 1)[1] - 1
         level.append(doubled)

@@ -12,8 +12,8 @@ from semisynth_gl.geometry.edges import MeshEdges, find_edges
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 
-# Largest number of edges of instances that are tested at once, to bound memory.
-_MOST_AT_ONCE = 2**22
+# Largest number of edges of instances that are tested at once. BLAS takes one thread for so few: more spin in vain.
+_MOST_AT_ONCE = 2**16
 
 
 class Outlines:
@@ -29,38 +29,65 @@ class Outlines:
         self._vertex_number = np.split(vertex_number, ends[:-1])
         # Edges are found at a model's first use, since many libraries have models that no scene uses.
         self._edges: dict[int, MeshEdges] = {}
+        # All of these edges, one model after the other, and the number of each model's first one.
+        self._corners = np.zeros((2, 0, 3), np.uint32)
+        self._below, self._border = np.zeros((2, 0), bool), np.zeros(0, bool)
+        self._first: dict[int, int] = {}
 
-    def find(self, transforms: InstanceTransforms, eye: Eye) -> NDArray[np.uint32]:
-        """Find the outlines that one eye may see, far instances first.
+    def find(self, transforms: InstanceTransforms, eye: Eye, seen: NDArray[np.int64]) -> NDArray[np.uint32]:
+        """Find the outlines of instances that one eye may see, far instances first.
+
+        Args:
+            transforms: the scene's instances.
+            eye: the eye.
+            seen: (M,) the instances' numbers.
 
         Returns:
             (N, 4) uint32: the instance, and three vertices of the triangle in front of the edge: the edge's begin, its
             end, and the opposite corner.
         """
         scene, rows = transforms.scene, transforms.rows(eye)
-        # The sky has no outlines: there is nothing beyond it.
-        seen = np.flatnonzero(transforms.in_view(eye) & ~scene.sky)
         # Outlines in front must cover outlines behind. The order, as in the drawing, follows the far ends of instances.
         seen = seen[np.argsort(-(rows[seen, 2, 3] + transforms.radius_m[seen]), kind="stable")]
-        eyes, solid, model = _eyes(rows[seen]), transforms.solid[seen], scene.model[seen]
-        parts, places = [np.zeros((0, 4), np.uint32)], [np.zeros(0, np.int64)]
-        for shown in np.unique(model):
-            alike, edges = np.flatnonzero(model == shown), self._edges_of(int(shown))
-            for own in np.array_split(alike, ceil(len(alike) * len(edges.border) / _MOST_AT_ONCE)):
-                for corners, (number, edge) in zip(edges.corners, _shown(edges, eyes[own], solid[own]), strict=True):
-                    place = own[number]
-                    parts.append(np.column_stack([seen[place].astype(np.uint32), corners[edge]]))
-                    places.append(place)
-        return np.concatenate(parts)[np.argsort(np.concatenate(places), kind="stable")]
+        eyes, model = _eyes(rows[seen]), scene.model[seen]
+        self._add_edges(model)
+        places, edges, belows = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0, bool)]
+        for shown in np.unique(model).tolist():
+            alike, of_model = np.flatnonzero(model == shown), self._edges[shown]
+            for own in np.array_split(alike, ceil(len(alike) * len(of_model.border) / _MOST_AT_ONCE)):
+                place, edge, below = _alike_sides(of_model, eyes[own])
+                places.append(own[place])
+                edges.append(edge + self._first[shown])
+                belows.append(below)
+        place, edge, below = np.concatenate(places), np.concatenate(edges), np.concatenate(belows)
+        eye_below, only_fronts = below ^ (eyes[place, 3] < 0), transforms.solid[seen][place]
+        # The side in front separates the eye from the other one.
+        first = self._border[edge] | (eye_below != self._below[0, edge])
+        second = ~first & (eye_below != self._below[1, edge])
+        first &= ~(only_fronts & below)
+        second &= ~only_fronts | below
+        chosen = np.flatnonzero(first | second)
+        place, edge, side = place[chosen], edge[chosen], second[chosen]
+        order = np.argsort((2 * place + side).astype(np.min_scalar_type(2 * len(seen))), kind="stable")
+        place, edge, side = place[order], edge[order], side[order]
+        strips = np.empty((len(order), 4), np.uint32)
+        strips[:, 0] = seen[place]
+        strips[:, 1:] = self._corners.reshape(-1, 3)[edge + side * len(self._border)]
+        return strips
 
-    def _edges_of(self, model: int) -> MeshEdges:
-        if model not in self._edges:
+    def _add_edges(self, models: NDArray[np.int64]) -> None:
+        """Find the edges of models that were not used before."""
+        missing = set(models.tolist()) - self._edges.keys()
+        for model in missing:
             edges = find_edges(self._models[model])
             self._edges[model] = replace(edges, corners=self._vertex_number[model][edges.corners])
-        return self._edges[model]
-
-
-_Chosen = tuple[NDArray[np.int64], NDArray[np.int64]]
+        if missing:
+            every = self._edges.values()
+            self._corners = np.concatenate([edges.corners for edges in every], axis=1)
+            self._below = np.concatenate([edges.below for edges in every], axis=1)
+            self._border = np.concatenate([edges.border for edges in every])
+            ends = np.cumsum([len(edges.border) for edges in every]).tolist()
+            self._first = dict(zip(self._edges, [0, *ends], strict=False))
 
 
 def _eyes(rows: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -81,28 +108,18 @@ def _cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[n
     return np.stack([b * r - c * q, c * p - a * r, a * q - b * p])
 
 
-def _shown(edges: MeshEdges, eyes: NDArray[np.float32], solid: NDArray[np.bool_]) -> tuple[_Chosen, _Chosen]:
-    """Choose the edges of M instances of a mesh that are outlines for an eye.
+def _alike_sides(
+    edges: MeshEdges, eyes: NDArray[np.float32]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+    """Choose the edges of M instances of a mesh whose adjacent triangles both lie on one side of the edge for an eye.
 
-    Args:
-        edges: the mesh's edges.
-        eyes: (M, 4) the eye's place, from `_eyes`.
-        solid: (M,) whether only the fronts of an instance are drawn.
+    ``eyes`` (M, 4) is the eye's place, from `_eyes`.
 
     Returns:
-        The numbers of instances and of edges, (N,) int64 each, for edges whose first side is in front, and the same for
-        edges whose second side is in front.
+        The numbers of instances and of edges, (N,) int64 each, and whether the eye is behind the planes of both
+        triangles, (N,) bool; where w is negative, whether it is not.
     """
-    # For both adjacent faces: is the eye behind the face's plane? A negative w inverts the answer.
-    homogeneous = eyes * np.array([-1, -1, -1, 1], np.float32)
-    below = [homogeneous @ plane > 0 for plane in edges.plane]
-    # Both triangles lie on one side of the edge.
-    number, edge = np.divmod(np.flatnonzero(below[0] == below[1]), len(edges.border))
-    below_first, border = below[0][number, edge], edges.border[edge]
-    eye_below, only_fronts = below_first ^ (eyes[number, 3] < 0), solid[number]
-    # The side in front separates the eye from the other one.
-    first = border | (eye_below != edges.below[0, edge])
-    second = ~first & (eye_below != edges.below[1, edge])
-    first &= ~(only_fronts & below_first)
-    second &= ~only_fronts | below_first
-    return (number[first], edge[first]), (number[second], edge[second])
+    below = (eyes * np.array([-1, -1, -1, 1], np.float32)) @ edges.plane > 0
+    chosen = np.flatnonzero(below[0] == below[1])
+    place, edge = np.divmod(chosen, len(edges.border))
+    return place, edge, below[0].ravel()[chosen]

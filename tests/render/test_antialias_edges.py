@@ -189,10 +189,10 @@ def test_outlines_of_many_instances_are_those_of_each(monkeypatch):
     places[:, :3, 3] = np.random.default_rng(1).uniform([-1, -1, 4], [1, 1, 9], (7, 3))
     scene = one_model(CAMERA, places)
     placed = InstanceTransforms(scene, scene.world_from_model, np.ones(7), np.zeros(7, bool), np.ones((7, 4)))
-    together = outlines_of(mesh).find(placed, "left")
+    together = outlines_of(mesh).find(placed, "left", np.arange(7))
     # Two instances at once, of seven.
     monkeypatch.setattr("semisynth_gl.render.outlines._MOST_AT_ONCE", 3 * len(mesh.triangles))
-    np.testing.assert_array_equal(outlines_of(mesh).find(placed, "left"), together)
+    np.testing.assert_array_equal(outlines_of(mesh).find(placed, "left", np.arange(7)), together)
     # Far ones first.
     seen = together[np.sort(np.unique(together[:, 0], return_index=True)[1]), 0]
     assert list(seen) == list(np.argsort(-places[:, 2, 3]))
@@ -223,7 +223,7 @@ def outlined(mesh, eye, *, solid=True, mirrored=False):
     pose = posed(turn, turn @ -np.asarray(eye, float)) @ np.diag([-1.0 if mirrored else 1.0, 1, 1, 1])
     scene, solid = one_model(CAMERA, [pose]), np.array([solid and not mirrored])
     transforms = InstanceTransforms(scene, scene.world_from_model, np.array([9.0]), solid, np.ones((1, 4)))
-    found, points = outlines_of(mesh).find(transforms, "left"), mesh.positions
+    found, points = outlines_of(mesh).find(transforms, "left", np.array([0])), mesh.positions
     assert (found[:, 0] == 0).all()
     if solid:
         # Of what is drawn: fronts alone.

@@ -38,7 +38,7 @@ def drawn(backend, monkeypatch):
 
     original = ModelBuffers.select
     monkeypatch.setattr(ModelBuffers, "select", select)
-    for name, value in {"_FEWEST_TRIANGLES": 1, "_RUN_TRIANGLES": 16, "_TILE_PX": 4}.items():
+    for name, value in {"_FEWEST_TRIANGLES": 1, "_RUN_TRIANGLES": 16, "TILE_PX": 4}.items():
         monkeypatch.setattr(occlusion, name, value)
     return counts
 
@@ -47,9 +47,13 @@ def assert_unchanged(renderer, scene):
     """Compare with everything drawn, the whole image and a part of it."""
     found, part = renderer.render(scene), renderer.render(scene, CROP)
     drawing = renderer._drawing  # noqa: SLF001 - there is no option
-    search, drawing._occlusion = drawing._occlusion, None  # noqa: SLF001
+    searching = [owner for owner in (drawing, drawing._edges) if owner is not None]  # noqa: SLF001
+    search = drawing._occlusion  # noqa: SLF001
+    for owner in searching:
+        owner._occlusion = None  # noqa: SLF001
     expected = renderer.render(scene)
-    drawing._occlusion = search  # noqa: SLF001
+    for owner in searching:
+        owner._occlusion = search  # noqa: SLF001
     assert_equal(found, expected)
     assert_equal(part, expected, CROP)
 
