@@ -1,4 +1,4 @@
-"""Codecs in both directions, against other people's readers and writers; test_flow_files.py has those of flow."""
+"""Codecs in both directions, against other people's readers and writers."""
 
 import io
 import struct
@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as hnp
 from isal import isal_zlib
 from PIL import Image
 
-from semisynth_gl.codecs import Encodings
+from semisynth_gl.codecs import FLOW_CODECS, Encodings
 from semisynth_gl.codecs.calib import MIDDLEBURY_CALIB, Calibration
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.jpeg import Jpeg
@@ -35,9 +35,6 @@ def by_opencv(data):
     return decoded if decoded.ndim == 2 else decoded[..., ::-1]
 
 
-# The tables
-
-
 @pytest.mark.parametrize(
     ("image", "grey"),
     [(RGB8, GREY8), (Jpeg(), Jpeg(grey=True)), (RGB16, ThreeEqual(RGB16))],
@@ -47,9 +44,6 @@ def test_only_formats_with_a_grey_form_store_one_channel(image, grey):
     encodings = Encodings(image)
     assert encodings.in_grey(three=False).image == grey
     assert encodings.in_grey(three=True).image == ThreeEqual(image)
-
-
-# JSON
 
 
 def test_numbers_beyond_float64_are_refused():
@@ -141,24 +135,71 @@ def test_other_peoples_pfm_is_read():
     assert PFM.decode(data, PATH).tolist() == [[1.5, 2.5]]
 
 
+# Disparity and flow
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.sampled_from(["flo", "pfm"]),
+    hnp.arrays(np.float32, st.tuples(sides, sides, st.just(2)), elements=st.floats(-1e6, 1e6, width=32)),
+    st.integers(0, 9),
+)
+def test_flow_comes_back_bit_for_bit(encoding, flow, unknown):
+    flow.reshape(-1, 2)[unknown::7] = np.inf
+    came = FLOW_CODECS[encoding].decode(FLOW_CODECS[encoding].encode(flow), PATH)
+    assert came.dtype == np.float32
+    np.testing.assert_array_equal(came, flow)
+
+
+def test_opencv_reads_flow(tmp_path):
+    flow = np.random.default_rng(0).normal(0, 60, (13, 17, 2)).astype(np.float32)
+    flow[::3, ::2] = np.inf
+    there = np.isfinite(flow).all(axis=2)
+    (tmp_path / "flow.flo").write_bytes(FLOW_CODECS["flo"].encode(flow))
+    by_flo = cv2.readOpticalFlow(str(tmp_path / "flow.flo"))
+    np.testing.assert_array_equal(by_flo[there], flow[there])
+    assert (by_flo[~there] == np.float32(1e10)).all()
+    by_pfm = by_opencv(FLOW_CODECS["pfm"].encode(flow))
+    np.testing.assert_array_equal(by_pfm, np.concatenate([flow, np.zeros((13, 17, 1))], axis=2))
+
+
+def test_a_flow_png16_ends_where_16_bits_do():
+    rows = (-512.01, -512.0078125, -512.0, 0.0, 1 / 64, 511.984375, 511.9921, 511.9922, 512.0, 1e30, np.inf, np.nan)
+    flow = np.array([[(value, 1.0) for value in rows], [(1.0, value) for value in rows]], np.float32)
+    codec = FLOW_CODECS["png16"]
+    stored, came = by_opencv(codec.encode(flow)), codec.decode(codec.encode(flow), PATH)
+    first = [0, 0, 0, 32768, 32769, 65535, 65535, 0, 0, 0, 0, 0]
+    valid = [0, 1, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0]
+    assert stored[0, :, 0].tolist() == stored[1, :, 1].tolist() == first
+    assert stored[0, :, 2].tolist() == stored[1, :, 2].tolist() == valid
+    assert stored[0, :, 1].tolist() == stored[1, :, 0].tolist() == [32832 * each for each in valid]
+    beyond = [*(value == 0 for value in valid[:10]), False, False]
+    assert codec.exceeds_limit(flow).tolist() == [beyond, beyond]
+    assert np.isfinite(came).all(axis=2).tolist() == [[value == 1 for value in valid]] * 2
+    assert np.abs(came[0, 1:7] - flow[0, 1:7]).max() <= codec.error_px == 1 / 128
+
+
 @pytest.mark.parametrize(
-    "data",
+    ("codec", "data"),
     [
-        b"",
-        b"PF\n1 1\n-1.0\n" + bytes(12),
-        b"Pf\n2 2\n-1.0\n" + bytes(15),
-        b"Pf\n2 2\n-1.0\n" + bytes(17),
-        b"Pf\n0 2\n-1.0\n",
-        b"Pf\n999999999 999999999\n-1.0\n",
+        (PFM, b""),
+        (PFM, b"PF\n1 1\n-1.0\n" + bytes(12)),
+        (PFM, b"Pf\n2 2\n-1.0\n" + bytes(15)),
+        (PFM, b"Pf\n2 2\n-1.0\n" + bytes(17)),
+        (PFM, b"Pf\n0 2\n-1.0\n"),
+        (PFM, b"Pf\n999999999 999999999\n-1.0\n"),
+        (FLOW_CODECS["flo"], b"PIEH"),
+        (FLOW_CODECS["flo"], b"PIEH" + struct.pack("<ii4f", 2**31 - 1, 2**31 - 1, 0, 0, 0, 0)),
+        (FLOW_CODECS["flo"], b"PIEH" + struct.pack("<iif", 1, 1, 0)),
+        (FLOW_CODECS["flo"], b"PIEH" + struct.pack("<ii2f", 1, 1, 0, np.nan)),
+        (FLOW_CODECS["pfm"], b"Pf\n1 1\n-1.0\n" + struct.pack("<f", 0)),
+        (FLOW_CODECS["pfm"], b"PF\n1 1\n-1.0\n" + struct.pack("<3f", 0, 0, 1)),
+        (FLOW_CODECS["png16"], GREY16.encode(np.zeros((3, 4), np.uint16))),
     ],
 )
-def test_wrong_pfm_is_refused_by_name(tmp_path, data):
-    (tmp_path / "d.pfm").write_bytes(data)
-    with pytest.raises(ReadError, match=r"d\.pfm"):
-        PFM.read(tmp_path / "d.pfm")
-
-
-# Images and disparities of all kinds
+def test_wrong_files_are_refused_by_name(codec, data):
+    with pytest.raises(ReadError, match="the-file: "):
+        codec.decode(data, PATH)
 
 
 def test_a_png16_ends_at_256_px_and_keeps_0_for_no_truth():

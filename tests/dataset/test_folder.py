@@ -52,31 +52,17 @@ def tree(folder):
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_a_shard_without_its_record_is_made_again(clean, tmp_path, layout):
-    wanted = tree(clean / layout)
-    folder = copied(clean, layout, tmp_path / "set")
+def test_what_a_dataset_lacks_is_made_again(clean, tmp_path, layout):
+    wanted, folder = tree(clean / layout), copied(clean, layout, tmp_path / "set")
     plan = read_index(folder).plan
-    pair = RECORD.replace(".json", ".tar") if plan.layout.packed else plan.files("train", 1)["left"]
-    (folder / RECORD).unlink()
-    (folder / pair).write_bytes((folder / pair).read_bytes()[:20])
-    assert write(folder, layout) == [0]
+    for name in {INDEX, "README.md", *plan.lists, *plan.links}:
+        (folder / name).unlink()
+    assert write(folder, layout) == []
     assert tree(folder) == wanted
-    assert write(folder, layout) == []
-
-
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_without_its_index_a_dataset_is_finished_again(clean, tmp_path, layout):
-    wanted = tree(clean / layout)
-    folder = copied(clean, layout, tmp_path / "set")
-    about = [name for name, content in wanted.items() if content is not None and name not in (PLAN, RECORD)]
-    plan = read_index(folder).plan
-    of_pairs = {
-        path for split in plan.splits for n in range(plan.pairs[split]) for path in plan.files(split, n).values()
-    }
-    for name in about:
-        if name not in of_pairs and not name.startswith("shards/"):
-            (folder / name).unlink()
-    assert write(folder, layout) == []
+    of_pair = RECORD.replace(".json", ".tar") if plan.layout.packed else plan.files("train", 1)["left"]
+    (folder / RECORD).unlink()
+    (folder / of_pair).write_bytes((folder / of_pair).read_bytes()[:20])
+    assert write(folder, layout) == [0]
     assert tree(folder) == wanted
 
 

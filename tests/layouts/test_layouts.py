@@ -2,11 +2,9 @@
 
 # ruff: noqa: PTH207, PTH208 - loaders are written down with the calls that they make
 
-import io
 import json
 import os
 import re
-import tarfile
 from dataclasses import fields
 from functools import partial
 from glob import glob
@@ -15,6 +13,7 @@ from pathlib import Path, PurePosixPath
 import cv2
 import numpy as np
 import pytest
+from hand_made_datasets import write_dataset
 from hand_made_pairs import CAMERA, PAIRS, decode, encode, encoded, make_frame, make_provenance, write_tree
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -22,25 +21,17 @@ from PIL import Image
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.calib import KITTI_CALIB
+from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8, RGB8
+from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.dataset.sample import decode_file
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTPUTS, OUTSIDE, ROLES, VISIBLE, View
+from semisynth_gl.frame.channels import OCCLUDED, OUTPUTS, OUTSIDE, ROLES, VISIBLE, View
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.layouts.roles import number_objects, restore_outside
 from semisynth_gl.seeds.splits import SPLITS
-
-
-def write_tar(path, indices):
-    with tarfile.open(path, "w") as tar:
-        for index in indices:
-            for name, data in encode(find_layout("webdataset"), index).items():
-                member = tarfile.TarInfo(name)
-                member.size = len(data)
-                tar.addfile(member, io.BytesIO(data))
-    return str(path)
 
 
 def matched(left, right, disparity, disparity_right=None):
@@ -91,21 +82,14 @@ def test_what_is_written_comes_back(name, encodings, outputs, truth):
     for each in fields(CAMERA):
         assert getattr(stored.camera, each.name) == pytest.approx(getattr(CAMERA, each.name), abs=1e-12)
     assert set(stored.arrays()) == set(frame.arrays())
-    for array, was in frame.arrays().items():
-        is_ = stored.arrays()[array]
-        assert is_.dtype == was.dtype, array
-        if ROLES[array][1].name in ("flow", "flow_backward"):
-            np.testing.assert_array_equal(np.isinf(is_), np.isinf(was))
-            valid = np.isfinite(was)
-            assert np.abs(is_[valid] - was[valid]).max() <= stored.encodings.flow.error_px
-        elif array in ("disparity_left", "disparity_right"):
-            np.testing.assert_array_equal(np.isinf(is_), np.isinf(was))
-            valid = np.isfinite(was)
-            assert (np.abs(is_[valid] - was[valid]) <= stored.rounding_px(was[valid])).all()
-        elif ROLES[array][1].name in ("image", "raw") and not stored.encodings.image.lossless:
-            assert np.abs(is_.astype(int) - was).max() <= 4
-        else:
-            np.testing.assert_array_equal(is_, was, err_msg=array)
+    flow_px, disparity_px = stored.encodings.flow.error_px, stored.encodings.disparity.error_px
+    level = 0 if stored.encodings.image.lossless else 4
+    errors = {"flow": flow_px, "flow_backward": flow_px, "disparity": disparity_px, "image": level, "raw": level}
+    for role, was in frame.arrays().items():
+        is_ = stored.arrays()[role]
+        assert is_.dtype == was.dtype, role
+        error = errors.get(ROLES[role][1].name, 0)
+        np.testing.assert_allclose(is_.astype(float), was.astype(float), rtol=0, atol=error, err_msg=role)
 
 
 LENGTHS = st.one_of(
@@ -138,6 +122,32 @@ def test_a_disparity_is_rounded_or_counted_and_never_wrapped(lengths):
         assert (is_[valid] > 0).all()
         assert (np.abs(is_[valid] - disparity[valid]) <= stored.rounding_px(disparity[valid])).all()
         np.testing.assert_array_equal(stored.right.disparity, is_)
+
+
+def test_what_png16_cannot_say_is_invalid_everywhere():
+    frame = make_frame(1)
+    flow, mask = frame.left.flow.copy(), frame.left.flow_visibility.copy()
+    flow[0, :3], flow[5, 5], mask[5, 5] = (600, 0), (0, -513), OCCLUDED
+    disparity = frame.left.disparity.copy()
+    disparity[7, 7] = 300
+    left = frame.left.with_channels({"flow": flow, "flow_visibility": mask, "disparity": disparity})
+    frame = Frame(frame.camera, left, frame.right)
+    beyond = np.isfinite(flow).all(axis=2) & (np.abs(flow).max(axis=2) > 512)
+    for name, encodings in (("kitti", None), ("middlebury", Encodings.from_names(disparity="png16", flow="png16"))):
+        layout = find_layout(name)
+        stored = decode(layout, 1, encode(layout, 1, frame=frame, encodings=encodings), encodings=encodings)
+        counts = {key: value for key, value in stored.provenance.items() if key.endswith("_beyond")}
+        assert counts == {
+            "disparity_beyond": {"left": 1, "right": 0},
+            "flow_beyond": {"left": beyond.sum(), "right": 0},
+            "flow_backward_beyond": {"left": 0, "right": 0},
+        }
+        assert np.isinf(stored.left.flow[beyond]).all()
+        assert (stored.left.flow_visibility[beyond] == OUTSIDE).all()
+        np.testing.assert_array_equal(stored.left.flow_visibility[~beyond], mask[~beyond])
+        assert np.isinf([stored.left.disparity[7, 7], stored.left.disparity_change[7, 7]]).all()
+        assert stored.left.visibility[7, 7] == OUTSIDE
+        assert name == "kitti" or stored.calibration.vmax_px < 256
 
 
 @pytest.mark.parametrize("name", layout_names())
@@ -191,33 +201,13 @@ def test_kittis_objects_leave_out_what_stands_still():
     assert number_objects(ids, rows).dtype == np.uint8
 
 
-def stored_masks(frame):
-    """The masks of a frame as Middlebury's files have them, by role: 255 seen, 128 not seen, 0 unknown."""
-    masks = {}
-    for role, (eye, channel) in ROLES.items():
-        if channel.mask is not None:
-            mask, truth = frame.view(eye)[channel.mask], frame.arrays()[role]
-            known = np.isfinite(truth).reshape(*mask.shape, -1).all(axis=2)
-            masks[CHANNELS[channel.mask].role(eye)] = np.where(mask == VISIBLE, 255, np.where(known, 128, 0))
-    return masks
-
-
-@pytest.mark.parametrize("name", [name for name in layout_names() if name != "kitti"])
-def test_masks_have_middleburys_values_in_files_and_three_meanings_when_read(name):
-    layout, frame = find_layout(name), make_frame(2)
-    paths = layout.files(Key("lab", "train", 2), layout.encodings or Encodings())
-    files = encode(layout, 2, frame=frame)
-    earlier = dict(files)
-    for role, expected in stored_masks(frame).items():
-        stored = GREY8.decode(files[paths[role]], Path(role))
-        np.testing.assert_array_equal(stored, expected)
-        assert (stored != frame.arrays()[role]).mean() > 0.01
-        # Datasets of early versions have 0 where a point is outside.
-        earlier[paths[role]] = GREY8.encode(frame.arrays()[role])
-    for generation in (files, earlier):
-        read = decode(layout, 2, generation).arrays()
-        for role in stored_masks(frame):
-            np.testing.assert_array_equal(read[role], frame.arrays()[role])
+def test_masks_have_middleburys_values_in_files():
+    layout, left = find_layout("middlebury"), make_frame(2).left
+    path = layout.files(Key("lab", "train", 2), Encodings())["visibility_left"]
+    stored = GREY8.decode(encode(layout, 2)[path], Path(path))
+    expected = np.where(left.visibility == VISIBLE, 255, np.where(np.isfinite(left.disparity), 128, 0))
+    np.testing.assert_array_equal(stored, expected)
+    assert (stored != left.visibility).mean() > 0.01
 
 
 @settings(max_examples=60, deadline=None)
@@ -409,6 +399,56 @@ def test_sceneflow_keeps_train_and_test_in_one_tree(tmp_path):
     assert len(list((root / "validation" / THINGS / "frames_cleanpass").glob("TEST/*/*/left/*.png"))) == 4
 
 
+def raft_things(root, direction):
+    """Lists of image 1, image 2 and flow, as RAFT's FlyingThings3D finds them for the left camera."""
+    folder = root / "SceneFlow" / "FlyingThings3D"
+    image_dirs = [f"{each}/left" for each in sorted(glob(str(folder / "frames_cleanpass" / "TRAIN/*/*")))]
+    flow_dirs = [f"{each}/{direction}/left" for each in sorted(glob(str(folder / "optical_flow" / "TRAIN/*/*")))]
+    for image_dir, flow_dir in zip(image_dirs, flow_dirs, strict=True):
+        images, found = sorted(glob(f"{image_dir}/*.png")), sorted(glob(f"{flow_dir}/*.pfm"))
+        assert len(images) == len(found)
+        for i in range(len(found) - 1):
+            future = direction == "into_future"
+            yield (images[i], images[i + 1], found[i]) if future else (images[i + 1], images[i], found[i + 1])
+
+
+def kitti_flow(root, folder):
+    """As RAFT's KITTI and torchvision's KittiFlow."""
+    first, second = (sorted(glob(str(root / folder / "image_2" / f"*_{number}.png"))) for number in (10, 11))
+    return list(zip(first, second, sorted(glob(str(root / folder / "flow_occ" / "*_10.png"))), strict=True))
+
+
+def pair_of(path):
+    """Number of the pair that an image is of."""
+    return round(int(cv2.imread(str(path))[4, 4, 2]) / 8)
+
+
+@pytest.mark.parametrize(
+    ("name", "loader", "array", "step"),
+    [
+        ("sceneflow", partial(raft_things, direction="into_future"), "flow_left", 1),
+        ("sceneflow", partial(raft_things, direction="into_past"), "flow_backward_left", -1),
+        ("kitti", partial(kitti_flow, folder="training"), "flow_left", 1),
+        ("kitti", partial(kitti_flow, folder="KittiFlow/training"), "flow_left", 1),
+    ],
+)
+def test_loaders_of_flow_pair_it_with_its_frames(tmp_path, name, loader, array, step):
+    # The last sequence of SceneFlow is cut short.
+    pairs = 14 if name == "sceneflow" else 9
+    found = list(loader(write_tree(name, tmp_path, pairs=pairs, length=3)))
+    firsts = [pair_of(one) for one, _, _ in found]
+    wanted = [pair for pair in range(pairs) if 0 <= pair + step < pairs and (pair + step) // 3 == pair // 3]
+    assert sorted(firsts) == (wanted if name == "sceneflow" else [0, 3, 6])  # loaders of KITTI know two frames
+    for (_, two, path), pair in zip(found, firsts, strict=True):
+        assert pair_of(two) == pair + step
+        stored, made = cv2.imread(path, cv2.IMREAD_UNCHANGED)[..., ::-1], make_frame(pair).arrays()[array]
+        if name == "sceneflow":
+            np.testing.assert_array_equal(stored[..., :2], made)
+        else:
+            np.testing.assert_array_equal(stored[..., 2], np.isfinite(made).all(axis=2))
+            assert np.abs((stored[..., :2] / 64.0 - 512 - made)[np.isfinite(made)]).max() <= 1 / 128
+
+
 # Other people's packages
 
 
@@ -417,22 +457,20 @@ def test_webdataset_and_hugging_face_iterate_the_tars(tmp_path, monkeypatch):
     for name, value in (("HF_HUB_OFFLINE", "1"), ("HF_HOME", str(tmp_path / "home"))):
         monkeypatch.setenv(name, value)
     datasets = pytest.importorskip("datasets")
-    tars = [write_tar(tmp_path / f"lab-train-{n:06d}.tar", range(4 * n, 4 * n + 4)) for n in range(2)]
-    layout = find_layout("webdataset")
+    write_dataset(tmp_path / "set", "webdataset", {"train": 8}, 4)
+    tars, dataset = sorted(glob(f"{tmp_path}/set/shards/*.tar")), open_dataset(tmp_path / "set")
     samples = list(webdataset.WebDataset(tars, shardshuffle=False))
     assert [sample["__key__"] for sample in samples] == [f"{index:08d}" for index in range(8)]
     for index, sample in enumerate(samples):
-        files = {f"{index:08d}.{ending}": data for ending, data in sample.items() if not ending.startswith("__")}
-        stored = decode(layout, index, files)
-        np.testing.assert_array_equal(stored.right.disparity, make_frame(index).right.disparity)
-        assert stored.provenance == make_provenance(index)
+        assert PFM.decode(sample["disp1.pfm"], Path("x")).tobytes() == make_frame(index).right.disparity.tobytes()
+        assert json.loads(json.loads(sample["json"])["provenance"]) == dataset[index].provenance
     cache = str(tmp_path / "cache")
     loaded = datasets.load_dataset("webdataset", data_files={"train": tars}, split="train", cache_dir=cache)
     assert loaded.features["json"]["camera"]["width_px"].dtype == "int64"
     assert loaded.features["json"]["near_m"].dtype == "float64"
     for index, row in enumerate(loaded):
         assert (row["__key__"], row["json"]["pair"]) == (f"{index:08d}", index)
-        assert json.loads(row["json"]["provenance"]) == make_provenance(index)
+        assert json.loads(row["json"]["provenance"]) == dataset[index].provenance
         np.testing.assert_array_equal(np.asarray(row["right.png"]), make_frame(index).right.image)
         disparity = cv2.imdecode(np.frombuffer(row["disp0.pfm"], np.uint8), cv2.IMREAD_UNCHANGED)
         np.testing.assert_array_equal(disparity, make_frame(index).left.disparity)

@@ -171,7 +171,7 @@ def test_a_dataset_of_a_recipe_is_read_and_verified_without_the_package(tmp_path
 
 def test_a_file_cannot_make_a_message_propose_another_command():
     values = make_plan(load_config("kitti"), 0, "kitti", {"train": 1}).values()
-    for package in ({"package": "a; rm -rf ~", "version": "1"}, {"package": "a", "version": "$(b)"}):
+    for package in ({}, {"package": "a; rm -rf ~", "version": "1"}, {"package": "a", "version": "$(b)"}):
         with pytest.raises(ReadError, match=r"plugins\.layouts\.x"):
             parse(Plan, json.dumps(values | {"plugins": {"layouts": {"x": package}}}).encode(), Path("plan.json"))
 
