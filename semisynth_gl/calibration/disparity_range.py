@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from semisynth_gl.calibration.rig import Rig, median_size
 from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.histogram import Histogram, PixelCount
-from semisynth_gl.inputs.errors import InputError, counted
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.place import read_map
 
 # Quantiles between which the range lies: predictions and lidar have a few values that are far off.
@@ -35,17 +35,12 @@ _MOST_SHAPE = 1.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisparityRange:
-    """The values of the section ``disparity``.
-
-    ``target`` is the wanted histogram, in bins of width ``bin_px`` from ``min_px`` on. ``origin`` is a sentence on the
-    origin of the values.
-    """
+    """The values of the section ``disparity``: ends, px, and the wanted histogram, in bins of ``bin_px`` from min_px."""
 
     min_px: float
     max_px: float
     bin_px: float
     target: Histogram
-    origin: str = ""
 
     @property
     def signed(self) -> bool:
@@ -69,35 +64,28 @@ def disparity_range(
     cameras = [rig.camera for rig in rigs]
     least_doffs_px = min(camera.doffs_px for camera in cameras)
     if maps:
-        origin = f"Disparities measured from {counted(len(maps), 'map')}."
-        return replace(measured_range(measure_maps(maps, rigs, png_scale), least_doffs_px), origin=origin)
+        return measured_range(measure_maps(maps, rigs, png_scale), least_doffs_px)
     if range_px is not None:
-        (low_px, high_px), origin = range_px, "the range given"
-    elif range_m is not None:
-        near_m, far_m = range_m
-        if not 0 < near_m < far_m:
-            raise InputError(
-                f"expected two distances above 0, the nearer one first, got {near_m:g} {far_m:g}", argument="range_m"
-            )
-        low_px = min(camera.focal_baseline / far_m - camera.doffs_px for camera in cameras)
-        high_px = max(camera.focal_baseline / near_m - camera.doffs_px for camera in cameras)
-        origin = f"distances from {near_m:g} to {far_m:g} m"
-    else:
+        return chosen_range(*range_px, least_doffs_px)
+    if range_m is None:
         raise InputError(
             "missing: give it, or a range of distances, or disparity maps; at a distance of Z m, this rig has "
             f"{cameras[0].focal_baseline:.4g} / Z - {cameras[0].doffs_px:.4g} px",
             argument="range_px",
         )
-    found = chosen_range(low_px, high_px, least_doffs_px)
-    return replace(found, origin=f"A wide and smooth histogram over {origin}, not measured.")
+    near_m, far_m = range_m
+    if not 0 < near_m < far_m:
+        text = f"expected two distances above 0, the nearer one first, got {near_m:g} {far_m:g}"
+        raise InputError(text, argument="range_m")
+    lows, highs = ([each.focal_baseline / m - each.doffs_px for each in cameras] for m in (far_m, near_m))
+    return chosen_range(min(lows), max(highs), least_doffs_px)
 
 
 def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = KITTI_DISPARITY.steps) -> Histogram:
     """Measure the positive disparities of one or more maps, in fine bins, px at the rigs' median width.
 
-    Each map has the same weight, whatever its number of values. If a map's size is not that of any rig, its disparities
-    are multiplied by the ratio of the rigs' median width to the map's width. Raises InputError where a map does not fit
-    the rigs or has no value, and ReadError where it cannot be read.
+    Each map has the same weight. Disparities of a map that has no rig's size are multiplied by the ratio of the widths.
+    Raises InputError where a map does not fit the rigs or has no value, and ReadError where it cannot be read.
     """
     median, sizes = median_size(rigs), {rig.size for rig in rigs}
     edges = np.arange(round(max(size.width_px for size in sizes) / _FINE_PX) + 1) * _FINE_PX

@@ -3,7 +3,6 @@
 import math
 import re
 import sys
-import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from io import StringIO
@@ -37,8 +36,8 @@ _SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH = 0.04, 0.28
 _WALL_UP_TO = 0.05
 # Ends of the far plane's disparities, as fractions of the way from the farthest possible disparity to min_px.
 _PLANE_OF_MIN = (0.1, 0.7)
-# Columns of the comment, and names of calibrations in it.
-_WIDTH, _SOURCES_SHOWN = 98, 5
+# Names of calibrations in the comment.
+_SOURCES_SHOWN = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,14 +120,12 @@ class Draft:
         return made
 
     def text(self) -> str:
-        """Return the config as YAML, below a comment on the origin of its numbers."""
+        """Return the config as YAML, below a comment on the calibration."""
         yaml, text = YAML(), StringIO()
         yaml.Representer, yaml.width = _Representer, sys.maxsize
         yaml.indent(mapping=2, sequence=4, offset=2)
         sources = abbreviate([*dict.fromkeys(rig.source for rig in self.rigs)], _SOURCES_SHOWN)
-        comment = f"{self.name}: written by semisynth-gl calibrate from {sources}."
-        comment = printable(f"{comment} {self.disparity.origin} {self.style.origin}")
-        text.writelines(f"# {line}\n" for line in textwrap.wrap(comment, _WIDTH))
+        text.write(f"# {self.name}: written by semisynth-gl calibrate from {printable(sources)}.\n")
         for name, section in overridden(self.values(), self.overrides).items():
             yaml.dump({name: section}, text)
             text.write("\n")

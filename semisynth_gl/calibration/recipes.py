@@ -35,14 +35,12 @@ class Style:
         weights: weight of each recipe, above 0; the sum is 1.
         texels_per_pixel: low and high end of ``textures.texels_per_pixel``.
         blur_px: ``imperfections.blur_px``, in pixels of the config's images.
-        origin: sentences on the origin of these values, for a comment.
     """
 
     recipes: Sequence[dict[str, Any]]
     weights: Sequence[float]
     texels_per_pixel: tuple[float, float] = TEXELS[0]
     blur_px: float = 0.0
-    origin: str = "Equal weights, and textures as in the packaged configs: no pairs were tried."
 
 
 def untried_style(recipes: Sequence[dict[str, Any]]) -> Style:

@@ -122,13 +122,13 @@ def fitted_style(
     maps = [np.concatenate([values[:, 0] for values in of_recipe]) for of_recipe in trial]
     pictured = [number for number, measure in enumerate(MEASURES) if place[measure.key].any()]
     of_maps = [k for k in pictured if MEASURES[k].of_maps and all(np.isfinite(each[:, k]).any() for each in maps)]
-    weights, origin = np.full(len(recipes), 1 / len(recipes)), "Equal weights: no disparity map says otherwise."
+    weights = np.full(len(recipes), 1 / len(recipes))
     if of_maps:
         mixes = _mixes(len(recipes))
         apart = [_apart(mixes, [values[:, k] for values in maps], place[MEASURES[k].key]) for k in of_maps]
         surplus = np.maximum(mixes @ shares - wanted, 0).sum(axis=1) / _SURPLUS
         far = _far(np.stack([*apart, surplus])) + _EVENNESS * (mixes**2).sum(axis=1)
-        weights, origin = mixes[np.argmin(far)], "Weights by trial pairs beside the disparity maps."
+        weights = mixes[np.argmin(far)]
     looks = _mean([[_mean(values) for values in of_recipe] for of_recipe in trial], weights)
     of_looks = [k for k in pictured if np.isfinite(looks[..., k]).all() and not MEASURES[k].of_maps]
     places = [place[MEASURES[k].key] for k in of_looks]
@@ -140,7 +140,6 @@ def fitted_style(
         tuple(float(weights[number]) for number in kept),
         TEXELS[texels],
         float(f"{BLURS[blur] * blur_scale:.2g}"),
-        f"{origin} Textures by trial pairs beside the photographs.",
     )
 
 
