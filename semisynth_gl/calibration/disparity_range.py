@@ -35,7 +35,7 @@ _MOST_SHAPE = 1.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisparityRange:
-    """The values of the section ``disparity``: ends, px, and the wanted histogram, in bins of ``bin_px`` from min_px."""
+    """The values of the section ``disparity``: ends, px, and a histogram with bins of ``bin_px`` from min_px on."""
 
     min_px: float
     max_px: float

@@ -9,8 +9,8 @@ from io import StringIO
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.nodes import ScalarNode, SequenceNode
-from ruamel.yaml.representer import RoundTripRepresenter
+from ruamel.yaml.comments import CommentedSeq
+from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from semisynth_gl.calibration.disparity_range import DisparityRange
 from semisynth_gl.calibration.recipes import Style, is_outdoors, suitable_recipes, untried_style
@@ -122,7 +122,7 @@ class Draft:
     def text(self) -> str:
         """Return the config as YAML, below a comment on the calibration."""
         yaml, text = YAML(), StringIO()
-        yaml.Representer, yaml.width = _Representer, sys.maxsize
+        yaml.width = sys.maxsize
         yaml.indent(mapping=2, sequence=4, offset=2)
         sources = abbreviate([*dict.fromkeys(rig.source for rig in self.rigs)], _SOURCES_SHOWN)
         text.write(f"# {self.name}: written by semisynth-gl calibrate from {printable(sources)}.\n")
@@ -130,24 +130,6 @@ class Draft:
             yaml.dump({name: section}, text)
             text.write("\n")
         return text.getvalue().rstrip("\n") + "\n"
-
-
-class _Representer(RoundTripRepresenter):
-    """Writes lists of numbers on one line, and text with unprintable letters in quotes.
-
-    Without quotes, a line break of Unicode in a file's name would be read as a space.
-    """
-
-    def represent_list(self, values: list[Any]) -> SequenceNode:
-        numbers = not any(isinstance(value, dict | str) for value in values)
-        return self.represent_sequence("tag:yaml.org,2002:seq", values, flow_style=numbers)
-
-    def represent_str(self, text: str) -> ScalarNode:
-        return self.represent_scalar("tag:yaml.org,2002:str", text, style=None if text.isprintable() else '"')
-
-
-_Representer.add_representer(list, _Representer.represent_list)
-_Representer.add_representer(str, _Representer.represent_str)
 
 
 def describe(
@@ -214,11 +196,16 @@ def _background(draft: Draft, ranges: Mapping[str, tuple[float, float]]) -> dict
 
 
 def _rounded(value: Any) -> Any:  # noqa: ANN401 - any value of a config
-    """Return a value without keys that are None, with numbers of ten digits, and ranges of equal ends as numbers."""
-    # Ten digits are enough for any calibration, and leave out the rounding errors of binary numbers.
+    """Return a value as YAML shall have it, without keys that are None, and with ranges of equal ends as numbers.
+
+    Numbers have ten digits, which is enough for any calibration, and lists of numbers are on one line. Text that is not
+    printable is in quotes: without these, a line break of Unicode in a file's name would be read as a space.
+    """
     match value:
-        case bool() | int() | str():
+        case bool() | int():
             return value
+        case str():
+            return value if value.isprintable() else DoubleQuotedScalarString(value)
         case float():
             rounded = float(f"{value:.10g}") + 0.0
             return int(rounded) if rounded.is_integer() else rounded
@@ -227,4 +214,7 @@ def _rounded(value: Any) -> Any:  # noqa: ANN401 - any value of a config
         case Mapping():
             return {key: _rounded(each) for key, each in value.items() if each is not None}
         case _:
-            return [_rounded(each) for each in value]
+            made = CommentedSeq(map(_rounded, value))
+            if not any(isinstance(each, dict | str) for each in made):
+                made.fa.set_flow_style()
+            return made

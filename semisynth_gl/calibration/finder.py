@@ -48,7 +48,8 @@ class Finder:
     """The arrays of a rig in one tree."""
 
     def __init__(self, tree: Tree, given: Given) -> None:
-        self.unit, self.user_size, self.notes, cameras = given.unit, given.size, list[str](), given.cameras
+        cameras, self.unit, self.user_size = given
+        self.notes: list[str] = []
         self.cameras = cameras and (label_of(cameras[:1]) or cameras[0], label_of(cameras[1:]) or cameras[1])
         arrays = [Entry(name, value) for name, value in tree.items() if isinstance(value, np.ndarray)]
         entries = [*with_parts(by_columns(arrays))]
@@ -96,11 +97,8 @@ class Finder:
 
     def _of(self, key: str, *, raw: bool = False) -> dict[str, Entry]:
         """Return the arrays of a kind by eye or number of the camera; if ``raw``, none of rectified cameras."""
-        found: dict[str, Entry] = {}
-        for each in self.found.get(key, ()):
-            if not (raw and each.has("rect")):
-                found.setdefault(label_of(each.name, self.cameras, rotation=key == "R"), each)
-        return found
+        found = [each for each in reversed(self.found.get(key, [])) if not (raw and each.has("rect"))]
+        return {label_of(each.name, self.cameras, rotation=key == "R"): each for each in found}
 
     def _eyes(self, key: str) -> Pair | None:
         """Return two arrays of a kind, left and right; None if the tree lacks either. The only K or D is of both."""

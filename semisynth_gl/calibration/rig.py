@@ -80,14 +80,9 @@ class Rig:
         return Size(self.camera.width_px, self.camera.height_px)
 
     def scaled(self, scale: float) -> "Rig":
-        """Return the rig of images whose sides are multiplied by ``scale``: reduced below 1, enlarged above.
-
-        Pixel centres are at whole numbers, so a position c becomes (c + 0.5) scale - 0.5.
-        """
-        camera = self.camera
-        left, right, cy = ((c + 0.5) * scale - 0.5 for c in (camera.cx_left_px, camera.cx_right_px, camera.cy_px))
-        size, focal_px = self.size.scaled(scale), camera.focal_px * scale
-        camera = StereoCamera(*size, focal_px, camera.baseline_m, left, right, cy, fy_over_fx=camera.fy_over_fx)
+        """Return the rig of images whose sides are multiplied by ``scale``: reduced below 1, enlarged above."""
+        width_px, height_px = self.size.scaled(scale)
+        camera = self.camera.scaled(scale, scale, (height_px, width_px))
         raw = self.raw and {eye: each.scaled(scale) for eye, each in self.raw.items()}
         return replace(self, camera=camera, raw=raw)
 
@@ -118,9 +113,8 @@ def make_rig(arrays: StereoArrays, size: Size, alpha: float | None = None) -> Ri
     raw = dict[Eye, RawCamera]()
     if arrays.k is not None and arrays.d is not None and arrays.model is not None and rectification is not None:
         for eye, k, d, rotation in zip(EYES, arrays.k, arrays.d, rectification, strict=True):
-            (fx, _, cx), (_, fy, cy), _ = k.tolist()
-            rows = tuple(map(tuple, rotation.tolist()))
-            raw[eye] = RawCamera(*size, fx, fy, cx, cy, arrays.model, tuple(d.tolist()), rows)
+            of_eye = {"K": k, "D": d, "R": rotation, "model": arrays.model}
+            raw[eye] = RawCamera.from_record({"width_px": size.width_px, "height_px": size.height_px, **of_eye})
     is_rectified = all(each.is_pinhole(camera, eye) for eye, each in raw.items())
     return Rig(camera, source, None if is_rectified else raw, arrays.notes)
 

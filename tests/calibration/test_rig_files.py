@@ -287,9 +287,7 @@ NAMES = {
     "python.xml": "cameraMatrix1 distCoeffs1 cameraMatrix2 distCoeffs2 R T",
     "tutorial.json": "mtxL distL mtxR distR Rot Trns",
     "snake.yml": "camera_matrix_left dist_coeffs_left camera_matrix_right dist_coeffs_right R T",
-    "words.xml": "Left_Camera_Matrix Left_Distortion Right_Camera_Matrix Right_Distortion rotation trans",
     "letters.json": "Kl Dl Kr Dr R t",
-    "first.yml": "intrinsics_left distortion_l intrinsics_right distortion_r rot_mat tvec",
 }
 WITH_FIVE = {
     **{name: {name: Storage(named(names) | IMAGE)} for name, names in NAMES.items()},
@@ -301,7 +299,6 @@ WITH_FIVE = {
         "K_left.npy": K1, "K_right.npy": K2, "dist_left.npy": D1, "dist_right.npy": D2, "R.npy": R, "T.npy": T,
         "size.json": {"image_size": SIZE}},
     "lists": {"K": [K1, K2], "dist": [D1, D2], "R": R, "T": T, "imageSize": SIZE},
-    "everything of stereoRectify": {"rig.yml": Storage(ALL | IMAGE)},
     "intrinsics and extrinsics": {
         "intrinsics.yml": Storage({"M1": K1, "D1": D1, "M2": K2, "D2": D2} | IMAGE),
         "extrinsics.yml": Storage({"R": R, "T": T} | projections())},
@@ -333,7 +330,6 @@ WITH_FIVE = {
     "quaternion w x y z": APART | {"q": np.roll(quaternion(R), 1), "t": T},
     "pose of no name": APART | {"extrinsics": BACK},
     "from right to left": APART | {"R_right_to_left": BACK[:3, :3], "T_right_to_left": BACK[:3, 3]},
-    "pose of an older orb slam": APART | {"Tlr": BACK[:3]},
     "orb slam": {"EuRoC.yaml": orb_slam()},
     "orb slam 3": {"EuRoC.yaml": orb_slam_3()},
     "stella": stella(),
@@ -583,25 +579,26 @@ def test_projections_of_another_unit_or_baseline_than_the_translation(tmp_path):
     assert any(re.match("the cameras are 0.24.* apart by P, and 0.12.* by T", note) for note in rig.notes)
 
 
-@pytest.mark.parametrize("extension", ["json", "yml", "xml", "npz"])
-def test_a_file_names_its_lens(tmp_path, extension):
+@pytest.mark.parametrize(
+    ("line", "model"),
+    [
+        ("distortion_model: radtan", "radial-tangential"),
+        ("distortion_model: fisheye", "fisheye"),
+        ("fisheye: 1", "fisheye"),
+        ("is_fisheye: no", "radial-tangential"),
+    ],
+)
+def test_a_file_names_its_lens(tmp_path, line, model):
     wide = np.diag([0.3, 0.3, 1]) @ K1
-    values = Storage({"K1": wide, "D1": FISHEYE, "K2": wide, "D2": FISHEYE, "R": R, "T": T})
-    values = dict(values) if extension == "npz" else values
+    values = json.dumps(
+        {"K1": wide, "D1": FISHEYE, "K2": wide, "D2": FISHEYE, "R": R, "T": T}, default=np.ndarray.tolist
+    )
+    if "no" not in line:
+        assert (
+            read(tmp_path, {"rig.yaml": f"{line}\nrig: {values}"}, size=Size(*SIZE), alpha=0).raw["left"].model == model
+        )
     with pytest.raises(ReadError, match="a wide lens with 4 coefficients may be"):
-        read(tmp_path, {f"rig.{extension}": values}, size=Size(*SIZE))
-    for name, model in (("fisheye", "fisheye"), ("radtan", "radial-tangential")):
-        values["distortion_model"] = name
-        rig = read(tmp_path, {f"rig.{extension}": values}, size=Size(*SIZE), alpha=0)
-        assert rig.raw["left"].model == model
-
-
-@pytest.mark.parametrize("flag", ["fisheye: 0", "fisheye: false", "is_fisheye: no", "fisheye: 1", '{"fisheye": true}'])
-def test_a_flag_tells_a_fisheye_by_its_value(tmp_path, flag):
-    values = json.dumps(RAW | {"D1": D1[:4], "D2": D2[:4]}, default=np.ndarray.tolist)
-    text = f"{values[:-1]}, {flag[1:]}" if flag[0] == "{" else f"{flag}\nrig: {values}"
-    rig = read(tmp_path, {"rig.yaml": text}, size=Size(*SIZE))
-    assert rig.raw["left"].model == ("fisheye" if "1" in flag or "true" in flag else "radial-tangential")
+        read(tmp_path, {"rig.yaml": f"{line if 'no' in line else 'lens: no'}\nrig: {values}"}, size=Size(*SIZE))
 
 
 def test_what_is_concluded_is_noted(tmp_path):
@@ -643,8 +640,6 @@ SAME_POSES["value0"]["T_imu_cam"] = SAME_POSES["value0"]["T_imu_cam"][:1] * 2
     [
         (m("cam1=[994.978 0", "cam1=[990 0"), "not rectified"),
         (m("994.978 0 311.193", "994.978 3 311.193"), "not rectified"),
-        (m("279; 0 994.978", "279; 0 990.1"), "not rectified"),
-        (m("baseline=193.001", "baseline=0"), "baseline is 0 m"),
         (m("baseline=193.001", "baseline=wide"), "baseline: expected a number, got 'wide'"),
         (m("width=741", "width=-3"), "-3 x 500"),
         (KITTI.replace("2.199936e+00", "2.2e+01"), "not rectified"),
@@ -653,10 +648,8 @@ SAME_POSES["value0"]["T_imu_cam"] = SAME_POSES["value0"]["T_imu_cam"][:1] * 2
         (kalibr(coefficients=(D1, D2[:3])), "3 in cam1.distortion_coeffs"),
         (RAW | {"K2": K2 + np.eye(3, k=1), "imageSize": SIZE}, "a skew of 1"),
         (basalt("ds"), "its lens is ds"),
-        (kalibr("fov"), "its lens is fov"),
         (kalibr() | {"camera_model": "omni"}, "its lens is omni"),
         (SAME_POSES, "cameras apart"),
-        (depthai("nowhere"), "describes no pair"),
         (depthai(lens=(np.full(14, 0.1),) * 2), "got 14: the last two, a tilted sensor's, must be 0"),
         (depthai() | {"stereoRectificationData": {}}, "leftCameraSocket: expected a number"),
         ("fx: 3\n", r"describes no pair.*fx \(1\)"),
@@ -681,8 +674,8 @@ def test_any_bytes_are_read_or_refused(tmp_path_factory, data, extension):
         read_rigs([path])
 
 
-@pytest.mark.parametrize("line", ["key{}: {{a: [1, 2], b: word}}", "- {}.5", "1.5 {}", "a = [{}, 2"])
-@pytest.mark.parametrize("extension", ["yaml", "json", "txt"])
+@pytest.mark.parametrize("line", ["key{}: {{a: [1, 2], b: word}}", "- {}.5"])
+@pytest.mark.parametrize("extension", ["yaml", "txt"])
 def test_large_files_of_other_things_are_refused_soon(tmp_path, line, extension):
     text = "\n".join(map(line.format, range(1_000_000 // (len(line) + 6))))
     start = time.monotonic()

@@ -63,7 +63,6 @@ def test_a_place_that_is_a_mix_gets_its_weights(weights):
     there = place_of(**{key: np.array(values)[pictures] for key, values in shown.items()})
     style = style_of(there, **{key: of_recipes(*values) for key, values in shown.items()})
     assert named(style) == pytest.approx(weights)
-    assert style.origin.startswith("Weights by trial pairs beside the disparity maps.")
 
 
 def test_a_mix_of_extremes_with_the_mean_of_a_place_is_not_chosen():
@@ -78,7 +77,6 @@ def test_clutter_is_in_every_mix_and_photographs_say_nothing_of_weights():
     assert style_of(place_of(jumps=around(0.1, 0.1)), **values).weights == (0.95, 0.05)
     style = style_of(place_of(gradient=[9]), **values)
     assert style.weights == pytest.approx([1 / 3] * 3)
-    assert style.origin.startswith("Equal weights: no disparity map says otherwise.")
 
 
 def test_a_mix_shows_no_more_than_is_wanted_of_a_disparity():
