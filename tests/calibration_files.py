@@ -109,6 +109,6 @@ def plain_rig(focal_px, baseline_m, width_px, height_px):
     return Rig(StereoCamera.centred(width_px, height_px, focal_px, baseline_m), "x")
 
 
-def facts(rigs, disparity):
+def facts(rig, disparity):
     """What a config is drafted from, with one photograph."""
-    return Draft("x", rigs, disparity, ["a"], 256, untried_style(suitable_recipes(rigs, disparity)))
+    return Draft("x", rig, disparity, ["a"], 256, untried_style(suitable_recipes(rig, disparity)))

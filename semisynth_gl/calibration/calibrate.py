@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from semisynth_gl.calibration.disparity_range import disparity_range
 from semisynth_gl.calibration.draft import Draft, describe
 from semisynth_gl.calibration.rig import Rig
-from semisynth_gl.calibration.rig_files import read_rigs
+from semisynth_gl.calibration.rig_files import read_rig
 from semisynth_gl.calibration.sizes import Size, check_sizes, most_common_size, photograph_sizes
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config import Config
@@ -115,19 +115,18 @@ def calibrate(
             raise InputError(text, argument="baseline_m" if focal_px is None else "focal_px")
         usual = most_common_size(of_rig)
         photographed = usual and usual.scaled(1 / scale)
-        rigs = read_rigs(files, size=wanted, photographed=photographed, unit=unit, alpha=alpha, cameras=cameras)
+        rig = read_rig(files, size=wanted, photographed=photographed, unit=unit, alpha=alpha, cameras=cameras)
     elif focal_px is not None and baseline_m is not None and wanted is not None:
         camera = StereoCamera.centred(*wanted, focal_px, baseline_m)
-        rigs = [Rig(camera, "the focal length, baseline and size given")]
+        rig = Rig(camera, "the focal length, baseline and size given")
     else:
         missing = "focal_px" if focal_px is None else "baseline_m" if baseline_m is None else "size"
         raise InputError("missing: give a calibration, or focal length, baseline and size", argument=missing)
-    notes = list(dict.fromkeys(note for rig in rigs for note in rig.notes))
-    check_sizes(of_rig, [rig.size for rig in rigs], scale)
-    rigs = [rig.scaled(scale) for rig in rigs]
+    check_sizes(of_rig, rig.size, scale)
+    rig, notes = rig.scaled(scale), [*rig.notes]
     maps = map_files(names_of(disparity))
-    disparities = disparity_range(rigs, maps, png_scale=png_scale, range_px=range_px, range_m=range_m)
-    draft = describe(name, rigs, sources, disparities, sizes, overrides)
+    disparities = disparity_range(rig, maps, png_scale=png_scale, range_px=range_px, range_m=range_m)
+    draft = describe(name, rig, sources, disparities, sizes, overrides)
     # Keys and photographs that cannot be used are reported before the trials; the dataset's patches are cached.
     atlas = prepare_atlas(draft.config().textures, Split(0))
     draft = replace(draft, grey=bool((atlas.layers[..., :3] == atlas.layers[..., :1]).all()))
@@ -135,12 +134,12 @@ def calibrate(
     try:
         # Raises where OpenCV is missing, or a lens bends two directions of the rectified image to one pixel.
         for eye in draft.lenses:
-            LensChain(draft.lenses[eye], rigs[0].camera, eye, "black")
+            LensChain(draft.lenses[eye], rig.camera, eye, "black")
     except InputError as error:
         draft = replace(draft, lenses={})
         notes.append(f"the lenses were left out: {error}")
     if trials:
-        place = measure_place(photographs, maps, working_width(draft.size.width_px), png_scale)
+        place = measure_place(photographs, maps, working_width(rig.size.width_px), png_scale)
         # Imported here: loading OpenGL and models takes longer than writing a config without trials.
         from semisynth_gl.calibration.trial import fit  # noqa: PLC0415
 
@@ -154,17 +153,14 @@ def calibrate(
 def _summary(draft: Draft, config: Config, photographs: str) -> list[str]:
     """Return lines about the disparities, photographs, scenes and textures of the config, overrides included."""
     disparity, style = config.disparity, draft.style
-    distances = [
-        rig.camera.focal_baseline / total_px if (total_px := px + rig.camera.doffs_px) > 0 else math.inf
-        for rig in draft.rigs
-        for px in (disparity.min_px, disparity.max_px)
-    ]
+    totals_px = (px + draft.rig.camera.doffs_px for px in (disparity.max_px, disparity.min_px))
+    near_m, far_m = (draft.rig.camera.focal_baseline / px if px > 0 else math.inf for px in totals_px)
     mix = (f"{weight:.0%} {recipe['recipe']}" for weight, recipe in zip(style.weights, style.recipes, strict=True))
     texels, blur_px = config.textures.texels_per_pixel, config.imperfections.blur_px.high
     mean_px = config.wanted_histogram().mean_px
     return [
         f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {mean_px:.2f} px",
-        f"distance         {min(distances):.3g} to {max(distances):.3g} m",
+        f"distance         {near_m:.3g} to {far_m:.3g} m",
         f"photographs      {photographs}",
         f"recipes          {', '.join(mix)}",
         f"textures         {texels.low:g} to {texels.high:g} texels per pixel, blurred by {blur_px:g} px",

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.calibration.rig import Rig, median_size
+from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.histogram import Histogram, PixelCount
@@ -49,7 +49,7 @@ class DisparityRange:
 
 
 def disparity_range(
-    rigs: Sequence[Rig],
+    rig: Rig,
     maps: Sequence[Path] = (),
     *,
     png_scale: float = KITTI_DISPARITY.steps,
@@ -59,78 +59,73 @@ def disparity_range(
     """Return the range and the histogram of disparity by maps, a range of disparities or one of distances.
 
     16-bit PNG maps have ``png_scale`` levels per pixel. Raises InputError where nothing gives the range or it does not
-    fit the rigs, and ReadError where a map cannot be read.
+    fit the rig, and ReadError where a map cannot be read.
     """
-    cameras = [rig.camera for rig in rigs]
-    least_doffs_px = min(camera.doffs_px for camera in cameras)
+    focal_baseline, doffs_px = rig.camera.focal_baseline, rig.camera.doffs_px
     if maps:
-        return measured_range(measure_maps(maps, rigs, png_scale), least_doffs_px)
+        return measured_range(measure_maps(maps, rig.size, png_scale), doffs_px)
     if range_px is not None:
-        return chosen_range(*range_px, least_doffs_px)
+        return chosen_range(*range_px, doffs_px)
     if range_m is None:
         raise InputError(
             "missing: give it, or a range of distances, or disparity maps; at a distance of Z m, this rig has "
-            f"{cameras[0].focal_baseline:.4g} / Z - {cameras[0].doffs_px:.4g} px",
+            f"{focal_baseline:.4g} / Z - {doffs_px:.4g} px",
             argument="range_px",
         )
     near_m, far_m = range_m
     if not 0 < near_m < far_m:
         text = f"expected two distances above 0, the nearer one first, got {near_m:g} {far_m:g}"
         raise InputError(text, argument="range_m")
-    lows, highs = ([each.focal_baseline / m - each.doffs_px for each in cameras] for m in (far_m, near_m))
-    return chosen_range(min(lows), max(highs), least_doffs_px)
+    return chosen_range(focal_baseline / far_m - doffs_px, focal_baseline / near_m - doffs_px, doffs_px)
 
 
-def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = KITTI_DISPARITY.steps) -> Histogram:
-    """Measure the positive disparities of one or more maps, in fine bins, px at the rigs' median width.
+def measure_maps(paths: Sequence[Path], size: Size, png_scale: float = KITTI_DISPARITY.steps) -> Histogram:
+    """Measure the positive disparities of one or more maps, in fine bins, px in images of ``size``.
 
-    Each map has the same weight. Disparities of a map that has no rig's size are multiplied by the ratio of the widths.
-    Raises InputError where a map does not fit the rigs or has no value, and ReadError where it cannot be read.
+    Each map has the same weight. Disparities of a map of another size are multiplied by the ratio of the widths. Raises
+    InputError where a map does not fit the rig or has no value, and ReadError where it cannot be read.
     """
-    median, sizes = median_size(rigs), {rig.size for rig in rigs}
-    edges = np.arange(round(max(size.width_px for size in sizes) / _FINE_PX) + 1) * _FINE_PX
+    edges = np.arange(round(size.width_px / _FINE_PX) + 1) * _FINE_PX
     shares = np.zeros(len(edges) - 1)
     for path in paths:
         disparity = read_map(path, png_scale)
-        size = Size(*disparity.shape[::-1])
-        scale = 1.0 if size in sizes else median.width_px / size.width_px
+        own = Size(*disparity.shape[::-1])
         largest = np.max(disparity, initial=-np.inf, where=np.isfinite(disparity))
-        shape = size.height_px / size.width_px * median.width_px / median.height_px
-        if not (-np.inf < largest <= size.width_px and 1 / _MOST_SHAPE <= shape <= _MOST_SHAPE):
+        shape = own.height_px / own.width_px * size.width_px / size.height_px
+        if not (-np.inf < largest <= own.width_px and 1 / _MOST_SHAPE <= shape <= _MOST_SHAPE):
             raise InputError(
-                f"{path}: has {size} pixels and disparities up to {largest:g} px: expected maps of nearly the shape of "
-                f"the rig's images, {median}, with disparities above 0 and below their width. If a PNG has not "
+                f"{path}: has {own} pixels and disparities up to {largest:g} px: expected maps of nearly the shape of "
+                f"the rig's images, {size}, with disparities above 0 and below their width. If a PNG has not "
                 f"{png_scale:g} levels per pixel, give its scale"
             )
         count = PixelCount(edges)
-        count.add(disparity * np.float32(scale))
+        count.add(disparity * np.float32(size.width_px / own.width_px))
         shares += count.histogram.shares
     return Histogram.from_counts(edges, shares)
 
 
-def measured_range(histogram: Histogram, least_doffs_px: float = 0.0) -> DisparityRange:
+def measured_range(histogram: Histogram, doffs_px: float = 0.0) -> DisparityRange:
     """Return the range without the lowest and highest thousandth of the disparities, and the histogram in its bins.
 
     The range has room above the largest of these disparities. ``histogram`` has fine bins, as that of `measure_maps`.
-    ``least_doffs_px`` is the least cx_right - cx_left of the rigs. Raises InputError where disparities lie beyond
-    infinity.
+    Raises InputError where disparities lie beyond infinity, for cx_right - cx_left of ``doffs_px``.
     """
     low, high = histogram.quantile(_LOWEST), histogram.quantile(_HIGHEST)
-    _check(low, high + _LEAST_PX, least_doffs_px)
+    _check(low, high + _LEAST_PX, doffs_px)
     # Rounded down: its distance from the disparity of infinity, or from 0 if that is larger, has two digits.
-    farthest = max(0.0, -least_doffs_px)
+    farthest = max(0.0, -doffs_px)
     step = 10.0 ** (math.floor(math.log10(low - farthest)) - 1)
     first = farthest + float(f"{math.floor((low - farthest) / step) * step:.6g}")
     edges, bin_px = _bins(first, high * _HEADROOM)
     return DisparityRange(first, float(edges[-1]), bin_px, histogram.rebinned(edges))
 
 
-def chosen_range(low_px: float, high_px: float, least_doffs_px: float = 0.0) -> DisparityRange:
+def chosen_range(low_px: float, high_px: float, doffs_px: float = 0.0) -> DisparityRange:
     """Return a known range with a wide and smooth histogram; raises InputError where it is empty or reaches infinity.
 
-    ``least_doffs_px`` is the least cx_right - cx_left of the rigs.
+    ``doffs_px`` is cx_right - cx_left.
     """
-    _check(low_px, high_px, least_doffs_px)
+    _check(low_px, high_px, doffs_px)
     edges, bin_px = _bins(low_px, high_px)
     inside = np.clip((np.clip(edges, low_px, high_px) - low_px) / (high_px - low_px), 0, 1)
     # The integral of x exp(-x / h), a gamma distribution of shape 2.
@@ -148,9 +143,9 @@ def _bins(low: float, high: float) -> tuple[NDArray[np.float64], float]:
     return np.round(low + np.arange(math.ceil((high - low) / bin_px) + 1) * bin_px, 9), bin_px
 
 
-def _check(low_px: float, high_px: float, least_doffs_px: float) -> None:
-    if not -least_doffs_px < low_px <= high_px - _LEAST_PX < math.inf:
+def _check(low_px: float, high_px: float, doffs_px: float) -> None:
+    if not -doffs_px < low_px <= high_px - _LEAST_PX < math.inf:
         raise InputError(
             f"the range of disparity is {low_px:g} to {high_px:g} px: expected ends that differ by {_LEAST_PX:g} px or "
-            f"more, both above {-least_doffs_px:g} px, the disparity of infinity for this rig"
+            f"more, both above {-doffs_px:g} px, the disparity of infinity for this rig"
         )

@@ -14,14 +14,13 @@ from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from semisynth_gl.calibration.disparity_range import DisparityRange
 from semisynth_gl.calibration.recipes import Style, is_outdoors, suitable_recipes, untried_style
-from semisynth_gl.calibration.rig import Rig, median_size, rig_ranges
+from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.sizes import Size
 from semisynth_gl.config import Config
 from semisynth_gl.config.load import Overrides, overridden, parse_values
 from semisynth_gl.config.scene_sections import BackgroundSection, TexturesSection
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.frame.raw_camera import RawCamera, vector_of
-from semisynth_gl.inputs.errors import abbreviate
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.textures.image_files import printable
 
@@ -36,8 +35,7 @@ _SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH = 0.04, 0.28
 _WALL_UP_TO = 0.05
 # Ends of the far plane's disparities, as fractions of the way from the farthest possible disparity to min_px.
 _PLANE_OF_MIN = (0.1, 0.7)
-# Names of calibrations in the comment.
-_SOURCES_SHOWN = 5
+_CAMERA_KEYS = ("width_px", "height_px", "focal_px", "baseline_m", "cx_left_px", "doffs_px", "cy_px")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,18 +44,18 @@ class Draft:
 
     Attributes:
         name: the config's name.
-        rigs: the rigs.
+        rig: the rig.
         disparity: range and wanted histogram of disparity.
         images: the user's sources of photographs, as absolute paths.
         large_px: side of large patches.
         style: the mix of recipes and the look of surfaces.
         grey: whether all photographs are grey.
-        lenses: the cameras before rectification, of a single rig; empty where they are not known.
+        lenses: the cameras before rectification; empty where they are not known or cannot be used.
         overrides: keys that the user sets, as `load_config` takes them.
     """
 
     name: str
-    rigs: Sequence[Rig]
+    rig: Rig
     disparity: DisparityRange
     images: Sequence[str]
     large_px: int
@@ -66,27 +64,19 @@ class Draft:
     lenses: Mapping[Eye, RawCamera] = field(default_factory=dict)
     overrides: Overrides = ()
 
-    @property
-    def size(self) -> Size:
-        """Size of the config's images: the median over the rigs."""
-        return median_size(self.rigs)
-
     def config(self) -> Config:
         """Return the config; raises InputError where its numbers make no valid one."""
         return parse_values(self.values(), f"{self.name}.yaml", self.overrides)
 
     def values(self) -> dict[str, Any]:
         """Return the config's values before the user's overrides: sections and keys in the YAML's order."""
-        disparity, ranges, width_px = self.disparity, rig_ranges(self.rigs), self.size.width_px
-        fy_over_fx = sum(ranges.pop("fy_over_fx")) / 2
-        smallest, largest = (round(part * width_px) for part in (_SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH))
+        disparity, camera = self.disparity, self.rig.camera
+        smallest, largest = (round(part * camera.width_px) for part in (_SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH))
         values = {
             "name": self.name,
             "camera": {
-                "width_px": width_px,
-                "height_px": self.size.height_px,
-                **ranges,
-                "fy_over_fx": fy_over_fx if abs(fy_over_fx - 1) > _SQUARE else None,
+                **{key: getattr(camera, key) for key in _CAMERA_KEYS},
+                "fy_over_fx": camera.fy_over_fx if abs(camera.fy_over_fx - 1) > _SQUARE else None,
                 "colour": "grey" if self.grey else None,
             },
             "lens": _lens(self.lenses) if self.lenses else None,
@@ -102,7 +92,7 @@ class Draft:
                     "shares": [round(float(share), 4) for share in disparity.target.shares],
                 },
             },
-            "background": _background(self, ranges),
+            "background": _background(self.rig, disparity),
             "particles": {"size_px": (max(smallest, 1), max(largest, 2))},
             "scenes": [
                 {"recipe": recipe["recipe"], "weight": weight, **recipe}
@@ -124,8 +114,7 @@ class Draft:
         yaml, text = YAML(), StringIO()
         yaml.width = sys.maxsize
         yaml.indent(mapping=2, sequence=4, offset=2)
-        sources = abbreviate([*dict.fromkeys(rig.source for rig in self.rigs)], _SOURCES_SHOWN)
-        text.write(f"# {self.name}: written by semisynth-gl calibrate from {printable(sources)}.\n")
+        text.write(f"# {self.name}: written by semisynth-gl calibrate from {printable(self.rig.source)}.\n")
         for name, section in overridden(self.values(), self.overrides).items():
             yaml.dump({name: section}, text)
             text.write("\n")
@@ -134,7 +123,7 @@ class Draft:
 
 def describe(
     name: str,
-    rigs: Sequence[Rig],
+    rig: Rig,
     images: Sequence[str],
     disparity: DisparityRange,
     photographed: Sequence[Size],
@@ -148,12 +137,12 @@ def describe(
     sides = sorted(map(min, photographed)) or [0]
     return Draft(
         re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-") or "calibrated",
-        rigs,
+        rig,
         disparity,
         [str(expanded(path).absolute()) for path in images],
-        max(min(sides[len(sides) // 2], median_size(rigs).width_px, _LARGEST_SIDE), TexturesSection().patch_px),
-        untried_style(suitable_recipes(rigs, disparity)),
-        lenses=(len(rigs) == 1 and rigs[0].raw) or {},
+        max(min(sides[len(sides) // 2], rig.camera.width_px, _LARGEST_SIDE), TexturesSection().patch_px),
+        untried_style(suitable_recipes(rig, disparity)),
+        lenses=rig.raw or {},
         overrides=overrides,
     )
 
@@ -171,21 +160,20 @@ def _lens(lenses: Mapping[Eye, RawCamera]) -> dict[str, Any]:
     return {"model": raw.model, "raw_width_px": raw.width_px, "raw_height_px": raw.height_px, **eyes}
 
 
-def _background(draft: Draft, ranges: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
-    """Return a background of back walls, or outdoors of a far plane between min_px and infinity for the least doffs.
+def _background(rig: Rig, disparity: DisparityRange) -> dict[str, Any]:
+    """Return a background of back walls, or outdoors of a far plane between min_px and infinity.
 
     A wall turns so far that it lies in one bin of the target from the image's side to its middle: for a wall of
     disparity d turned by a, d + doffs becomes (d + doffs) (1 + tan(a) x / f) at x px from the middle.
     """
-    disparity = draft.disparity
-    min_px, (least_doffs_px, most_doffs_px) = disparity.min_px, ranges["doffs_px"]
-    if is_outdoors(draft.rigs, disparity):
-        farthest = -least_doffs_px if disparity.signed else max(0.0, -least_doffs_px)
+    min_px, doffs_px = disparity.min_px, rig.camera.doffs_px
+    if is_outdoors(rig, disparity):
+        farthest = -doffs_px if disparity.signed else max(0.0, -doffs_px)
         ends = tuple(farthest + float(f"{part * (min_px - farthest):.2g}") for part in _PLANE_OF_MIN)
         return {"cuboid": 0, "plane": 1, "plane_disparity_px": ends}
     deep_px = float(f"{disparity.target.quantile(_WALL_UP_TO) - min_px:.2g}")
-    steepest = draft.size.width_px / 2 / ranges["focal_px"][0]
-    far_px = max(min_px + (least_doffs_px + most_doffs_px) / 2, disparity.bin_px)
+    steepest = rig.camera.width_px / 2 / rig.camera.focal_px
+    far_px = max(min_px + doffs_px, disparity.bin_px)
     turn_deg = float(f"{math.degrees(math.atan(disparity.bin_px / far_px / steepest)):.2g}")
     return {
         "cuboid": 1,

@@ -1,12 +1,11 @@
 """The recipes of a calibrated config, and the style of its scenes before any trial."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from semisynth_gl.calibration.disparity_range import DisparityRange
-from semisynth_gl.calibration.rig import Rig, median_size, rig_ranges
+from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.scene.rig import BEYOND_NEAR
 
 TEXELS = ((0.8, 1.5), (0.4, 0.75))
@@ -48,27 +47,25 @@ def untried_style(recipes: Sequence[dict[str, Any]]) -> Style:
     return Style(recipes, (1 / len(recipes),) * len(recipes))
 
 
-def is_outdoors(rigs: Sequence[Rig], disparity: DisparityRange) -> bool:
+def is_outdoors(rig: Rig, disparity: DisparityRange) -> bool:
     """Return whether more than 2 % of the wanted pixels are farther than 20 m.
 
     A view whose largest depth is less than three times its smallest is indoors: a wall has to close it.
     """
-    ranges = rig_ranges(rigs)
-    doffs_px = sum(ranges["doffs_px"]) / 2
+    doffs_px = rig.camera.doffs_px
     if disparity.max_px + doffs_px < _DEPTH_OF_FLAT * (disparity.min_px + doffs_px):
         return False
-    focal_px, baseline_m = (math.sqrt(math.prod(ranges[key])) for key in ("focal_px", "baseline_m"))
-    return float(disparity.target.cumulative(focal_px * baseline_m / _INDOOR_M - doffs_px)) > _OUTDOOR_FROM
+    return float(disparity.target.cumulative(rig.camera.focal_baseline / _INDOOR_M - doffs_px)) > _OUTDOOR_FROM
 
 
-def suitable_recipes(rigs: Sequence[Rig], disparity: DisparityRange) -> list[dict[str, Any]]:
+def suitable_recipes(rig: Rig, disparity: DisparityRange) -> list[dict[str, Any]]:
     """Return the recipes that suit the wanted disparities.
 
     Recipes of furnished, open and still scenes state their particles as layers, since their walls, ground and panels
     already lie at the wanted disparities. Where the range is so narrow that walls cannot reach these, there are no such
     recipes. The last two recipes are solved for the part of the wanted distribution that the others leave.
     """
-    width_px, doffs_px = median_size(rigs).width_px, sum(rig_ranges(rigs)["doffs_px"]) / 2
+    width_px, doffs_px = rig.camera.width_px, rig.camera.doffs_px
     # Rounded as in the written config, so that ranges lie within its limits.
     least, most = (float(f"{limit:.10g}") for limit in (disparity.min_px, disparity.max_px))
 
@@ -96,6 +93,6 @@ def suitable_recipes(rigs: Sequence[Rig], disparity: DisparityRange) -> list[dic
     ]
     # Walls and panels keep a distance from the near plane.
     reached = (most + doffs_px) / BEYOND_NEAR - doffs_px >= disparity.target.quantile(_STILL_UP_TO)
-    still = (outdoor if is_outdoors(rigs, disparity) else indoor) if reached else []
+    still = (outdoor if is_outdoors(rig, disparity) else indoor) if reached else []
     floating: list[dict[str, Any]] = [{"recipe": "sparse", "particles": {"density": "sparse"}}, {"recipe": "clutter"}]
     return [*(recipe | {"particles": particles} for recipe in still), *floating]

@@ -1,7 +1,7 @@
-"""Rigs: what a calibration says, OpenCV's rectification, checks of rectified pairs, and ranges over several rigs."""
+"""Rigs: what a calibration says, OpenCV's rectification, and checks of rectified pairs."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -174,23 +174,3 @@ def _baseline_m(left: Array, right: Array) -> float:
             f"the baseline is {baseline_m:g} m: swap left and right, in the calibration and in your images"
         )
     return baseline_m
-
-
-def median_size(rigs: Sequence[Rig]) -> Size:
-    """Return the median width and the median height of the images of one or more rigs."""
-    return Size(*(sorted(sides)[len(rigs) // 2] for sides in zip(*(rig.size for rig in rigs), strict=True)))
-
-
-def rig_ranges(rigs: Sequence[Rig]) -> dict[str, tuple[float, float]]:
-    """Return the least and the largest value over one or more rigs, by key of the config's section ``camera``.
-
-    Principal points are moved into images of `median_size`, so that they keep their distance from the centre.
-    """
-    size, ranges = median_size(rigs), dict[str, tuple[float, float]]()
-    for key in ("focal_px", "fy_over_fx", "baseline_m", "cx_left_px", "doffs_px", "cy_px"):
-        values = [getattr(rig.camera, key) for rig in rigs]
-        if key in ("cx_left_px", "cy_px"):
-            side = key == "cy_px"
-            values = [value + (size[side] - rig.size[side]) / 2 for value, rig in zip(values, rigs, strict=True)]
-        ranges[key] = min(values), max(values)
-    return ranges

@@ -14,7 +14,7 @@ from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.textures.image_files import find_files
 
 
-def read_rigs(
+def read_rig(
     sources: Sequence[str | Path],
     *,
     size: Size | None = None,
@@ -22,18 +22,17 @@ def read_rigs(
     unit: str | None = None,
     alpha: float | None = None,
     cameras: tuple[str, str] | None = None,
-) -> list[Rig]:
-    """Read rectified rigs from calibration files and globs, in the order of the files.
+) -> Rig:
+    """Read a rectified rig from the calibration files that the sources name.
 
-    If every file describes a rig, each gives one. Otherwise only files with K, D and R of both cameras are used. If
-    no file has these, all files together give one rig. They are one file a camera, left first unless names say
-    otherwise, or intrinsics and extrinsics.
+    Of several files, one may have K, D and R of both cameras. If none has, they are one file a camera, left first
+    unless names say otherwise, or intrinsics and extrinsics.
 
     ``photographed`` is the size of the rig's photographs, which chooses or stands for the size where files do not state
     it. The other arguments are those of `calibrate`.
 
     Raises:
-        InputError: where there is no file, a rig is not rectified, or OpenCV is needed and missing.
+        InputError: where there is no file, or several rigs, the rig is not rectified, or OpenCV is needed and missing.
         ReadError: where a file describes no rig, or contradicts itself.
     """
     paths = [*dict.fromkeys(path for source in sources for path in _found(source))]
@@ -44,7 +43,10 @@ def read_rigs(
     rigs = [each for tree, path in zip(trees, paths, strict=True) if (each := _arrays(tree, str(path), given))]
     if len(rigs) < len(paths):
         rigs = [each for each in rigs if each.d and (each.pose_m is not None or each.rectification)]
-    return [_rig(each, size, photographed, alpha) for each in rigs or [_joined(paths, trees, given)]]
+    if len(rigs) > 1:
+        text = f"{rigs[0].source} and {rigs[1].source} describe a rig each: give the files of one"
+        raise InputError(text, argument="calib")
+    return _rig(rigs[0] if rigs else _joined(paths, trees, given), size, photographed, alpha)
 
 
 def _found(source: str | Path) -> list[Path]:

@@ -57,14 +57,13 @@ def most_common_size(photographs: Sequence[Size]) -> Size | None:
     return next((size for size, count in Counter(photographs).items() if 2 * count > len(photographs)), None)
 
 
-def check_sizes(photographs: Sequence[Size], calibrated: Sequence[Size], scale: float = 1.0) -> None:
-    """Raise InputError where there are photographs, but none of them has a calibrated size times ``scale``."""
-    wanted = [size.scaled(scale) for size in calibrated]
-    if not photographs or {*photographs} & {*wanted}:
+def check_sizes(photographs: Sequence[Size], calibrated: Size, scale: float = 1.0) -> None:
+    """Raise InputError where there are photographs, but none of them has the calibrated size times ``scale``."""
+    expected = calibrated.scaled(scale)
+    if not photographs or expected in photographs:
         return
     sizes = [size for size, _ in Counter(photographs).most_common()]
-    there, expected = (abbreviate([*dict.fromkeys(map(str, each))], _SIZES_SHOWN) for each in (sizes, wanted))
-    fitting = sizes[0].width_px / calibrated[0].width_px
+    there, fitting = abbreviate([*map(str, sizes)], _SIZES_SHOWN), sizes[0].width_px / calibrated.width_px
     raise InputError(
         f"the calibration is for images of {expected}, but none of {counted(len(photographs), 'photograph')} has that "
         f"size: they have {there}. If they are reduced, give a scale of {fitting:.6g}; if another camera took them, "

@@ -45,7 +45,7 @@ def fit(draft: Draft, place: Values, pairs: int, listener: Listener) -> Draft:
     the measures of the place's pictures at the `working_width`. The listener hears the number of trial pairs, and each
     finished pair. Raises InputError where inputs cannot be used, and BackendError where OpenGL cannot.
     """
-    recipes, target, width_px = draft.style.recipes, draft.disparity.target, draft.size.width_px
+    recipes, target, width_px = draft.style.recipes, draft.disparity.target, draft.rig.camera.width_px
     blur_scale = width_px / working_width(width_px)
     cells = {f"{recipe['recipe']}-{k}": (r, k) for r, recipe in enumerate(recipes) for k in range(len(TEXELS))}
     tried = [

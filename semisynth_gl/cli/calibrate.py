@@ -45,7 +45,7 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
     multiple=True,
     metavar="FILE_OR_GLOB",
     help="Calibration file of any tool: YAML, JSON, XML, .npz, .npy, .conf or text. May be repeated, for the files of "
-    "both cameras or several rigs.",
+    "both cameras.",
 )
 @option(
     "--pair",

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from backends import backend_fault
-from calibration_files import CAMERA, MIDDLEBURY, facts, middlebury, plain_rig
+from calibration_files import CAMERA, MIDDLEBURY, facts, plain_rig
 from config_texts import parse_config
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -18,8 +18,7 @@ from semisynth_gl.calibration.calibrate import calibrate
 from semisynth_gl.calibration.disparity_range import chosen_range, disparity_range, measured_range
 from semisynth_gl.calibration.draft import describe
 from semisynth_gl.calibration.recipes import is_outdoors
-from semisynth_gl.calibration.rig import Rig, median_size, rig_ranges
-from semisynth_gl.calibration.rig_files import read_rigs
+from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.config import Range, load_config
 from semisynth_gl.frame.camera import StereoCamera
@@ -56,7 +55,7 @@ def test_scaling_keeps_rays():
 
 @pytest.mark.parametrize(("ratio", "written"), [(1.0, None), (1 + 9e-7, None), (1 - 2e-6, 1 - 2e-6), (1.2, 1.2)])
 def test_a_config_gets_both_focal_lengths_unless_they_differ_by_rounding(ratio, written):
-    camera = parse_config(facts([Rig(replace(CAMERA, fy_over_fx=ratio), "x")], chosen_range(2, 60)).text()).camera
+    camera = parse_config(facts(Rig(replace(CAMERA, fy_over_fx=ratio), "x"), chosen_range(2, 60)).text()).camera
     assert camera.fy_over_fx == pytest.approx(written or 1.0, rel=1e-9, abs=0)
     assert camera.focal_px == Range(994.978, 994.978)
 
@@ -72,31 +71,18 @@ def test_grey_photographs_make_grey_cameras(tmp_path, channels):
     assert parse_config(made.text) == made.config
 
 
-def test_several_rigs_give_ranges(tmp_path):
-    for number, (width, focal) in enumerate([(700, 900.0), (720, 1000.0), (760, 950.0)]):
-        camera = StereoCamera.centred(width, 480 + number, focal, 0.1 * (number + 1), 10.0 * number)
-        write(tmp_path, f"scene{number}/calib.txt", middlebury(camera))
-    rigs = read_rigs([tmp_path / "*/calib.txt"])
-    assert median_size(rigs) == (720, 481)
-    ranges = rig_ranges(rigs)
-    assert (ranges["focal_px"], ranges["doffs_px"]) == ((900, 1000), (0, pytest.approx(20)))
-    assert ranges["baseline_m"] == pytest.approx((0.1, 0.3))
-    assert ranges["cx_left_px"] == pytest.approx((359.5 - 10, 359.5))
-    assert ranges["cy_px"] == pytest.approx((240, 240))
-
-
 @pytest.mark.parametrize(
     ("disparities", "outdoors"), [((30, 40), False), ((1, 4), True), ((18, 62), True), ((1, 2), False)]
 )
 def test_far_pixels_make_a_scene_an_outdoor_one(disparities, outdoors):
     rig = plain_rig(1000, 0.4, 640, 480)  # 20 m is 20 px
-    assert is_outdoors([rig], measured_range(Histogram.from_counts(disparities, [1.0]))) == outdoors
+    assert is_outdoors(rig, measured_range(Histogram.from_counts(disparities, [1.0]))) == outdoors
 
 
 def test_every_kind_of_scene_has_recipes_that_a_config_takes():
     found = measured_range(Histogram.from_counts((19.4, 62), [1.0]))
     for baseline_m, kind in ((0.1, "room"), (4, "street")):
-        recipes = parse_config(facts([plain_rig(1000, baseline_m, 640, 480)], found).text()).recipes()
+        recipes = parse_config(facts(plain_rig(1000, baseline_m, 640, 480), found).text()).recipes()
         assert sum(recipe.share for recipe in recipes) == pytest.approx(1)
         shown = {name for name in ("room", "street") if any(getattr(each.config.background, name) for each in recipes)}
         assert shown == {kind}
@@ -184,7 +170,7 @@ def test_whatever_files_are_called_the_yaml_is_read_back(tmp_path_factory, name)
     except OSError:
         return
     rig = Rig(StereoCamera.centred(30, 20, 40.0, 0.1), str(photograph))
-    found = describe(name, [rig], [str(photograph)], disparity_range([rig], range_px=(1, 10)), [rig.size])
+    found = describe(name, rig, [str(photograph)], disparity_range(rig, range_px=(1, 10)), [rig.size])
     config = load_config(write(folder, "config.yaml", found.text()))
     assert config.textures.images == (str(photograph),)
 

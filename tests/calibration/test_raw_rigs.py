@@ -99,8 +99,3 @@ def test_lenses_without_opencv_are_left_out_with_a_note(place, monkeypatch):
     calibration = made(place)
     assert calibration.config.lens is None
     assert any(re.search("left out: .*OpenCV", note) for note in calibration.notes)
-
-
-def test_several_rigs_have_no_lens(place):
-    stored(place / "other.yml", RAW | projections())
-    assert made(place, calib=[place / "stereo.yml", place / "other.yml"]).config.lens is None

@@ -33,7 +33,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shared_material import SHARED, needs_shared
 
-from semisynth_gl.calibration.rig_files import read_rigs
+from semisynth_gl.calibration.rig_files import read_rig
 from semisynth_gl.calibration.sizes import Size, upright
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.raw_camera import vector_of
@@ -74,7 +74,7 @@ def write(folder, files):
 
 
 def read(folder, files, **options):
-    (rig,) = read_rigs(write(folder, files), **options)
+    rig = read_rig(write(folder, files), **options)
     return rig
 
 
@@ -395,18 +395,18 @@ def test_calibrations_of_many_tools_give_one_rig():
     ):
         of = wanted["zed_hd"] if names == "zed.conf" else wanted
         d = [np.array(wanted[("equidistant" if "imu" in names else "D") + n]) for n in "12"]
-        (rig,) = read_rigs([folder / names], photographed=Size(*of["size"]))
+        rig = read_rig([folder / names], photographed=Size(*of["size"]))
         k = np.array(of["K1"]), np.array(of["K2"])
         check(rig, lens=d, k=k, turn=turn, shift=shift, size=tuple(of["size"]), fisheye="imu" in names)
     for names in (("K.txt",), ("orb.yaml",), ("P_left.npy", "P_right.npy"), ("S_rect_101.txt",)):
-        (rig,) = read_rigs([folder / name for name in names], photographed=size)
+        rig = read_rig([folder / name for name in names], photographed=size)
         camera, (left, right) = rig.camera, (wanted["P1"], wanted["P2"])
         assert rig.size == size
         got = camera.focal_px, camera.cx_left_px, camera.cy_px, camera.baseline_m
         np.testing.assert_allclose(got, (left[0][0], left[0][2], left[1][2], -right[0][3] / right[0][0]), rtol=1e-5)
-    (rig,) = read_rigs([folder / "scalars.json"])
+    rig = read_rig([folder / "scalars.json"])
     assert (rig.camera.baseline_m, rig.camera.doffs_px) == (0.075, pytest.approx(2.2))
-    (rig,) = read_rigs([folder / "cityscapes.json"], photographed=Size(2048, 1024))
+    rig = read_rig([folder / "cityscapes.json"], photographed=Size(2048, 1024))
     assert (rig.camera.focal_px, rig.camera.baseline_m) == (2262.52, 0.209313)
     assert rig.camera.focal_y_px == pytest.approx(2265.3)
 
@@ -443,7 +443,7 @@ def test_a_rectified_rig_in_any_format_is_read_back(tmp_path_factory, size, foca
     assume(upright(Size(*size), matrices(camera)) == size)
     for name, text in RECTIFIED.items():
         (folder / name).write_text(text(camera))
-        (rig,) = read_rigs([folder / name])
+        rig = read_rig([folder / name])
         assert rig.size == size
         assert rig.source == str(folder / name)
         for key in ("focal_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px"):
@@ -452,14 +452,14 @@ def test_a_rectified_rig_in_any_format_is_read_back(tmp_path_factory, size, foca
 
 def test_the_right_camera_alone_holds_the_baseline(tmp_path):
     left, right = write(tmp_path, WITH_FIVE["ros"])
-    (alone,) = read_rigs([right])
+    alone = read_rig([right])
     assert alone.camera.baseline_m == pytest.approx(np.linalg.norm(T))
     assert alone.raw is None
     with pytest.raises(ReadError, match="describes no pair"):
-        read_rigs([left])
+        read_rig([left])
     a, b = write(tmp_path / "unnamed", WITH_FIVE["ros without eyes in the names"])
     with pytest.raises(InputError, match="swap left and right"):
-        read_rigs([b, a])
+        read_rig([b, a])
 
 
 SHORT_KITTI = "".join(f"{line.replace('_rect_0', '')}\n" for line in KITTI.splitlines() if line.startswith("P_rect"))
@@ -561,15 +561,15 @@ def test_two_of_several_cameras_are_chosen(tmp_path):
     chain["cam2"] = chain["cam1"] | {"T_cn_cnm1": pose.tolist(), "intrinsics": [500, 500, 320, 240]}
     (path,) = write(tmp_path, {"chain.yaml": chain})
     with pytest.raises(ReadError, match=r"3 cameras .*choose two, --pair"):
-        read_rigs([path])
-    check(read_rigs([path], cameras=("cam0", "cam1"))[0], lens=FOUR)
-    (rig,) = read_rigs([path], cameras=("cam1", "cam2"))
+        read_rig([path])
+    check(read_rig([path], cameras=("cam0", "cam1")), lens=FOUR)
+    rig = read_rig([path], cameras=("cam1", "cam2"))
     assert rig.camera.baseline_m == pytest.approx(0.3)
     np.testing.assert_allclose(rig.raw["left"].matrix, K2)
-    (rig,) = read_rigs([path], cameras=("cam0", "cam2"))
+    rig = read_rig([path], cameras=("cam0", "cam2"))
     assert rig.camera.baseline_m == pytest.approx(np.linalg.norm((pose @ POSE)[:3, 3]))
     with pytest.raises(ReadError, match="no pair of cameras cam0 and cam3"):
-        read_rigs([path], cameras=("cam0", "cam3"))
+        read_rig([path], cameras=("cam0", "cam3"))
 
 
 def test_projections_of_another_unit_or_baseline_than_the_translation(tmp_path):
@@ -611,10 +611,11 @@ def test_what_is_concluded_is_noted(tmp_path):
     assert (rig.camera.baseline_m, rig.raw) == (0.2, None)
 
 
-def test_files_of_whole_rigs_are_several_rigs(tmp_path):
-    for number, focal_px in enumerate((700.0, 800.0)):
-        write(tmp_path, {f"scene{number}/calib.txt": middlebury(StereoCamera.centred(640, 480, focal_px, 0.2))})
-    assert [rig.camera.focal_px for rig in read_rigs([tmp_path / "*/calib.txt"])] == [700, 800]
+def test_files_of_whole_rigs_are_refused(tmp_path):
+    for number in range(2):
+        write(tmp_path, {f"scene{number}/calib.txt": MIDDLEBURY})
+    with pytest.raises(InputError, match="describe a rig each: give the files of one"):
+        read_rig([tmp_path / "*/calib.txt"])
 
 
 @pytest.mark.parametrize(("alpha", "lens"), [(0.0, FIVE), (0.4, FIVE), (1.0, FIVE), (0.7, FISH)])
@@ -671,7 +672,7 @@ def test_any_bytes_are_read_or_refused(tmp_path_factory, data, extension):
     path = tmp_path_factory.mktemp("any") / f"x.{extension}"
     path.write_bytes(data)
     with pytest.raises(SemisynthError):
-        read_rigs([path])
+        read_rig([path])
 
 
 @pytest.mark.parametrize("line", ["key{}: {{a: [1, 2], b: word}}", "- {}.5"])
@@ -695,7 +696,7 @@ def test_aliases_and_pickles_are_not_expanded(tmp_path):
 def test_files_that_are_not_there_are_refused(tmp_path):
     for source in ("no.txt", "*.txt", "."):
         with pytest.raises(InputError, match="no such file, nor a file with"):
-            read_rigs([tmp_path / source])
+            read_rig([tmp_path / source])
 
 
 @given(
@@ -756,4 +757,4 @@ def test_damaged_calibrations_are_read_or_refused(tmp_path_factory, data):
         path.write_bytes(content[:begin] + by + content[end:])
     cameras = data.draw(st.sampled_from([None, ("cam0", "cam1"), ("left", "right"), ("a", "b")]))
     with suppress(SemisynthError):
-        read_rigs(paths, photographed=Size(*SIZE), cameras=cameras)
+        read_rig(paths, photographed=Size(*SIZE), cameras=cameras)

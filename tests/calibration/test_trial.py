@@ -127,7 +127,7 @@ def test_each_pair_counts_for_its_recipe_and_texture_scale(monkeypatch):
     monkeypatch.setattr(trial, "PairRenderer", renderer)
     monkeypatch.setattr(trial, "_blurred", lambda pair, *_: np.full((len(BLURS), len(MEASURES)), float(pair.value)))
     monkeypatch.setattr(trial, "fitted_style", lambda _, values, *__: found.append(values))
-    draft = facts([Rig(CAMERA, "calib.txt")], chosen_range(2, 90))
+    draft = facts(Rig(CAMERA, "calib.txt"), chosen_range(2, 90))
     trial.fit(draft, gather(()), 3, Listener())
     for recipe, values in zip(draft.style.recipes, found[0], strict=True):
         for scale, of_scale in enumerate(values):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from semisynth_gl.calibration.rig_files import read_rigs
+from semisynth_gl.calibration.rig_files import read_rig
 from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.config import Config, Range
 from semisynth_gl.inputs.errors import ReadError, SemisynthError
@@ -85,12 +85,12 @@ HUGE = ("1e300", "inf", ".nan", "-inf", DIGITS, "1e7000", "[1, 2]")
 def test_every_number_of_a_calibration_has_limits(tmp_path):
     path = tmp_path / "calib.txt"
     path.write_text(MIDDLEBURY.format(**USUAL))
-    assert read_rigs([path])[0].size == (640, 480)
+    assert read_rig([path])[0].size == (640, 480)
     for key in USUAL:
         for value in HUGE:
             path.write_text(MIDDLEBURY.format(**USUAL | {key: value}))
             with np.errstate(all="raise"), pytest.raises(SemisynthError) as caught:
-                read_rigs([path])
+                read_rig([path])
             assert str(path) in str(caught.value), (key, value)
             assert len(str(caught.value)) < 1500
 
@@ -108,4 +108,4 @@ SLOW = {
 def test_hostile_calibrations_are_given_up_at_once(tmp_path, name):
     (tmp_path / "calib.txt").write_text(SLOW[name])
     with pytest.raises(ReadError):
-        read_rigs([tmp_path / "calib.txt"])
+        read_rig([tmp_path / "calib.txt"])

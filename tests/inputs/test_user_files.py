@@ -9,7 +9,7 @@ import pytest
 from config_texts import parse_config
 from PIL import Image
 
-from semisynth_gl.calibration.rig_files import read_rigs
+from semisynth_gl.calibration.rig_files import read_rig
 from semisynth_gl.cli.options import SceneOptions
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.config import Config, load_config
@@ -29,7 +29,7 @@ READERS = {
     "image": read_image,
     "map": read_disparity_map,
     "calib.txt of a scene": read_limits,
-    "calibration": lambda path: read_rigs([path]),
+    "calibration": lambda path: read_rig([path]),
     "images": lambda path: prepare_atlas(TexturesSection(source="images", images=(str(path),)), Split(0)),
     "models": lambda path: load_models([path]),
 }
@@ -63,7 +63,7 @@ def test_globs_match_what_python_matches(tmp_path, monkeypatch):
 
 
 def test_homes_of_nobody_are_told():
-    for read in (lambda path: find_images([path]), lambda path: read_rigs([path]), load_config):
+    for read in (lambda path: find_images([path]), lambda path: read_rig([path]), load_config):
         with pytest.raises(InputError, match="nosuchuser"):
             read("~nosuchuser/photos")
 
