@@ -32,11 +32,6 @@ def applied(picture, point=None, **values):
 LEVELS = np.tile(np.arange(256, dtype=np.uint8)[:, None, None], (1, 2, 3))
 
 
-def test_none_returns_the_image_itself():
-    picture = image()
-    assert applied(picture) is picture
-
-
 def plain(picture, drawn, rng):
     """All imperfections but the blur by their formulas, on the whole image at once."""
     values = picture.astype(np.float32) * np.float32(2.0**drawn.exposure_stops)
@@ -190,21 +185,6 @@ def test_pairs_that_fail_are_drawn_again_from_sub_seeds(monkeypatch):
     assert not np.array_equal(after[2].frame.left.image, marked)
     np.testing.assert_array_equal(after[2].frame.left.image, alone.frame.left.image)
     assert after[2].provenance["redrawn"] == ["too something: 3 of 4"]
-
-
-def test_frames_of_a_redrawn_sequence_belong_together(monkeypatch):
-    config = cheap(sequence={"length": 3}, camera={"focal_px": [110.0, 140.0]})
-    seen = []
-
-    def fussy(frame, _config, _sampled):
-        seen.append(frame)
-        return ["no"] if len(seen) == 1 else []
-
-    monkeypatch.setattr(pipeline, "faults", fussy)
-    with PairRenderer(config, 0) as pairs:
-        cameras = [pairs.render(index).frame.camera for index in range(3)]
-    assert cameras[0] == cameras[1] == cameras[2]
-    assert cameras[0] != seen[0].camera
 
 
 # Turns by which the left camera sees a part of the view alone.

@@ -87,15 +87,29 @@ def test_every_pixel_has_a_disparity_and_rooms_keep_to_their_range(rig, kind, se
     # Walls keep 1 % clear of the near plane, which must leave them a disparity.
     assume(config.disparity.max_px > (BEYOND_NEAR - 1) * config.camera.doffs_px.high)
     static = static_scene_of(config, seed)
-    for time_s in (0.0, 0.6, 1.9) if static.rig.sway.moves else (0.0,):
+    times = (0.0, 0.6, 1.9) if static.rig.sway.moves else (0.0,)
+    for time_s in times:
         for camera in static.rig.views:
             px = seen_px(static, camera, time_s)
             assert np.isfinite(px).all()
             assert px.min() > 0
+            # A near plane cuts off houses that a swaying camera comes too near to.
+            assert px.max() <= config.disparity.max_px or (kind == "street" and len(times) > 1)
             if kind == "room":
                 # A large doffs may leave less between the range's two ends than walls keep from the near plane.
                 farthest_m = max(static.rig.camera.depth_m(config.disparity.min_px), BEYOND_NEAR * static.rig.near_m)
                 assert px.min() >= camera.disparity_px(farthest_m) - 1e-6
+
+
+@pytest.mark.parametrize("kind", ["cuboid", "room", "street"])
+def test_a_camera_that_sways_far_sees_no_end(kind):
+    weights = [f"background.{name}={int(name == kind)}" for name in KINDS]
+    moving = "camera.sway_m=0.2", "camera.sway_deg=12", "disparity.target={form: uniform}"
+    config = load_config("kitti", [*CLUTTER_ALONE, *PIERCED, *weights, *moving])
+    for seed in range(3):
+        static = static_scene_of(config, seed)
+        for time_s in (0.0, 0.6, 1.9):
+            assert np.isfinite(seen_px(static, static.rig.camera, time_s)).all()
 
 
 def test_a_pair_that_is_too_deep_is_sampled_again_and_refused_at_last():

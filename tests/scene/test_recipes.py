@@ -18,7 +18,6 @@ from semisynth_gl.config import Config, load_config
 from semisynth_gl.config.explain import explain
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset, read_index
-from semisynth_gl.frame.camera import Crop
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.histogram import PixelCount, total_variation
 from semisynth_gl.inputs.errors import InputError
@@ -81,15 +80,6 @@ def test_successive_sequences_have_each_recipe_as_often_as_its_share_says(weight
     for recipe, share in enumerate(given_shares):
         # Independent draws would be off by more than 20 now and then.
         assert np.abs(np.cumsum(drawn == recipe) - share * so_far).max() < 4.5
-
-
-def test_an_overview_shows_the_first_pair_of_each_recipe():
-    sampler = sampler_of(mixed(small()))
-    for pairs in (1, 3, 7):
-        shown = sampler.overview(pairs)
-        assert shown == sorted(set(shown))
-        assert len(shown) == pairs
-        assert len({sampler.sample(index).recipe for index in shown}) == min(pairs, 3)
 
 
 def test_a_preview_shows_each_recipe_and_says_what_it_is(tmp_path):
@@ -264,15 +254,3 @@ def test_pairs_say_their_recipe(dataset):
     assert [pair.recipe for pair in pairs] == [names[number] for number in numbers]
     assert {pair.recipe for pair in pairs} == set(names)
     assert all(pair.provenance["recipe"] == pair.recipe for pair in pairs)
-
-
-def test_any_pair_and_any_crop_of_a_mix_can_be_rendered_first(dataset):
-    crop = Crop(10, 5, 30, 20)
-    stored = open_dataset(dataset)
-    with PairRenderer(read_index(dataset).plan.config, 1) as pairs:
-        for index in (7, 2, 11, 0):
-            frame = pairs.render(index).frame
-            np.testing.assert_array_equal(frame.left.image, stored[index].left.image)
-            np.testing.assert_array_equal(frame.left.disparity, stored[index].left.disparity)
-            part = pairs.render(index, crop=crop, checked=False).frame
-            np.testing.assert_array_equal(part.right.disparity, frame.cropped(crop).right.disparity)
