@@ -1,7 +1,5 @@
 """Motion blur: what is drawn, when, and how it is averaged."""
 
-from contextlib import contextmanager
-
 import numpy as np
 import pytest
 from tiny_datasets import cheap
@@ -9,27 +7,10 @@ from tiny_datasets import cheap
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.pairs.cameras import moments
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.render.renderer import Renderer
 
 
 def moving(**sections):
     return cheap(**{"camera": {"sway_m": 0.03}, "sequence": {"length": 3, "frame_s": 0.1}} | sections)
-
-
-@contextmanager
-def opened(config):
-    """The sampler of a config's scenes, and a renderer that draws them as pairs are drawn."""
-    with PairRenderer(config, 0) as pairs:
-        sampler, layers = pairs.sampler, pairs.sources.atlas.layers
-    with Renderer(
-        sampler.models,
-        layers,
-        wrap=config.textures.wrap,
-        outputs=config.outputs,
-        rectified=config.rig.none(),
-        antialias=config.antialias,
-    ) as renderer:
-        yield sampler, renderer
 
 
 @pytest.mark.parametrize(("count", "colour"), [(2, "rgb"), (7, "grey")])
@@ -37,19 +18,15 @@ def test_an_exposure_is_the_mean_of_its_moments_rounded_once(count, colour):
     camera = {"sway_m": 0.03, "colour": colour}
     section = {"motion_blur": [0.4, 1], "sub_frames": count}
     sharp_config, config = moving(camera=camera), moving(camera=camera, imperfections=section)
-    with (
-        PairRenderer(sharp_config, 0) as before,
-        PairRenderer(config, 0) as after,
-        opened(sharp_config) as (sampler, renderer),
-    ):
+    with PairRenderer(sharp_config, 0) as before, PairRenderer(config, 0) as after:
         for index in (1, 3):
             sharp, blurred = before.render(index), after.render(index)
             drawn = blurred.provenance["imperfections"]
             assert drawn["left"] == drawn["right"]
             share = drawn["left"]["motion_blur"]
             assert 0.4 <= share <= 1
-            sampled = sampler.sample(index)
-            frames = [renderer.render(sampled.moment(time)) for time in moments(share, count)]
+            sampled = before.sampler.sample(index)
+            frames = [before.renderer.render(sampled.moment(time)) for time in moments(share, count)]
             for eye in EYES:
                 mean = np.mean([frame.view(eye).image for frame in frames], axis=0)
                 image = blurred.frame.view(eye).image
