@@ -72,7 +72,7 @@ def rigs(draw):
         f"camera.doffs_px={doffs}",
         f"disparity.min_px={least}",
         f"disparity.max_px={most}",
-        f"background.wall_disparity_px=[{least},{least * 2}]",
+        f"background.wall_disparity_px=[{least},{draw(st.sampled_from([least * 2, most]))}]",
         f"background.plane_disparity_px=[{least * 0.05},{least * 0.5}]",
         *(["camera.sway_m=[0,0.01]", "camera.sway_deg=[0,1]"] if sways else []),
         *(["camera.baselines=3", "camera.baseline_m=[0.1,0.4]"] if draw(st.integers(0, 2)) == 0 else []),
