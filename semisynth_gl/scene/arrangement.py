@@ -103,10 +103,9 @@ class Arrangement:
         return np.asarray(points @ self.camera_from_floor[2, :3] + self.camera_from_floor[2, 3])
 
     def pick(self, sizes_m: Diameters) -> Picked | None:
-        """Choose a model of several kinds, and its diameter; return None where the library has none of the kinds.
+        """Choose a model of several kinds, which are equally likely; return None where the library has none of them.
 
-        All kinds are equally likely: the config's weights are for particles. ``sizes_m`` is in the arrangement's
-        metres, the chosen diameter in true metres.
+        ``sizes_m`` is in the arrangement's metres, the chosen diameter in true metres.
         """
         kind, variant, size = self.rng.random(3)
         known = [name for name in sizes_m if name in self.catalogue.by_name]
@@ -150,16 +149,11 @@ class Arrangement:
     def add_box(
         self, middle: ArrayLike, half: ArrayLike, yaw_rad: float = 0.0, texture: int | None = None
     ) -> int | None:
-        """Add the five sides of a box without its bottom; return the number of the first side.
+        """Add the five sides of a box without its bottom, which share a texture; return the number of the first side.
 
-        A box that comes too near to the camera is not added: the result is None. By default the sides share a texture
-        that nothing else wears.
-
-        Args:
-            middle: (3,) middle of the box's bottom.
-            half: (3,) half the width, half the depth, and the whole height.
-            yaw_rad: turn about z.
-            texture: number of the earlier instance whose texture the sides wear.
+        A box that comes too near to the camera is not added: the result is None. ``middle`` (3,) is that of the box's
+        bottom; ``half`` (3,) has half the width, half the depth, and the whole height. The sides may wear the
+        ``texture`` of an earlier thing.
         """
         (x, y, z), at = np.asarray(half, np.float64), np.asarray(middle, np.float64)
         turn = turned_about_z(yaw_rad)

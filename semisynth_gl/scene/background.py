@@ -100,9 +100,9 @@ def sample_cuboid(config: Config, rig: SequenceRig, rng: np.random.Generator) ->
     """Sample the inside of a cuboid, in which both cameras stand.
 
     Returns:
-        A table of six rows: walls in the order +x, -x, +y, -y, +z (the back wall), -z (behind the cameras) of the
-        cuboid's axes. The depth of each is the median that the left view shows, or for a hidden wall the sampled one.
-        And the depths (R,) that the left view shows at the points of `grid_px`.
+        A table of six rows, walls in the order +x, -x, +y, -y, +z (the back wall), -z (behind the cameras) of the
+        cuboid's axes, and the depths (R,) that the left view shows at the points of `grid_px`. The depth of a wall is
+        the median that the left view shows, or for a hidden wall the sampled one.
 
     Raises:
         InputError: where the sampled disparity of the wall lies beyond infinity.

@@ -80,15 +80,8 @@ class _Aim(NamedTuple):
 class DisparitySolver:
     """Numbers of particles for the scenes of one recipe of a dataset.
 
-    Args:
-        config: the config of the recipe.
-        seed: the dataset's seed.
-        silhouette: mean silhouette of the models.
-        catalogue: models for the static instances of pilot scenes.
-        wanted: the wanted distribution of disparity; by default the config's.
-
-    Attributes:
-        target: the wanted distribution, in bins that depth layers can follow.
+    ``silhouette`` is the models' mean one, and ``catalogue`` has the models of pilot scenes. The ``wanted``
+    distribution is by default the config's; ``target`` has it in bins that depth layers can follow.
     """
 
     def __init__(
@@ -111,11 +104,8 @@ class DisparitySolver:
     def sample(self, sequence: int, camera: StereoCamera, bare_px: Floats, rng: np.random.Generator) -> list[Batch]:
         """Sample the numbers of particles of one scene.
 
-        Args:
-            sequence: number of the scene's sequence.
-            camera: the scene's camera.
-            bare_px: (R,) disparities of its left view without particles.
-            rng: source of the numbers of layers that the config states, and of nothing else.
+        ``bare_px`` (R,) has the disparities of its left view without particles. ``rng`` is the source of the numbers of
+        layers that the config states, and of nothing else.
 
         Raises:
             InputError: where a layer that the config states lies beyond infinity, or the target cannot be met: not

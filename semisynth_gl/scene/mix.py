@@ -40,12 +40,8 @@ class MixSampler:
     recipes state their layers, or a target that is not the dataset's, the remaining recipes are solved for the part of
     the dataset's target that these leave open.
 
-    The libraries, one for each recipe, and the atlas's patches come from the same config and seed.
-
-    Attributes:
-        recipes: the recipes.
-        samplers: the sampler of each recipe.
-        models: the models that `Scene.model` refers to: the surface models, then the models of all recipes.
+    The libraries, one for each recipe, and the atlas's patches come from the same config and seed. ``samplers`` has the
+    sampler of each recipe; `Scene.model` refers to ``models``: the surface models, then the models of all recipes.
 
     Raises:
         InputError: where a recipe's target cannot be met.
@@ -76,10 +72,7 @@ class MixSampler:
             return sampler.sample(index, attempt)
 
     def expected(self) -> Histogram:
-        """Return the mean distribution of the disparities of the dataset's pairs.
-
-        It covers all baselines, see `Config.across_baselines`; `DisparitySolver.expected` covers the longest one.
-        """
+        """Return the mean distribution of the disparities of the dataset's pairs, over all baselines."""
         both = zip(self.recipes, self.samplers, strict=True)
         parts = [(recipe.share, recipe.config.across_baselines(_expected(sampler))) for recipe, sampler in both]
         if len(parts) == 1:

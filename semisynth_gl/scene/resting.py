@@ -68,14 +68,9 @@ def come_to_rest(poses: Floats, meshes: Sequence[Mesh], corners: Floats, up: Flo
     Each particle keeps its rotation, and touches the plane of the surface below its centre with the point that is
     lowest over that plane. A particle above nothing, or above a slope of more than 60 degrees, is left out.
 
-    Args:
-        poses: (P, 4, 4) world_from_model.
-        meshes: the P models.
-        corners: (T, 3, 3) corners of the triangles to rest on, in the world's frame.
-        up: (3,) unit vector that points up.
-
-    Returns:
-        The poses (4, 4) of the particles that have come to rest, by number.
+    ``poses`` (P, 4, 4) are world_from_model of the ``meshes``, ``corners`` (T, 3, 3) are those of the triangles to rest
+    on, in the world's frame, and the unit vector ``up`` (3,) points up. Returns the poses (4, 4) of the particles that
+    have come to rest, by number.
     """
     # A frame whose z points up.
     aside = np.cross(up, least_axis(up))

@@ -39,10 +39,6 @@ class SceneSampler:
         patches: the atlas's patches, from the same config and seed, with small patches before large ones.
         recipe: the recipe's name; None where the dataset has no recipes.
         wanted: the distribution of disparity that the scenes aim for; by default the config's.
-
-    Attributes:
-        models: the models that `Scene.model` refers to: the surface models, then the library.
-        chances: running sum of the chances of the library's models that particles may be.
     """
 
     def __init__(
@@ -56,7 +52,7 @@ class SceneSampler:
     ) -> None:
         self.config, self.seed, self.library, self.patches, self.recipe = config, seed, library, patches, recipe
         self.catalogue = take_stock(library)
-        self.models = self.catalogue.models
+        self.models = self.catalogue.models  # to which `Scene.model` refers: the surface models, then the library
         self.disparity_solver = DisparitySolver(config, seed, library.silhouette, self.catalogue, wanted)
         self.mapping = PatchMapping(config.textures, patches)
         self.chances = np.cumsum(library.chances)
@@ -79,12 +75,7 @@ class SceneSampler:
 class SceneSequence:
     """A sequence: what its frames share, from which any frame can be sampled first.
 
-    Attributes:
-        number: its number.
-        attempt: number of earlier attempts at the sequence, which failed.
-        static: rig and static instances.
-        slots: the streams of particles.
-        projector: the projector that lights the scenes, if any.
+    ``attempt`` is the number of earlier attempts at the sequence, which failed.
     """
 
     def __init__(self, sampler: SceneSampler, number: int, attempt: int) -> None:

@@ -24,10 +24,7 @@ _ROUNDING = 1e-9
 
 
 def corner_rays(camera: StereoCamera, *eyes: Eye) -> Floats:
-    """Return rays (R, 3), as `StereoCamera.rays` does, through the corners of the views of ``eyes``, or of both views.
-
-    Where the right camera deviates, the corners of its rectified twin's views are included.
-    """
+    """Return the rays (R, 3) of `_corner_rays` for the views of ``eyes``, or of both eyes."""
     return np.concatenate([rays for eye, rays in _corner_rays(camera) if not eyes or eye in eyes])
 
 
@@ -50,12 +47,8 @@ def smallest_offsets(rig: SequenceRig, normal: Floats) -> Floats:
     normal . ray is linear over the image: its largest value is at a corner. A sway moves the eyes by at most its reach,
     and the right eye by 2 B sin(angle / 2) more; and it turns a ray by at most its angle towards the normal.
 
-    Args:
-        rig: the cameras.
-        normal: (F, 3) the walls' unit normals, away from the camera.
-
-    Returns:
-        (F,) distances from the left camera's centre, metres.
+    ``normal`` (F, 3) has the walls' unit normals, away from the camera. Distances (F,) are from the left camera's
+    centre, metres.
     """
     camera, angle_rad, smallest = rig.camera, rig.sway.angle_rad, np.zeros(len(normal))
     for eye in EYES:
@@ -107,12 +100,8 @@ def fit_box(
     Walls are in the order of the axes, each followed by its opposite. They are moved out to their smallest distances;
     then the first ``movable`` ones are brought in.
 
-    Args:
-        rig: the cameras.
-        axes: returns the box's axes as columns (3, 3) for a share of its angles.
-        offsets_m: returns the walls' distances (6,) for their outward normals (6, 3) and smallest distances (6,).
-        farthest_m: the largest depth that a view may show.
-        movable: how many walls may be brought in.
+    ``axes`` returns the box's axes as columns (3, 3) for a share of its angles. ``offsets_m`` returns the walls'
+    distances (6,) for their outward normals (6, 3) and smallest distances (6,).
 
     Returns:
         The share of the angles, and the walls' distances (6,) from the left camera.
