@@ -1,8 +1,8 @@
 """``semisynth-gl verify``."""
 
+import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -25,14 +25,15 @@ from semisynth_gl.judge.verify import verify as verify_dataset
 @option("--oracle", is_flag=True, help="Compare all pairs with rays.")
 @option("--pixels", type=COUNT, default=500, help="Rays for each of these pairs.")
 @option("--json", "json_file", type=OutputFile(), help="Also write findings and measures to this JSON file.")
-def verify(directory: str, json_file: Path | None, **options: Any) -> None:  # noqa: ANN401 - of the function that verifies
+def verify(directory: str, json_file: Path | None, rays: int | None, pixels: int, *, oracle: bool) -> None:
     """Read a dataset back from its files, as a user's program would, and print its faults.
 
     Each line is one finding: scene, check and fault. The exit code is 1 if there are findings.
     """
     start = time.monotonic()
     with Progress() as progress:
-        found = verify_dataset(directory, **options, listener=progress, on_finding=click.echo)
+        rays = sys.maxsize if oracle else rays
+        found = verify_dataset(directory, rays=rays, pixels=pixels, listener=progress, on_finding=click.echo)
     seconds = time.monotonic() - start
     write_json(json_file, found.values())
     if found.no_rays is not None:

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.config.model import digest_of
-from semisynth_gl.dataset.documents import CARD, INDEX, LOCK, PLAN, Record, Shard, StoredFile
+from semisynth_gl.dataset.documents import CARD, INDEX, LOCK, PLAN, Record, Shard
 from semisynth_gl.dataset.reader import StoredIndex, read_members, read_record
 from semisynth_gl.dataset.root import is_local, read_whole
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file, wrong_sizes
@@ -35,7 +35,11 @@ def check_index(index: StoredIndex, present: AbstractSet[str], unmade: int, verd
     digest = digest_of(JSON_OBJECT.decode(read_whole(root, stored), Path(stored))["config_values"])
     if digest != plan.config_sha256:
         verdict.add("index", f"config_values have the digest {digest[:12]}, config_sha256 is {plan.config_sha256:.12}")
-    _check_names(index, present, verdict)
+    links = {name for name in plan.links if is_local(root) and (root / name).is_symlink()}
+    known = _ABOUT | {LOCK} | plan.lists.keys() | _shard_files(index) | plan.copies.keys() | links
+    if foreign := sorted(present - known):
+        files = counted(len(foreign), "file")
+        verdict.add("files", f"{files} that the index does not list and loaders may take for a pair's: {foreign[0]}")
     if index.fault is not None:
         return  # an unfinished dataset lacks the files that are written last
     for name in sorted(_ABOUT - present):
@@ -46,17 +50,6 @@ def check_index(index: StoredIndex, present: AbstractSet[str], unmade: int, verd
                 verdict.add("files", f"{name} is not the list of the dataset's pairs in its layout")
         except ReadError as error:
             verdict.add("files", f"{name} {error.reason}")
-
-
-def _check_names(index: StoredIndex, present: AbstractSet[str], verdict: Verdict) -> None:
-    """Check that there are no files that the index does not list: loaders take any for a part of a pair."""
-    plan, root = index.plan, index.root
-    known = _ABOUT | plan.lists.keys() | _shard_files(index) | plan.copies.keys() | {LOCK}
-    links = {name for name in plan.links if is_local(root) and (root / name).is_symlink()}
-    foreign = sorted(present - known - links)
-    if foreign:
-        files = counted(len(foreign), "file")
-        verdict.add("files", f"{files} that the index does not list and loaders may take for a pair's: {foreign[0]}")
 
 
 def _shard_files(index: StoredIndex) -> set[str]:
@@ -83,15 +76,14 @@ def check_shard(index: StoredIndex, shard: Shard, verdict: Verdict) -> Record | 
         if ours != theirs:
             verdict.add("shard", f"{shard.name}: {key} is {ours!r} in its record, {theirs!r} in the index")
     if record.tar is not None:
-        name = shard.tar
         try:
-            with (index.root / name).open("rb") as file:
+            with (index.root / shard.tar).open("rb") as file:
                 digest = hashlib.file_digest(cast("BufferedReader", file), "sha256").hexdigest()
         except OSError as error:
-            verdict.add("shard", f"{name} cannot be read: {error}")
+            verdict.add("shard", f"{shard.tar} cannot be read: {error}")
         else:
             if digest != record.sha256:
-                verdict.add("shard", f"{name} has the sha256 {digest[:12]}, its record {record.sha256:.12}")
+                verdict.add("shard", f"{shard.tar} has the sha256 {digest[:12]}, its record {record.sha256:.12}")
     return record
 
 
@@ -106,17 +98,7 @@ def read_pair(
     if plan.layout.packed and record is None:
         return None  # the shard has the finding
     expected = plan.files(shard.split, number)
-    listed = record.samples[number - shard.first].files if record is not None else None
-    for name in sorted(set(expected.values()) ^ listed.keys()) if listed is not None else ():
-        verdict.add("files", f"{name} is in the shard's record, or asked for by layout and outputs, but not both")
-    values: dict[str, Any] = {}
-    for role, name in expected.items():
-        try:
-            data = _read_file(index, shard, record, number, name)
-            _check_digest(name, data, (listed or {}).get(name), verdict)
-            values[role] = decode_file(plan.layout, role, data, Path(name), plan.encodings)
-        except ReadError as error:
-            verdict.add("files", f"{name} {error.reason}")
+    values = _read_files(index, shard, record, number, verdict)
     if not values.keys() >= _NEEDED:
         return None
     _check_origin(values["provenance"], index, shard, number, verdict)
@@ -132,17 +114,29 @@ def read_pair(
         return None
 
 
-def _read_file(index: StoredIndex, shard: Shard, record: Record | None, number: int, name: str) -> bytes:
-    if index.plan.layout.packed and record is not None:
-        return read_members(index.root, shard, record, number, [name])[name]
-    return read_whole(index.root, name)
-
-
-def _check_digest(name: str, data: bytes, file: StoredFile | None, verdict: Verdict) -> None:
-    """Compare a file's digest with the record; files in a tar have none, since the whole tar has one."""
-    digest = hashlib.sha256(data).hexdigest()
-    if file is not None and file.sha256 not in (None, digest):
-        verdict.add("sha256", f"{name} has {digest[:12]}, its shard's record {file.sha256:.12}")
+def _read_files(
+    index: StoredIndex, shard: Shard, record: Record | None, number: int, verdict: Verdict
+) -> dict[str, Any]:
+    """Read a pair's files that can be read, and return their content by role."""
+    plan, values = index.plan, dict[str, Any]()
+    expected = plan.files(shard.split, number)
+    listed = record.samples[number - shard.first].files if record is not None else {}
+    for name in sorted(set(expected.values()) ^ listed.keys()) if record is not None else ():
+        verdict.add("files", f"{name} is in the shard's record, or asked for by layout and outputs, but not both")
+    for role, name in expected.items():
+        try:
+            if plan.layout.packed and record is not None:
+                data = read_members(index.root, shard, record, number, [name])[name]
+            else:
+                data = read_whole(index.root, name)
+            # Files in a tar have no digest: the whole tar has one.
+            recorded, digest = listed[name].sha256 if name in listed else None, hashlib.sha256(data).hexdigest()
+            if recorded not in (None, digest):
+                verdict.add("sha256", f"{name} has {digest[:12]}, its shard's record {recorded:.12}")
+            values[role] = decode_file(plan.layout, role, data, Path(name), plan.encodings)
+        except ReadError as error:
+            verdict.add("files", f"{name} {error.reason}")
+    return values
 
 
 def _check_origin(provenance: dict[str, Any], index: StoredIndex, shard: Shard, number: int, verdict: Verdict) -> None:

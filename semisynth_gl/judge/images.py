@@ -6,9 +6,10 @@ surface. They differ by the error of interpolating the other image between its p
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from semisynth_gl.judge.findings import Verdict
-from semisynth_gl.judge.interpolation import Floats, between, corners
+from semisynth_gl.judge.interpolation import Floats
 
 # Bounds; docs/verify.md has them.
 MIN_PIXELS = 200
@@ -54,8 +55,11 @@ def check_images(
     inside = (x >= 1) & (x <= width - 2) & (((y >= 1) & (y <= height - 2)) | level_rows)
     if inside.sum() < MIN_PIXELS:
         return
-    x, y = x[inside], y[inside]
-    levels, warped = own[pixels][inside], _warp(other, x, y)
+
+    def warp(right_px: int, down_px: int) -> Floats:
+        return np.asarray(map_coordinates(other, [y[inside] + down_px, x[inside] + right_px], order=1))
+
+    levels, warped = own[pixels][inside], warp(0, 0)
     contrasts = levels.std(), warped.std()
     if max(contrasts) < 1 or (imperfect and min(contrasts) < 1):
         return
@@ -68,19 +72,14 @@ def check_images(
         verdict.add(check, f"{name}: the other image explains {explained:.0%} of the variance, not {least:.0%}")
         return
     for axis in "x" if level_rows else "xy":
-        moved = ((x + step * (axis == "x"), y + step * (axis == "y")) for step in (-1, 0, 1))
+        moved = (warp(step * (axis == "x"), step * (axis == "y")) for step in (-1, 0, 1))
         # Capped, so that pixels beside edges and on minified texture do not decide.
-        shift_px = _least_at(*(float(np.minimum(abs(levels - _warp(other, *to)), _CAP_LEVELS).mean()) for to in moved))
+        shift_px = _least_at(*(float(np.minimum(abs(levels - there), _CAP_LEVELS).mean()) for there in moved))
         if shift_px is None:
             continue
         verdict.measures[f"{measure}best_shift_{axis}_px"] = shift_px
         if abs(shift_px) > _SHIFT_PX:
             verdict.add(check, f"{name}: the images fit best {shift_px:+.2f} px in {axis}, at most {_SHIFT_PX} may be")
-
-
-def _warp(image: Floats, x: Floats, y: Floats) -> Floats:
-    """Return the levels (N,) of a grey image (H, W) at points."""
-    return between(corners(image, x, y), x, y)[:, 0]
 
 
 def _least_at(before: float, here: float, after: float) -> float | None:

@@ -53,13 +53,11 @@ def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     except (KeyError, TypeError, ValueError):
         verdict.add(present[0], f"{present[0]}_{eye}: the pair's provenance has no valid camera lens.{eye}")
         return
-    height, width = view.image.shape[:2]
-    x_px, y_px = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
+    y_px, x_px = np.mgrid[: view.image.shape[0], : view.image.shape[1]].astype(np.float64)
     # Points behind the raw camera are nan.
     positions = np.stack(raw.raw(pinhole_of(frame.camera, eye), x_px, y_px), axis=2)
-    sides = np.array([raw.width_px, raw.height_px])
     # How far inside the sensor's outermost pixels a position lies.
-    within_px = np.minimum(positions, sides - 1 - positions).min(axis=2)
+    within_px = np.minimum(positions, np.array([raw.width_px, raw.height_px]) - 1 - positions).min(axis=2)
     if "valid" in view:
         wrong = np.where(view.valid == VISIBLE, ~(within_px >= -_BORDER_PX), within_px > _BORDER_PX)
         verdict.add_pixels("valid", f"valid_{eye}", "disagrees with the lens", wrong)
@@ -70,8 +68,7 @@ def check_lens(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
         wrong = ~np.isclose(view["raw_map"], expected, rtol=0, atol=bounds).all(axis=2)
         verdict.add_pixels("raw_map", f"raw_map_{eye}", "disagrees with the lens", wrong)
     if "raw" in view:
-        wrong = np.zeros((height, width), bool)
-        seen = within_px >= 0
+        wrong, seen = np.zeros(within_px.shape, bool), within_px >= 0
         around = corners(view["raw"].astype(np.float32), *positions[seen].T)
         # A position that is rounded by half a step along both axes, and a rounded level.
         bound = np.ptp(around, axis=0) / _PHASES + 1

@@ -9,7 +9,6 @@ from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, SKY, VISIBLE
 from semisynth_gl.judge.findings import Verdict
-from semisynth_gl.judge.lens import find_borders
 from semisynth_gl.layouts.roles import codec_name
 
 Where = NDArray[np.bool_]
@@ -35,10 +34,10 @@ def check_view(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict: 
     """Check the arrays of a view; ``largest_px`` is the config's limit of disparities."""
     _check_values(frame, eye, verdict)
     if "disparity" in frame.view(eye):
-        _check_disparity(frame, eye, largest_px, verdict)
-        _check_motion(frame, eye, largest_px, verdict)
-        for check in (_check_depth, _check_instances, _check_normals, _check_correspondence):
-            check(frame, eye, verdict)
+        _check_disparity(frame, eye, inf if largest_px is None else largest_px, verdict)
+        _check_change(frame, eye, inf if largest_px is None else largest_px, verdict)
+        _check_geometry(frame, eye, verdict)
+        _check_instances(frame, eye, verdict)
 
 
 def _check_values(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
@@ -50,13 +49,13 @@ def _check_values(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
             verdict.add_pixels(name, role, f"is not one of {', '.join(map(str, _VALUES[name]))}", wrong)
         elif CHANNELS[name].nothing == inf:
             values = array.reshape(*array.shape[:2], -1)
-            infinite = np.isposinf(values).sum(axis=2)
+            infinite = np.isposinf(values)
             verdict.add_pixels(name, role, "is NaN or -inf", (np.isnan(values) | np.isneginf(values)).any(axis=2))
-            mixed = (infinite > 0) & (infinite < values.shape[2])
-            verdict.add_pixels(name, role, "is inf in only one component", mixed)
+            mixed = infinite != infinite[..., :1]
+            verdict.add_pixels(name, role, "is inf in only one component", mixed.any(axis=2))
 
 
-def _check_disparity(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict: Verdict) -> None:
+def _check_disparity(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict) -> None:
     """Check a view's disparity.
 
     It must be positive or, if signed, at least that of infinity, and at most the config's limit, ``largest_px``. Every
@@ -64,24 +63,26 @@ def _check_disparity(frame: StoredFrame, eye: Eye, largest_px: float | None, ver
     far surfaces where doffs is positive, in the sky, in borders, and beyond the encoding.
     """
     disparity, name, camera = frame.view(eye)["disparity"], f"disparity_{eye}", frame.camera
-    finite, infinite = np.isfinite(disparity), np.isposinf(disparity)
-    verdict.keep_largest("invalid_share", float(infinite.mean()))
+    finite, error_px = np.isfinite(disparity), frame.encodings.disparity.error_px
     if not frame.encodings.signed:
         verdict.add_pixels("disparity", name, "is 0 or below", finite & (disparity <= 0))
     elif camera.rectified:
-        least_px = -camera.doffs_px - _TEXT_SHARE * abs(camera.doffs_px) - frame.encodings.disparity.error_px
+        least_px = -camera.doffs_px - _TEXT_SHARE * abs(camera.doffs_px) - error_px
         verdict.add_pixels("disparity", name, "is below that of infinity", finite & (disparity < least_px))
-    most_px = inf if largest_px is None else largest_px * (1 + _TEXT_SHARE) + frame.encodings.disparity.error_px
-    verdict.add_pixels("disparity", name, f"is above {largest_px} px", finite & (disparity > most_px))
+    too_large = finite & (disparity > largest_px * (1 + _TEXT_SHARE) + error_px)
+    verdict.add_pixels("disparity", name, f"is above {largest_px} px", too_large)
     left_out = frame.left_out(eye)
     verdict.add_pixels("disparity", name, "is known in a border", finite & left_out)
     sky_has_one = frame.encodings.signed or (camera.doffs_px < 0 and camera.rectified)
     sky = np.zeros_like(finite) if sky_has_one else frame.sky(eye)
     if sky is None:
         return  # no output tells where the sky is
-    lacking = infinite & ~left_out & ~sky
-    if not _count_beyond(frame, "disparity", eye, lacking, verdict, exact=_always_valid(frame)):
+    lacking = np.isposinf(disparity) & ~left_out & ~sky
+    beyond, found = _count_beyond(frame, "disparity", eye, lacking, verdict), int(lacking.sum())
+    if not beyond:
         _check_lacking(frame, "disparity", name, lacking, disparity, verdict)
+    elif _always_valid(frame) and found > beyond:
+        verdict.add("disparity", f"{name} is inf in {found} pixels, the provenance counts {beyond} beyond the encoding")
 
 
 def _check_lacking(
@@ -104,34 +105,48 @@ def _always_valid(frame: StoredFrame) -> bool:
     return frame.encodings.signed or (frame.camera.doffs_px <= 0 and frame.camera.rectified)
 
 
-def _count_beyond(
-    frame: StoredFrame, channel: str, eye: Eye, lacking: Where, verdict: Verdict, *, exact: bool = False
-) -> int:
-    """Return how many values were beyond the encoding by the provenance; at least (or exactly) as many must lack."""
-    limit_px = frame.encodings.codec(codec_name(CHANNELS[channel])).limit_px
+def _count_beyond(frame: StoredFrame, channel: str, eye: Eye, lacking: Where, verdict: Verdict) -> int:
+    """Return how many values were beyond the encoding by the provenance; at least as many must be ``lacking``."""
     counts = frame.provenance.get(CHANNELS[channel].beyond_key)
-    count = counts.get(eye) if isinstance(counts, dict) and isfinite(limit_px) else 0
+    codec = frame.encodings.codec(codec_name(CHANNELS[channel]))
+    count = counts.get(eye) if isinstance(counts, dict) and isfinite(codec.limit_px) else 0
     beyond, found = count if isinstance(count, int) else 0, int(lacking.sum())
-    if found < beyond or (exact and beyond and found > beyond):
+    if found < beyond:
         fault = f"is inf in {found} pixels, the provenance counts {beyond} beyond the encoding"
         verdict.add(channel, f"{channel}_{eye} {fault}")
     return beyond
 
 
-def _check_depth(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
-    """Check a view's depth, if any, by the disparity that it leads to, up to the rounding of both."""
+def _check_geometry(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+    """Check depth and correspondences by the disparity that they lead to, and normals.
+
+    Normals must be unit vectors towards the eye, or 0 where no other channel shows a surface.
+    """
     view, camera = frame.view(eye), frame.camera
-    disparity, depth = view["disparity"], view.get("depth")
-    if depth is None:
-        return
-    y, x = np.mgrid[: depth.shape[0], : depth.shape[1]].astype(np.float64)
-    expected = camera.correspondence(eye, x, y, depth.astype(np.float64))[..., 0] * (-1 if eye == "left" else 1)
-    bound = _DEPTH_SHARE * (np.abs(expected) + 2 * abs(camera.doffs_px)) + frame.rounding_px(disparity)
-    bound += 0.0 if camera.rectified else _VECTOR_PX
-    encodable = (np.abs(expected) < frame.encodings.disparity.limit_px - bound) & ~frame.left_out(eye)
-    missing = np.isfinite(depth) & (depth > 0) & ((expected > bound) | frame.encodings.signed) & encodable
-    wrong = np.where(np.isfinite(disparity), ~(np.abs(disparity - expected) <= bound), missing)
-    verdict.add_pixels("depth", f"depth_{eye}", "is not that of the disparity", wrong)
+    disparity, rounding_px = view["disparity"], frame.rounding_px(view["disparity"])
+    row, column = np.mgrid[: disparity.shape[0], : disparity.shape[1]].astype(np.float64)
+    if "depth" in view:
+        depth = view.depth.astype(np.float64)
+        expected = camera.correspondence(eye, column, row, depth)[..., 0] * (-1 if eye == "left" else 1)
+        bound = _DEPTH_SHARE * (np.abs(expected) + 2 * abs(camera.doffs_px)) + rounding_px
+        bound += 0.0 if camera.rectified else _VECTOR_PX
+        encodable = (np.abs(expected) < frame.encodings.disparity.limit_px - bound) & ~frame.left_out(eye)
+        missing = np.isfinite(depth) & (depth > 0) & ((expected > bound) | frame.encodings.signed) & encodable
+        wrong = np.where(np.isfinite(disparity), ~(np.abs(disparity - expected) <= bound), missing)
+        verdict.add_pixels("depth", f"depth_{eye}", "is not that of the disparity", wrong)
+    if "correspondence" in view:
+        near = np.abs(view.correspondence - frame.correspondences(eye)) <= (_VECTOR_PX + rounding_px)[..., None]
+        wrong = np.isfinite(disparity) & ~near.all(axis=2)
+        verdict.add_pixels("correspondence", f"correspondence_{eye}", "is not that of the disparity", wrong)
+    if "normals" in view:
+        normals, name = view.normals.astype(np.float64), f"normals_{eye}"
+        seen = np.isfinite(disparity) | np.isfinite(view.get("depth", inf)) | (view.get("instances", np.uint16(0)) > 0)
+        length, zero = np.linalg.norm(normals, axis=2), (normals == 0).all(axis=2)
+        wrong = ~(np.abs(length - 1) <= _UNIT_LENGTH) & (seen | ~zero)
+        verdict.add_pixels("normals", name, "is no unit vector", wrong)
+        edge = _EDGE_PX / min(camera.focal_px, camera.focal_y_px)
+        away = (normals * camera.rays_of_eye(eye, column, row)).sum(axis=2) > _UNIT_LENGTH + edge
+        verdict.add_pixels("normals", name, "points away from the eye", away)
 
 
 def _check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
@@ -142,46 +157,19 @@ def _check_instances(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     view, rows, sky = frame.view(eye), frame.provenance.get("instances"), frame.sky_of_instances(eye)
     if "instances" in view:
         ids, name, listed = view.instances, f"instances_{eye}", len(rows) if isinstance(rows, list) else 0
+        none = (ids == 0) & np.isfinite(view["disparity"])
         verdict.add_pixels("instances", name, f"is above the {listed} that the pair lists", ids > listed)
-        verdict.add_pixels(
-            "instances", name, "is 0 in spite of a disparity", (ids == 0) & np.isfinite(view["disparity"])
-        )
+        verdict.add_pixels("instances", name, "is 0 in spite of a disparity", none)
     if "sky" in view and sky is not None:
         verdict.add_pixels("sky", f"sky_{eye}", "is not that of the instances", (view.sky == SKY) != sky)
     if "sky" in view and "depth" in view:
         verdict.add_pixels("sky", f"sky_{eye}", "has a finite depth", (view.sky == SKY) & np.isfinite(view.depth))
 
 
-def _check_normals(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
-    """Check that a view's normals are unit vectors towards the eye, or 0 where no other channel shows a surface."""
-    view, camera, name = frame.view(eye), frame.camera, f"normals_{eye}"
-    if "normals" not in view:
-        return
-    normals, disparity = view.normals.astype(np.float64), view["disparity"]
-    seen = np.isfinite(disparity) | np.isfinite(view.get("depth", inf)) | (view.get("instances", np.uint16(0)) > 0)
-    length, zero = np.linalg.norm(normals, axis=2), (normals == 0).all(axis=2)
-    wrong = ~(np.abs(length - 1) <= _UNIT_LENGTH) & (seen | ~zero)
-    verdict.add_pixels("normals", name, "is no unit vector", wrong)
-    row, column = np.mgrid[: disparity.shape[0], : disparity.shape[1]].astype(np.float64)
-    edge = _EDGE_PX / min(camera.focal_px, camera.focal_y_px)
-    away = (normals * camera.rays_of_eye(eye, column, row)).sum(axis=2) > _UNIT_LENGTH + edge
-    verdict.add_pixels("normals", name, "points away from the eye", away)
-
-
-def _check_correspondence(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
-    """Check that a view's correspondences are what camera and disparity lead to, where there is a disparity."""
-    view = frame.view(eye)
-    if "correspondence" in view:
-        bound = _VECTOR_PX + frame.rounding_px(view["disparity"])
-        near = np.abs(view.correspondence - frame.correspondences(eye)) <= bound[..., None]
-        wrong = np.isfinite(view["disparity"]) & ~near.all(axis=2)
-        verdict.add_pixels("correspondence", f"correspondence_{eye}", "is not that of the disparity", wrong)
-
-
-def _check_motion(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict: Verdict) -> None:
+def _check_change(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verdict) -> None:
     """Check where a view has flow and a change of disparity, and to which disparities the change leads.
 
-    The change must be finite where disparity and flow are, and nowhere else.
+    The change must be finite where disparity and flow are, but in a lens's borders, and nowhere else.
     """
     view, name = frame.view(eye), f"disparity_change_{eye}"
     beyond = {
@@ -191,24 +179,21 @@ def _check_motion(frame: StoredFrame, eye: Eye, largest_px: float | None, verdic
     }
     if "disparity_change" not in view:
         return
-    change, disparity, flow = view.disparity_change, view["disparity"], view.get("flow")
+    change, disparity = view.disparity_change, view["disparity"]
     known, later = np.isfinite(change) & np.isfinite(disparity), disparity.astype(np.float64) + change
     verdict.add_pixels("disparity_change", name, "is finite without a disparity", np.isfinite(change) & ~known)
     margin_px = _CHANGED_PX + frame.encodings.disparity.error_px
     least_px = (-frame.camera.doffs_px if frame.encodings.signed else 0) - margin_px
-    most_px = (inf if largest_px is None else largest_px) + margin_px
-    impossible = known & ((later < least_px) | (later > most_px))
+    impossible = known & ((later < least_px) | (later > largest_px + margin_px))
     verdict.add_pixels("disparity_change", name, "leads to an impossible disparity", impossible)
-    if flow is None:
+    if "flow" not in view:
         return
-    flows, none = np.isfinite(flow).all(axis=2), np.zeros_like(known)
-    error_px = frame.encodings.flow.error_px
-    lost, perhaps_lost = (none, none) if frame.border_disparity else find_borders(frame, eye, "flow", flow, error_px)
-    verdict.add_pixels("disparity_change", name, "is finite though a border hides the point at a frame", known & lost)
+    flows = np.isfinite(view.flow).all(axis=2)
     if not beyond["flow"]:
         verdict.add_pixels("disparity_change", name, "is finite without flow", known & ~flows)
-    missing = np.isfinite(disparity) & flows & np.isposinf(change) & ~perhaps_lost
-    _check_lacking(frame, "disparity_change", name, missing, later, verdict)
+    if frame.border_disparity:
+        missing = np.isfinite(disparity) & flows & np.isposinf(change)
+        _check_lacking(frame, "disparity_change", name, missing, later, verdict)
 
 
 def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:

@@ -1,7 +1,7 @@
 """Read a dataset back, with nothing but its files, and report its faults."""
 
 from collections import deque
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from os import PathLike
@@ -62,10 +62,9 @@ def verify(
     dataset: str | PathLike[str],
     *,
     rays: int | None = None,
-    oracle: bool = False,
     pixels: int = 500,
     listener: Listener | None = None,
-    on_finding: Callable[[Finding], None] | None = None,
+    on_finding: Callable[[Finding], None] = lambda _: None,
 ) -> Verification:
     """Read a dataset back, and compare its files with each other, with the index and with the shards' records.
 
@@ -73,7 +72,6 @@ def verify(
         dataset: a folder, or an address that fsspec knows.
         rays: number of pairs, evenly spread, whose scenes are sampled again and compared with float64 rays; by default
             4, or none where the scenes cannot be sampled again.
-        oracle: whether to compare all pairs with rays, whatever ``rays`` is.
         pixels: rays of each of these pairs; a view gets half of them.
         listener: is told the number of pairs, and each checked pair.
         on_finding: is called with each fault as soon as it is found.
@@ -82,40 +80,33 @@ def verify(
         InputError: where there is no dataset, or rays are asked for and its scenes cannot be sampled again.
     """
     pixels, listener = to_whole("pixels", pixels, least=1), listener or Listener()
-    rays = None if rays is None else to_whole("rays", rays, least=0)
-    keys: list[FinishedPair] = []
+    rayed = RAYED_PAIRS if rays is None else to_whole("rays", rays, least=0)
     try:
         index = read_index(dataset)
     except ReadError as error:
-        found, no_rays = iter([Verdict(DATASET, [Finding(DATASET, "index", str(error))])]), None
-    else:
-        keys = [FinishedPair(each.split, n) for each in index.plan.shards for n in range(each.first, each.end)]
-        found, no_rays = _with_rays(index, pixels, None if oracle else rays, asked=oracle or rays is not None)
+        finding = Finding(DATASET, "index", str(error))
+        on_finding(finding)
+        return Verification(0, [Verdict(DATASET, [finding])])
+    plan, no_rays = index.plan, None
+    if rays is None and plan.version != metadata.version("semisynth-gl"):
+        # Another version may sample other scenes.
+        rayed, no_rays = 0, f"version {plan.version} made the dataset"
+    try:
+        found = verify_dataset(index, pixels, rayed)
+    except InputError as error:
+        if rays is not None:
+            raise
+        found, no_rays = verify_dataset(index), str(error)
+    keys = [FinishedPair(shard.split, number) for shard in plan.shards for number in range(shard.first, shard.end)]
     listener.on_total(len(keys))
     verdicts: list[Verdict] = []
     for verdict in found:
-        if on_finding is not None:
-            for finding in verdict.findings:
-                on_finding(finding)
+        for finding in verdict.findings:
+            on_finding(finding)
         if verdicts:  # the first verdict is about the dataset, not about a pair
             listener.on_pair(keys[len(verdicts) - 1])
         verdicts.append(verdict)
     return Verification(len(keys), verdicts, no_rays)
-
-
-def _with_rays(
-    index: StoredIndex, pixels: int, pairs: int | None, *, asked: bool
-) -> tuple[Iterator[Verdict], str | None]:
-    """Return the verdicts on a dataset, and the reason if no rays are cast though nobody forbade it, else None."""
-    if not asked and index.plan.version != metadata.version("semisynth-gl"):
-        # Another version may sample other scenes.
-        return verify_dataset(index), f"version {index.plan.version} made the dataset"
-    try:
-        return verify_dataset(index, pixels, pairs if asked else RAYED_PAIRS), None
-    except InputError as error:
-        if asked:
-            raise
-        return verify_dataset(index), str(error)
 
 
 def verify_dataset(index: StoredIndex, pixels: int = 0, pairs: int | None = None) -> Iterator[Verdict]:
@@ -132,13 +123,13 @@ def verify_dataset(index: StoredIndex, pixels: int = 0, pairs: int | None = None
         InputError: where rays are asked for, and the scenes cannot be sampled again.
     """
     total = sum(index.plan.pairs.values())
-    rayed = frozenset(spread(total, total if pairs is None else pairs) if pixels else ())
+    rayed = spread(total, total if pairs is None else pairs) if pixels else []
     scenes = {split: RebuiltScenes(index, split) for split in index.plan.pairs} if rayed else {}
-    return _verdicts(index, scenes, pixels, rayed)
+    return _verdicts(index, scenes, pixels, frozenset(rayed))
 
 
 def _verdicts(
-    index: StoredIndex, scenes: Mapping[SplitName, RebuiltScenes], pixels: int, rayed: Container[int]
+    index: StoredIndex, scenes: Mapping[SplitName, RebuiltScenes], pixels: int, rayed: frozenset[int]
 ) -> Iterator[Verdict]:
     plan, position = index.plan, -1
     verdict, present = Verdict(DATASET), frozenset(names_below(index.root))
