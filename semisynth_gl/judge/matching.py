@@ -3,8 +3,6 @@
 Disparities lead from one view of a pair to the other, flow from a frame of a sequence to the next or the previous one.
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,8 +17,7 @@ from semisynth_gl.judge.lens import find_borders
 Where = NDArray[np.bool_]
 Ints = NDArray[np.intp]
 
-OPPOSITE: Mapping[str, str] = {"flow": "flow_backward", "flow_backward": "flow"}
-"""The two channels of flow, each with the channel of the opposite direction."""
+_OPPOSITE = {"flow": "flow_backward", "flow_backward": "flow"}
 # Bounds; docs/verify.md has them.
 _OUTSIDE_PX, _OUTSIDE_SHARE = 0.2, 0.02
 _MEDIAN_PX = 0.01
@@ -45,7 +42,7 @@ def check_masks(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     They are 0 exactly where there is no vector or it leads out of the image, and not 255 where a lens hides the point.
     """
     view = frame.view(eye)
-    for channel in ("disparity", *OPPOSITE):
+    for channel in ("disparity", *_OPPOSITE):
         mask_name = str(CHANNELS[channel].mask)
         if channel not in view or mask_name not in view:
             continue
@@ -90,7 +87,7 @@ def check_frames(before: StoredFrame, after: StoredFrame, verdict: Verdict, *, i
     ``images`` says whether both images show the same textures, apart from resampling, so that they can be compared too.
     """
     for eye in EYES:
-        for channel in OPPOSITE:
+        for channel in _OPPOSITE:
             start, end = (before, after) if channel == "flow" else (after, before)
             if channel in start.view(eye) and "disparity" in end.view(eye):
                 _check_flow(channel, eye, start, end, verdict, images=images)
@@ -109,7 +106,7 @@ def _check_flow(
         now, there = (now + change[match.pixels], there) if channel == "flow" else (now, there + match.around(change))
         label, error_px = f"disparity_change_{eye} by {name} of {start.name}", start.encodings.disparity.error_px
         hidden = match.compare("disparity_change", f"{name}_change", label, now, there, 2 * error_px)
-    back = other.get(OPPOSITE[channel])
+    back = other.get(_OPPOSITE[channel])
     if back is not None:
         label, there = f"{name} of {start.name} against that of {end.name}", -match.around(back)
         match.compare("flow-frames", f"{name}_frames", label, own[channel][match.pixels], there, 2 * match.error_px)
