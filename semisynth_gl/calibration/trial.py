@@ -81,9 +81,9 @@ def fit(draft: Draft, place: Values, pairs: int, listener: Listener) -> Draft:
 
 def _blurred(pair: Pair, width_px: int, blur_scale: float) -> Floats:
     """Return a trial pair's measures with each of `BLURS`, (B, M), nan where it has none."""
-    view, of_images = pair.frame.left, [measure for measure in MEASURES if not measure.of_maps]
+    view, of_images = pair.frame.left, [measure for measure in MEASURES if measure.of_images]
     measured = make_view(working_width(width_px), view.image, view.disparity)
-    of_map = measure_view(measured, [measure for measure in MEASURES if measure.of_maps])
+    of_map = measure_view(measured, [measure for measure in MEASURES if not measure.of_images])
     found = []
     for blur in BLURS:
         imperfections = Imperfections(blur * blur_scale, 0.0, 0.0, 1.0)
@@ -121,7 +121,7 @@ def fitted_style(
     # Measures of disparity maps do not depend on blur.
     maps = [np.concatenate([values[:, 0] for values in of_recipe]) for of_recipe in trial]
     pictured = [number for number, measure in enumerate(MEASURES) if place[measure.key].any()]
-    of_maps = [k for k in pictured if MEASURES[k].of_maps and all(np.isfinite(each[:, k]).any() for each in maps)]
+    of_maps = [k for k in pictured if not MEASURES[k].of_images and all(np.isfinite(each[:, k]).any() for each in maps)]
     weights = np.full(len(recipes), 1 / len(recipes))
     if of_maps:
         mixes = _mixes(len(recipes))
@@ -130,7 +130,7 @@ def fitted_style(
         far = _far(np.stack([*apart, surplus])) + _EVENNESS * (mixes**2).sum(axis=1)
         weights = mixes[np.argmin(far)]
     looks = _mean([[_mean(values) for values in of_recipe] for of_recipe in trial], weights)
-    of_looks = [k for k in pictured if np.isfinite(looks[..., k]).all() and not MEASURES[k].of_maps]
+    of_looks = [k for k in pictured if np.isfinite(looks[..., k]).all() and MEASURES[k].of_images]
     places = [place[MEASURES[k].key] for k in of_looks]
     off = (looks[..., of_looks] - [values.mean() for values in places]) / [unit_of(values) for values in places]
     texels, blur = map(int, np.unravel_index(np.argmin(_far(np.moveaxis(off, -1, 0))), looks.shape[:2]))

@@ -11,8 +11,8 @@ from semisynth_gl.cli.options import Command, option
 from semisynth_gl.cli.outputs import OutputFile, table, write_json
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.inputs.errors import abbreviate, counted
-from semisynth_gl.judge.confirmation import evaluate_views
 from semisynth_gl.judge.evaluate import evaluate as evaluate_predictions
+from semisynth_gl.judge.evaluate import evaluate_views
 from semisynth_gl.judge.protocol import PROTOCOL_NAMES
 from semisynth_gl.seeds.splits import SPLITS
 

@@ -1,8 +1,7 @@
 """Judges of datasets and predictions: `verify`, `report` and `evaluate`."""
 
 from semisynth_gl.judge.comparison import MeasuredPair, Row
-from semisynth_gl.judge.confirmation import evaluate_views, unconfirmed
-from semisynth_gl.judge.evaluate import evaluate
+from semisynth_gl.judge.evaluate import evaluate, evaluate_views, unconfirmed
 from semisynth_gl.judge.measures import MEASURES, Measure
 from semisynth_gl.judge.place import MeasuredPlace
 from semisynth_gl.judge.protocol import PROTOCOLS, Protocol, ProtocolName

@@ -23,9 +23,8 @@ def draw_error_map(comparison: PixelComparison, visible: NDArray[np.bool_] | Non
     Each colour stands for errors twice as large as the previous colour's. Source: ``errorImage`` in io_disp.h and
     log_colormap.h of KITTI's development kit. The colour stands for the smaller of e / 3 px and e / 5 % of the truth.
     Values of 1 and above are the outliers of D1: yellow to red. A pixel without a valid prediction is as bad as the
-    worst. Occluded pixels, where ``visible`` (H, W) bool is False, are half as bright. As in the kit, each pixel with
-    truth is painted as 3 x 3 pixels, so that sparse truth can be seen; all other pixels are black. Unlike the kit, this
-    never paints over another pixel with truth, and it paints up to the image's borders.
+    worst. Occluded pixels, where ``visible`` (H, W) bool is False, are half as bright. Pixels without truth are black.
+    Unlike the kit, this paints a pixel with truth as one pixel, not as 3 x 3.
     """
     error = np.where(comparison.scored, comparison.error, np.float32(np.inf))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -36,11 +35,5 @@ def draw_error_map(comparison: PixelComparison, visible: NDArray[np.bool_] | Non
     colour = np.searchsorted(_BOUNDS, magnitude, side="right").astype(np.uint8)
     if visible is not None:
         colour[~visible] += len(_COLOURS)
-    height, width = colour.shape
-    padded, judged = np.pad(colour, 1), np.pad(comparison.judged, 1)
-    painted = np.full(colour.shape, len(_PALETTE) - 1, np.uint8)
-    # As in the kit, later pixels paint over earlier ones, row by row; unlike there, a pixel's own colour comes last.
-    for dy, dx in (*np.ndindex(3, 3), (1, 1)):
-        shifted = slice(dy, dy + height), slice(dx, dx + width)
-        np.copyto(painted, padded[shifted], where=judged[shifted])
-    return np.asarray(_PALETTE[painted])
+    colour[~comparison.judged] = len(_PALETTE) - 1
+    return np.asarray(_PALETTE[colour])

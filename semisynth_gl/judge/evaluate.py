@@ -1,4 +1,4 @@
-"""Evaluate the predictions for a set against its truth, pair by pair."""
+"""Evaluate predictions pair by pair, against the truth or against predictions for the other views."""
 
 from collections.abc import Callable, Iterable, Sequence
 from os import PathLike, fspath
@@ -6,16 +6,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.png import RGB8
-from semisynth_gl.inputs.errors import InputError, ReadError
+from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.judge.error_map import draw_error_map
-from semisynth_gl.judge.protocol import ProtocolName, find_protocol
+from semisynth_gl.judge.protocol import ProtocolName, find_protocol, shown_size
 from semisynth_gl.judge.score import Score, mean_figures, tally
-from semisynth_gl.judge.truth import TruePair, find_predictions, find_truth
+from semisynth_gl.judge.truth import TruePair, disparity_maps, find_predictions, find_truth
 from semisynth_gl.seeds.splits import SplitName
+
+CONFIRMED_PX = 1.0
+"""Largest difference at which the two disparities of a point confirm each other, px: the bound of bad-1."""
 
 _Found = tuple[TruePair, Path]
 
@@ -101,3 +105,66 @@ def evaluate(
 
 def _finite(figures: dict[str, float]) -> dict[str, float | None]:
     return {name: float(value) if np.isfinite(value) else None for name, value in figures.items()}
+
+
+def evaluate_views(predictions: str | PathLike[str], predictions_right: str | PathLike[str]) -> dict[str, Any]:
+    """Judge predictions for both views of some pairs, as ``semisynth-gl evaluate --pred-right`` does.
+
+    Args:
+        predictions: a folder with a .pfm, .npy or 16-bit .png file for each pair's left view.
+        predictions_right: a folder with a file for each pair's right view, with the same path but for the extension.
+
+    Returns:
+        The content of ``--json``, in JSON's types: ``confirmed_px`` (see `CONFIRMED_PX`), the number of ``pairs``,
+        ``mean`` with the mean of the pairs as ``unconfirmed``, and ``images`` with each pair's ``name``, its files
+        ``left`` and ``right``, and ``unconfirmed`` in percent (see `unconfirmed`).
+
+    Raises:
+        InputError: where a folder does not exist, the folders have other names or none, or the sizes of maps differ.
+        ReadError: where a file cannot be read.
+    """
+    lefts, rights = (
+        {path.relative_to(folder).with_suffix("").as_posix(): path for path in disparity_maps(folder, argument)}
+        for argument, folder in (
+            ("predictions", expanded(fspath(predictions))),
+            ("predictions_right", expanded(fspath(predictions_right))),
+        )
+    )
+    if not lefts or lefts.keys() != rights.keys():
+        alone = abbreviate(sorted(lefts.keys() ^ rights.keys()))
+        raise InputError(f"expected disparity maps of the same names in both folders; in one are {alone or 'none'}")
+    images = []
+    for name in sorted(lefts):
+        try:
+            share = unconfirmed(read_disparity_map(lefts[name]), read_disparity_map(rights[name]))
+        except InputError as error:
+            raise InputError(f"{lefts[name]}: {error}") from None
+        images.append({"name": name, "left": str(lefts[name]), "right": str(rights[name]), "unconfirmed": share})
+    mean = float(np.mean([image["unconfirmed"] for image in images]))
+    return {"confirmed_px": CONFIRMED_PX, "pairs": len(images), "mean": {"unconfirmed": mean}, "images": images}
+
+
+def unconfirmed(left: NDArray[np.float32], right: NDArray[np.float32]) -> float:
+    """Return the share of a left view's pixels, in percent, whose disparity the right view does not confirm.
+
+    A left pixel with disparity d is compared with the right view's pixel nearest to x - d. Pixels without a disparity
+    count as unconfirmed, and so do occluded ones; pixels whose point lies outside the right image do not count.
+
+    Args:
+        left: (H, W) float32 px, predicted for the left view; not finite where there is no disparity.
+        right: (H, W) float32 px, predicted for the right view; both views have disparities of x_left - x_right.
+
+    Raises:
+        InputError: where the sizes differ, or no disparity leads into the right image.
+    """
+    if left.shape != right.shape:
+        raise InputError(f"the left view has {shown_size(left)}, the right one {shown_size(right)}: expected one size")
+    known, width = np.isfinite(left), left.shape[1]
+    columns = np.rint(np.arange(width) - np.where(known, left, 0)).astype(np.int64)
+    inside = (columns >= 0) & (columns < width)
+    if not (known & inside).any():
+        raise InputError("no disparity leads into the right image: expected x_left - x_right in px, which is positive")
+    there = np.take_along_axis(right, np.clip(columns, 0, width - 1), axis=1)
+    with np.errstate(invalid="ignore"):
+        confirmed = known & (np.abs(left - there) <= CONFIRMED_PX)
+    return float(100 * (1 - np.mean(confirmed[inside])))

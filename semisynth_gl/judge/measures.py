@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from semisynth_gl.judge.measured_view import MeasuredView
@@ -18,9 +17,6 @@ from semisynth_gl.judge.measured_view import MeasuredView
 JUMP_PX = 1.0
 """Larger differences between the disparities of neighbours are jumps: two surfaces, or one surface seen edge-on."""
 
-# Larger jumps are borders of objects. On each side, the first two columns may be mixed from both surfaces, and the next
-# three tell the surface's level; fewer borders, or borders of less contrast, say nothing.
-_HIGH_JUMP_PX, _MIXED, _PLAIN, _LEAST_CONTRAST, _FEWEST_BORDERS = 2.0, 2, 3, 10.0, 20
 # Over this distance slants are measured: in maps that are rounded to 1/2 px, 1 px is too short.
 _SLANT_SPAN_PX = 16
 # Squares with a smaller deviation are flat.
@@ -94,26 +90,6 @@ def mean_disparity(disparity: Floats) -> float:
     return 100 * float(disparity[known].mean()) / disparity.shape[1] if known.any() else float("nan")
 
 
-def border_hardness(luminance: Floats, surfaces: Floats) -> float:
-    """Return how hard the borders of objects are: their luminance's mean step over the mean contrast of their sides.
-
-    Borders are high jumps in a row with five pixels of one surface on each side. The contrast is the difference between
-    the means of each side's third to fifth pixels. The step is the largest difference between neighbours within one
-    pixel of the jump, since measured maps are rarely better aligned with their images. Borders with a contrast below
-    10 levels are left out; with fewer than 20 borders, the result is nan.
-    """
-    reach = _MIXED + _PLAIN
-    if surfaces.shape[1] < 2 * reach:
-        return float("nan")
-    around = sliding_window_view(np.abs(np.diff(surfaces)), 2 * reach - 1, axis=1)
-    row, column = np.nonzero((around[..., reach - 1] > _HIGH_JUMP_PX) & ((around > JUMP_PX).sum(axis=-1) == 1))
-    levels = luminance[row[:, None], column[:, None] + np.arange(2 * reach)].astype(np.float64)
-    contrast = np.abs(levels[:, :_PLAIN].mean(axis=1) - levels[:, -_PLAIN:].mean(axis=1))
-    step = np.abs(np.diff(levels[:, _PLAIN:-_PLAIN])).max(axis=1, initial=0)
-    clear = contrast >= _LEAST_CONTRAST
-    return float(step[clear].sum() / contrast[clear].sum()) if clear.sum() >= _FEWEST_BORDERS else float("nan")
-
-
 def flat(luminance: Floats) -> float:
     """Return the share of squares of 9 x 9 pixels whose standard deviation is below 4 levels, %."""
     squares = _squares(luminance, _FLAT_SIDE)
@@ -168,13 +144,8 @@ class Measure:
 
     @property
     def of_images(self) -> bool:
-        """Whether the measure needs only an image."""
+        """Whether the measure is computed from an image; all others are computed from a disparity map."""
         return self.of == _IMAGE
-
-    @property
-    def of_maps(self) -> bool:
-        """Whether the measure needs no image."""
-        return "luminance" not in self.of
 
 
 _IMAGE, _MAP, _SURFACES = ("luminance",), ("disparity",), ("surfaces",)
@@ -210,9 +181,6 @@ MEASURES: tuple[Measure, ...] = (
     Measure(
         "largest_disparity", "disparity, largest", "% of width", _MAP, largest_disparity,
         {**_NEAR, "disparity.max_px": 1},
-    ),
-    Measure(
-        "border_hardness", "borders: step over contrast", "ratio", _IMAGE + _SURFACES, border_hardness, _SOFT, fine=True
     ),
     Measure(
         "flat", "local contrast below 4 levels", "%", _IMAGE, flat,

@@ -14,13 +14,9 @@ from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.judge.comparison import Values, gather
 from semisynth_gl.judge.measured_view import MeasuredView, make_view
 from semisynth_gl.judge.measures import MEASURES, measure_view
-from semisynth_gl.textures.image_files import KITTI_2015_MAPS, find_files
+from semisynth_gl.textures.image_files import find_files
 from semisynth_gl.textures.images import ImageError, read_image
 from semisynth_gl.textures.subjects import of_subjects, photographed_subjects
-
-# The image of a map, by the map's name (Middlebury and ETH3D), and the images' folder, by the maps' folder (KITTI).
-_IMAGE_OF_NAME = {"disp0GT": "im0.png", "disp0": "im0.png", "disp1GT": "im1.png", "disp1": "im1.png"}
-_IMAGE_OF_FOLDER = dict(zip(KITTI_2015_MAPS, ("image_2", "image_2", "image_3", "image_3"), strict=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,24 +72,16 @@ def read_map(path: Path, png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np
 
 
 def map_view(path: Path, width_px: int, png_scale: float = KITTI_DISPARITY.steps) -> MeasuredView:
-    """Return a map at the working width ``width_px``, with its image if one has Middlebury's, ETH3D's or KITTI's name.
-
-    `read_map` explains the other arguments.
+    """Return a map at the working width ``width_px``; `read_map` explains the other arguments.
 
     Raises:
-        InputError: where the map has no disparity, or another size than its image.
-        ReadError: where a file cannot be read.
+        InputError: where the map has no disparity.
+        ReadError: where the file cannot be read.
     """
     disparity = read_map(path, png_scale)
     if not np.isfinite(disparity).any():
         raise InputError(f"{path}: holds no disparity: all of its values are 0 or below, inf or nan")
-    beside = path.with_name(_IMAGE_OF_NAME.get(path.stem, path.name))
-    if path.parent.name in _IMAGE_OF_FOLDER:
-        beside = path.parent.with_name(_IMAGE_OF_FOLDER[path.parent.name]) / path.name
-    image = read_image(beside) if beside != path and beside.is_file() else None
-    if image is not None and image.shape[:2] != disparity.shape:
-        raise InputError(f"{path}: {disparity.shape[::-1]} px, but {beside} has {image.shape[1::-1]} px")
-    return make_view(width_px, image, disparity)
+    return make_view(width_px, disparity=disparity)
 
 
 def measure_place(
@@ -111,7 +99,7 @@ def measure_place(
         png_scale: levels per pixel of disparity in 16-bit PNG.
 
     Raises:
-        InputError: where no photograph can be read, or a map does not fit its image or has no disparity.
+        InputError: where no photograph can be read, or a map has no disparity.
         ReadError: where a map cannot be read.
     """
     notes, subjects = list[str](), list[dict[str, float]]()

@@ -3,7 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from glob import glob
 from math import ceil
@@ -50,8 +50,7 @@ class Truth:
     limits: Limits = UNLIMITED
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TruePair:
+class TruePair(NamedTuple):
     """A pair with its truth.
 
     ``name`` is unique in the set, ``source`` is the truth's file, and a prediction may have any of the ``keys``, see
@@ -101,9 +100,8 @@ def find_truth(address: str, split: SplitName | None = None) -> TrueSet:
         raise InputError(f"{folder}: {count} truths for {name}: give the folder of one size", argument="truth")
     # A key that several pairs have identifies none of them.
     counts = Counter(key for pair in found.pairs for key in set(pair.keys))
-    return found._replace(
-        pairs=[replace(pair, keys=[key for key in pair.keys if counts[key] == 1]) for pair in found.pairs]
-    )
+    pairs = [pair._replace(keys=[key for key in pair.keys if counts[key] == 1]) for pair in found.pairs]
+    return found._replace(pairs=pairs)
 
 
 def find_predictions(
@@ -150,14 +148,11 @@ def find_predictions(
 def disparity_maps(folder: Path, argument: str) -> list[Path]:
     """Return the disparity maps of a folder and its subfolders, sorted.
 
-    Raises:
-        InputError: where the folder does not exist; the message calls it ``argument``.
-        ReadError: where a PNG cannot be read.
+    Raises InputError about ``argument`` where the folder does not exist, and ReadError where a PNG cannot be read.
     """
     if not folder.is_dir():
         raise no_folder(folder, argument)
-    paths = [path for path in _files(folder, "*.*") if path.suffix.lower() in MAP_EXTENSIONS]
-    return [path for path in paths if is_disparity_map(path)]
+    return [path for path in _files(folder, "*.*") if path.suffix.lower() in MAP_EXTENSIONS and is_disparity_map(path)]
 
 
 def _files(folder: Path, pattern: str) -> list[Path]:
@@ -173,7 +168,7 @@ def _dataset_truth(dataset: Dataset, only_split: SplitName | None) -> TrueSet:
         split, number = dataset.pair(place)
         scene, path = plan.key(split, number).name, plan.files(split, number)["disparity_left"]
         name = scene if only_split or len(plan.pairs) == 1 else f"{split}/{scene}"
-        keys = _keys(f"{split}/{scene}", scene, path)
+        keys = [f"{split}/{scene}", scene, *_keys(path)]
         pairs.append(TruePair(name, str(path_of(root, path)), keys, partial(_read_pair, dataset, place)))
     codec = plan.encodings.disparity
     png_scale = codec.steps if isinstance(codec, DisparityPng16) else KITTI_DISPARITY.steps
@@ -194,7 +189,7 @@ def _folder_truth(folder: Path) -> TrueSet:
     def pairs(paths: Sequence[Path], read: Callable[[Path], Truth], *, scenes: bool = False) -> list[TruePair]:
         names = [path.absolute().parent.name if scenes else path.stem for path in paths]
         return [
-            TruePair(name, str(path), _keys(name, str(path.relative_to(folder))), partial(read, path))
+            TruePair(name, str(path), [name, *_keys(path.relative_to(folder).as_posix())], partial(read, path))
             for name, path in zip(names, paths, strict=True)
         ]
 
@@ -206,7 +201,9 @@ def _folder_truth(folder: Path) -> TrueSet:
             eth3d = any("two_view_training_gt" in path.absolute().parts for path in paths)
             return TrueSet(pairs(paths, _read_scene, scenes=True), "eth3d" if eth3d else "middlebury")
     maps = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in MAP_EXTENSIONS]
-    return TrueSet(pairs([path for path in maps if is_disparity_map(path)], _read_map))
+    return TrueSet(
+        pairs([path for path in maps if is_disparity_map(path)], lambda path: Truth(read_disparity_map(path)))
+    )
 
 
 def _read_kitti(path: Path) -> Truth:
@@ -225,10 +222,6 @@ def _read_scene(path: Path) -> Truth:
         GREY8.read(mask) == VISIBLE if mask.is_file() else None,
         limits=read_limits(calibration) if calibration.is_file() else UNLIMITED,
     )
-
-
-def _read_map(path: Path) -> Truth:
-    return Truth(read_disparity_map(path))
 
 
 def read_limits(path: Path) -> Limits:
@@ -250,8 +243,7 @@ def _key(path: PurePosixPath) -> str:
     return str(path.parent if path.name.startswith("disp0") else path.with_suffix("")).removesuffix(".disp")
 
 
-def _keys(*names_and_path: str) -> list[str]:
-    """Return names, and the key of a path with all of its folders, without the first, and so on; each once."""
-    *names, path = names_and_path
+def _keys(path: str) -> list[str]:
+    """Return the key of a path with all of its folders, without the first, and so on."""
     parts = _key(PurePosixPath(path)).split("/")
-    return list(dict.fromkeys((*names, *("/".join(parts[first:]) for first in range(len(parts))))))
+    return ["/".join(parts[first:]) for first in range(len(parts))]

@@ -96,9 +96,8 @@ def test_a_mix_shows_no_more_than_is_wanted_of_a_disparity():
 
 @pytest.mark.parametrize(("blur", "scale"), [*((blur, 1.0) for blur in BLURS), (0.3, 3.0)])
 def test_the_blur_is_that_at_which_detail_is_the_places(blur, scale):
-    detail, borders = (np.array([[first - fall * tried for tried in BLURS]]) for first, fall in ((0.9, 0.5), (1, 0.4)))
-    there = place_of(octaves=around(0.9 - 0.5 * blur, 0.01), border_hardness=around(1 - 0.4 * blur, 0.01))
-    style = style_of(there, scale=scale, octaves=detail, border_hardness=borders)
+    detail = np.array([[0.9 - 0.5 * tried for tried in BLURS]])
+    style = style_of(place_of(octaves=around(0.9 - 0.5 * blur, 0.01)), scale=scale, octaves=detail)
     assert style.blur_px == pytest.approx(blur * scale)
 
 
