@@ -16,8 +16,8 @@ from PIL import Image
 from skimage.data import data_dir
 
 from semisynth_gl import PairRenderer, Renderer, StereoCamera, View, load_config, make_scene, render_pair
-from semisynth_gl.config.dataset_sections import ImperfectionsSection
 from semisynth_gl.config.load import summaries
+from semisynth_gl.config.rig_sections import ImperfectionsSection
 from semisynth_gl.frame.channels import CHANNELS, OUTPUTS, Channel
 from semisynth_gl.frame.frame import as_rgb
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS

@@ -125,7 +125,7 @@ def _write_entry(path: Path, entry: Entry) -> None:
     """Write an entry, then remove the oldest entries beyond `LIMIT_BYTES`."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     content: Any = entry.arrays | {"values": np.frombuffer(json.dumps(entry.values).encode(), np.uint8)}
-    # Under a name of its own until it is whole: other processes may read or write the same entry meanwhile.
+    # Under another name until it is whole: other processes may read or write the same entry meanwhile.
     handle, partial = tempfile.mkstemp(SUFFIX, dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:

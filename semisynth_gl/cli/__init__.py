@@ -11,7 +11,7 @@ import click
 from semisynth_gl.dataset.interrupts import interrupts_end, interrupts_raise
 from semisynth_gl.inputs.errors import SemisynthError
 
-# An exit code. It also stands for a run that was stopped or ran out of disk space: the same command resumes it.
+# The exit code of wrong input, and of a run that was stopped or ran out of disk space: the same command resumes it.
 _REFUSED = 2
 
 _COMMANDS = ("bench", "calibrate", "configs", "doctor", "evaluate", "generate", "preview", "report", "verify")

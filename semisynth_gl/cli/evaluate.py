@@ -33,7 +33,7 @@ _WORST, _BY = 10, "bad-2"
     "--pred-right",
     "predictions_right",
     type=_PATH,
-    help="Folder of predictions for the right views, to measure without truth how far they confirm those of --pred.",
+    help="Folder of predictions for the right views, to measure without truth how far they confirm --pred.",
 )
 @option(
     "--protocol",
@@ -53,7 +53,7 @@ def evaluate(
 ) -> None:
     """Compare predicted disparities with the truth, as a benchmark does.
 
-    Prints the figures over all pairs, and those of each pair or, where there are many, of the worst pairs.
+    Prints the figures over all pairs, and of each pair or, where there are many, of the worst pairs.
 
     Predictions are .pfm, .npy or 16-bit .png files with the pair's name or the name of the truth's file.
     """

@@ -16,7 +16,7 @@ _OUT_OF_REACH = 0.02
 _SPREADS, _GAMMA_BINS = 8, 100
 # Number of points per bin at which a density is evaluated.
 _POINTS = 16
-# Number of bins of the wanted histogram where the target has no bins of its own.
+# Number of bins of a target that states none.
 _BINS = 24
 
 

@@ -96,5 +96,5 @@ def dotted(key: Key) -> str:
 
 
 def undotted(text: str) -> Key:
-    """Return the key of a dotted one; numbers are those of items in lists."""
+    """Return the key of a dotted one; a number is an item of a list."""
     return tuple(int(part) if part.isdecimal() else part for part in text.split("."))

@@ -14,16 +14,21 @@ from semisynth_gl.codecs import Encodings
 from semisynth_gl.config.dataset_sections import (
     ChecksSection,
     FilesSection,
-    ImperfectionsSection,
     LicencesSection,
-    RigSection,
     SequenceSection,
     SplitsSection,
 )
 from semisynth_gl.config.distributions import UniformDepthTarget, target_fault, wanted_histogram
 from semisynth_gl.config.fields import FROM_LIST, ConfigError, Name, PluginName, Range, Rule, Section, Weight, one_of
 from semisynth_gl.config.layers import Values, merged
-from semisynth_gl.config.rig_sections import CameraSection, DisparitySection, LensSection, ProjectorSection
+from semisynth_gl.config.rig_sections import (
+    CameraSection,
+    DisparitySection,
+    ImperfectionsSection,
+    LensSection,
+    ProjectorSection,
+    RigSection,
+)
 from semisynth_gl.config.scene_sections import (
     TEXTURE_SOURCES,
     BackgroundSection,
@@ -94,7 +99,7 @@ class RecipeSection(Section):
 
 
 def _whole(base: Values, recipe: Any) -> Any:  # noqa: ANN401 - any YAML value
-    """Return the values of a `RecipeSection`, from those of a recipe in YAML and of its config."""
+    """Return the values of a `RecipeSection`: its keys, and the config with the recipe merged over it."""
     if not isinstance(recipe, dict):
         return recipe
     head = {key: recipe[key] for key in RECIPE_KEYS if key in recipe}

@@ -1,7 +1,7 @@
-"""The sections about the rig: its cameras and the disparities that they see."""
+"""The sections about the rig: its cameras, the disparities that they see, and what they do to images."""
 
 from collections.abc import Iterator
-from math import radians
+from math import degrees, radians
 from typing import Annotated, Literal
 
 import numpy as np
@@ -26,7 +26,7 @@ from semisynth_gl.config.fields import (
     Vector,
     within,
 )
-from semisynth_gl.frame.camera import Eye
+from semisynth_gl.frame.camera import MOST_FOCAL_RATIO, MOST_TURN_RAD, Eye
 from semisynth_gl.frame.channels import Colour
 from semisynth_gl.frame.raw_camera import COEFFICIENTS, LensModel, RawCamera, rotation_of
 
@@ -36,7 +36,9 @@ WIDEST_PX, MOST_PIXELS = 16_384, 1 << 27
 MOST_FY_OVER_FX = 2.0
 # Largest side of a projector's pattern, and widest view in degrees.
 _LARGEST_PATTERN_PX, _WIDEST_DEG = 8192, 170.0
-# Number of scenes whose baselines stand for all.
+_MOST_TURN_DEG = round(degrees(MOST_TURN_RAD))
+_SUB_FRAMES = 7
+# Number of scenes from whose baselines the ratios of baselines are taken.
 _SCENES = 200
 
 _Side = Annotated[int, Field(ge=1, le=WIDEST_PX)]
@@ -236,3 +238,55 @@ class ProjectorSection(Section):
     def painted(self) -> bool:
         """Whether the program paints the pattern, and reads no picture."""
         return self.pattern in _PAINTED_PATTERNS
+
+
+class RigSection(Section):
+    """Deviation of the right camera from the rectified one."""
+
+    right_roll_deg: Annotated[RangeField, within(-_MOST_TURN_DEG, _MOST_TURN_DEG)] = ZERO
+    """rotation about the viewing direction; positive turns the image clockwise"""
+    right_pitch_deg: Annotated[RangeField, within(-_MOST_TURN_DEG, _MOST_TURN_DEG)] = ZERO
+    """rotation about the x axis; positive moves the image up"""
+    right_y_px: RangeField = ZERO
+    """right principal point's distance below the left one"""
+    focal_ratio: Annotated[RangeField, within(1 / MOST_FOCAL_RATIO, MOST_FOCAL_RATIO)] = Range(1.0, 1.0)
+    """right focal length over the left one"""
+    twin: bool = False
+    """render each scene twice: pair 2 i deviates, pair 2 i + 1 is rectified"""
+
+    def _rules(self) -> Iterator[Rule]:
+        text = "twin adds a rectified pair to each deviating pair, but no pair deviates: set another key too"
+        yield self == RigSection.model_construct(twin=True), text, type(self).model_fields
+
+    def none(self) -> bool:
+        """Return whether the pairs are rectified."""
+        return self == RigSection()
+
+
+class ImperfectionsSection(Section):
+    """Imperfections of real images, sampled per image; both eyes share ``motion_blur``."""
+
+    exposure_stops: Annotated[RangeField, within(-20, 20)] = ZERO
+    """brightness in powers of 2"""
+    gamma: Annotated[RangeField, within(SMALLEST, 100)] = Range(1.0, 1.0)
+    """exponent of the tone curve"""
+    noise: Annotated[RangeField, within(0, 255)] = ZERO
+    """standard deviation of the noise, 8-bit levels"""
+    blur_px: Annotated[RangeField, within(0, 1000)] = ZERO
+    """standard deviation of the lens blur"""
+    motion_blur: Annotated[RangeField, within(0, 1)] = ZERO
+    """exposure time over ``sequence.frame_s``"""
+    sub_frames: Annotated[int, Field(ge=2, le=64)] = _SUB_FRAMES
+    """number of images averaged over an exposure"""
+    vignetting: Annotated[RangeField, within(0, 0.95)] = ZERO
+    """share of light lost in the corners, half a diagonal from the principal point"""
+    white_balance: Annotated[RangeField, within(-4, 4)] = ZERO
+    """gains of red and of blue, in powers of 2"""
+    sharpening: Annotated[RangeField, within(0, 10)] = ZERO
+    """amount of the unsharp mask"""
+    jpeg_quality: Annotated[RangeField, within(1, 100)] | None = None
+    """JPEG quality, 1 to 100; by default no compression"""
+
+    def none(self) -> bool:
+        """Return whether the section leaves the images as they are rendered."""
+        return self.model_copy(update={"sub_frames": _SUB_FRAMES}) == ImperfectionsSection()

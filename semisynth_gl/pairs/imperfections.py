@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
-from semisynth_gl.config.dataset_sections import ImperfectionsSection
+from semisynth_gl.config.rig_sections import ImperfectionsSection
 
 # Number of values that are processed at a time.
 _BLOCK = 1 << 17

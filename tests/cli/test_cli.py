@@ -16,6 +16,7 @@ from tiny_datasets import CLUTTER_ALONE
 
 from semisynth_gl import cli, render_pair
 from semisynth_gl.cli import main
+from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config import load_config, packaged_configs
 
 SETTINGS = (*CLUTTER_ALONE, "camera.width_px=160", "camera.height_px=96", "models.variants=1", "models.complex=0")
@@ -176,6 +177,12 @@ def test_what_is_refused_while_drawing_costs_no_earlier_dataset(call, tmp_path, 
     for setting in ("checks.min_brightness=255", "camera.width_px=200000"):
         refused(call(*base, "--overwrite", "--set", setting), "Error:")
         assert files(tmp_path / "o") == before
+
+
+def test_a_stopped_run_says_so_and_leaves_no_index(call, monkeypatch, tmp_path, photographs):
+    monkeypatch.setattr(Progress, "on_pair", lambda progress, _: progress.stop())
+    refused(call(*ETH3D, photographs, "--out", "o", "--pairs", 9, "--engine", "serial"), "Stopped")
+    assert not (tmp_path / "o/index.json").exists()
 
 
 @pytest.mark.parametrize(

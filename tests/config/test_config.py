@@ -137,6 +137,11 @@ PACKAGED = r"\S*/configs/[a-z-]+\.yaml:\d+"
     [
         ("kitti", ["disparity.max_px=1"], rf"disparity.max_px: .* 3 and 1: .* \(with disparity.min_px of {PACKAGED}\)"),
         ("kitti", ["background.plane=0"], rf"background.plane: .* \(with background.cuboid of {PACKAGED}\)"),
+        ("kitti", ["camera.width_px=16384", "camera.height_px=16384"], "camera.height_px: .* at most 134217728"),
+        ("kitti", ["textures.patch_px=8192", "textures.max_patches=33"], "textures.max_patches: .* at most 32 "),
+        ("kitti", ["particles.density=300", "particles.most=200"], "particles.most: density asks for 300"),
+        ("kitti", ["disparity.min_px=-1"], "disparity.min_px: .* expected more than 0, as disparity.signed is false"),
+        ("kitti", ["camera.doffs_px=-40", "disparity.target={form: uniform-depth}"], "disparity.target: .* above 40,"),
         ("kitti", ["disparity.max_px=40", "scenes=[]"],
          rf"disparity.max_px: disparity.target wants 0.3% .* 40 px: .* \(with disparity.target of {PACKAGED}"),
         # A recipe of the packaged config.
