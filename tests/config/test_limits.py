@@ -85,7 +85,7 @@ HUGE = ("1e300", "inf", ".nan", "-inf", DIGITS, "1e7000", "[1, 2]")
 def test_every_number_of_a_calibration_has_limits(tmp_path):
     path = tmp_path / "calib.txt"
     path.write_text(MIDDLEBURY.format(**USUAL))
-    assert read_rig([path])[0].size == (640, 480)
+    assert read_rig([path]).size == (640, 480)
     for key in USUAL:
         for value in HUGE:
             path.write_text(MIDDLEBURY.format(**USUAL | {key: value}))
