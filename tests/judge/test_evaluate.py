@@ -1,4 +1,4 @@
-"""The command evaluate: pairing of files, tables, JSON, error maps, and what it refuses."""
+"""The command evaluate: pairing of files, tables, JSON, error maps, views against each other, and what it refuses."""
 
 import json
 import re
@@ -20,6 +20,7 @@ from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.inputs.errors import InputError, ReadError
+from semisynth_gl.judge import evaluate_views, unconfirmed
 from semisynth_gl.judge.truth import find_truth, read_limits
 
 INF = np.float32(np.inf)
@@ -218,7 +219,7 @@ def test_a_folder_of_maps_is_truth_too(tmp_path):
     assert found["mean"]["all"]["epe"] == pytest.approx(3, abs=1 / 256)
 
 
-# --- error maps, tables, refusals ---
+# --- error maps, tables, missing predictions ---
 
 
 @pytest.fixture
@@ -278,6 +279,59 @@ def test_maps_that_cannot_be_compared_are_refused(tmp_path, changed, values, pro
     path.write_bytes(GREY8.encode(values) if path.suffix == ".png" else PFM.encode(values.astype(np.float32)))
     with pytest.raises((InputError, ReadError), match=words):
         evaluate(tmp_path / "pred", tmp_path / "gt", protocol)
+
+
+# --- views against each other, without truth ---
+
+
+def walls():
+    """True disparities of both views of a wall 4 px before which another one stands, at 10 px."""
+    left, right = (np.full((6, 60), 4, np.float32) for _ in range(2))
+    left[:, 30:40] = right[:, 20:30] = 10
+    return left, right
+
+
+def test_the_truth_is_confirmed_but_where_one_eye_alone_sees():
+    left, right = walls()
+    # Columns 24 to 29 of the left view are hidden; the first four lie outside of the right one.
+    assert unconfirmed(left, right) == pytest.approx(100 * 6 / 56)
+    assert unconfirmed(left[:, :20], right[:, :20]) == 0
+
+
+@pytest.mark.parametrize(("off", "counts"), [(0.9, False), (1.1, True), (-1.1, True), (INF, True), (np.nan, True)])
+def test_what_is_off_by_more_than_a_pixel_is_not_confirmed(off, counts):
+    for view, columns in ((0, slice(45, 50)), (1, slice(41, 46))):  # the same points in both views
+        views = walls()
+        views[view][:3, columns] += np.float32(off)
+        assert unconfirmed(*views) == pytest.approx(100 * (6 + 2.5 * counts) / 56)
+
+
+def test_views_that_cannot_be_compared_are_refused():
+    left, right = walls()
+    with pytest.raises(InputError, match="the left view has 60 x 6, the right one 59 x 6"):
+        unconfirmed(left, right[:, 1:])
+    for nowhere in (INF, np.float32(60)):
+        with pytest.raises(InputError, match="no disparity leads into the right image"):
+            unconfirmed(np.full_like(left, nowhere), right)
+
+
+def test_both_views_are_judged_by_the_command(tmp_path):
+    (one, other), left, right = walls(), tmp_path / "left", tmp_path / "right"
+    save(left / "a.npy", one[:, :20])
+    save(right / "a.npy", other[:, :20])
+    save(left / "b" / "c.pfm", one)
+    save(right / "b" / "c.npy", other)
+    arguments = ["evaluate", "--pred", left, "--pred-right", right, "--json", tmp_path / "out.json"]
+    done = CliRunner().invoke(semisynth_gl, list(map(str, arguments)), standalone_mode=False)
+    rows = [line.split() for line in done.output.splitlines()[2:]]
+    assert rows == [["b/c", "10.71"], ["a", "0.00"], ["mean", "5.36"]]
+    assert json.loads((tmp_path / "out.json").read_text()) == evaluate_views(left, right)
+    (right / "a.npy").rename(right / "d.npy")
+    with pytest.raises(InputError, match="same names in both folders; in one are a, d"):
+        evaluate_views(left, right)
+
+
+# --- refusals ---
 
 
 @pytest.mark.parametrize(
