@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
-from planted_faults import all_findings, change_disparity, change_image, checks, findings
+from planted_faults import all_findings, change_disparity, change_image, checks
 from tiny_datasets import EYE, LENS, cheap, with_lens
 
 from semisynth_gl.codecs.pfm import PFM
@@ -124,10 +124,8 @@ def test_a_border_is_where_no_ray_ends_on_the_sensor(border, level):
 
 def test_as_much_is_drawn_as_the_sensor_resolves():
     raw = raw_camera("four", focal_px=300.0, size=(400, 300))
-    chain = LensChain(raw, CAMERA, "left", "black")
-    assert chain.density == pytest.approx(300 * 1.02 / 150, rel=0.02)
+    assert LensChain(raw, CAMERA, "left", "black").density == pytest.approx(300 * 1.02 / 150, rel=0.02)
     camera = CAMERA.scaled(2, 2, (240, 320))
-    assert (camera.width_px, camera.height_px, camera.focal_px) == (320, 240, 300)
     for eye in EYES:
         # The ray through a pixel's left border is that through the border of its first half.
         ray = CAMERA.rays_of_eye(eye, np.array(9.5), np.array(-0.5))
@@ -175,17 +173,26 @@ def looked_up(valid, flow):
 # --- pairs ---
 
 
-def test_truth_is_bit_for_bit_that_without_a_lens():
-    plain, seen = render_pair(cheap(outputs=["visibility", "depth"]), 0), render_pair(with_lens(), 0)
+# Motion that carries points into and out of borders.
+MOVING = {"sequence": {"length": 2}, "camera": {"sway_m": 0.1, "sway_deg": 6}}
+FLOWS = ["visibility", "valid", "flow", "flow_backward", "disparity_change"]
+
+
+def test_truth_is_that_without_a_lens_and_masks_leave_out_what_the_sensor_did_not_see():
+    plain = render_pair(cheap(outputs=[name for name in FLOWS if name != "valid"], **MOVING), 0)
+    seen = render_pair(with_lens(outputs=FLOWS, **MOVING), 0)
+    valid = {eye: seen.view(eye).valid == VISIBLE for eye in EYES}
     for eye in EYES:
         assert (plain.view(eye).image != seen.view(eye).image).mean() > 0.3
-        for name in ("disparity", "depth"):
+        for name in ("disparity", "flow", "flow_backward", "disparity_change"):
             np.testing.assert_array_equal(plain.view(eye)[name], seen.view(eye)[name])
-        valid = {each: seen.view(each).valid == VISIBLE for each in EYES}
-        border = bordered(seen, eye, valid)
-        assert 0 < border.mean() < 0.9
-        expected = np.where(border, np.minimum(plain.view(eye).visibility, OCCLUDED), plain.view(eye).visibility)
-        np.testing.assert_array_equal(seen.view(eye).visibility, expected)
+        flows = ("flow", "flow_backward")
+        lost = {f"{name}_visibility": looked_up(valid[eye], plain.view(eye)[name]) for name in flows}
+        assert all((beyond & valid[eye]).any() for beyond in lost.values())
+        for name, beyond in (lost | {"visibility": bordered(seen, eye, valid)}).items():
+            mask = plain.view(eye)[name]
+            expected = np.where(~valid[eye] | beyond, np.minimum(mask, OCCLUDED), mask)
+            np.testing.assert_array_equal(seen.view(eye)[name], expected)
 
 
 def test_imperfections_are_those_of_the_raw_image():
@@ -201,23 +208,26 @@ def test_imperfections_are_those_of_the_raw_image():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"left": EYE | {"distortion": [0, 0, 0]}}, "radial-tangential has 4 or 5 or 8 or 12"),
-        ({"border": "crop"}, "'black' or 'replicate'"),
+        ({"lens": {**LENS, "left": EYE | {"distortion": [0, 0, 0]}}}, "radial-tangential has 4 or 5 or 8 or 12"),
+        ({"lens": LENS | {"border": "crop"}}, "'black' or 'replicate'"),
+        *(
+            ({"lens": LENS, "outputs": [output]}, f"{output} leaves out .* add valid to outputs")
+            for output in ("visibility", "flow", "flow_backward")
+        ),
+        (
+            {"lens": LENS | {"border_disparity": False}, "outputs": ["valid", "disparity_change"]},
+            "missing where flow leads into a border: add flow to outputs",
+        ),
+        ({"lens": LENS | {"border_disparity": False}, "outputs": ["depth"]}, "add valid to outputs"),
+        *(
+            ({"outputs": [output]}, f"the output {output} needs the section lens")
+            for output in ("valid", "raw", "raw_map")
+        ),
     ],
 )
 def test_a_lens_that_cannot_be_is_refused(changes, message):
     with pytest.raises(Exception, match=message):
-        with_lens(lens=changes)
-
-
-def test_the_masks_of_a_lens_need_the_output_that_says_why():
-    for output in ("visibility", "flow", "flow_backward"):
-        with pytest.raises(Exception, match=f"{output} leaves out .* add valid to outputs"):
-            cheap(lens=LENS, outputs=[output])
-    with pytest.raises(Exception, match="missing where flow leads into a border: add flow to outputs"):
-        without_borders(outputs=["valid", "disparity_change"])
-    with pytest.raises(Exception, match="the output valid needs the section lens: add lens"):
-        cheap(outputs=["valid"])
+        cheap(**changes)
 
 
 def test_a_scaled_config_has_the_scaled_lens(tmp_path):
@@ -229,61 +239,34 @@ def test_a_scaled_config_has_the_scaled_lens(tmp_path):
     assert lens.left.distortion[0].low == -0.3
 
 
-# Motion that carries points into and out of borders.
-MOVING = {"sequence": {"length": 2}, "camera": {"sway_m": 0.1, "sway_deg": 6}}
-FLOWS = ["visibility", "valid", "flow", "flow_backward", "disparity_change"]
-
-
-def test_masks_of_flow_leave_out_what_the_sensor_did_not_see():
-    plain = render_pair(cheap(outputs=[name for name in FLOWS if name != "valid"], **MOVING), 0)
-    seen = render_pair(with_lens(outputs=FLOWS, **MOVING), 0)
-    for eye in EYES:
-        valid = seen.view(eye).valid == VISIBLE
-        for name in ("flow", "flow_backward", "disparity_change"):
-            np.testing.assert_array_equal(plain.view(eye)[name], seen.view(eye)[name])
-        for name in ("flow", "flow_backward"):
-            lost = looked_up(valid, seen.view(eye)[name])
-            assert (lost & valid).any()
-            mask = plain.view(eye)[f"{name}_visibility"]
-            expected = np.where(~valid | lost, np.minimum(mask, OCCLUDED), mask)
-            np.testing.assert_array_equal(seen.view(eye)[f"{name}_visibility"], expected)
+def with_one(array, where, value):
+    """A copy in which the first of some pixels is another."""
+    changed = array.copy()
+    changed[tuple(np.argwhere(where)[0])] = value
+    return changed
 
 
 def test_verify_finds_masks_and_changes_that_ignore_the_lens(tmp_path):
-    config = with_lens(outputs=FLOWS, lens={"border_disparity": False}, **MOVING)
-    generate(config, tmp_path / "d", 2, layout="middlebury")
+    generate(without_borders(outputs=FLOWS, **MOVING), tmp_path / "d", 2, layout="middlebury")
     assert not all_findings(tmp_path / "d", rays=200)
     (scene,) = (path.parent for path in (tmp_path / "d").rglob("flow_mask0.png") if path.parent.name.endswith("0"))
-    outputs = [name for name in FLOWS if name != "valid"]
-    plain = render_pair(cheap(outputs=outputs, **MOVING), 0)
-    valid = np.asarray(Image.open(scene / "valid0.png")) == VISIBLE
-    for name in ("flow", "flow_backward"):
-        path = scene / f"{name}_mask0.png"
-        right, wrong = np.asarray(Image.open(path)), plain.left[f"{name}_visibility"]
-        # All of them; then a pixel of the border, and one that lies in the border at the other frame.
-        lost = looked_up(valid, plain.left[name])
-        change_image(path, lambda _, wrong=wrong: wrong)
-        assert checks(tmp_path / "d") == {f"{name}_visibility"}
-        for where in (~valid, valid & lost):
-            row, column = np.argwhere(where & (wrong == VISIBLE))[-1]
-            changed = right.copy()
-            changed[row, column] = VISIBLE
-            change_image(path, lambda _, changed=changed: changed)
-            (finding,) = findings(tmp_path / "d")
-            fault = f"{name}_visibility_left is 255 though a border hides the point in 1 pixel"
-            assert finding.message == f"{fault}, the first at ({column}, {row})"
-        change_image(path, lambda _, right=right: right)
-    path = scene / "disparity_change0.pfm"
-    right, wrong = PFM.read(path).copy(), plain.left.disparity_change
-    lost = valid & looked_up(valid, plain.left.flow)
-    change_disparity(path, lambda _: np.where(valid, wrong, np.inf))
-    assert "disparity_change" in checks(tmp_path / "d")
-    inside = valid & ~lost & (np.asarray(Image.open(scene / "flow_mask0.png")) == VISIBLE)
-    for where, value in ((lost, 0.25), (inside, np.inf)):
-        changed = right.copy()
-        changed[tuple(np.argwhere(where)[len(np.argwhere(where)) // 2])] = value
-        change_disparity(path, lambda _, changed=changed: changed)
-        assert "disparity_change" in checks(tmp_path / "d")
+    plain = render_pair(cheap(outputs=[name for name in FLOWS if name != "valid"], **MOVING), 0).left
+    valid, mask = (np.asarray(Image.open(scene / name)) for name in ("valid0.png", "flow_mask0.png"))
+    change, seen, valid = PFM.read(scene / "disparity_change0.pfm"), plain.flow_visibility == VISIBLE, valid == VISIBLE
+    lost = valid & looked_up(valid, plain.flow)
+    for name, wrong in (
+        ("flow_mask0.png", plain.flow_visibility),
+        ("flow_mask0.png", with_one(mask, ~valid & seen, VISIBLE)),
+        ("flow_mask0.png", with_one(mask, lost & seen, VISIBLE)),
+        ("flow_backward_mask0.png", plain.flow_backward_visibility),
+        ("disparity_change0.pfm", np.where(valid, plain.disparity_change, np.inf)),
+        ("disparity_change0.pfm", with_one(change, lost, 0.25)),
+        ("disparity_change0.pfm", with_one(change, valid & ~lost & (mask == VISIBLE), np.inf)),
+    ):
+        right = (scene / name).read_bytes()
+        (change_disparity if name.endswith("pfm") else change_image)(scene / name, lambda _, wrong=wrong: wrong)
+        assert name.partition("0")[0].replace("mask", "visibility") in checks(tmp_path / "d")
+        (scene / name).write_bytes(right)
 
 
 def without_borders(**changes):
@@ -327,21 +310,13 @@ def test_borders_may_have_no_disparity(tmp_path, changes):
     assert "disparity_left is known in a border" in str(all_findings(tmp_path / "d"))
 
 
-def test_a_dataset_with_disparity_in_its_borders_may_not_lack_it(tmp_path):
-    generate(with_lens(), tmp_path / "d", 1, layout="middlebury")
-    path = next((tmp_path / "d").rglob("disp0GT.pfm"))
-    disparity = PFM.read(path).copy()
-    disparity[np.asarray(Image.open(path.with_name("valid0.png"))) == 0] = np.inf
-    path.write_bytes(PFM.encode(disparity))
-    assert {"disparity", "depth"} <= checks(tmp_path / "d")
-    with pytest.raises(Exception, match="add valid to outputs"):
-        cheap(lens=LENS | {"border_disparity": False}, outputs=["depth"])
-
-
 def test_verify_finds_a_wrong_border(tmp_path):
     generate(with_lens(), tmp_path / "d", 2, layout="middlebury")
     path = next(tmp_path.rglob("valid0.png"))
-    right = np.asarray(Image.open(path))
+    right, disparity = np.asarray(Image.open(path)), path.with_name("disp0GT.pfm")
+    # Disparity must reach into the borders unless the config says otherwise.
+    change_disparity(disparity, lambda known: np.where(right == 0, np.inf, known))
+    assert {"disparity", "depth"} <= checks(tmp_path / "d")
     for wrong in (255 - right, *(np.full_like(right, level) for level in (0, 128, 255))):
         path.write_bytes(GREY8.encode(wrong))
         assert "valid" in checks(tmp_path / "d")
