@@ -99,7 +99,6 @@ class Plan(Document):
 
     Attributes:
         version: the version of the program that began the dataset.
-        format: the format of the dataset, see `FORMAT`.
         name: the config's name.
         config: the config, with the outputs that the layout needs.
         pairs: number of pairs of each split; splits without pairs are left out.

@@ -35,11 +35,8 @@ class Engine(Protocol):
     def run(self, job: Job, numbers: Sequence[int], listener: Listener) -> None:
         """Make the shards of these numbers; return once all are complete, or soon after `Listener.stopping` is true.
 
-        The listener hears the pairs of finished shards, and messages about lost workers.
-
-        Raises:
-            WorkerError: where workers keep dying.
-            Exception: the error of a shard, as `ShardMaker.make_shard` raises it.
+        The listener hears the pairs of finished shards, and messages about lost workers. Raises WorkerError where
+        workers keep dying, and the error of a shard as `ShardMaker.make_shard` does.
         """
 
 
@@ -75,10 +72,7 @@ class Recorder(Listener):
 
 
 class LocalEngine:
-    """Makes shards in at most ``workers`` processes of this machine.
-
-    Where a process dies, all are started anew for the shards that are missing, twice at most.
-    """
+    """Makes shards in at most ``workers`` processes; where one dies, all are started anew, twice at most."""
 
     def __init__(self, workers: int) -> None:
         self._workers = workers
@@ -161,10 +155,9 @@ def _make(number: int) -> Recorder:
 
 
 def keep_freed_memory() -> None:
-    """Let this process keep the memory of a pair for the next pair.
+    """Let this process keep the memory of a pair for the next pair, if its C library is glibc.
 
-    Otherwise glibc returns the memory of freed arrays to the kernel, which gives it out again in single zeroed pages,
-    with thousands of page faults for each pair. With another C library than glibc, nothing is done.
+    Otherwise glibc returns freed arrays to the kernel, which gives them out again in single zeroed pages.
     """
     set_option = getattr(ctypes.CDLL(None), "mallopt", None)
     if set_option is not None:
@@ -178,9 +171,9 @@ def cores() -> int:
 
 
 def threads_each(workers: int) -> int:
-    """Return the number of threads that llvmpipe may have (`THREADS`) in each of ``workers`` processes.
+    """Return llvmpipe's number of threads in each of so many processes, which share the usable cores.
 
-    The processes share the usable cores. 0 lets llvmpipe draw in the calling thread.
+    0 lets llvmpipe draw in the calling thread.
     """
     share = cores() // max(workers, 1)
     return 0 if share < 2 else share

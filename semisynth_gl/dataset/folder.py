@@ -13,9 +13,8 @@ from pathlib import PurePath
 from upath import UPath
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
-from semisynth_gl.dataset.card import encode_card
 from semisynth_gl.dataset.documents import CARD, INDEX, LOCK, PLAN, PROGRAM, RECORDS, Index, Plan, Shard, parse
-from semisynth_gl.dataset.index import describe_dataset
+from semisynth_gl.dataset.index import describe_dataset, encode_card
 from semisynth_gl.dataset.plan import differences
 from semisynth_gl.dataset.reader import read_record
 from semisynth_gl.dataset.root import (
@@ -109,11 +108,8 @@ def replaces(root: UPath, there: Plan | None, plan: Plan) -> bool:
 def begin(root: UPath, plan: Plan, *, overwrite: bool = False) -> None:
     """Write a dataset's plan, or go on with the dataset that was begun with the same plan or one of fewer pairs.
 
-    With ``overwrite``, the files of another or finished dataset of this program are removed; other files stay.
-
-    Raises:
-        InputError: where the folder holds something else, or a dataset of another plan.
-        OSError: where the folder cannot be written to.
+    With ``overwrite``, the files of another or finished dataset of this program are removed; other files stay. Raises
+    InputError where the folder holds something else or, without ``overwrite``, a dataset of another plan.
     """
     there = read_plan(root)
     if there is not None:

@@ -1,14 +1,18 @@
-"""The index of a dataset: its plan, its sources and its shards."""
+"""The index of a dataset, and its card: a README.md with the front matter that hubs read, by assets/card.md.jinja."""
 
 import hashlib
+import re
 from collections.abc import Iterable, Mapping
+from os.path import commonprefix
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from semisynth_gl.dataset.documents import Plan, Record
+from semisynth_gl.dataset.documents import Index, Plan, Record
+from semisynth_gl.frame.channels import FLOW_OUTPUTS
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
+from semisynth_gl.inputs.templates import template_environment
 from semisynth_gl.scene.sources import Sources
 from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.textures.image_files import relative_names
@@ -16,13 +20,16 @@ from semisynth_gl.textures.sources import describe_source
 
 # The licence of the models and pictures that this program makes.
 _OWN_LICENCE = "MIT"
+# Some of the licences that Hugging Face's hub knows; any other one becomes "other" with a name.
+_LICENCES = re.compile(
+    r"unknown|other|mit|apache-2\.0|bsd-[23]-clause|[al]?gpl-3\.0|cc0-1\.0|cc-by(-nc)?(-nd|-sa)?-4\.0|cc-by(-sa)?-3\.0"
+    r"|odbl|odc-by|pddl"
+)
+_SIZES = ("1K", "10K", "100K", "1M", "10M", "100M", "1B")
 
 
 def describe_dataset(plan: Plan, sources: Mapping[SplitName, Sources], records: Iterable[Record]) -> dict[str, Any]:
-    """Return the content of a dataset's index, from the sources of each split and the records of all shards in order.
-
-    It is in JSON's types; `semisynth_gl.dataset.documents.Index` reads it.
-    """
+    """Return the content of an index, from the sources of each split and the records of all shards in order."""
     renderers: set[str] = set()
     shards = []
     for record in records:  # one at a time: together they may fill memory
@@ -85,3 +92,60 @@ def _file_sha256(path: Path | None) -> str | None:
         return hashlib.sha256(path.read_bytes()).hexdigest() if path else None
     except OSError:
         return None
+
+
+def encode_card(index: Index) -> bytes:
+    """Encode a dataset's README.md from its index."""
+    plan: Plan = index
+    licence = plan.config.licences.dataset.lower()
+    known = _LICENCES.fullmatch(licence)
+    power = max(0, len(str(sum(plan.pairs.values()))) - 3)
+    template = template_environment().get_template("card.md.jinja")
+    card = template.render(
+        plan=plan,
+        index=index,
+        licence=licence if known else "other",
+        licence_name="" if known else re.sub(r"[^a-z0-9.]+", "-", licence).strip("-."),
+        size_category=f"{_SIZES[power - 1]}<n<{_SIZES[power]}" if power else "n<1K",
+        has_flow=not FLOW_OUTPUTS.isdisjoint(plan.config.outputs),
+        configs=_configs(plan, index),
+    )
+    return card.encode()
+
+
+def _configs(plan: Plan, index: Index) -> list[dict[str, Any]]:
+    """Return the hub's configs: one for tars, else one for each role of images. By itself, a hub loads any files."""
+    if plan.layout.packed:
+        tars = {shard.split: f"{str(shard.tar).rpartition('-')[0]}-*.tar" for shard in index.shard_entries}
+        files = [{"split": split, "path": tars[split]} for split in plan.splits]
+        return [{"config_name": "default", "data_files": files}]
+    patterns = {split: file_patterns(plan, split) for split in plan.splits}
+    return [
+        {
+            "config_name": role,
+            "default": role == "left",
+            "data_files": [{"split": split, "path": patterns[split][role]} for split in plan.splits],
+            "drop_labels": True,  # else the folders' names become classes
+        }
+        for role, pattern in patterns[plan.splits[0]].items()
+        # Readers of images would take the high bytes of flow in 16-bit RGB.
+        if pattern.endswith((".png", ".jpg")) and plan.layout.role(role).codec(plan.encodings) != plan.encodings.flow
+    ]
+
+
+def file_patterns(plan: Plan, split: SplitName) -> dict[str, str]:
+    """Return a glob by role for the files of all pairs of a split, below the dataset's folder or inside a tar."""
+    # These pairs differ in view, frame and sequence, and so wherever names can.
+    together = plan.config.sequence_pairs
+    numbers = (0, 1, 3, plan.views, together, 3 * together, 3000 * together)
+    pairs = [plan.files(split, number) for number in numbers]
+    return {role: _pattern([files[role] for files in pairs]) for role in pairs[0]}
+
+
+def _pattern(paths: list[str]) -> str:
+    """Return the paths as one, with a star where names of files or folders differ; a star takes a number as a whole."""
+    parts = []
+    for names in zip(*(path.split("/") for path in paths), strict=True):
+        begin, end = commonprefix(names), commonprefix([name[::-1] for name in names])[::-1]  # noqa: RUF071 - names
+        parts.append(names[0] if len(set(names)) == 1 else f"{begin.rstrip('0123456789')}*{end}")
+    return "/".join(parts)

@@ -38,10 +38,7 @@ class Job:
 
 
 class ShardMaker:
-    """Makes shards in this process; it keeps the renderer of the latest shard's split open until it is closed.
-
-    ``worker`` is the number of the process, from 0, by which it takes its GPU.
-    """
+    """Makes shards in this process, which is worker number ``worker``; keeps the latest split's renderer open."""
 
     def __init__(self, job: Job, worker: int = 0) -> None:
         self._job = job
@@ -54,16 +51,12 @@ class ShardMaker:
         self._resources.close()
 
     def make_shard(self, number: int, listener: Listener) -> bool:
-        """Render, encode and write the pairs of a shard of this number, then its record.
-
-        The listener hears each pair once its files are written, and may ask to stop between two pairs. Return whether
-        the shard is complete.
+        """Render, encode and write the pairs of a shard, see `write_shard`; the listener may ask to stop between two.
 
         Raises:
             InputError: where this process has other plug-ins, photographs or models than the plan says, or pairs keep
                 failing the config's checks.
             ContextLostError: where the driver was reset; this process can render no more.
-            OSError: where the disk is full or cannot be written to.
         """
         plan, shard = self._job.plan, self._job.plan.shards[number]
         renderer = self._renderer_of(shard.split, listener)

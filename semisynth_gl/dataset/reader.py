@@ -148,10 +148,9 @@ def read_record(root: UPath, shard: Shard, *, packed: bool) -> Record:
 
 
 def read_members(root: UPath, shard: Shard, record: Record, pair: int, names: Sequence[str]) -> dict[str, bytes]:
-    """Read files of a pair from its shard's tar, with one request, and return their bytes by name.
+    """Read files of a pair from its shard's tar, with one request, and return their bytes by name inside the tar.
 
-    ``record`` is the shard's from `read_record`, ``pair`` the pair's number in its split, and ``names`` are one or more
-    names inside the tar. Raises ReadError where the record lacks a file, or the tar has something else in its place.
+    Raises ReadError where the shard's record lacks a file, or the tar has something else in its place.
     """
     listed = record.samples[pair - shard.first].files
     for name in names:

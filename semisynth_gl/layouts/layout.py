@@ -153,10 +153,8 @@ class Layout:
 def view_stems(names: Mapping[str, str], default: str) -> dict[str, str]:
     """Return the template of each array of a frame by role, channel by channel.
 
-    Args:
-        names: templates by channel: ``{n}`` stands for 0 (left) or 1 (right), ``{view}`` for the view's name, and
-            ``{L}`` for the name's first letter, as a capital. Other templates stay.
-        default: the template for channels that ``names`` lacks, in which ``{channel}`` also stands for the channel.
+    In templates, ``{n}`` stands for 0 (left) or 1 (right), ``{view}`` for the view's name, ``{L}`` for the name's first
+    letter, as a capital, and ``{channel}`` for the channel. ``default`` is for channels that ``names`` lacks.
     """
     stems = {}
     for channel in CHANNELS.values():

@@ -11,8 +11,8 @@ from PIL import Image
 from ruamel.yaml import YAML
 
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.card import encode_card, file_patterns
 from semisynth_gl.dataset.documents import Index, Plan
+from semisynth_gl.dataset.index import encode_card, file_patterns
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.frame.channels import DRAWN_OUTPUTS
