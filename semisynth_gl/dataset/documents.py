@@ -207,10 +207,6 @@ class Plan(Document):
         return [f"{self.folder(split)}{path}" for split in self.splits for path in self.layout.folders]
 
 
-class _Source(Document):
-    licence: _Text
-
-
 class _Patch(Document):
     source: _Text
     left_px: _Number
@@ -224,11 +220,9 @@ class _Patch(Document):
 
 
 class SplitSources(Document):
-    """The part of a split in the index that readers use: photographs, patches and models."""
+    """The part of a split in the index that readers use: its patches, of which scenes are made."""
 
-    photographs: list[_Source] = []
     patches: list[_Patch] = []
-    models: list[_Source] = []
 
 
 class ShardEntry(Document):
@@ -252,8 +246,6 @@ class Index(Plan):
     """The index of a dataset: its plan, its sources and its shards."""
 
     renderers: list[str]
-    redraws: _Number
-    bytes: _Bytes
     split_sources: dict[SplitName, SplitSources] = Field(alias="splits")
     shard_entries: list[ShardEntry] = Field(alias="shards")
 

@@ -13,7 +13,7 @@ from pathlib import PurePath
 from upath import UPath
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
-from semisynth_gl.dataset.documents import CARD, INDEX, LOCK, PLAN, PROGRAM, RECORDS, Index, Plan, Shard, parse
+from semisynth_gl.dataset.documents import CARD, INDEX, LOCK, PLAN, PROGRAM, RECORDS, Plan, Shard, parse
 from semisynth_gl.dataset.index import describe_dataset, encode_card
 from semisynth_gl.dataset.plan import differences
 from semisynth_gl.dataset.reader import read_record
@@ -136,10 +136,10 @@ def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> Non
     """
     with ThreadPoolExecutor(_REQUESTS) as pool:
         records = pool.map(lambda shard: read_record(root, shard, packed=plan.layout.packed), plan.shards)
-        index = JSON_OBJECT.encode(describe_dataset(plan, sources, records))
+        index = describe_dataset(plan, sources, records)
     for name, data in plan.lists.items():
         write(root, name, data)
-    write(root, CARD, encode_card(parse(Index, index, path_of(root, INDEX))))
+    write(root, CARD, encode_card(plan, index))
     if is_local(root):
         for name in plan.folders:
             (root / name).mkdir(parents=True, exist_ok=True)
@@ -149,16 +149,15 @@ def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> Non
                 (root / name).symlink_to(target)
     elif copies := plan.copies:
         root.fs.copy([(root / name).path for name in copies.values()], [(root / name).path for name in copies])
-    replace(root, INDEX, index)
+    replace(root, INDEX, JSON_OBJECT.encode(index))
 
 
 @contextmanager
 def locked(root: UPath, *, shared: bool = False) -> Iterator[None]:
-    """Lock a dataset against other runs, also on other machines with the disk.
+    """Lock a dataset against other runs, also on other machines with the disk; the lock ends with the process.
 
-    Runs that are ``shared``, since each makes other shards, lock out only runs that are not. The lock ends with the
-    process. Object stores and some network file systems have no locks. Raises InputError where another run has locked
-    the dataset, or the folder cannot be written to.
+    Runs that are ``shared``, since each makes other shards, lock out only runs that are not. Object stores and some
+    network file systems have no locks. Raises InputError where another run has locked the dataset.
     """
     if not is_local(root):
         yield

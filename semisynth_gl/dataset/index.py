@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from semisynth_gl.dataset.documents import Index, Plan, Record
+from semisynth_gl.dataset.documents import Plan, Record
 from semisynth_gl.frame.channels import FLOW_OUTPUTS
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.inputs.templates import template_environment
@@ -94,9 +94,8 @@ def _file_sha256(path: Path | None) -> str | None:
         return None
 
 
-def encode_card(index: Index) -> bytes:
-    """Encode a dataset's README.md from its index."""
-    plan: Plan = index
+def encode_card(plan: Plan, index: Mapping[str, Any]) -> bytes:
+    """Encode a dataset's README.md from its plan and what `describe_dataset` returned."""
     licence = plan.config.licences.dataset.lower()
     known = _LICENCES.fullmatch(licence)
     power = max(0, len(str(sum(plan.pairs.values()))) - 3)
@@ -108,15 +107,15 @@ def encode_card(index: Index) -> bytes:
         licence_name="" if known else re.sub(r"[^a-z0-9.]+", "-", licence).strip("-."),
         size_category=f"{_SIZES[power - 1]}<n<{_SIZES[power]}" if power else "n<1K",
         has_flow=not FLOW_OUTPUTS.isdisjoint(plan.config.outputs),
-        configs=_configs(plan, index),
+        configs=_configs(plan),
     )
     return card.encode()
 
 
-def _configs(plan: Plan, index: Index) -> list[dict[str, Any]]:
+def _configs(plan: Plan) -> list[dict[str, Any]]:
     """Return the hub's configs: one for tars, else one for each role of images. By itself, a hub loads any files."""
     if plan.layout.packed:
-        tars = {shard.split: f"{str(shard.tar).rpartition('-')[0]}-*.tar" for shard in index.shard_entries}
+        tars = {shard.split: f"{shard.tar.rpartition('-')[0]}-*.tar" for shard in plan.shards}
         files = [{"split": split, "path": tars[split]} for split in plan.splits]
         return [{"config_name": "default", "data_files": files}]
     patterns = {split: file_patterns(plan, split) for split in plan.splits}

@@ -101,7 +101,7 @@ def names_below(root: UPath) -> list[str]:
 def write(root: UPath, name: str, data: bytes) -> None:
     """Write or replace a file, and make its folders; raises OSError where that fails."""
     path = root / name
-    if _WITH_BUCKETS.isdisjoint({root.protocol}):
+    if root.protocol not in _WITH_BUCKETS:
         path.parent.mkdir(parents=True, exist_ok=True)
     if is_local(root):
         path.write_bytes(data)
@@ -124,10 +124,7 @@ def final_name(name: str) -> str:
 
 @contextmanager
 def clear_errors(root: UPath) -> Iterator[None]:
-    """Raise InputError, with advice, for the errors that the first access of a store may raise.
-
-    Such errors of botocore and others are no OSErrors, and cannot be imported where their packages are missing.
-    """
+    """Raise InputError, with advice, for any error of a store: those of botocore and others are no OSErrors."""
     try:
         yield
     except Exception as error:

@@ -85,9 +85,8 @@ def mask_from_not_occluded(
 ) -> NDArray[np.uint8]:
     """Return the mask of a disparity or flow, (H, W) uint8, from all values and from those of visible points.
 
-    Both arrays are (H, W) float32 px, or (H, W, 2) for flow, and inf where unknown; the path is for messages. A hidden
-    point is occluded or outside the other image, see `restore_outside`. Raises ReadError where a finite value of
-    ``not_occluded`` differs from the one in ``truth``.
+    Both arrays are (H, W) float32 px, or (H, W, 2) for flow, and inf where unknown; the path is for messages. Raises
+    ReadError where a finite value of ``not_occluded`` differs from the one in ``truth``.
     """
     seen = _is_known(not_occluded)
     if (truth[seen] != not_occluded[seen]).any():

@@ -1,5 +1,6 @@
 """The dataset card: what hubs and their readers make of it."""
 
+import json
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from PIL import Image
 from ruamel.yaml import YAML
 
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.documents import Index, Plan
+from semisynth_gl.dataset.documents import Plan
 from semisynth_gl.dataset.index import encode_card, file_patterns
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import read_index
@@ -23,12 +24,10 @@ FOLDERS = [name for name in layout_names() if not find_layout(name).packed]
 NAME = "tiny-train-x"
 
 
-def written(folder: Path, layout: str, config: Config | None = None) -> tuple[Plan, Index]:
-    """Write five training pairs and a test pair; return the plan and the index."""
+def written(folder: Path, layout: str, config: Config | None = None) -> tuple[Plan, Any]:
+    """Write five training pairs and a test pair; return the plan and the index in JSON's types."""
     write_dataset(folder, layout, {"train": 5, "test": 1}, 2, config or config_of(name=NAME))
-    made = read_index(folder).made
-    assert made is not None
-    return made, made
+    return read_index(folder).plan, json.loads((folder / "index.json").read_text())
 
 
 def front_of(card: bytes) -> tuple[Any, str]:
@@ -93,7 +92,7 @@ def test_a_pattern_matches_the_files_of_its_role_and_no_others(layout: str, leng
 def test_the_front_matter_is_what_a_hub_wants(tmp_path: Path, licence: str, known: str, name: str | None) -> None:
     rights = {"dataset": licence, "images": licence, "models": "unknown"}
     plan, index = written(tmp_path, "webdataset", config_of(name=NAME, licences=rights))
-    front, body = front_of(encode_card(index))
+    front, body = front_of(encode_card(plan, index))
     assert (front["license"], front.get("license_name")) == (known, name)
     assert front["task_categories"] == ["depth-estimation"]
     assert front["tags"] == ["stereo", "disparity", "synthetic", "webdataset"]
@@ -104,5 +103,5 @@ def test_the_front_matter_is_what_a_hub_wants(tmp_path: Path, licence: str, know
         assert {split for tar, split in tars.items() if fnmatch(tar, files["path"])} == {files["split"]}
     sizes = {1: "n<1K", 999: "n<1K", 1000: "1K<n<10K", 10_000: "10K<n<100K", 10**6: "1M<n<10M", 10**8: "100M<n<1B"}
     for pairs, size in sizes.items():
-        front, _ = front_of(encode_card(index.model_copy(update={"pairs": {"train": pairs}})))
+        front, _ = front_of(encode_card(plan.model_copy(update={"pairs": {"train": pairs}}), index))
         assert front["size_categories"] == [size]
