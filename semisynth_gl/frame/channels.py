@@ -80,12 +80,6 @@ class Channel(Generic[Value]):
         """Whether the array is an image, which is grey, (H, W), where the cameras are monochrome."""
         return self.name in ("image", "raw")
 
-    @property
-    def shapes(self) -> list[tuple[int, ...]]:
-        """The shapes that a pixel's values may have."""
-        own: tuple[int, ...] = () if self.components == 1 else (self.components,)
-        return [own, ()] if self.is_image else [own]
-
     def role(self, eye: Eye) -> str:
         """Return the name of one eye's array in a frame: the eye for an image, or a name such as ``disparity_left``."""
         return eye if self.name == "image" else f"{self.name}_{eye}"
@@ -177,8 +171,10 @@ class View(Mapping[str, NDArray[Any]]):
                 raise InputError(f"expected channels of {', '.join(CHANNELS)}, got {name}", argument="view")
             if not isinstance(array, np.ndarray):
                 continue  # the renderer's reader may return tensors
-            if array.ndim < 2 or array.shape[2:] not in channel.shapes or array.dtype != channel.dtype:
-                expected = " or ".join(f"(H, W{''.join(f', {c}' for c in shape)})" for shape in channel.shapes)
+            own = (channel.components,) if channel.components > 1 else ()
+            known = [own, ()] if channel.is_image else [own]
+            if array.ndim < 2 or array.shape[2:] not in known or array.dtype != channel.dtype:
+                expected = " or ".join(str(("H", "W", *shape)).replace("'", "") for shape in known)
                 raise InputError(
                     f"{name} must be {expected} {channel.dtype}, got {array.shape} {array.dtype}", argument="view"
                 )

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from math import inf, isfinite
 from numbers import Integral, Real
 from types import UnionType
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -52,13 +52,9 @@ def to_real(name: str, value: object, least: float = -inf, most: float = inf, *,
 
     A NumPy float32 would lower the precision of everything that is computed with it.
     """
-    try:
-        finite = isinstance(value, Real) and not isinstance(value, bool) and isfinite(value)
-    except OverflowError:  # a whole number that no float holds
-        finite = False
-    if not finite:
+    if not isinstance(value, Real) or isinstance(value, bool) or not isfinite(value):
         raise _unfit(name, "a finite number", value)
-    number = value if isinstance(value, int) else float(cast("Real", value))
+    number = value if isinstance(value, int) else float(value)
     if not (least <= number <= most or (or_0 and number == 0)):
         raise _unfit(name, f"{'0 or ' * or_0}from {least:g} to {most:g}", number)
     return number

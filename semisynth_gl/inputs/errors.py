@@ -77,10 +77,7 @@ class Skipped:
 
 def shown(value: object, most: int = 100) -> str:
     """Return a value as a message shows it: its repr, cut to ``most`` characters."""
-    try:
-        return cut(repr(value), most)
-    except ValueError:
-        return "a number of thousands of digits"
+    return cut(repr(value), most)
 
 
 def described(error: BaseException) -> str:
@@ -106,12 +103,9 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {head}{plural}{of}{rest}"
 
 
-def near(name: str, known: Iterable[str], least_ratio: float = 0.7) -> list[str]:
-    """Return the known name that a wrong name was most likely meant to be, as a list of one name or none.
-
-    The two names must be alike by ``least_ratio`` or more, see `difflib.SequenceMatcher.ratio`.
-    """
-    return difflib.get_close_matches(name, list(known), 1, least_ratio)
+def near(name: str, known: Iterable[str]) -> list[str]:
+    """Return the known name that a wrong name was most likely meant to be, as a list of one name or none."""
+    return difflib.get_close_matches(name, list(known), 1, 0.7)
 
 
 def did_you_mean(names: Iterable[str], otherwise: str = "") -> str:

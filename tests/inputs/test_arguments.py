@@ -52,11 +52,11 @@ RIG = {"focal_px": 700.0, "baseline_m": 0.1, "size": (64, 48), "range_px": (2, 9
 
 # By the argument that the error is about, which the command line replaces by its option.
 WRONG = {
-    "index": [lambda value: render_pair(CONFIG, value), ("0", 0.5, True, -(10**5000), 10**30)],
+    "index": [lambda value: render_pair(CONFIG, value), ("0", 0.5, True, -1, 10**30)],
     "seed": [lambda value: PairRenderer(CONFIG, value), ("1", None, -1, 0.0)],
     "config": [lambda value: render_pair(value, 0), ("kitti", {"name": "kitti"})],
     "focal_px": [lambda value: StereoCamera(64, 48, value, 0.1, 0, 0, 0), ("40", None, np.inf, np.nan, 1e7, 1e-12)],
-    "baseline_m": [lambda value: StereoCamera(64, 48, 40.0, value, 0, 0, 0), (None, 10**400, -0.1, 1e-12)],
+    "baseline_m": [lambda value: StereoCamera(64, 48, 40.0, value, 0, 0, 0), (None, 10**30, -0.1, 1e-12)],
     "cx_left_px": [lambda value: StereoCamera(64, 48, 40.0, 0.1, value, 0, 0), (np.nan, -1e7)],
     "width_px": [lambda value: StereoCamera(value, 48, 40.0, 0.1, 0, 0, 0), (0, 2.0)],
     "world_from_model": [lambda value: scene(world_from_model=value), ("eye", [[1, 0], [1]], np.full((1, 4, 4), "1"))],

@@ -18,7 +18,6 @@ def test_a_number_has_its_noun_in_the_right_form():
 def test_a_long_value_is_cut():
     assert shown("a" * 98) == "'" + "a" * 98 + "'"
     assert shown("a" * 99) == "'" + "a" * 99 + "..."
-    assert len(shown(-(10**5000))) < 50
 
 
 def test_every_extra_that_a_message_names_exists():
