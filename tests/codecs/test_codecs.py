@@ -122,12 +122,16 @@ def test_wrong_png_is_refused_by_name(tmp_path):
 
 
 @settings(deadline=None)
-@given(disparities, st.sampled_from([PFM, PFM3]))
-def test_pfm_comes_back_bit_for_bit_here_and_by_opencv(image, codec):
-    image = image if codec is PFM else np.stack([image, -image, 2 * image], axis=2)
+@given(disparities, st.sampled_from([PFM, PFM3, FLOW_CODECS["pfm"], FLOW_CODECS["flo"]]))
+def test_floats_come_back_bit_for_bit_here_and_pfm_by_opencv(image, codec):
+    if codec is not PFM:  # in flow, both components are inf where there is none
+        image = np.stack([image, image / 2, -image], axis=2)[..., : 3 if codec is PFM3 else 2]
     data = codec.encode(image)
-    np.testing.assert_array_equal(by_opencv(data), image)
-    np.testing.assert_array_equal(codec.decode(data, PATH), image)
+    came = codec.decode(data, PATH)
+    assert came.dtype == np.float32
+    np.testing.assert_array_equal(came, image)
+    if codec in (PFM, PFM3):
+        np.testing.assert_array_equal(by_opencv(data), image)
 
 
 def test_other_peoples_pfm_is_read():
@@ -136,19 +140,6 @@ def test_other_peoples_pfm_is_read():
 
 
 # Disparity and flow
-
-
-@settings(max_examples=40, deadline=None)
-@given(
-    st.sampled_from(["flo", "pfm"]),
-    hnp.arrays(np.float32, st.tuples(sides, sides, st.just(2)), elements=st.floats(-1e6, 1e6, width=32)),
-    st.integers(0, 9),
-)
-def test_flow_comes_back_bit_for_bit(encoding, flow, unknown):
-    flow.reshape(-1, 2)[unknown::7] = np.inf
-    came = FLOW_CODECS[encoding].decode(FLOW_CODECS[encoding].encode(flow), PATH)
-    assert came.dtype == np.float32
-    np.testing.assert_array_equal(came, flow)
 
 
 def test_opencv_reads_flow(tmp_path):

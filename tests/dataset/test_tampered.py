@@ -176,7 +176,8 @@ def test_a_tar_that_is_cut_or_anothers_is_refused(clean, tmp_path):
 
 
 @pytest.mark.parametrize("command", ["verify", "evaluate", "report"])
-def test_commands_end_with_one_message(dataset, tmp_path, program, command):
+def test_commands_end_with_one_message(clean, tmp_path, program, command):
+    dataset = shutil.copytree(clean / "webdataset", tmp_path / "set")
     path = dataset / INDEX
     path.write_text(json.dumps(json.loads(path.read_text()) | {"pairs": {"train": "many"}}))
     arguments = {
