@@ -145,32 +145,26 @@ def test_uv_map_is_kept_in_model_units_with_v_downwards(folder: Path) -> None:
     assert uv == pytest.approx(np.array([[0, side], [side, side], [0, 0], [side, 0]]), abs=1e-5)
 
 
-def test_few_triangles_with_a_large_share_of_the_map_do_not_set_the_scale(folder: Path) -> None:
-    corners = "v 0 0 0\nv 3 0 0\nv 3 3 0\nv 0 3 0\nv 4 0 0\nv 4 1 0\nv 3 1 0\n"
-    body, eye = "vt 0 0\nvt .3 0\nvt .3 .3\nvt 0 .3\n", "vt 0 0\nvt 1 0\nvt 1 1\n"
-    (folder / "good.obj").write_text(corners + body + eye + "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\nf 2/5 5/6 6/7\n")
-    mesh = one(folder)
-    assert np.sort(stretch(mesh)) == pytest.approx([1, 1, 10], rel=1e-4)
+FACES = "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n"
+WIDER = "v 0 0 0\nv 3 0 0\nv 3 3 0\nv 0 3 0\nv 4 0 0\nv 4 1 0\nv 3 1 0\n"
+EYE = "vt 0 0\nvt .3 0\nvt .3 .3\nvt 0 .3\nvt 0 0\nvt 1 0\nvt 1 1\n"
 
 
 @pytest.mark.parametrize(
-    "texture",
-    ["vt 0 0\nvt 1 0\nvt 1 0\nvt 0 0\n", "vt nan 0\nvt inf 0\nvt 1 1\nvt 0 1\n"],
+    ("content", "drawn_out"),
+    [
+        (WIDER + EYE + FACES + "f 2/5 5/6 6/7\n", [1, 1, 10]),  # few triangles with much of the map set no scale
+        (SQUARE + "vt 0 0\nvt 1 0\nvt 1 0\nvt 0 0\n" + FACES, [1, 1]),  # collapsed
+        (SQUARE + "vt nan 0\nvt inf 0\nvt 1 1\nvt 0 1\n" + FACES, [1, 1]),
+        # A triangle without UV among others.
+        (WIDER + "vt 0 0\nvt 9 0\nvt 9 9\nvt 0 9\nvt 5 5\n" + FACES + "f 2/5 5/5 3/5\n", [1, 1, 1]),
+    ],
 )
-def test_collapsed_uv_is_replaced(folder: Path, texture: str) -> None:
-    (folder / "good.obj").write_text(SQUARE + texture + "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n")
-    mesh = one(folder)
-    assert stretch(mesh).max() < STRETCH_BOUND + 1e-3
-    assert len(mesh.triangles) == 2
-
-
-def test_single_triangles_without_uv_are_projected(folder: Path) -> None:
-    corners = "v 0 0 0\nv 3 0 0\nv 3 3 0\nv 0 3 0\nv 4 0 0\n"
-    texture = "vt 0 0\nvt 9 0\nvt 9 9\nvt 0 9\nvt 5 5\n"
-    (folder / "good.obj").write_text(corners + texture + "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\nf 2/5 5/5 3/5\n")
-    mesh = one(folder)
-    assert len(mesh.triangles) == 3
-    assert stretch(mesh) == pytest.approx(1, abs=1e-4)
+def test_uv_maps_are_scaled_by_area_and_replaced_where_unusable(
+    folder: Path, content: str, drawn_out: list[float]
+) -> None:
+    (folder / "good.obj").write_text(content)
+    assert np.sort(stretch(one(folder))) == pytest.approx(drawn_out, rel=1e-4)
 
 
 def test_degenerate_triangles_and_loose_vertices_are_dropped(folder: Path) -> None:

@@ -1,5 +1,6 @@
 """Building an atlas: what is kept, what is counted, that it is fair, and that the same seed gives the same."""
 
+import hashlib
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -17,15 +18,16 @@ from semisynth_gl.textures.atlas import Atlas, atlas_from_arrays
 from semisynth_gl.textures.clips import natural_key
 from semisynth_gl.textures.crops import Square, cut_crop, texture_measure
 from semisynth_gl.textures.images import read_image
+from semisynth_gl.textures.pictures import Picture
 from semisynth_gl.textures.selection import PATCHES_PER_SUBJECT, build_atlas
 
 FLAT = np.full((64, 64, 3), 90, dtype=np.uint8)
 KEYS = {"patch_px": 32, "scales": (1.0,), "min_texture": 3.0, "min_sharpness": 0.0, "min_difference": 0.0}
 
 
-def build(images: list[Path], *, seed: int = 0, **keys: Any) -> Atlas:
+def build(images: list[Path], pictures: list[Picture] | None = None, *, seed: int = 0, **keys: Any) -> Atlas:
     section = TexturesSection(**{**KEYS, "max_patches": 100, **keys})
-    return build_atlas(images, section, np.random.default_rng(seed))
+    return build_atlas(images, section, np.random.default_rng(seed), pictures)
 
 
 def check_consistent(atlas: Atlas, images_given: int, min_texture: float = 3.0) -> None:
@@ -57,13 +59,16 @@ def longest_clip(atlas: Atlas) -> int:
 
 def test_patches_hold_the_pixels_of_their_squares(tmp_path: Path) -> None:
     paths = save(tmp_path, a=noise(70, 100), b=noise(64, 64, 1))
-    atlas = build(paths, scales=(1, 1.5, 2))
-    check_consistent(atlas, 2)
+    pictures = {name: noise(70, 100, number) for number, name in enumerate(("p", "q/r"), start=2)}
+    atlas = build(paths, [Picture(*each) for each in pictures.items()], scales=(1, 1.5, 2))
+    check_consistent(atlas, 4)
     assert {patch.side_px for patch in atlas.patches} == {32, 48, 64}
     for patch in atlas.patches:
         square = Square(patch.source, patch.left_px, patch.top_px, patch.side_px)
-        expected = cut_crop(read_image(tmp_path / patch.source), square, 32)
+        image = pictures.get(patch.source)
+        expected = cut_crop(read_image(tmp_path / patch.source) if image is None else image, square, 32)
         np.testing.assert_array_equal(atlas.layers[patch.first_layer, ..., :3], expected)
+    assert atlas.pictures == {name: hashlib.sha256(pixels.tobytes()).hexdigest() for name, pixels in pictures.items()}
 
 
 def test_report_counts_every_image_and_crop(tmp_path: Path) -> None:

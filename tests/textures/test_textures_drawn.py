@@ -1,6 +1,5 @@
 """Pictures in memory as a source of patches, and the pictures that the program paints itself."""
 
-import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import replace
@@ -13,21 +12,21 @@ import pytest
 from photograph_like import octaves, save
 from tiny_datasets import cheap
 
-from semisynth_gl.config.scene_sections import TEXTURE_SOURCES, TexturesSection
+from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import clips, prepare
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.canvas import SIDE_PX
-from semisynth_gl.textures.crops import DuplicateFinder, Square, cover, cut_crop, sharpness_measure
+from semisynth_gl.textures.crops import DuplicateFinder, cover, cut_crop, sharpness_measure
 from semisynth_gl.textures.crops import texture_measure as texture_of
 from semisynth_gl.textures.drawn import KINDS, PLAIN, drawn_pictures
 from semisynth_gl.textures.image_files import builtin_photographs
 from semisynth_gl.textures.pictures import Picture
 from semisynth_gl.textures.prepare import pack_atlas, prepare_atlas, split_pictures, unpack_atlas
 from semisynth_gl.textures.selection import build_atlas
-from semisynth_gl.textures.sources import SOURCES, describe_source
+from semisynth_gl.textures.sources import SOURCES
 
 SECTION = TexturesSection(patch_px=64, scales=(1.0, 2.0))
 TRAIN, VALIDATION, TEST = (
@@ -81,18 +80,6 @@ def test_photographs_and_procedural_patches_are_without_pictures() -> None:
     assert prepare_atlas(photographs, Split(0)).pictures == {}
     given = photographs.model_copy(update={"source": "images", "images": tuple(map(str, files))})
     np.testing.assert_array_equal(prepare_atlas(photographs, Split(0)).layers, prepare_atlas(given, Split(0)).layers)
-
-
-def test_patches_hold_the_pixels_of_their_pictures() -> None:
-    pictures = {name: octaves(number, 192) for number, name in enumerate(("a", "b/c"))}
-    atlas = built([Picture(name, pixels) for name, pixels in pictures.items()])
-    assert {patch.source for patch in atlas.patches} == {"a", "b/c"}
-    for patch in atlas.patches:
-        square = Square(patch.source, patch.left_px, patch.top_px, patch.side_px)
-        expected = cut_crop(pictures[patch.source], square, 64)
-        np.testing.assert_array_equal(atlas.layers[patch.first_layer, ..., :3], expected)
-    assert atlas.pictures == {name: hashlib.sha256(pixels.tobytes()).hexdigest() for name, pixels in pictures.items()}
-    assert atlas.report.images_used == 2
 
 
 def test_pictures_and_files_take_turns_and_no_more_are_painted_than_needed(tmp_path: Path) -> None:
@@ -183,9 +170,3 @@ def test_a_dataset_tells_of_its_pictures(tmp_path: Path) -> None:
     digests = [image["sha256"] for images in of_split for image in images]
     assert None not in digests
     assert len(set(digests)) == len(digests)
-
-
-def test_every_source_that_a_config_may_name_is_in_the_table() -> None:
-    assert set(SOURCES) == set(TEXTURE_SOURCES)
-    assert [name for name, source in SOURCES.items() if source.pictures] == ["builtin"]
-    assert describe_source("of-a-plugin").files(SECTION) == ()

@@ -83,17 +83,11 @@ def test_transparent_pixels_become_mid_grey_in_every_mode(tmp_path: Path) -> Non
         np.testing.assert_array_equal(read_image(path), as_rgb(np.where(alpha == 0, 128, 90)))
 
 
-@pytest.mark.parametrize("name", ["a.png", "little.tif", "big.tif"])
+@pytest.mark.parametrize("name", ["a.png", "a.tif"])
 def test_16_bit_grey_spans_8_bits(tmp_path: Path, name: str) -> None:
     values = np.array([[0, 128, 129, 257, 32768], [65535, 65406, 65407, 1000, 50000]], dtype=np.uint16)
-    path = tmp_path / name
-    if name == "big.tif":
-        path.write_bytes(big_endian_tiff(values))
-        with Image.open(path) as image:
-            assert image.mode == "I;16B"
-    else:
-        save(Image.fromarray(values), path)
-    np.testing.assert_array_equal(read_image(path), as_rgb(np.rint(values / 257)))
+    read = read_image(save(Image.fromarray(values), tmp_path / name))
+    np.testing.assert_array_equal(read, as_rgb(np.rint(values / 257)))
 
 
 @pytest.mark.parametrize("bits", [8, 10, 12, 14, 16])
@@ -104,19 +98,6 @@ def test_white_is_that_of_the_sensor_whose_values_the_folder_holds(tmp_path: Pat
     save(Image.new("RGB", (9, 9), (255, 0, 0)), tmp_path / "c.png")
     for path, values in zip(paths, (dark, bright), strict=True):
         np.testing.assert_array_equal(read_image(path), as_rgb(np.floor(values * (255 / white) + 0.5)))
-
-
-def big_endian_tiff(values: NDArray[np.uint16]) -> bytes:
-    height, width = values.shape
-    pixels = values.astype(">u2").tobytes()
-    tags = [(256, 3, width), (257, 3, height), (258, 3, 16), (259, 3, 1), (262, 3, 1)]
-    tags += [(273, 4, 8), (277, 3, 1), (278, 3, height), (279, 4, len(pixels))]
-    entries = b"".join(
-        struct.pack(">HHI", tag, kind, 1) + (struct.pack(">HH", value, 0) if kind == 3 else struct.pack(">I", value))
-        for tag, kind, value in tags
-    )
-    directory = struct.pack(">H", len(tags)) + entries + struct.pack(">I", 0)
-    return b"MM" + struct.pack(">HI", 42, 8 + len(pixels)) + pixels + directory
 
 
 def test_32_bit_integers_are_16_bit_levels_and_floats_are_refused(tmp_path: Path) -> None:
@@ -157,13 +138,12 @@ UPRIGHT_FROM_STORED = {
 def test_exif_orientation(tmp_path: Path, orientation: int, name: str) -> None:
     exif = Image.Exif()
     exif[0x0112] = orientation
-    stored = levels(5, 7, 3)
-    if name.startswith("grey"):  # what Pillow would map into memory
-        grey = levels(5, 7)
-        stored = as_rgb(grey)
-        values = grey.astype(np.uint16) * 257 if name == "grey16.tif" else grey
-    else:
-        values = stored
+    grey = levels(5, 7)  # what Pillow would map into memory
+    values, stored = {
+        "a.png": (levels(5, 7, 3), levels(5, 7, 3)),
+        "grey8.tif": (grey, as_rgb(grey)),
+        "grey16.tif": (grey.astype(np.uint16) * 257, as_rgb(grey)),
+    }[name]
     read = read_image(save(Image.fromarray(values), tmp_path / name, exif=exif))
     np.testing.assert_array_equal(read, UPRIGHT_FROM_STORED[orientation](stored))
     assert read.flags.c_contiguous
@@ -233,21 +213,6 @@ def test_what_is_no_image_is_refused_with_a_reason(tmp_path: Path, text: str | N
         assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)  # noqa: S301  # our own bytes
 
 
-@pytest.mark.parametrize("error", [OSError("x"), SyntaxError("x"), ValueError(), struct.error("x"), MemoryError()])
-def test_any_error_of_a_decoder_becomes_an_image_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
-) -> None:
-    path = save(Image.new("RGB", (4, 4)), tmp_path / "a.png")
-
-    def fail(_: object) -> None:
-        raise error
-
-    monkeypatch.setattr(ImageFile.ImageFile, "load", fail)
-    with pytest.raises(ImageError) as caught:
-        read_image(path)
-    assert caught.value.reason
-
-
 def encoded(name: str) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(levels(24, 24, 3)).save(buffer, name)
@@ -309,6 +274,7 @@ def test_find_images_in_files_folders_and_globs(tmp_path: Path, monkeypatch: pyt
     assert relative(str(tmp_path / "**/*.tif"), str(tmp_path / "*.PNG")) == ["b.PNG", "below/deep/c.tif"]
     assert relative(tmp_path / "odd [1]") == ["odd [1]/e.png"]
     assert relative(tmp_path / "notes.txt") == ["notes.txt"]  # named in full: the user means it
+    assert not {".eps", ".h5", ".mpg", ".pfm", ".pdf", ".txt"} & image_extensions()
     monkeypatch.setenv("HOME", str(tmp_path))
     assert relative("~/a.jpg") == ["a.jpg"]
     monkeypatch.chdir(tmp_path)
@@ -319,8 +285,3 @@ def test_find_images_in_files_folders_and_globs(tmp_path: Path, monkeypatch: pyt
         with pytest.raises(InputError, match="expected an image file") as caught:
             find_images([source])
         assert source in str(caught.value)
-
-
-def test_extensions_are_those_of_photographs() -> None:
-    assert {".jpg", ".jpeg", ".png", ".tif", ".webp", ".bmp"} <= image_extensions()
-    assert not {".eps", ".h5", ".mpg", ".pfm", ".pdf", ".txt"} & image_extensions()

@@ -54,17 +54,6 @@ def test_a_square_is_as_large_as_its_picture_and_copied_where_that_fits():
     assert (atlas.large_layers[..., 3] == 255).all()
 
 
-@pytest.mark.parametrize(("side", "size"), [(128, 64), (32, 64)])
-def test_other_sizes_are_averaged_or_enlarged(side, size):
-    grey = np.full((side, side, 3), 90, np.uint8)
-    grey[:, side // 2 :] = 200
-    shown = [Picture("g", grey)]
-    layer = with_large(shown, size).large_layers[0, ..., 0]
-    assert layer.shape == (size, size)
-    assert (layer[:, : size // 2 - 4] == 90).all()
-    assert (layer[:, size // 2 + 4 :] == 200).all()
-
-
 def test_each_image_has_one_and_there_is_a_limit():
     pictures = [picture(f"p{k}", 20, 30, k) for k in range(MOST_LARGE + 6)]
     atlas = with_large(pictures, 16)
@@ -148,18 +137,6 @@ def test_of_a_large_surface_one_patch_spans_the_view():
     scale, _ = map_patches(table, camera, section(1024), np.full(3, 1.5), np.full((3, 2), 0.5), large)
     across = scale[:, 0] * 3 * 1500 / 1200
     np.testing.assert_allclose(across, [1, 1.5 * 1500 / 1024, 1.5 * 1500 / 256])
-
-
-def test_still_things_share_out_the_large_patches():
-    config = load_config(
-        "middlebury", ["scenes=[]", "textures.large_px=1024", "structures.panels=3", "models.complex=0"]
-    )
-    many = tuple(Patch("l", 0, 0, 1024, 5 + k, 1, 9.0, large=True) for k in range(24))
-    sampler = sampler_of(config, (*SMALL, *many))
-    for index in range(3):
-        sampled = sampler.sample(index)
-        static = sampled.instances[sampled.instances["slot"] < 0]
-        assert len(set(static["patch"])) == len(static) == 9
 
 
 @pytest.mark.parametrize("config", ["middlebury", "kitti"])

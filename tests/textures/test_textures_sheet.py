@@ -65,28 +65,6 @@ def test_the_sheet_shows_every_patch_and_the_report_counts_them(photographs):
             )
 
 
-def test_procedural_patches_are_grouped_by_their_kind():
-    atlas, sheet = drawn(TexturesSection(source="procedural", max_patches=7, patch_px=32))
-    kinds = [name.removeprefix("procedural/") for name in atlas.report.grouped_counts]
-    assert kinds == ["noise", "stripes", "checks", "gradient", "dots"]
-    assert places_of(sheet, atlas.layers[6, ..., :3])
-
-
-def test_frames_of_a_video_are_shown_by_their_first(tmp_path):
-    save(tmp_path, **{f"frame{number}": noise(64, 64, number) for number in range(4)})
-    atlas, sheet = drawn(section(tmp_path, sequence=True, scales=(1.0,)))
-    assert [patch.layer_count for patch in atlas.patches] == [4]
-    assert places_of(sheet, atlas.layers[0, ..., :3])
-    assert not places_of(sheet, atlas.layers[1, ..., :3])
-
-
-@pytest.mark.parametrize("other", [{"min_sharpness": 0.0}, {"min_difference": 0.0}, {"min_texture": 0.0}])
-def test_another_threshold_is_another_atlas(photographs, other):
-    first = prepare_atlas(section(photographs), Split(0))
-    assert prepare_atlas(section(photographs, **other), Split(0)).patches != first.patches
-    assert prepare_atlas(section(photographs), Split(0)).patches == first.patches
-
-
 PREVIEW = ("preview", "--patches", "--config", "middlebury")
 
 

@@ -14,7 +14,6 @@ from semisynth_gl.config.dataset_sections import SplitsSection
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.seeds.splits import SPLITS, Split
-from semisynth_gl.textures.image_files import builtin_photographs
 from semisynth_gl.textures.prepare import prepare_atlas, share_photographs, split_images
 from semisynth_gl.textures.subjects import photographed_subjects, subject_numbers
 
@@ -74,11 +73,6 @@ def test_names_tell_views_of_one_subject(names):
 @pytest.mark.parametrize("names", OTHERS, ids=lambda names: names[0])
 def test_names_that_tell_nothing_make_no_subject(names):
     assert subject_numbers(list(map(Path, names))) == list(range(len(names)))
-
-
-def test_the_photographs_that_come_with_the_program_are_of_different_subjects():
-    files = builtin_photographs()
-    assert photographed_subjects(files) == [[path] for path in files]
 
 
 @given(st.lists(st.integers(1, 5), min_size=3, max_size=40), st.integers(0, 2**32), st.booleans())
