@@ -34,29 +34,22 @@ def make_model(name: str, positions: object, triangles: object, uv: object = Non
 
     Args:
         name: the model's name in the provenance of a sample.
-        positions: (V, 3), array-like, of any unit; z is up.
+        positions: (V, 3), array-like, of any unit, up to 1e9; z is up.
         triangles: (T, 3), array-like, indices of positions; anticlockwise seen from outside.
-        uv: (V, 2), array-like, of any unit; u to the right and v downwards in the patch. None for no UV map.
+        uv: (V, 2), array-like, of any unit, up to 1e9; u to the right and v downwards in the patch. None for no UV map.
 
     Raises:
         InputError: where shapes, indices or values are wrong, or no triangle has an area.
     """
     points = to_array(f"model {name}: positions", positions, np.float64)
-    coordinates = None if uv is None else to_array(f"model {name}: uv", uv, np.float64)
-    # A mesh checks them; its largest number may be 1e9.
     unmapped = np.zeros((len(points) if points.ndim else 0, 2))
-    given = make_part(name, _scaled(points), unmapped if coordinates is None else _scaled(coordinates), triangles)
+    coordinates = None if uv is None else to_array(f"model {name}: uv", uv, np.float64)
+    checked = make_part(name, points, unmapped if coordinates is None else coordinates, triangles)
     try:
         with np.errstate(all="ignore"):
-            return join_surfaces(name, [(points, given.triangles.astype(np.int64), coordinates)])
+            return join_surfaces(name, [(points, checked.triangles.astype(np.int64), coordinates)])
     except BrokenModelError as error:
         raise InputError(f"model {name}: {error}") from None
-
-
-def _scaled(values: Floats) -> Floats:
-    """Scale numbers so that the largest magnitude is 1, where it is above 0 and finite."""
-    largest = float(np.abs(values).max(initial=0))
-    return values / largest if 0 < largest < np.inf else values
 
 
 def join_surfaces(name: str, parts: list[Surface]) -> Mesh:

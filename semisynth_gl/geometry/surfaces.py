@@ -55,13 +55,11 @@ def grid_surface(points: ArrayLike, uv: ArrayLike | None = None) -> Mesh:
 def lathe(profile: ArrayLike, segments: int = 32, *, closed: bool = False) -> Mesh:
     """Revolve a profile, (P, 2) radius and height, about the z axis; the circle is a polygon of ``segments`` sides.
 
-    The outside is to the right of the profile's direction: the profile runs outwards along the bottom, up the outer
-    side, and inwards along the top. The radius may be zero only at its ends. The surface is closed where the profile
-    starts and ends on the axis, or where ``closed`` joins its ends.
+    The profile runs outwards along the bottom, up the outer side, and inwards along the top. Only its ends may have a
+    radius of zero. The surface is closed where both have, or where ``closed`` joins them.
 
-    The profile is cut into bands, and each band is unrolled like the cone that fits it best. This UV, an equidistant
-    conic projection, is exact along the profile, and around the axis within `BAND_STRETCH` and `BAND_SHEAR`. It is
-    exact for cones, cylinders and discs.
+    The profile is cut into bands, and each band is unrolled like the cone that fits it best. This UV is exact along the
+    profile, and around the axis within `BAND_STRETCH` and `BAND_SHEAR`.
     """
     points = np.asarray(profile, np.float64)
     if closed:
@@ -122,14 +120,9 @@ def _conic_uv(arc: Floats, offset: float, slope: float, angle: Floats, segments:
 def sweep(section: ArrayLike, path: ArrayLike, *, closed: bool = False, scales: ArrayLike | float = 1.0) -> Mesh:
     """Carry a polygon along a curve, turning it about the curve as little as possible, and close both ends.
 
-    Args:
-        section: (S, 2), the polygon, anticlockwise and star-shaped about the origin.
-        path: (P, 3), the curve; no two neighbours coincide.
-        closed: whether the path's last point is joined to its first; such a surface needs no caps.
-        scales: factors of the section at each point of the path, (P,), or one number.
-
-    Lengths in UV along the curve are those of its centre line. In a bend of radius R, lengths at distance r from the
-    centre line are off by r / R, so a bend should be wider than about four times the section.
+    ``section``, (S, 2), is the polygon, anticlockwise and star-shaped about the origin. ``path``, (P, 3), is the curve;
+    no two neighbours coincide. ``closed`` joins its last point to its first. ``scales`` are factors of the section at
+    each point of the path, (P,), or one number. Lengths in UV along the curve are those of its centre line.
     """
     outline, points = np.asarray(section, np.float64), np.asarray(path, np.float64)
     factor = np.broadcast_to(np.asarray(scales, np.float64), len(points))
@@ -263,7 +256,7 @@ _CELL_SIDES: Final = (
 
 
 def extruded_cells(solid: ArrayLike, x: ArrayLike, y: ArrayLike, height: float) -> Mesh:
-    """Extrude the solid cells of a rectangular grid from z = 0 to ``height``, for panels, lattices and letters.
+    """Extrude the solid cells of a rectangular grid from z = 0 to ``height``.
 
     ``solid`` is (R, C) bool, with rows along y and columns along x; ``x``, (C + 1,), and ``y``, (R + 1,), are the
     cells' borders, increasing. The surface is closed. It is a manifold unless two solid cells touch only at a corner.

@@ -57,9 +57,8 @@ class Atlas:
     """All patches of a dataset, ready for a texture array.
 
     Attributes:
-        layers: (L, P, P, 4) uint8 RGBA, C-contiguous, top row first, A = 255 everywhere. RGBA although no layer is
-            transparent, because rows of 4-byte pixels need no padding on the way to OpenGL. For monochrome cameras
-            (L, P, P) uint8, see `in_grey`.
+        layers: (L, P, P, 4) uint8 RGBA, C-contiguous, top row first, A = 255 everywhere, so that rows need no padding
+            on the way to OpenGL. For monochrome cameras (L, P, P) uint8, see `in_grey`.
         patches: in the order of their layers.
         report: what became of all images and crops.
         pictures: SHA-256 of the pixels of each painted picture that patches come from, by the picture's name.
@@ -86,11 +85,7 @@ class Atlas:
 
 
 def to_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the luminance of (H, W, 3) RGB or (H, W, 4) RGBA, by the weights of ITU-R BT.601: (H, W) uint8.
-
-    It is (19595 R + 38470 G + 7471 B + 32768) // 65536, as in Pillow's conversion from RGB to L, so grey pixels keep
-    their level.
-    """
+    """Return the luminance of (H, W, 3) RGB or (H, W, 4) RGBA by ITU-R BT.601, as Pillow rounds it: (H, W) uint8."""
     return np.asarray(Image.fromarray(np.ascontiguousarray(image)).convert("L"))
 
 

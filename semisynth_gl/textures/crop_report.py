@@ -30,11 +30,7 @@ _PAPER, _INK, _ON_TILE = (250, 250, 248), (30, 30, 30), (255, 255, 255)
 
 @dataclass(frozen=True, slots=True)
 class CropCount:
-    """Numbers of crops of one side in one image; a square that is followed through several frames counts once.
-
-    ``kept`` counts the crops that became patches. The other numbers count rejected crops; ``surplus`` are those beyond
-    the wanted number of patches.
-    """
+    """Numbers of crops of one side in one image by their `Outcome`; a square that several frames have counts once."""
 
     source: str
     side_px: int
@@ -48,9 +44,6 @@ class CropCount:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextureReport:
     """What became of all images and their crops. Each frame of an image sequence counts as an image.
-
-    The numbers of images add up to that of the given images, and ``counts`` has every crop of the images that were
-    opened.
 
     Attributes:
         images_used: images with at least one patch in the atlas.

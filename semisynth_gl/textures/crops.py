@@ -35,9 +35,8 @@ class Square(NamedTuple):
 def cover(source: str, height: int, width: int, patch_px: int, scales: Sequence[float]) -> list[Square]:
     """Return squares that cover an image once for each scale, by increasing side, then by row and column.
 
-    A scale s is a number of image pixels per patch pixel: the side is round(s * patch_px). It is at least 1, since
-    crops are reduced, never enlarged. Along each axis there are as few squares as cover the image; they are spread
-    evenly from border to border and overlap where they must. A scale whose square does not fit gives no squares.
+    A scale is a number of image pixels per patch pixel, 1 or more. Along each axis there are as few squares as cover
+    the image, evenly spread from border to border. A scale whose square does not fit gives no squares.
     """
     return [
         Square(source, left, top, side)
@@ -59,8 +58,7 @@ def cut_crop(image: NDArray[np.uint8], square: Square, patch_px: int) -> NDArray
     """Cut a square out of an image (H, W, 3) uint8, as a patch (patch_px, patch_px, 3) uint8 with its own memory.
 
     A square of ``patch_px`` is copied bit for bit. A larger square is averaged over areas: for whole factors each patch
-    pixel is the mean of its factor x factor image pixels, rounded; for other factors, image pixels on the border
-    between two patch pixels count in both. A smaller square is interpolated.
+    pixel is the mean of its factor x factor image pixels, rounded. A smaller square is interpolated.
     """
     _, left, top, side = square
     cut = image[top : top + side, left : left + side]
@@ -82,9 +80,8 @@ def texture_measure(patch: NDArray[np.uint8]) -> float:
     """Return how much texture a patch has: the median over a grid of 8 x 8 cells of the contrast in a cell.
 
     The contrast of a cell is the standard deviation of its luminance (0.299 R + 0.587 G + 0.114 B) in 8-bit levels.
-    Because of the median, half of the patch must have texture: one strong edge across a blank wall counts for little,
-    and slow shading counts only as far as it changes within a cell. Patches below 16 pixels have fewer cells, of 2
-    pixels or more. The measure runs from 0, where half of the cells are each of one colour, to 127.5.
+    Half of the patch must have texture: one strong edge across a blank wall counts for little. Patches below 16 pixels
+    have fewer cells, of 2 pixels or more. The measure runs from 0 to 127.5.
 
     The patch is an image of any size, (H, W, 3) RGB or (H, W) grey.
     """
@@ -98,10 +95,7 @@ def texture_measure(patch: NDArray[np.uint8]) -> float:
 
 
 def least_texture(images: Iterable[NDArray[np.uint8]]) -> float:
-    """Return the `texture_measure` of the flattest of several images, from every second pixel of every second row.
-
-    This is faster, and still measures texture as fine as a pixel.
-    """
+    """Return the `texture_measure` of the flattest of several images, from every second pixel of every second row."""
     return min(texture_measure(np.ascontiguousarray(image[::2, ::2])) for image in images)
 
 
@@ -109,12 +103,11 @@ def sharpness_measure(patch: NDArray[np.uint8]) -> float:
     """Return how sharp a patch is: the contrast of its finest octave against that of the third.
 
     The contrast of octave k is the root of the mean square that luminance loses when the means over squares with sides
-    of 2^(k - 1) pixels are averaged by 2 x 2 once more (a Haar decomposition). Photographs have about the same contrast
-    in each octave, a little less in the finest. A blur lowers the finest octave first, whatever the overall contrast.
+    of 2^(k - 1) pixels are averaged by 2 x 2 once more (a Haar decomposition). A blur lowers the finest octave first.
 
-    The measure is 0.25 for a smooth patch such as a gradient; 0.26 to 0.33 after a Gaussian blur of 2 pixels; 0.34 to
-    1.5 for sharp photographs; 4 for white noise; infinite where the third octave has no contrast. The patch is (P, P,
-    3) uint8 with P of 8 or more; rows and columns beyond the last multiple of 8 do not count.
+    The measure is 0.25 for a gradient; 0.26 to 0.33 after a Gaussian blur of 2 pixels; 0.34 to 1.5 for sharp
+    photographs; 4 for white noise; infinite where the third octave has no contrast. The patch is (P, P, 3) uint8 with P
+    of 8 or more; rows and columns beyond the last multiple of 8 do not count.
     """
     rows, columns = (extent // 8 * 8 for extent in patch.shape[:2])
     # In whole numbers throughout, so that the measure is the same on every machine.
@@ -135,9 +128,8 @@ def sharpness_measure(patch: NDArray[np.uint8]) -> float:
 def fingerprint(patch: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Return the changes of luminance between neighbouring cells of an 8 x 8 grid, which near-identical patches share.
 
-    The difference of two patches is 1 - a b / `FINGERPRINT_NORM`^2, one minus the correlation of these changes: 0 for
-    equal patches, also where brightness or contrast differ, about 0.01 for a patch compressed hard by JPEG or shifted
-    by a pixel of 128, rarely below 0.1 for squares of different photographs, and about 1 for unrelated ones.
+    The difference of two patches is 1 - a b / `FINGERPRINT_NORM`^2, one minus the correlation of these changes: 0 where
+    only brightness or contrast differ, about 0.01 for a patch compressed hard by JPEG, and about 1 for unrelated ones.
 
     The patch is (P, P, 3) uint8 with P of 16 or more. Its fingerprint is (112,) float32 of whole numbers, whose
     products and sums are exact in any order.
@@ -151,10 +143,7 @@ def fingerprint(patch: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 class DuplicateFinder:
-    """Finds crops that look like an earlier crop: the same photograph twice, or two frames of a burst.
-
-    Crops that differ less than ``min_difference`` are duplicates; see `fingerprint`.
-    """
+    """Finds crops that differ less than ``min_difference`` from an earlier crop; see `fingerprint`."""
 
     def __init__(self, min_difference: float) -> None:
         self._least_alike = (1 - min_difference) * FINGERPRINT_NORM**2

@@ -22,15 +22,9 @@ def with_large_patches(
 ) -> Atlas:
     """Return an atlas with large patches added: one for each subject, up to `MOST_LARGE`.
 
-    Subjects are taken in random order; where a subject has several images, one is chosen at random. A patch is the
-    largest square of its image, inside black borders and at a random place, with its pixels averaged. An image smaller
-    than the patch is enlarged: near walls are blurred in photographs too.
-
-    Args:
-        atlas: the atlas, with no large patches yet.
-        images: the images that they may be cut from, by name; other images of the atlas get none.
-        section: the config's section.
-        rng: source of the choices.
+    Subjects are taken in random order, with a random one of their images. A patch is the largest square of its image,
+    inside black borders and at a random place. An image smaller than the patch is enlarged: near walls are blurred in
+    photographs too. ``images`` has the images that they may be cut from, by name; other images of the atlas get none.
     """
     subjects = {patch.source: patch.subject for patch in atlas.patches if patch.source in images}
     sources: dict[str, list[str]] = defaultdict(list)

@@ -17,9 +17,8 @@ _MIN_TEXTURE = 5.0
 def procedural_atlas(rng: np.random.Generator, count: int, patch_px: int) -> Atlas:
     """Make an atlas of ``count`` procedural patches, the counterpart of `build_atlas` where there are no photographs.
 
-    Kinds take turns: noise, stripes, checks, gradient, dots. Each patch is a pattern of random size and direction in
-    random colours, under fine noise: a matcher would find nothing between the edges of a plain stripe or gradient. A
-    patch with less texture than 5 levels (see `texture_measure`) is painted again. Sources are named like
+    Kinds take turns. Each patch is a pattern of random size and direction in random colours, under fine noise. A patch
+    with less texture than 5 levels (see `texture_measure`) is painted again. Sources are named like
     ``procedural/stripes/00006``. ``patch_px`` is 16 or more.
     """
     kinds = list(islice(cycle(_KINDS.items()), count))

@@ -21,9 +21,8 @@ from semisynth_gl.textures.pictures import Picture
 from semisynth_gl.textures.subjects import subject_numbers
 
 PATCHES_PER_SUBJECT = 4
-"""Once the atlas is full and no subject has more patches than this, no further image is opened. A smaller number would
-draw on more photographs, but decoding takes most of the time: 512 patches from 512 photographs take four times as long
-as from 128."""
+"""Once the atlas is full and no subject has more patches than this, no further image is opened: decoding takes most of
+the time."""
 
 _Item = TypeVar("_Item")
 
@@ -38,25 +37,19 @@ def build_atlas(
     """Crop squares out of images and keep crops with texture that are sharp and unlike each other.
 
     Images are opened one at a time in random order. Each offers its good crops in random order, with scales taking
-    turns. A crop that hardly differs from an earlier good crop of any image is rejected as a duplicate. When there are
-    more patches than wanted, one is evicted from the fullest image of the fullest subject. So no subject or scale
-    crowds out the others, and other subjects fill the place of a subject with few crops. Files are of one subject where
-    `subject_numbers` says so. Once the atlas is full and no subject has more than `PATCHES_PER_SUBJECT`, the remaining
-    images are not opened.
+    turns. A crop that hardly differs from an earlier good crop of any image is a duplicate. When there are more patches
+    than wanted, one is evicted from the fullest image of the fullest subject (see `subject_numbers`). Once the atlas is
+    full and no subject has more than `PATCHES_PER_SUBJECT`, the remaining images are not opened. Files and pictures
+    take turns while both last.
 
-    Pictures are judged by the same measures. Files and pictures take turns while both last; pictures come in their own
-    order, and are asked for one at a time.
-
-    With ``section.sequence``, clips of successive frames (see `cut_clips`) take the place of images. A patch then has
-    the same square from each frame of its clip, a crop counts as flat or blurred if it is so in any frame, and each
-    clip is a subject. Crops are not compared, since successive clips of a video look much the same. Ask for fewer
-    patches to get longer clips.
+    With ``section.sequence``, clips of successive frames (see `cut_clips`) take the place of images, and each clip is a
+    subject. Crops are not compared, since successive clips of a video look much the same.
 
     Args:
         images: the files, in any order.
         section: the config's section.
         rng: source of all random choices.
-        pictures: painted pictures, iterated over once; None where the source has none.
+        pictures: painted pictures, asked for one at a time, in their order; None where the source has none.
         remember: called with each picture that patches come from.
 
     Returns:
@@ -114,9 +107,7 @@ def build_atlas(
 class _Selection:
     """The patches chosen among the crops of all images opened so far, and what became of the other crops.
 
-    There are never more patches than wanted: beyond that number, the subject with most patches gives one up, the last
-    one of its image with most patches. The largest share only ever shrinks, so a patch that is given up would never be
-    needed again: collecting everything and giving up at the end has the same result.
+    The largest share only ever shrinks, so a patch that is evicted would never be needed again.
 
     ``subjects`` has the subject of each of the first images; each image beyond them is a subject.
     """

@@ -28,7 +28,7 @@ class TextureSource:
         files: returns the files that patches are cut from, sorted; raises `InputError` where files are missing. A
             source without files returns none.
         pictures: paints the pictures that patches are cut from, one at a time and only until there are enough patches.
-            All randomness comes from the generator, which differs between splits. None where nothing is painted.
+            None where nothing is painted.
         licences: returns the licence of each of its files, by the file's name; empty where they are not known.
         licence: which licence covers everything else: the one in the config, this program's own, or none.
         plugin: the plug-in that paints the pictures; None for the program's own sources.
