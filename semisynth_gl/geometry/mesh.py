@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 class Mesh:
     """An indexed triangle mesh with one UV coordinate per vertex.
 
-    Models of the generator follow two rules that hand-made meshes need not. They are normalised: their bounding sphere
+    The program's own models follow two rules that hand-made meshes need not. They are normalised: their bounding sphere
     has radius 1 about the origin. Their UV is measured in model units along the surface, so that one UV unit spans one
     model unit and no texture is stretched.
 

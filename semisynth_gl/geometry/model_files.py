@@ -43,7 +43,7 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
 
     ``folders`` may also name single files. The parts of a file are joined as its nodes place them, and the model is
     normalised. Parts keep their UV map, scaled to model units; parts and single triangles without usable UV get it from
-    `project_uv`. Files in formats that trimesh does not know are ignored, but those of models are reported.
+    `project_uv`. Models in formats that are not read are reported, other files ignored.
 
     Returns the models, named by their paths relative to the folder, and the unusable files, each with a reason. Raises
     InputError where a folder does not exist, or no file has a usable model.

@@ -29,7 +29,7 @@ FULL_FAMILY = 25
 """Number of the user's models from which on their family has its full weight; fewer have a proportional part of it. It
 lies between the numbers of kinds of the two built-in families."""
 
-# `Split.share`'s purposes for the user's models and for a plug-in's; those of the two families of kinds are 0 and 1.
+# `Split.share`'s purposes for the user's models and for a plug-in's; the two families of kinds have 0 and 1.
 _USER, _PLUGIN = 2, 3
 _ARRAYS = ("positions", "uv", "triangles")
 
@@ -97,7 +97,7 @@ def build_libraries(
     """Build the library of each recipe, see `build_library`; recipes are given by their sections.
 
     The libraries share their ``models``, which hold every model that any recipe draws, once. Each recipe draws the same
-    models by the same chances as from a library of its own.
+    models by the same chances as without the other recipes.
     """
     likes = [(section, particles.stretch, particles.thinness) for section, particles in recipes]
     first_like = [likes.index(like) for like in likes]
@@ -126,7 +126,7 @@ def build_family(name: str, variants: int, split: Split) -> list[Mesh]:
     """Build ``variants`` models of a plug-in's family, or a split's share of them.
 
     Where models are held out, ``variants`` models of the dataset's seed are shared out among the splits; else each
-    split has ``variants`` models of its own seed. The models are normalised, as by `make_model`.
+    split makes ``variants`` models from its seed. The models are normalised, as by `make_model`.
 
     Raises InputError where no plug-in has the name, or the models are too few for all splits.
     """

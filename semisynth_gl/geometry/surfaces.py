@@ -243,8 +243,8 @@ def _at_height(polygon: Floats, z: float) -> Floats:
     return np.column_stack([polygon, np.full(len(polygon), z)])
 
 
-# The sides of a cell: normal, and corners anticlockwise seen from outside. 0 stands for the lower bound along an axis,
-# 1 for the upper bound.
+# The sides of a cell: normal, and corners anticlockwise seen from outside. 0 is the lower bound along an axis, 1
+# the upper bound.
 _CELL_SIDES: Final = (
     ((0, 0, 1), ((0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))),
     ((0, 0, -1), ((0, 0, 0), (0, 1, 0), (1, 1, 0), (1, 0, 0))),

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Eye
-from semisynth_gl.geometry.edges import MeshEdges, find_edges
 from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.topology import MeshEdges, find_edges
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 
 # Largest number of edges of instances that are tested at once. BLAS takes one thread for so few: more spin in vain.

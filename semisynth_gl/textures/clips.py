@@ -107,7 +107,7 @@ def read_clip(
     """Read a clip, one frame at a time.
 
     ``clip`` has the files of its frames, one of a still image, and ``names`` the name of each file. Returns the names
-    of the frames, the crops, and the files that were left out: unreadable ones, and those of another size or EXIF
+    of the frames, the crops, and the files that were left out: unreadable ones, and frames of another size or EXIF
     orientation than the first.
     """
     used, crops, skipped = list[str](), list[Crop](), list[Skipped]()

@@ -8,10 +8,9 @@ import pytest
 from scenes import facing, one_model, posed
 
 from semisynth_gl.frame.camera import EYES, StereoCamera
-from semisynth_gl.geometry.edges import find_edges
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import make_mesh
-from semisynth_gl.geometry.topology import is_solid, marked_solid
+from semisynth_gl.geometry.topology import find_edges, is_solid, marked_solid
 from semisynth_gl.render.instance_transforms import InstanceTransforms
 from semisynth_gl.render.outlines import Outlines
 from semisynth_gl.scene.scene import make_scene
