@@ -1,9 +1,7 @@
 """The cache: results that are built once, and kept on disk for later runs.
 
 An entry is an .npz file, named by the SHA-256 of a key. The key holds everything that decides the result: values,
-states of files, installed packages. The code of a builder is not part of the key. Its module has a `VERSION`; increase
-it with each change of what the builder makes of the same inputs, or of how it packs the result. tests/built.py finds
-changes without an increase.
+states of files, the program's code and the installed packages.
 
 Where the cache is switched off, full, damaged or cannot be written to, the result is built again, and the run goes on.
 """
@@ -16,6 +14,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -42,7 +41,6 @@ class Entry(NamedTuple):
 
 def cached(
     kind: str,
-    version: int,
     key: Callable[[], Mapping[str, Any]],
     *,
     work: str | None = None,
@@ -54,8 +52,7 @@ def cached(
 
     Args:
         kind: the sort of result, with which the entry's name begins.
-        version: the builder's version.
-        key: returns, in JSON's types, everything but installed packages that decides the result. Where it raises
+        key: returns, in JSON's types, everything that decides the result but code and packages. Where it raises
             OSError, the cache is not used.
         work: what ``build`` does, such as "making models", logged as INFO before it begins; None where it is quick.
         build: returns the result.
@@ -65,7 +62,7 @@ def cached(
     path, folder = None, cache_folder()
     with suppress(OSError):
         if folder is not None:
-            text = json.dumps([version, _installed_packages(), key()], sort_keys=True)
+            text = json.dumps([_code_sha256(), _installed_packages(), key()], sort_keys=True)
             path = folder / f"{kind}-{hashlib.sha256(text.encode()).hexdigest()}{SUFFIX}"
     if path is not None:
         with suppress(Exception):  # there is no entry, or a damaged one, which may fail in any way
@@ -83,6 +80,12 @@ def file_states(paths: Iterable[Path]) -> list[tuple[int, int, int]]:
     """Return size and times (ns) of files, for a key; raises OSError where there is no such file."""
     # st_ctime, too: two files may swap their names.
     return [(status.st_size, status.st_mtime_ns, status.st_ctime_ns) for status in map(os.stat, paths)]
+
+
+@cache
+def _code_sha256() -> str:
+    modules = sorted(Path(__file__).parent.rglob("*.py"))
+    return hashlib.sha256(b"\0".join(module.read_bytes() for module in modules)).hexdigest()
 
 
 def _installed_packages() -> list[str]:

@@ -22,9 +22,6 @@ from semisynth_gl.plugins import find_plugin
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
 
-VERSION = 2
-"""Increase this when the same inputs give other models; see `semisynth_gl.cache`."""
-
 FULL_FAMILY = 25
 """Number of the user's models from which on their family has its full weight; fewer have a proportional part of it. It
 lies between the numbers of kinds of the two built-in families."""
@@ -82,7 +79,6 @@ def build_library(section: ModelsSection, particles: ParticlesSection, split: Sp
 
     return cached(
         "models",
-        VERSION,
         key,
         work="making models",
         build=lambda: _build(section, particles, split),

@@ -22,8 +22,6 @@ _PILOTS = 32
 _KEYS = (Purpose.CAMERA, Purpose.BACKGROUND, Purpose.STRUCTURES, Purpose.SWAY, Purpose.RIG, Purpose.SKY)
 # The sections that `sample_static_scene` reads.
 _SECTIONS = {"camera", "rig", "disparity", "background", "room", "street", "structures"}
-VERSION = 2
-"""To be raised by each change of the code that changes pilot scenes; see `semisynth_gl.cache`."""
 
 
 class Pilot(NamedTuple):
@@ -58,7 +56,7 @@ def sample_pilots(config: Config, seed: int, catalogue: Catalogue) -> list[Pilot
         static = sample_static_scene(config, catalogue, generators.__getitem__)
         return Pilot(static.rig.camera, static.bare_px)
 
-    return cached("pilots", VERSION, key, build=lambda: [*map(sample, range(_PILOTS))], pack=_packed, unpack=_unpacked)
+    return cached("pilots", key, build=lambda: [*map(sample, range(_PILOTS))], pack=_packed, unpack=_unpacked)
 
 
 def _packed(pilots: Sequence[Pilot]) -> Entry:

@@ -22,9 +22,6 @@ from semisynth_gl.textures.selection import build_atlas
 from semisynth_gl.textures.sources import describe_source, open_source
 from semisynth_gl.textures.subjects import photographed_subjects
 
-VERSION = 9
-"""Increase this when the same inputs give other patches or pictures; see `semisynth_gl.cache`."""
-
 # Most pictures that are kept in memory until the large patches are cut from them.
 _REMEMBERED = 256
 # The ``purpose`` under which `Split.share` deals out photographs.
@@ -61,7 +58,6 @@ def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path]
 
     return cached(
         "atlas",
-        VERSION,
         key,
         work=f"making patches of {section.source}" + (f" (images: {len(images):,})" if images else ""),
         build=lambda: _build(section, split, images),

@@ -2,13 +2,11 @@
 
 import hashlib
 import io
-import json
 import logging
 import os
 import pickle
 from dataclasses import fields, is_dataclass
 
-import built as fixed
 import numpy as np
 import pytest
 from PIL import Image
@@ -24,7 +22,6 @@ from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.scene.structures import take_stock
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import prepare
-from semisynth_gl.textures.drawn import KINDS
 from semisynth_gl.textures.prepare import prepare_atlas
 
 TRIANGLE = "v 0 0 0\nv 2 0 0\nv 2 2 0\nf 1 2 3\n"
@@ -174,27 +171,13 @@ def test_models_are_read_again_when_their_folder_changes(own, built):
         assert len(built) == count
 
 
-def test_what_is_kept_of_fixed_inputs_is_another_only_with_another_version(tmp_path, monkeypatch):
-    results = fixed.built(tmp_path)
-    assert not fixed.faults(results)
-    recorded = json.loads(fixed.RECORDED.read_text("utf-8"))
-    pictures = {f"atlas/{kind.__name__}" for kind in KINDS}  # tests/textures/test_textures_drawn.py paints them
-    assert {"versions", *results, *pictures} == set(recorded)
-    # A vertex a hundredth of a radius away is found.
-    positions = results["models/user"]["positions"] + 1e-2 / 30_000
-    assert fixed.faults({"models/user": results["models/user"] | {"positions": positions}})
-    monkeypatch.setattr(prepare, "VERSION", 999)
-    assert fixed.faults({"atlas/frames": results["atlas/frames"]})
-
-
 ARRAYS = np.zeros((0, 3)), np.arange(3000, dtype=np.float32).reshape(300, 10)
 
 
-def pair(number=0, version=1, builds=None):
+def pair(number=0, builds=None):
     """A result of numbers and arrays from the cache; ``builds`` gets an item when it is built."""
     return cached(
         "pair",
-        version,
         lambda: {"number": number},
         work="making pairs",
         build=lambda: (None if builds is None else builds.append(number)) or ([number, 0.1, None, "ä"], *ARRAYS),
@@ -207,14 +190,16 @@ def assert_pair(found, number=0):
     assert plain(found) == plain(([number, 0.1, None, "ä"], *ARRAYS))
 
 
-def test_a_result_is_built_once_for_each_key_and_version_and_announced(folder, caplog):
+def test_a_result_is_built_once_for_each_key_code_and_packages_and_announced(folder, caplog, monkeypatch):
     caplog.set_level(logging.INFO, "semisynth_gl")
     builds = []
-    for number, version in [(0, 1), (0, 1), (1, 1), (0, 2), (1, 1), (0, 1)]:
-        assert_pair(pair(number, version, builds), number)
-    assert builds == [0, 1, 0]
-    assert caplog.messages == ["making pairs"] * 3
-    assert len(list(folder.iterdir())) == 3
+    for number, code, packages in [(0, "a", "b"), (1, "a", "b"), (0, "x", "b"), (0, "a", "x")] * 2:
+        monkeypatch.setattr(cache, "_code_sha256", lambda code=code: code)
+        monkeypatch.setattr(cache, "_installed_packages", lambda packages=packages: packages)
+        assert_pair(pair(number, builds), number)
+    assert builds == [0, 1, 0, 0]
+    assert caplog.messages == ["making pairs"] * 4
+    assert len(list(folder.iterdir())) == 4
 
 
 class Trap:

@@ -6,7 +6,6 @@ from dataclasses import replace
 from itertools import islice, pairwise
 from pathlib import Path
 
-import built as fixed
 import numpy as np
 import pytest
 from photograph_like import octaves, save
@@ -40,8 +39,7 @@ def built(pictures: Iterator[Picture] | list[Picture], files: list[Path] | None 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
 def test_every_kind_is_sharp_and_repeats_nothing_and_all_but_plain_ones_have_contrast_at_all_scales(kind) -> None:
-    picture = fixed.drawn_picture(kind)
-    assert not fixed.faults({f"atlas/{kind.__name__}": fixed.of_picture(picture)})
+    picture = np.asarray(kind(np.random.default_rng(7)))
     assert (picture.shape, picture.dtype) == ((SIDE_PX, SIDE_PX, 3), np.uint8)
     crops = {square: cut_crop(picture, square, 256) for square in cover("picture", SIDE_PX, SIDE_PX, 256, (1.0,))}
     defaults = TexturesSection()
