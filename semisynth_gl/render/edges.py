@@ -21,6 +21,8 @@ _FEWEST_STRIPS, _FEWEST_INSTANCES = 4096, 256
 _VERTICES, _WEARERS, _STRIPS = 0, 5, 6
 # Texture units of edges.frag and edges.geom, after those of the atlases and of a projector's light.
 _DRAWN, _FARTHEST = 4, 5
+# In the place of what `Occlusion.farthest` returns, hides nothing.
+_NOTHING_NEARER = np.zeros((1, 1, 1, 1), np.float32)
 
 
 class EdgePass:
@@ -51,7 +53,7 @@ class EdgePass:
         """
         assert targets.blending is not None  # noqa: S101 - the targets are made for outlines
         # The sky has no outlines: there is nothing beyond it.
-        seen, farthest = np.flatnonzero(transforms.in_view(eye) & ~transforms.scene.sky), occlusion.NOTHING_NEARER
+        seen, farthest = np.flatnonzero(transforms.in_view(eye) & ~transforms.scene.sky), _NOTHING_NEARER
         if self._occlusion is not None:
             seen, farthest = self._occlusion.farthest(transforms, eye, part, targets, seen)
         strips = self._outlines.find(transforms, eye, seen)

@@ -34,8 +34,6 @@ _ROUNDING = 1e-3
 _BEHIND_ULP = -8192.0
 # Most by which strips along outlines are nearer than their surface; see edges.geom.
 _STRIPS_NEARER = 1.032
-NOTHING_NEARER = np.zeros((1, 1, 1, 1), np.float32)
-"""What `Occlusion.farthest` returns where nothing is hidden."""
 _WHICH_END = np.indices((2, 2, 2)).reshape(3, 8).T
 
 
@@ -137,14 +135,11 @@ class Occlusion:
             seen: (N,) numbers of instances.
 
         Returns:
-            Those of ``seen`` that are left, and what `_farthest` returns for the drawn depth. Where there are so few
-            triangles that finding hidden ones does not pay, all of ``seen`` and `NOTHING_NEARER`.
+            Those of ``seen`` that are left, and what `_farthest` returns for the drawn depth.
         """
-        model = transforms.scene.model[seen]
-        if self._triangles[model].sum() < _FEWEST_TRIANGLES:
-            return seen, NOTHING_NEARER
         farthest = _farthest(targets.read_depth(part))
-        boxes = _boxes(transforms, eye, part, transforms.rows(eye)[seen], self._corners[model])
+        corners = self._corners[transforms.scene.model[seen]]
+        boxes = _boxes(transforms, eye, part, transforms.rows(eye)[seen], corners)
         boxes[4] *= _STRIPS_NEARER
         return seen[~_hidden(farthest, window(part, targets.framebuffer.size)[2:], boxes)], farthest
 
