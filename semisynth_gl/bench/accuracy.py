@@ -62,13 +62,7 @@ def table(report: Mapping[str, Any]) -> str:
 
 
 def errors_text(error: Mapping[str, Any]) -> tuple[str, str, str]:
-    """Return the median, the 99.9th percentile and the worst of `error_stats`, px, as text."""
-    median, p999, worst = (number_text(error[key], ".1e") for key in ("median_px", "p999_px", "worst_px"))
+    """Return the median, the 99.9th percentile and the worst of `error_stats`, px, as text, "-" for none."""
+    values = (error[key] for key in ("median_px", "p999_px", "worst_px"))
+    median, p999, worst = ("-" if value is None else f"{value:.1e}" for value in values)
     return median, p999, f"{worst}, {error['missing']} missing" if error["missing"] else worst
-
-
-def number_text(value: float | None, style: str) -> str:
-    """Return a number in a format of Python's, "0" for 0 and "-" for none."""
-    if value is None:
-        return "-"
-    return "0" if value == 0 else format(value, style)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageFilter
+from scipy import ndimage
 
 from semisynth_gl import oracle
 from semisynth_gl.config import Config
@@ -119,15 +119,12 @@ def edges(image: NDArray[np.float64], jump: float) -> NDArray[np.bool_]:
 
     Two infinite values are equal; an infinite value differs from every finite one.
     """
-    marked = np.zeros(image.shape, bool)
-    for values, mask in ((image, marked), (image.T, marked.T)):
-        with np.errstate(invalid="ignore"):
-            jumps = (values[1:] != values[:-1]) & ~(np.abs(values[1:] - values[:-1]) <= jump)
-        mask[1:] |= jumps
-        mask[:-1] |= jumps
-    return marked
+    cross = ndimage.generate_binary_structure(2, 1)
+    with np.errstate(invalid="ignore"):
+        above = ndimage.maximum_filter(image, footprint=cross) - image > jump
+        return np.asarray(above | (image - ndimage.minimum_filter(image, footprint=cross) > jump))
 
 
 def grown(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
     """Return an (H, W) mask grown by a number of pixels in all eight directions."""
-    return np.asarray(Image.fromarray(mask.astype(np.uint8)).filter(ImageFilter.MaxFilter(2 * pixels + 1)), bool)
+    return np.asarray(ndimage.maximum_filter(mask, 2 * pixels + 1))
