@@ -1,21 +1,22 @@
 """Checks vectors from one image into another by the vectors back, the disparities, the mask and the image there.
 
 Disparities lead from one view of a pair to the other, flow from a frame of a sequence to the next or the previous one.
+Textures carry no light and move with their surfaces, so both images sample the same texture at the same point of a
+surface. They differ by the error of interpolating the other image between its pixels, and by the imperfections of rigs.
 """
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Eye
 from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.judge.findings import Verdict
-from semisynth_gl.judge.images import MIN_PIXELS, check_images
 from semisynth_gl.judge.interpolation import Floats, between, corners
 from semisynth_gl.judge.lens import find_borders
 
 Where = NDArray[np.bool_]
-Ints = NDArray[np.intp]
 
 _OPPOSITE = {"flow": "flow_backward", "flow_backward": "flow"}
 # Bounds; docs/verify.md has them.
@@ -32,8 +33,13 @@ _HIDDEN_PX = 0.25
 _SMOOTH_PX = 0.25
 # A point that is nearer to the image's border may count as inside or outside.
 _BORDER_PX = 0.01
-# Enough pixels for shares and medians; more would only take longer.
-_MOST_PIXELS = 200_000
+# Pixels for a median or a correlation: at least, and at most, since more would only take longer.
+_MIN_PIXELS, _MOST_PIXELS = 200, 200_000
+# Images: least share of the variance that is explained, of perfect and of imperfect ones; and how far off they may fit.
+_EXPLAINED, _EXPLAINED_IMPERFECT, _SHIFT_PX = 0.8, -0.2, 0.25
+_CAP_LEVELS = 20.0
+# Where moving the points by a pixel changes the residual by a smaller share, there is nothing to align.
+_VALLEY = 0.1
 
 
 def check_masks(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
@@ -77,8 +83,7 @@ def check_views(frame: StoredFrame, verdict: Verdict, *, imperfect: bool) -> Non
         hidden = match.compare("left-right", f"left_right_{eye}", name, now, there, 2 * match.error_px)
         match.check_mask(match.surface & match.same, hidden)
         if eye == "left":
-            images = own["image"], other["image"]
-            check_images("images", name, "", images, *match.on_surface, verdict, imperfect=imperfect)
+            match.check_images("images", name, "", own["image"], other["image"], imperfect=imperfect)
 
 
 def check_frames(before: StoredFrame, after: StoredFrame, verdict: Verdict, *, images: bool) -> None:
@@ -114,8 +119,8 @@ def _check_flow(
         seen = match.surface & match.same
     match.check_mask(seen, hidden)
     if images:
-        label, both = f"{name} of {start.name} to {end.name}", (own["image"], other["image"])
-        check_images("flow-images", label, f"{name}_", both, *match.on_surface, verdict)
+        label = f"{name} of {start.name} to {end.name}"
+        match.check_images("flow-images", label, f"{name}_", own["image"], other["image"])
 
 
 class _Match:
@@ -171,7 +176,7 @@ class _Match:
         self.surface &= (high - low < 1).all(axis=1)
         differences, bound = np.abs(own - between(around, *self.points)), _MEDIAN_PX + error_px
         self.same &= (differences < _SAME_PX + error_px).all(axis=1)
-        if (self.visible & self.surface).sum() >= MIN_PIXELS:
+        if (self.visible & self.surface).sum() >= _MIN_PIXELS:
             median = float(np.median(differences[self.visible & self.surface], axis=0).max())
             self._verdict.measures[f"{measure}_median_px"] = median
             if not median <= bound:
@@ -190,11 +195,50 @@ class _Match:
                 counts = f"{(wrong & where).sum()} of {where.sum()} pixels"
                 self._verdict.add(self._mask_name, f"{name}: {counts} that are {state} have another value")
 
-    @property
-    def on_surface(self) -> tuple[tuple[Ints, Ints], tuple[Floats, Floats]]:
-        """The visible pixels on one surface, and their points; see ``pixels`` and ``points``."""
-        (row, column), (x, y), judged = self.pixels, self.points, self.visible & self.surface
-        return (row[judged], column[judged]), (x[judged], y[judged])
+    def check_images(
+        self, check: str, name: str, measure: str, own: Floats, other: Floats, *, imperfect: bool = False
+    ) -> None:
+        """Check that the other image, resampled at the points of visible surfaces, is this image.
+
+        It must explain 80 % of the variance. Imperfect images, of a rig or with a lossy encoding, get equal brightness
+        and contrast first, and must correlate by 0.4, which then explains -20 %. Both must fit best where the points
+        are: a parabola through the residuals there, and with all points moved by a pixel to either side, has its least
+        value near 0.
+        """
+        own, other = (image.reshape(*image.shape[:2], -1).mean(axis=2) for image in (own, other))
+        height, width = other.shape
+        row, (x, y) = self.pixels[0], self.points
+        level_rows = bool((y == row).all())
+        inside = (x >= 1) & (x <= width - 2) & (((y >= 1) & (y <= height - 2)) | level_rows)
+        judged = inside & self.visible & self.surface
+        if judged.sum() < _MIN_PIXELS:
+            return
+
+        def warp(right_px: int, down_px: int) -> Floats:
+            return np.asarray(map_coordinates(other, [y[judged] + down_px, x[judged] + right_px], order=1))
+
+        levels, warped, least = own[self.pixels][judged], warp(0, 0), _EXPLAINED
+        contrasts = levels.std(), warped.std()
+        if max(contrasts) < 1 or (imperfect and min(contrasts) < 1):
+            return
+        if imperfect:
+            levels = (levels - levels.mean()) * (warped.std() / levels.std()) + warped.mean()
+            least = _EXPLAINED_IMPERFECT
+        explained = float(1 - np.mean((levels - warped) ** 2) / max(warped.var(), 1))
+        self._verdict.measures[f"{measure}image_explained"] = explained
+        if explained < least:
+            fault = f"the other image explains {explained:.0%} of the variance, not {least:.0%}"
+            self._verdict.add(check, f"{name}: {fault}")
+            return
+        for axis in "x" if level_rows else "xy":
+            moved = (warp(step * (axis == "x"), step * (axis == "y")) for step in (-1, 0, 1))
+            # Capped, so that pixels beside edges and on minified texture do not decide.
+            shift_px = _least_at(*(float(np.minimum(abs(levels - there), _CAP_LEVELS).mean()) for there in moved))
+            if shift_px is not None:
+                self._verdict.measures[f"{measure}best_shift_{axis}_px"] = shift_px
+                if abs(shift_px) > _SHIFT_PX:
+                    fault = f"the images fit best {shift_px:+.2f} px in {axis}, at most {_SHIFT_PX} may be"
+                    self._verdict.add(check, f"{name}: {fault}")
 
 
 def _vectors(frame: StoredFrame, eye: Eye, channel: str) -> tuple[Floats, float]:
@@ -206,3 +250,12 @@ def _vectors(frame: StoredFrame, eye: Eye, channel: str) -> tuple[Floats, float]
 
 def _too_many(wrong: Where, among: Where, share: float) -> bool:
     return bool(wrong.sum() > share * among.sum() + _FEW_PIXELS)
+
+
+def _least_at(before: float, here: float, after: float) -> float | None:
+    """Return where a parabola through residuals at -1, 0 and 1 is least, within these; None where they are alike."""
+    if max(before, here, after) - min(before, here, after) < _VALLEY * max(before, here, after):
+        return None
+    if here > min(before, after):
+        return -1.0 if before < after else 1.0
+    return 0.5 * (before - after) / (before - 2 * here + after)

@@ -35,7 +35,7 @@ from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.channels import View
 from semisynth_gl.inputs.errors import SemisynthError
 from semisynth_gl.judge.findings import Verdict
-from semisynth_gl.judge.images import check_images
+from semisynth_gl.judge.matching import check_views
 from semisynth_gl.judge.rays import check_rays
 from semisynth_gl.judge.verify import verify_dataset
 from semisynth_gl.layouts import layout_names
@@ -219,11 +219,13 @@ def test_images_that_fit_half_a_pixel_aside_are_found(noise, off_px, disparity_p
         levels = 128 + 60 * np.sin(0.45 * (x + phase_px) + 0.1 * y)
         return np.rint((levels + np.random.default_rng(0).normal(0, noise, x.shape)).clip(0, 255)).astype(np.uint8)
 
-    row, column = (each.ravel() for each in np.mgrid[:100, 10:200])
-    verdict, images = Verdict("a"), (waves(0), waves(disparity_px + off_px))
-    points = column - disparity_px, row.astype(float)
-    check_images("images", "name", "", images, (row, column), points, verdict, imperfect=noise > 0)
-    assert bool(verdict.findings) == bool(off_px)
+    views = (
+        View({"image": waves(shift_px), "disparity": np.full((100, 200), disparity_px, np.float32)})
+        for shift_px in (0, disparity_px + off_px)
+    )
+    verdict = Verdict("a")
+    check_views(StoredFrame(StereoCamera.centred(200, 100, 75.0, 0.1), *views), verdict, imperfect=noise > 0)
+    assert [finding.check for finding in verdict.findings] == ["images"] * bool(off_px)
 
 
 def test_imperfect_images_are_judged_after_their_levels_are_matched(dataset):
