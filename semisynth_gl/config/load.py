@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.config.errors import explained
-from semisynth_gl.config.fields import is_number
+from semisynth_gl.config.fields import SMALLEST, is_number
 from semisynth_gl.config.image_size import recentred, scaled
 from semisynth_gl.config.layers import OVERRIDE, Layer, Values, merged
 from semisynth_gl.config.model import Config
@@ -22,8 +22,6 @@ from semisynth_gl.inputs.resources import data_root
 from semisynth_gl.inputs.user_files import expanded, read_file
 from semisynth_gl.plugins import find_plugin, installed_plugins
 
-# Largest factor of ``scale``, and of its inverse.
-_MOST_TIMES = 64
 # The keys that decide whether scenes can show the target.
 _OF_TARGET: tuple[Key, ...] = ("disparity", "target"), ("disparity", "min_px"), ("disparity", "max_px")
 
@@ -177,9 +175,8 @@ def _over(below: Layer, layer: Layer) -> Layer:
     """Merge a layer over another, which is scaled or recentred where the layer changes the images."""
     values, factor = below.values, layer.values.get("scale")
     if factor is not None:
-        if not (is_number(factor) and 1 / _MOST_TIMES <= factor <= _MOST_TIMES):
-            expected = f"expected a number from 1/{_MOST_TIMES} to {_MOST_TIMES}"
-            raise InputError(layer.said(f"{expected}, got {shown(factor)}", [("scale",)]))
+        if not (is_number(factor) and factor >= SMALLEST):
+            raise InputError(layer.said(f"expected a number above 0, got {shown(factor)}", [("scale",)]))
         values = scaled(values, factor)
     own = {key: value for key, value in layer.values.items() if key not in ("extends", "scale")}
     return replace(layer, values=own).over(replace(below, values=recentred(values, own)))

@@ -104,7 +104,7 @@ def test_a_scale_is_of_what_it_stands_over(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("extends: middlebury\nscale: .nan\n", "lab.yaml:2: scale: expected a number from 1/64 to 64, got nan"),
+        ("extends: middlebury\nscale: .nan\n", "lab.yaml:2: scale: expected a number above 0, got nan"),
         ("name: x\nscale: 2\n", "lab.yaml:2: scale: expected extends beside it"),
         ("extends: middlebury\nscale: 64\n", "camera.width_px: input should be less than or equal to 16384"),
     ],
