@@ -7,7 +7,6 @@ surface. They differ by the error of interpolating the other image between its p
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Eye
@@ -215,7 +214,8 @@ class _Match:
             return
 
         def warp(right_px: int, down_px: int) -> Floats:
-            return np.asarray(map_coordinates(other, [y[judged] + down_px, x[judged] + right_px], order=1))
+            along, down = x[judged] + right_px, y[judged] + down_px
+            return between(corners(other, along, down), along, down)[:, 0]
 
         levels, warped, least = own[self.pixels][judged], warp(0, 0), _EXPLAINED
         contrasts = levels.std(), warped.std()
