@@ -1,12 +1,10 @@
 """Datasets of cameras that deviate, of several baselines, lenses, skies, signed disparities and projectors, on disk."""
 
 import json
-import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from backends import backend_fault
 from planted_faults import all_findings, change_image, change_vectors, checks, findings
 from recorder import Recorder
 from test_rigs import ROOT, SEVERAL, open_scenes, several
@@ -24,7 +22,6 @@ from semisynth_gl.frame.channels import SKY
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.judge.evaluate import evaluate
 from semisynth_gl.judge.protocol import PROTOCOLS
-from semisynth_gl.judge.verify import verify_dataset
 from semisynth_gl.pairs.pipeline import PairRenderer
 
 SEED = 3
@@ -206,47 +203,24 @@ def test_layouts_that_cannot_hold_what_is_asked_for_name_one_that_can(tmp_path, 
         generate(config(), tmp_path / "out", 1, 1, layout=layout)
 
 
-@pytest.fixture(scope="module")
-def written(tmp_path_factory):
-    """A sequence of two frames and three baselines, and the beginning of another one; and what it is made by."""
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
-    root = tmp_path_factory.mktemp("baselines")
-    outputs = ["visibility", "instances", "depth", "flow", "flow_backward"]
-    config = several(sequence={"length": 2, "frame_s": 0.1}, outputs=outputs)
-    generate(config, root / "whole", 8, SEED, layout="sceneflow", shard_pairs=4)
-    return config, root
-
-
-def test_a_dataset_of_several_baselines_is_whole(written):
-    root = written[1]
-    index, lefts = read_index(root / "whole"), {}
-    assert index.plan.views == 3
-    verdicts = list(verify_dataset(index, 20))
-    assert [str(finding) for verdict in verdicts for finding in verdict.findings] == []
-    # Flow was compared with the same view's frame before.
-    compared = ["flow_left_frames_median_px" in verdict.measures for verdict in verdicts[1:]]
-    assert compared == [index // 3 % 2 == 1 for index in range(8)]
-    for pair in open_dataset(root / "whole"):
+def test_a_run_that_ends_within_a_scene_goes_on_there_and_left_views_are_the_same_files(tmp_path):
+    """Three baselines; a shard of four pairs ends within a scene, too."""
+    config = several(sequence={"length": 2, "frame_s": 0.1}, outputs=["visibility", "depth", "flow"])
+    whole, options = tmp_path / "whole", {"layout": "sceneflow", "shard_pairs": 4}
+    generate(config, whole, 8, SEED, **options)
+    recorder = Recorder(lambda pair: pair.index == 4)
+    assert generate(config, tmp_path / "out", 8, SEED, **options, listener=recorder).stopped
+    generate(config, tmp_path / "out", 8, SEED, layout="sceneflow")
+    assert digests(tmp_path / "out") == digests(whole)
+    plan, lefts = read_index(whole).plan, {}
+    for pair in open_dataset(whole):
         scene, view = divmod(pair.index, 3)
         assert (pair.provenance["view"], pair.camera.baseline_m) == (view, SEVERAL[view])
         assert (pair.provenance["sequence"], pair.provenance["frame"]) == divmod(scene, 2)
-        files = index.plan.files("train", pair.index)
-        for role in ("left", "instances_left", "depth_left", "flow_left", "flow_visibility_left"):
-            assert lefts.setdefault((scene, role), data := (root / "whole" / files[role]).read_bytes()) == data
-    assert len({data for (_, role), data in lefts.items() if role == "left"}) == 3
-
-
-def test_a_run_that_ends_within_a_scene_goes_on_there_and_views_are_compared(written, tmp_path):
-    """A shard of four pairs ends within a scene of three too."""
-    config, root = written
-    recorder = Recorder(lambda pair: pair.index == 4)
-    result = generate(config, tmp_path / "out", 8, SEED, layout="sceneflow", shard_pairs=4, listener=recorder)
-    assert result.stopped
-    generate(config, tmp_path / "out", 8, SEED, layout="sceneflow")
-    assert digests(tmp_path / "out") == digests(root / "whole")
-    dataset = shutil.copytree(root / "whole", tmp_path / "changed", symlinks=True)
-    path = dataset / read_index(dataset).plan.files("train", 2)["provenance"]
+        files = plan.files("train", pair.index)
+        for role in ("left", "depth_left", "flow_left", "flow_visibility_left"):
+            assert lefts.setdefault((scene, role), data := (whole / files[role]).read_bytes()) == data
+    path = whole / plan.files("train", 2)["provenance"]
     path.write_text(json.dumps(json.loads(path.read_text()) | {"view": 1}))
-    (found,) = findings(dataset)
+    (found,) = findings(whole)
     assert (found.check, found.message) == ("origin", "view is 1, in the index 2")
