@@ -308,7 +308,7 @@ def test_only_readable_frames_of_one_sequence_are_compared(copy):
 
 
 @pytest.mark.parametrize(
-    ("section", "values"), [("textures", {"sequence": True}), ("imperfections", {"noise": [1, 2]})]
+    ("section", "change"), [("textures", {"sequence": True}), ("imperfections", {"noise": [1, 2]})]
 )
 def test_images_that_differ_by_design_are_not_compared(copy, section, change):
     root = copy()
