@@ -213,8 +213,8 @@ class Wall:
     """A wall as it is seen from inside the room.
 
     It has its top left ``corner`` and the edges ``right`` and ``down`` from there, (3,) each in the floor's frame, and
-    the unit normal ``out`` (3,), outwards. ``taken`` are opposite corners (u, v), in shares of the edges, of the
-    doorway or niche and of the things that hang on the wall.
+    the unit normal ``out`` (3,), outwards. ``taken`` are opposite corners (u, v), in shares of the edges, of its hole
+    and of what hangs on it.
     """
 
     def __init__(self, corner: Floats, right: Floats, height_m: float) -> None:

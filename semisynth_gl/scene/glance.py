@@ -40,10 +40,8 @@ def grid_px(camera: StereoCamera) -> tuple[Floats, Floats]:
 def measure(table: Instances, camera: StereoCamera, near_m: float, models: Sequence[Mesh], fixed: int = 0) -> Floats:
     """Measure static instances in the left view: set the range of UV that is seen of each, and its median depth.
 
-    The depths of hidden instances, of the sky and of the first ``fixed`` instances stay.
-
-    Returns:
-        (R,) disparities of the view, on the grid of `grid_px`.
+    The depths of hidden instances, of the sky and of the first ``fixed`` instances stay. Returns the disparities (R,)
+    of the view on the grid of `grid_px`.
     """
     seen = glance(to_scene(table, camera, near_m), models)
     for number in np.unique(seen.instance[seen.instance >= 0]).tolist():

@@ -96,10 +96,7 @@ class PatchMapping:
         self._layer_count = np.array([patch.layer_count for patch in patches])
 
     def layers(self, patch: Ints, sequence: int, frame: int) -> Ints:
-        """Return the atlas layers (N,) that patches (N,) show in a frame.
-
-        Patches of video frames begin at a frame that depends on patch and sequence, and repeat.
-        """
+        """Return the atlas layers (N,) that patches (N,) show in a frame; video frames begin at different ones."""
         count = self._layer_count[patch]
         return np.asarray(self._first_layer[patch] + ((patch * 7919 + sequence) % count + frame) % count)
 
@@ -140,10 +137,7 @@ def map_patches(
 
     ``texels`` (N,) is the number of texels per pixel of an instance that faces the camera at its depth. The uniform
     numbers ``part`` (N, 2) choose the part of its patch that an instance shows; ``large`` (N,) says whether the patch
-    is a large one.
-
-    Returns:
-        Patches per UV unit, and offsets in patches, (N, 2) each: `Scene.uv_scale` and `Scene.uv_offset`.
+    is a large one. Returns `Scene.uv_scale` and `Scene.uv_offset`.
     """
     # One patch spans at least the width of the view on a large surface that faces the camera.
     spanning = large & table["large"]

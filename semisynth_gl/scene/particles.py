@@ -73,8 +73,7 @@ class Release(NamedTuple):
     scale: Floats  # (S, 3) scale along the model's axes relative to its radius, the largest 1
 
 
-@dataclass(frozen=True, slots=True)
-class Sizes:
+class Sizes(NamedTuple):
     """Diameters of models' bounding spheres, sampled uniformly in their logarithm."""
 
     low: float
@@ -111,9 +110,9 @@ class Batch(NamedTuple):
 
 
 def expected_cover(camera: StereoCamera, sizes: Sizes, disparity_px: Floats, fill: float) -> Floats:
-    """Return how many times, on average, one particle of each layer covers a pixel of the left view, (K,).
+    """Return how many times, on average, a particle at disparities (K,) covers a pixel of the left view, (K,).
 
-    The layers lie at disparities (K,); ``fill`` is that of the models' mean `Silhouette`.
+    ``fill`` is that of the models' mean `Silhouette`.
     """
     radius = sizes.radius_px(camera, disparity_px[:, None], _QUANTILES)
     area = fill * np.pi * radius**2 * _mean_secant(camera)

@@ -71,13 +71,3 @@ def _painted(section: ProjectorSection, height: int, width: int) -> NDArray[np.u
                 np.maximum.at(light, (row[inside], column[inside]), np.clip(section.size_px / 2 + 0.5 - away, 0, 1))
     pattern: NDArray[np.uint8] = np.rint(255 * light).astype(np.uint8)
     return pattern
-
-
-def projector_record(projector: Projector) -> dict[str, object]:
-    """Return a projector's values in JSON's types."""
-    return {
-        "projector_from_camera": projector.projector_from_camera[:3].tolist(),
-        "focal_px": projector.focal_px,
-        "power": projector.power,
-        "ambient": projector.ambient,
-    }

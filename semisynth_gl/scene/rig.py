@@ -20,8 +20,8 @@ _ALONG_BORDER = 129
 # Number of steps in the search for the near plane of a camera that deviates.
 _STEPS = 8
 
-# Where the range is very narrow, a model's radius along the viewing axis is at most this share of the range's depth
-# (farthest less nearest); see `relief_px`.
+# Where the range is very narrow, a model's radius along the viewing axis is at most this share of the range's depth. So
+# the mean of a dataset comes as near to its target as in a wide range.
 _RELIEF = 0.1
 
 BEYOND_NEAR = 1.01
@@ -115,10 +115,7 @@ class SequenceRig:
 def sample_rig(config: Config, generator_for: Callable[[Purpose], np.random.Generator]) -> SequenceRig:
     """Sample the rig of a sequence; each deviating camera may be followed by its rectified twin.
 
-    ``generator_for`` returns the generator for CAMERA, RIG (where right cameras deviate) and SWAY.
-
-    Raises:
-        InputError: see `near_depth_m`.
+    ``generator_for`` returns the generators for CAMERA, RIG and SWAY. Raises InputError as `near_depth_m` does.
     """
     views = sample_cameras(config.camera, generator_for(Purpose.CAMERA))
     section = config.rig
@@ -159,8 +156,7 @@ def relief_px(camera: StereoCamera, min_px: float, near_m: float) -> float:
     """Return the largest radius of models along the viewing axis, px of the image at their own depth.
 
     In a narrow range, models that are as deep as they are wide would not fit between ``min_px`` and the near plane, or
-    spread over all disparities. With a tenth of that depth, the mean of a dataset comes as near to its target as in a
-    wide range. The limit grows to inf where the farthest depth is twice the near plane's, ``near_m``.
+    spread over all disparities. The limit grows to inf where the farthest depth is twice the near plane's, ``near_m``.
     """
     deeper = max(float(camera.depth_m(min_px)) / near_m - 1, 0.0)
     return _RELIEF * camera.focal_px * deeper / (1 - deeper) if deeper < 1 else np.inf

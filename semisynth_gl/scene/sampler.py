@@ -14,7 +14,7 @@ from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.disparity_solver import DisparitySolver
 from semisynth_gl.scene.instances import INSTANCE, Instances, PatchMapping, choose, new_instances, to_scene
 from semisynth_gl.scene.particles import Release, particle_poses, sample_release, sample_slots
-from semisynth_gl.scene.projector import projector_record, sample_projector
+from semisynth_gl.scene.projector import sample_projector
 from semisynth_gl.scene.resting import come_to_rest, triangles_of
 from semisynth_gl.scene.rig import relief_px
 from semisynth_gl.scene.scene import Motion, Scene
@@ -254,7 +254,7 @@ class SampledScene:
             **({} if self.recipe is None else {"recipe": self.recipe}),
             "background": self.sequence.static.background,
             **({"sky": True} if scene.sky.any() else {}),
-            **({} if scene.projector is None else {"projector": projector_record(scene.projector)}),
+            **({} if scene.projector is None else {"projector": scene.projector.record()}),
             "near_m": scene.near_m,
             "camera": scene.camera.values(deviation=not sampler.config.rig.none()),
             "camera_from_world": scene.camera_from_world[:3].tolist(),

@@ -51,6 +51,12 @@ class Projector:
             value = to_real(f"projector: {name}", getattr(self, name), LEAST, MOST, or_0=name != "focal_px")
             object.__setattr__(self, name, value)
 
+    def record(self) -> dict[str, object]:
+        """Return the values in JSON's types."""
+        pose = self.projector_from_camera[:3].tolist()
+        rest = {"focal_px": self.focal_px, "power": self.power, "ambient": self.ambient}
+        return {"projector_from_camera": pose} | rest
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:

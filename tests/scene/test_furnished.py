@@ -15,7 +15,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.config.scene_sections import RoomSection, StreetSection
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.mesh import make_mesh
-from semisynth_gl.scene.arrangement import Arrangement, camera_over_floor
+from semisynth_gl.scene.arrangement import Arrangement
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.furnishing import _HANGING
 from semisynth_gl.scene.glance import glance, grid_px
@@ -264,17 +264,3 @@ def test_float32_leaves_no_gap_where_walls_grounds_and_niches_meet(open_renderer
         frame = renderer.render(sampler.sample(index).scene)
         for eye in EYES:
             assert np.isfinite(frame.view(eye).disparity).all(), (index, eye)
-
-
-@pytest.mark.parametrize(("yaw", "pitch", "roll"), [(0.0, 0.0, 0.0), (0.4, 0.0, 0.0), (-0.7, 0.5, 0.2)])
-def test_a_view_over_a_floor_looks_where_it_is_told(yaw: float, pitch: float, roll: float) -> None:
-    camera_from_floor = camera_over_floor(1.6, yaw, pitch, roll)
-    turn = camera_from_floor[:3, :3]
-    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
-    # The camera stands 1.6 m above the origin, and the point straight ahead lies on the optical axis.
-    np.testing.assert_allclose(turn @ (0, 0, 1.6) + camera_from_floor[:3, 3], 0, atol=1e-12)
-    ahead = np.array([np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch), -np.sin(pitch)])
-    np.testing.assert_allclose(turn @ ahead, (0, 0, 1), atol=1e-12)
-    # Without roll the camera's x axis is level, and its y axis points down.
-    assert camera_from_floor[0, 2] == pytest.approx(-np.sin(roll) * np.cos(pitch))
-    assert camera_from_floor[1, 2] < 0
