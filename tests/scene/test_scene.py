@@ -16,10 +16,11 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.background import sample_plane
 from semisynth_gl.scene.instances import to_scene
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.rig import near_depth_m
+from semisynth_gl.scene.rig import near_depth_m, sample_cameras
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.scene.structures import CURVED_PANEL, SURFACE_MODELS, sample_structures
+from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch
 
@@ -44,6 +45,17 @@ def sampler_of():
 
 def differing(one, other):
     return [name for name in SCENE_ARRAYS if not np.array_equal(getattr(one, name), getattr(other, name))]
+
+
+def test_cameras_are_sampled_within_their_ranges():
+    section = load_config("middlebury").camera
+    cameras = [sample_cameras(section, generator(1, Purpose.CAMERA, i))[0] for i in range(200)]
+    for name, low, high in (("focal_px", 1164, 2700), ("baseline_m", 0.16, 0.38), ("doffs_px", 40, 200)):
+        values = np.array([getattr(camera, name) for camera in cameras])
+        assert low <= values.min() < values.max() <= high
+        assert np.ptp(values) > 0.8 * (high - low)
+    middle = np.array([(camera.cx_left_px + camera.cx_right_px) / 2 for camera in cameras])
+    np.testing.assert_allclose(middle, (1500 - 1) / 2)
 
 
 @pytest.mark.parametrize("background", ["{cuboid: 1}", "{cuboid: 0, plane: 1}", "{cuboid: 0, room: 1}"])
