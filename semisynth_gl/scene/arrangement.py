@@ -151,7 +151,7 @@ class Arrangement:
     ) -> int | None:
         """Add the five sides of a box without its bottom, which share a texture; return the number of the first side.
 
-        A box that comes too near to the camera is not added: the result is None. ``middle`` (3,) is that of the box's
+        A box that comes too near to the camera is not added: the result is None. ``middle`` (3,) is the middle of its
         bottom; ``half`` (3,) has half the width, half the depth, and the whole height. The sides may wear the
         ``texture`` of an earlier thing.
         """

@@ -80,8 +80,8 @@ class _Aim(NamedTuple):
 class DisparitySolver:
     """Numbers of particles for the scenes of one recipe of a dataset.
 
-    ``silhouette`` is the models' mean one, and ``catalogue`` has the models of pilot scenes. The ``wanted``
-    distribution is by default the config's; ``target`` has it in bins that depth layers can follow.
+    ``silhouette`` is the mean silhouette of the models, and ``catalogue`` has the models of pilot scenes. The
+    ``wanted`` distribution is by default the config's; ``target`` has it in bins that depth layers can follow.
     """
 
     def __init__(

@@ -96,7 +96,7 @@ class PatchMapping:
         self._layer_count = np.array([patch.layer_count for patch in patches])
 
     def layers(self, patch: Ints, sequence: int, frame: int) -> Ints:
-        """Return the atlas layers (N,) that patches (N,) show in a frame; video frames begin at different ones."""
+        """Return the atlas layers (N,) that patches (N,) show in a frame; each video begins at another frame."""
         count = self._layer_count[patch]
         return np.asarray(self._first_layer[patch] + ((patch * 7919 + sequence) % count + frame) % count)
 

@@ -35,30 +35,3 @@ def test_an_exposure_is_the_mean_of_its_moments_rounded_once(count, colour):
                 for name in sharp.frame.view(eye).keys() - {"image"}:
                     np.testing.assert_array_equal(blurred.frame.view(eye)[name], sharp.frame.view(eye)[name])
             np.testing.assert_array_equal(after.render(index).frame.left.image, blurred.frame.left.image)
-
-
-def test_the_left_eye_exposes_once_for_all_right_ones():
-    motion = {"motion_blur": [0.4, 1], "sub_frames": 3}
-    section = motion | {"noise": 2, "white_balance": [-0.2, 0.2], "vignetting": [0.1, 0.4], "jpeg_quality": [60, 95]}
-
-    def opened(**imperfections):
-        camera = {"sway_m": 0.03, "baselines": 2, "baseline_m": [0.5, 1.0]}
-        return PairRenderer(moving(camera=camera, imperfections=imperfections), 0)
-
-    with opened() as before, opened(**motion) as blurred, opened(**section) as after, opened(**section) as again:
-        for scene in (0, 4):
-            pairs = [after.render(2 * scene + view) for view in (0, 1)]
-            np.testing.assert_array_equal(pairs[0].frame.left.image, pairs[1].frame.left.image)
-            first, second = (pair.provenance["imperfections"] for pair in pairs)
-            assert first["left"] == second["left"]
-            assert first["right"]["motion_blur"] == second["right"]["motion_blur"]
-            assert all(first["right"][key] != second["right"][key] for key in ("white_balance", "vignetting"))
-            # In another order each is the same; so is its truth where the image alone is drawn in between.
-            for view in (1, 0):
-                index = 2 * scene + view
-                other, sharp, soft = (renderer.render(index).frame for renderer in (again, before, blurred))
-                for eye in EYES:
-                    np.testing.assert_array_equal(other.view(eye).image, pairs[view].frame.view(eye).image)
-                    assert not np.array_equal(soft.view(eye).image, sharp.view(eye).image)
-                    for name in sharp.view(eye).keys() - {"image"}:
-                        np.testing.assert_array_equal(soft.view(eye)[name], sharp.view(eye)[name])
