@@ -31,8 +31,8 @@ def measure(
         frames, driver = [renderer.render(scene) for scene in bench.scenes], renderer.facts
     listener.on_message(f"casting {counted(rays, 'ray')} for each eye of each pair")
     truths, _ = cast_truth(bench, frames, rays, np.random.default_rng(seed))
-    drawn = [frames[part.scene].view(part.eye).disparity[part.row, part.column] for part in truths]
-    error = error_stats(np.concatenate(drawn), np.concatenate([part.disparity_px for part in truths]))
+    rendered = [frames[part.scene].view(part.eye).disparity[part.row, part.column] for part in truths]
+    error = error_stats(np.concatenate(rendered), np.concatenate([part.disparity_px for part in truths]))
     return {**scene_facts(bench, seed, truths), "machine": machine_facts() | driver, "disparity": error}
 
 

@@ -1,4 +1,4 @@
-"""A slanted plane, drawn and compared with its equation: the quickest measurement of a renderer's accuracy."""
+"""A slanted plane, rendered and compared with its equation: the quickest measurement of a renderer's accuracy."""
 
 import numpy as np
 from numpy.typing import NDArray

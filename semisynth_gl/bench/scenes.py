@@ -1,4 +1,4 @@
-"""The measured scenes: those of a config's first pairs, with their true disparity at random pixels."""
+"""The scenes of a config's first pairs, with their true disparity at random pixels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -74,8 +74,8 @@ def draw_sheet(
 def _draw_disparity(axis: Axes, achieved: Histogram | None, target: Histogram) -> None:
     """Draw the achieved distribution of disparity, None where no pixel has a disparity, and the target's outline."""
     # The outermost 0.01 % of pixels on either side would make the axis too long.
-    drawn = [each for each in (achieved, target) if each is not None]
-    low, high = ([each.quantile(share) for each in drawn] for share in (1e-4, 1 - 1e-4))
+    known = [each for each in (achieved, target) if each is not None]
+    low, high = ([each.quantile(share) for each in known] for share in (1e-4, 1 - 1e-4))
     edges = np.linspace(min(low), max(high), _DISPARITY_BINS + 1)
     filled, outline = (None if each is None else each.rebinned(edges).shares for each in (achieved, target))
     distance = "no pixel has one" if achieved is None else f"total variation {total_variation(target, achieved):.3f}"

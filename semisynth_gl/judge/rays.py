@@ -1,4 +1,4 @@
-"""Samples a pair's scene again, and compares some of its pixels with float64 rays: the strongest check."""
+"""Rebuilds a pair's scene, and compares some of its pixels with float64 rays: the strongest check."""
 
 from collections.abc import Mapping
 from math import degrees, radians
@@ -51,7 +51,7 @@ def check_rays(frame: StoredFrame, scenes: RebuiltScenes, pixels: int, verdict: 
 
 
 class _Rays:
-    """Rays of one eye, cast through a scene that was sampled again, with its motions to other frames by channel."""
+    """Casts rays of one eye through a rebuilt scene, and to the other frames that ``motions`` lead to."""
 
     def __init__(
         self, frame: StoredFrame, eye: Eye, scene: Scene, scenes: RebuiltScenes, motions: Mapping[str, Motion]
@@ -72,7 +72,7 @@ class _Rays:
                 differences = np.where(values == rays[name], 0.0, np.abs(values - rays[name]))
             # The chord of a small angle is the angle in radians; its cosine would round to 1.
             error = np.linalg.norm(differences, axis=1) if name == "normals" else differences.max(axis=1)
-            # Borders of a lens may lack values; a change of disparity may lie in a border at the next frame, too.
+            # Borders of a lens may lack values; at the next frame, the border hides other changes of disparity.
             in_border = border | (name == "disparity_change" and not self.frame.border_disparity)
             lacking = in_border & np.isposinf(values).all(axis=1)
             wrong[name] = ~lacking & ~(error <= bounds[name])

@@ -70,14 +70,14 @@ def verify(
 
     Args:
         dataset: a folder, or an address that fsspec knows.
-        rays: number of pairs, evenly spread, whose scenes are sampled again and compared with float64 rays; by default
-            4, or none where the scenes cannot be sampled again.
+        rays: number of pairs, evenly spread, whose scenes are rebuilt and compared with float64 rays; by default 4, or
+            none where the scenes cannot be rebuilt.
         pixels: rays of each of these pairs; a view gets half of them.
         listener: is told the number of pairs, and each checked pair.
         on_finding: is called with each fault as soon as it is found.
 
     Raises:
-        InputError: where there is no dataset, or rays are asked for and its scenes cannot be sampled again.
+        InputError: where there is no dataset, or rays are asked for and its scenes cannot be rebuilt.
     """
     pixels, listener = to_whole("pixels", pixels, least=1), listener or Listener()
     rayed = RAYED_PAIRS if rays is None else to_whole("rays", rays, least=0)
@@ -116,11 +116,11 @@ def verify_dataset(index: StoredIndex, pixels: int = 0, pairs: int | None = None
 
     Args:
         index: the dataset's index.
-        pixels: number of pixels of a pair to check with rays; with 0, no scene is sampled again.
+        pixels: number of pixels of a pair to check with rays; with 0, no scene is rebuilt.
         pairs: number of pairs, evenly spread, to check with rays; None for all.
 
     Raises:
-        InputError: where rays are asked for, and the scenes cannot be sampled again.
+        InputError: where rays are asked for, and the scenes cannot be rebuilt.
     """
     total = sum(index.plan.pairs.values())
     rayed = spread(total, total if pairs is None else pairs) if pixels else []
