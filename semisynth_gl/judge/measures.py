@@ -209,6 +209,8 @@ _CHANGES = {
         f"in disparity.target, give more weight to {size} disparities" for size in ("large", "small")
     ),
 }
+# Keys without effect where ``particles`` has another key.
+_REPLACED = {"particles.density": "layers", "disparity.target": "layers", "particles.size_px": "size_m"}
 # Kinds of background, and those in whose scenes a section counts.
 _BACKGROUNDS = ("cuboid", "plane", "room", "street")
 _KINDS = {"room": {"room"}, "street": {"street"}, "structures": {"cuboid", "plane"}}
@@ -251,6 +253,8 @@ def _has_effect(key: str, recipes: Sequence[Mapping[str, Any]]) -> bool:
         return len(recipes) > 1
     if section == "background":
         return any(name in each and len(each) > 1 for each in kinds)
+    if key in _REPLACED:
+        return any(recipe["particles"][_REPLACED[key]] is None for recipe in recipes)
     return section not in _KINDS or any(each & _KINDS[section] for each in kinds)
 
 

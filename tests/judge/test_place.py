@@ -343,6 +343,10 @@ def test_advice_names_no_key_that_moves_nothing_in_the_scenes(kinds, sections):
         return set(re.findall(r"\b(room|street|structures|background|scenes)\b", texts))
 
     assert named(recipe_with(*kinds)) == sections
+    layers = {"layers": [{"disparity_px": [2, 12], "count": 5}]}
+    by_layers = advice(MEASURES[0], [recipe_with(*kinds, particles=layers)], more=True)
+    assert "particles.density" in advice(MEASURES[0], [recipe_with(*kinds)], more=True)
+    assert "particles.density" not in by_layers
     # Scenes have the sections of any of their recipes.
     assert named(recipe_with(*kinds), recipe_with("street")) == sections | {"street", "scenes"}
 
