@@ -83,12 +83,16 @@ def is_solid(mesh: Mesh) -> bool:
     positive volume. A ray from outside then meets the front of a triangle first, unless a part turns itself inside out
     by crossing itself.
     """
+    from scipy.sparse import coo_array  # noqa: PLC0415 - slow to load, and most processes take models from the cache
+    from scipy.sparse.csgraph import connected_components  # noqa: PLC0415
+
     start, stop, count = _edges(mesh)
     if not np.array_equal(np.sort(start * count + stop), np.sort(stop * count + start)):
         return False
     a, b, c = np.moveaxis(mesh.positions.astype(np.float64)[mesh.triangles], 1, 0)
     volumes = np.einsum("tk,tk->t", a, cross(b, c)) / 6
-    part = _parts(start, stop, count)[start[::3]]
+    edges = coo_array((np.ones(len(start)), (start, stop)), (count, count))
+    part = connected_components(edges, directed=False)[1][start[::3]]
     return bool((np.bincount(part, volumes)[np.unique(part)] > 0).all())
 
 
@@ -104,23 +108,9 @@ def _edges(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     surface.
     """
     # Adding 0 turns -0.0 into 0.0, whose bits differ.
-    bits = np.ascontiguousarray(mesh.positions + np.float32(0)).view(np.uint32).astype(np.uint64)
-    xy = bits[:, 0] | (bits[:, 1] << np.uint64(32))
-    order = np.lexsort((bits[:, 2], xy))
-    differs = (np.diff(xy[order]) != 0) | (np.diff(bits[order, 2]) != 0)
-    number = np.empty(len(order), np.int64)
-    number[order] = np.cumsum(np.r_[0, differs])
+    x, y, z = np.ascontiguousarray(mesh.positions + np.float32(0)).view(np.uint32).astype(np.uint64).T
+    half = np.uint64(32)
+    _, xy = np.unique(x << half | y, return_inverse=True)
+    points, number = np.unique(xy.astype(np.uint64) << half | z, return_inverse=True)
     corners = number[mesh.triangles]
-    return corners.reshape(-1), np.roll(corners, -1, axis=1).reshape(-1), int(number.max()) + 1
-
-
-def _parts(start: NDArray[np.int64], stop: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """Return for each vertex the smallest number of a vertex that it is connected with, itself included; (count,)."""
-    label = np.arange(count)
-    while True:
-        lower = label.copy()
-        np.minimum.at(lower, start, label[stop])
-        lower = lower[lower]
-        if np.array_equal(lower, label):
-            return label
-        label = lower
+    return corners.reshape(-1), np.roll(corners, -1, axis=1).reshape(-1), len(points)
