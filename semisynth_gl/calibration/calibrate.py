@@ -126,18 +126,18 @@ def calibrate(
     rig, notes = rig.scaled(scale), [*rig.notes]
     maps = map_files(names_of(disparity))
     disparities = disparity_range(rig, maps, png_scale=png_scale, range_px=range_px, range_m=range_m)
+    try:
+        # Raises where OpenCV is missing, or a lens bends two directions of the rectified image to one pixel.
+        for eye, raw in (rig.raw or {}).items():
+            LensChain(raw, rig.camera, eye, "black")
+    except InputError as error:
+        rig = replace(rig, raw=None)
+        notes.append(f"the lenses were left out: {error}")
     draft = describe(name, rig, sources, disparities, sizes, overrides)
     # Keys and photographs that cannot be used are reported before the trials; the dataset's patches are cached.
     atlas = prepare_atlas(draft.config().textures, Split(0))
     draft = replace(draft, grey=bool((atlas.layers[..., :3] == atlas.layers[..., :1]).all()))
     notes += [f"not usable: {skipped}" for skipped in atlas.report.images_skipped]
-    try:
-        # Raises where OpenCV is missing, or a lens bends two directions of the rectified image to one pixel.
-        for eye in draft.lenses:
-            LensChain(draft.lenses[eye], rig.camera, eye, "black")
-    except InputError as error:
-        draft = replace(draft, lenses={})
-        notes.append(f"the lenses were left out: {error}")
     if trials:
         place = measure_place(photographs, maps, working_width(rig.size.width_px), png_scale)
         # Imported here: loading OpenGL and models takes longer than writing a config without trials.

@@ -4,7 +4,7 @@ import math
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from io import StringIO
 from typing import Any
 
@@ -50,7 +50,6 @@ class Draft:
         large_px: side of large patches.
         style: the mix of recipes and the look of surfaces.
         grey: whether all photographs are grey.
-        lenses: the cameras before rectification; empty where they are not known or cannot be used.
         overrides: keys that the user sets, as `load_config` takes them.
     """
 
@@ -61,7 +60,6 @@ class Draft:
     large_px: int
     style: Style
     grey: bool = False
-    lenses: Mapping[Eye, RawCamera] = field(default_factory=dict)
     overrides: Overrides = ()
 
     def config(self) -> Config:
@@ -79,8 +77,8 @@ class Draft:
                 "fy_over_fx": camera.fy_over_fx if abs(camera.fy_over_fx - 1) > _SQUARE else None,
                 "colour": "grey" if self.grey else None,
             },
-            "lens": _lens(self.lenses) if self.lenses else None,
-            "outputs": ["visibility", "valid"] if self.lenses else None,
+            "lens": _lens(self.rig.raw) if self.rig.raw else None,
+            "outputs": ["visibility", "valid"] if self.rig.raw else None,
             "disparity": {
                 "signed": disparity.signed or None,
                 "min_px": disparity.min_px,
@@ -142,7 +140,6 @@ def describe(
         [str(expanded(path).absolute()) for path in images],
         max(min(sides[len(sides) // 2], rig.camera.width_px, _LARGEST_SIDE), TexturesSection().patch_px),
         untried_style(suitable_recipes(rig, disparity)),
-        lenses=rig.raw or {},
         overrides=overrides,
     )
 
