@@ -32,6 +32,8 @@ _FOCAL_TIMES_BASELINE = {"bf", "fb", "focalxbaseline"}
 _LARGEST_SIDE_PX = 99_999
 # Relative tolerance for equal baselines; translations up to this length count as zero.
 _SAME_BASELINE, _NO_SHIFT_M = 0.02, 1e-6
+# What a flag for a fisheye lens may be if it is none, as text.
+_FALSE = {"", "false", "no", "off", "none", "0.0", "[0.]"}
 # Images of radial-tangential lenses are hardly wider than this times the focal length, 100 degrees.
 _WIDE = 2.4
 
@@ -69,7 +71,7 @@ class Finder:
             FormatError: where there are more than two cameras, or what is there contradicts itself.
         """
         k, p, rectification = (self._eyes(key) for key in "KPR")
-        size, fault = self._size(k, p)
+        size, raw_size = self._sizes(k, p)
         p = p or self._right_alone()
         pose = self._stereo_pose(lone=p is None)
         if p is None and pose is None:
@@ -83,7 +85,7 @@ class Finder:
         d = model = None
         if k is not None:
             try:
-                d, model = self._lenses(k, size or self.user_size, fault)
+                d, model = self._lenses(k, size or self.user_size, raw_size)
             except FormatError as error:
                 if p is None:
                     raise
@@ -175,10 +177,9 @@ class Finder:
                 self.notes.append("D was left out: with a baseline and without R, images are taken to be rectified")
             return _projections(*of, baseline), raw
         for _, q in self.found.get("Q", ()):
+            focal_px, cx_left, cy = q[2, 3], -q[0, 3], -q[1, 3]
             # Q's last row ends in -1 / Tx and (cx - cx') / Tx.
-            left, right = (
-                camera_matrix(q[2, 3], q[2, 3], cx, -q[1, 3]) for cx in (-q[0, 3], q[3, 3] / q[3, 2] - q[0, 3])
-            )
+            left, right = (camera_matrix(focal_px, focal_px, cx, cy) for cx in (cx_left, cx_left + q[3, 3] / q[3, 2]))
             return _projections(left, right, abs(1 / q[3, 2])), k
         return None, k
 
@@ -203,23 +204,17 @@ class Finder:
             words = " ".join(words_of(name))
             if isinstance(value, str) and re.search(r"\b(model|type|lens|distortion|projection)", words):
                 names.append(value)
-            if re.search(r"\b(fisheye|equidistant)\b", words):
-                is_true = (
-                    value.any() if isinstance(value, np.ndarray) else value.lower() not in {"", "false", "no", "off"}
-                )
-                names += ["fisheye"] * bool(is_true)
+            if re.search(r"\b(fisheye|equidistant)\b", words) and str(value).lower() not in _FALSE:
+                names.append("fisheye")
         return model_of(names)
 
-    def _lenses(self, k: Pair, size: Size | None, fault: str | None) -> tuple[Pair, LensModel]:
+    def _lenses(self, k: Pair, size: Size | None, raw_size: Size | None) -> tuple[Pair, LensModel]:
         """Return the coefficients of both lenses and their model; raises FormatError where they cannot be used."""
         model, d = self._model(), self._eyes("D")
-        if fault is not None:
-            raise FormatError(fault)
-        if d is None and (
-            named := [each for each in self.entries if each.has(COEFFICIENT_WORDS) and each.value.size > 1]
-        ):
-            counts = ", ".join(f"{each.value.size} in {'.'.join(each.name)}" for each in named[:2])
-            raise FormatError(f"expected 4, 5, 8, 12 or 14 coefficients of both lenses, got {counts}")
+        if size is not None and raw_size not in {None, size}:
+            raise FormatError(f"expected raw images of {size}, as rectified ones, got {raw_size}")
+        if d is None and any(each.has(COEFFICIENT_WORDS) and each.value.size > 1 for each in self.entries):
+            raise FormatError("expected 4, 5, 8, 12 or 14 coefficients of both lenses")
         if d is None:
             self.notes.append("no coefficients of lenses were found: the cameras are taken for pinholes")
             d = np.zeros(0), np.zeros(0)
@@ -232,24 +227,19 @@ class Finder:
         model = model or "radial-tangential"
         return (checked_coefficients(d[0], model, k[0]), checked_coefficients(d[1], model, k[1])), model
 
-    def _size(self, k: Pair | None, p: Pair | None) -> tuple[Size | None, str | None]:
-        """Return the size of the images, and why the raw images cannot be used if they have another size."""
-        sizes: dict[bool, list[Size]] = {True: [], False: []}
+    def _sizes(self, k: Pair | None, p: Pair | None) -> tuple[Size | None, Size | None]:
+        """Return the size of the images, and of the raw images; None for an unknown size."""
+        sizes: dict[bool, dict[Size, None]] = {True: {}, False: {}}
         for entry in self.found.get("size", ()):
             width, height = entry.value.tolist()
             if not all(0 <= side <= _LARGEST_SIDE_PX and side == int(side) for side in (width, height)):
                 raise FormatError(f"expected a width and height of whole pixels, got {width:g} x {height:g}")
-            size = upright(Size(int(width), int(height)), [*(k or ()), *(p or ())])
-            if width and height and size not in sizes[entry.has("rect")]:  # 0 x 0 is OpenCV's unknown size
-                sizes[entry.has("rect")].append(size)
-        rectified, raw = sizes[True], sizes[False]
-        fault = None
-        if p is not None and rectified and raw and rectified[0] != raw[0]:
-            fault = f"expected raw images of {rectified[0]}, as rectified ones, got {raw[0]}"
-        known = (raw or rectified) if p is None else (rectified or raw)
+            if width and height:  # 0 x 0 is OpenCV's unknown size
+                sizes[entry.has("rect")][upright(Size(int(width), int(height)), [*(k or ()), *(p or ())])] = None
+        known = [*(sizes[p is not None] or sizes[p is None])]
         if len(known) > 1:
             raise FormatError(f"has images of {known[0]} and of {known[1]}: expected one size of both cameras")
-        return (known[0] if known else None), fault
+        return next(iter(known), None), next(iter(sizes[False]), None)
 
 
 def _unlikeliness(found: tuple[Entry, str, Array]) -> tuple[bool, bool, int]:

@@ -646,7 +646,7 @@ SAME_POSES["value0"]["T_imu_cam"] = SAME_POSES["value0"]["T_imu_cam"][:1] * 2
         (KITTI.replace("2.199936e+00", "2.2e+01"), "not rectified"),
         (KITTI.replace("S_rect_03: 1.242", "S_rect_03: 1.250"), "one size of both cameras"),
         (message("2") + message("1"), "swap"),
-        (kalibr(coefficients=(D1, D2[:3])), "3 in cam1.distortion_coeffs"),
+        (kalibr(coefficients=(D1, D2[:3])), "coefficients of both lenses"),
         (RAW | {"K2": K2 + np.eye(3, k=1), "imageSize": SIZE}, "a skew of 1"),
         (basalt("ds"), "its lens is ds"),
         (kalibr() | {"camera_model": "omni"}, "its lens is omni"),
