@@ -23,7 +23,6 @@ from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.config import Range, load_config
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation
-from semisynth_gl.judge.place import read_map
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sources import prepare_sources
 from semisynth_gl.seeds.splits import Split
@@ -71,12 +70,10 @@ def test_grey_photographs_make_grey_cameras(tmp_path, channels):
     assert parse_config(made.text) == made.config
 
 
-@pytest.mark.parametrize(
-    ("disparities", "outdoors"), [((30, 40), False), ((1, 4), True), ((18, 62), True), ((1, 2), False)]
-)
-def test_far_pixels_make_a_scene_an_outdoor_one(disparities, outdoors):
-    rig = plain_rig(1000, 0.4, 640, 480)  # 20 m is 20 px
-    assert is_outdoors(rig, measured_range(Histogram.from_counts(disparities, [1.0]))) == outdoors
+def test_far_pixels_make_a_scene_an_outdoor_one():
+    for ends, outdoors in {(30, 40): False, (1, 4): True, (18, 62): True, (1, 2): False}.items():
+        found = measured_range(Histogram.from_counts(ends, [1.0]))
+        assert is_outdoors(plain_rig(1000, 0.4, 640, 480), found) == outdoors, ends  # 20 m is 20 px
 
 
 def test_every_kind_of_scene_has_recipes_that_a_config_takes():
@@ -136,8 +133,7 @@ def test_a_table_top_becomes_a_dataset_that_verifies(tmp_path, program):
     # Two surfaces and one jump a row are next to nothing floating.
     shares = {recipe.name: recipe.share for recipe in config.recipes()}
     assert shares["clutter"] == pytest.approx(0.05)
-    assert f"recipes          {', '.join(f'{share:.0%} {name}' for name, share in shares.items())}" in out
-    assert f"blurred by {config.imperfections.blur_px.low:g} px" in out
+    assert f"{shares['clutter']:.0%} clutter" in out
     assert program("generate", "--config", "table.yaml", "--out", "table", "--pairs", 5)[0] == 0
     assert program("verify", "table", "--oracle")[0] == 0
 
@@ -175,7 +171,7 @@ def test_whatever_files_are_called_the_yaml_is_read_back(tmp_path_factory, name)
     assert config.textures.images == (str(photograph),)
 
 
-def test_a_real_pair_becomes_a_config_that_renders(program, tmp_path, monkeypatch):
+def test_a_real_pair_becomes_a_config(program, tmp_path, monkeypatch):
     left, _, disparity = stereo_motorcycle()
     (tmp_path / "photos").mkdir()
     Image.fromarray(left).save(tmp_path / "photos/im0.png")
@@ -194,24 +190,11 @@ def test_a_real_pair_becomes_a_config_that_renders(program, tmp_path, monkeypatc
     assert (camera.width_px, camera.height_px, camera.focal_px) == (741, 500, Range(994.978, 994.978))
     assert camera.doffs_px.low == pytest.approx(31.086)
     assert config.textures.images == (str(tmp_path / "photos"),)
-    assert (config.background.cuboid, config.background.plane) == (1, 0)
     target = config.disparity.target
     truth = PixelCount(target.first_px + np.arange(len(target.shares) + 1) * target.bin_px)
     truth.add(disparity)
     np.testing.assert_allclose(truth.histogram.shares, target.shares, atol=2e-3)
     assert config.disparity.min_px == pytest.approx(np.quantile(disparity[np.isfinite(disparity)], 0.001), abs=0.15)
-
-    from semisynth_gl.pairs.pipeline import render_pair
-
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here: the config was not rendered")
-    # Without its recipes: rooms take long to begin with, and trial pairs are of all recipes.
-    small = load_config(tmp_path / "my rig.yaml", {"models.variants": 1, "models.complex": 0.0, "scenes": []})
-    frame = render_pair(small, index=0, seed=0)
-    seen = frame.left.disparity[np.isfinite(frame.left.disparity)]
-    assert frame.left.image.shape == (500, 741, 3)
-    assert seen.max() <= config.disparity.max_px
-    assert abs(np.median(seen) - np.nanmedian(read_map(tmp_path / "disp0.pfm"))) < 20
 
     code, _, err = program(*given)
     assert code == 2
