@@ -113,7 +113,9 @@ class Finder:
                 raise FormatError(f"has {len(numbered)} cameras ({labels}): choose two, --pair LEFT,RIGHT or cameras")
             left, right = numbered[:2]
         if key in "KD" and found.keys() == {""}:
-            left = right = ""
+            others = (each.value for each in self.found[key] if not each.has(_DERIVED))
+            if all(np.array_equal(each, found[""].value) for each in others):
+                left = right = ""
         return (found[left].value, found[right].value) if {left, right} <= found.keys() else None
 
     # --- how the cameras stand ---
@@ -147,11 +149,13 @@ class Finder:
         length = shift if shift > _NO_SHIFT_M else baseline
         unit = self.unit or ("m" if length <= _LARGEST_M else "cm" if length <= _BETWEEN_CM_AND_MM else "mm")
         length_m = length * UNITS[unit]
-        if length and baseline and min(abs(baseline * each / length_m - 1) for each in UNITS.values()) > _SAME_BASELINE:
+        unit_of_p = min(UNITS.values(), key=lambda each: abs(baseline * each - length_m))
+        if length and baseline and abs(baseline * unit_of_p / length_m - 1) > _SAME_BASELINE:
             self.notes.append(f"the cameras are {baseline:.6g} apart by P, and {length:.6g} by T, which was taken")
+            unit_of_p = length_m / baseline
         if self.unit is None and unit != "m":
             self.notes.append(f"the cameras are {length:g} apart, taken for {unit}: if that is wrong, give --unit")
-        scale = (1, 1, 1, length_m / (baseline or 1))
+        scale = (1, 1, 1, unit_of_p)
         pose_m = None if pose is None else pose_of(pose[:3, :3], pose[:3, 3] * UNITS[unit])
         return pose_m, p and (p[0] * scale, p[1] * scale)
 

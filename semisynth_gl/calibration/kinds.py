@@ -18,7 +18,6 @@ _LARGEST = 1e9
 # Beginnings of words in names, and names of sizes in letters only.
 COEFFICIENT_WORDS = "d$|dist|coef|kc|radtan|equidistant"
 """Beginnings of words in names of a lens's coefficients, as a regular expression."""
-_TRANSLATION = "t$|tr$|trans|trns|tvec|shift|position"
 _SIZE = r"(image|img|im|imager|frame)?size|(image)?resolution|srect|s|wh|dimensions|((image|img)?shape|hw)"
 _OTHER_SIZES = "board|pattern|chess|checker|grid|tag|marker|roi|crop"
 _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")
@@ -31,13 +30,15 @@ _ALIASES: dict[tuple[str, ...], str] = {
     **{(name,): name for name in _COEFFICIENTS},
     ("width",): "width imagewidth imgwidth imagew w cols resx",
     ("height",): "height imageheight imgheight imageh h rows resy",
-    ("fx", "fy", "cx", "cy"): "intrinsics intrinsic intrinsicsvector projectionparameters cameramatrix k",
+    ("fx", "fy", "cx", "cy"): "intrinsics intrinsic intrinsicsvector projectionparameters cameramatrix matrix k",
     ("fx", "fy"): "fc focallength focal focallengths",
     ("cx", "cy"): "cc principalpoint opticalcenter",
     ("k1", "k2"): "radialdistortion",
     ("k1", "k2", "k3"): "radialdistortion",
     ("p1", "p2"): "tangentialdistortion",
 }
+# Words beside an eye in names, as in fx_cam_left.
+_CAMERAS = {"cam", "camera", "c", "sensor", "stereo", "eye"}
 _PARTS = {(alias, len(parts)): parts for parts, aliases in _ALIASES.items() for alias in aliases.split()}
 
 
@@ -69,11 +70,13 @@ def _kind_of_matrix(value: Array) -> tuple[str, Array] | None:
 
 def _kind_by_name(entry: Entry, value: Array) -> tuple[str, Array] | None:
     count = value.size
+    if count == 3 and entry.is_translation:
+        return "T", value
     if entry.is_rotation and (rotation := _rotation(value)) is not None:
         return "R", rotation
     if max(entry.value.shape, default=0) == count and count in (0, *range(4, 33)) and entry.has(COEFFICIENT_WORDS):
         return "D", value
-    if count == 3 and entry.has(_TRANSLATION) and not entry.is_rotation:
+    if count == 3 and entry.has("t$"):
         return "T", value
     if count in (2, 3, 4) and not entry.has(_OTHER_SIZES) and (named := re.fullmatch(_SIZE, entry.key)):
         return "size", value[:2][:: -1 if named[4] else 1]  # shapes are of height and width
@@ -117,17 +120,29 @@ def with_parts(entries: Sequence[Entry]) -> Iterator[Entry]:
     groups: dict[tuple[Name, str], dict[str, float]] = {}
     for entry in entries:
         yield entry
-        words, value = words_of(entry.name[-1:]), entry.value.ravel()
-        eye = next((word for word in words if word in LEFT | RIGHT), "")
-        key = "".join(word for word in words if word not in LEFT | RIGHT)
-        if value.size == 1 and (key, 1) not in _PARTS and (numbered := re.fullmatch(r"([a-z]+)(\d)", key)):
-            key, eye = numbered[1], numbered[2]
-        for part, number in zip(_PARTS.get((key, value.size), ()), value.tolist(), strict=False):
-            groups.setdefault((entry.name[:-1], eye), {}).setdefault(part, number)
+        # Parts of the name at its end may tell only the camera, as in fx.left.
+        keys = [_part_key(part, entry.value.size) for part in entry.name]
+        index = max((index for index, (key, _) in enumerate(keys) if key), default=0)
+        key, eye = keys[index]
+        for part, number in zip(_PARTS.get((key, entry.value.size), ()), entry.value.ravel().tolist(), strict=False):
+            group = entry.name[:index] + entry.name[index + 1 :], eye
+            groups.setdefault(group, {}).setdefault(part, number)
     both = {name for name, eye in groups if eye}  # where numbers without an eye are of both
     for (name, eye), own in groups.items():
         if eye or name not in both:
             yield from _made((*name, eye) if eye else name, groups.get((name, ""), {}) | own)
+
+
+def _part_key(part: str, count: int) -> tuple[str, str]:
+    """Return the key of a part of a name in `_PARTS`, and the eye's word or number in it; both may be empty."""
+    words = [word for word in words_of((part,)) if word not in LEFT | RIGHT]
+    eye = next((word for word in words_of((part,)) if word in LEFT | RIGHT), "")
+    short = "".join(word for word in words if word not in _CAMERAS)
+    for each in ("".join(words), short):
+        for form in (r"(\d*)([a-z]+)(\d*)", r"(\d*)([a-z]+\d)(\d*)"):
+            if (found := re.fullmatch(form, each)) and (found[2], count) in _PARTS:
+                return found[2], eye or found[1] or found[3]
+    return re.sub(r"\d", "", short), eye
 
 
 def _made(name: Name, parts: Mapping[str, float]) -> Iterator[Entry]:

@@ -8,7 +8,10 @@ from semisynth_gl.calibration.tree import Array, Name
 LEFT, RIGHT = {"left", "l", "first"}, {"right", "r", "second"}
 _ROTATIONS = r"rot|rvec|om\b|rodrigues|rmat|quat|orientation"
 # Words that an eye's letter may end, as in mtxL and KR.
-_BEFORE_A_LETTER = {"k", "d", "m", "p", "r", "mtx", "dist", "cam", "matrix", "coeffs", "kc", "rot", "rect", "cm"}
+_BEFORE_A_LETTER = {
+    *("k", "d", "m", "p", "r", "mtx", "dist", "cam", "mat", "matrix", "kc", "rot", "rect", "cm"),
+    *("coeffs", "coefficients", "distortion", "intrinsic", "intrinsics"),
+}
 
 
 class Entry(NamedTuple):
@@ -31,6 +34,12 @@ class Entry(NamedTuple):
         """Whether the name is one of a rotation, and of no angles."""
         return self.has(rf"r$|q$|qvec|{_ROTATIONS}") and not self.has("angle|euler|rpy|roll|deg")
 
+    @property
+    def is_translation(self) -> bool:
+        """Whether the name is one of a translation, and of no rotation but for a letter r, which may mean right."""
+        is_named = self.has("tr$|trans(?!form)|trns|tvec|shift|position") or "t" in words_of((last_part(self.name),))
+        return is_named and not self.has(_ROTATIONS)
+
 
 def last_part(name: Name) -> str:
     """Return the last part of a name that is no number; empty for none."""
@@ -41,7 +50,7 @@ def words_of(name: Name) -> list[str]:
     """Return a name's words in lower case: ``("cameraMatrixL", "1")`` gives camera, matrix, l, 1."""
     words: list[str] = []
     for part in name:
-        for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", part):
+        for word in re.findall(r"LEFT|RIGHT|[A-Z]+?(?=LEFT|RIGHT)|[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", part):
             lower = word.lower()
             words += [lower[:-1], lower[-1]] if lower[-1] in "lr" and lower[:-1] in _BEFORE_A_LETTER else [lower]
     return words

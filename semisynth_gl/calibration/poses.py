@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semisynth_gl.calibration.names import label_of, last_part, words_of
+from semisynth_gl.calibration.names import LEFT, RIGHT, label_of, last_part, words_of
 from semisynth_gl.calibration.tree import Array, Name
 
 # What stands for a camera in the name of a pose; anything else is a body, an IMU or the world.
@@ -16,7 +16,7 @@ _FRAME = r"([A-Za-z]+\d*)"
 _FORMS = (
     rf"{_FRAME}_T_{_FRAME}|(.+)_from_(.+)",
     rf"[A-Za-z]*?_?T_?{_FRAME}_{_FRAME}|T_?([A-Z])([A-Z]\d?)|T_?([a-z]\d?)([a-z]\d?)|T_?(\d)_?(\d)",
-    r"(?P<start>.+?)(?:_to_|To|2)(?P<to>.+)",
+    r"(?P<start>.+?)(?:_to_|To|2(?=[A-Za-z]))(?P<to>.+)",
 )
 
 
@@ -41,7 +41,7 @@ def link_of(name: Name, pose: Array, cameras: tuple[str, str] | None) -> Link:
     if frames := frames_of(name, cameras):
         return Link(*frames, pose)
     # All poses of one name are against the same thing.
-    stem = re.sub(r"\d+|left|right", "", last_part(name).lower())
+    stem = " ".join(word for word in words_of((last_part(name),)) if not (word.isdigit() or word in LEFT | RIGHT))
     return Link(label_of(name, cameras), f"against {stem}", pose, sure=False)
 
 
@@ -82,7 +82,9 @@ def frames_of(name: Name, cameras: tuple[str, str] | None = None) -> tuple[str, 
         return None
     frames = [found["to"], found["start"]] if "to" in found.groupdict() else [each for each in found.groups() if each]
     eyes = [frame for frame in frames if frame.isdigit() or _EYES & {*words_of((frame,))}]
-    to, start = (
-        (label_of((frame,), cameras) or label_of(name, cameras)) if frame in eyes else frame.lower() for frame in frames
-    )
+    labels = {frame: label_of((frame,), cameras) for frame in eyes}
+    if not all(labels.values()):  # the number in T_cam_imu0 is the camera's
+        labels = {frame: label_of(name, cameras) for frame in eyes}
+        frames = [frame if frame in eyes else frame.rstrip("0123456789") for frame in frames]
+    to, start = (labels.get(frame, frame.lower()) for frame in frames)
     return None if to == start or not eyes else (to, start)

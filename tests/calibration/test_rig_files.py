@@ -282,15 +282,9 @@ KB = [
 ]
 PLAIN = {f"{eye}.yml": Storage({"K": k, "D": d} | IMAGE) for eye, k, d, _ in EYES}
 APART = {"K_left": K1, "D_left": D1, "K_right": K2, "D_right": D2, "size": SIZE}
-NAMES = {
-    "samples.yml": "M1 D1 M2 D2 R T",
-    "python.xml": "cameraMatrix1 distCoeffs1 cameraMatrix2 distCoeffs2 R T",
-    "tutorial.json": "mtxL distL mtxR distR Rot Trns",
-    "snake.yml": "camera_matrix_left dist_coeffs_left camera_matrix_right dist_coeffs_right R T",
-    "letters.json": "Kl Dl Kr Dr R t",
-}
 WITH_FIVE = {
-    **{name: {name: Storage(named(names) | IMAGE)} for name, names in NAMES.items()},
+    "storage.yml": {"storage.yml": Storage(RAW | IMAGE)},
+    "storage.xml": {"storage.xml": Storage(RAW | IMAGE)},
     "npz in mm": {"rig.npz": {"newMtxL": K1 * [[2], [2], [1]], "newMtxR": K2 * [[2], [2], [1]]}
                   | named("mtxL distL mtxR distR R T") | {
         "T": T[:, None] * 1000, "objpoints": np.array([{}], dtype=object), "F": R * 7, "imageSize": SIZE,
@@ -298,7 +292,6 @@ WITH_FIVE = {
     "npy for each": {
         "K_left.npy": K1, "K_right.npy": K2, "dist_left.npy": D1, "dist_right.npy": D2, "R.npy": R, "T.npy": T,
         "size.json": {"image_size": SIZE}},
-    "lists": {"K": [K1, K2], "dist": [D1, D2], "R": R, "T": T, "imageSize": SIZE},
     "intrinsics and extrinsics": {
         "intrinsics.yml": Storage({"M1": K1, "D1": D1, "M2": K2, "D2": D2} | IMAGE),
         "extrinsics.yml": Storage({"R": R, "T": T} | projections())},
@@ -306,19 +299,12 @@ WITH_FIVE = {
     "a rig beside single cameras": (
         {name: Storage(values | {"K": values["K"] * [[2], [2], [1]]}) for name, values in PLAIN.items()}
         | {"stereo.yml": Storage(RAW | IMAGE)}),
-    "nested": {
-        "left": {"K": K1, "D": D1}, "right": {"K": K2, "D": D2}, "stereo": {"R": R, "T": T},
-        "resolution": {"width": SIZE[0], "height": SIZE[1]}},
     "listed cameras": {"cameras": [
         {"name": "a", "K": K1, "dist": D1, "R": np.eye(3), "t": [0] * 3, "imageSize": SIZE},
         {"name": "b", "K": K2, "dist": D2, "R": R, "t": T, "imageSize": SIZE}]},
     "single numbers and a rotation vector": {
         "intrinsics": {"left": scalars(K1, D1), "right": scalars(K2, D2)}, "image_shape": [SIZE[1], SIZE[0], 3],
         "extrinsics": {"rotation": vector_of(R.tolist()), "translation": T}},
-    "numbers with the eye in their names": {"rig.txt": lines(
-        {"width": SIZE[0], "height": SIZE[1]}
-        | eyes(lambda eye, k, d: {f"{name}_{eye}": value for name, value in scalars(k, d).items()})
-    ) + f"R: {' '.join(map(repr, R.ravel().tolist()))}\nT = {T.tolist()}"},
     "matlab": {
         **{f"CameraParameters{n}": {
             "IntrinsicMatrix": k.T, "RadialDistortion": [d[0], d[1], d[4]], "TangentialDistortion": d[2:4]}
@@ -326,8 +312,6 @@ WITH_FIVE = {
         "ImageSize": [*SIZE], "RotationOfCamera2": R.T, "TranslationOfCamera2": T * 1000},
     "bouguet": eyes(lambda eye, k, d: {f"fc_{eye}": [k[0, 0], k[1, 1]], f"cc_{eye}": k[:2, 2], f"kc_{eye}": d})
                 | {"om": vector_of(R.tolist()), "T": T * 1000, "imsize": SIZE},
-    "quaternion x y z w": APART | {"rotation": quaternion(R), "translation": T},
-    "quaternion w x y z": APART | {"q": np.roll(quaternion(R), 1), "t": T},
     "pose of no name": APART | {"extrinsics": BACK},
     "from right to left": APART | {"R_right_to_left": BACK[:3, :3], "T_right_to_left": BACK[:3, 3]},
     "orb slam": {"EuRoC.yaml": orb_slam()},
@@ -382,6 +366,50 @@ SHAPES = [
 @pytest.mark.parametrize(("files", "lens"), SHAPES)
 def test_every_shape_gives_the_rig(tmp_path, files, lens):
     check(read(tmp_path, files), lens=lens)
+
+
+LABELS = "left right|L R|l r|1 2|0 1|cam0 cam1|cam_1 cam_2|LEFT RIGHT|left_camera right_camera|stereo_left stereo_right"
+NAMES = {
+    "K": "K|cameraMatrix|camera_matrix|mtx|M|intrinsic_matrix|camera_mat|INTRINSICS",
+    "D": "D|dist|distCoeffs|distortion_coefficients|kc|lens_distortion|coeffs",
+    "R": "R|rotation|rot_mat|R_stereo|RotationMatrix|om|q",
+    "T": "T|translation|Trns|tvec|t|stereo_T|TranslationVector",
+    "size": "imageSize|image_size|size|resolution|img_shape",
+}
+JOINS = {
+    "eye first": lambda eye, name, value: {f"{eye}_{name}": value},
+    "eye last": lambda eye, name, value: {f"{name}_{eye}": value},
+    "camel": lambda eye, name, value: {f"{name}{eye[0].upper()}{eye[1:]}": value},
+    "by eye": lambda eye, name, value: {eye: {name: value}},
+    "by name": lambda eye, name, value: {name: {eye: value}},
+}
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    labels=st.sampled_from(LABELS.split("|")).map(str.split),
+    names=st.fixed_dictionaries({key: st.sampled_from(names.split("|")) for key, names in NAMES.items()}),
+    join=st.sampled_from([*JOINS]),
+    form=st.sampled_from(["matrices", "vectors", "numbers"]),
+    beside_the_right=st.booleans(),
+)
+def test_eyes_and_arrays_are_told_by_any_of_their_names(tmp_path_factory, labels, names, join, form, beside_the_right):
+    assume(not (beside_the_right and join == "by name" and labels[1] in "Rr"))  # T.R may be a rotation's
+    rig = {}
+
+    def add(eye, name, value):
+        for key, own in (JOINS[join](eye, name, value) if eye else {name: value}).items():
+            rig[key] = rig[key] | own if isinstance(own, dict) and key in rig else own
+
+    for label, (_, k, d, _) in zip(labels, EYES, strict=True):
+        matrices, vectors = {names["K"]: k, names["D"]: d}, {"intrinsics": vector(k), names["D"]: d}
+        for name, value in {"matrices": matrices, "vectors": vectors, "numbers": scalars(k, d)}[form].items():
+            add(label, name, value)
+    turns = {"om": vector_of(R.tolist()), "q": quaternion(R)}
+    for key, value in (("R", turns.get(names["R"], R)), ("T", T)):
+        add(labels[1] * beside_the_right, names[key], value)
+    rig[names["size"]] = SIZE[::-1] if "shape" in names["size"] else SIZE
+    check(read(tmp_path_factory.mktemp("names"), {"rig.json": rig}))
 
 
 @needs_shared
