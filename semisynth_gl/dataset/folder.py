@@ -95,11 +95,6 @@ def check_links(root: UPath, plan: Plan) -> None:
             )
 
 
-def is_finished(root: UPath, plan: Plan) -> bool:
-    """Return whether a dataset has its index, and lacks no shard."""
-    return (root / INDEX).exists() and not missing(root, plan)
-
-
 def replaces(root: UPath, there: Plan | None, plan: Plan) -> bool:
     """Return whether `begin` with ``overwrite`` removes what is there: another dataset, or one with an index."""
     return there is not None and (there != plan or (root / INDEX).exists())

@@ -8,19 +8,9 @@ from pathlib import Path
 from upath import UPath
 
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.documents import Plan, Shard
+from semisynth_gl.dataset.documents import INDEX, Plan, Shard
 from semisynth_gl.dataset.engines import Engine, LocalEngine, SerialEngine
-from semisynth_gl.dataset.folder import (
-    begin,
-    check_links,
-    check_same,
-    finish,
-    is_finished,
-    locked,
-    missing,
-    read_plan,
-    replaces,
-)
+from semisynth_gl.dataset.folder import begin, check_links, check_same, finish, locked, missing, read_plan, replaces
 from semisynth_gl.dataset.make import Job, open_renderer
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.root import is_local, open_root
@@ -111,7 +101,7 @@ def generate(
     check_apart(root, plan.config)
     if there is not None and not overwrite:
         check_same(root, there, plan)
-        if there.pairs == plan.pairs and is_finished(root, there):
+        if there.pairs == plan.pairs and (root / INDEX).exists() and not missing(root, there):
             return GenerationResult(root, there, 0)
     check_links(root, plan)
     if isinstance(engine, SerialEngine | LocalEngine):
