@@ -29,6 +29,14 @@ def complaint(folder: Path, text: str, overrides=()) -> str:
     return str(caught.value)
 
 
+@pytest.mark.parametrize(("ablation", "factor"), [("geometry", "models"), ("textures", "textures")])
+def test_configs_of_an_ablation_differ_only_in_their_factor(ablation, factor):
+    first, *others = (load_config(name).model_dump() for name in packaged_configs() if f"ablation-{ablation}" in name)
+    assert others
+    for other in others:
+        assert {key for key in other if first[key] != other[key]} == {"name", factor}
+
+
 def test_extends_merges_sections_and_finds_files_beside(tmp_path):
     written(tmp_path, "name: base\n" + CAMERA + DISPARITY + "textures: {patch_px: 64}\n", "base.yaml")
     child = written(tmp_path, "extends: base.yaml\nname: child\ncamera: {width_px: 65}\ntextures: {scales: [1]}\n")
