@@ -106,7 +106,7 @@ class DepthLayers:
         # its age: this is t - 1/2.
         path, age = speed * path_px(camera, radius), where[:, 5] - 0.5
         # Depths are in units of Z from here on. A drift in depth is cut so that the model, which reaches relief / f
-        # before its centre, stays beyond the near plane; `particles_at` cuts it likewise.
+        # before its centre, stays beyond the near plane; `particle_poses` cuts it likewise.
         room = 1 - relief / camera.focal_px - near_m / camera.depth_m(disparity)
         nearest = 2 * np.clip(room, 0.0, relief_px / camera.focal_px)
         depth = 1 + age * np.clip(path * np.cos(np.pi * where[:, 4]) / camera.focal_px, -nearest, nearest)
