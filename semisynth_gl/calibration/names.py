@@ -50,7 +50,8 @@ def words_of(name: Name) -> list[str]:
     """Return a name's words in lower case: ``("cameraMatrixL", "1")`` gives camera, matrix, l, 1."""
     words: list[str] = []
     for part in name:
-        for word in re.findall(r"LEFT|RIGHT|[A-Z]+?(?=LEFT|RIGHT)|[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", part):
+        spaced = re.sub("LEFT|RIGHT", r" \g<0> ", part)  # as in KLEFT
+        for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", spaced):
             lower = word.lower()
             words += [lower[:-1], lower[-1]] if lower[-1] in "lr" and lower[:-1] in _BEFORE_A_LETTER else [lower]
     return words
