@@ -47,7 +47,7 @@ def test_scaling_keeps_rays():
     camera = StereoCamera(2964, 2000, 3979.911, 0.193001, 1244.772, 1369.115, 1019.507, fy_over_fx=1.01)
     rig = Rig(camera, "x").scaled(0.25)
     assert rig.size == (741, 500)
-    assert rig.camera.doffs_px == pytest.approx(124.343 / 4)
+    assert (rig.camera.doffs_px, rig.camera.fy_over_fx) == pytest.approx((124.343 / 4, 1.01))
     # The corner of the image stays where it was.
     np.testing.assert_allclose(camera.rays("left", -0.5, -0.5), rig.camera.rays("left", -0.5, -0.5), rtol=1e-12)
 

@@ -674,6 +674,7 @@ SAME_POSES["value0"]["T_imu_cam"] = SAME_POSES["value0"]["T_imu_cam"][:1] * 2
         (message("2") + message("1"), "swap"),
         (kalibr(coefficients=(D1, D2[:3])), "coefficients of both lenses"),
         (RAW | {"K2": K2 + np.eye(3, k=1), "imageSize": SIZE}, "a skew of 1"),
+        ({"front_K": K1, "rear_K": K2, "R": R, "T": T} | IMAGE, "describes no pair"),
         (basalt("ds"), "its lens is ds"),
         (kalibr() | {"camera_model": "omni"}, "its lens is omni"),
         (SAME_POSES, "cameras apart"),
