@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from semisynth_gl.frame.camera import EYES, Eye
-from semisynth_gl.frame.channels import CHANNELS, FUTURE_OUTPUTS, PAST_OUTPUTS
+from semisynth_gl.frame.channels import View
 from semisynth_gl.render.correspondence import CorrespondencePass
 from semisynth_gl.render.flow import FlowPass, place_moved
 from semisynth_gl.render.instance_transforms import TransformComposer
@@ -40,31 +40,31 @@ class ReadbackPass:
         if self._correspondence is not None:
             self._read_correspondence(self._correspondence, pair)
         for name, motion in motions.items():
-            if self._flow is not None and motion is not None and self._options.needing(name):
-                self._read_flow(self._flow, pair, motion, FUTURE_OUTPUTS if name == "future" else PAST_OUTPUTS)
+            outputs = self._options.needing(name)
+            if self._flow is not None and motion is not None and outputs:
+                self._read_flow(self._flow, pair, motion, outputs)
 
     def _read_drawn(self, pair: DrawnPair, eye: Eye) -> None:
         """Read one eye's channels of the drawing pass and the visibility pass."""
         targets, view = pair.eyes[eye], pair.views[eye]
-        image, rectified = CHANNELS["image"], pair.transforms.scene.camera.rectified
+        rectified = pair.transforms.scene.camera.rectified
         for channel in self._options.drawn_by("drawing"):
             drawn = eye in self._options.truth_eyes and (rectified or channel.name not in CORRESPONDENCE)
-            if channel.name not in view and (channel is image or drawn):
+            if channel.name not in view and (channel is View.image or drawn):
                 view[channel.name] = targets.read(attachment_of(channel), pair.crop)
         if self._visibility is not None and rectified and eye in self._options.truth_eyes:
             view["visibility"] = pair.sized.visibility[eye].read("visibility", pair.crop)
 
     def _read_correspondence(self, correspondence: CorrespondencePass, pair: DrawnPair) -> None:
         """Find and read the correspondences and, for a pair that deviates, disparities and masks."""
-        found = [channel for channel in self._options.channels if attachment_of(channel) in CORRESPONDENCE]
-        if pair.transforms.scene.camera.rectified:
-            found = self._options.drawn_by("correspondence")
+        names = ("correspondence",) if pair.transforms.scene.camera.rectified else CORRESPONDENCE
+        found = [channel for channel in self._options.channels if attachment_of(channel) in names]
         for eye in self._options.truth_eyes:
             compared = correspondence.draw(pair, eye)
             for channel in found:
                 pair.views[eye][channel.name] = compared.read(attachment_of(channel), pair.crop)
 
-    def _read_flow(self, flow_pass: FlowPass, pair: DrawnPair, motion: Motion, outputs: frozenset[str]) -> None:
+    def _read_flow(self, flow_pass: FlowPass, pair: DrawnPair, motion: Motion, outputs: list[str]) -> None:
         """Find the flow to another moment, and read its channels."""
         moved = place_moved(pair.transforms, motion, self._composer)
         of_moment = [row for row in self._options.drawn_by("flow") if row.output in outputs]
