@@ -1,7 +1,7 @@
 """Making a config for `generate` from a rig's calibration and photographs."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from semisynth_gl.calibration.disparity_range import disparity_range
@@ -51,6 +51,7 @@ def calibrate(
     size: tuple[int, int] | None = None,
     scale: float | None = None,
     unit: str | None = None,
+    calib_keys: Mapping[str, str] | None = None,
     cameras: tuple[str, str] | None = None,
     alpha: float | None = None,
     disparity: Files = (),
@@ -74,6 +75,8 @@ def calibrate(
         size: width and height of the images, px; by default what the calibration states, else the photographs' size.
         scale: size of the images relative to the calibrated size, such as 0.5 for half the width.
         unit: unit of the translation, ``"mm"``, ``"cm"`` or ``"m"``; by default the likeliest.
+        calib_keys: names of values in the files by K1, D1, R1, P1, K2, D2, R2, P2, R, T, Q and size, where their names
+            do not tell; other values are not used then.
         cameras: names or numbers of the left and the right camera, of a calibration with more than two.
         alpha: how to rectify a calibration that does not say it, as OpenCV's stereoRectify takes it: from 0, for images
             without borders, to 1, for as much of the raw images as they can show; by default OpenCV's default, with a
@@ -115,7 +118,15 @@ def calibrate(
             raise InputError(text, argument="baseline_m" if focal_px is None else "focal_px")
         usual = most_common_size(of_rig)
         photographed = usual and usual.scaled(1 / scale)
-        rig = read_rig(files, size=wanted, photographed=photographed, unit=unit, alpha=alpha, cameras=cameras)
+        rig = read_rig(
+            files,
+            size=wanted,
+            photographed=photographed,
+            unit=unit,
+            alpha=alpha,
+            cameras=cameras,
+            keys=calib_keys,
+        )
     elif focal_px is not None and baseline_m is not None and wanted is not None:
         camera = StereoCamera.centred(*wanted, focal_px, baseline_m)
         rig = Rig(camera, "the focal length, baseline and size given")

@@ -1,6 +1,6 @@
 """Calibration files to rigs: any file becomes a tree of names, an adapter or the names give the arrays."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,10 +8,17 @@ from semisynth_gl.calibration.adapters import ADAPTERS
 from semisynth_gl.calibration.finder import UNITS, Finder, Given
 from semisynth_gl.calibration.rig import Rig, StereoArrays, make_rig
 from semisynth_gl.calibration.sizes import Size
-from semisynth_gl.calibration.tree import EXTENSIONS, FormatError, Tree, joined, listing, read_tree
+from semisynth_gl.calibration.tree import EXTENSIONS, FormatError, Name, Tree, joined, listing, read_tree
+from semisynth_gl.frame.camera import EYES
 from semisynth_gl.inputs.arguments import check_one_of
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.textures.image_files import find_files
+
+KEYS: Mapping[str, Name] = {
+    **{f"{kind}{number}": (eye, kind) for number, eye in enumerate(EYES, 1) for kind in "KDRP"},
+    **{name: (name,) for name in ("R", "T", "Q", "size")},
+}
+"""The names that `read_rig` finds values by, for each key of ``keys``."""
 
 
 def read_rig(
@@ -22,6 +29,7 @@ def read_rig(
     unit: str | None = None,
     alpha: float | None = None,
     cameras: tuple[str, str] | None = None,
+    keys: Mapping[str, str] | None = None,
 ) -> Rig:
     """Read a rectified rig from the calibration files that the sources name.
 
@@ -40,6 +48,8 @@ def read_rig(
         check_one_of("unit", unit, UNITS)
     given = Given(cameras, unit, size or photographed)
     trees = [read_tree(path) for path in paths]
+    if keys:
+        return _rig(_joined(paths, trees, given, keys), size, photographed, alpha)
     rigs = [each for tree, path in zip(trees, paths, strict=True) if (each := _arrays(tree, str(path), given))]
     if len(rigs) < len(paths):
         rigs = [each for each in rigs if each.d and (each.pose_m is not None or each.rectification)]
@@ -68,22 +78,38 @@ def _arrays(tree: Tree, source: str, given: Given) -> StereoArrays | None:
     return arrays and replace(arrays, source=source)
 
 
-def _joined(paths: Sequence[Path], trees: Sequence[Tree], given: Given) -> StereoArrays:
+def _joined(
+    paths: Sequence[Path], trees: Sequence[Tree], given: Given, keys: Mapping[str, str] | None = None
+) -> StereoArrays:
     """Return what files say together; where no name tells the eyes, the left camera's file comes first."""
     source, names = " and ".join(map(str, paths)), [path.stem for path in paths]
     if len({*names}) < len(names):
         names = [f"{path.absolute().parent.name}.{path.stem}" for path in paths]
     numbers = [str(number) for number in range(1, len(paths) + 1)]
     wholes = [*trees] if len(paths) == 1 else [joined(trees, names), joined(trees, numbers)]
-    for whole in wholes:
+    for whole in [_chosen(wholes[0], keys)] if keys else wholes:
         if (arrays := _arrays(whole, source, given)) is not None:
             return arrays
     chosen = "" if given.cameras is None else f" {' and '.join(given.cameras)}"
     raise ReadError(
         Path(source),
         f"describes no pair of cameras{chosen}. Expected P of both, or K, D, R and T, or K and a baseline. It has "
-        f"{listing(wholes[0])}. Add the file that has the rest; or call the values K1, D1, K2, D2, R, T and image_size",
+        f"{listing(wholes[0])}. Add the file that has the rest; or say which value is which (--calib-keys), such as "
+        "K1=left.camera_matrix,D1=left.dist,K2=...,R=...,T=...",
     )
+
+
+def _chosen(tree: Tree, keys: Mapping[str, str]) -> Tree:
+    """Return the values that keys name, under names that tell what they are, and all texts."""
+    values = {".".join(name): value for name, value in tree.items()}
+    for key, name in keys.items():
+        if key not in KEYS:
+            raise InputError(f"{key}: expected one of {', '.join(KEYS)}", argument="calib_keys")
+        if name not in values:
+            raise InputError(f"{key}: no value {name}; there are {listing(tree)}", argument="calib_keys")
+    return {KEYS[key]: values[name] for key, name in keys.items()} | {
+        name: value for name, value in tree.items() if isinstance(value, str)
+    }
 
 
 def _rig(arrays: StereoArrays, size: Size | None, photographed: Size | None, alpha: float | None) -> Rig:

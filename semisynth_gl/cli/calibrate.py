@@ -38,6 +38,13 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
     return int(sides[1]), int(sides[2])
 
 
+def _calib_keys(_: click.Context, __: click.Parameter, text: str | None) -> dict[str, str]:
+    pairs = [part.partition("=") for part in (text or "").split(",") if part.strip()]
+    if not all(equals and name.strip() for _, equals, name in pairs):
+        raise InputError(f"--calib-keys {text}: expected names such as K1=left.K,K2=right.K")
+    return {key.strip(): name.strip() for key, _, name in pairs}
+
+
 @click.command(cls=Command)
 @images_option(required=True)
 @option(
@@ -46,6 +53,13 @@ def _size(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int,
     metavar="FILE_OR_GLOB",
     help="Calibration file of any tool: YAML, JSON, XML, .npz, .npy, .conf or text. May be repeated, for the files of "
     "both cameras.",
+)
+@option(
+    "--calib-keys",
+    callback=_calib_keys,
+    metavar="K1=NAME,...",
+    help="Which value in --calib is which, where the names there do not tell: K1=left.camera_matrix,D1=left.dist,... "
+    "for K1, D1, R1, P1, K2, D2, R2, P2, R, T, Q and size.",
 )
 @option(
     "--pair",

@@ -74,8 +74,7 @@ def write(folder, files):
 
 
 def read(folder, files, **options):
-    rig = read_rig(write(folder, files), **options)
-    return rig
+    return read_rig(write(folder, files), **options)
 
 
 def check(rig, alpha=None, lens=FIVE, k=(K1, K2), turn=R, shift=T, size=SIZE, fisheye=None):
@@ -635,6 +634,20 @@ def test_what_is_concluded_is_noted(tmp_path):
     rig = read(tmp_path, {"K": camera, "D": D1, "baseline": 0.2} | IMAGE)
     assert rig.notes[0].startswith("D was left out")
     assert (rig.camera.baseline_m, rig.raw) == (0.2, None)
+
+
+def test_names_that_tell_nothing_are_given(tmp_path):
+    names = dict(zip(RAW, ("alphay", "betay", "gammay", "deltay", "xy", "yy"), strict=True))
+    others = {"left_K": np.eye(3), "right_K": np.eye(3), "image_size": [7, 7]}
+    files = {"v": {name: RAW[key] for key, name in names.items()} | {"ours": [*SIZE]} | others}
+    with pytest.raises(ReadError, match=r"no pair.*v\.alphay \(3 x 3\), v\.betay \(5\).*--calib-keys.*K1=left"):
+        read(tmp_path, files)
+    keys = {key: f"v.{name}" for key, name in names.items()} | {"size": "v.ours"}
+    check(read(tmp_path, files, keys=keys))
+    with pytest.raises(InputError, match=r"K1: no value v\.omega; there are v\.alphay"):
+        read(tmp_path, files, keys=keys | {"K1": "v.omega"})
+    with pytest.raises(InputError, match="K9: expected one of K1, D1"):
+        read(tmp_path, files, keys={"K9": "v.alphay"})
 
 
 def test_files_of_whole_rigs_are_refused(tmp_path):
