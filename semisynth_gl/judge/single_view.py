@@ -9,6 +9,7 @@ from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import Eye
 from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, SKY, VISIBLE
 from semisynth_gl.judge.findings import Verdict
+from semisynth_gl.judge.lens import find_borders
 from semisynth_gl.layouts.roles import codec_name
 
 Where = NDArray[np.bool_]
@@ -191,9 +192,13 @@ def _check_change(frame: StoredFrame, eye: Eye, largest_px: float, verdict: Verd
     flows = np.isfinite(view.flow).all(axis=2)
     if not beyond["flow"]:
         verdict.add_pixels("disparity_change", name, "is finite without flow", known & ~flows)
-    if frame.border_disparity:
-        missing = np.isfinite(disparity) & flows & np.isposinf(change)
-        _check_lacking(frame, "disparity_change", name, missing, later, verdict)
+    missing = np.isfinite(disparity) & flows & np.isposinf(change)
+    if not frame.border_disparity:
+        lost, perhaps_lost = find_borders(frame, eye, "flow", view.flow, frame.encodings.flow.error_px)
+        hidden = "is finite though a border hides the point at a frame"
+        verdict.add_pixels("disparity_change", name, hidden, known & lost)
+        missing &= ~perhaps_lost
+    _check_lacking(frame, "disparity_change", name, missing, later, verdict)
 
 
 def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:

@@ -239,22 +239,38 @@ def test_a_scaled_config_has_the_scaled_lens(tmp_path):
     assert lens.left.distortion[0].low == -0.3
 
 
-def test_verify_finds_masks_that_ignore_the_lens(tmp_path):
+def test_verify_finds_masks_and_changes_that_ignore_the_lens(tmp_path):
     generate(without_borders(outputs=FLOWS, **MOVING), tmp_path / "d", 2, layout="middlebury")
     assert not all_findings(tmp_path / "d", rays=200)
     (scene,) = (path.parent for path in (tmp_path / "d").rglob("flow_mask0.png") if path.parent.name.endswith("0"))
     plain = render_pair(cheap(outputs=[name for name in FLOWS if name != "valid"], **MOVING), 0).left
     valid, mask = (np.asarray(Image.open(scene / name)) for name in ("valid0.png", "flow_mask0.png"))
-    ignored = (plain.flow_visibility == VISIBLE) & (mask != VISIBLE)
-    one_in_border, one_lost = mask.copy(), mask.copy()
-    one_in_border[tuple(np.argwhere(ignored & (valid != VISIBLE))[0])] = VISIBLE
-    one_lost[tuple(np.argwhere(ignored & (valid == VISIBLE))[0])] = VISIBLE
-    for wrong in (plain.flow_visibility, one_in_border, one_lost):
-        change_image(scene / "flow_mask0.png", lambda _, wrong=wrong: wrong)
-        assert checks(tmp_path / "d") == {"flow_visibility"}
-    change_image(scene / "flow_mask0.png", lambda _: mask)
-    change_image(scene / "flow_backward_mask0.png", lambda _: plain.flow_backward_visibility)
-    assert checks(tmp_path / "d") == {"flow_backward_visibility"}
+    change, valid, seen = PFM.read(scene / "disparity_change0.pfm"), valid == VISIBLE, mask == VISIBLE
+    lost = valid & looked_up(valid, plain.flow)
+    ignored = (plain.flow_visibility == VISIBLE) & ~seen
+    for name, where, wrong in (
+        ("flow_mask0.png", ignored, VISIBLE),
+        ("flow_mask0.png", with_one(ignored & ~valid), VISIBLE),
+        ("flow_mask0.png", with_one(ignored & valid), VISIBLE),
+        ("flow_backward_mask0.png", plain.flow_backward_visibility == VISIBLE, VISIBLE),
+        ("disparity_change0.pfm", lost, plain.disparity_change),
+        ("disparity_change0.pfm", with_one(lost), 0.25),
+        ("disparity_change0.pfm", with_one(valid & ~lost & seen & np.isfinite(change)), np.inf),
+    ):
+        right = (scene / name).read_bytes()
+        plant = change_disparity if name.endswith("pfm") else change_image
+        plant(
+            scene / name, lambda values, where=where, wrong=wrong: np.where(where, wrong, values).astype(values.dtype)
+        )
+        assert checks(tmp_path / "d") == {name.partition("0")[0].replace("mask", "visibility")}, name
+        (scene / name).write_bytes(right)
+
+
+def with_one(where):
+    """The first of some pixels."""
+    first = np.zeros_like(where)
+    first[tuple(np.argwhere(where)[0])] = True
+    return first
 
 
 def without_borders(**changes):
