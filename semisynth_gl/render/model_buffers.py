@@ -55,7 +55,7 @@ class ModelBuffers:
 
     Args:
         gl: the context.
-        models: at least one mesh, as it is drawn; see `centred`.
+        models: at least one mesh.
         atlas_ends: `PatchTextures.ends`.
         traced: whether shaders look up triangles; see `bind_triangles`.
 
