@@ -106,8 +106,8 @@ def _scene(path: Path, suffix: str) -> trimesh.Scene:
             _require_at_most(MAX_BYTES, "bytes once unpacked", sum(info.file_size for info in archive.infolist()))
     if suffix in {"glb", "gltf"}:  # trimesh would look for another file, whatever is wrong with a .gltf
         _check_gltf(content)
-    if suffix in {"obj", "off"}:  # often a comment is in Latin-1, for which trimesh needs a further package
-        content = content.decode(errors="replace").encode()
+    if suffix in {"obj", "off"}:  # trimesh needs a further package for a comment in Latin-1, and takes no BOM
+        content = content.decode("utf-8-sig", errors="replace").encode()
     return trimesh.load_scene(
         io.BytesIO(content),
         file_type=suffix,

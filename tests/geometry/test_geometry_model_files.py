@@ -77,6 +77,10 @@ def test_other_formats_have_the_surface(tmp_path: Path) -> None:
     for name, content in files.items():
         ((positions, triangles, _),) = read_surfaces(write(tmp_path, name, content))
         np.testing.assert_array_equal(positions[triangles[0]], [[0, 0, 0], [1, 0, 0], [0, 1, 0]], err_msg=name)
+    ((positions, triangles, _),) = read_surfaces(
+        write(tmp_path, "windows.obj", b"\xef\xbb\xbf" + OBJ.encode() + b"# caf\xe9\n")
+    )
+    np.testing.assert_array_equal(positions[triangles[0]], [[0, 0, 0], [2, 0, 0], [2, 2, 0]])
     assert len(read_surfaces(write(tmp_path, "two.zip", zipped(a_obj=OBJ, b_ply=PLY_BINARY, c_txt="no model")))) == 2
     mesh = trimesh.creation.box()
     mesh.visual = trimesh.visual.TextureVisuals(uv=np.random.default_rng(0).random((8, 2)))
