@@ -11,6 +11,7 @@ import numpy as np
 from semisynth_gl.config.scene_sections import ParticlesSection
 from semisynth_gl.geometry.cells import covered_cells
 from semisynth_gl.geometry.mesh import Floats, Mesh
+from semisynth_gl.inputs.errors import InputError
 
 # Number of views that all models share; each model has _LEAST_VIEWS or more.
 _VIEWS = 450
@@ -36,7 +37,10 @@ class Silhouette:
 def mean_silhouette(
     models: Sequence[Mesh], chances: Floats, section: ParticlesSection, rng: np.random.Generator
 ) -> Silhouette:
-    """Average over M models by their chances, (M,), sum 1, over random directions, and the stretch of ``section``."""
+    """Average over M models by their chances, (M,), sum 1, over random directions, and the stretch of ``section``.
+
+    Raises InputError where the models are too thin to cover anything.
+    """
     fill = 0.0
     heights, weights = [], []
     views = max(_LEAST_VIEWS, -(-_VIEWS // len(models)))
@@ -49,6 +53,11 @@ def mean_silhouette(
             fill += chance / views * area / np.pi
             heights.append(relief)
             weights.append(np.full(len(relief), chance))
+    if not fill > 0:
+        raise InputError(
+            "models: all that are drawn are too thin to be seen: name a folder with others in models.folders, or raise "
+            "a weight of the section models"
+        )
     height, weight = np.concatenate(heights), np.concatenate(weights)
     order = np.argsort(height, kind="stable")
     below = np.cumsum(weight[order])

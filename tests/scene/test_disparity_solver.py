@@ -16,6 +16,7 @@ from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry import model_files
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.geometry.model_units import make_model
 from semisynth_gl.geometry.silhouette import mean_silhouette
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation, wasserstein_px
 from semisynth_gl.inputs.errors import InputError
@@ -160,6 +161,9 @@ def test_silhouettes_of_a_ball_and_a_cube():
     # A convex body shows a quarter of its surface on average (Cauchy): 6 a^2 / 4 with a = 2 / sqrt(3).
     cube = mean_silhouette([SIMPLE_KINDS["cube"](rng)], np.array([1.0]), RIGID, rng)
     assert cube.fill == pytest.approx(2 / np.pi, rel=0.02)
+    needle = make_model("needle", [[0, 0, 0], [1, 0, 0], [0.5, 1e-6, 0]], [[0, 1, 2]])
+    with pytest.raises(InputError, match="too thin to be seen"):
+        mean_silhouette([needle, SIMPLE_KINDS["cube"](rng)], np.array([1.0, 0.0]), RIGID, rng)
 
 
 def test_expected_cover_is_what_thrown_discs_cover():
