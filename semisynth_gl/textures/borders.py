@@ -45,15 +45,6 @@ def black_border(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
     return border
 
 
-def border_share(image: NDArray[np.uint8]) -> float:
-    """Return the share of an image, (H, W, 3) RGB or (H, W) grey, that rectification left black.
-
-    It is 0 where `inside_borders` finds no border, as in an image that is dark.
-    """
-    border = black_border(image)
-    return 0.0 if _inside(border) is None else float(border.mean())
-
-
 def inside_borders(image: NDArray[np.uint8]) -> Inside:
     """Return the rectangle of an image inside its black borders; the whole image where it has none.
 
@@ -62,14 +53,11 @@ def inside_borders(image: NDArray[np.uint8]) -> Inside:
     Args:
         image: (H, W, 3) RGB or (H, W) grey, uint8.
     """
-    return _inside(black_border(image)) or Inside(0, 0, image.shape[1], image.shape[0])
-
-
-def _inside(border: NDArray[np.bool_]) -> Inside | None:
-    """Return the rectangle inside a border, (H, W) bool; None where it is no border of rectification."""
+    border = black_border(image)
     height, width = border.shape
+    whole = Inside(0, 0, width, height)
     if border.mean() < _LEAST or not _is_of_rectification(border):
-        return None
+        return whole
     top, bottom, left, right = 0, height, 0, width
     while (bottom - top) * (right - left) > _LEAST_INSIDE * height * width:
         part = border[top:bottom, left:right]
@@ -77,10 +65,10 @@ def _inside(border: NDArray[np.bool_]) -> Inside | None:
         if max(edges) <= _EDGE:
             left, top = (start + _MIXED_PX * (start > 0) for start in (left, top))
             right, bottom = (end - _MIXED_PX * (end < side) for end, side in ((right, width), (bottom, height)))
-            return Inside(left, top, right - left, bottom - top) if right > left and bottom > top else None
+            return Inside(left, top, right - left, bottom - top) if right > left and bottom > top else whole
         worst = int(np.argmax(edges))
         top, bottom, left, right = top + (worst == 0), bottom - (worst == 1), left + (worst == 2), right - (worst == 3)
-    return None
+    return whole
 
 
 def _is_of_rectification(border: NDArray[np.bool_]) -> bool:
