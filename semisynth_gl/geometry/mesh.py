@@ -65,7 +65,7 @@ class Mesh:
 
 
 Parts = Iterator[Mesh]
-"""The parts of a model, which a kind of model yields."""
+"""The parts of a model, one at a time."""
 
 
 def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Mesh:
@@ -73,8 +73,8 @@ def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Me
 
     Args:
         name: see `Mesh`.
-        positions: (V, 3), model units, up to 1e9, and near 0: within 1024 times half their extent.
-        uv: (V, 2), up to 1e9, and as near to 0.
+        positions: (V, 3), model units, up to 1e9. None lies farther from 0 than 1024 times half their extent.
+        uv: (V, 2), up to 1e9, with the same limit.
         triangles: (T, 3) indices.
 
     Raises:
@@ -93,7 +93,7 @@ def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Me
 
 
 def make_part(name: str, positions: object, uv: object, triangles: object) -> Mesh:
-    """Build a part of a model, as `make_mesh` does, but however far it lies from the model's origin."""
+    """Build a part of a model, as `make_mesh` does; it may lie far from the model's origin."""
     index = np.ascontiguousarray(to_array(f"mesh {name}: triangles", triangles, np.uint32))
     vertices, coordinates = _to_float32(f"mesh {name}: positions", positions), _to_float32(f"mesh {name}: uv", uv)
     return Mesh(name, vertices, coordinates, index)

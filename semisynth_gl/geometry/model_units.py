@@ -76,7 +76,7 @@ def join_surfaces(name: str, parts: list[Surface]) -> Mesh:
 
 
 def _without_loose_vertices(positions: Floats, triangles: NDArray[np.int64], uv: Floats | None) -> Surface:
-    """Drop the vertices that no triangle has, which would count in the size of the model."""
+    """Drop the vertices that no triangle uses: they would count in the size of the model."""
     used, renumbered = np.unique(triangles, return_inverse=True)
     return positions[used], renumbered.reshape(-1, 3), None if uv is None else uv[used]
 

@@ -77,9 +77,9 @@ def height_map(mesh: Mesh, axes: Floats, cells: int) -> Floats:
     """Project a mesh orthographically and measure the height of its visible surface, without OpenGL.
 
     The columns of ``axes``, (3, 3), are the map's x and y and the direction towards the viewer, in the model's frame;
-    its rows may be scaled to stretch the model along its own axes. Returns the heights above the plane through the
-    centre of the bounding sphere, which the map (cells, cells) spans, in radii; -inf where the model does not cover a
-    cell's centre.
+    its rows may be scaled to stretch the model along its own axes. The map, (cells, cells), spans the bounding sphere.
+    It has the surface's height at the centre of each cell above the plane through the sphere's centre, in radii of the
+    sphere; -inf where the model does not cover the cell's centre.
     """
     points = mesh.positions.astype(np.float64) / mesh.radius @ axes
     x, y = ((points[:, axis] + 1) / 2 * cells - 0.5 for axis in (0, 1))

@@ -9,7 +9,7 @@ from semisynth_gl.geometry.parts import arc, ball, circle
 from semisynth_gl.geometry.surfaces import box, extruded, lathe
 
 SMOOTH_SEGMENTS: Final = 48
-"""Sides of the polygon in place of a circle: at a diameter of 300 pixels it is off by a third of a pixel."""
+"""Sides of the polygon that replaces a circle: with a diameter of 300 pixels it is off by a third of a pixel."""
 
 
 def cube(_rng: np.random.Generator) -> Parts:

@@ -56,7 +56,7 @@ def lathe(profile: ArrayLike, segments: int = 32, *, closed: bool = False) -> Me
     """Revolve a profile, (P, 2) radius and height, about the z axis; the circle is a polygon of ``segments`` sides.
 
     The profile runs outwards along the bottom, up the outer side, and inwards along the top. Only its ends may have a
-    radius of zero. The surface is closed where both have, or where ``closed`` joins them.
+    radius of zero. The surface is closed if both ends have that radius, or if ``closed`` joins them.
 
     The profile is cut into bands, and each band is unrolled like the cone that fits it best. This UV is exact along the
     profile, and around the axis within `BAND_STRETCH` and `BAND_SHEAR`.

@@ -30,7 +30,7 @@ _PAPER, _INK, _ON_TILE = (250, 250, 248), (30, 30, 30), (255, 255, 255)
 
 @dataclass(frozen=True, slots=True)
 class CropCount:
-    """Numbers of crops of one side in one image by their `Outcome`; a square that several frames have counts once."""
+    """How many crops of one side in one image had each `Outcome`; a square of several frames counts once."""
 
     source: str
     side_px: int

@@ -24,7 +24,7 @@ def with_large_patches(
 
     Subjects are taken in random order, with a random one of their images. A patch is the largest square of its image,
     inside black borders and at a random place. An image smaller than the patch is enlarged: near walls are blurred in
-    photographs too. ``images`` has the images that they may be cut from, by name; other images of the atlas get none.
+    photographs too. Patches are cut only from ``images``, by name, even if the atlas has patches of other images.
     """
     subjects = {patch.source: patch.subject for patch in atlas.patches if patch.source in images}
     sources: dict[str, list[str]] = defaultdict(list)
