@@ -31,7 +31,7 @@ class Calibration:
 
     Attributes:
         config: the config.
-        text: the config as YAML, with comments on the origin of its numbers.
+        text: the config as YAML.
         summary: lines about the config, as ``semisynth-gl calibrate`` prints them.
         notes: sentences on what was concluded or left out.
     """
@@ -109,6 +109,7 @@ def calibrate(
     given = [argument for argument, value in ranges.items() if value is not None]
     if len(given) > 1:
         raise InputError("expected only one of disparity maps, a range in px and a range in m", argument=given[-1])
+    _check_about_files(files, unit=unit, calib_keys=calib_keys or None, cameras=cameras, alpha=alpha)
     photographs = find_images(sources)
     sizes = photograph_sizes(photographs)
     of_rig = [] if other_camera else sizes
@@ -119,13 +120,7 @@ def calibrate(
         usual = most_common_size(of_rig)
         photographed = usual and usual.scaled(1 / scale)
         rig = read_rig(
-            files,
-            size=wanted,
-            photographed=photographed,
-            unit=unit,
-            alpha=alpha,
-            cameras=cameras,
-            keys=calib_keys,
+            files, size=wanted, photographed=photographed, unit=unit, alpha=alpha, cameras=cameras, keys=calib_keys
         )
     elif focal_px is not None and baseline_m is not None and wanted is not None:
         camera = StereoCamera.centred(*wanted, focal_px, baseline_m)
@@ -159,6 +154,12 @@ def calibrate(
     source = f"{len(photographs)}{', all grey' * draft.grey}, which give {patches}"
     config = draft.config()
     return Calibration(config, draft.text(), _summary(draft, config, source), notes)
+
+
+def _check_about_files(files: Sequence[str], **about: object) -> None:
+    for argument, value in about.items():
+        if value is not None and not files:
+            raise InputError("it is about calibration files: give these, or leave it out", argument=argument)
 
 
 def _summary(draft: Draft, config: Config, photographs: str) -> list[str]:

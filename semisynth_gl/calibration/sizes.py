@@ -64,9 +64,9 @@ def check_sizes(photographs: Sequence[Size], calibrated: Size, scale: float = 1.
         return
     sizes = [size for size, _ in Counter(photographs).most_common()]
     there, fitting = abbreviate([*map(str, sizes)], _SIZES_SHOWN), sizes[0].width_px / calibrated.width_px
+    reduced = f"If they are reduced, give --scale {fitting:.6g}; if" if calibrated.scaled(fitting) == sizes[0] else "If"
     raise InputError(
         f"the calibration is for images of {expected}, but none of {counted(len(photographs), 'photograph')} has that "
-        f"size: they have {there}. If they are reduced, give a scale of {fitting:.6g}; if another camera took them, "
-        "say so",
+        f"size: they have {there}. {reduced} another camera took them, give --other-camera",
         argument="images",
     )

@@ -211,7 +211,10 @@ def test_a_real_pair_becomes_a_config(program, tmp_path, monkeypatch):
         ("--calib calib.txt --range-px 1e-9 2e-9", ["expected ends that differ by 2.2e-05"]),
         ("--calib calib.txt --range-px 1 4 --disparity x.pfm", ["--disparity: expected only one of"]),
         ("--calib calib.txt --range-m 4 1", ["--range-m: ", "the nearer one first"]),
-        ("--calib calib.txt --scale 0.5", ["--images: ", "of 371 x 250", "a scale of 1;"]),
+        ("--calib calib.txt --scale 0.5", ["--images: ", "of 371 x 250", "--scale 1;", "--other-camera"]),
+        ("--calib square.txt", ["they have 741 x 500. If another camera"]),
+        ("--focal-px 700 --baseline-m 0.1 --size 741x500 --unit mm", ["--unit: it is about calibration files"]),
+        ("--focal-px 700 --baseline-m 0.1 --size 741x500 --calib-keys K1=k", ["--calib-keys: it is about"]),
         ("--calib calib.txt --alpha 1", ["--alpha: calib.txt states how"]),
         ("--calib calib.txt --pair a", ["--pair: expected two"]),
         ("--calib calib.txt --range-px 1 4 --images flat", ["no patch can be cut"]),
@@ -222,6 +225,7 @@ def test_wrong_input_writes_nothing(program, tmp_path, arguments, words):
     (tmp_path / "flat").mkdir()
     Image.new("RGB", (741, 500)).save(tmp_path / "flat/a.png")
     write(tmp_path, "calib.txt", MIDDLEBURY)
+    write(tmp_path, "square.txt", MIDDLEBURY.replace("width=741", "width=500"))
     images = () if "--images" in arguments else ("--images", "photos")
     code, said, err = program("calibrate", *images, "--out", "a.yaml", *arguments.split())
     assert (code, said) == (2, "")
