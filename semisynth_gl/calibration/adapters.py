@@ -110,7 +110,8 @@ def kitti(tree: Tree, _size: Size | None) -> Format | None:
     return None
 
 
-ADAPTERS: tuple[Callable[[Tree, Size | None], Format | None], ...] = (middlebury, zed, realsense, mrcal, depthai, kitti)
+Adapter = Callable[[Tree, Size | None], Format | None]
+ADAPTERS: tuple[Adapter, ...] = (middlebury, zed, realsense, mrcal, depthai, kitti)
 """Each reads a tree of one format, None for others; the size is the user's or the photographs', None for neither."""
 
 
@@ -120,7 +121,7 @@ def _chosen(sizes: Mapping[str, Size], size: Size | None) -> str:
     if fitting:
         return fitting[0]
     got = "" if size is None else f", got {size}"
-    raise FormatError(f"is for images of {abbreviate([*map(str, sizes.values())])}: give the size of yours{got}")
+    raise FormatError(f"is for images of {abbreviate([*map(str, sizes.values())])}{got}: give yours, --size")
 
 
 def _array(tree: Tree, *name: str) -> Array:

@@ -18,7 +18,7 @@ _LARGEST = 1e9
 # Beginnings of words in names, and names of sizes in letters only.
 COEFFICIENT_WORDS = "d$|dist|coef|kc|radtan|equidistant"
 """Beginnings of words in names of a lens's coefficients, as a regular expression."""
-_SIZE = r"(image|img|im|imager|frame)?size|(image)?resolution|srect|s|wh|dimensions|((image|img)?shape|hw)"
+_SIZE = r"(image|img|im|imager|frame)?size|(image)?resolution|srect|s|wh|(image)?dimensions?|((image|img)?shape|hw)"
 _OTHER_SIZES = "board|pattern|chess|checker|grid|tag|marker|roi|crop"
 _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")
 # Names, without separators, of K's entries, of D's in OpenCV's order, of sides of images, and of vectors of them.

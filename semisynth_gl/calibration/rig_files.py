@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from semisynth_gl.calibration.adapters import ADAPTERS
+from semisynth_gl.calibration.adapters import ADAPTERS, Adapter
 from semisynth_gl.calibration.finder import UNITS, Finder, Given
 from semisynth_gl.calibration.rig import Rig, StereoArrays, make_rig
 from semisynth_gl.calibration.sizes import Size
@@ -49,7 +49,7 @@ def read_rig(
     given = Given(cameras, unit, size or photographed)
     trees = [read_tree(path) for path in paths]
     if keys:
-        return _rig(_joined(paths, trees, given, keys), size, photographed, alpha)
+        return _rig(_joined(paths, trees, given._replace(cameras=None), keys), size, photographed, alpha)
     rigs = [each for tree, path in zip(trees, paths, strict=True) if (each := _arrays(tree, str(path), given))]
     if len(rigs) < len(paths):
         rigs = [each for each in rigs if each.d and (each.pose_m is not None or each.rectification)]
@@ -65,11 +65,11 @@ def _found(source: str | Path) -> list[Path]:
     raise InputError(f"{source}: no such file, nor a file with {', '.join(EXTENSIONS)} there", argument="calib")
 
 
-def _arrays(tree: Tree, source: str, given: Given) -> StereoArrays | None:
+def _arrays(tree: Tree, source: str, given: Given, adapters: Sequence[Adapter] = ADAPTERS) -> StereoArrays | None:
     try:
-        if known := next((each for adapter in ADAPTERS if (each := adapter(tree, given.size)) is not None), None):
+        if known := next((each for adapter in adapters if (each := adapter(tree, given.size)) is not None), None):
             if given.unit is not None:
-                raise ReadError(Path(source), "its format states the unit: leave the unit out")
+                raise InputError(f"{source} states the unit: leave it out", argument="unit")
             tree, pair = known
             given = given._replace(cameras=given.cameras or pair, unit="m")
         arrays = Finder(tree, given).arrays()
@@ -87,9 +87,15 @@ def _joined(
         names = [f"{path.absolute().parent.name}.{path.stem}" for path in paths]
     numbers = [str(number) for number in range(1, len(paths) + 1)]
     wholes = [*trees] if len(paths) == 1 else [joined(trees, names), joined(trees, numbers)]
-    for whole in [_chosen(wholes[0], keys)] if keys else wholes:
-        if (arrays := _arrays(whole, source, given)) is not None:
+    if keys:
+        wholes = [_chosen(wholes[0], keys, given)]
+    for whole in wholes:
+        if (arrays := _arrays(whole, source, given, () if keys else ADAPTERS)) is not None:
             return arrays
+    if keys:
+        named = listing({(key,): wholes[0][name] for key, name in KEYS.items() if name in wholes[0]})
+        text = f"{source}: no pair of cameras in {named}: name P1 and P2, or K1, D1, K2, D2, R and T"
+        raise InputError(text, argument="calib_keys")
     chosen = "" if given.cameras is None else f" {' and '.join(given.cameras)}"
     raise ReadError(
         Path(source),
@@ -99,16 +105,19 @@ def _joined(
     )
 
 
-def _chosen(tree: Tree, keys: Mapping[str, str]) -> Tree:
-    """Return the values that keys name, under names that tell what they are, and all texts."""
+def _chosen(tree: Tree, keys: Mapping[str, str], given: Given) -> Tree:
+    """Return the values that keys name, under names that tell what they are, all texts, and the size."""
     values = {".".join(name): value for name, value in tree.items()}
     for key, name in keys.items():
         if key not in KEYS:
             raise InputError(f"{key}: expected one of {', '.join(KEYS)}", argument="calib_keys")
         if name not in values:
             raise InputError(f"{key}: no value {name}; there are {listing(tree)}", argument="calib_keys")
-    return {KEYS[key]: values[name] for key, name in keys.items()} | {
-        name: value for name, value in tree.items() if isinstance(value, str)
+    sizes = [] if "size" in keys else Finder(tree, given).found.get("size", [])
+    return {
+        **{name: value for name, value in tree.items() if isinstance(value, str)},
+        **{("size", str(number)): value for number, (_, value) in enumerate(sizes)},
+        **{KEYS[key]: values[name] for key, name in keys.items()},
     }
 
 

@@ -87,6 +87,8 @@ def _parsed(path: Path) -> Any:  # noqa: ANN401 - any nested value
     data = read_bytes(path, _LARGEST_NUMPY if suffix in {".npz", ".npy"} else _LARGEST_BYTES)
     if data.startswith((b"\x93NUMPY", b"PK")):
         return _numpy(data)
+    if b"\0" in data:
+        raise FormatError("is binary, or text of UTF-16: expected text of UTF-8, .npz or .npy")
     text = data.decode("utf-8-sig", "replace").replace("\r\n", "\n")
     with suppress(ValueError, SyntaxError, MemoryError, TypeError):
         if suffix == ".cameramodel":  # mrcal's, a literal of Python

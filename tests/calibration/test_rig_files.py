@@ -539,7 +539,7 @@ def test_modes_are_chosen_by_the_size(tmp_path, files):
             check(rig, k=[np.diag([scale, scale, 1]) @ each for each in (K1, K2)], size=tuple(size))
         else:
             assert (rig.size, rig.camera.focal_px, rig.camera.baseline_m) == (size, size.width_px / 2, 0.0502)
-    with pytest.raises(ReadError, match="1280 x 720, 672 x 376: give the size"):
+    with pytest.raises(ReadError, match="1280 x 720, 672 x 376: give yours, --size"):
         read(tmp_path, files)
     with pytest.raises(ReadError, match="got 320 x 240"):
         read(tmp_path, files, size=Size(320, 240))
@@ -563,7 +563,7 @@ def test_units_are_concluded_or_given(tmp_path):
         rig = read(tmp_path, {"rig.yml": opencv(unit_m=unit_m)}, unit="cm")
         assert rig.camera.baseline_m == pytest.approx(CAMERA.baseline_m / unit_m * 0.01)
         assert not rig.notes
-    with pytest.raises(ReadError, match="states the unit: leave the unit out"):
+    with pytest.raises(InputError, match=r"unit: .*calib\.txt states the unit: leave it out"):
         read(tmp_path, {"calib.txt": MIDDLEBURY}, unit="mm")
 
 
@@ -644,6 +644,11 @@ def test_names_that_tell_nothing_are_given(tmp_path):
         read(tmp_path, files)
     keys = {key: f"v.{name}" for key, name in names.items()} | {"size": "v.ours"}
     check(read(tmp_path, files, keys=keys))
+    stated = dict(list(keys.items())[:6])  # the size has a usual name
+    values = {name: files["v"][name] for name in names.values()}
+    check(read(tmp_path, {"v": values, "image_size": SIZE}, keys=stated, cameras=("a", "b")))
+    with pytest.raises(InputError, match=r"calib_keys: .*no pair of cameras in K1 \(3 x 3\): name P1 and P2"):
+        read(tmp_path, files, keys={"K1": keys["K1"]})
     with pytest.raises(InputError, match=r"K1: no value v\.omega; there are v\.alphay"):
         read(tmp_path, files, keys=keys | {"K1": "v.omega"})
     with pytest.raises(InputError, match="K9: expected one of K1, D1"):
@@ -696,7 +701,7 @@ SAME_POSES["value0"]["T_imu_cam"] = SAME_POSES["value0"]["T_imu_cam"][:1] * 2
         ("fx: 3\n", r"describes no pair.*fx \(1\)"),
         ("a: !!python/object:os.system b\n", "no numbers"),
         ("[" * 100_000, "nested too deeply"),
-        ("\x00\x01", "no numbers"),
+        ("\x00\x01", "is binary"),
     ],
 )
 def test_what_is_no_calibration_is_refused_with_what_is_wrong(tmp_path, text, words):
