@@ -27,7 +27,8 @@ _AFTER_FORK = (
     "drivers do not survive that: start it in another way, a DataLoader's workers with multiprocessing_context='spawn'"
 )
 
-_LIBRARIES = {"egl": ("libEGL.so.1",), "osmesa": OSMESA_LIBRARIES}
+# A backend needs one library of each group.
+_LIBRARIES = {"egl": (("libEGL.so.1",), ("libGL.so.1",)), "osmesa": (OSMESA_LIBRARIES,)}
 # Debian's packages for each backend; "auto" takes EGL first.
 _PACKAGES = {"egl": "libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri", "osmesa": "libosmesa6 libgl1"}
 
@@ -122,18 +123,23 @@ def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsCo
 
 
 def check_libraries(backend: Backend) -> None:
-    """Check that a library of a backend is there, in next to no time, before patches and models are prepared.
+    """Check that a backend's libraries are there, in next to no time, before patches and models are prepared.
 
     Raises:
         BackendError: where libraries are missing and no context opens; see `open_context`.
         InputError: where there is no such backend.
     """
     load_before_driver()
-    for name in (library for own, names in _LIBRARIES.items() if backend in ("auto", own) for library in names):
-        with suppress(OSError):
-            ctypes.CDLL(name)
+    for own, groups in _LIBRARIES.items():
+        if backend in ("auto", own) and all(any(map(_loads, names)) for names in groups):
             return
     open_context(backend).release()
+
+
+def _loads(library: str) -> bool:
+    with suppress(OSError):
+        return bool(ctypes.CDLL(library))
+    return False
 
 
 def context_facts(backend: Backend) -> dict[str, str]:

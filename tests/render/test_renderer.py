@@ -239,14 +239,16 @@ def test_a_context_is_current_only_while_it_draws():
 @pytest.mark.parametrize("backend", ["auto", "egl", "osmesa"])
 def test_missing_libraries_are_told_before_anything_is_made(monkeypatch, tmp_path, start, backend):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(context, "_LIBRARIES", {"egl": ["libNone.so"], "osmesa": ["libNone.so"]})
+    # EGL needs two libraries, and one of them is there; OSMesa has several names.
+    libraries = {"egl": [["libc.so.6"], ["libNone.so"]], "osmesa": [["libNone.so"]]}
+    monkeypatch.setattr(context, "_LIBRARIES", libraries)
     monkeypatch.setattr(context, "open_context", Mock(side_effect=BackendError("none could be opened")))
     monkeypatch.setattr(sources, "prepare_atlas", Mock(side_effect=AssertionError("it was begun")))
     with pytest.raises(BackendError, match="none could be opened"):
         start(cheap(), 0, backend)
     context.open_context.assert_called_once_with(backend)
     # The libraries of one backend are enough for "auto", and for no other backend.
-    monkeypatch.setattr(context, "_LIBRARIES", {"egl": ["libNone.so"], "osmesa": ["libNone.so", "libc.so.6"]})
+    monkeypatch.setitem(libraries, "osmesa", [["libNone.so", "libc.so.6"]])
     monkeypatch.setattr(context, "open_context", opened := Mock())
     check_libraries(backend)
     assert opened.called == (backend == "egl")
