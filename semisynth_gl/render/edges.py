@@ -72,7 +72,9 @@ class EdgePass:
         targets.blending.use(part, _DRAWN)
         self._use_farthest(farthest)
         program = self._programs[lit]
-        program["levels"], program["tile_px"] = farthest.shape[1], occlusion.TILE_PX
+        # One tile of the whole image stands for "nothing is hidden", so that edges.geom reads no other.
+        tile_px = max(targets.framebuffer.size) if farthest is _NOTHING_NEARER else occlusion.TILE_PX
+        program["levels"], program["tile_px"] = farthest.shape[1], tile_px
         program["part"] = window(part, targets.framebuffer.size)
         self._vaos[lit].render(moderngl.POINTS, len(strips))
 
