@@ -2,6 +2,7 @@
 
 import platform
 from importlib.metadata import version
+from pathlib import Path
 
 import click
 
@@ -14,6 +15,8 @@ from semisynth_gl.render.backends import Backend
 
 _PACKAGES = ("semisynth-gl", "moderngl", "glcontext", "numpy", "trimesh", "Pillow", "isal", "scikit-image")
 _LARGEST_ERROR_PX = 1e-3
+# Exists where the kernel has an NVIDIA GPU.
+_NVIDIA_CONTROL = Path("/dev/nvidiactl")
 
 
 @click.command(cls=Command)
@@ -35,6 +38,8 @@ def doctor() -> None:
         click.echo(f"  {device.index}: {cuda or ('software' if device.software else 'another GPU')}")
     if not egl_devices():
         click.echo("  none")
+    if _NVIDIA_CONTROL.exists() and all(device.cuda is None for device in egl_devices()):
+        click.echo("  NVIDIA's GPU is not among them: the manual's page Install, GPU, lists what EGL needs for it")
     backends: tuple[Backend, ...] = ("egl", "osmesa")
     working = [backend for backend in backends if _try(backend)]
     if not working:

@@ -18,6 +18,7 @@ from semisynth_gl import cli, render_pair
 from semisynth_gl.cli import main
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config import load_config, packaged_configs
+from semisynth_gl.render.devices import Device
 
 SETTINGS = (*CLUTTER_ALONE, "camera.width_px=160", "camera.height_px=96", "models.variants=1", "models.complex=0")
 SMALL = tuple(word for setting in SETTINGS for word in ("--set", setting))
@@ -121,6 +122,14 @@ def test_doctor_renders_its_test_pair_or_says_what_to_install():
     done = run("doctor")
     assert done.returncode == 0, done.stdout
     assert "Ready:" in done.stdout
+
+
+@pytest.mark.parametrize("cuda", [None, 0])
+def test_doctor_tells_where_egl_does_not_list_an_nvidia_gpu(call, monkeypatch, tmp_path, cuda):
+    monkeypatch.setattr("semisynth_gl.cli.doctor._NVIDIA_CONTROL", tmp_path)
+    monkeypatch.setattr("semisynth_gl.cli.doctor._try", lambda _: True)
+    monkeypatch.setattr("semisynth_gl.render.devices.egl_devices", lambda: [Device(0, software=False, cuda=cuda)])
+    assert ("NVIDIA's GPU is not among them" in call("doctor").stdout) == (cuda is None)
 
 
 @pytest.mark.parametrize(
