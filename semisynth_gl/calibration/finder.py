@@ -16,7 +16,7 @@ from semisynth_gl.calibration.names import Entry, label_of, words_of
 from semisynth_gl.calibration.poses import Link, link_of, pose_of, right_from_left
 from semisynth_gl.calibration.rig import Pair, StereoArrays
 from semisynth_gl.calibration.sizes import Size, upright
-from semisynth_gl.calibration.tree import Array, FormatError, Tree
+from semisynth_gl.calibration.tree import Array, FormatError, Tree, listing
 from semisynth_gl.frame.raw_camera import LensModel
 
 UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
@@ -217,8 +217,9 @@ class Finder:
         model, d = self._model(), self._eyes("D")
         if size is not None and raw_size not in {None, size}:
             raise FormatError(f"expected raw images of {size}, as rectified ones, got {raw_size}")
-        if d is None and any(each.has(COEFFICIENT_WORDS) and each.value.size > 1 for each in self.entries):
-            raise FormatError("expected 4, 5, 8, 12 or 14 coefficients of both lenses")
+        stated = {each.name: each.value for each in self.entries if each.has(COEFFICIENT_WORDS) and each.value.size > 1}
+        if d is None and stated:
+            raise FormatError(f"expected 4, 5, 8, 12 or 14 coefficients of both lenses, got {listing(stated)}")
         if d is None:
             self.notes.append("no coefficients of lenses were found: the cameras are taken for pinholes")
             d = np.zeros(0), np.zeros(0)

@@ -169,7 +169,9 @@ def _baseline_m(left: Array, right: Array) -> float:
             f"is not rectified: the projection matrices are {left.tolist()} and {right.tolist()}. Rectify first "
             "(OpenCV: stereoRectify), and give the calibration of the rectified images"
         )
-    if baseline_m <= 0:
+    if baseline_m == 0:
+        raise InputError("the baseline is 0 m: expected one above 0")
+    if baseline_m < 0:
         raise InputError(
             f"the baseline is {baseline_m:g} m: swap left and right, in the calibration and in your images"
         )

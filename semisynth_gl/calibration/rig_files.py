@@ -124,7 +124,7 @@ def _chosen(tree: Tree, keys: Mapping[str, str], given: Given) -> Tree:
 def _rig(arrays: StereoArrays, size: Size | None, photographed: Size | None, alpha: float | None) -> Rig:
     stated = arrays.size
     if stated is not None and size not in {None, stated}:
-        text = f"{arrays.source} is for images of {stated}, not {size}: leave the size out, or give the scale"
+        text = f"{arrays.source} is for images of {stated}, not {size}: leave it out, or give --scale"
         raise InputError(text, argument="size")
     if stated is None and size is None and photographed is not None:
         arrays = replace(arrays, notes=(*arrays.notes, f"images are taken to be of {photographed}, as photographs are"))

@@ -68,7 +68,7 @@ def joined(trees: Sequence[Tree], prefixes: Sequence[str]) -> Tree:
     }
 
 
-def listing(tree: Tree) -> str:
+def listing(tree: Mapping[Name, Array | str]) -> str:
     """Return the arrays of a tree with their shapes, as text for a message."""
     arrays = [(".".join(name), value.shape) for name, value in tree.items() if isinstance(value, np.ndarray)]
     shown = [f"{name} ({' x '.join(map(str, shape)) or 'a number'})" for name, shape in arrays]
