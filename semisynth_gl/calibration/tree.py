@@ -62,7 +62,7 @@ def read_tree(path: Path) -> Tree:
 def joined(trees: Sequence[Tree], prefixes: Sequence[str]) -> Tree:
     """Return the values of several files as one tree, in which each file's names begin with its prefix."""
     return {
-        (prefix, *(() if name == _WHOLE else name)): value
+        (*prefix.split("."), *(() if name == _WHOLE else name)): value
         for tree, prefix in zip(trees, prefixes, strict=True)
         for name, value in tree.items()
     }

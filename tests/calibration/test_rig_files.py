@@ -595,6 +595,11 @@ def test_two_of_several_cameras_are_chosen(tmp_path):
     np.testing.assert_allclose(rig.raw["left"].matrix, K2)
     rig = read_rig([path], cameras=("cam0", "cam2"))
     assert rig.camera.baseline_m == pytest.approx(np.linalg.norm((pose @ POSE)[:3, 3]))
+    by_folder = {
+        f"{name}/k.json": {"K": k, "D": d, "T_world_cam": body, "size": SIZE}
+        for name, (_, k, d, body) in zip(("fl", "fr", "rear"), (*EYES, EYES[0]), strict=True)
+    }
+    check(read(tmp_path, by_folder, cameras=("fl", "fr")))
     with pytest.raises(ReadError, match="no pair of cameras cam0 and cam3"):
         read_rig([path], cameras=("cam0", "cam3"))
 
