@@ -121,7 +121,7 @@ def report(
             measured=len(measured),
             pairs=len(opened),
             width_px=width_px,
-            facts=_facts(opened, target, achieved),
+            facts=_facts(opened, split, target, achieved),
             config=json.dumps(config.model_dump(mode="json"), indent=1),
             chart=draw_report(achieved, target, rows),
             place=place,
@@ -162,7 +162,7 @@ def _measure(
     return pairs, count.histogram if count.counts.any() else None
 
 
-def _facts(dataset: Dataset, target: Histogram, achieved: Histogram | None) -> dict[str, str]:
+def _facts(dataset: Dataset, split: SplitName | None, target: Histogram, achieved: Histogram | None) -> dict[str, str]:
     """Return what made a dataset, and how far its disparities are from the target, by name."""
     plan, made = dataset.about.plan, dataset.about.made
     codecs = f"images {plan.encodings.image.name}, disparities {plan.encodings.disparity.name}"
@@ -175,7 +175,7 @@ def _facts(dataset: Dataset, target: Histogram, achieved: Histogram | None) -> d
         "truth": f"{plan.config.truth}; {', '.join(plan.config.outputs)}",
     }
     if made is not None:
-        redraws = sum(entry.redraws for entry in made.shard_entries)
+        redraws = sum(entry.redraws for entry in made.shard_entries if split in (None, entry.split))
         facts["redrawn"] = f"{redraws:,} attempts failed the config's checks and were rendered anew"
         facts["renderers"] = ", ".join(made.renderers)
     if achieved is not None:
