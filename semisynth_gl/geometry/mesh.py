@@ -10,8 +10,8 @@ from semisynth_gl.inputs.arguments import check_magnitudes, to_array
 from semisynth_gl.inputs.errors import InputError
 
 # float32 rounds a number by up to 2^-24 of it, so the error of vertices grows with their distance from the origin. At
-# this many times half a mesh's extent it is 2^-14 of that half.
-_FARTHEST = 1024
+# this many times half a mesh's extent it is 2^-10 of that half.
+_FARTHEST = 1 << 14
 
 Floats = NDArray[np.float64]
 
@@ -73,18 +73,18 @@ def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Me
 
     Args:
         name: see `Mesh`.
-        positions: (V, 3), model units, up to 1e9. None lies farther from 0 than 1024 times half their extent.
-        uv: (V, 2), up to 1e9, with the same limit.
+        positions: (V, 3), model units, up to 1e9. None lies farther from 0 than 16384 times half their extent.
+        uv: (V, 2), up to 16384, or to 16384 times half their extent.
         triangles: (T, 3) indices.
 
     Raises:
         InputError: where shapes, indices or values are wrong.
     """
     mesh = make_part(name, positions, uv, triangles)
-    for what, values in (("positions", positions), ("uv", uv)):
+    for what, values, least in (("positions", positions, 0.0), ("uv", uv, 1.0)):
         points = np.asarray(values, np.float64)
         low, high = points.min(axis=0), points.max(axis=0)
-        if max(-low.min(), high.max()) > _FARTHEST * lengths(high - low) / 2 > 0:
+        if max(-low.min(), high.max()) > _FARTHEST * max(lengths(high - low) / 2, least) > 0:
             raise InputError(
                 f"mesh {name}: {what} must lie within {_FARTHEST} times half their extent of 0, where float32 holds "
                 "their shape: subtract their middle, and add it to the instance's pose or UV offset"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from semisynth_gl import make_model
-from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.inputs.errors import InputError
 
 
@@ -36,3 +36,14 @@ def test_a_model_is_scaled_and_gets_uv_in_its_units():
     ):
         with pytest.raises(InputError, match=message):
             make_model("sheet", *arguments)
+
+
+@pytest.mark.parametrize(("position", "uv", "fits"), [(50, 0.9, True), (4e6, 0, False), (0, 4e6, False)])
+def test_a_mesh_lies_where_float32_holds_its_shape(position, uv, fits):
+    corners = np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0]])
+    given = corners + position, corners[:, :2] + uv, [[0, 1, 2]]
+    if fits:
+        np.testing.assert_allclose(make_mesh("target", *given).positions, given[0], atol=1e-5)
+    else:
+        with pytest.raises(InputError, match=r"mesh target: (positions|uv) must lie within 16384 times"):
+            make_mesh("target", *given)
