@@ -76,7 +76,7 @@ def calibrate(
         scale: size of the images relative to the calibrated size, such as 0.5 for half the width.
         unit: unit of the translation, ``"mm"``, ``"cm"`` or ``"m"``; by default the likeliest.
         calib_keys: names of values in the files by K1, D1, R1, P1, K2, D2, R2, P2, R, T, Q and size, where their names
-            do not tell; other values are not used then.
+            do not tell; of the other values, only the size is used then.
         cameras: names or numbers of the left and the right camera, of a calibration with more than two.
         alpha: how to rectify a calibration that does not say it, as OpenCV's stereoRectify takes it: from 0, for images
             without borders, to 1, for as much of the raw images as they can show; by default OpenCV's default, with a
