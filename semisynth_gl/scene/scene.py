@@ -1,6 +1,6 @@
 """The scene of one pair, as arrays for the renderer, and its motion to another moment."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import EllipsisType
 from typing import Any
 
@@ -74,7 +74,7 @@ class Scene:
         layer: (N,) int64, indices into the patch atlas; large patches follow the others.
         uv_scale: (N, 2) float64, patches per unit of the model's UV.
         uv_offset: (N, 2) float64, patches; patch coordinate = uv * uv_scale + uv_offset.
-        sky: (N,) bool, whether each instance is infinitely far away. Both eyes see such an instance
+        sky: (N,) bool, whether each instance is infinitely far away; by default none is. Both eyes see such an instance
             behind all others, in the directions in which it stands from the world's origin, and it keeps these
             directions as the cameras turn.
         projector: the projector that lights the scene; with None, colours stay the patches' own.
@@ -91,12 +91,16 @@ class Scene:
     layer: NDArray[np.int64]
     uv_scale: NDArray[np.float64]
     uv_offset: NDArray[np.float64]
-    sky: NDArray[np.bool_]
+    sky: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
     projector: Projector | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "near_m", to_real("near_m", self.near_m, LEAST, MOST))
         n = len(self.model)
+        if not self.sky.any():
+            object.__setattr__(self, "sky", np.zeros(n, bool))
+        if self.sky.dtype != np.bool_:
+            raise InputError(f"sky must be bool, got {self.sky.dtype}", argument="scene")
         shapes = {"camera_from_world": (4, 4), "model": (n,), "world_from_model": (n, 4, 4), "layer": (n,)}
         for name, shape in (shapes | {"uv_scale": (n, 2), "uv_offset": (n, 2), "sky": (n,)}).items():
             array = getattr(self, name)

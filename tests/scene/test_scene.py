@@ -1,6 +1,6 @@
 """Scenes: what is promised of cameras, backgrounds, structures, sequences and textures."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +18,7 @@ from semisynth_gl.scene.instances import to_scene
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import near_depth_m, sample_cameras
 from semisynth_gl.scene.sampler import SceneSampler
-from semisynth_gl.scene.scene import make_scene
+from semisynth_gl.scene.scene import Scene, make_scene
 from semisynth_gl.scene.structures import CURVED_PANEL, SURFACE_MODELS, sample_structures
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
@@ -180,3 +180,12 @@ def test_impossible_scenes_are_refused(change, word):
     arguments = {"model": [0], "world_from_model": [np.eye(4)], "layer": [0]} | change
     with pytest.raises(InputError, match=word):
         make_scene(CAMERA, **arguments)
+
+
+def test_scenes_of_arrays_have_no_sky_unless_they_say_so():
+    made = make_scene(CAMERA, model=[0, 0], world_from_model=[np.eye(4)] * 2, layer=[0, 0])
+    arrays = {each.name: getattr(made, each.name) for each in fields(made) if each.name != "sky"}
+    for scene in (Scene(**arrays), replace(made, sky=np.zeros(0, bool))):
+        np.testing.assert_array_equal(scene.sky, [False, False])
+    with pytest.raises(InputError, match="sky must be bool, got int64"):
+        Scene(**arrays, sky=np.array([1, 0]))
