@@ -24,10 +24,10 @@ _STEP = (221**0.5 - 11) / 10
 
 
 def recipe_numbers(sequences: Ints, shares: Sequence[float], seed: int) -> Ints:
-    """Return the numbers of the recipes of sequences, (N,) each.
+    """Return the number of each sequence's recipe, (N,); ``sequences`` (N,) are the sequences' own numbers.
 
-    Among successive sequences each of R recipes is as frequent as its share says. The R ``shares`` are above 0 and add
-    up to 1. The ``seed`` decides where the order of recipes begins.
+    Among successive sequences, each recipe is as frequent as its share says. The ``shares`` are above 0 and add up
+    to 1. The ``seed`` decides where the order of recipes begins.
     """
     first = generator(seed, Purpose.RECIPES).random()
     return np.searchsorted(np.cumsum(shares)[:-1], (first + sequences * _STEP) % 1.0, side="right")

@@ -38,7 +38,7 @@ def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px
     ``scene.near_of(eye)``, which the renderer does not draw. The sky is behind everything else; among several skies, a
     ray hits the first instance.
 
-    ``scene.model`` refers to ``models``; the columns ``x_px`` and the rows ``y_px`` are R in any shape.
+    ``scene.model`` refers to ``models``. ``x_px`` and ``y_px`` have the R columns and rows, in any shape.
     """
     camera = scene.camera
     x, y = np.asarray(x_px, np.float64).ravel(), np.asarray(y_px, np.float64).ravel()

@@ -68,8 +68,8 @@ def come_to_rest(poses: Floats, meshes: Sequence[Mesh], corners: Floats, up: Flo
     Each particle keeps its rotation, and touches the plane of the surface below its centre with the point that is
     lowest over that plane. A particle above nothing, or above a slope of more than 60 degrees, is left out.
 
-    ``poses`` (P, 4, 4) are world_from_model of the ``meshes``. Triangles to rest on have their ``corners`` (T, 3, 3) in
-    the world's frame, in which the unit vector ``up`` (3,) points up. Returns the poses (4, 4) of the particles that
+    ``poses`` (P, 4, 4) are world_from_model of the ``meshes``. The ``corners`` (T, 3, 3) of triangles that may carry
+    particles, and the unit vector ``up`` (3,), are in the world's frame. Returns the poses (4, 4) of the particles that
     have come to rest, by number.
     """
     # A frame whose z points up.

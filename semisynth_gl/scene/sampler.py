@@ -173,7 +173,7 @@ class SceneSequence:
         return generator(self.sampler.seed, purpose, self.number, *numbers, *redone)
 
     def _released(self, purpose: Purpose, generation: int) -> np.random.Generator:
-        """Return the generator of one generation; the first key of PARTICLES and TEXTURE is the static scene's."""
+        """Return one generation's generator; key 0 of PARTICLES and TEXTURE is for what all frames share."""
         key = generation if generation >= 0 else _BEFORE - generation
         return self._generator(purpose, key + (purpose is not Purpose.SHAPE))
 

@@ -24,7 +24,7 @@ _ROUNDING = 1e-9
 
 
 def corner_rays(camera: StereoCamera, *eyes: Eye) -> Floats:
-    """Return the rays (R, 3) of `_corner_rays` for the views of ``eyes``, or of both eyes."""
+    """Return rays (R, 3) through the corners of the views of ``eyes``, by default of both; see `_corner_rays`."""
     return np.concatenate([rays for eye, rays in _corner_rays(camera) if not eyes or eye in eyes])
 
 
