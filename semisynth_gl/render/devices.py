@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
+from itertools import takewhile
 from typing import Any
 from uuid import UUID
 
@@ -91,7 +92,9 @@ def egl_index_of_gpu(gpu: int, devices: Sequence[Device], visible: str | None) -
             "NVIDIA's driver tells where its libEGL is installed",
             argument="gpus",
         )
-    entry = str(gpu) if visible is None else dict(enumerate(visible.split(","))).get(gpu, "").strip()
+    # CUDA ignores -1 and all entries behind it.
+    entries = takewhile("-1".__ne__, map(str.strip, (visible or "").split(",")))
+    entry = str(gpu) if visible is None else dict(enumerate(entries)).get(gpu, "")
     found = [
         device
         for device in gpus

@@ -30,6 +30,7 @@ def test_the_device_is_found_within_those_that_cuda_sees(visible, indices):
     ("gpu", "visible", "message"),
     [
         (4, None, r"gpus: 4: .*GPUs that EGL lists, 2 \(GPU-2c1.*, 3 \(of unknown UUID\)"),
+        (2, "1,-1,2", "names no such GPU"),
         (2, "2,3", "CUDA_VISIBLE_DEVICES=2,3 names no such GPU"),
         (0, "7", r"CUDA_VISIBLE_DEVICES=7 names 7"),
         (0, "GPU-0a", r"names GPU-0a, which is not exactly one"),
