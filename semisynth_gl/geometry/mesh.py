@@ -84,7 +84,8 @@ def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Me
     for what, values, least in (("positions", positions, 0.0), ("uv", uv, 1.0)):
         points = np.asarray(values, np.float64)
         low, high = points.min(axis=0), points.max(axis=0)
-        if max(-low.min(), high.max()) > _FARTHEST * max(lengths(high - low) / 2, least) > 0:
+        reach = max(float(lengths(high - low)) / 2, least)
+        if max(-low.min(), high.max()) > _FARTHEST * reach > 0:
             raise InputError(
                 f"mesh {name}: {what} must lie within {_FARTHEST} times half their extent of 0, where float32 holds "
                 "their shape: subtract their middle, and add it to the instance's pose or UV offset"
