@@ -7,6 +7,8 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
+from semisynth_gl.inputs.errors import shown
+
 MOST_BYTES = 1 << 18
 """Largest size of a file that is read as YAML; parsing that much takes a few seconds at worst."""
 
@@ -59,7 +61,7 @@ def _value(yaml: YAML, node: Node, key: Key, lines: dict[Key, int]) -> Any:  # n
     """Return a node's value, and add the lines of all keys in it."""
     kind = str(node.tag).removeprefix(_TAG)
     if node.anchor or kind not in _KINDS:
-        mark = f"&{node.anchor}" if node.anchor else f"!{kind}"
+        mark = f"&{node.anchor}" if node.anchor else str(node.tag).replace(_TAG, "!!")
         raise YamlError(_line(node), f"anchors, aliases and tags are not accepted: write {mark} out, or quote the text")
     if isinstance(node, SequenceNode):
         lines |= {(*key, number): _line(item) for number, item in enumerate(node.value)}
@@ -72,7 +74,10 @@ def _value(yaml: YAML, node: Node, key: Key, lines: dict[Key, int]) -> Any:  # n
             lines[*key, name.value] = _line(name)
             mapping[name.value] = _value(yaml, child, (*key, name.value), lines)
         return mapping
-    return node.value if kind in ("str", "timestamp") else yaml.constructor.construct_object(node)
+    try:
+        return node.value if kind in ("str", "timestamp") else yaml.constructor.construct_object(node)
+    except (ValueError, KeyError):
+        raise YamlError(_line(node), f"expected a value of the type {kind}, got {shown(node.value)}") from None
 
 
 def _line(node: Node) -> int:

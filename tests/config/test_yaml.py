@@ -15,7 +15,10 @@ TRAPS = {
     "alias to itself": ("a: &a [*a]", 1),
     "a glob without quotes": ("\nimages: [*.jpg]", 2),
     "a tag of Python's": ("a: !!python/object/apply:os.system [ls]", 1),
-    "an int of 5000 digits": (f"a: {'9' * 5000}", None),
+    "an int of 5000 digits": (f"a: {'9' * 5000}", 1),
+    "an int without digits": ("\na: +_", 2),
+    "a float that is none": ("a: !!float x", 1),
+    "a bool that is none": ("a: !!bool x", 1),
     "nested lists": (f"a: {'[' * 700}{']' * 700}", None),
     "a key that is a list": ("[1, 2]: 3", 1),
     "a key twice": ("a: {b: 1,\n b: 2}", 2),
@@ -35,6 +38,14 @@ def test_traps_are_refused_with_their_line(tmp_path, name):
         load_config(tmp_path / "mine.yaml")
     assert str(refused.value).startswith(f"{tmp_path / 'mine.yaml'}{'' if line is None else f':{line}'}: ")
     assert len(str(refused.value)) < 500
+
+
+@pytest.mark.parametrize(
+    ("text", "said"), [("&a b", "write &a out"), ("!a b", "write !a out"), ("!!set b", "write !!set out")]
+)
+def test_marks_are_named_as_they_are_written(text, said):
+    with pytest.raises(YamlError, match=said):
+        read_yaml(text)
 
 
 def test_a_large_file_is_not_read(tmp_path):
