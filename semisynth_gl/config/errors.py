@@ -4,7 +4,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from semisynth_gl.config.explain import config_keys
-from semisynth_gl.config.fields import ConfigError
+from semisynth_gl.config.fields import ConfigError, Section
 from semisynth_gl.config.layers import Layer, dotted, holds, merged, undotted
 from semisynth_gl.config.yaml_values import Key
 from semisynth_gl.inputs.errors import did_you_mean, near, shown
@@ -48,6 +48,9 @@ def _line(fault: ErrorDetails, layer: Layer) -> str:
 def _hint(key: Key) -> str:
     """Return a question with the keys that an unknown key may have been meant for: similar, or in another section."""
     elsewhere = [each for each in config_keys() if each.rpartition(".")[2] == key[-1]]
-    beside = [each for each in config_keys() if each.count(".") == len(key) - 1]
+    section = dotted(key[:-1])
+    beside = [each for each in config_keys() if each.rpartition(".")[0] == section]
+    if not beside:  # in a target, or in a list
+        beside = [f"{section}.{name}" for each in Section.__subclasses__() for name in each.model_fields]
     names = dict.fromkeys([*near(dotted(key), beside), *elsewhere[:2]])
     return did_you_mean(names, "`semisynth-gl configs NAME` lists all keys of a config")

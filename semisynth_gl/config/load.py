@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.config.errors import explained
-from semisynth_gl.config.fields import SMALLEST, is_number
+from semisynth_gl.config.fields import LARGEST, SMALLEST, is_number
 from semisynth_gl.config.image_size import recentred, scaled
 from semisynth_gl.config.layers import OVERRIDE, Layer, Values, merged
 from semisynth_gl.config.model import Config
@@ -102,7 +102,8 @@ def _about(layer: Layer, *keys: Key) -> Iterator[None]:
 
 def _find_config(name: str) -> Path:
     path = expanded(name)
-    if path.exists() and not path.is_dir():
+    # A text that the system takes for no path, such as one that is too long, names no config.
+    if os.path.exists(path) and not os.path.isdir(path):  # noqa: PTH110, PTH112 - pathlib raises
         return path
     stem, names = path.name.removesuffix(".yaml"), packaged_configs()
     if path.parent == Path() and stem in names:
@@ -135,7 +136,7 @@ def _read(path: Path, above: tuple[str, ...]) -> Layer:
         if not isinstance(base_name, str):
             raise InputError(f"expected the name of a config, got {shown(base_name)}")
         beside = Path(os.path.normpath(path.parent / expanded(base_name)))
-        base_path = beside if beside.is_file() else _find_config(base_name)
+        base_path = beside if os.path.isfile(beside) else _find_config(base_name)  # noqa: PTH113 - as in _find_config
     return _over(_read(base_path, (*above, file)), layer)
 
 
@@ -176,7 +177,7 @@ def _over(below: Layer, layer: Layer) -> Layer:
     values, factor = below.values, layer.values.get("scale")
     if factor is not None:
         if not (is_number(factor) and factor >= SMALLEST):
-            raise InputError(layer.said(f"expected a number above 0, got {shown(factor)}", [("scale",)]))
+            raise InputError(layer.said(f"expected {SMALLEST:g} to {LARGEST:g}, got {shown(factor)}", [("scale",)]))
         values = scaled(values, factor)
     own = {key: value for key, value in layer.values.items() if key not in ("extends", "scale")}
     return replace(layer, values=own).over(replace(below, values=recentred(values, own)))

@@ -80,6 +80,10 @@ MINIMAL = "name: m\n" + CAMERA + DISPARITY
         ("name: mine\n" + CAMERA, "mine.yaml: disparity is missing"),
         ("name: two words\n" + CAMERA + DISPARITY, "mine.yaml:1: name: string should match pattern"),
         (MINIMAL + "particles:\n  layers:\n  - {disparity_px: 3}\n", ":6: particles.layers.0: count is missing"),
+        (
+            MINIMAL + "particles: {layers: [{cont: 3}]}\n",
+            "layers.0.cont: unknown key; did you mean particles.layers.0.count?",
+        ),
         (MINIMAL + "background: {cuboid: 0, plane: 0}\n", ":4: background.plane: expected a weight above 0"),
         (MINIMAL + "splits: {validation: 0.6, test: 0.5}\n", "splits.test: validation and test add up to 1.1"),
         (MINIMAL + "textures: {sequence: 1}\n", "textures.sequence: input should be a valid boolean, got 1"),
@@ -104,6 +108,12 @@ def test_unknown_names_get_the_nearest(tmp_path, monkeypatch):
         load_config("midlebury")
     with pytest.raises(InputError, match="no such config"):
         load_config(tmp_path / "none.yaml")
+    for name in ("a" * 5000, "a\0b"):
+        with pytest.raises(InputError, match="no such config"):
+            load_config(name)
+        assert "mine.yaml:1: extends: no such config" in complaint(
+            tmp_path, f'extends: "{name}"\n'.replace("\0", "\\0")
+        )
     (tmp_path / "middlebury").mkdir()
     monkeypatch.chdir(tmp_path)
     assert load_config("middlebury").name == "middlebury"
@@ -188,7 +198,10 @@ def test_a_wrong_key_names_those_that_may_be_meant(key, meant):
         ("{form: gamma, mean_px: 3, spred_px: 2}", "disparity.target: spread_px is missing"),
         ("{form: gamma, mean_px: -3, spread_px: 1}", "disparity.target.mean_px: expected mean_px above origin_px"),
         ("{form: gama}", "disparity.target: input tag 'gama' found using 'form' does not match"),
-        ("{form: gamma, mean_px: 9, spread_px: 2, spred_px: 3}", "disparity.target.spred_px: unknown key"),
+        (
+            "{form: gamma, mean_px: 9, spread_px: 2, spred_px: 3}",
+            "disparity.target.spred_px: unknown key; did you mean disparity.target.spread_px?",
+        ),
         ("{form: uniform, low_px: 30}", "disparity.target: expected low_px < high_px, got 30 and 20"),
     ],
 )
@@ -196,6 +209,12 @@ def test_faults_of_targets_name_their_keys(tmp_path, target, said):
     text = "name: m\n" + CAMERA + f"disparity:\n  min_px: 1\n  max_px: 20\n  target: {target}\n"
     assert complaint(tmp_path, text).startswith(f"{tmp_path / 'mine.yaml'}:6: {said}")
     assert complaint(tmp_path, MINIMAL, [f"disparity.target={target}"]).startswith(f"override {said}")
+
+
+def test_a_gamma_between_the_last_points_of_the_range_is_in_the_last_bin():
+    target = {"form": "gamma", "origin_px": 289.98, "mean_px": 289.99, "spread_px": 0.001}
+    shares = load_config("middlebury", {"disparity.target": target}).wanted_histogram().shares
+    assert shares.tolist() == [0.0] * (len(shares) - 1) + [1.0]
 
 
 def test_a_later_focal_length_takes_back_the_earlier():

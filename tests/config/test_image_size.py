@@ -104,7 +104,8 @@ def test_a_scale_is_of_what_it_stands_over(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("extends: middlebury\nscale: .nan\n", "lab.yaml:2: scale: expected a number above 0, got nan"),
+        ("extends: middlebury\nscale: .nan\n", r"lab.yaml:2: scale: expected 1e-06 to 1e\+06, got nan"),
+        ("extends: middlebury\nscale: 1e9\n", r"lab.yaml:2: scale: expected 1e-06 to 1e\+06, got 1000000000.0"),
         ("name: x\nscale: 2\n", "lab.yaml:2: scale: expected extends beside it"),
         ("extends: middlebury\nscale: 64\n", "camera.width_px: input should be less than or equal to 16384"),
     ],
