@@ -12,7 +12,6 @@ from backends import backend_fault
 from hand_made_pairs import CAMERA, decode, encode, make_frame
 from heavy import heavy
 from PIL import Image
-from scenes import facing, noise_layers
 from tiny_datasets import cheap, findings
 
 from semisynth_gl.codecs import Encodings
@@ -20,18 +19,16 @@ from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.png import GREY8, RGB8, ThreeEqual
 from semisynth_gl.dataset.generate import generate
 from semisynth_gl.dataset.reader import open_dataset
-from semisynth_gl.frame.camera import EYES, StereoCamera
+from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.frame import Frame, as_rgb
 from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.judge.charts import draw_sheet
 from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.textures.atlas import to_grey
 
 # Layouts whose loaders fail at one channel.
 THREE = {"middlebury", "eth3d"}
-ODD = 37
 
 
 def luminance(image):
@@ -55,20 +52,6 @@ def test_grey_is_the_stated_luminance():
     np.testing.assert_array_equal(to_grey(image[..., :3]), to_grey(image))
     levels = np.arange(256, dtype=np.uint8)
     np.testing.assert_array_equal(to_grey(np.stack([levels] * 3, axis=1)[None])[0], levels)
-
-
-@pytest.mark.parametrize("anisotropy", [1, 8])
-@pytest.mark.parametrize("size", [(941, 200), (17, 3)])
-def test_a_grey_patch_comes_out_bit_for_bit_and_alike_in_both_views(open_renderer, square, size, anisotropy):
-    width, height = size
-    layers = noise_layers(3, ODD)[..., 0]
-    camera = StereoCamera.centred(width, height, 400.0, 0.1)
-    renderer = open_renderer([square], layers, wrap="repeat", anisotropy=anisotropy)
-    matrix = facing(camera, -700, -900, 60 * ODD, 60 * ODD, 400 * 0.1 / 16)
-    frame = renderer.render(make_scene(camera, model=[0], world_from_model=[matrix], layer=[2], uv_scale=60))
-    y, x = np.mgrid[:height, :width]
-    np.testing.assert_array_equal(frame.left.image, layers[2][(y + 900) % ODD, (x + 700) % ODD])
-    np.testing.assert_array_equal(frame.left.image[:, 16:], frame.right.image[:, :-16])
 
 
 @pytest.mark.parametrize("name", layout_names())

@@ -12,7 +12,6 @@ from backends import count_objects
 from heavy import heavy
 from tiny_datasets import cheap
 
-from semisynth_gl.augmentation import Augmentation
 from semisynth_gl.frame.camera import Crop
 from semisynth_gl.frame.channels import DRAWN_OUTPUTS
 from semisynth_gl.inputs.errors import BackendError, InputError
@@ -216,12 +215,3 @@ def test_tensors_on_a_gpu_do_not_come_from_workers():
     loaded = torch.utils.data.DataLoader(one, num_workers=1, multiprocessing_context="fork")
     with pytest.raises(InputError, match="needs num_workers=0"):
         next(iter(loaded))
-
-
-@pytest.mark.usefixtures("gpu")
-@pytest.mark.parametrize(
-    ("config", "options"), [({"imperfections": {"noise": [1, 2]}}, {}), ({}, {"augmentation": Augmentation()})]
-)
-def test_what_works_on_arrays_in_memory_is_not_for_a_gpu(config, options):
-    with pytest.raises(InputError, match="needs checked=False and a config without a lens, imperfections"):
-        StereoStream(cheap(**config), SEED, 1, device="cuda", checked=False, **options)

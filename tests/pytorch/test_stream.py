@@ -8,6 +8,7 @@ import pytest
 from heavy import heavy
 from tiny_datasets import cheap
 
+from semisynth_gl.augmentation import Augmentation
 from semisynth_gl.frame.camera import Crop, StereoCamera
 from semisynth_gl.frame.channels import View
 from semisynth_gl.frame.frame import Frame
@@ -135,6 +136,10 @@ def test_a_renderer_opens_for_the_first_sample_and_closes_when_told(backend, mon
         ({"gpus": (-1,)}, "gpus: must be 0 or more"),
         ({"device": "cuda"}, "checked=False.*pin_memory=True"),
         ({"device": "cuda", "backend": "osmesa", "checked": False}, "EGL and a GPU that torch finds"),
+        *(
+            ({"device": "cuda", "checked": False, **more}, "a config without a lens, imperfections")
+            for more in ({"config": cheap(imperfections={"noise": [1, 2]})}, {"augmentation": Augmentation()})
+        ),
     ],
 )
 def test_arguments_that_cannot_be_used_are_refused(options, message):

@@ -93,6 +93,9 @@ def test_datasets_are_what_was_drawn_and_nothing_is_found(tmp_path, kind):
             for role, array in made.frame.arrays().items():
                 if role in pair.arrays() and layout not in ("kitti", "crestereo"):  # which round
                     np.testing.assert_array_equal(pair.arrays()[role], array, err_msg=role)
+                elif role.startswith("disparity"):
+                    atol = pair.encodings.disparity.error_px
+                    np.testing.assert_allclose(pair.arrays()[role], array, rtol=0, atol=atol, err_msg=role)
             assert {"left", "right"} <= pair.arrays().keys() <= made.frame.arrays().keys()
     if kind.startswith("fx != fy, ") and layout in kind:
         pair = stored[0]

@@ -14,26 +14,26 @@ from semisynth_gl.render import patches
 from semisynth_gl.scene.scene import make_scene
 
 pytestmark = pytest.mark.one_backend
-SIDE = 64
+SIDE, ODD = 64, 37
 
 
 def folded(index, wrap):
     if wrap == "repeat":
-        return index % SIDE
-    return np.where((index // SIDE) % 2 == 1, SIDE - 1 - index % SIDE, index % SIDE)
+        return index % ODD
+    return np.where((index // ODD) % 2 == 1, ODD - 1 - index % ODD, index % ODD)
 
 
 @pytest.mark.parametrize("anisotropy", [1, 8])
 @pytest.mark.parametrize("wrap", ["mirror", "repeat"])
 @pytest.mark.parametrize("grey", [False, True])
 def test_a_patch_at_one_texel_per_pixel_comes_out_bit_for_bit(open_renderer, wrap, anisotropy, grey):
-    layers = noise_layers(3, SIDE)
+    layers = noise_layers(3, ODD)
     layers, shown = (layers[..., 0], layers[2, ..., 0]) if grey else (layers, layers[2, ..., :3])
     renderer, repeats = open_renderer([SQUARE], layers, wrap=wrap, anisotropy=anisotropy), 40
     for (width, height), depth in itertools.product([(256, 192), (241, 89), (1, 1), (17, 3)], (0.731, 1234.5)):
         camera = StereoCamera(width, height, 700.0, 0.05, 0.47 * width, 0.5 * width, 0.4 * height)
         y, x = np.mgrid[:height, :width]
-        matrix = facing(camera, -700, -900, repeats * SIDE, repeats * SIDE, depth)
+        matrix = facing(camera, -700, -900, repeats * ODD, repeats * ODD, depth)
         scene = make_scene(camera, model=[0], world_from_model=[matrix], layer=[2], uv_scale=repeats)
         expected = shown[folded(y + 900, wrap), folded(x + 700, wrap)]
         np.testing.assert_array_equal(renderer.render(scene).left.image, expected, err_msg=f"{width}, at {depth} m")

@@ -308,23 +308,6 @@ def test_disparities_that_no_rig_has_are_refused_by_their_key(signed, keys, mess
         load_config("kitti", [*values, *keys.items()])
 
 
-@pytest.mark.parametrize(
-    "target",
-    [
-        {"form": "uniform-depth"},
-        {"form": "gamma", "origin_px": -16, "mean_px": -8, "spread_px": 5},
-        {"form": "histogram", "first_px": -15, "bin_px": 5, "shares": [1, 2, 3, 2, 1]},
-    ],
-)
-def test_targets_reach_below_0(target):
-    more = {"disparity.min_px": -15, "disparity.max_px": 18, "disparity.target": target}
-    wanted = open_scenes(20.0, more=more).wanted_histogram()
-    assert wanted.edges_px[0] == -15
-    assert wanted.shares.sum() == pytest.approx(1)
-    assert (wanted.shares >= 0).all()
-    assert wanted.cumulative(0.0) > 1e-4
-
-
 def test_scenes_are_as_many_below_0_as_above():
     """A rig of a large doffs shows what one without shows, all disparities less by that."""
     expected, solved = [], {"particles.layers": None, "particles.size_px": [20, 80]}

@@ -68,8 +68,9 @@ def test_uniform_in_depth_is_what_thrown_depths_show():
     assert total_variation(made, thrown.histogram) < 0.003
 
 
-def test_a_gamma_has_its_mean_and_spread():
-    made = target({"form": "gamma", "mean_px": 90.0, "spread_px": 30.0})
+@pytest.mark.parametrize("origin_px", [0, 20])
+def test_a_gamma_has_its_mean_and_spread(origin_px):
+    made = target({"form": "gamma", "mean_px": 90.0, "spread_px": 30.0, "origin_px": origin_px})
     middle = (made.edges_px[1:] + made.edges_px[:-1]) / 2
     assert made.mean_px == pytest.approx(90, rel=0.005)
     assert math.sqrt(made.shares @ (middle - made.mean_px) ** 2) == pytest.approx(30, rel=0.03)

@@ -42,15 +42,7 @@ def test_crops_of_each_scale_that_fits_cover_the_image(height, width, patch_px, 
         assert len(of_side) == -(-height // side) * -(-width // side)  # no more than it takes
 
 
-def test_a_crop_of_patch_size_is_copied_bit_for_bit():
-    image = noise(50, 60)
-    crop = cut_crop(image, Square("a", 7, 11, 32), 32)
-    np.testing.assert_array_equal(crop, image[11:43, 7:39])
-    assert crop.flags.c_contiguous
-    assert not np.shares_memory(crop, image)
-
-
-@pytest.mark.parametrize("factor", [2, 3, 4, 7])
+@pytest.mark.parametrize("factor", [1, 2, 3, 4, 7])
 def test_whole_factors_average_exactly(factor):
     patch_px = 16
     image = noise(140, 150)
@@ -58,13 +50,9 @@ def test_whole_factors_average_exactly(factor):
     square = image[3 : 3 + side, 5 : 5 + side].astype(np.int64)
     blocks = square.reshape(patch_px, factor, patch_px, factor, 3).sum(axis=(1, 3))
     expected = (2 * blocks + factor**2) // (2 * factor**2)
-    np.testing.assert_array_equal(cut_crop(image, Square("a", 5, 3, side), patch_px), expected)
-
-
-@pytest.mark.parametrize("side", [1, 2, 7, 33, 256])
-def test_flat_patches_measure_exactly_zero(side):
-    for colour in ((0, 0, 0), (255, 255, 255), (13, 200, 77)):
-        assert texture_measure(np.full((side, side, 3), colour, dtype=np.uint8)) == 0.0
+    crop = cut_crop(image, Square("a", 5, 3, side), patch_px)
+    np.testing.assert_array_equal(crop, expected)
+    assert not np.shares_memory(crop, image)
 
 
 @pytest.mark.parametrize("side", [64, 100, 256])

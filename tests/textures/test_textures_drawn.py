@@ -146,6 +146,7 @@ def test_the_cache_and_the_sheet_know_the_pictures(monkeypatch: pytest.MonkeyPat
     for same in (prepare_atlas(section, Split(11)), unpack_atlas(pack_atlas(atlas))):
         assert (same.patches, same.report, same.pictures) == (atlas.patches, atlas.report, atlas.pictures)
         np.testing.assert_array_equal(same.layers, atlas.layers)
+        np.testing.assert_array_equal(same.large_layers, atlas.large_layers)
     assert {patch.source for patch in atlas.patches if patch.large} == {"mine/0", "mine/1", "mine/3"}
     # Pictures of a split are its own, and none is painted twice.
     of_split = prepare_atlas(section, VALIDATION).pictures

@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from photograph_like import noise, save
-from tiny_datasets import tiny
+from photograph_like import noise
 
 from semisynth_gl.config import load_config
 from semisynth_gl.config.scene_sections import TexturesSection
@@ -21,7 +20,7 @@ from semisynth_gl.textures import prepare
 from semisynth_gl.textures.atlas import Patch, atlas_from_arrays
 from semisynth_gl.textures.large import MOST_LARGE, with_large_patches
 from semisynth_gl.textures.pictures import Picture
-from semisynth_gl.textures.prepare import pack_atlas, prepare_atlas, unpack_atlas
+from semisynth_gl.textures.prepare import prepare_atlas
 from semisynth_gl.textures.sources import SOURCES
 
 
@@ -86,21 +85,6 @@ def test_pictures_are_kept_in_memory_where_large_patches_may_be_cut_from_them(mo
         assert most <= max(alive) <= most + 2
         large = {patch.source for patch in atlas.patches if patch.large}
         assert large == {f"mine/{number}" for number in range(10, 10 + most)}
-
-
-def test_an_atlas_comes_out_of_the_cache_as_it_went_in(tmp_path):
-    save(tmp_path, **{f"{k}": noise(300, 400, k) for k in range(3)})
-    textures = tiny(textures={"source": "images", "images": [str(tmp_path)], "large_px": 128}).textures
-    atlas = prepare_atlas(textures, Split(5))
-    again = unpack_atlas(pack_atlas(atlas))
-    assert again.patches == atlas.patches
-    np.testing.assert_array_equal(again.large_layers, atlas.large_layers)
-    assert again.large_layers.shape == (3, 128, 128, 4)
-    # The small patches are those that the section has without large ones.
-    plain = prepare_atlas(textures.model_copy(update={"large_px": 0}), Split(5))
-    np.testing.assert_array_equal(plain.layers, atlas.layers)
-    assert plain.patches == tuple(patch for patch in atlas.patches if not patch.large)
-    assert len(plain.large_layers) == 0
 
 
 SMALL = tuple(Patch("s", 0, 0, 256, k, 1, 9.0) for k in range(5))
