@@ -113,6 +113,10 @@ def begin(root: UPath, plan: Plan, *, overwrite: bool = False) -> None:
         elif replaces(root, there, plan):
             _remove(root, there)
         (root / INDEX).unlink(missing_ok=True)
+        ends = {shard.record: shard.end for shard in plan.shards}
+        for shard in there.shards:
+            if ends.get(shard.record, shard.end) != shard.end:  # the last one of a split gets more pairs
+                (root / shard.record).unlink(missing_ok=True)
     if there != plan:
         with clear_errors(root):
             replace(root, PLAN, JSON_OBJECT.encode(plan.values()))

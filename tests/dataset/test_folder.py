@@ -66,10 +66,11 @@ def test_what_a_dataset_lacks_is_made_again(clean, tmp_path, layout):
     assert tree(folder) == wanted
 
 
+@pytest.mark.parametrize(("before", "made"), [(2, [1]), (1, [0, 1]), (3, [1])])
 @pytest.mark.parametrize("layout", ["middlebury", "webdataset", "middlebury-2014"])
-def test_a_dataset_grows_to_what_a_larger_one_is(clean, tmp_path, layout):
-    write(tmp_path / "set", layout, {"train": 2, "validation": 1})
-    assert write(tmp_path / "set", layout) == [1]
+def test_a_dataset_grows_to_what_a_larger_one_is(clean, tmp_path, layout, before, made):
+    write(tmp_path / "set", layout, {"train": before, "validation": 1})
+    assert write(tmp_path / "set", layout) == made
     assert tree(tmp_path / "set") == tree(clean / layout)
     with pytest.raises(InputError, match=r"pairs\.train \(4 there, 2 now\)"):
         write(tmp_path / "set", layout, {"train": 2, "validation": 1})
