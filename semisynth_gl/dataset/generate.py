@@ -111,12 +111,13 @@ def generate(
     plan = plan.model_copy(update={"sources": digests})
     job = Job(plan, str(root.absolute()), backend, gpus)
     _describe(plan, sources, listener)
-    with locked(root, shared=shards is not None and not overwrite):
-        if overwrite and replaces(root, there, plan):
+    replacing = overwrite and replaces(root, there, plan)
+    with locked(root, shared=shards is not None and not replacing):
+        if replacing:
             # If the driver or the config's checks fail, the earlier dataset stays.
             with open_renderer(job, plan.splits[0]) as renderer:
                 renderer.render(0)
-        begin(root, plan, overwrite=overwrite)
+        begin(root, plan, overwrite=replacing)
         wanted = [shard for shard in missing(root, plan) if shard.number in chosen]
         listener.on_total(sum(shard.end - shard.first for shard in wanted))
         if wanted:

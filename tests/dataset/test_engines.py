@@ -204,6 +204,9 @@ def test_a_dataset_is_not_replaced_while_another_run_makes_its_shards(config, tm
         for overwrite, said in ((False, "seed"), (True, "another run is making this dataset")):
             with pytest.raises(InputError, match=said):
                 generate(config, out, 3000, SEED + 1, shards=range(1), overwrite=overwrite, shard_pairs=3)
+        # The same dataset has nothing to replace: its shards may be shared.
+        generate(config, out, 3000, SEED, shards=range(1), overwrite=True, shard_pairs=3)
+        assert (out / SHARD.format(0)).exists()
         assert first.poll() is None
         first.kill()
     assert (out / "shards/plan.json").read_bytes() == before
