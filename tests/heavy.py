@@ -1,4 +1,4 @@
-"""Packages which the tests of `make test` do without: those of hundreds of MB, and those that build the site."""
+"""Packages of hundreds of MB, which the tests of `make test` do without."""
 
 from types import ModuleType
 
