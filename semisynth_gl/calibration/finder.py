@@ -32,7 +32,7 @@ _FOCAL_TIMES_BASELINE = {"bf", "fb", "focalxbaseline"}
 _LARGEST_SIDE_PX = 99_999
 # Relative tolerance for equal baselines; translations up to this length count as zero.
 _SAME_BASELINE, _NO_SHIFT_M = 0.02, 1e-6
-# What a flag for a fisheye lens may be if it is none, as text.
+# Texts by which a flag says that a lens is no fisheye.
 _FALSE = {"", "false", "no", "off", "none", "0.0", "[0.]"}
 # Images of radial-tangential lenses are hardly wider than this times the focal length, 100 degrees.
 _WIDE = 2.4

@@ -19,7 +19,7 @@ _MOST_SKEW = 1e-4
 
 
 def model_of(names: Iterable[str]) -> LensModel | None:
-    """Return the model of both lenses by what a calibration calls it; None where no name is one of a model.
+    """Return the lens model that a calibration's names state for both cameras; None where they state none.
 
     Raises FormatError for a model that is not read, or for two models.
     """

@@ -37,7 +37,7 @@ def read_rig(
     unless names say otherwise, or intrinsics and extrinsics.
 
     ``photographed`` is the size of the rig's photographs, which chooses or stands for the size where files do not state
-    it. The other arguments are those of `calibrate`.
+    it. ``keys`` are the ``calib_keys`` of `calibrate`, which explains the other arguments.
 
     Raises:
         InputError: where there is no file, or several rigs, the rig is not rectified, or OpenCV is needed and missing.

@@ -188,7 +188,7 @@ class Config(Section):
             has_no_flow = "disparity_change" in outputs and "flow" not in outputs
             yield is_cut and has_no_flow, f"{text}: add flow to outputs", ("lens.border_disparity", "outputs")
         names = [section.recipe for section in self.scenes]
-        yield len(set(names)) < len(names), "expected a name of its own for each recipe", ("scenes",)
+        yield len(set(names)) < len(names), "expected recipes with different names", ("scenes",)
         is_weightless = names and sum(section.weight for section in self.scenes) == 0
         yield bool(is_weightless), "expected a weight above 0 for at least one recipe", ("scenes",)
 

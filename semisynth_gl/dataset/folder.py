@@ -37,7 +37,7 @@ _REQUESTS = 16
 
 
 def read_plan(root: UPath) -> Plan | None:
-    """Read the plan of a dataset; return None where there is nothing yet.
+    """Read the plan of a dataset; return None where the root is empty or does not exist.
 
     Raises:
         InputError: where a newer program wrote the plan, it names a plug-in that is not installed, or the root has

@@ -64,7 +64,7 @@ def read_whole(root: UPath, name: str) -> bytes:
 
 
 def read_if_there(root: UPath, name: str) -> bytes | None:
-    """Read a file like `read_whole`; return None where it is missing. See `clear_errors` for errors of a store."""
+    """Read a file as `read_whole` does, or return None where it is missing; `clear_errors` turns errors of a store."""
     with clear_errors(root):
         return read_whole(root, name) if (root / name).exists() else None
 
@@ -124,7 +124,7 @@ def final_name(name: str) -> str:
 
 @contextmanager
 def clear_errors(root: UPath) -> Iterator[None]:
-    """Raise InputError, with advice, for any error of a store: those of botocore and others are no OSErrors."""
+    """Turn any error of a store into an InputError with advice; stores raise other errors than OSErrors too."""
     try:
         yield
     except Exception as error:

@@ -131,9 +131,9 @@ def decode_file(layout: Layout, role: str, data: bytes, path: Path, encodings: E
 def wrong_sizes(values: Mapping[str, Any], size: tuple[int, int]) -> Iterator[tuple[str, str]]:
     """Yield the role of each value that does not have the dataset's size, and a message about it.
 
-    ``values`` are a pair's decoded files by role, and ``size`` is the height and width of the dataset's images. So
-    has the camera of a calibration or provenance. A raw image has the size of the sensor in the provenance's ``lens``;
-    one without objects is a fault, too.
+    ``values`` are a pair's decoded files by role. ``size`` is the height and width of the dataset's images, and of the
+    camera that calibration and provenance describe. A raw image has the size of the sensor in the provenance's
+    ``lens``; a ``lens`` that is no object, or has none for an eye, is a fault too.
     """
     lens = values.get("provenance", {}).get("lens") or {}
     if not isinstance(lens, dict) or not all(isinstance(lens.get(eye, {}), dict) for eye in EYES):
@@ -153,7 +153,7 @@ def wrong_sizes(values: Mapping[str, Any], size: tuple[int, int]) -> Iterator[tu
 
 
 def _camera_size(value: object) -> tuple[Any, Any] | None:
-    """Return height and width in px of the camera in a calibration or provenance; None where there is none."""
+    """Return the height and width, px, of the camera that a calibration or provenance describes; else None."""
     match value:
         case Calibration():
             return value.camera.height_px, value.camera.width_px

@@ -136,7 +136,10 @@ def build_family(name: str, variants: int, split: Split) -> list[Mesh]:
 
 
 def _packed(library: ModelLibrary) -> Entry | None:
-    """Return the library as an entry whose arrays hold the models in turn; None where one did not fit into memory."""
+    """Return the library as an entry, in whose arrays the models follow one another.
+
+    Return None where a model did not fit into memory: the next run tries it again.
+    """
     if any(skipped.reason == OUT_OF_MEMORY for skipped in library.skipped):
         return None
     values = {

@@ -122,7 +122,7 @@ def sweep(section: ArrayLike, path: ArrayLike, *, closed: bool = False, scales: 
 
     ``section``, (S, 2), is the polygon, anticlockwise and star-shaped about the origin. ``path``, (P, 3), is the curve;
     no two neighbours coincide. ``closed`` joins its last point to its first. ``scales`` are factors of the section at
-    each point of the path, (P,), or one number. Lengths in UV along the curve are those of its centre line.
+    each point of the path, (P,), or one number. Along the curve, UV counts the curve's length.
     """
     outline, points = np.asarray(section, np.float64), np.asarray(path, np.float64)
     factor = np.broadcast_to(np.asarray(scales, np.float64), len(points))

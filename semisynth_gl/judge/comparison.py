@@ -65,7 +65,7 @@ class MeasuredPair:
     Attributes:
         position: index of the pair in the `Dataset` that was measured.
         name: name of the pair's scene, with the split in a dataset of several splits.
-        recipe: name of the pair's recipe; None where the config has no recipes.
+        recipe: the recipe that sampled the pair's scene; None where the config has no recipes.
         values: the numbers of the left view, by the key of each of `MEASURES` that it has.
     """
 

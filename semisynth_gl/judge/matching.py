@@ -253,7 +253,7 @@ def _too_many(wrong: Where, among: Where, share: float) -> bool:
 
 
 def _least_at(before: float, here: float, after: float) -> float | None:
-    """Return where a parabola through residuals at -1, 0 and 1 is least, within these; None where they are alike."""
+    """Return where from -1 to 1 a parabola through residuals at -1, 0 and 1 is least; None if they hardly differ."""
     if max(before, here, after) - min(before, here, after) < _VALLEY * max(before, here, after):
         return None
     if here > min(before, after):
