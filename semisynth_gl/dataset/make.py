@@ -4,11 +4,13 @@ import hashlib
 import json
 import tarfile
 import time
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from functools import partial
 from math import ceil
-from typing import IO, Any
+from typing import IO, Any, TypeVar
 
 from upath import UPath
 
@@ -19,9 +21,12 @@ from semisynth_gl.dataset.sample import EncodedPair, encode_pair
 from semisynth_gl.inputs.errors import InputError, abbreviate
 from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
-from semisynth_gl.render.backends import Backend
+from semisynth_gl.render.backends import Backend, is_software
 from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.seeds.splits import SplitName
+
+Rendered = TypeVar("Rendered")
+Encoded = TypeVar("Encoded")
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +66,15 @@ class ShardMaker:
         plan, shard = self._job.plan, self._job.plan.shards[number]
         renderer = self._renderer_of(shard.split, listener)
 
-        def pairs() -> Iterator[EncodedPair]:
+        def rendered() -> Iterator[Pair]:
             for index in range(shard.first, shard.end):
                 if listener.stopping:
                     return
-                yield encode(plan, shard, renderer.render(index))
+                yield renderer.render(index)
 
-        return write_shard(open_root(self._job.address), plan, shard, pairs(), listener)
+        in_thread = not is_software(renderer.renderer_name)
+        with closing(in_order(rendered(), partial(encode, plan, shard), in_thread=in_thread)) as pairs:
+            return write_shard(open_root(self._job.address), plan, shard, pairs, listener)
 
     def _renderer_of(self, split: SplitName, listener: Listener) -> PairRenderer:
         if self._renderer is None or self._renderer.split.name != split:
@@ -102,6 +109,28 @@ def encode(plan: Plan, shard: Shard, pair: Pair) -> EncodedPair:
     ndisp = max(1, ceil(plan.config.disparity.max_px))
     key = plan.key(shard.split, pair.index)
     return encode_pair(plan.layout, key, pair.frame, pair.provenance, ndisp, plan.encodings)
+
+
+def in_order(
+    rendered: Iterable[Rendered], encode: Callable[[Rendered], Encoded], *, in_thread: bool
+) -> Generator[Encoded, None, None]:
+    """Encode pairs, and yield the results in order.
+
+    With ``in_thread``, another thread encodes a pair while this one, which owns the context, renders the next:
+    compression, checksums and NumPy let other threads run. On a software renderer, one thread for both is faster.
+    """
+    if not in_thread:
+        yield from map(encode, rendered)
+        return
+    with ThreadPoolExecutor(1) as pool:
+        before: Future[Encoded] | None = None
+        for pair in rendered:
+            now = pool.submit(encode, pair)
+            if before is not None:
+                yield before.result()
+            before = now
+        if before is not None:
+            yield before.result()
 
 
 def write_shard(

@@ -17,7 +17,7 @@ from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 # A shard that a run was killed in is made again, so it has few pairs. Small datasets have at least a few shards, so
 # that workers can share them.
-_MOST_PAIRS = 64
+_MOST_SHARD_PAIRS = 64
 _SHARD_PIXELS = 86_000_000  # of cameras; about 1 GB
 _FEWEST_SHARDS = 8
 _ABSENT = object()
@@ -97,7 +97,7 @@ def _shard_pairs(config: Config, pairs: int) -> int:
     pixels = config.camera.width_px * config.camera.height_px
     if config.lens is not None and "raw" in config.outputs:
         pixels += config.lens.raw_width_px * config.lens.raw_height_px
-    number = max(1, min(_MOST_PAIRS, _SHARD_PIXELS // pixels, ceil(pairs / _FEWEST_SHARDS)))
+    number = max(1, min(_MOST_SHARD_PAIRS, _SHARD_PIXELS // pixels, ceil(pairs / _FEWEST_SHARDS)))
     # If two shards shared a sequence, it would be set up twice.
     together = config.sequence_pairs
     return ceil(number / together) * together

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from contextlib import closing
 from pathlib import Path
@@ -14,10 +15,11 @@ from processes import PATIENCE_S, alive, wait_for
 from recorder import Recorder
 from tiny_datasets import PAIRS, SEED, command, digests, tiny
 
+from semisynth_gl.dataset import make
 from semisynth_gl.dataset.cluster import RayEngine
 from semisynth_gl.dataset.engines import LocalEngine
 from semisynth_gl.dataset.generate import generate
-from semisynth_gl.dataset.make import Job, ShardMaker
+from semisynth_gl.dataset.make import Job, ShardMaker, in_order
 from semisynth_gl.inputs.errors import InputError
 
 LAYOUTS = ("middlebury", "webdataset")
@@ -235,6 +237,31 @@ def parent(path):
         return int((path / "stat").read_text().rpartition(")")[2].split()[1])
     except (OSError, IndexError):
         return None
+
+
+def test_pairs_in_flight_have_the_same_bytes(config, wanted, tmp_path, monkeypatch):
+    monkeypatch.setattr(make, "is_software", lambda _: False)
+    run(config, tmp_path / "o", listener=Recorder(lambda pair: pair.index == 1))
+    run(config, tmp_path / "o")
+    assert digests(tmp_path / "o") == wanted["middlebury"]
+
+
+def test_pairs_are_encoded_while_others_are_rendered_and_come_in_order():
+    rendered = [threading.Event() for _ in range(8)]
+
+    def render():
+        for number, event in enumerate(rendered):
+            event.set()
+            yield number
+
+    def encode(number):
+        # The last one has nothing to wait for.
+        assert rendered[min(number + 1, len(rendered) - 1)].wait(PATIENCE_S)
+        return number, threading.current_thread() is threading.main_thread()
+
+    assert list(in_order(render(), encode, in_thread=True)) == [(number, False) for number in range(8)]
+    here = threading.current_thread()
+    assert list(in_order(range(3), lambda _: threading.current_thread() is here, in_thread=False)) == [True] * 3
 
 
 def test_other_photographs_or_models_in_a_worker_are_refused(config, tmp_path):
