@@ -22,8 +22,9 @@ class MeasuredView:
     Attributes:
         luminance: (H, W) float32, 8-bit levels; None for a map without an image.
         disparity: (H, W) float32, px of the working width, nan where unknown; None for a photograph.
-        surfaces: (H, W) float32, the disparity with its holes filled; see `fill_holes`. None for a photograph, and for
-            a map in which fewer than half of the pixels have a disparity, as from lidar.
+        surfaces: (H, W) float32, the disparity with its holes filled, see `fill_holes`, and rows without any value
+            copied from the nearest row. None for a photograph, and for a map in which fewer than half of the pixels
+            have a disparity, as from lidar.
         enlarged: whether the view was narrower than the working width, so that it lacks the finest detail.
     """
 
@@ -64,7 +65,10 @@ def make_view(
         values = disparity[np.ix_(centres(height, size[0]), centres(width, width_px))]
         known = np.isfinite(values) & (signed | (values > 0))
         scaled = np.where(known, values * np.float32(width_px / width), np.float32(np.nan))
-        surfaces = fill_holes(scaled) if known.mean() >= _DENSE else None
+        if known.mean() >= _DENSE:
+            # Rows without any disparity become copies of the nearest row: -1, as KITTI has it, would be a jump.
+            rows = np.flatnonzero(known.any(axis=1))
+            surfaces = fill_holes(scaled[rows[np.abs(rows[:, None] - np.arange(size[0])).argmin(axis=0)]])
     luminance = None if image is None else mean_luminance(image, size)
     return MeasuredView(luminance, scaled, surfaces, width < width_px)
 

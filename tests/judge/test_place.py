@@ -133,6 +133,12 @@ def test_holes_become_the_farther_neighbour():
     np.testing.assert_array_equal(fill_holes(holes), [row, row, [-1] * 5, [9, 2, 2, 2, 2], [9, 2, 2, 2, 2]])
 
 
+def test_rows_without_a_disparity_make_no_jumps():
+    disparity = np.full((40, 60), 6.0)
+    disparity[7:10] = disparity[30] = np.inf
+    np.testing.assert_array_equal(make_view(60, disparity=disparity).surfaces, np.full((40, 60), 6))
+
+
 def test_sparse_maps_count_for_disparity_alone():
     disparity = np.full((40, 60), np.inf)
     disparity[::3] = 6
