@@ -14,12 +14,13 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from semisynth_gl.plugins import modules_sha256
 
 LIMIT_BYTES = 4_000_000_000
 """Largest size of all entries together; a full atlas of 256-pixel patches takes 134 MB."""
@@ -62,7 +63,7 @@ def cached(
     path, folder = None, cache_folder()
     with suppress(OSError):
         if folder is not None:
-            text = json.dumps([_code_sha256(), _installed_packages(), key()], sort_keys=True)
+            text = json.dumps([modules_sha256(Path(__file__).parent), _installed_packages(), key()], sort_keys=True)
             path = folder / f"{kind}-{hashlib.sha256(text.encode()).hexdigest()}{SUFFIX}"
     if path is not None:
         with suppress(Exception):  # there is no entry, or a damaged one, which may fail in any way
@@ -80,12 +81,6 @@ def file_states(paths: Iterable[Path]) -> list[tuple[int, int, int]]:
     """Return size and times (ns) of files, for a key; raises OSError where there is no such file."""
     # st_ctime, too: two files may swap their names.
     return [(status.st_size, status.st_mtime_ns, status.st_ctime_ns) for status in map(os.stat, paths)]
-
-
-@cache
-def _code_sha256() -> str:
-    modules = sorted(Path(__file__).parent.rglob("*.py"))
-    return hashlib.sha256(b"\0".join(module.read_bytes() for module in modules)).hexdigest()
 
 
 def _installed_packages() -> list[str]:

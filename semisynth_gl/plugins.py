@@ -76,8 +76,14 @@ class Plugin:
         """SHA-256 of all modules of the package; raises OSError where they are not in files."""
         top = sys.modules[self.module]
         path = Path(next(iter(getattr(top, "__path__", None) or [str(top.__file__)])))
-        modules = sorted(path.rglob("*.py")) or [path]
-        return hashlib.sha256(b"\0".join(module.read_bytes() for module in modules)).hexdigest()
+        return modules_sha256(path)
+
+
+@cache
+def modules_sha256(path: Path) -> str:
+    """Return the SHA-256 of all modules below a folder, or of the module at a path; raises OSError for neither."""
+    modules = sorted(path.rglob("*.py")) or [path]
+    return hashlib.sha256(b"\0".join(module.read_bytes() for module in modules)).hexdigest()
 
 
 @cache

@@ -6,6 +6,7 @@ import logging
 import os
 import pickle
 from dataclasses import fields, is_dataclass
+from pathlib import Path
 from unittest.mock import DEFAULT, Mock
 
 import numpy as np
@@ -18,6 +19,7 @@ from semisynth_gl.cache import Entry, cache_summary, cached
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection, TexturesSection
 from semisynth_gl.geometry import model_files, model_library
 from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.plugins import modules_sha256
 from semisynth_gl.scene import pilots
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.scene.structures import take_stock
@@ -210,12 +212,21 @@ def test_a_result_is_built_once_for_each_key_code_and_packages_and_announced(fol
     caplog.set_level(logging.INFO, "semisynth_gl")
     builds = []
     for number, code, packages in [(0, "a", "b"), (1, "a", "b"), (0, "x", "b"), (0, "a", "x")] * 2:
-        monkeypatch.setattr(cache, "_code_sha256", lambda code=code: code)
+        monkeypatch.setattr(cache, "modules_sha256", {Path(cache.__file__).parent: code}.__getitem__)
         monkeypatch.setattr(cache, "_installed_packages", lambda packages=packages: packages)
         assert_pair(pair(number, builds), number)
     assert builds == [0, 1, 0, 0]
     assert caplog.messages == ["making pairs"] * 4
     assert len(list(folder.iterdir())) == 4
+
+
+def test_every_module_of_a_package_counts(tmp_path):
+    for name, inner in (("one", "x"), ("same", "x"), ("other", "y")):
+        (tmp_path / name / "inner").mkdir(parents=True)
+        (tmp_path / name / "a.py").write_text("a")
+        (tmp_path / name / "inner/b.py").write_text(inner)
+    one, same, other = (modules_sha256(tmp_path / name) for name in ("one", "same", "other"))
+    assert one == same != other
 
 
 class Trap:
