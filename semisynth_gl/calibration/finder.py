@@ -90,7 +90,7 @@ class Finder:
                 if p is None:
                     raise
                 self.notes.append(f"the lenses were left out: {error}")
-        return StereoArrays(size, k, d, model, pose, rectification if p else None, p, tuple(self.notes))
+        return StereoArrays(size, k, d, model, pose, rectification, p, tuple(self.notes))
 
     def _is_of_rig(self, name: tuple[str, ...]) -> bool:
         return self.cameras is None or label_of(name, self.cameras, rotation=True) in {"", *self.cameras}

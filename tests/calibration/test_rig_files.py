@@ -311,6 +311,9 @@ WITH_FIVE = {
         "ImageSize": [*SIZE], "RotationOfCamera2": R.T, "TranslationOfCamera2": T * 1000},
     "bouguet": eyes(lambda eye, k, d: {f"fc_{eye}": [k[0, 0], k[1, 1]], f"cc_{eye}": k[:2, 2], f"kc_{eye}": d})
                 | {"om": vector_of(R.tolist()), "T": T * 1000, "imsize": SIZE},
+    "a vector beside the matrix": APART | {"om": [0.3, 0.2, 0.1], "R_stereo": R, "T": T},
+    "a quaternion, w first": APART | {"q": np.roll(quaternion(R), 1), "T": T},
+    "poses beside R and T": with_poses(lambda body: body @ body) | {"R": R, "T": T},
     "pose of no name": APART | {"extrinsics": BACK},
     "from right to left": APART | {"R_right_to_left": BACK[:3, :3], "T_right_to_left": BACK[:3, 3]},
     "orb slam": {"EuRoC.yaml": orb_slam()},
@@ -485,6 +488,8 @@ def test_the_right_camera_alone_holds_the_baseline(tmp_path):
     assert alone.raw is None
     with pytest.raises(ReadError, match="describes no pair"):
         read_rig([left])
+    with pytest.raises(ReadError, match="describes no pair"):
+        read(tmp_path / "left", {"P_left": ALL["P2"]} | IMAGE)
     a, b = write(tmp_path / "unnamed", WITH_FIVE["ros without eyes in the names"])
     with pytest.raises(InputError, match="swap left and right"):
         read_rig([b, a])
@@ -572,7 +577,7 @@ def test_the_size_comes_from_the_file_the_user_or_the_photographs(tmp_path):
     files = {"stereo.yml": opencv(size=False)}
     with pytest.raises(InputError, match="does not say how large the images are"):
         read(tmp_path, files)
-    assert read(tmp_path, files, size=Size(640, 480)).size == (640, 480)
+    assert read(tmp_path, files, size=Size(640, 480), photographed=Size(700, 500)).size == (640, 480)
     assert read(tmp_path, files, photographed=Size(700, 500)).size == (700, 500)
     assert read(tmp_path, {"calib.txt": MIDDLEBURY}, photographed=Size(70, 50)).size == (741, 500)
     with pytest.raises(InputError, match="is for images of 741 x 500, not 640 x 480"):
@@ -596,6 +601,8 @@ def test_two_of_several_cameras_are_chosen(tmp_path):
     np.testing.assert_allclose(rig.raw["left"].matrix, K2)
     rig = read_rig([path], cameras=("cam0", "cam2"))
     assert rig.camera.baseline_m == pytest.approx(np.linalg.norm((pose @ POSE)[:3, 3]))
+    rig = read(tmp_path, depthai("to the third"), cameras=("1", "0"))  # the device states another pair
+    assert rig.camera.baseline_m == pytest.approx(np.linalg.norm(COLOUR_FROM_LEFT[:3, 3]) / 100)
     by_folder = {
         f"{name}/k.json": {"K": k, "D": d, "T_world_cam": body, "size": SIZE}
         for name, (_, k, d, body) in zip(("fl", "fr", "rear"), (*EYES, EYES[0]), strict=True)
@@ -674,6 +681,17 @@ def test_alpha_rectifies_what_states_no_projections(tmp_path, alpha, lens):
     check(read(tmp_path, files, alpha=alpha), alpha, lens)
 
 
+def test_a_wide_fisheye_shows_100_degrees_unless_alpha_says_otherwise(tmp_path):
+    k = np.array([[150.0, 0, 320], [0, 150, 240], [0, 0, 1]])
+    eyes_of_k = {"K1": k, "D1": FISHEYE, "K2": k, "D2": FISHEYE}
+    files = RAW | eyes_of_k | IMAGE | {"distortion_model": "fisheye"}
+    camera = read(tmp_path, files).camera
+    assert camera.focal_px == pytest.approx(320 / np.tan(np.radians(50)))
+    assert (camera.cx_left_px, camera.cx_right_px, camera.cy_px) == (319.5, 319.5, 239.5)
+    assert camera.baseline_m == pytest.approx(np.linalg.norm(T))
+    assert read(tmp_path, files, alpha=1).camera.focal_px < 0.9 * camera.focal_px
+
+
 # --- refusals ---
 
 
@@ -691,6 +709,7 @@ SAME_POSES["value0"]["T_imu_cam"] = SAME_POSES["value0"]["T_imu_cam"][:1] * 2
     [
         (m("cam1=[994.978 0", "cam1=[990 0"), "not rectified"),
         (m("994.978 0 311.193", "994.978 3 311.193"), "not rectified"),
+        (m("342.279; 0 994.978 254.877", "342.279; 0 994.978 254.977"), "not rectified"),
         (m("baseline=193.001", "baseline=wide"), "baseline: expected a number, got 'wide'"),
         (m("width=741", "width=-3"), "-3 x 500"),
         (KITTI.replace("2.199936e+00", "2.2e+01"), "not rectified"),
@@ -702,6 +721,9 @@ SAME_POSES["value0"]["T_imu_cam"] = SAME_POSES["value0"]["T_imu_cam"][:1] * 2
         ({"front_K": K1, "rear_K": K2, "R": R, "T": T} | IMAGE, "describes no pair"),
         (basalt("ds"), "its lens is ds"),
         (kalibr() | {"camera_model": "omni"}, "its lens is omni"),
+        ("model_type: MEI\ngamma1: 700\n", "its lens is MEI"),
+        (RAW | {"R": -R} | IMAGE, "describes no pair"),
+        (kalibr(chain=BACK), "swap left and right"),
         (SAME_POSES, "cameras apart"),
         (depthai(lens=(np.full(14, 0.1),) * 2), "got 14: the last two, a tilted sensor's, must be 0"),
         (depthai() | {"stereoRectificationData": {}}, "leftCameraSocket: expected a number"),
