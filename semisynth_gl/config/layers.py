@@ -30,7 +30,7 @@ def merged(below: Values, above: Mapping[str, Any]) -> Values:
     Mappings are merged key by key; all other values, and mappings with a key ``form``, are replaced whole. A key
     removes those below that state the same property.
     """
-    replaced = {name for key in above for name in _REPLACES.get(key, ()) if name not in above}
+    replaced = {name for key in above for name in _REPLACES.get(key, ())}
     result = {key: value for key, value in below.items() if key not in replaced}
     for key, value in above.items():
         old = result.get(key)
