@@ -314,6 +314,9 @@ WITH_FIVE = {
     "a vector beside the matrix": APART | {"om": [0.3, 0.2, 0.1], "R_stereo": R, "T": T},
     "a quaternion, w first": APART | {"q": np.roll(quaternion(R), 1), "T": T},
     "poses beside R and T": with_poses(lambda body: body @ body) | {"R": R, "T": T},
+    "an IMU in names with the camera's number": {
+        "K0": K1, "D0": D1, "K1": K2, "D1": D2, "size": SIZE,
+        **{f"T_cam_imu{number}": np.linalg.inv(body) for number, body in enumerate(BODIES)}},
     "pose of no name": APART | {"extrinsics": BACK},
     "from right to left": APART | {"R_right_to_left": BACK[:3, :3], "T_right_to_left": BACK[:3, 3]},
     "orb slam": {"EuRoC.yaml": orb_slam()},
@@ -782,6 +785,8 @@ def test_a_size_whose_sides_changed_places_is_noticed(size, off):
     left_x, right_x = (size.width_px * (0.5 + each) for each in off[:2])
     k = matrices(StereoCamera(*size, 500, 0.1, left_x, right_x, size.height_px * (0.5 + off[2])))
     assert upright(size, k) == upright(Size(*reversed(size)), k) == size
+    aside = matrices(StereoCamera(640, 480, 500, 0.1, 100, 100, 440))
+    assert upright(Size(640, 480), aside) == (640, 480)  # near the centre of neither
 
 
 # --- rectified rigs whose lens cannot be used ---

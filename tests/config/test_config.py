@@ -159,9 +159,19 @@ PACKAGED = r"\S*/configs/[a-z-]+\.yaml:\d+"
         ("kitti", ["textures.patch_px=8192", "textures.max_patches=33"], "textures.max_patches: .* at most 32 "),
         ("kitti", ["particles.density=300", "particles.most=200"], "particles.most: density asks for 300"),
         ("kitti", ["disparity.min_px=-1"], "disparity.min_px: .* expected more than 0, as disparity.signed is false"),
+        ("kitti", ["disparity.signed=true", "camera.doffs_px=[3, 5]", "disparity.min_px=-4"],
+         "disparity.min_px: .* expected more than -3, which is infinitely far away"),
+        ("kitti", ["outputs=[disparity_change]", "rig.right_roll_deg=1"], "rig: .* disparity_change needs rectified"),
+        ("kitti", ["camera.baselines=[0.1, 0.2]"], "camera.baselines: give either baseline_m, or baselines as a list"),
+        ("middlebury", ["camera.cx_right_px=700"], "camera.cx_right_px: cx_right_px goes with cx_left_px"),
+        ("kitti", ["particles={layers: [], density: 3}"], "particles.density: give either density or layers"),
+        ("kitti", ["lens.raw_width_px=9", "lens.raw_height_px=9", "lens.right={fx_px: 9, distortion: [0, 0, 0, 0]}",
+                   "lens.left={fx_px: 9, distortion: [0, 0, 0]}"],
+         "lens.left.distortion: radial-tangential has 4 or 5 or 8 or 12 coefficients, got 3"),
         ("kitti", ["camera.doffs_px=-40", "disparity.target={form: uniform-depth}"], "disparity.target: .* above 40,"),
         ("kitti", ["disparity.max_px=40", "scenes=[]"],
          rf"disparity.max_px: disparity.target wants 0.3% .* 40 px: .* \(with disparity.target of {PACKAGED}"),
+        ("kitti", ["disparity.target={form: uniform, low_px: -99, high_px: 50}"], "disparity.target: .* pixels below"),
         # A recipe of the packaged config.
         ("middlebury", ["disparity.max_px=100"],
          rf"disparity.max_px: structures.* \(with scenes.1.structures.ground_disparity_px of {PACKAGED}\)"),
@@ -187,6 +197,13 @@ def test_the_key_that_was_set_last_is_blamed_and_the_others_named(name, settings
 def test_a_wrong_key_names_those_that_may_be_meant(key, meant):
     with pytest.raises(InputError, match=rf"^override {key.partition('.')[0]}.*: unknown key; did you mean .*{meant}"):
         load_config("middlebury", {key: 3})
+
+
+@pytest.mark.parametrize(("doffs_px", "signed", "lowest_px"), [(-5, False, 3), (1, False, 4), (1, True, -3)])
+def test_a_sky_is_the_lowest_disparity_where_it_is_one(doffs_px, signed, lowest_px):
+    values = {"camera.doffs_px": [doffs_px, doffs_px + 2], "background": {"plane_disparity_px": 6, "sky": 0.5}}
+    values |= {"disparity": {"signed": signed, "min_px": 4, "target": {"form": "uniform"}}, "scenes": []}
+    assert load_config("kitti", values).lowest_px() == lowest_px
 
 
 # Targets
