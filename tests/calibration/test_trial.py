@@ -72,6 +72,11 @@ def test_a_mix_of_extremes_with_the_mean_of_a_place_is_not_chosen():
     assert named(style, recipes)[2] > 0.8
 
 
+def test_recipes_that_are_alike_get_even_weights():
+    style = style_of(place_of(jumps=around(2.0, 0.5)), jumps=of_recipes(2.0, 2.0, 2.0))
+    assert sorted(style.weights) == pytest.approx([0.3, 0.35, 0.35])
+
+
 def test_clutter_is_in_every_mix_and_photographs_say_nothing_of_weights():
     values = {"jumps": of_recipes(1.0, 2.0, 9.0), "gradient": 10.0}
     assert style_of(place_of(jumps=around(0.1, 0.1)), **values).weights == (0.95, 0.05)
@@ -113,6 +118,8 @@ def test_each_pair_counts_for_its_recipe_and_texture_scale(monkeypatch):
     def renderer(config, _):
         """Renders the recipes in turn; a pair shows its recipe's name and the number of its turn."""
         recipes = config.recipes()
+        for each in (recipe.config for recipe in recipes):  # those without layers are solved for the target
+            assert (each.disparity.target.form == "histogram") == (each.particles.layers is None)
 
         def render(number, checked):
             assert not checked
