@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from photograph_like import octaves, save
 from tiny_datasets import cheap, tiny
 
 from semisynth_gl.scene.sources import Sources, prepare_sources
@@ -43,6 +44,15 @@ def test_checksums_are_the_same_where_the_last_bits_of_functions_differ(monkeypa
     assert max(np.abs(one.positions - other.positions).max() for one, other in pairs) < 1e-6
     assert max(np.abs(one.uv - other.uv).max() for one, other in pairs) < 1e-5
     assert here.digests() == there.digests()
+
+
+@pytest.mark.parametrize(("source", "patches"), [("procedural", "a042c0c8"), ("images", "75b26116")])
+def test_models_of_all_kinds_and_patches_have_the_recorded_checksums(tmp_path, source, patches):
+    """A change that is meant to make others records theirs here."""
+    paths = save(tmp_path, **{f"{number}": octaves(number) for number in range(4)})
+    textures = {"source": source, "images": list(map(str, paths)) if source == "images" else [], "large_px": 128}
+    found = prepare_sources(cheap(textures=textures, models={"complex": 1}), Split(2)).digests()
+    assert found == {"patches": patches, "models": "e5e1cf22"}
 
 
 @pytest.fixture(scope="module")
