@@ -237,6 +237,10 @@ def test_splits_have_models_and_pictures_of_their_own():
         assert tuple(map(len, families)) == counts
         positions = [mesh.positions.tobytes() for family in families for mesh in family]
         assert len(set(positions)) == len(positions)
+    # Held out are models of the dataset's seed, which is the training split's.
+    assert set(positions) == {
+        mesh.positions.tobytes() for mesh in build_family("knots", 5, split("train", models=False))
+    }
     atlases = [prepare_atlas(CONFIG.textures, split(name, models=False)) for name in ("train", "test")]
     assert not set(atlases[0].pictures.values()) & set(atlases[1].pictures.values())
 
