@@ -119,6 +119,22 @@ def test_things_at_rest_stand_upright_and_on_something(kind: str) -> None:
     assert (bearers["wall"] > 0) == (kind == "room")
 
 
+def test_the_sides_of_a_box_wear_one_texture_and_are_the_size_that_they_say() -> None:
+    things = arranged("room", 0)
+    # Some walls have their corner behind the camera.
+    assert things.table()["depth_m"].min() == things.rig.near_m
+    for worn in (None, 3):
+        first = things.add_box((0, 3, 0), (0.5, 0.2, 1.5), 0.4, worn)
+        sides = things.things[first:]
+        assert [side.texture for side in sides] == [first if worn is None else worn] * 5
+        for side, corners in zip(sides, corners_of(things)[first:], strict=True):
+            mesh = things.catalogue.models[side.model]
+            in_uv = np.diff(mesh.uv[mesh.triangles].astype(float), axis=1) * side.unit_m
+            np.testing.assert_allclose(
+                np.linalg.norm(np.diff(corners, axis=1), axis=2), np.linalg.norm(in_uv, axis=2), rtol=1e-3
+            )
+
+
 def is_of(number: int, *names: str) -> bool:
     return catalogue().models[number].name in names
 
