@@ -253,6 +253,18 @@ def test_numbers_that_no_scene_can_have_are_refused(particles, message):
         sampler_of(tiny(particles=particles)).sample(0)
 
 
+def test_stated_layers_have_numbers_from_their_range_and_by_default_the_middle_of_the_target():
+    config = tiny(particles={"layers": [{"count": [0, 60]}]})
+    sampler, own = sampler_of(config), config.wanted_histogram()
+    px = [sampler.sample(index).sequence.slots.disparity_px for index in range(40)]
+    numbers, both = [*map(len, px)], np.concatenate(px)
+    assert min(numbers) < 10
+    assert 50 < max(numbers) <= 60
+    assert [both.min(), both.max()] == pytest.approx([own.quantile(0.1), own.quantile(0.9)], rel=0.02)
+    of_mean = sampler_of(tiny(particles={"layers": [{"count": 30}]})).disparity_solver.expected()
+    assert sampler.disparity_solver.expected().shares == pytest.approx(of_mean.shares)
+
+
 def test_clutter_is_counted_in_what_the_target_asks_for():
     sampler = sampler_of(tiny(particles={"clutter": [{"disparity_px": [4, 6], "count": 60, "size_px": [6, 12]}]}))
     assert off_by(sampler) < 0.02

@@ -13,6 +13,7 @@ from semisynth_gl.config.scene_sections import BackgroundSection, StructuresSect
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.scene import sampler as sampler_module
 from semisynth_gl.scene.background import sample_plane
 from semisynth_gl.scene.instances import to_scene
 from semisynth_gl.scene.raycast import cast_rays
@@ -148,8 +149,25 @@ def test_frames_of_a_sequence_share_camera_and_background_and_move(sampler_of):
         np.testing.assert_array_equal(
             second.scene.layer[:6] - first_layer, (first.scene.layer[:6] - first_layer + 1) % 7
         )
+    starts = np.array([sampler.mapping.layers(np.arange(2), number, 0) for number in range(7)])
+    assert [len(set(of_patch)) for of_patch in starts.T.tolist()] == [7, 7]
     moved = frames[1].scene.world_from_model[6:, 1, 3] - frames[0].scene.world_from_model[6:, 1, 3]
     assert np.median(moved) > 0.005  # downwards, at 0.5 to 2 m/s
+
+
+def test_each_generation_of_particles_has_random_numbers_of_its_own(sampler_of, monkeypatch):
+    sequence, keys = sampler_of().sample(0).sequence, {(3, Purpose.PARTICLES, 0, 0)}  # that of the slots
+    monkeypatch.setattr(sampler_module, "generator", lambda *key: keys.add(key) or generator(*key))
+    for generation in range(-3, 4):
+        sequence.particle_poses(0.0, np.full(len(sequence.slots), generation))
+    assert len(keys) == 8
+
+
+def test_of_a_street_only_what_is_behind_it_is_sky(sampler_of):
+    street = "background.cuboid=0", "background.street=1", "disparity.signed=true"
+    for sky in (0, 1):
+        scene = sampler_of(*street, f"background.sky={sky}").sample(0).scene
+        assert scene.sky.tolist() == [bool(sky), *[False] * (len(scene) - 1)]
 
 
 def test_patches_have_near_one_texel_a_pixel(sampler_of):
