@@ -111,6 +111,8 @@ def test_walls_wear_them_and_no_patch_repeats_across_the_view():
     assert same.sum() > 20
     np.testing.assert_array_equal(plain.uv_scale[same], sampled.scene.uv_scale[same])
     np.testing.assert_array_equal(plain.uv_offset[same], sampled.scene.uv_offset[same])
+    many = tuple(replace(LARGE[0], first_layer=5 + k) for k in range(24))
+    assert len({*sampler_of(config, (*SMALL, *many)).sample(0).instances["patch"][still]}) == 9
 
 
 def test_of_a_large_surface_one_patch_spans_the_view():
