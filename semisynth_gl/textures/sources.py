@@ -54,7 +54,7 @@ _PACKAGED = TextureSource(
 SOURCES: dict[str, TextureSource] = {
     "images": TextureSource(files=_of_the_user),
     "builtin": _PACKAGED,
-    "photographs": replace(_PACKAGED, pictures=None, licence="config"),
+    "photographs": replace(_PACKAGED, pictures=None),
     "procedural": TextureSource(licence="none"),
 }
 """The program's own sources, by their names in a config."""
