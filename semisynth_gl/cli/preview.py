@@ -9,7 +9,6 @@ import numpy as np
 from semisynth_gl.cli.options import Command, SceneOptions, option, scene_options
 from semisynth_gl.cli.outputs import OutputFile, table
 from semisynth_gl.cli.progress import Progress
-from semisynth_gl.codecs.ply import encode_points
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.dataset.interrupts import interrupts_end
 from semisynth_gl.frame.frame import as_rgb
@@ -55,6 +54,8 @@ def preview(scene: SceneOptions, out: Path, ply: Path | None, patches: bool, pai
         return
     # Imported here: help and completion need no renderer, and matplotlib takes longer to load than a pair to render.
     with interrupts_end():
+        from trimesh import PointCloud  # noqa: PLC0415
+
         from semisynth_gl.judge.charts import draw_sheet  # noqa: PLC0415
         from semisynth_gl.pairs.pipeline import PairRenderer  # noqa: PLC0415
 
@@ -79,7 +80,7 @@ def preview(scene: SceneOptions, out: Path, ply: Path | None, patches: bool, pai
         frame = shown[0].frame
         points = frame.points()
         seen = np.isfinite(points[..., 2])
-        ply.write_bytes(encode_points(points[seen], as_rgb(frame.left.image)[seen]))
+        PointCloud(points[seen], as_rgb(frame.left.image)[seen]).export(ply)
         click.echo(f"the points of pair {shown[0].index} in {ply}")
     for recipe, its in zip(recipes, of_recipe, strict=True):
         if recipe.name is not None:

@@ -6,7 +6,7 @@ from typing import Any
 
 from semisynth_gl.codecs.codec import Codec, read_bytes
 from semisynth_gl.codecs.flo import Flo
-from semisynth_gl.codecs.jpeg import Jpeg
+from semisynth_gl.codecs.jpeg import GREY_JPEG, JPEG
 from semisynth_gl.codecs.pfm import PFM, PFM3, FlowPfm
 from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, ThreeEqual
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, SIGNED_DISPARITY, FlowPng16
@@ -23,7 +23,7 @@ FLOW_CODECS: Mapping[str, Codec[Any]] = {"flo": Flo(), "pfm": FlowPfm(), "png16"
 """Codecs of (H, W, 2) float32 px for ``files.flow``; all store inf as "no flow"."""
 
 # Codec of grey images for each codec of RGB images that has one.
-_GREY_CODECS: Mapping[Codec[Any], Codec[Any]] = {RGB8: GREY8, Jpeg(): Jpeg(grey=True)}
+_GREY_CODECS: Mapping[Codec[Any], Codec[Any]] = {RGB8: GREY8, JPEG: GREY_JPEG}
 
 _FIXED: Mapping[str, Codec[Any]] = {
     "grey8": GREY8,

@@ -42,12 +42,6 @@ class Codec(ABC, Generic[Value]):
         """The ending of the format's files, with the dot."""
         return f".{self.name}"
 
-    def __eq__(self, other: object) -> bool:
-        return type(self) is type(other) and vars(self) == vars(other)
-
-    def __hash__(self) -> int:
-        return hash((type(self), self.name))
-
     @abstractmethod
     def encode(self, value: Value) -> bytes:
         """Return the bytes of a file that holds the value."""

@@ -33,3 +33,6 @@ class Jpeg(Codec[NDArray[np.uint8]]):
         if mode != self._mode:
             raise ReadError(path, f"expected a JPEG of the mode {self._mode}, got {mode}")
         return pixels
+
+
+JPEG, GREY_JPEG = Jpeg(), Jpeg(grey=True)

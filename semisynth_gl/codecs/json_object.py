@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping
-from math import isinf
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ class JsonObject(Codec[Mapping[str, Any]]):
     def decode(self, data: bytes, path: Path) -> dict[str, Any]:
         """Decode a mapping; raises ReadError also where it has NaN or infinity."""
         try:
-            values = json.loads(data, parse_constant=_refuse, parse_float=_finite)
+            values = json.loads(data, parse_constant=_refuse)
         except (ValueError, RecursionError) as error:
             raise ReadError(path, f"is not JSON: {error}") from None
         if not isinstance(values, dict):
@@ -33,12 +32,6 @@ class JsonObject(Codec[Mapping[str, Any]]):
 
 def _refuse(name: str) -> None:
     raise ValueError(f"expected finite numbers, got {name}")
-
-
-def _finite(text: str) -> float:
-    if isinf(number := float(text)):
-        _refuse(text)
-    return number
 
 
 JSON_OBJECT = JsonObject()

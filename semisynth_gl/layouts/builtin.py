@@ -9,11 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from semisynth_gl.codecs import Encodings
-from semisynth_gl.codecs.jpeg import Jpeg
+from semisynth_gl.codecs import FLOW_CODECS, Encodings
+from semisynth_gl.codecs.jpeg import JPEG
 from semisynth_gl.codecs.json_object import JsonObject
-from semisynth_gl.codecs.pfm import FlowPfm
-from semisynth_gl.codecs.png16 import CRESTEREO_DISPARITY, KITTI_DISPARITY, FlowPng16
+from semisynth_gl.codecs.png16 import CRESTEREO_DISPARITY, KITTI_DISPARITY
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.channels import CHANNELS, FLOW_OUTPUTS, View
 from semisynth_gl.inputs.errors import ReadError
@@ -149,7 +148,7 @@ _KITTI = Layout(
     flow_links={"KittiFlow/training": "../training"},
     needs=frozenset({"visibility", "instances"}),
     lacks=frozenset({"correspondence"}),
-    encodings=Encodings(disparity=KITTI_DISPARITY, flow=FlowPng16()),
+    encodings=Encodings(disparity=KITTI_DISPARITY, flow=FLOW_CODECS["png16"]),
     most_frames=100 - _FIRST_FRAME,
 )
 
@@ -213,7 +212,7 @@ _SCENEFLOW = Layout(
     ),
     together=frozenset({"train", "test"}),
     lacks=frozenset({"correspondence"}),
-    encodings=Encodings(flow=FlowPfm()),
+    encodings=Encodings(flow=FLOW_CODECS["pfm"]),
     most_frames=10_000,
     copied={f"{_THINGS}/{_CLEAN}/": f"{_THINGS}/{_FINAL}/"},
 )
@@ -244,7 +243,7 @@ _CRESTEREO = Layout(
     fields=lambda key: {"kind": _KINDS[key.index % len(_KINDS)]},
     links={"WAFT-Stereo/CREStereo/{kind}/0": "../../../CREStereo/{kind}"},
     lacks=frozenset({"correspondence"}),
-    encodings=Encodings(image=Jpeg(), disparity=CRESTEREO_DISPARITY),
+    encodings=Encodings(image=JPEG, disparity=CRESTEREO_DISPARITY),
 )
 
 
