@@ -36,15 +36,12 @@ class RayEngine:
 
     Each process is worker 0, since Ray shows it only the GPUs that it may use.
 
-    Args:
-        address: ``host:port`` of a cluster that this machine is part of, or "auto" for a cluster that was started on
-            this machine. None takes the cluster of RAY_ADDRESS, else one that was started on this machine, else it
-            starts a cluster of this machine alone and shuts it down at the end.
-        gpus: number of GPUs that each process takes besides a CPU; 0.25 lets four processes share a GPU.
+    The cluster is that of RAY_ADDRESS, else one that was started on this machine, else one of this machine alone that
+    ends with the run. ``gpus`` is the number of GPUs that each process takes besides a CPU; 0.25 lets four processes
+    share a GPU.
     """
 
-    def __init__(self, address: str | None = None, gpus: float = 0) -> None:
-        self._address = address
+    def __init__(self, gpus: float = 0) -> None:
         self._gpus = gpus
 
     def run(self, job: Job, numbers: Sequence[int], listener: Listener) -> None:
@@ -55,7 +52,7 @@ class RayEngine:
             WorkerError: where a shard has ended four processes, or where Ray reports another failure.
         """
         ray = _ray()
-        with _connected(ray, self._address):
+        with _connected(ray):
             if self._gpus > ray.cluster_resources().get("GPU", 0):
                 listener.on_message(f"no node of the cluster has {self._gpus:g} GPU: shards wait for such a node")
             # Ray ends a process after one task with a GPU unless max_calls says that it may do many.
@@ -125,22 +122,22 @@ def _ray() -> Any:  # noqa: ANN401 - a module
 
 
 @contextmanager
-def _connected(ray: Any, address: str | None) -> Iterator[None]:  # noqa: ANN401
+def _connected(ray: Any) -> Iterator[None]:  # noqa: ANN401
     """Connect this process to the cluster for the block, unless it is connected already."""
     if ray.is_initialized():
         yield
         return
-    where = address or os.environ.get("RAY_ADDRESS") or "auto"
+    address = os.environ.get("RAY_ADDRESS", "auto")
     try:
-        host, _, port = where.rpartition(":")
+        host, _, port = address.rpartition(":")
         if port.isdigit():
             # Without this, Ray would try for minutes to reach an address where nothing listens.
             create_connection((host.strip("[]"), int(port)), _KNOCK_S).close()
         with interrupts_kept():
-            ray.init(address, log_to_driver=False, logging_level=logging.CRITICAL, include_dashboard=False)
+            ray.init(log_to_driver=False, logging_level=logging.CRITICAL, include_dashboard=False)
     except (OSError, RuntimeError, ValueError) as error:
         raise InputError(
-            f"the Ray cluster (address {where}) cannot be reached ({error}). Is it running, and is this "
+            f"the Ray cluster (address {address}) cannot be reached ({error}). Is it running, and is this "
             "machine part of it? `ray status` tells, `ray start` starts or joins one"
         ) from error
     try:

@@ -44,7 +44,8 @@ def test_a_dataset_outlives_a_node_a_stop_and_an_error(tmp_path, monkeypatch):
     run(tmp_path / "serial", None, Recorder())
     wanted = digests(tmp_path / "serial")
     with nodes() as (both, second):
-        engine = RayEngine(both.address)
+        monkeypatch.setenv("RAY_ADDRESS", both.address)
+        engine = RayEngine()
         made = run(tmp_path / "ray", engine, Recorder(lambda _: True))
         assert made.stopped
         assert 0 < made.missing < PAIRS // 2
@@ -64,6 +65,7 @@ def test_a_dataset_outlives_a_node_a_stop_and_an_error(tmp_path, monkeypatch):
             run(tmp_path / "wrong", engine, Recorder(), never)
 
 
-def test_a_cluster_that_is_not_there_is_told_of():
+def test_a_cluster_that_is_not_there_is_told_of(monkeypatch):
+    monkeypatch.setenv("RAY_ADDRESS", "127.0.0.1:9")
     with pytest.raises(InputError, match=r"address 127.0.0.1:9\) cannot be reached"):
-        RayEngine("127.0.0.1:9").run(None, [], Recorder())
+        RayEngine().run(None, [], Recorder())
