@@ -1,6 +1,5 @@
 """A dataset as a sequence of pairs, whose arrays have the same names in every layout."""
 
-import tarfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
@@ -62,8 +61,8 @@ class Dataset:
     """A finished dataset, or one of its splits: ``dataset[i]`` is a pair with its truth.
 
     Without a split, these are all pairs, in the order train, validation, test. Indexing reads the files of a pair and
-    closes them again, so threads and processes, forked or spawned, may share a dataset. The header of each file in a
-    tar is checked against the shard's record. ``about`` is the index of the dataset.
+    closes them again, so threads and processes, forked or spawned, may share a dataset. ``about`` is the index of the
+    dataset.
 
     Raises InputError where the dataset is not finished, or lacks the split.
     """
@@ -150,34 +149,16 @@ def read_record(root: UPath, shard: Shard, *, packed: bool) -> Record:
 def read_members(root: UPath, shard: Shard, record: Record, pair: int, names: Sequence[str]) -> dict[str, bytes]:
     """Read files of a pair from its shard's tar, with one request, and return their bytes by name inside the tar.
 
-    Raises ReadError where the shard's record lacks a file, or the tar has something else in its place.
+    Raises ReadError where the shard's record lacks a file, or the tar ends too early.
     """
     listed = record.samples[pair - shard.first].files
     for name in names:
         if name not in listed:
             raise ReadError(path_of(root, shard.record), f"has no entry for {name}")
     spans = {name: (cast("int", listed[name].offset), listed[name].bytes) for name in names}
-    begin = min(offset for offset, _ in spans.values()) - tarfile.BLOCKSIZE
+    begin = min(offset for offset, _ in spans.values())
     end = max(offset + size for offset, size in spans.values())
     data = read_part(root, shard.tar, begin, end - begin)
-    contents = {}
-    for name, (offset, size) in spans.items():
-        header = offset - begin - tarfile.BLOCKSIZE
-        contents[name] = data[offset - begin : offset - begin + size]
-        fault = _header_fault(data[header : offset - begin], name, size)
-        if fault or len(contents[name]) < size:
-            reason = f"at byte {begin + header}: {fault}" if fault else f"ends before {name} does"
-            raise ReadError(path_of(root, shard.tar), reason)
-    return contents
-
-
-def _header_fault(header: bytes, name: str, size: int) -> str | None:
-    """Return why a header in a tar does not describe a plain file of this name and size in bytes; None if it does."""
-    try:
-        info = tarfile.TarInfo.frombuf(header, "utf-8", "surrogateescape")
-    except tarfile.TarError as error:
-        return f"has no header of {name}: {error}"
-    if (info.name, info.size, info.isreg()) == (name, size, True):
-        return None
-    other = "" if info.isreg() else ", which is no plain file"
-    return f"expected the file {name} of {size} bytes, got {info.name!r} of {info.size} bytes{other}"
+    if len(data) < end - begin:
+        raise ReadError(path_of(root, shard.tar), f"ends before {end} bytes, where its record has files")
+    return {name: data[offset - begin : offset - begin + size] for name, (offset, size) in spans.items()}

