@@ -17,7 +17,7 @@ from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.config.errors import reason_of
 from semisynth_gl.config.model import Config
-from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate, shown
+from semisynth_gl.inputs.errors import InputError, ReadError, shown
 from semisynth_gl.layouts import Key, Layout, find_layout, layout_names
 from semisynth_gl.layouts.layout import sequence_length
 from semisynth_gl.plugins import Package, require_plugins
@@ -42,7 +42,6 @@ LOCK = f"{RECORDS}/lock"
 MOST_PAIRS = 10**8
 """Most pairs of a split: more than any dataset has, and few enough for lists and sums of them."""
 
-_FAULTS_SHOWN = 3
 _Format = Annotated[int, Field(ge=1, le=FORMAT)]
 _Number = Annotated[int, Field(ge=0)]
 _Bytes = Annotated[int, Field(ge=0, le=2**62, strict=True)]
@@ -190,21 +189,18 @@ class Plan(Document):
         }
 
     @property
-    def copies(self) -> dict[str, str]:
-        """The files that an object store gets a second time, by the path of the copy; see `Layout.copied`."""
-        return {
-            name.replace(original, to): name
-            for original, to in self.layout.copied.items()
-            for split in self.splits
-            for index in range(self.pairs[split])
-            for name in self.files(split, index).values()
-            if original in name
-        }
-
-    @property
     def folders(self) -> list[str]:
         """The folders below the dataset's that loaders list, even where they are empty."""
         return [f"{self.folder(split)}{path}" for split in self.splits for path in self.layout.folders]
+
+    @property
+    def tops(self) -> set[str]:
+        """The names in the dataset's folder itself: of the folders of its files, and of files."""
+        names = {INDEX, CARD, RECORDS, *self.lists, *self.links, *self.folders}
+        for split in self.splits if not self.layout.packed else ():
+            for index in range(self.pairs[split]):
+                names.update(self.files(split, index).values())
+        return {name.split("/")[0] for name in names}
 
 
 class _Patch(Document):
@@ -312,12 +308,10 @@ def parse(model: type[_Document], data: bytes, path: Path) -> _Document:
     try:
         document = model.model_validate(values, extra="ignore")
     except ValidationError as error:
-        faults = []
-        for fault in error.errors(include_url=False):
-            key = "".join(f"{part}." for part in fault["loc"] if part != "[key]").removesuffix(".")
-            came = f", got {shown(fault['input'])}" if key and fault["type"] != "missing" else ""
-            faults.append(f"{key}: {reason_of(fault)}{came}".removeprefix(": "))
-        raise ReadError(path, abbreviate(faults, _FAULTS_SHOWN)) from None
+        fault = error.errors(include_url=False)[0]
+        key = ".".join(str(part) for part in fault["loc"] if part != "[key]")
+        came = f", got {shown(fault['input'])}" if key and fault["type"] != "missing" else ""
+        raise ReadError(path, f"{key}: {reason_of(fault)}{came}".removeprefix(": ")) from None
     if isinstance(document, Plan) and document.layout_name not in layout_names():
         require_plugins(path, document.plugins, ["layouts"])
         raise ReadError(path, f"layout: expected one of {', '.join(layout_names())}")

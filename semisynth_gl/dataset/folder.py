@@ -4,11 +4,10 @@ A run may be killed anywhere: the next one goes on with the shards that have no 
 """
 
 import fcntl
-import os
+import shutil
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
-from pathlib import PurePath
+from contextlib import contextmanager
 
 from upath import UPath
 
@@ -17,16 +16,7 @@ from semisynth_gl.dataset.documents import CARD, INDEX, LOCK, PLAN, PROGRAM, REC
 from semisynth_gl.dataset.index import describe_dataset, encode_card
 from semisynth_gl.dataset.plan import differences
 from semisynth_gl.dataset.reader import read_record
-from semisynth_gl.dataset.root import (
-    clear_errors,
-    final_name,
-    is_local,
-    names_below,
-    path_of,
-    read_if_there,
-    replace,
-    write,
-)
+from semisynth_gl.dataset.root import clear_errors, is_local, names_below, path_of, read_if_there, replace, write
 from semisynth_gl.inputs.errors import InputError, abbreviate
 from semisynth_gl.plugins import require_plugins
 from semisynth_gl.scene.sources import Sources
@@ -49,16 +39,14 @@ def read_plan(root: UPath) -> Plan | None:
     data = read_if_there(root, PLAN)
     if data is None:
         with clear_errors(root):
-            names = [name for name in names_below(root) if final_name(name) not in {PLAN, LOCK}]
-        # Another run may have begun the dataset meanwhile.
-        data = read_if_there(root, PLAN) if names else None
-        if names and data is None:
+            # Another run may have the lock, or have been killed while it wrote the plan.
+            names = [name for name in names_below(root) if not name.startswith((PLAN, LOCK))]
+        if names:
             raise InputError(
                 f"{root}: the folder is not empty (it holds {abbreviate(names, 3)}), and is no dataset of {PROGRAM}: "
                 "choose another",
                 argument="out",
             )
-    if data is None:
         return None
     plan = parse(Plan, data, path_of(root, PLAN))
     require_plugins(root, plan.plugins)
@@ -84,34 +72,19 @@ def check_same(root: UPath, there: Plan, plan: Plan) -> None:
         )
 
 
-def check_links(root: UPath, plan: Plan) -> None:
-    """Raise InputError where a folder is in the place of a link: new pairs would be missing in it."""
-    for name in plan.links if is_local(root) else ():
-        if (root / name).is_dir() and not (root / name).is_symlink():
-            raise InputError(
-                f"{root}: {name} is a folder, as a copy without links has it, and should be a link: remove it, or copy "
-                "with cp -a",
-                argument="out",
-            )
-
-
-def replaces(root: UPath, there: Plan | None, plan: Plan) -> bool:
-    """Return whether `begin` with ``overwrite`` removes what is there: another dataset, or one with an index."""
-    return there is not None and (there != plan or (root / INDEX).exists())
-
-
 def begin(root: UPath, plan: Plan, *, overwrite: bool = False) -> None:
     """Write a dataset's plan, or go on with the dataset that was begun with the same plan or one of fewer pairs.
 
-    With ``overwrite``, the files of another or finished dataset of this program are removed; other files stay. Raises
-    InputError where the folder holds something else or, without ``overwrite``, a dataset of another plan.
+    With ``overwrite``, another dataset, and one with an index, is removed with all that is in the folders of its
+    layout. Raises InputError where the folder holds something else or, without ``overwrite``, a dataset of another
+    plan.
     """
     there = read_plan(root)
     if there is not None:
-        if not overwrite:
-            check_same(root, there, plan)
-        elif replaces(root, there, plan):
+        if overwrite and (there != plan or (root / INDEX).exists()):
             _remove(root, there)
+        else:
+            check_same(root, there, plan)
         (root / INDEX).unlink(missing_ok=True)
         ends = {shard.record: shard.end for shard in plan.shards}
         for shard in there.shards:
@@ -144,10 +117,8 @@ def finish(root: UPath, plan: Plan, sources: Mapping[SplitName, Sources]) -> Non
             (root / name).mkdir(parents=True, exist_ok=True)
         for name, target in plan.links.items():
             (root / name).parent.mkdir(parents=True, exist_ok=True)
-            with suppress(FileExistsError):  # of an earlier run, or of another one that finishes too
+            if not (root / name).is_symlink():
                 (root / name).symlink_to(target)
-    elif copies := plan.copies:
-        root.fs.copy([(root / name).path for name in copies.values()], [(root / name).path for name in copies])
     replace(root, INDEX, JSON_OBJECT.encode(index))
 
 
@@ -185,31 +156,13 @@ def locked(root: UPath, *, shared: bool = False) -> Iterator[None]:
                 path.unlink(missing_ok=True)
 
 
-def _own_names(plan: Plan) -> Iterator[str]:
-    """Yield the names of all files that a dataset may have, records first: without them, no shard is complete."""
-    yield from (INDEX, *(shard.record for shard in plan.shards))
-    for shard in plan.shards:
-        yield from (shard.log, shard.tar)
-    for split in plan.splits if not plan.layout.packed else ():
-        for index in range(plan.pairs[split]):
-            yield from plan.files(split, index).values()
-    yield from (CARD, *plan.lists, *plan.links, *plan.copies)
-
-
 def _remove(root: UPath, plan: Plan) -> None:
-    """Remove the files of a dataset except its plan, then the empty folders of all these."""
-    own, there = dict.fromkeys(_own_names(plan)), names_below(root)
-    present, replaced = frozenset(there), own.keys() | {PLAN}
-    unfinished = [name for name in there if name not in replaced and final_name(name) in replaced]
-    names = [*(name for name in own if name in present), *unfinished]
-    if not is_local(root):
-        if names:
-            root.fs.rm([(root / name).path for name in names])
-        return
-    for name in names:
-        (root / name).unlink()
-    deepest = {os.path.dirname(name) for name in own}.union(plan.folders)  # noqa: PTH120 - millions of names
-    folders = deepest.union(str(parent) for folder in deepest for parent in PurePath(folder).parents)
-    for folder in sorted(folders, key=len, reverse=True):
-        with suppress(OSError):
-            (root / folder).rmdir()
+    """Remove all that is in the folders of a dataset, except its plan; records first: without them, no shard counts."""
+    tops = plan.tops
+    names = [name for name in names_below(root) if name.split("/")[0] in tops and name not in {PLAN, LOCK}]
+    records = [name for name in names if name == INDEX or (name.startswith(RECORDS) and name.endswith(".json"))]
+    for part in (records, sorted({*names}.difference(records))):
+        if part:
+            root.fs.rm([(root / name).path for name in part])
+    for top in tops - {RECORDS} if is_local(root) else ():
+        shutil.rmtree(root / top, ignore_errors=True)  # its empty folders

@@ -10,25 +10,22 @@ from upath import UPath
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.documents import INDEX, Plan, Shard
 from semisynth_gl.dataset.engines import Engine, LocalEngine, SerialEngine
-from semisynth_gl.dataset.folder import begin, check_links, check_same, finish, locked, missing, read_plan, replaces
-from semisynth_gl.dataset.make import Job, open_renderer
+from semisynth_gl.dataset.folder import begin, check_same, finish, locked, missing, read_plan
+from semisynth_gl.dataset.make import Job
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.root import is_local, open_root
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, counted, shown
-from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.context import check_libraries
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sources import Sources, prepare_sources
 from semisynth_gl.seeds.splits import SPLITS, SplitName
-from semisynth_gl.textures.image_files import find_files, reaching_source
-from semisynth_gl.textures.images import image_extensions
+from semisynth_gl.textures.image_files import reaching_source
 
 # From this number of pairs on, file systems are slower with single files than with tars.
 _MANY_PAIRS = 10_000
-_APART = "Its files would be used as photographs or models: choose a folder apart"
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +74,8 @@ def generate(
         shard_pairs: pairs in a shard; by default as in the dataset in ``out``, else 64 or fewer, see `make_plan`.
         shards: numbers of the shards to make; by default all. Runs may share the shards of a dataset, also on several
             machines; the run that finds none missing writes the index.
-        overwrite: replace an earlier dataset of this program, and leave other files in its folder; an unfinished
-            dataset of the same plan is resumed.
+        overwrite: replace an earlier dataset of this program, with all that is in the folders of its layout; an
+            unfinished dataset of the same plan is resumed.
         listener: hears messages, the number of pairs to make and each pair, and may ask to stop.
 
     Raises:
@@ -103,7 +100,6 @@ def generate(
         check_same(root, there, plan)
         if there.pairs == plan.pairs and (root / INDEX).exists() and not missing(root, there):
             return GenerationResult(root, there, 0)
-    check_links(root, plan)
     if isinstance(engine, SerialEngine | LocalEngine):
         check_libraries(backend)
     sources = {split: prepare_sources(plan.config, plan.split(split)) for split in plan.splits}
@@ -111,13 +107,8 @@ def generate(
     plan = plan.model_copy(update={"sources": digests})
     job = Job(plan, str(root.absolute()), backend, gpus)
     _describe(plan, sources, listener)
-    replacing = overwrite and replaces(root, there, plan)
-    with locked(root, shared=shards is not None and not replacing):
-        if replacing:
-            # If the driver or the config's checks fail, the earlier dataset stays.
-            with open_renderer(job, plan.splits[0]) as renderer:
-                renderer.render(0)
-        begin(root, plan, overwrite=replacing)
+    with locked(root, shared=shards is not None and not overwrite):
+        begin(root, plan, overwrite=overwrite)
         wanted = [shard for shard in missing(root, plan) if shard.number in chosen]
         listener.on_total(sum(shard.end - shard.first for shard in wanted))
         if wanted:
@@ -130,15 +121,14 @@ def generate(
 
 
 def check_apart(root: UPath, config: Config) -> None:
-    """Raise InputError if the dataset's folder is inside a folder of photographs or models, or holds any of them."""
-    if not is_local(root):
-        return
+    """Raise InputError if the dataset's folder is inside a folder of photographs or models."""
     images = config.textures.images if config.textures.source == "images" else ()
-    if source := reaching_source(Path(root), images) or reaching_source(Path(root), config.models.folders):
-        raise InputError(f"{root}: is inside {source}, from which the dataset is made. {_APART}", argument="out")
-    for path in (*(find_files(images, image_extensions()) if root.is_dir() else ()), *config.models.folders):
-        if Path(os.path.realpath(expanded(path))).is_relative_to(os.path.realpath(root)):
-            raise InputError(f"{root}: holds {path}, from which the dataset is made. {_APART}", argument="out")
+    if is_local(root) and (source := reaching_source(Path(root), (*images, *config.models.folders))):
+        raise InputError(
+            f"{root}: is inside {source}, from which the dataset is made. Its files would be used as photographs or "
+            "models: choose a folder apart",
+            argument="out",
+        )
 
 
 def _describe(plan: Plan, sources: Mapping[SplitName, Sources], listener: Listener) -> None:

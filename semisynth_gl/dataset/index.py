@@ -4,7 +4,6 @@ import hashlib
 import re
 from collections.abc import Iterable, Mapping
 from os.path import commonprefix
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,8 +46,10 @@ def describe_dataset(plan: Plan, sources: Mapping[SplitName, Sources], records: 
 def _describe_split(plan: Plan, split: SplitName, sources: Sources) -> dict[str, Any]:
     config = plan.config
     patches = [patch.described() | {"sha256": _sha256(sources.atlas.pixels(patch))} for patch in sources.atlas.patches]
-    paths = {name: path for path, name in relative_names(sources.photographs).items()}
-    drawn = sources.atlas.pictures
+    names = {patch.source for patch in sources.atlas.patches}
+    files = {name: path for path, name in relative_names(sources.photographs).items() if name in names}
+    digests = {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()}
+    digests |= sources.atlas.pictures  # painted ones have no files
     source = describe_source(config.textures.source)
     licence = {"config": config.licences.images, "own": _OWN_LICENCE, "none": "none"}[source.licence]
     licences = source.licences()
@@ -57,12 +58,8 @@ def _describe_split(plan: Plan, split: SplitName, sources: Sources) -> dict[str,
     return {
         "pairs": plan.pairs[split],
         "photographs": [
-            {
-                "name": name,
-                "sha256": drawn.get(name) or _file_sha256(paths.get(name)),
-                "licence": licences.get(name, licence),
-            }
-            for name in sorted({patch.source for patch in sources.atlas.patches})
+            {"name": name, "sha256": digests.get(name), "licence": licences.get(name, licence)}
+            for name in sorted(names)
         ],
         "patches": patches,
         # Variants of a built-in kind share a name, but have different digests.
@@ -84,14 +81,6 @@ def _sha256(*arrays: np.ndarray[Any, Any]) -> str:
     for array in arrays:
         digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()
-
-
-def _file_sha256(path: Path | None) -> str | None:
-    """Return the SHA-256 of a photograph's file; None where it has no file, or the file cannot be read."""
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest() if path else None
-    except OSError:
-        return None
 
 
 def encode_card(plan: Plan, index: Mapping[str, Any]) -> bytes:

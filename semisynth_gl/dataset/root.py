@@ -12,8 +12,6 @@ from upath import UPath
 from semisynth_gl.inputs.errors import InputError, ReadError, how_to_install
 from semisynth_gl.inputs.user_files import expanded
 
-# A kill leaves files that `replace` has not written to their end: the process's number stands before the ending.
-_UNFINISHED = re.compile(r"\.\d+\.new$")
 # Most bytes that are read of a file at once.
 _MOST_BYTES = 1 << 31
 _WITH_BUCKETS = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oci", "oss"})
@@ -110,16 +108,11 @@ def write(root: UPath, name: str, data: bytes) -> None:
 
 
 def replace(root: UPath, name: str, data: bytes) -> None:
-    """Write or replace a file, which is never seen in part."""
+    """Write or replace a file, which is never seen in part; a kill may leave a file that ends in .new beside it."""
     unfinished = f"{name}.{os.getpid()}.new" if is_local(root) else name
     write(root, unfinished, data)
     if unfinished != name:
         (root / unfinished).replace(root / name)
-
-
-def final_name(name: str) -> str:
-    """Return the name that a file gets that `replace` was writing; any other name stays."""
-    return _UNFINISHED.sub("", name)
 
 
 @contextmanager

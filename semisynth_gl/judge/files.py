@@ -36,7 +36,7 @@ def check_index(index: StoredIndex, present: AbstractSet[str], unmade: int, verd
     if digest != plan.config_sha256:
         verdict.add("index", f"config_values have the digest {digest[:12]}, config_sha256 is {plan.config_sha256:.12}")
     links = {name for name in plan.links if is_local(root) and (root / name).is_symlink()}
-    known = _ABOUT | {LOCK} | plan.lists.keys() | _shard_files(index) | plan.copies.keys() | links
+    known = _ABOUT | {LOCK} | plan.lists.keys() | _shard_files(index) | links
     if foreign := sorted(present - known):
         files = counted(len(foreign), "file")
         verdict.add("files", f"{files} that the index does not list and loaders may take for a pair's: {foreign[0]}")

@@ -160,7 +160,7 @@ _KITTI = Layout(
 # sequence 1 is B/0000, and frame k of a sequence is 000k.
 
 _THINGS = "SceneFlow/FlyingThings3D"
-_CLEAN, _FINAL = "frames_cleanpass", "frames_finalpass"
+_CLEAN = "frames_cleanpass"
 _FRAMES = 1000
 _DRIVING = [
     f"{length}mm_focallength/scene_{way}wards/{speed}"
@@ -199,7 +199,7 @@ _SCENEFLOW = Layout(
         "filenames/SceneFlow_finalpass_{short_split}.txt": _PAIR_LINE,
     },
     # PSMNet looks for disparities under the first one, RAFT-Stereo and IGEV for more images under the second one.
-    links={f"{_THINGS}/frames_disparity": "disparity", f"{_THINGS}/{_FINAL}": _CLEAN},
+    links={f"{_THINGS}/frames_disparity": "disparity", f"{_THINGS}/frames_finalpass": _CLEAN},
     # PSMNet and HSM list these.
     folders=tuple(
         f"{_THINGS}/{folder}"
@@ -214,7 +214,6 @@ _SCENEFLOW = Layout(
     lacks=frozenset({"correspondence"}),
     encodings=Encodings(flow=FLOW_CODECS["pfm"]),
     most_frames=10_000,
-    copied={f"{_THINGS}/{_CLEAN}/": f"{_THINGS}/{_FINAL}/"},
 )
 
 

@@ -78,8 +78,6 @@ class Layout:
         encodings: the layout's own encodings; None where the config's section ``files`` chooses them.
         three_channels: whether grey images get three equal channels, since loaders fail at one.
         most_frames: largest number of frames of a sequence that the layout's names can count; None for no limit.
-        copied: folders whose images loaders read a second time under another name, each with that name; both end in a
-            slash. Object stores hold no links, and get copies there: without them, loaders find nothing and go on.
     """
 
     stems: Mapping[str, str]
@@ -96,7 +94,6 @@ class Layout:
     encodings: Encodings | None = None
     three_channels: bool = False
     most_frames: int | None = None
-    copied: Mapping[str, str] = field(default_factory=dict)
 
     def role(self, name: str) -> Role:
         """Return a role by its name; raises KeyError for an unknown name."""

@@ -92,7 +92,7 @@ def test_a_file_is_replaced_and_what_cannot_be_one_is_refused_first(call, tmp_pa
         ("photos/**/*.png", "photos/set", False),
         ("photos/.hidden", "photos/set", True),
         ("photos", "photos2", True),
-        ("models/a", "models", False),
+        ("models/a", "models/a/set", False),
     ],
 )
 def test_a_dataset_lies_apart_from_its_photographs_and_models(home, tmp_path, monkeypatch, source, out, apart):
