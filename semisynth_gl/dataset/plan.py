@@ -7,7 +7,6 @@ from typing import Any
 
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.documents import FORMAT, MOST_PAIRS, PROGRAM, Plan
-from semisynth_gl.frame.channels import CHANNELS
 from semisynth_gl.inputs.arguments import to_whole
 from semisynth_gl.inputs.errors import InputError, shown
 from semisynth_gl.layouts import LAYOUTS, Layout, find_layout
@@ -77,10 +76,6 @@ def _faults(config: Config, layout: Layout) -> Iterator[str]:
     for output in config.outputs:
         if output in layout.lacks:
             yield f"has no files for the output {output}: leave it out of outputs"
-    for channel in CHANNELS.values():
-        if channel.of_sensor and channel.output in config.outputs and not encodings.image.lossless:
-            text = f"stores images as {encodings.image.description}, too lossy for raw images"
-            yield f"{text}: leave {channel.output} out"
     if encodings.signed and not encodings.disparity.signed:
         yield f"stores disparities as {encodings.disparity.description}, which has no signed ones"
 

@@ -241,7 +241,7 @@ _CRESTEREO = Layout(
     ),
     fields=lambda key: {"kind": _KINDS[key.index % len(_KINDS)]},
     links={"WAFT-Stereo/CREStereo/{kind}/0": "../../../CREStereo/{kind}"},
-    lacks=frozenset({"correspondence"}),
+    lacks=frozenset({"correspondence", "raw"}),  # JPEG is too lossy for raw images
     encodings=Encodings(image=JPEG, disparity=CRESTEREO_DISPARITY),
 )
 

@@ -172,7 +172,7 @@ def test_a_crop_keeps_raw_images_whole():
 
 
 def test_what_cannot_be_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"crestereo stores images as JPEG.*leave raw out"):
+    with pytest.raises(InputError, match=r"crestereo has no files for the output raw: leave it out"):
         generate(with_lens(outputs=["raw"]), tmp_path / "d", 4, layout="crestereo")
     generate(with_lens(outputs=["raw_map"]), tmp_path / "d", 4, layout="crestereo")
     assert not findings(tmp_path / "d")
