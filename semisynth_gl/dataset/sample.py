@@ -141,25 +141,25 @@ def wrong_sizes(values: Mapping[str, Any], size: tuple[int, int]) -> Iterator[tu
         lens = {}
     for role, value in values.items():
         eye, channel = ROLES.get(role, (None, None))
-        expected: tuple[Any, Any] = size
+        expected: tuple[Any, ...] = size
         whose = "the dataset's images"
         if channel is not None and channel.of_sensor:
-            sensor, whose = lens.get(eye) or {}, "the camera in the pair's provenance"
-            expected = sensor.get("height_px"), sensor.get("width_px")
-        if isinstance(value, np.ndarray) and value.shape[:2] != expected:
-            yield role, f"expected shape {(*expected, *value.shape[2:])}, as {whose}, got {value.shape}"
-        elif (camera := _camera_size(value)) is not None and camera != size:
-            yield role, f"expected a camera of {size[1]} x {size[0]} px, as the dataset's images, got {camera[::-1]}"
+            expected, whose = _height_and_width(lens.get(eye, {})), "the camera in the pair's provenance"
+        match value:
+            case np.ndarray():
+                found: tuple[Any, ...] = value.shape[:2]
+            case Calibration():
+                found = value.camera.height_px, value.camera.width_px
+            case {"camera": {**camera}}:
+                found = _height_and_width(camera)
+            case _:
+                continue
+        if found != expected:
+            yield role, f"expected a height and width of {expected} px, as {whose}, got {found}"
 
 
-def _camera_size(value: object) -> tuple[Any, Any] | None:
-    """Return the height and width, px, of the camera that a calibration or provenance describes; else None."""
-    match value:
-        case Calibration():
-            return value.camera.height_px, value.camera.width_px
-        case {"camera": {**camera}}:
-            return camera.get("height_px"), camera.get("width_px")
-    return None
+def _height_and_width(camera: Mapping[Any, Any]) -> tuple[Any, Any]:
+    return camera.get("height_px"), camera.get("width_px")
 
 
 def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) -> StoredFrame:

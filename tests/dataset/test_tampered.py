@@ -126,7 +126,7 @@ def test_a_pair_of_which_the_provenance_says_another_thing_is_refused(clean, tmp
     values = json.loads(path.read_text())
     changed = {"camera": values["camera"] | {"width_px": 7}} if camera else {"lens": "wide"}
     path.write_text(json.dumps(values | changed))
-    said = f"{path}: " + ("expected a camera of" if camera else "lens: expected an object")
+    said = f"{path}: " + ("expected a height and width" if camera else "lens: expected an object")
     assert said in str(refusal(read_all, dataset))
     assert any(path.name in message for message in found(dataset))
 

@@ -193,7 +193,7 @@ def test_verify_finds_a_wrong_raw_image(tmp_path, fault):
     change_image(next((tmp_path / "d").rglob(name)), change)
     assert {finding.check for finding in findings(tmp_path / "d")} == {check}
     if check == "size":
-        with pytest.raises(ReadError, match=r"raw1\.png: expected shape \(48, 64, 3\), as the camera"):
+        with pytest.raises(ReadError, match=r"raw1\.png: expected a height and width of \(48, 64\) px, as the camera"):
             open_dataset(tmp_path / "d")[0]
 
 
