@@ -3,7 +3,7 @@
 import ctypes
 import os
 import signal
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
@@ -82,10 +82,7 @@ class LocalEngine:
         left = dict.fromkeys(numbers)
         for attempt in range(1, _POOLS + 1):
             try:
-                with closing(_complete_shards(job, list(left), min(self._workers, len(left)), listener)) as shards:
-                    for number, heard in shards:
-                        heard.repeat(listener)
-                        del left[number]
+                _run_pool(job, left, min(self._workers, len(left)), listener)
             except (BrokenProcessPool, ContextLostError) as error:
                 why = str(error) if isinstance(error, ContextLostError) else "a worker process died"
                 if attempt == _POOLS:
@@ -96,14 +93,12 @@ class LocalEngine:
                 return
 
 
-def _complete_shards(
-    job: Job, numbers: Sequence[int], workers: int, listener: Listener
-) -> Generator[tuple[int, Recorder], None, None]:
-    """Make shards in a pool of processes; yield each complete one, in any order. Ends early if the listener stops."""
+def _run_pool(job: Job, left: dict[int, None], workers: int, listener: Listener) -> None:
+    """Make shards in a pool of processes; remove complete ones from ``left``. Ends early if the listener stops."""
     # A forked process would inherit an OpenGL context that it cannot use.
     context, strangers = get_context("spawn"), {*active_children()}
     executor = ProcessPoolExecutor(workers, context, _start, (job, context.Value("i", 0), threads_each(workers)))
-    waiting, pending = iter(numbers), dict[Future[Recorder], int]()
+    waiting, pending = iter([*left]), dict[Future[Recorder], int]()
     try:
         while not listener.stopping:
             with interrupts_blocked():  # the first call starts the processes
@@ -115,7 +110,8 @@ def _complete_shards(
             # A lost process leaves an error in all other shards: those that are complete come first.
             for future in sorted(done, key=lambda each: each.exception() is not None):
                 number = pending.pop(future)
-                yield number, future.result()
+                future.result().repeat(listener)
+                del left[number]
     finally:
         executor.shutdown(wait=not pending, cancel_futures=True)
         for process in {*active_children()} - strangers if pending else ():

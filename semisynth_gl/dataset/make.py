@@ -10,7 +10,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
 from math import ceil
-from typing import IO, Any, TypeVar
+from typing import IO, Any
 
 from upath import UPath
 
@@ -24,9 +24,6 @@ from semisynth_gl.pairs.pipeline import Pair, PairRenderer
 from semisynth_gl.render.backends import Backend, is_software
 from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.seeds.splits import SplitName
-
-Rendered = TypeVar("Rendered")
-Encoded = TypeVar("Encoded")
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,8 +109,8 @@ def encode(plan: Plan, shard: Shard, pair: Pair) -> EncodedPair:
 
 
 def in_order(
-    rendered: Iterable[Rendered], encode: Callable[[Rendered], Encoded], *, in_thread: bool
-) -> Generator[Encoded, None, None]:
+    rendered: Iterable[Pair], encode: Callable[[Pair], EncodedPair], *, in_thread: bool
+) -> Generator[EncodedPair, None, None]:
     """Encode pairs, and yield the results in order.
 
     With ``in_thread``, another thread encodes a pair while this one, which owns the context, renders the next:
@@ -123,7 +120,7 @@ def in_order(
         yield from map(encode, rendered)
         return
     with ThreadPoolExecutor(1) as pool:
-        before: Future[Encoded] | None = None
+        before: Future[EncodedPair] | None = None
         for pair in rendered:
             now = pool.submit(encode, pair)
             if before is not None:

@@ -14,7 +14,6 @@ from semisynth_gl.inputs.user_files import expanded
 
 # Most bytes that are read of a file at once.
 _MOST_BYTES = 1 << 31
-_WITH_BUCKETS = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oci", "oss"})
 
 
 def open_root(address: str | os.PathLike[str]) -> UPath:
@@ -99,9 +98,8 @@ def names_below(root: UPath) -> list[str]:
 def write(root: UPath, name: str, data: bytes) -> None:
     """Write or replace a file, and make its folders; raises OSError where that fails."""
     path = root / name
-    if root.protocol not in _WITH_BUCKETS:
-        path.parent.mkdir(parents=True, exist_ok=True)
     if is_local(root):
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(data)
     else:
         root.fs.pipe_file(path.path, data)  # stores show a file only once it is complete
