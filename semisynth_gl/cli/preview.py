@@ -54,7 +54,7 @@ def preview(scene: SceneOptions, out: Path, ply: Path | None, patches: bool, pai
         return
     # Imported here: help and completion need no renderer, and matplotlib takes longer to load than a pair to render.
     with interrupts_end():
-        from trimesh import PointCloud  # noqa: PLC0415
+        import trimesh  # noqa: PLC0415
 
         from semisynth_gl.judge.charts import draw_sheet  # noqa: PLC0415
         from semisynth_gl.pairs.pipeline import PairRenderer  # noqa: PLC0415
@@ -80,7 +80,7 @@ def preview(scene: SceneOptions, out: Path, ply: Path | None, patches: bool, pai
         frame = shown[0].frame
         points = frame.points()
         seen = np.isfinite(points[..., 2])
-        PointCloud(points[seen], as_rgb(frame.left.image)[seen]).export(ply)
+        trimesh.PointCloud(points[seen], as_rgb(frame.left.image)[seen]).export(ply)  # type: ignore[no-untyped-call]
         click.echo(f"the points of pair {shown[0].index} in {ply}")
     for recipe, its in zip(recipes, of_recipe, strict=True):
         if recipe.name is not None:

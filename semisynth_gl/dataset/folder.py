@@ -164,5 +164,6 @@ def _remove(root: UPath, plan: Plan) -> None:
     for part in (records, sorted({*names}.difference(records))):
         if part:
             root.fs.rm([(root / name).path for name in part])
-    for top in tops - {RECORDS} if is_local(root) else ():
-        shutil.rmtree(root / top, ignore_errors=True)  # its empty folders
+    for top in tops - {RECORDS}:
+        if is_local(root):
+            shutil.rmtree(root / top, ignore_errors=True)  # its empty folders

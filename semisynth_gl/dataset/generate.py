@@ -107,7 +107,8 @@ def generate(
     plan = plan.model_copy(update={"sources": digests})
     job = Job(plan, str(root.absolute()), backend, gpus)
     _describe(plan, sources, listener)
-    with locked(root, shared=shards is not None and not overwrite):
+    replacing = overwrite and there is not None and (there != plan or (root / INDEX).exists())
+    with locked(root, shared=shards is not None and not replacing):
         begin(root, plan, overwrite=overwrite)
         wanted = [shard for shard in missing(root, plan) if shard.number in chosen]
         listener.on_total(sum(shard.end - shard.first for shard in wanted))

@@ -61,10 +61,6 @@ def refused(done, *words):
         assert word in done.stderr
 
 
-def files(folder):
-    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file() and path.name != "lock"}
-
-
 @pytest.fixture(autouse=True)
 def _some_backend():
     if backend_fault("auto"):
@@ -177,15 +173,6 @@ def test_broken_models_are_named_and_left_out(call, tmp_path, photographs):
     assert "good.obj:" not in done.stderr
     (models / "good.obj").unlink()
     refused(call(*command, "--out", "p"), "nan.obj")
-
-
-def test_what_is_refused_while_drawing_costs_no_earlier_dataset(call, tmp_path, photographs):
-    base = (*ETH3D, photographs, "--out", "o", "--pairs", 1)
-    assert call(*base).returncode == 0
-    before = files(tmp_path / "o")
-    for setting in ("checks.min_brightness=255", "camera.width_px=200000"):
-        refused(call(*base, "--overwrite", "--set", setting), "Error:")
-        assert files(tmp_path / "o") == before
 
 
 def test_a_stopped_run_says_so_and_leaves_no_index(call, monkeypatch, tmp_path, photographs):
