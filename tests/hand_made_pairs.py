@@ -9,7 +9,7 @@ from semisynth_gl.dataset.sample import assemble_frame, decode_file, encode_pair
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTPUTS, OUTSIDE, ROLES, SKY, VISIBLE, View
 from semisynth_gl.frame.frame import Frame
-from semisynth_gl.layouts import Key, find_layout
+from semisynth_gl.layouts import Key
 
 CAMERA = StereoCamera.centred(48, 32, 60.0, 0.25, 1.5)
 PAIRS = 7
@@ -117,25 +117,3 @@ def decode(layout, index, files, split="train", encodings=None, length=None):
         roles[path]: decode_file(layout, roles[path], data, Path(path), encodings) for path, data in files.items()
     }
     return assemble_frame(key, values, encodings)
-
-
-def write_tree(name, root, pairs=PAIRS, splits=("train",), length=None):
-    """Write a dataset as the program does, with links and empty folders; a length is that of sequences with flow."""
-    layout = find_layout(name)
-    encodings = layout.encodings or Encodings()
-    for split in splits:
-        folder = root / layout.folder(split, splits)
-        keys = [Key("lab", split, index, length) for index in range(pairs)]
-        files = {path: data for key in keys for path, data in encode(layout, key.index, split, length=length).items()}
-        for path, data in (files | layout.lists_of(keys, encodings)).items():
-            (folder / path).parent.mkdir(parents=True, exist_ok=True)
-            (folder / path).write_bytes(data)
-        for path in layout.folders:
-            (folder / path).mkdir(parents=True, exist_ok=True)
-        for path, target in layout.links_of(keys).items():
-            link = folder / path
-            link.parent.mkdir(parents=True, exist_ok=True)
-            if not link.is_symlink():
-                link.symlink_to(target)
-                assert link.exists(), link
-    return root

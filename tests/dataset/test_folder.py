@@ -7,15 +7,14 @@ from itertools import count
 from pathlib import Path
 
 import pytest
-from fsspec.implementations.memory import MemoryFileSystem
 from hand_made_datasets import config_of, plan_of, write_dataset
 
 from semisynth_gl.dataset.documents import INDEX, PLAN
 from semisynth_gl.dataset.folder import begin, locked, read_plan
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import open_dataset, read_index
-from semisynth_gl.dataset.root import names_below, open_root, read_whole
-from semisynth_gl.inputs.errors import InputError, ReadError
+from semisynth_gl.dataset.root import names_below, open_root
+from semisynth_gl.inputs.errors import InputError
 
 PAIRS = {"train": 4, "validation": 1}
 LAYOUTS = ("middlebury", "webdataset", "middlebury-2014", "sceneflow", "kitti")
@@ -216,18 +215,6 @@ def test_a_store_is_filled_grown_and_overwritten_by_the_same_rules(clean, tmp_pa
     wanted = {name for name, content in tree(clean / "webdataset").items() if content is not None}
     assert {name for name in names_below(root) if not name.endswith(".log")} == wanted | {"notes.txt"}
     assert len(open_dataset(address)) == 5
-
-
-def test_a_refusal_of_a_store_comes_with_advice(monkeypatch):
-    def forbidden(*_, **__):
-        raise PermissionError("Forbidden")
-
-    for method in ("exists", "info", "cat_file"):
-        monkeypatch.setattr(MemoryFileSystem, method, forbidden)
-    with pytest.raises(InputError, match="PermissionError: Forbidden; check address, rights"):
-        read_index("memory://forbidden")
-    with pytest.raises(ReadError, match="a file: cannot be read: Forbidden"):
-        read_whole(open_root("memory://forbidden"), "a file")
 
 
 def test_many_pairs_have_small_shards():

@@ -3,7 +3,7 @@
 import json
 import multiprocessing
 import re
-from concurrent.futures import ThreadPoolExecutor
+from multiprocessing.pool import ThreadPool
 
 import numpy as np
 import pytest
@@ -67,48 +67,24 @@ def test_16_bit_disparities_beyond_256_px_are_counted(tmp_path, program):
     assert any("beyond the encoding" in finding.message for finding in findings(out))
 
 
-# One open dataset that many processes and threads read
-
-_shared = []
-
-
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
-    """Opened, and read from, in this process: what a reader holds open is open before it is shared."""
-    out = tmp_path_factory.mktemp("shared")
-    write_dataset(out, "webdataset", {"train": PAIRS}, 3, config_of(outputs=[]))
-    opened = open_dataset(out)
-    check(opened, range(PAIRS))
-    return opened
-
-
-def check(opened, numbers):
-    for number in numbers:
+def check(opened, seed):
+    """Read pairs in an order of the reader's own."""
+    for number in np.random.default_rng(seed).integers(0, PAIRS, READS).tolist():
         truth = make_frame(number, ()).arrays()
         arrays = opened[number].arrays()
         assert arrays.keys() == truth.keys()
         assert all(np.array_equal(array, truth[role]) for role, array in arrays.items())
 
 
-def share(opened):
-    _shared.append(opened)
-
-
-def check_shared(reader):
-    """Read pairs in an order of the reader's own."""
-    check(_shared[-1], np.random.default_rng(reader).integers(0, PAIRS, READS).tolist())
-
-
-@pytest.mark.parametrize(("method", "readers"), [("fork", 4), ("spawn", 2)])
-def test_processes_read_what_was_written(dataset, method, readers):
-    with multiprocessing.get_context(method).Pool(readers, share, (dataset,)) as pool:
-        pool.map(check_shared, range(readers), chunksize=1)
-
-
-def test_threads_read_what_was_written(dataset):
-    share(dataset)
-    with ThreadPoolExecutor(4) as pool:
-        list(pool.map(check_shared, range(4)))
+@pytest.mark.parametrize("method", ["fork", "spawn", "threads"])
+def test_many_readers_share_an_open_dataset(tmp_path, method):
+    write_dataset(tmp_path, "webdataset", {"train": PAIRS}, 3, config_of(outputs=[]))
+    opened = open_dataset(tmp_path)
+    # What a reader holds open is open before it is shared.
+    check(opened, 0)
+    pool = ThreadPool(4) if method == "threads" else multiprocessing.get_context(method).Pool(2)
+    with pool:
+        pool.starmap(check, [(opened, seed) for seed in range(4)], chunksize=1)
 
 
 # Files of another size than the dataset's images have

@@ -8,8 +8,8 @@ import pytest
 from tiny_datasets import PAIRS, SEED, command, digests, findings, tiny
 
 from semisynth_gl.dataset.generate import generate
-from semisynth_gl.dataset.root import names_below, open_root
-from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.dataset.root import names_below, open_root, read_whole
+from semisynth_gl.inputs.errors import InputError, ReadError
 
 BUCKET = "s3://datasets"
 
@@ -75,8 +75,10 @@ def test_a_killed_run_leaves_whole_shards_and_is_taken_up(store, tmp_path):
 
 def test_what_the_store_refuses_is_told(store, monkeypatch):
     config = tiny(models={"complex": 0.0}, particles={"size_px": [40.0, 120.0]})
-    with pytest.raises(InputError, match="no-such-bucket"):
+    with pytest.raises(InputError, match=r"no-such-bucket.*; check address, rights"):
         generate(config, "s3://no-such-bucket/x", 1, SEED)
+    with pytest.raises(ReadError, match="is missing"):
+        read_whole(open_root(store), "none")
     for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
         monkeypatch.delenv(name)
     for name in ("AWS_SHARED_CREDENTIALS_FILE", "AWS_CONFIG_FILE"):

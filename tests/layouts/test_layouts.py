@@ -13,8 +13,8 @@ from pathlib import Path, PurePosixPath
 import cv2
 import numpy as np
 import pytest
-from hand_made_datasets import write_dataset
-from hand_made_pairs import CAMERA, PAIRS, decode, encode, encoded, make_frame, make_provenance, write_tree
+from hand_made_datasets import config_of, write_dataset
+from hand_made_pairs import CAMERA, PAIRS, decode, encode, encoded, make_frame, make_provenance
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -319,7 +319,7 @@ def raft_middlebury(root):
     for name in (root / "MiddEval3" / "official_train.txt").read_text().splitlines():
         scene = root / "MiddEval3" / "trainingF" / name
         assert GREY8.read(scene / "mask0nocc.png").shape == (CAMERA.height_px, CAMERA.width_px)
-        assert (scene / "calib.txt").read_text().splitlines()[6] == "ndisp=256"
+        assert (scene / "calib.txt").read_text().splitlines()[6] == "ndisp=200"
         yield tuple(str(scene / file) for file in ("im0.png", "im1.png", "disp0GT.pfm", "disp1GT.pfm"))
 
 
@@ -384,19 +384,19 @@ LOADERS = {
 
 @pytest.mark.parametrize("name", [name for name in layout_names() if not find_layout(name).packed])
 def test_loaders_find_every_pair_and_match_its_files(name, tmp_path):
-    root = write_tree(name, tmp_path)
+    write_dataset(tmp_path, name, {"train": PAIRS}, PAIRS)
     if name == "middlebury-2014":  # torchvision asks for the name of one of Middlebury's scenes
-        assert any(entry.startswith("Adirondack") for entry in os.listdir(root / "Middlebury2014/train"))
+        assert any(entry.startswith("Adirondack") for entry in os.listdir(tmp_path / "Middlebury2014/train"))
     for loader in LOADERS[name]:
-        assert sorted(matched(*found) for found in loader(root)) == list(range(PAIRS)), loader
+        assert sorted(matched(*found) for found in loader(tmp_path)) == list(range(PAIRS)), loader
 
 
 def test_sceneflow_keeps_train_and_test_in_one_tree(tmp_path):
-    root = write_tree("sceneflow", tmp_path, 4, ("train", "validation", "test"))
+    write_dataset(tmp_path, "sceneflow", dict.fromkeys(SPLITS, 4), 4)
     for part in ("TRAIN", "TEST"):
-        assert sorted(matched(*found) for found in psmnet_sceneflow(root, (part,))) == [0, 1, 2, 3]
-    assert "/TEST/" in from_list("SceneFlow_finalpass_test.txt")(root)[0][0]
-    assert len(list((root / "validation" / THINGS / "frames_cleanpass").glob("TEST/*/*/left/*.png"))) == 4
+        assert sorted(matched(*found) for found in psmnet_sceneflow(tmp_path, (part,))) == [0, 1, 2, 3]
+    assert "/TEST/" in from_list("SceneFlow_finalpass_test.txt")(tmp_path)[0][0]
+    assert len(list((tmp_path / "validation" / THINGS / "frames_cleanpass").glob("TEST/*/*/left/*.png"))) == 4
 
 
 def raft_things(root, direction):
@@ -435,7 +435,9 @@ def pair_of(path):
 def test_loaders_of_flow_pair_it_with_its_frames(tmp_path, name, loader, array, step):
     # The last sequence of SceneFlow is cut short.
     pairs = 14 if name == "sceneflow" else 9
-    found = list(loader(write_tree(name, tmp_path, pairs=pairs, length=3)))
+    outputs = ["visibility", "instances", "flow", "flow_backward"]
+    write_dataset(tmp_path, name, {"train": pairs}, 3, config_of(outputs=outputs, sequence={"length": 3}))
+    found = list(loader(tmp_path))
     firsts = [pair_of(one) for one, _, _ in found]
     wanted = [pair for pair in range(pairs) if 0 <= pair + step < pairs and (pair + step) // 3 == pair // 3]
     assert sorted(firsts) == (wanted if name == "sceneflow" else [0, 3, 6])  # loaders of KITTI know two frames
