@@ -171,28 +171,19 @@ def _calibration(sample: Sample) -> Calibration:
 def _roles_of(eye: Eye) -> dict[str, Role]:
     """Return the roles of the files about one view."""
 
-    def role(
-        meaning: str,
-        codec: str,
-        value: Callable[[View], Any],
-        *channels: Channel[Any],
-        output: str | None,
-        is_truth: bool = True,
-    ) -> Role:
+    def role(meaning: str, codec: str, value: Callable[[View], Any], *channels: Channel[Any]) -> Role:
+        """Return the role of a file that belongs to the output of the first of the channels that its value needs."""
         return Role(
             meaning.format(view=eye, other=OTHER_EYE[eye]),
             codec,
             lambda sample: value(sample.frame.view(eye)),
-            output,
-            eye if is_truth else None,
+            channels[0].output,
+            eye if channels[0].is_truth else None,
             frozenset(channel.role(eye) for channel in channels),
         )
 
     roles = {
-        each.role(eye): role(
-            each.meaning, codec_name(each), itemgetter(each.name), each, output=each.output, is_truth=each.is_truth
-        )
-        for each in CHANNELS.values()
+        each.role(eye): role(each.meaning, codec_name(each), itemgetter(each.name), each) for each in CHANNELS.values()
     }
     for truth in CHANNELS.values():
         if truth.mask is None:
@@ -201,13 +192,12 @@ def _roles_of(eye: Eye) -> dict[str, Role]:
         seen = mask.meaning.partition(",")[0]
         meaning = f"{seen}, {OCCLUDED} where it does not, {OUTSIDE} where there is no {codec}"
         value = partial(_stored_mask, truth)
-        roles[mask.role(eye)] = role(meaning, codec_name(mask), value, mask, truth, output=mask.output)
+        roles[mask.role(eye)] = role(meaning, codec_name(mask), value, mask, truth)
         meaning = f"{truth.role(eye)}, where its mask says that the point is visible too"
         visible = partial(_not_occluded, truth)
-        roles[not_occluded_role(truth, eye)] = role(meaning, codec, visible, mask, truth, output=mask.output)
+        roles[not_occluded_role(truth, eye)] = role(meaning, codec, visible, mask, truth)
     meaning = "y_left - y_right of the {view} view's pixels, float32 px; inf where there is no disparity"
-    way = View.correspondence
-    roles[f"disparity_y_{eye}"] = role(meaning, "float", partial(_vertical, eye), way, output=way.output)
+    roles[f"disparity_y_{eye}"] = role(meaning, "float", partial(_vertical, eye), View.correspondence)
     return roles
 
 
