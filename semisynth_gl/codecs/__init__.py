@@ -10,6 +10,7 @@ from semisynth_gl.codecs.jpeg import GREY_JPEG, JPEG
 from semisynth_gl.codecs.pfm import PFM, PFM3, FlowPfm
 from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, ThreeEqual
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, SIGNED_DISPARITY, FlowPng16
+from semisynth_gl.frame.channels import Channel
 
 __all__ = ["DISPARITY_CODECS", "FLOW_CODECS", "IMAGE_CODECS", "Codec", "Encodings", "read_bytes"]
 
@@ -25,12 +26,13 @@ FLOW_CODECS: Mapping[str, Codec[Any]] = {"flo": Flo(), "pfm": FlowPfm(), "png16"
 # Codec of grey images for each codec of RGB images that has one.
 _GREY_CODECS: Mapping[Codec[Any], Codec[Any]] = {RGB8: GREY8, JPEG: GREY_JPEG}
 
-_FIXED: Mapping[str, Codec[Any]] = {
-    "grey8": GREY8,
-    "grey16": GREY16,
-    "float": PFM,
-    "vector": PFM3,
-    "shift": FLOW_CODECS["flo"],
+# Codec of a channel by its dtype and components, where a dataset's encodings do not choose it.
+_CODECS: Mapping[tuple[str, int], Codec[Any]] = {
+    ("uint8", 1): GREY8,
+    ("uint16", 1): GREY16,
+    ("float32", 1): PFM,
+    ("float32", 2): FLOW_CODECS["flo"],
+    ("float32", 3): PFM3,
 }
 
 
@@ -62,11 +64,8 @@ class Encodings:
         grey = None if three else _GREY_CODECS.get(self.image)
         return replace(self, image=grey or ThreeEqual(self.image))
 
-    def codec(self, name: str) -> Codec[Any]:
-        """Return the codec with the name that a channel or a role has for it.
-
-        ``image``, ``disparity`` and ``flow`` are the dataset's codecs. ``grey8`` and ``grey16`` (PNG), ``float`` (PFM),
-        ``vector`` (PFM of three channels) and ``shift`` (Middlebury's .flo) are the same in all datasets. Raises
-        KeyError for other names.
-        """
-        return {**_FIXED, "image": self.image, "disparity": self.disparity, "flow": self.flow}[name]
+    def codec(self, channel: Channel[Any]) -> Codec[Any]:
+        """Return the codec of a channel's files; only those of images, disparities and flow are the dataset's own."""
+        own = {"image": self.image, "raw": self.image, "disparity": self.disparity}
+        own |= {"flow": self.flow, "flow_backward": self.flow}
+        return own.get(channel.name) or _CODECS[channel.dtype.name, channel.components]

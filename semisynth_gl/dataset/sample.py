@@ -16,7 +16,7 @@ from semisynth_gl.frame.channels import CHANNELS, ROLES, SKY, VISIBLE, Channel, 
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.errors import InputError, ReadError, shown
 from semisynth_gl.layouts import Key, Layout
-from semisynth_gl.layouts.roles import Sample, codec_name, mask_from_not_occluded, not_occluded_role, restore_outside
+from semisynth_gl.layouts.roles import Sample, mask_from_not_occluded, not_occluded_role, restore_outside
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,7 +109,7 @@ def encode_pair(
     """
     provenance = dict(provenance)
     for channel in CHANNELS.values():
-        codec = encodings.codec(codec_name(channel))
+        codec = encodings.codec(channel)
         if channel.mask is not None and isfinite(codec.limit_px):
             frame, counts = _invalidate(frame, channel, codec)
             provenance |= {channel.beyond_key: counts} if counts else {}

@@ -10,7 +10,6 @@ from semisynth_gl.frame.camera import Eye
 from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, SKY, VISIBLE
 from semisynth_gl.judge.findings import Verdict
 from semisynth_gl.judge.lens import find_borders
-from semisynth_gl.layouts.roles import codec_name
 
 Where = NDArray[np.bool_]
 
@@ -109,7 +108,7 @@ def _always_valid(frame: StoredFrame) -> bool:
 def _count_beyond(frame: StoredFrame, channel: str, eye: Eye, lacking: Where, verdict: Verdict) -> int:
     """Return how many values were beyond the encoding by the provenance; at least as many must be ``lacking``."""
     counts = frame.provenance.get(CHANNELS[channel].beyond_key)
-    codec = frame.encodings.codec(codec_name(CHANNELS[channel]))
+    codec = frame.encodings.codec(CHANNELS[channel])
     count = counts.get(eye) if isinstance(counts, dict) and isfinite(codec.limit_px) else 0
     beyond, found = count if isinstance(count, int) else 0, int(lacking.sum())
     if found < beyond:

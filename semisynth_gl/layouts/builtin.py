@@ -292,7 +292,7 @@ class _Facts(JsonObject):
 _WEBDATASET = Layout(
     stems=_below("{index:08d}.", _now(image="{view}", disparity="disp{n}", visibility="mask{n}") | _FLOW)
     | {"provenance": "{index:08d}"},
-    roles={"provenance": replace(ROLES["provenance"], codec_or_name=_Facts(), value=_facts)},
+    roles={"provenance": replace(ROLES["provenance"], codec=lambda _: _Facts(), value=_facts)},
     packed=True,
 )
 

@@ -6,7 +6,7 @@ A role is the name of an array of a frame (see `semisynth_gl.frame.channels.ROLE
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from operator import itemgetter
+from operator import itemgetter, methodcaller
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,20 +16,13 @@ from numpy.typing import NDArray
 from semisynth_gl.codecs import Codec, Encodings
 from semisynth_gl.codecs.calib import KITTI_CALIB, MIDDLEBURY_CALIB, Calibration
 from semisynth_gl.codecs.json_object import JSON_OBJECT
+from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.frame.camera import OTHER_EYE, Eye
 from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Channel, View
 from semisynth_gl.frame.frame import Frame, finite_range, through_levels
 from semisynth_gl.inputs.errors import ReadError
 
 _LARGEST_OBJECT = 255
-# Codec of a channel by its dtype and components, where a dataset's encodings do not choose it.
-_CODECS = {
-    ("uint8", 1): "grey8",
-    ("uint16", 1): "grey16",
-    ("float32", 1): "float",
-    ("float32", 2): "shift",
-    ("float32", 3): "vector",
-}
 
 
 class Sample(NamedTuple):
@@ -50,7 +43,7 @@ class Role:
 
     Attributes:
         meaning: the content in a few words.
-        codec_or_name: the file's codec, or its name for `Encodings.codec`.
+        codec: returns the file's codec in a dataset with some encodings.
         value: returns the value of a sample that the codec encodes.
         output: the output to which the file belongs; None for a file that every pair has.
         eye: the view whose truth the file holds; None for images, their maps, and files about the pair.
@@ -58,21 +51,15 @@ class Role:
     """
 
     meaning: str
-    codec_or_name: Codec[Any] | str
+    codec: Callable[[Encodings], Codec[Any]]
     value: Callable[[Sample], Any]
     output: str | None = None
     eye: Eye | None = None
     arrays: frozenset[str] = frozenset()
 
-    def codec(self, encodings: Encodings) -> Codec[Any]:
-        """Return the file's codec in a dataset with these encodings."""
-        return encodings.codec(self.codec_or_name) if isinstance(self.codec_or_name, str) else self.codec_or_name
 
-
-def codec_name(channel: Channel[Any]) -> str:
-    """Return the name of a channel's codec, see `semisynth_gl.codecs.Encodings.codec`."""
-    chosen = {"image": "image", "raw": "image", "disparity": "disparity", "flow": "flow", "flow_backward": "flow"}
-    return chosen.get(channel.name) or _CODECS[channel.dtype.name, channel.components]
+def _codec_of(channel: Channel[Any]) -> Callable[[Encodings], Codec[Any]]:
+    return methodcaller("codec", channel)
 
 
 def not_occluded_role(channel: Channel[Any], eye: Eye) -> str:
@@ -171,53 +158,53 @@ def _calibration(sample: Sample) -> Calibration:
 def _roles_of(eye: Eye) -> dict[str, Role]:
     """Return the roles of the files about one view."""
 
-    def role(meaning: str, codec: str, value: Callable[[View], Any], *channels: Channel[Any]) -> Role:
-        """Return the role of a file that belongs to the output of the first of the channels that its value needs."""
+    def role(meaning: str, like: Channel[Any], value: Callable[[View], Any], *channels: Channel[Any]) -> Role:
+        """Return the role of a file with the codec of ``like``, and the output of the first channel that it needs."""
         return Role(
             meaning.format(view=eye, other=OTHER_EYE[eye]),
-            codec,
+            _codec_of(like),
             lambda sample: value(sample.frame.view(eye)),
             channels[0].output,
             eye if channels[0].is_truth else None,
             frozenset(channel.role(eye) for channel in channels),
         )
 
-    roles = {
-        each.role(eye): role(each.meaning, codec_name(each), itemgetter(each.name), each) for each in CHANNELS.values()
-    }
+    roles = {each.role(eye): role(each.meaning, each, itemgetter(each.name), each) for each in CHANNELS.values()}
     for truth in CHANNELS.values():
         if truth.mask is None:
             continue
-        mask, codec = CHANNELS[truth.mask], codec_name(truth)
+        mask, what = CHANNELS[truth.mask], truth.name.removesuffix("_backward")
         seen = mask.meaning.partition(",")[0]
-        meaning = f"{seen}, {OCCLUDED} where it does not, {OUTSIDE} where there is no {codec}"
-        value = partial(_stored_mask, truth)
-        roles[mask.role(eye)] = role(meaning, codec_name(mask), value, mask, truth)
+        meaning = f"{seen}, {OCCLUDED} where it does not, {OUTSIDE} where there is no {what}"
+        roles[mask.role(eye)] = role(meaning, mask, partial(_stored_mask, truth), mask, truth)
         meaning = f"{truth.role(eye)}, where its mask says that the point is visible too"
-        visible = partial(_not_occluded, truth)
-        roles[not_occluded_role(truth, eye)] = role(meaning, codec, visible, mask, truth)
+        roles[not_occluded_role(truth, eye)] = role(meaning, truth, partial(_not_occluded, truth), mask, truth)
     meaning = "y_left - y_right of the {view} view's pixels, float32 px; inf where there is no disparity"
-    roles[f"disparity_y_{eye}"] = role(meaning, "float", partial(_vertical, eye), View.correspondence)
+    roles[f"disparity_y_{eye}"] = role(meaning, View.depth, partial(_vertical, eye), View.correspondence)
     return roles
 
 
 ROLES: Mapping[str, Role] = {
     **_roles_of("left"),
     **_roles_of("right"),
-    "right_under": Role("right image a stop darker", "image", partial(_exposed, -1)),
-    "right_over": Role("right image a stop brighter", "image", partial(_exposed, 1)),
+    "right_under": Role("right image a stop darker", _codec_of(View.image), partial(_exposed, -1)),
+    "right_over": Role("right image a stop brighter", _codec_of(View.image), partial(_exposed, 1)),
     "objects": Role(
         "8-bit: 1 to 255 for objects, 0 for all else; of the left view",
-        "grey8",
+        lambda _: GREY8,
         lambda sample: number_objects(sample.frame.left.instances, sample.provenance["instances"]),
         "instances",
         arrays=frozenset({"instances_left"}),
     ),
-    "calibration": Role("the cameras, as Middlebury's calib.txt has them", MIDDLEBURY_CALIB, _calibration),
+    "calibration": Role("the cameras, as Middlebury's calib.txt has them", lambda _: MIDDLEBURY_CALIB, _calibration),
     "calib_cam_to_cam": Role(
-        "the cameras, as KITTI's calib_cam_to_cam.txt has them", KITTI_CALIB, lambda sample: sample.frame.camera
+        "the cameras, as KITTI's calib_cam_to_cam.txt has them",
+        lambda _: KITTI_CALIB,
+        lambda sample: sample.frame.camera,
     ),
     "provenance": Role(
-        "what made the pair: seeds, camera, and every instance in the scene", JSON_OBJECT, lambda each: each.provenance
+        "what made the pair: seeds, camera, and every instance in the scene",
+        lambda _: JSON_OBJECT,
+        lambda sample: sample.provenance,
     ),
 }

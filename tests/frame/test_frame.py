@@ -20,7 +20,6 @@ from semisynth_gl.frame.frame import Frame
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.layouts.roles import ROLES as FILE_ROLES
-from semisynth_gl.layouts.roles import codec_name
 from semisynth_gl.scene.scene import make_scene
 
 CAMERA = StereoCamera.centred(5, 4, 6.0, 0.1)
@@ -41,7 +40,7 @@ def make_view(names=tuple(CHANNELS), seed=0):
 
 @pytest.mark.parametrize("channel", CHANNELS.values(), ids=lambda channel: channel.name)
 def test_a_row_of_the_table_fits_the_others(channel):
-    codec = Encodings().codec(codec_name(channel))
+    codec = Encodings().codec(channel)
     assert isinstance(codec, Codec)
     array = make_array(channel.name)
     decoded = codec.decode(codec.encode(array), channel.name)
