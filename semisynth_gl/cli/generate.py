@@ -101,7 +101,7 @@ def _range(_: click.Context, __: click.Parameter, text: str | None) -> range | N
     metavar="A-B",
     help="Make only these shards, counted from 0, to share the work among machines.",
 )
-@option("--overwrite", is_flag=True, help="Replace the dataset in the --out folder.")
+@option("--overwrite", is_flag=True, help="Replace the dataset in the --out folder, with all that is in its folders.")
 def generate(
     scene: SceneOptions,
     out: str | None,

@@ -1,6 +1,5 @@
 """The folder of a dataset: what is missing is made again, other people's files stay, one run works at a time."""
 
-import os
 import shutil
 from contextlib import suppress
 from itertools import count
@@ -164,7 +163,7 @@ class Killed(BaseException):
 
 @pytest.mark.parametrize("before", ["sceneflow", "middlebury"])
 def test_overwrite_ended_at_any_removal_goes_on(clean, tmp_path, before):
-    remove, wanted = os.remove, tree(clean / "webdataset")
+    unlink, wanted = Path.unlink, tree(clean / "webdataset")
     for moment in count(1, 7):
         folder, left = copied(clean, before, tmp_path / f"{moment}"), [moment]
 
@@ -172,10 +171,10 @@ def test_overwrite_ended_at_any_removal_goes_on(clean, tmp_path, before):
             left[0] -= 1
             if not left[0]:
                 raise Killed
-            remove(path, *rest, **options)
+            unlink(path, *rest, **options)
 
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(os, "remove", deadly)
+            patch.setattr(Path, "unlink", deadly)
             with suppress(Killed):
                 write(folder, "webdataset", overwrite=True)
         write(folder, "webdataset", overwrite=True)
