@@ -11,8 +11,6 @@ from semisynth_gl.inputs.errors import InputError, ReadError
 
 # HSM takes lines by their position, such as ndisp from line 7, so the order matters.
 _KEYS = ("cam0", "cam1", "doffs", "baseline", "width", "height", "ndisp", "isint", "vmin", "vmax", "dyavg", "dymax")
-# Spaces around values are stripped afterwards, since a pattern for them would backtrack at each space.
-_LINE = re.compile(r"^[ \t]*(\w+)[ \t]*=(.*)$", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,4 +98,5 @@ MIDDLEBURY_CALIB, KITTI_CALIB = MiddleburyCalib(), KittiCalib()
 
 def calib_values(text: str) -> dict[str, str]:
     """Return the values of ``name=value`` lines by name; they may stand in any order, with other lines and spaces."""
-    return {key: value.strip(" \t\r") for key, value in _LINE.findall(text)}
+    lines = (line.partition("=") for line in text.splitlines())
+    return {name.strip(): value.strip() for name, sign, value in lines if sign}
