@@ -8,7 +8,6 @@ import shutil
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from pathlib import Path
 
 from upath import UPath
 
@@ -162,10 +161,12 @@ def _remove(root: UPath, plan: Plan) -> None:
     tops = plan.tops
     names = [name for name in names_below(root) if name.split("/")[0] in tops and name not in {PLAN, LOCK}]
     records = [name for name in names if name == INDEX or (name.startswith(RECORDS) and name.endswith(".json"))]
-    for part in (records, sorted({*names}.difference(records))):
-        if not is_local(root) and part:
-            root.fs.rm([(root / name).path for name in part])  # few requests
-        for name in part if is_local(root) else ():
+    others = sorted({*names}.difference(records))
+    if is_local(root):
+        for name in (*records, *others):
             (root / name).unlink()
-    for top in tops - {RECORDS} if is_local(root) else ():
-        shutil.rmtree(Path(root / top), ignore_errors=True)  # empty folders are left
+        for top in tops - {RECORDS}:
+            shutil.rmtree(root / top, ignore_errors=True)  # empty folders are left
+    else:
+        for part in filter(None, (records, others)):
+            root.fs.rm([(root / name).path for name in part])
