@@ -12,14 +12,7 @@ except ModuleNotFoundError as error:
 
 from semisynth_gl.augmentation import PRESETS, Augmentation
 from semisynth_gl.torch.dataset import StereoDataset
-from semisynth_gl.torch.samples import Sample, collate
+from semisynth_gl.torch.samples import Sample
 from semisynth_gl.torch.stream import StereoStream
 
-__all__ = [
-    "PRESETS",
-    "Augmentation",
-    "Sample",
-    "StereoDataset",
-    "StereoStream",
-    "collate",
-]
+__all__ = ["PRESETS", "Augmentation", "Sample", "StereoDataset", "StereoStream"]

@@ -21,11 +21,10 @@ class StereoDataset(PairDataset):
     Args:
         address: the dataset's folder, or an address that fsspec knows.
         split: a split of the dataset; None for all pairs, training pairs first.
-        crop: height and width, px: read a crop of each pair; None for whole images.
-        seed: decides, with the pair's sequence and the epoch, the places of crops; by default the seed of the dataset,
-            with which the places are those of `StereoStream`.
-        augmentation: changes of each pair, before the transform; the seed, the pair's sequence and the epoch decide
-            them.
+        crop: height and width, px: cut a crop out of each pair; None for whole images.
+        seed: decides, with the pair's sequence and the epoch, the crops and the augmentation; by default the seed of
+            the dataset, with which they are those of `StereoStream`.
+        augmentation: changes of each pair, before the transform.
         transform: a function that gets the sample and returns the object to use instead.
 
     Attributes:

@@ -1,13 +1,11 @@
-"""A pair as a dictionary of tensors: cropped, augmented, transformed; batches of dictionaries."""
+"""A pair as a dictionary of tensors: cropped, augmented, transformed."""
 
-from collections.abc import Callable, Sequence
-from numbers import Integral
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import torch
-from torch.nn.functional import pad
-from torch.utils.data import Dataset, default_collate
+from torch.utils.data import Dataset
 
 from semisynth_gl.augmentation import Augmentation
 from semisynth_gl.frame.camera import Crop
@@ -27,14 +25,8 @@ _CAMERA = ("focal_px", "focal_y_px", "baseline_m", "doffs_px", "cx_left_px", "cx
 class PairDataset(Dataset[Any]):
     """What both datasets share: each pair becomes a sample, cropped, augmented and transformed.
 
-    Args:
-        sides: height and width of the images, px.
-        crop: height and width, px; None for whole images.
-        augmentation: changes of each pair; None for none.
-        transform: gets the sample and returns the object to use instead.
-
-    Raises:
-        InputError: where the crop does not fit, or the transform cannot be called.
+    ``sides`` are height and width of the images, px; `StereoStream` describes the other arguments. Raises InputError
+    where the crop does not fit.
     """
 
     def __init__(
@@ -44,15 +36,10 @@ class PairDataset(Dataset[Any]):
         augmentation: Augmentation | None,
         transform: Transform | None,
     ) -> None:
-        fits = crop is None or (
-            isinstance(crop, Sequence)
-            and len(crop) == 2
-            and all(isinstance(side, Integral) and 1 <= side <= most for side, most in zip(crop, sides, strict=True))
-        )
-        if not fits:
-            raise InputError(f"crop: expected (height, width), whole numbers of up to {sides} px, got {shown(crop)}")
-        if transform is not None and not callable(transform):
-            raise InputError(f"expected a function, got {shown(transform)}", argument="transform")
+        if crop is not None:
+            if np.shape(crop) != (2,):
+                raise InputError(f"expected (height, width), got {shown(crop)}", argument="crop")
+            crop = to_whole("crop", crop[0], 1, sides[0]), to_whole("crop", crop[1], 1, sides[1])
         if augmentation is not None:
             augmentation.check(crop, sides)
         self._sides, self._crop, self._augmentation, self._transform = sides, crop, augmentation, transform
@@ -63,26 +50,15 @@ class PairDataset(Dataset[Any]):
     def set_epoch(self, epoch: int) -> None:
         """Choose the crops and changes of an epoch; call it before each epoch. Running workers follow too.
 
-        Args:
-            epoch: from 0, with which a dataset begins.
-
-        Raises:
-            InputError: where the epoch is not a whole number of 0 or more.
+        The first epoch is 0. Raises InputError where the epoch is not a whole number of 0 or more.
         """
         self._epoch.fill_(to_whole("epoch", epoch, 0, LARGEST_NUMBER))
 
     def _sample(self, index: int, sequence: int, seed: int, pair: Callable[[Crop | None], Frame]) -> Any:  # noqa: ANN401 - what the transform returns
-        """Make a sample; the seed, the sequence and the epoch decide its crop and its changes.
+        """Make a sample; the split's seed, the sequence and the epoch decide its crop and its changes.
 
-        Args:
-            index: the pair's number in its split.
-            sequence: number of the pair's sequence, whose frames all get the same crop, so that flow leads from frame
-                to frame.
-            seed: of the split.
-            pair: returns the pair, cut to a crop where it gets one.
-
-        Raises:
-            InputError: where the pair lacks what a change needs.
+        All frames of a sequence get the same crop, so that flow leads from frame to frame. ``pair`` returns the pair,
+        cut to a crop where it gets one. Raises InputError where the pair lacks what a change needs.
         """
         epoch, size, crop, changes = int(self._epoch), self._crop, None, None
         if self._augmentation is not None:
@@ -142,32 +118,6 @@ def to_sample(index: int, frame: Frame) -> Sample:
     return {"index": index, "camera": camera, **tensors}
 
 
-def collate(samples: Sequence[Sample]) -> Sample:
-    """Batch samples whose sizes or keys differ: ``DataLoader(..., collate_fn=collate)``.
-
-    Smaller arrays get columns on the right and rows at the bottom, filled with the value that stands for "nothing": inf
-    for disparity, depth, flow and the like, 0 for images, masks, normals and ids. Since padding moves no pixel, the
-    cameras stay true. Grey images in a batch with colour images get three equal channels. Keys that some of the samples
-    lack are left out. In all other respects this is PyTorch's default_collate.
-
-    Args:
-        samples: dictionaries, as `to_sample` makes them; further keys are batched by default_collate.
-
-    Returns:
-        ``left`` (B, 3, H, W), ``disparity_left`` (B, H, W) and so on, with the largest H and W of the batch.
-
-    Raises:
-        InputError: where there is no sample.
-    """
-    if not samples:
-        raise InputError("expected one or more, got none", argument="samples")
-    return {
-        name: default_collate(_of_one_size(name, [sample[name] for sample in samples]))
-        for name in samples[0]
-        if all(name in sample for sample in samples)
-    }
-
-
 def _tensor(array: Any) -> torch.Tensor:  # noqa: ANN401 - an array, or what a reader has made instead
     if isinstance(array, np.ndarray):
         # Arrays read from files may be views of the bytes, upside down or read-only; torch takes neither.
@@ -177,19 +127,3 @@ def _tensor(array: Any) -> torch.Tensor:  # noqa: ANN401 - an array, or what a r
         # torch has hardly any operations for uint16.
         tensor = tensor.to(torch.int32)
     return tensor.permute(2, 0, 1).contiguous() if tensor.ndim == 3 else tensor.contiguous()
-
-
-def _of_one_size(name: str, values: list[Any]) -> list[Any]:
-    """Pad the arrays of a role to the largest height and width; return the values of other keys as they are."""
-    if name not in ROLES:
-        return values
-    channel = ROLES[name][1]
-    if channel.is_image and len({value.shape[0] for value in values}) > 1:
-        values = [value.expand(3, -1, -1) for value in values]
-    height, width = (max(value.shape[axis] for value in values) for axis in (-2, -1))
-    return [
-        pad(value, (0, width - value.shape[-1], 0, height - value.shape[-2]), value=channel.nothing)
-        if value.shape[-2:] != (height, width)
-        else value
-        for value in values
-    ]

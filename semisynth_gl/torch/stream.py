@@ -39,10 +39,9 @@ class StereoStream(PairDataset):
         pairs: number of pairs, ``len(stream)``.
         split: the split whose pairs they are.
         splits: names of all splits of the dataset; photographs are held out for each of them.
-        crop: height and width, px: cut a crop out of each pair, at a place that follows from the seed, the pair's
-            sequence and the epoch; None for whole images.
-        augmentation: changes of each pair, before the transform; the seed, the pair's sequence and the epoch decide
-            them.
+        crop: height and width, px: cut a crop out of each pair; None for whole images. The seed, the pair's sequence
+            and the epoch decide the crop and the augmentation.
+        augmentation: changes of each pair, before the transform.
         checked: whether pairs that fail the config's checks are rendered again, as in a dataset. Without checks, crops
             are much faster, and the few pairs that would have failed differ from the dataset's pairs.
         transform: a function that gets the sample and returns the object to use instead.

@@ -393,7 +393,7 @@ def test_two_devices_share_the_samples_of_an_epoch(dataset, tmp_path):
     [
         (("--data", "absent"), "no such config: absent; expected a YAML file, or one of: ablation-"),
         (("--batch", 7), "--data: 6 pairs are fewer than --batch 7 for each device"),
-        (("--crop", 80, 64), "crop: expected (height, width), whole numbers of up to (64, 96) px"),
+        (("--crop", 80, 64), "crop: must be from 1 to 64, got 80"),
         (("--network", "absent:Network"), "--network absent:Network: expected module:callable and its --arguments: No"),
         (("--argument", "start=.nan"), "step 0: the loss is nan: lower --learning-rate"),
         (("--loss", "cross-entropy"), "the network gives no scores: take --loss smooth-l1 or sequence"),

@@ -11,7 +11,9 @@ from semisynth_gl.config import Config
 from semisynth_gl.config.explain import config_keys, meaning
 
 ROOT = Path(__file__).resolve().parents[2]
-TORCH_NAMES = re.findall(r'^    "(\w+)",$', (ROOT / "semisynth_gl/torch/__init__.py").read_text("utf-8"), re.MULTILINE)
+TORCH_NAMES = re.findall(
+    r'"(\w+)"', (ROOT / "semisynth_gl/torch/__init__.py").read_text("utf-8").partition("__all__")[2]
+)
 FOLDERS_OF_PAGES = (".", "docs", "docs/reference", "benchmarks/results", "benchmarks/peers", "examples", "shaders")
 PAGES = [page for folder in FOLDERS_OF_PAGES for page in sorted((ROOT / folder).glob("*.md"))]
 

@@ -1,10 +1,10 @@
-"""Written datasets for PyTorch: the stream's samples, in any layout, in workers, in batches of any sizes."""
+"""Written datasets for PyTorch: the stream's samples, in any layout, in workers, in batches."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_made_datasets import config_of, write_dataset
+from hand_made_datasets import write_dataset
 from heavy import heavy
 from tiny_datasets import cheap
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.heavy
 
 from torch.utils.data import ConcatDataset, DataLoader, get_worker_info  # noqa: E402 - torch is optional
 
-from semisynth_gl.torch import StereoDataset, StereoStream, collate  # noqa: E402
+from semisynth_gl.torch import StereoDataset, StereoStream  # noqa: E402
 
 TIMEOUT_S = 120
 SEED = 3
@@ -167,41 +167,21 @@ def test_workers_that_stay_follow_the_epoch(hand_made):
 
 
 def test_datasets_are_put_together_and_batched(hand_made, tmp_path):
-    write_dataset(tmp_path, "eth3d", {"train": 3}, 2, config_of(name="other", outputs=["visibility", "depth"]))
+    write_dataset(tmp_path, "eth3d", {"train": 3}, 2)
     both = ConcatDataset([StereoDataset(hand_made, crop=CROP), StereoDataset(tmp_path, crop=CROP)])
-    batches = list(DataLoader(both, batch_size=5, collate_fn=collate))
+    batches = list(DataLoader(both, batch_size=5))
     assert [batch["index"].tolist() for batch in batches] == [[0, 1, 2, 3, 4], [5, 6, 0, 1, 2]]
-    # Depth is in the second dataset alone.
-    assert all("depth_left" not in batch and batch["left"].shape == (5, 3, *CROP) for batch in batches)
-
-
-def test_what_lacks_pixels_is_filled_with_nothing(hand_made):
-    small, large = StereoDataset(hand_made, crop=CROP)[0], StereoDataset(hand_made)[1]
-    small["weight"], large["weight"] = 0.5, 1.5
-    large["only here"] = 1
-    for samples in ([small, large], [large, small]):
-        batch = collate(samples)
-        assert set(batch) == set(small)
-        assert batch["weight"].tolist() == [sample["weight"] for sample in samples]
-        assert batch["camera"]["cx_left_px"].tolist() == [sample["camera"]["cx_left_px"] for sample in samples]
-        for name in set(small) & set(ROLES):
-            assert batch[name].dtype == small[name].dtype
-            assert batch[name].shape[-2:] == large[name].shape[-2:]
-            at = samples.index(small)
-            assert torch.equal(batch[name][at][..., : CROP[0], : CROP[1]], small[name])
-            assert torch.equal(batch[name][1 - at], large[name])
-            filled = torch.ones(batch[name].shape[-2:], dtype=torch.bool)
-            filled[: CROP[0], : CROP[1]] = False
-            assert (batch[name][at][..., filled] == (torch.inf if name.startswith("disparity") else 0)).all(), name
+    assert all(batch["left"].shape == (5, 3, *CROP) for batch in batches)
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"crop": (0, 10)}, r"got \(0, 10\)"),
+        ({"crop": (0, 10)}, "crop: must be from 1 to 32, got 0"),
+        ({"crop": (16, 10.5)}, "crop: must be a whole number, got 10.5"),
+        ({"crop": 16}, r"crop: expected \(height, width\), got 16"),
         ({"seed": -1}, "seed: must be 0 or more, got -1"),
         ({"augmentation": SMALL}, "crop="),
-        ({"crop": 16}, "crop: expected"),
         ({"split": "validation"}, "expected a split of train, test, got 'validation'"),
     ],
 )
