@@ -3,26 +3,25 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import ceil, inf, pi, radians, sin
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any
 
 import numpy as np
 
-from semisynth_gl.augmentation.colour import Colours, mean_luminance
-from semisynth_gl.augmentation.geometry import Warp, mirrored
-from semisynth_gl.augmentation.occlusion import occluded
+from semisynth_gl.augmentation.colour import mean_luminance, recoloured
+from semisynth_gl.augmentation.geometry import Warp, mirrored, occluded
 from semisynth_gl.frame.camera import EYES, Crop, Eye
 from semisynth_gl.frame.channels import CHANNELS, View
 from semisynth_gl.frame.frame import Frame
-from semisynth_gl.inputs.arguments import to_real
-from semisynth_gl.inputs.errors import InputError, shown
+from semisynth_gl.inputs.arguments import CheckedFields, Interval
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.seeds.seeds import Purpose, generator
 
-Interval = tuple[float, float]
+Share = Annotated[float, 0, 1]
 Sides = tuple[int, int]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Augmentation:
+class Augmentation(CheckedFields):
     """Changes of pairs for training. The default changes nothing.
 
     Ranges are (low, high), from which values are sampled evenly; shares are of samples. The seed, the sequence and the
@@ -59,7 +58,7 @@ class Augmentation:
 
     scale: Annotated[Interval, 0.1, 10] = (1, 1)
     stretch: Annotated[Interval, 0.5, 2] = (1, 1)
-    mirrored: float = 0.0
+    mirrored: Share = 0.0
     right_y_px: Annotated[Interval, -20, 20] = (0, 0)
     right_roll_deg: Annotated[Interval, -5, 5] = (0, 0)
     brightness: Annotated[Interval, 0, 10] = (1, 1)
@@ -68,24 +67,11 @@ class Augmentation:
     hue_turns: Annotated[Interval, -0.5, 0.5] = (0, 0)
     white_balance: Annotated[Interval, 0.1, 10] = (1, 1)
     gamma: Annotated[Interval, 0.1, 10] = (1, 1)
-    asymmetric: float = 0.0
+    asymmetric: Share = 0.0
     blur_px: Annotated[Interval, 0, 20] = (0, 0)
     noise: Annotated[Interval, 0, 100] = (0, 0)
-    occluded: float = 0.0
+    occluded: Share = 0.0
     rectangle_px: Annotated[Interval, 1, 10000] = (50, 100)
-
-    def __post_init__(self) -> None:
-        for name, hint in get_type_hints(Augmentation, include_extras=True).items():
-            value = getattr(self, name)
-            if hint is float:
-                to_real(name, value, 0, 1)
-                continue
-            if not isinstance(value, (tuple, list)) or len(value) != 2:
-                raise InputError(f"expected (low, high), got {shown(value)}", argument=name)
-            low, high = (to_real(name, end, *hint.__metadata__) for end in value)
-            if low > high:
-                raise InputError(f"expected (low, high) in rising order, got {shown(value)}", argument=name)
-            object.__setattr__(self, name, (low, high))
 
     def check(self, crop: Sides | None, sides: Sides) -> None:
         """Check that crops of a size can be made of images of a size, both (height, width) in px.
@@ -126,7 +112,7 @@ class Augmentation:
         tone = self._tone(rng)
         tones = tone, self._tone(rng) if is_asymmetric else tone
         colours = {
-            eye: Colours(**of_eye, blur_px=rng.uniform(*self.blur_px), noise=rng.uniform(*self.noise))
+            eye: of_eye | {"blur_px": rng.uniform(*self.blur_px), "noise": rng.uniform(*self.noise)}
             for eye, of_eye in zip(EYES, tones, strict=True)
         }
         rectangles = self._rectangles(rng, size) if is_occluded else ()
@@ -175,14 +161,14 @@ class Changes:
     Attributes:
         warp: scales, and the movement of the right image.
         mirrored: whether the pair is mirrored, before all else.
-        colours: of each eye.
+        colours: of each eye, the keyword arguments of `recoloured`.
         rectangles: in the changed right image.
         size: height and width of the result; None for that of the image.
     """
 
     warp: Warp
     mirrored: bool
-    colours: Mapping[Eye, Colours]
+    colours: Mapping[Eye, Mapping[str, Any]]
     rectangles: tuple[Crop, ...]
     size: Sides | None
 
@@ -210,10 +196,10 @@ class Changes:
         frame = occluded(frame, self.rectangles)
         images = {eye: frame.view(eye).image for eye in EYES}
         # One mean for both eyes, so that changes that are alike leave them alike.
-        contrasts = any(each.contrast != 1 for each in self.colours.values())
-        mean = mean_luminance(list(images.values())) if contrasts else 0.0
+        mean = mean_luminance(list(images.values()))
         left, right = (
-            frame.view(eye).with_channels({"image": self.colours[eye].applied(images[eye], mean, rng)}) for eye in EYES
+            frame.view(eye).with_channels({"image": recoloured(images[eye], mean, rng, **self.colours[eye])})
+            for eye in EYES
         )
         return Frame(frame.camera, left, right)
 

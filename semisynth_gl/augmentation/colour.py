@@ -1,7 +1,6 @@
 """Changes of an image's colours: brightness, contrast, saturation and hue at once, then what a camera adds."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,52 +19,34 @@ def mean_luminance(images: Sequence[NDArray[np.uint8]]) -> float:
     return float(np.mean([mean @ LUMINANCE if len(mean) == 3 else mean[0] for mean in means]))
 
 
-@dataclass(frozen=True, slots=True)
-class Colours:
-    """Changes of one image. The default leaves it as it is.
+def recoloured(
+    image: NDArray[np.uint8],
+    mean: float,
+    rng: np.random.Generator,
+    *,
+    brightness: float = 1.0,
+    contrast: float = 1.0,
+    saturation: float = 1.0,
+    hue_turns: float = 0.0,
+    white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0),
+    gamma: float = 1.0,
+    blur_px: float = 0.0,
+    noise: float = 0.0,
+) -> NDArray[np.uint8]:
+    """Return an image, (H, W, 3) uint8 or of a monochrome camera (H, W), with other colours; see `Augmentation`.
 
-    Brightness to white balance change a pixel's colour at once, rounded once; the rest is a camera's, see
-    `Imperfections`. Where two images differ by a level, strong saturation and turns of the hue may make that 5 levels.
-
-    Attributes:
-        brightness: factor of all levels.
-        contrast: factor of the levels' distance from the mean luminance.
-        saturation: factor of the distance from grey; 0 for a grey image.
-        hue_turns: turn of the hue, as a share of the colour circle.
-        white_balance: factors of red, green and blue, after all that.
-        gamma: exponent of the tone curve.
-        blur_px: standard deviation of a blur, px.
-        noise: standard deviation of the noise, levels.
+    Contrast counts from the luminance ``mean``. Brightness to hue and then the white balance's factors of red, green
+    and blue change a pixel's colour at once, rounded once; the rest is a camera's, see `Imperfections`. Where two
+    images differ by a level, strong saturation and turns of the hue may make that 5 levels.
     """
-
-    brightness: float = 1.0
-    contrast: float = 1.0
-    saturation: float = 1.0
-    hue_turns: float = 0.0
-    white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    gamma: float = 1.0
-    blur_px: float = 0.0
-    noise: float = 0.0
-
-    def applied(self, image: NDArray[np.uint8], mean: float, rng: np.random.Generator) -> NDArray[np.uint8]:
-        """Return a changed image.
-
-        Args:
-            image: (H, W, 3) uint8, or (H, W) of a monochrome camera, which has no colours to change.
-            mean: the luminance from which contrast counts, see `mean_luminance`.
-            rng: source of the noise.
-        """
-        if self == Colours():
-            return image
-        camera = Imperfections(blur_px=self.blur_px, noise=self.noise, gamma=self.gamma)
-        factor, offset = self.brightness * self.contrast, (1 - self.contrast) * mean * self.brightness
-        if image.ndim == 2:
-            levels = np.rint(np.arange(256) * factor + offset).clip(0, 255).astype(np.uint8)
-            return apply_imperfections(through_levels(image, levels), camera, rng)
-        cos, sin = np.cos(2 * np.pi * self.hue_turns), np.sin(2 * np.pi * self.hue_turns)
+    factor, offset = brightness * contrast, (1 - contrast) * mean * brightness
+    if image.ndim == 2:
+        changed = through_levels(image, np.rint(np.arange(256) * factor + offset).clip(0, 255).astype(np.uint8))
+    else:
+        cos, sin = np.cos(2 * np.pi * hue_turns), np.sin(2 * np.pi * hue_turns)
         mixing = np.eye(3)
-        mixing[1:, 1:] = self.saturation * np.array([[cos, -sin], [sin, cos]])
+        mixing[1:, 1:] = saturation * np.array([[cos, -sin], [sin, cos]])
         table = np.column_stack([np.linalg.solve(_YIQ, mixing @ _YIQ) * factor, np.full(3, offset)])
-        table *= np.array(self.white_balance)[:, None]
-        mixed = np.asarray(Image.fromarray(image).convert("RGB", tuple(table.ravel().tolist())))
-        return apply_imperfections(mixed, camera, rng)
+        table *= np.array(white_balance)[:, None]
+        changed = np.asarray(Image.fromarray(image).convert("RGB", tuple(table.ravel().tolist())))
+    return apply_imperfections(changed, Imperfections(blur_px=blur_px, noise=noise, gamma=gamma), rng)

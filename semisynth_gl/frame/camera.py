@@ -5,13 +5,13 @@ Frame (OpenCV's): x right, y down, z forward, metres, origin in the left camera.
 """
 
 from collections.abc import Mapping
-from dataclasses import MISSING, asdict, dataclass, fields, replace
-from typing import Any, Literal, Self
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.inputs.arguments import LEAST, MOST, MOST_PX, to_real, to_whole
+from semisynth_gl.inputs.arguments import LEAST, MOST, MOST_PX, OR_0, CheckedFields, to_real, to_whole
 from semisynth_gl.inputs.errors import InputError
 
 Eye = Literal["left", "right"]
@@ -20,7 +20,7 @@ OTHER_EYE: Mapping[Eye, Eye] = {"left": "right", "right": "left"}
 
 
 @dataclass(frozen=True, slots=True)
-class Crop:
+class Crop(CheckedFields):
     """A rectangle of whole pixels, the same in both images.
 
     Attributes:
@@ -33,14 +33,10 @@ class Crop:
         InputError: where the rectangle is empty or begins before pixel 0.
     """
 
-    x_px: int
-    y_px: int
-    width_px: int
-    height_px: int
-
-    def __post_init__(self) -> None:
-        for name, least in (("x_px", 0), ("y_px", 0), ("width_px", 1), ("height_px", 1)):
-            object.__setattr__(self, name, to_whole(name, getattr(self, name), least))
+    x_px: Annotated[int, 0]
+    y_px: Annotated[int, 0]
+    width_px: Annotated[int, 1]
+    height_px: Annotated[int, 1]
 
     @property
     def right_px(self) -> int:
@@ -60,7 +56,7 @@ MOST_FOCAL_RATIO = 1.25
 
 
 @dataclass(frozen=True, slots=True)
-class Deviation:
+class Deviation(CheckedFields):
     """The deviation of a right camera from the rectified one, about its own centre.
 
     Attributes:
@@ -73,19 +69,10 @@ class Deviation:
         InputError: where a turn is larger than 10 degrees, or the ratio is not 0.8 to 1.25.
     """
 
-    roll_rad: float = 0.0
-    pitch_rad: float = 0.0
-    y_px: float = 0.0
-    focal_ratio: float = 1.0
-
-    def __post_init__(self) -> None:
-        for name, least, most in (
-            ("roll_rad", -MOST_TURN_RAD, MOST_TURN_RAD),
-            ("pitch_rad", -MOST_TURN_RAD, MOST_TURN_RAD),
-            ("y_px", -MOST_PX, MOST_PX),
-            ("focal_ratio", 1 / MOST_FOCAL_RATIO, MOST_FOCAL_RATIO),
-        ):
-            object.__setattr__(self, name, to_real(name, getattr(self, name), least, most))
+    roll_rad: Annotated[float, -MOST_TURN_RAD, MOST_TURN_RAD] = 0.0
+    pitch_rad: Annotated[float, -MOST_TURN_RAD, MOST_TURN_RAD] = 0.0
+    y_px: Annotated[float, -MOST_PX, MOST_PX] = 0.0
+    focal_ratio: Annotated[float, 1 / MOST_FOCAL_RATIO, MOST_FOCAL_RATIO] = 1.0
 
     @property
     def rotation(self) -> NDArray[np.float64]:
@@ -98,11 +85,11 @@ class Deviation:
 RECTIFIED = Deviation()
 
 # OpenGL counts pixels in 32 bits.
-_MOST_PX = 2**31 - 1
+_MOST_SIDE_PX = 2**31 - 1
 
 
 @dataclass(frozen=True, slots=True)
-class StereoCamera:
+class StereoCamera(CheckedFields):
     """A pair of pinhole cameras with equal focal lengths, rectified except for the right one's deviation.
 
     Attributes:
@@ -121,27 +108,18 @@ class StereoCamera:
         InputError: where a value has the wrong type or is out of range.
     """
 
-    width_px: int
-    height_px: int
-    focal_px: float
-    baseline_m: float
-    cx_left_px: float
-    cx_right_px: float
-    cy_px: float
+    width_px: Annotated[int, 1, _MOST_SIDE_PX]
+    height_px: Annotated[int, 1, _MOST_SIDE_PX]
+    focal_px: Annotated[float, LEAST, MOST_PX]
+    baseline_m: Annotated[float, LEAST, MOST, OR_0]
+    cx_left_px: Annotated[float, -MOST_PX, MOST_PX]
+    cx_right_px: Annotated[float, -MOST_PX, MOST_PX]
+    cy_px: Annotated[float, -MOST_PX, MOST_PX]
     deviation: Deviation = RECTIFIED
-    fy_over_fx: float = 1.0
+    fy_over_fx: Annotated[float, LEAST, MOST] = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("width_px", "height_px"):
-            object.__setattr__(self, name, to_whole(name, getattr(self, name), 1, _MOST_PX))
-        for name, least, most in (
-            ("focal_px", LEAST, MOST_PX),
-            ("fy_over_fx", LEAST, MOST),
-            ("baseline_m", LEAST, MOST),
-            *((name, -MOST_PX, MOST_PX) for name in ("cx_left_px", "cx_right_px", "cy_px")),
-        ):
-            value = to_real(name, getattr(self, name), least, most, or_0=name == "baseline_m")
-            object.__setattr__(self, name, value)
+        CheckedFields.__post_init__(self)  # super() does not find the class of a dataclass with slots
         to_real("focal_y_px", self.focal_y_px, LEAST, MOST_PX)
 
     @classmethod
@@ -159,10 +137,10 @@ class StereoCamera:
         """Build a camera from the dictionary that `values` returns.
 
         Raises:
-            KeyError, TypeError, InputError: where values are missing or wrong.
+            TypeError, InputError: where values are missing or wrong.
         """
-        known = {key.name: values[key.name] for key in fields(cls) if key.default is MISSING or key.name in values}
-        return cls(**known | {"deviation": Deviation(**values["deviation"]) if "deviation" in values else RECTIFIED})
+        known = {key.name: values[key.name] for key in fields(cls) if key.name in values}
+        return cls(**known | {"deviation": Deviation(**values.get("deviation", {}))})
 
     def values(self, *, deviation: bool = False) -> dict[str, Any]:
         """Return the camera in JSON's types: the attributes by name, without a fy_over_fx of 1, and "doffs_px".

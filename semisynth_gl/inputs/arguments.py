@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from math import inf, isfinite
 from numbers import Integral, Real
 from types import UnionType
-from typing import Any
+from typing import Annotated, Any, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -19,6 +19,11 @@ Drawing multiplies up to four lengths, focal lengths and inverses of them in flo
 
 MOST_PX = 1e6
 """Largest magnitude of an image coordinate and of a focal length, px: float32 has steps of 1/16 px there."""
+
+OR_0 = "or 0"
+"""After the limits of a field's number: 0 is allowed, too."""
+
+Interval = tuple[float, float]
 
 OTHER_UNITS = "float32 does not hold what is worked out of it: choose other units"
 """The end of messages about magnitudes."""
@@ -58,6 +63,35 @@ def to_real(name: str, value: object, least: float = -inf, most: float = inf, *,
     if not (least <= number <= most or (or_0 and number == 0)):
         raise _unfit(name, f"{'0 or ' * or_0}from {least:g} to {most:g}", number)
     return number
+
+
+class CheckedFields:
+    """Base of frozen dataclasses whose numbers are converted, and checked by their types.
+
+    ``Annotated[int, 0]`` is a whole number of 0 or more, ``Annotated[float, 0, 1]`` a real number from 0 to 1, and
+    ``Annotated[Interval, 0, 1]`` two of these in rising order. `OR_0` after the limits also allows 0.
+    """
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        for name, hint in get_type_hints(type(self), include_extras=True).items():
+            if get_origin(hint) is not Annotated:
+                continue
+            kind, limits, value = hint.__origin__, hint.__metadata__, getattr(self, name)
+            or_0 = OR_0 in limits
+            if kind is int:
+                value = to_whole(name, value, *limits)
+            elif kind is float:
+                value = to_real(name, value, *limits[:2], or_0=or_0)
+            elif not isinstance(value, (tuple, list)) or len(value) != 2:
+                raise InputError(f"expected (low, high), got {shown(value)}", argument=name)
+            else:
+                low, high = (to_real(name, end, *limits[:2], or_0=or_0) for end in value)
+                if low > high:
+                    raise InputError(f"expected (low, high) in rising order, got {shown(value)}", argument=name)
+                value = low, high
+            object.__setattr__(self, name, value)
 
 
 def check_magnitudes(name: str, array: NDArray[Any]) -> None:

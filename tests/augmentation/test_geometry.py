@@ -9,8 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from tiny_datasets import tiny
 
-from semisynth_gl.augmentation.geometry import Warp, mirrored
-from semisynth_gl.augmentation.occlusion import occluded
+from semisynth_gl.augmentation.geometry import Warp, mirrored, occluded
 from semisynth_gl.frame.camera import EYES, Crop, Deviation, StereoCamera
 from semisynth_gl.frame.channels import OCCLUDED, OUTPUTS, OUTSIDE, VISIBLE, View
 from semisynth_gl.frame.frame import Frame
