@@ -9,15 +9,17 @@ import pytest
 from semisynth_gl.dataset.interrupts import interrupts_stop
 from semisynth_gl.listener import Listener
 
-# The program, with an interrupt at the n-th import that it causes. Some packages swallow one while they are imported.
+# The program, with an interrupt at the n-th import of its main module. Some packages swallow one while they are imported.
 AT_IMPORT = """
 import os, runpy, signal, sys
 
 class Interrupt:
-    imports = 0
+    imports = None
 
     def find_spec(self, name, *rest):
-        if "semisynth_gl" in sys.modules and name != "semisynth_gl.__main__":
+        if name == "semisynth_gl.__main__":
+            self.imports = 0
+        elif self.imports is not None:
             self.imports += 1
             if str(self.imports) == moment or name == moment:
                 os.kill(os.getpid(), signal.SIGINT)
