@@ -11,7 +11,6 @@ import json
 import logging
 import os
 import sys
-import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -28,7 +27,6 @@ LIMIT_BYTES = 4_000_000_000
 SUFFIX = ".prepared"
 """Ending of entries: the user may choose a folder that holds .npz files of theirs."""
 
-_VARIABLE = "SEMISYNTH_GL_CACHE"
 _LOG = logging.getLogger(__name__)
 _Result = TypeVar("_Result")
 
@@ -66,8 +64,10 @@ def cached(
             text = json.dumps([modules_sha256(Path(__file__).parent), _installed_packages(), key()], sort_keys=True)
             path = folder / f"{kind}-{hashlib.sha256(text.encode()).hexdigest()}{SUFFIX}"
     if path is not None:
-        with suppress(Exception):  # there is no entry, or a damaged one, which may fail in any way
-            return unpack(read_entry(path))
+        # There may be no entry, or a damaged one, which may fail in any way.
+        with suppress(Exception), np.load(path, allow_pickle=False) as file:
+            arrays = dict(file)
+            return unpack(Entry(json.loads(arrays.pop("values").tobytes()), arrays))
     if work is not None:
         _LOG.info(work)
     result = build()
@@ -91,16 +91,10 @@ def _installed_packages() -> list[str]:
 
 def cache_folder() -> Path | None:
     """Return the folder of the entries, which may not exist yet; None where the user switched the cache off."""
-    chosen = os.environ.get(_VARIABLE, "")
-    if chosen.lower() == "off":
-        return None
-    base = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    try:
-        if chosen:
-            return Path(chosen).expanduser()
-        return (base if base.is_absolute() else Path.home() / ".cache") / "semisynth-gl"
-    except RuntimeError:  # the user has no home folder
-        return None
+    chosen = os.environ.get("SEMISYNTH_GL_CACHE") or f"{os.environ.get('XDG_CACHE_HOME') or '~/.cache'}/semisynth-gl"
+    with suppress(RuntimeError):  # the user has no home folder
+        return None if chosen.lower() == "off" else Path(chosen).expanduser()
+    return None
 
 
 def cache_summary() -> str:
@@ -112,25 +106,18 @@ def cache_summary() -> str:
     return f"{folder}, {total / 1e6:.0f} MB of at most {LIMIT_BYTES / 1e6:.0f} MB"
 
 
-def read_entry(path: Path) -> Entry:
-    """Read an entry; raises an error of any class where it is absent, damaged or another program's."""
-    with np.load(path, allow_pickle=False) as file:
-        arrays = dict(file)
-    return Entry(json.loads(arrays.pop("values").tobytes()), arrays)
-
-
 def _write_entry(path: Path, entry: Entry) -> None:
     """Write an entry, then remove the oldest entries beyond `LIMIT_BYTES`."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     content: Any = entry.arrays | {"values": np.frombuffer(json.dumps(entry.values).encode(), np.uint8)}
     # Under another name until it is whole: other processes may read or write the same entry meanwhile.
-    handle, partial = tempfile.mkstemp(SUFFIX, dir=path.parent)
+    partial = path.with_suffix(f".{os.getpid()}{SUFFIX}")
     try:
-        with os.fdopen(handle, "wb") as file:
+        with partial.open("wb") as file:
             np.savez(file, **content)
-        Path(partial).replace(path)
+        partial.replace(path)
     finally:
-        Path(partial).unlink(missing_ok=True)
+        partial.unlink(missing_ok=True)
     size = 0
     for each in sorted(path.parent.glob(f"*{SUFFIX}"), key=lambda each: -each.stat().st_mtime_ns):
         size += each.stat().st_size

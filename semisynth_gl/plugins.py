@@ -6,8 +6,8 @@ name. Each process imports all these packages when it first asks for a plug-in; 
 
 import hashlib
 import sys
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import Distribution, entry_points
 from pathlib import Path
@@ -56,27 +56,16 @@ Records = Mapping[str, Mapping[str, Package]]
 class Plugin:
     """What an installed package gives under a name; ``module`` is the package's top module."""
 
-    group: Group
     name: str
-    package: str
-    version: str
+    value: Any
+    record: Package
     module: str
-    value: Any = field(repr=False)
-
-    def __str__(self) -> str:
-        return f"{NOUNS[self.group]} {self.name!r} of the package {self.package} {self.version}"
-
-    @property
-    def record(self) -> Package:
-        """The plug-in's package and its version, as datasets record them; see `Records`."""
-        return {"package": self.package, "version": self.version}
 
     @property
     def code_sha256(self) -> str:
         """SHA-256 of all modules of the package; raises OSError where they are not in files."""
         top = sys.modules[self.module]
-        path = Path(next(iter(getattr(top, "__path__", None) or [str(top.__file__)])))
-        return modules_sha256(path)
+        return modules_sha256(Path(next(iter(getattr(top, "__path__", None) or [str(top.__file__)]))))
 
 
 @cache
@@ -87,31 +76,29 @@ def modules_sha256(path: Path) -> str:
 
 
 @cache
-def installed_plugins() -> Mapping[tuple[Group, str], Plugin]:
+def installed_plugins() -> Mapping[Group, Mapping[str, Plugin]]:
     """Import the plug-ins of all installed packages; raises InputError where a name is already taken."""
-    found: dict[tuple[Group, str], Plugin] = {}
+    found: dict[Group, dict[str, Plugin]] = {group: {} for group in NOUNS}
     for entry in entry_points(group="semisynth_gl.plugins"):
         package = cast("Distribution", entry.dist)
+        record: Package = {"package": package.name, "version": package.version}
         for group, values in entry.load().items():
             for name, value in values.items():
-                plugin = Plugin(group, name, package.name, package.version, entry.module.partition(".")[0], value)
-                if name in BUILT_IN[group] or (group, name) in found:
-                    other = found.get((group, name), f"a built-in {NOUNS[group]}")
-                    raise InputError(f"{plugin} has the name of {other}: rename it, or pip uninstall {package.name}")
-                found[group, name] = plugin
+                if name in BUILT_IN[group] or name in found[group]:
+                    raise InputError(
+                        f"the {NOUNS[group]} {name!r} of the package {package.name} has the name of another one: "
+                        f"rename it, or pip uninstall {package.name}"
+                    )
+                found[group][name] = Plugin(name, value, record, entry.module.partition(".")[0])
     return found
-
-
-def names_of_group(group: Group) -> list[str]:
-    """Return the names of a group, sorted: the program's own and those of installed plug-ins."""
-    return sorted([*BUILT_IN[group], *(name for each, name in installed_plugins() if each == group)])
 
 
 def find_plugin(group: Group, name: str) -> Plugin:
     """Return the plug-in of a name; raises InputError where no installed package has it."""
-    if plugin := installed_plugins().get((group, name)):
-        return plugin
-    known = names_of_group(group)
+    installed = installed_plugins()[group]
+    if name in installed:
+        return installed[name]
+    known = sorted({*BUILT_IN[group], *installed})
     expected = f"expected one of {', '.join(known)}" if known else "no installed package has any"
     hint = did_you_mean(near(name, known))
     raise InputError(f"{NOUNS[group]}: {expected}, got {shown(name)}; {hint}".removesuffix("; "))
@@ -125,20 +112,16 @@ def plugin_records(used: Iterable[tuple[Group, str]]) -> dict[str, dict[str, Pac
     return records
 
 
-def require_plugins(
-    where: object, records: Records, groups: Collection[Group] = tuple(NOUNS), *, same: bool = False
-) -> None:
-    """Check that the plug-ins of a dataset's records are installed, for some groups.
+def require_plugins(where: object, group: Group, records: Mapping[str, Package]) -> None:
+    """Check that the plug-ins of a dataset's records, of one group, are installed in the recorded versions.
 
-    Where ``same`` is set, they must come from the same packages in the same versions. Raises InputError, which begins
-    with ``where`` and tells the command that installs the package, where a plug-in is missing.
+    Raises InputError, which begins with ``where`` and tells the command that installs the package, where one is not.
     """
-    for group in groups:
-        for name, record in records.get(group, {}).items():
-            plugin = installed_plugins().get((group, name))
-            if plugin is None or (same and plugin.record != record):
-                package, version = record["package"], record["version"]
-                raise InputError(
-                    f"{where}: {NOUNS[group]} {name!r} comes from the plug-in package {package} {version}, which is "
-                    f"not installed: pip install {package}=={version}"
-                )
+    for name, record in records.items():
+        plugin = installed_plugins()[group].get(name)
+        if plugin is None or plugin.record != record:
+            package, version = record["package"], record["version"]
+            raise InputError(
+                f"{where}: {NOUNS[group]} {name!r} comes from the plug-in package {package} {version}, which is not "
+                f"installed: pip install {package}=={version}"
+            )

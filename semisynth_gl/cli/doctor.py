@@ -10,7 +10,7 @@ from semisynth_gl.cache import cache_summary
 from semisynth_gl.cli.options import Command
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.inputs.opencv import open_opencv
-from semisynth_gl.plugins import installed_plugins
+from semisynth_gl.plugins import NOUNS, installed_plugins
 from semisynth_gl.render.backends import Backend
 
 _PACKAGES = ("semisynth-gl", "moderngl", "glcontext", "numpy", "trimesh", "Pillow", "isal", "scikit-image")
@@ -29,8 +29,10 @@ def doctor() -> None:
     for package in _PACKAGES:
         click.echo(f"  {package} {version(package)}")
     click.echo(f"  OpenCV {_opencv_version()}")
-    for plugin in installed_plugins().values():
-        click.echo(f"Plug-in: {plugin}")
+    for group, plugins in installed_plugins().items():
+        for name, plugin in plugins.items():
+            package, version_there = plugin.record["package"], plugin.record["version"]
+            click.echo(f"Plug-in: {NOUNS[group]} {name!r} of the package {package} {version_there}")
     click.echo(f"Cache: {cache_summary()}")
     click.echo("EGL devices (in EGL's order, which is not CUDA's)")
     for device in egl_devices():

@@ -313,6 +313,6 @@ def parse(model: type[_Document], data: bytes, path: Path) -> _Document:
         came = f", got {shown(fault['input'])}" if key and fault["type"] != "missing" else ""
         raise ReadError(path, f"{key}: {reason_of(fault)}{came}".removeprefix(": ")) from None
     if isinstance(document, Plan) and document.layout_name not in layout_names():
-        require_plugins(path, document.plugins, ["layouts"])
+        require_plugins(path, "layouts", document.plugins.get("layouts", {}))
         raise ReadError(path, f"layout: expected one of {', '.join(layout_names())}")
     return document

@@ -18,7 +18,6 @@ from semisynth_gl.dataset.plan import differences
 from semisynth_gl.dataset.reader import read_record
 from semisynth_gl.dataset.root import clear_errors, is_local, names_below, path_of, read_if_there, replace, write
 from semisynth_gl.inputs.errors import InputError, abbreviate
-from semisynth_gl.plugins import require_plugins
 from semisynth_gl.scene.sources import Sources
 from semisynth_gl.seeds.splits import SplitName
 
@@ -30,7 +29,7 @@ def read_plan(root: UPath) -> Plan | None:
     """Read the plan of a dataset; return None where the root is empty or does not exist.
 
     Raises:
-        InputError: where a newer program wrote the plan, it names a plug-in that is not installed, or the root has
+        InputError: where a newer program wrote the plan, its layout is a plug-in that is not installed, or the root has
             something else than a dataset.
         ReadError: where the plan is damaged.
     """
@@ -48,9 +47,7 @@ def read_plan(root: UPath) -> Plan | None:
                 argument="out",
             )
         return None
-    plan = parse(Plan, data, path_of(root, PLAN))
-    require_plugins(root, plan.plugins)
-    return plan
+    return parse(Plan, data, path_of(root, PLAN))
 
 
 def check_same(root: UPath, there: Plan, plan: Plan) -> None:

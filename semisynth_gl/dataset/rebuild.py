@@ -29,7 +29,7 @@ class RebuiltScenes:
             raise InputError(f"{index.root}: the scenes cannot be rebuilt: {index.fault or 'its index has no patches'}")
         self.config, self.seed, part = made.config, made.seed, made.split(split)
         # Another version of a plug-in may make other models. Recipes need no check: the config has their keys.
-        require_plugins(f"{index.root}: the scenes cannot be rebuilt", made.plugins, ["models"], same=True)
+        require_plugins(f"{index.root}: the scenes cannot be rebuilt", "models", made.plugins.get("models", {}))
         libraries = recipe_libraries(self.config, part)
         self._sampler = MixSampler(
             self.config, part.seed, libraries, tuple(Patch(**each.values()) for each in described.patches)

@@ -6,7 +6,7 @@ from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.layouts.builtin import BUILT_IN
 from semisynth_gl.layouts.layout import Key, Layout, view_stems
-from semisynth_gl.plugins import find_plugin, names_of_group
+from semisynth_gl.plugins import find_plugin, installed_plugins
 
 __all__ = ["LAYOUTS", "Key", "Layout", "find_layout", "layout_names", "view_stems"]
 
@@ -16,7 +16,7 @@ _NEEDED = {"left", "right", "disparity_left", "provenance"}
 
 def layout_names() -> tuple[str, ...]:
     """Return the names of all layouts, plug-ins included, sorted."""
-    return tuple(names_of_group("layouts"))
+    return tuple(sorted([*BUILT_IN, *installed_plugins()["layouts"]]))
 
 
 @cache

@@ -198,7 +198,7 @@ def test_a_layout_that_could_not_be_read_back_is_refused(install):
 def test_a_name_that_is_taken_is_refused(install):
     with (
         install("PLUGINS = {'layouts': {'kitti': 3}}"),
-        pytest.raises(InputError, match=r"'kitti' of .* other-plugins .* has the name of a built"),
+        pytest.raises(InputError, match=r"'kitti' of .* other-plugins has the name of another"),
     ):
         load_config("kitti")
 
