@@ -4,6 +4,7 @@ It learns in minutes what it takes to show that a dataset teaches stereo matchin
 """
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import torch
@@ -16,16 +17,16 @@ _MULTIPLE_PX = 16
 """Inputs are padded to multiples of this: the coarsest features have a stride of 16 px."""
 _CHANNELS = 64
 """Of the features that are matched."""
+_GROUPS = 16
+"""Of these channels, which are correlated group by group."""
 _GROUP = 8
+"""Channels that are normalised together."""
 
 
 class Estimates(NamedTuple):
-    """What the network says of a batch of pairs.
+    """Left disparities (B, H, W) px, the final one last; logits (B, D, H/4, W/4), rounded up, of disparities 4 d px.
 
-    Attributes:
-        disparities: each (B, H, W) px, of the left view, the coarsest first and the final one last.
-        scores: (B, D, H/4, W/4), rounded up: logits; channel d stands for a disparity of 4 d px.
-        step_px: px from channel to channel, and the stride of the scores.
+    ``step_px`` is the step from channel to channel of the scores, and their stride.
     """
 
     disparities: list[Tensor]
@@ -33,21 +34,18 @@ class Estimates(NamedTuple):
     step_px: int = _DISPARITY_STEP_PX
 
 
-def _conv(inputs: int, outputs: int, *, stride: int = 1, dilation: int = 1) -> nn.Sequential:
+def _conv(
+    inputs: int, outputs: int, *, stride: int = 1, dilation: int = 1, kind: type[nn.Conv2d | nn.Conv3d] = nn.Conv2d
+) -> nn.Sequential:
     """A 3 x 3 convolution, normalised by image: batches are small, and crops differ from whole images."""
     return nn.Sequential(
-        nn.Conv2d(inputs, outputs, 3, stride, padding=dilation, dilation=dilation, bias=False),
+        kind(inputs, outputs, 3, stride, padding=dilation, dilation=dilation, bias=False),
         nn.GroupNorm(outputs // _GROUP, outputs),
         nn.ReLU(inplace=True),
     )
 
 
-def _conv3d(inputs: int, outputs: int, *, stride: int = 1) -> nn.Sequential:
-    return nn.Sequential(
-        nn.Conv3d(inputs, outputs, 3, stride, padding=1, bias=False),
-        nn.GroupNorm(outputs // _GROUP, outputs),
-        nn.ReLU(inplace=True),
-    )
+_conv3d = partial(_conv, kind=nn.Conv3d)
 
 
 class _Residual(nn.Module):
@@ -121,13 +119,7 @@ class _Refinement(nn.Module):
         self.weights = nn.Conv2d(24, 4 * 9, 3, padding=1)
 
     def forward(self, disparity: Tensor, left: Tensor, right: Tensor) -> tuple[Tensor, Tensor]:
-        """Take (B, H, W) in px of this size to the same, corrected, and (B, 2H, 2W) in px of twice the size.
-
-        Args:
-            disparity: (B, H, W).
-            left: (B, 16, H, W) features of the left view.
-            right: (B, 16, H, W) of the right one.
-        """
+        """Take (B, H, W) px, and features (B, 16, H, W), to a corrected (B, H, W), and (B, 2H, 2W) of twice the px."""
         difference = left - warped(right, disparity)
         # Disparities of a few dozen pixels come in as numbers about one.
         known = self.body(torch.cat([left, difference, disparity[:, None] / 32], 1))
@@ -136,35 +128,25 @@ class _Refinement(nn.Module):
 
 
 class StereoNetwork(nn.Module):
-    """Left and right image to the disparity of the left view.
+    """Left and right image to the disparity of the left view, from 0 to ``max_disparity`` px, rounded up to 16 px."""
 
-    Args:
-        max_disparity: px; what is searched is [0, max_disparity), rounded up to a multiple of 16.
-        groups: into how many groups of channels features are split to be correlated.
-    """
-
-    def __init__(self, max_disparity: int = 80, groups: int = 16) -> None:
+    def __init__(self, max_disparity: int = 80) -> None:
         super().__init__()
         self.levels = 4 * -(-max_disparity // _MULTIPLE_PX)
-        self.groups = groups
         self.features = _Features(_CHANNELS)
-        self.aggregation = _Aggregation(groups)
+        self.aggregation = _Aggregation(_GROUPS)
         self.refinement = _Refinement()
 
-    def forward(self, left: Tensor, right: Tensor) -> "Estimates":
-        """Estimate disparities.
-
-        Args:
-            left: (B, 3, H, W) float32 in [0, 1], any H and W.
-            right: likewise.
-        """
+    def forward(self, left: Tensor, right: Tensor) -> Estimates:
+        """Estimate disparities from images (B, 3, H, W) float32 in [0, 1], of any H and W."""
         height, width = left.shape[-2:]
         # Below and to the right, so that the padding moves no pixel.
         padding = (0, -width % _MULTIPLE_PX, 0, -height % _MULTIPLE_PX)
         views = functional.pad(torch.cat([left, right]) * 2 - 1, padding, mode="replicate")
         matched, fine = self.features(views)
-        scores = self.aggregation(correlated(matched.chunk(2), self.levels, self.groups))
-        coarse = expected_level(scores)
+        scores = self.aggregation(correlated(matched.chunk(2), self.levels, _GROUPS))
+        levels = torch.arange(self.levels, dtype=scores.dtype, device=scores.device)
+        coarse = torch.einsum("bdhw,d->bhw", scores.softmax(1), levels)
         # Disparities are in pixels of the size at hand: twice as large at twice the size.
         at_half = 2 * _resized(coarse[:, None], fine)[:, 0]
         corrected, final = self.refinement(at_half, *fine.chunk(2))
@@ -177,14 +159,9 @@ class StereoNetwork(nn.Module):
 
 
 def cross_entropy_loss(found: Estimates, truth: Tensor, valid: Tensor) -> Tensor:
-    """Compare scores with the truth, which counts for the levels on both its sides.
+    """Compare scores with the truth (B, H, W) px, where ``valid``; it counts for the levels on both its sides.
 
     A mean over levels teaches slowly: where it is wrong, it does not say which level is the right one.
-
-    Args:
-        found: of the network.
-        truth: (B, H, W), px.
-        valid: (B, H, W) bool, the pixels that count.
     """
     # The pixel next to the middle of each square: a mean would mix what lies before and behind an edge.
     step = found.step_px
@@ -200,44 +177,23 @@ def cross_entropy_loss(found: Estimates, truth: Tensor, valid: Tensor) -> Tensor
 
 
 def correlated(views: Sequence[Tensor], levels: int, groups: int) -> Tensor:
-    """Compare each feature of the left view with those of the right view to its left.
+    """Compare each left feature with the right ones at disparities from 0 to ``levels`` - 1, in groups of channels.
 
-    Args:
-        views: left and right, each (B, C, H, W).
-        levels: how many disparities, from 0 on.
-        groups: of channels; must divide C.
-
-    Returns:
-        Cosines (B, groups, levels, H, W), 0 where the point would lie outside the right view.
+    Takes left and right features (B, C, H, W) to cosines (B, groups, levels, H, W), 0 outside the right view.
     """
     batch, channels, height, width = views[0].shape
-    one, other = (_unit(view.reshape(batch, groups, channels // groups, height, width)) for view in views)
+    split = [view.reshape(batch, groups, channels // groups, height, width) for view in views]
+    one, other = (each * torch.rsqrt(each.square().sum(2, keepdim=True) + 1e-6) for each in split)
     volume = one.new_zeros(batch, groups, levels, height, width)
     for level in range(min(levels, width)):
         volume[:, :, level, :, level:] = (one[..., level:] * other[..., : width - level]).sum(2)
     return volume
 
 
-def _unit(features: Tensor) -> Tensor:
-    """Scale vectors (B, groups, C, H, W) to length 1 along C."""
-    return features * torch.rsqrt(features.square().sum(2, keepdim=True) + 1e-6)
-
-
-def expected_level(scores: Tensor) -> Tensor:
-    """Return the mean level (B, H, W) under the softmax of scores (B, D, H, W)."""
-    levels = torch.arange(scores.shape[1], dtype=scores.dtype, device=scores.device)
-    return torch.einsum("bdhw,d->bhw", scores.softmax(1), levels)
-
-
 def warped(right: Tensor, disparity: Tensor) -> Tensor:
-    """Fetch what the right view shows of each point of the left one.
+    """Take features (B, C, H, W) of the right view to the left view's pixels, by its disparity (B, H, W) px.
 
-    Args:
-        right: (B, C, H, W).
-        disparity: (B, H, W) of the left view, px.
-
-    Returns:
-        (B, C, H, W), interpolated linearly; 0 outside the right view.
+    Values are interpolated linearly, and 0 outside the right view.
     """
     height, width = disparity.shape[-2:]
     rows = torch.arange(height, dtype=right.dtype, device=right.device)
@@ -249,14 +205,9 @@ def warped(right: Tensor, disparity: Tensor) -> Tensor:
 
 
 def _upsampled(disparity: Tensor, weights: Tensor) -> Tensor:
-    """Double the size of a disparity: each pixel is a mean of the 3 x 3 around it, so that edges can stay sharp.
+    """Double the size of a disparity (B, H, W) px: each pixel is a mean of the 3 x 3 around it, so edges stay sharp.
 
-    Args:
-        disparity: (B, H, W), px.
-        weights: (B, 4 * 9, H, W), logits of what each of 4 pixels takes from its 9 neighbours.
-
-    Returns:
-        (B, 2H, 2W), px of twice the size.
+    ``weights`` (B, 4 * 9, H, W) are logits of what each of 4 pixels takes from its 9 neighbours.
     """
     batch, height, width = disparity.shape
     padded = functional.pad(2 * disparity[:, None], (1, 1, 1, 1), mode="replicate")

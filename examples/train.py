@@ -39,9 +39,9 @@ from semisynth_gl.torch import PRESETS, Augmentation, Sample, StereoDataset, Ste
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "show_default": True, "max_content_width": 100}
 CONFIG = Path(__file__).with_name("small-rooms.yaml")
-# Options that a resumed training may change.
-_HOW_TO_RUN = {"workers", "every", "precision", "devices"}
 _FILE = click.Path(path_type=Path, exists=True)
+LOSSES = "cross-entropy", "smooth-l1", "sequence"
+Part = StereoDataset | StereoStream
 _MULTIPLE_PX = 32
 """Whole images are padded to multiples of this, px, which published networks need."""
 _MEAN, _DEVIATION = [[[0.485]], [[0.456]], [[0.406]]], [[[0.229]], [[0.224]], [[0.225]]]
@@ -64,38 +64,25 @@ def estimates(output: Any) -> list[Tensor]:  # noqa: ANN401 - a tensor, a list, 
     return [each[:, 0] if each.ndim == 4 else each for each in several]
 
 
-Part = StereoDataset | StereoStream
-Loss = Callable[[Any, Tensor, Tensor], Tensor]
-"""From a network's output, the true disparity (B, H, W) px and the pixels that count (B, H, W) to a number."""
+def loss_of(name: str, output: Any, truth: Tensor, valid: Tensor) -> Tensor:  # noqa: ANN401 - as estimates takes it
+    """Return the loss of a network's output, from the true disparity (B, H, W) px and the pixels that count (B, H, W).
 
-
-def _weighted(error: Callable[..., Tensor], output: Any, weights: list[float], truth: Tensor, valid: Tensor) -> Tensor:  # noqa: ANN401
-    """Return the weighted sum of the estimates' mean errors."""
-    losses = [error(each.float()[valid], truth[valid], reduction="sum") for each in estimates(output)]
-    return truth.new_tensor(weights[-len(losses) :]) @ torch.stack(losses) / valid.sum().clamp(min=1)
-
-
-def sequence_loss(output: Any, truth: Tensor, valid: Tensor) -> Tensor:  # noqa: ANN401 - as estimates takes it
-    """Mean absolute errors of all estimates, with RAFT-Stereo's weights, which grow from estimate to estimate."""
-    count = len(estimates(output))
-    decay = 0.9 ** (15 / max(1, count - 1))
-    return _weighted(functional.l1_loss, output, [decay ** (count - 1 - i) for i in range(count)], truth, valid)
-
-
-def smooth_l1_loss(output: Any, truth: Tensor, valid: Tensor) -> Tensor:  # noqa: ANN401 - as estimates takes it
-    """Mean smooth L1 errors of all estimates, with PSMNet's weights."""
-    weights = [*([0.5] * len(estimates(output))), 0.7, 1.0]
-    return _weighted(functional.smooth_l1_loss, output, weights, truth, valid)
-
-
-def scores_loss(output: Any, truth: Tensor, valid: Tensor) -> Tensor:  # noqa: ANN401 - as estimates takes it
-    """`smooth_l1_loss`, and the cross-entropy of the scores of disparity levels, which teaches faster."""
-    if not hasattr(output, "scores"):
-        raise InputError("--loss cross-entropy: the network gives no scores: take --loss smooth-l1 or sequence")
-    return smooth_l1_loss(output, truth, valid) + cross_entropy_loss(output, truth, valid)
-
-
-LOSSES: Mapping[str, Loss] = {"cross-entropy": scores_loss, "smooth-l1": smooth_l1_loss, "sequence": sequence_loss}
+    ``sequence`` is the mean absolute error of all estimates, with RAFT-Stereo's weights, which grow from estimate to
+    estimate; ``smooth-l1`` the mean smooth L1 error, with PSMNet's weights; ``cross-entropy`` also the cross-entropy of
+    the scores of disparity levels, which teaches faster.
+    """
+    found = estimates(output)
+    error, weights = functional.smooth_l1_loss, [*([0.5] * len(found)), 0.7, 1.0][-len(found) :]
+    if name == "sequence":
+        decay = 0.9 ** (15 / max(1, len(found) - 1))
+        error, weights = functional.l1_loss, [decay ** (len(found) - 1 - i) for i in range(len(found))]
+    losses = [error(each.float()[valid], truth[valid], reduction="sum") for each in found]
+    loss = truth.new_tensor(weights) @ torch.stack(losses) / valid.sum().clamp(min=1)
+    if name == "cross-entropy":
+        if not hasattr(output, "scores"):
+            raise InputError("--loss cross-entropy: the network gives no scores: take --loss smooth-l1 or sequence")
+        loss = loss + cross_entropy_loss(output, truth, valid)
+    return loss
 
 
 class StereoModule(lightning.LightningModule):
@@ -105,13 +92,6 @@ class StereoModule(lightning.LightningModule):
         super().__init__()
         self.save_hyperparameters()
         self.network = _made(network, arguments, max_disparity)
-
-    def on_fit_start(self) -> None:
-        """Switch the network to training, and fixed norms to evaluation; Lightning leaves them so."""
-        self.train()
-        for module in self.network.modules() if self.hparams["fixed_norms"] else ():
-            if isinstance(module, nn.modules.batchnorm._BatchNorm):  # noqa: SLF001 - all dimensions' common class
-                module.eval()
 
     def forward(self, left: Tensor, right: Tensor) -> Any:  # noqa: ANN401 - what the network gives
         """Run the network on images (B, 3 or 1, H, W) of levels from 0 to 255."""
@@ -138,7 +118,7 @@ class StereoModule(lightning.LightningModule):
         """Return the loss of a batch."""
         truth = batch["disparity_left"]
         valid = torch.isfinite(truth) & (truth > 0) & (truth < self.hparams["max_disparity"])
-        loss = LOSSES[self.hparams["loss"]](self(batch["left"], batch["right"]), truth, valid)
+        loss = loss_of(self.hparams["loss"], self(batch["left"], batch["right"]), truth, valid)
         if not torch.isfinite(loss):
             raise SemisynthError(f"step {self.global_step}: the loss is {loss}: lower --learning-rate")
         self.log("loss", loss, prog_bar=True)
@@ -177,13 +157,11 @@ def _made(address: str, arguments: Sequence[str], max_disparity: int) -> nn.Modu
     try:
         made_by = getattr(importlib.import_module(module), name)
         values = {key: YAML(typ="safe").load(value) for key, _, value in (each.partition("=") for each in arguments)}
-        signature = inspect.signature(made_by)
-        if "max_disparity" in signature.parameters:
+        if "max_disparity" in inspect.signature(made_by).parameters:
             values.setdefault("max_disparity", max_disparity)
-        signature.bind(**values)
+        network: nn.Module = made_by(**values)
     except (ImportError, AttributeError, TypeError, ValueError, YAMLError) as error:
         raise InputError(f"--network {address}: expected module:callable and its --arguments: {error}") from error
-    network: nn.Module = made_by(**values)
     return network
 
 
@@ -267,21 +245,20 @@ class Command(click.Command):
 @click.option("--pretrained", type=_FILE, help="Begin with the weights of this file of torch.save.")
 @click.option("--data", "sources", multiple=True, default=(str(CONFIG),), help="CONFIG|DIR[=SHARE]. May be repeated.")
 @click.option("--augment", default="semisynth", help=f"{', '.join(PRESETS)}, or a YAML file with keys of Augmentation.")
-@click.option("--loss", type=click.Choice(list(LOSSES)), default="cross-entropy", help="cross-entropy needs scores.")
+@click.option("--loss", type=click.Choice(LOSSES), default="cross-entropy", help="cross-entropy needs scores.")
 @click.option("--steps", type=click.IntRange(1), default=800, help="Batches to learn from.")
 @click.option("--crop", type=click.IntRange(16), nargs=2, default=(160, 320), help="Height and width, px.")
 @click.option("--batch", type=click.IntRange(1), default=2, help="Crops in a step of each device.")
 @click.option("--max-disparity", type=click.IntRange(16), default=80, help="Larger ones are not learnt from, px.")
 @click.option("--learning-rate", type=click.FloatRange(0), default=2e-3, help="AdamW's, at its highest.")
 @click.option("--precision", type=click.Choice(["32-true", "bf16-mixed", "16-mixed"]), default="32-true")
-@click.option("--fixed-norms", is_flag=True, help="Batch normalisation keeps its running means.")
 @click.option("--devices", type=click.IntRange(1), default=1, help="GPUs, or processes on a CPU.")
 @click.option("--workers", type=click.IntRange(0), default=1, help="Processes that read or render, for each device.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, help="Of pairs, crops, changes and weights.")
 @click.option("--evaluate", "folders", type=_FILE, multiple=True, help="Real scenes, or a dataset. May be repeated.")
 @click.option("--every", type=click.IntRange(1), default=200, help="Steps between checkpoints and judgements.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out/network"), help="For checkpoint and logs.")
-@click.option("--resume", is_flag=True, help="Go on from the checkpoint in --out.")
+@click.option("--resume", is_flag=True, help="Go on from the checkpoint in --out, with the same options.")
 def main(
     *,
     sources: Sequence[str],
@@ -304,12 +281,7 @@ def main(
     module = StereoModule(**options)
     if pretrained is not None:
         load_weights(module.network, pretrained)
-    if resume:
-        trained = torch.load(path, map_location="cpu", weights_only=True)["hyper_parameters"]
-        decisive = {name: value for name, value in module.hparams.items() if name not in _HOW_TO_RUN}
-        if changed := [name for name, value in decisive.items() if trained.get(name) != value]:
-            raise InputError(f"{path}: was trained with another {', '.join(changed)}: give --resume the same options")
-        warnings.filterwarnings("ignore", "You're resuming")  # TrainingOrder can
+    warnings.filterwarnings("ignore", "You're resuming")  # TrainingOrder can
     trainer = lightning.Trainer(
         logger=TensorBoardLogger(out, name="logs"),
         callbacks=[ModelCheckpoint(out, path.stem, every_n_train_steps=given.every, enable_version_counter=False)],

@@ -9,7 +9,7 @@ import pytest
 from semisynth_gl.dataset.interrupts import interrupts_stop
 from semisynth_gl.listener import Listener
 
-# The program, with an interrupt at the n-th import of its main module. Some packages swallow one while they are imported.
+# The program, with an interrupt at the n-th import of its main module. Some packages swallow one while they load.
 AT_IMPORT = """
 import os, runpy, signal, sys
 
