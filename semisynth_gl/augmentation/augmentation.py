@@ -76,8 +76,7 @@ class Augmentation(CheckedFields):
     def check(self, crop: Sides | None, sides: Sides) -> None:
         """Check that crops of a size can be made of images of a size, both (height, width) in px.
 
-        Raises:
-            InputError: where a change needs a crop, or the crop does not fit at the largest scale.
+        Raises InputError where a change needs a crop, or the crop does not fit at the largest scale.
         """
         if not self._moves:
             return
@@ -92,14 +91,9 @@ class Augmentation(CheckedFields):
             )
 
     def sample(self, crop: Sides | None, sides: Sides, seed: int, sequence: int, epoch: int = 0) -> "Changes":
-        """Sample the changes of a sequence's pairs; `check` must accept both sizes.
+        """Sample the changes of a sequence's pairs, from the split's seed, the sequence's number and the epoch.
 
-        Args:
-            crop: height and width of the result, px; None for whole images.
-            sides: height and width of the images, px.
-            seed: of the split.
-            sequence: number of the sequence.
-            epoch: from 0.
+        `check` must accept the size ``crop`` of the result, None for whole images, and ``sides``, that of the images.
         """
         rng = generator(seed, Purpose.AUGMENTATION, sequence, epoch)
         scale, stretch = (float(np.exp(rng.uniform(*np.log(each)))) for each in (self.scale, self.stretch))
@@ -116,7 +110,7 @@ class Augmentation(CheckedFields):
             for eye, of_eye in zip(EYES, tones, strict=True)
         }
         rectangles = self._rectangles(rng, size) if is_occluded else ()
-        return Changes(warp, bool(is_mirrored), colours, rectangles, crop)
+        return Changes(bool(is_mirrored), warp, crop, rectangles, colours)
 
     @property
     def _moves(self) -> bool:
@@ -156,21 +150,13 @@ class Augmentation(CheckedFields):
 
 @dataclass(frozen=True, slots=True)
 class Changes:
-    """The changes of a sequence's pairs.
+    """The changes of a sequence's pairs, in the order in which they are made."""
 
-    Attributes:
-        warp: scales, and the movement of the right image.
-        mirrored: whether the pair is mirrored, before all else.
-        colours: of each eye, the keyword arguments of `recoloured`.
-        rectangles: in the changed right image.
-        size: height and width of the result; None for that of the image.
-    """
-
-    warp: Warp
     mirrored: bool
-    colours: Mapping[Eye, Mapping[str, Any]]
+    warp: Warp
+    size: Sides | None  # of the result; None for that of the image
     rectangles: tuple[Crop, ...]
-    size: Sides | None
+    colours: Mapping[Eye, Mapping[str, Any]]  # the keyword arguments of `recoloured`
 
     @property
     def source(self) -> Sides | None:
@@ -178,14 +164,9 @@ class Changes:
         return None if self.size is None else self.warp.source(self.size)
 
     def applied(self, frame: Frame, rng: np.random.Generator) -> Frame:
-        """Return the changed pair.
+        """Return the changed pair, from one as large as `source` says; ``rng`` is the source of the noise.
 
-        Args:
-            frame: as large as `source` says.
-            rng: source of the noise.
-
-        Raises:
-            InputError: where the pair lacks what a change needs; the message names the change.
+        Raises InputError, which names the change, where the pair lacks what a change needs.
         """
         kept = [name for name, channel in CHANNELS.items() if channel.is_truth or name == "image"]
         frame = Frame(frame.camera, *(View({n: v[n] for n in kept if n in v}) for v in (frame.left, frame.right)))

@@ -30,8 +30,7 @@ _ACROSS, _WAYS = {"disparity", "disparity_change"}, {"correspondence", *_FLOWS}
 def mirrored(frame: Frame) -> Frame:
     """Return the pair as a mirror shows it: the eyes change places.
 
-    Raises:
-        InputError: where only the left view has truth, or the right camera deviates from the rectified one.
+    Raises InputError where only the left view has truth, or the right camera deviates from the rectified one.
     """
     camera, last = frame.camera, frame.camera.width_px - 1
     if set(frame.left) != set(frame.right):
@@ -55,10 +54,6 @@ def occluded(frame: Frame, rectangles: Sequence[Crop]) -> Frame:
     Left disparities stay. Masks say `OCCLUDED` where a rectangle hides the point of a visible left pixel, or that of a
     visible right pixel at another frame of the sequence, whose rectangles are the same. Right pixels in a rectangle
     show nothing of the scene: they lose their truth.
-
-    Args:
-        frame: the pair.
-        rectangles: within the right image.
     """
     if not rectangles:
         return frame
@@ -92,21 +87,13 @@ def _masked(mask: NDArray[np.uint8], way: NDArray[np.floating], hidden: NDArray[
 
 @dataclass(frozen=True, slots=True)
 class Warp:
-    """A part of a pair at another scale, whose right image is shifted and turned.
-
-    Attributes:
-        scale_x: factor of the width.
-        scale_y: factor of the height.
-        right_y_px: by which the right image is moved down, px of the changed pair.
-        right_roll_rad: by which the right image is turned about its principal point, clockwise.
-        margin: px around the part, which a moved right image needs.
-    """
+    """A part of a pair at another scale, whose right image is shifted and turned about its principal point."""
 
     scale_x: float = 1.0
     scale_y: float = 1.0
-    right_y_px: float = 0.0
-    right_roll_rad: float = 0.0
-    margin: int = 0
+    right_y_px: float = 0.0  # down, px of the changed pair
+    right_roll_rad: float = 0.0  # clockwise
+    margin: int = 0  # px around the part, which a moved right image needs
 
     def source(self, size: tuple[int, int]) -> tuple[int, int]:
         """Return height and width of what a crop of so many px is made of, with the margin on all sides."""
@@ -114,14 +101,9 @@ class Warp:
         return ceil(height / self.scale_y) + 2 * self.margin, ceil(width / self.scale_x) + 2 * self.margin
 
     def applied(self, frame: Frame, size: tuple[int, int]) -> Frame:
-        """Return the changed pair.
+        """Return the changed pair with the height and width ``size``, px, from one as large as `source` says.
 
-        Args:
-            frame: as large as `source` says.
-            size: height and width of the result, px.
-
-        Raises:
-            InputError: where the right image is moved, and the pair is not rectified or has disparity changes.
+        Raises InputError where the right image is moved, and the pair is not rectified or has disparity changes.
         """
         moves = (self.right_y_px, self.right_roll_rad) != (0, 0)
         if moves and not (frame.camera.rectified and "disparity_change" not in frame.left):
@@ -204,11 +186,7 @@ class _Movement:
     ) -> dict[str, NDArray[Any]]:
         """Return the truth of a view that the movement changes.
 
-        Args:
-            eye: the view.
-            arrays: its truth before the movement, at the points that the pixels show.
-            x: columns of the pixels.
-            y: rows of the pixels.
+        ``arrays`` is its truth before the movement, at the points that the pixels in columns x and rows y show.
         """
         disparity = np.where(np.isfinite(arrays["disparity"]), arrays["disparity"], np.nan).astype(np.float64)
         if eye == "left":

@@ -18,12 +18,9 @@ Positions = NDArray[np.floating[Any]]
 
 
 class Points:
-    """Points between the pixels of an image.
+    """Points between the pixels of an image of some height and width, or up to half a pixel beyond it.
 
-    Args:
-        x_px: (H, W) columns, or (1, W); within the image, or up to half a pixel beyond it.
-        y_px: (H, W) rows, or (H, 1).
-        sides: height and width of the image.
+    Columns are (H, W) or (1, W), rows are (H, W) or (H, 1).
     """
 
     def __init__(self, x_px: Positions, y_px: Positions, sides: tuple[int, int]) -> None:
@@ -38,11 +35,9 @@ class Points:
         return found
 
     def on_surface(self, values: Floats, tolerance: float | Floats) -> Floats:
-        """Return values carried along the surfaces of the nearest pixels.
+        """Return values, (H, W) or (H, W, C), that are linear on planes, carried along the nearest pixels' surfaces.
 
-        Args:
-            values: (H, W) or (H, W, C) of the image, linear on planes; inf or nan for none.
-            tolerance: by which three neighbours on one surface may be off a line.
+        Inf or nan is no value. Three neighbours on one surface are off a line by ``tolerance`` at most.
         """
         found = self.nearest(values)
         for offset, axis in ((self._right, 1), (self._down, 0)):

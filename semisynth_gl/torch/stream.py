@@ -13,7 +13,7 @@ from semisynth_gl.dataset.engines import THREADS, threads_each
 from semisynth_gl.frame.camera import Crop
 from semisynth_gl.frame.frame import Frame
 from semisynth_gl.inputs.arguments import check_one_of, check_type, to_whole
-from semisynth_gl.inputs.errors import InputError, shown
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.backends import BACKENDS, Backend
 from semisynth_gl.render.devices import egl_index_of_worker
@@ -74,11 +74,9 @@ class StereoStream(PairDataset):
         seed = to_whole("seed", seed, least=0)
         self._pairs = to_whole("pairs", pairs, 1, LARGEST_NUMBER)
         self._config, self._checked = config, checked
-        if split not in splits or not all(each in SPLITS for each in splits):
-            raise InputError(
-                f"split: expected one of splits, and as splits the dataset's own among {', '.join(SPLITS)}, got "
-                f"split={shown(split)} and splits={shown(splits)}"
-            )
+        for each in splits:
+            check_one_of("splits", each, SPLITS)
+        check_one_of("split", split, splits)
         self._split = config.splits.split(split, splits, seed)
         self._gpus = tuple(to_whole("gpus", number, least=0) for number in gpus)
         check_one_of("backend", backend, BACKENDS)
