@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageStat
 
-from semisynth_gl.frame.frame import through_levels
 from semisynth_gl.pairs.imperfections import LUMINANCE, Imperfections, apply_imperfections
 
 # The axes of YIQ, from NTSC.
@@ -41,7 +40,7 @@ def recoloured(
     """
     factor, offset = brightness * contrast, (1 - contrast) * mean * brightness
     if image.ndim == 2:
-        changed = through_levels(image, np.rint(np.arange(256) * factor + offset).clip(0, 255).astype(np.uint8))
+        changed = np.rint(np.arange(256) * factor + offset).clip(0, 255).astype(np.uint8)[image]
     else:
         cos, sin = np.cos(2 * np.pi * hue_turns), np.sin(2 * np.pi * hue_turns)
         mixing = np.eye(3)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from semisynth_gl.inputs.arguments import LEAST, MOST, MOST_PX, OR_0, CheckedFields, to_real, to_whole
 from semisynth_gl.inputs.errors import InputError
 
+Floats = NDArray[np.float64]
 Eye = Literal["left", "right"]
 EYES: tuple[Eye, Eye] = ("left", "right")
 OTHER_EYE: Mapping[Eye, Eye] = {"left": "right", "right": "left"}
@@ -64,9 +65,6 @@ class Deviation(CheckedFields):
         pitch_rad: right-handed rotation about x, after the roll; a positive pitch moves the image's content upwards.
         y_px: how much lower than the left principal point the right one lies.
         focal_ratio: the right focal length divided by the left one.
-
-    Raises:
-        InputError: where a turn is larger than 10 degrees, or the ratio is not 0.8 to 1.25.
     """
 
     roll_rad: Annotated[float, -MOST_TURN_RAD, MOST_TURN_RAD] = 0.0
@@ -75,10 +73,10 @@ class Deviation(CheckedFields):
     focal_ratio: Annotated[float, 1 / MOST_FOCAL_RATIO, MOST_FOCAL_RATIO] = 1.0
 
     @property
-    def rotation(self) -> NDArray[np.float64]:
+    def rotation(self) -> Floats:
         """The rotation right_from_rectified, (3, 3) float64."""
         (s, q), (c, p) = np.sin((self.roll_rad, self.pitch_rad)), np.cos((self.roll_rad, self.pitch_rad))
-        rotation: NDArray[np.float64] = np.array([[c, -s, 0], [p * s, p * c, -q], [q * s, q * c, p]])
+        rotation: Floats = np.array([[c, -s, 0], [p * s, p * c, -q], [q * s, q * c, p]])
         return rotation
 
 
@@ -233,18 +231,18 @@ class StereoCamera(CheckedFields):
         """Return x of one eye's centre in the left camera's frame."""
         return 0.0 if eye == "left" else self.baseline_m
 
-    def turn(self, eye: Eye) -> NDArray[np.float64] | None:
+    def turn(self, eye: Eye) -> Floats | None:
         """Return the rotation eye_from_left of one eye's frame, (3, 3) float64; None where the eye is not rotated."""
         return None if eye == "left" or self.rectified else self.deviation.rotation
 
-    def disparity_px(self, depth_m: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    def disparity_px(self, depth_m: Floats | float) -> Floats:
         """Return the disparity x_left - x_right = f B / Z - doffs of planar depths, in a rectified pair.
 
         The result is float64, of any shape, and not clamped. For all pairs, see `correspondence`.
         """
         return self.focal_baseline / np.asarray(depth_m, np.float64) - self.doffs_px
 
-    def depth_m(self, disparity_px: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    def depth_m(self, disparity_px: Floats | float) -> Floats:
         """Return the planar depth Z = f B / (d + doffs) of disparities in a rectified pair; any shape, float64.
 
         Inf, negative values and, with a baseline of 0, nan stand for no depth. For all pairs, see `depth_at`.
@@ -252,7 +250,7 @@ class StereoCamera(CheckedFields):
         with np.errstate(divide="ignore", invalid="ignore"):
             return self.focal_baseline / (np.asarray(disparity_px, np.float64) + self.doffs_px)
 
-    def rays(self, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    def rays(self, eye: Eye, x_px: Floats, y_px: Floats) -> Floats:
         """Return directions (..., 3) through pixel positions (...), in the left camera's frame.
 
         Each direction has a planar depth of 1 in the eye's own view, so that z = 1 unless the right camera deviates.
@@ -261,9 +259,7 @@ class StereoCamera(CheckedFields):
         turn = self.turn(eye)
         return directions if turn is None else directions @ turn
 
-    def correspondence(
-        self, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64], depth_m: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def correspondence(self, eye: Eye, x_px: Floats, y_px: Floats, depth_m: Floats) -> Floats:
         """Return the way from pixel positions in one view to the positions of the same points in the other view.
 
         ``depth_m`` (...) has the planar depths of the points in the view ``eye``, inf at infinity. The result is
@@ -280,9 +276,7 @@ class StereoCamera(CheckedFields):
             down = fy * place[..., 1] / z + (cy - np.asarray(y_px))
         return np.stack([right, down], axis=-1)
 
-    def depth_at(
-        self, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64], disparity_px: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def depth_at(self, eye: Eye, x_px: Floats, y_px: Floats, disparity_px: Floats) -> Floats:
         """Return the planar depths in one view, (...) float64 m, of pixels (...) with disparities x_left - x_right.
 
         Inf, negative values and nan stand for no depth.
@@ -298,7 +292,7 @@ class StereoCamera(CheckedFields):
                 (fx * shift[0] - column * shift[2]) / (column * direction[..., 2] - fx * direction[..., 0])
             )
 
-    def rays_of_eye(self, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    def rays_of_eye(self, eye: Eye, x_px: Floats, y_px: Floats) -> Floats:
         """Return directions (..., 3) with z = 1 through pixel positions (...), in the eye's own frame."""
         cx, cy, fx, fy = self.lens_px(eye)
         x = (np.asarray(x_px, np.float64) - cx) / fx
@@ -306,8 +300,8 @@ class StereoCamera(CheckedFields):
         return np.stack([x, y, np.ones_like(x)], axis=-1)
 
     def _seen_from_other(
-        self, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[float, float, float, float]]:
+        self, eye: Eye, x_px: Floats, y_px: Floats
+    ) -> tuple[Floats, Floats, tuple[float, float, float, float]]:
         """Return pixels' directions (..., 3) and the eye's place (3,) in the other eye's frame, and that eye's lens."""
         other = OTHER_EYE[eye]
         direction = self.rays(eye, x_px, y_px)

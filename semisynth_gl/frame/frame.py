@@ -26,12 +26,6 @@ def finite_range(values: NDArray[np.float32]) -> tuple[int, float, float]:
     return (finite.size, float(finite.min()), float(finite.max())) if finite.size else (0, 0.0, 0.0)
 
 
-def through_levels(image: NDArray[np.uint8], levels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return an 8-bit image of any shape with each value v replaced by ``levels[v]``, from a table of 256 uint8."""
-    # This takes a third of the time of numpy's indexing.
-    return np.frombuffer(bytearray(image).translate(levels.tobytes()), np.uint8).reshape(image.shape)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
     """A rendered stereo pair with its truth.

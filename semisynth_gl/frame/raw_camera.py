@@ -8,11 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from semisynth_gl.frame.camera import Eye, StereoCamera
+from semisynth_gl.frame.camera import Eye, Floats, StereoCamera
 
-Floats = NDArray[np.float64]
 LensModel = Literal["radial-tangential", "fisheye"]
 COEFFICIENTS: Mapping[LensModel, tuple[int, ...]] = {"radial-tangential": (4, 5, 8, 12), "fisheye": (4,)}
 """Numbers of coefficients that OpenCV knows for each model of a lens."""

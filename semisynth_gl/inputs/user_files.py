@@ -36,9 +36,8 @@ def read_file(path: Path, most_bytes: int | None = None) -> bytes:
 
 
 def files_below(folder: Path) -> Iterator[Path]:
-    """Yield all files in a folder and below, but do not enter links to folders."""
-    for parent, _, names in os.walk(folder):
-        yield from (path for path in (Path(parent, name) for name in names) if path.is_file())
+    """Return all files in a folder and below, but do not enter links to folders."""
+    return (path for path in folder.rglob("*") if path.is_file())
 
 
 def names_of(files: Files) -> list[str]:

@@ -19,7 +19,7 @@ from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.frame.camera import OTHER_EYE, Eye
 from semisynth_gl.frame.channels import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Channel, View
-from semisynth_gl.frame.frame import Frame, finite_range, through_levels
+from semisynth_gl.frame.frame import Frame, finite_range
 from semisynth_gl.inputs.errors import ReadError
 
 _LARGEST_OBJECT = 255
@@ -146,7 +146,8 @@ def _vertical(eye: Eye, view: View) -> NDArray[np.float32]:
 def _exposed(stops: float, sample: Sample) -> NDArray[np.uint8]:
     """Return the right image times 2 to the power of stops, as `semisynth_gl.pairs.imperfections` does."""
     levels = np.rint(np.clip(np.arange(256, dtype=np.float32) * np.float32(2.0**stops), 0, 255)).astype(np.uint8)
-    return through_levels(sample.frame.right.image, levels)
+    exposed: NDArray[np.uint8] = levels[sample.frame.right.image]
+    return exposed
 
 
 def _calibration(sample: Sample) -> Calibration:

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.config.rig_sections import LensBorder
-from semisynth_gl.frame.camera import Eye, StereoCamera
-from semisynth_gl.frame.raw_camera import Floats, RawCamera, pinhole_of
+from semisynth_gl.frame.camera import Eye, Floats, StereoCamera
+from semisynth_gl.frame.raw_camera import RawCamera, pinhole_of
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.opencv import open_opencv
 
